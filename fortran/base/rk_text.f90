@@ -1,0 +1,87 @@
+!> Numbers to text for messages, logs and tables.
+module rk_text
+   use rk_precision, only : i8, wp
+   implicit none
+   private
+
+   public :: to_text
+
+   !> Shortest readable text of a number or a list of numbers
+   interface to_text
+      module procedure :: integer_text, long_text, real_text, reals_text
+   end interface to_text
+
+contains
+
+!> Text of an integer
+pure function integer_text(value) result(text)
+   !> Number
+   integer, intent(in) :: value
+   character(len=:), allocatable :: text
+   character(len=16) :: buffer
+
+   write (buffer, '(i0)') value
+   text = trim(buffer)
+end function integer_text
+
+!> Text of a long integer
+pure function long_text(value) result(text)
+   !> Number
+   integer(i8), intent(in) :: value
+   character(len=:), allocatable :: text
+   character(len=24) :: buffer
+
+   write (buffer, '(i0)') value
+   text = trim(buffer)
+end function long_text
+
+!> Text of a real number, six significant digits unless told otherwise
+pure function real_text(value, digits) result(text)
+   !> Number
+   real(wp), intent(in) :: value
+   !> Significant digits
+   integer, intent(in), optional :: digits
+   character(len=:), allocatable :: text
+   character(len=40) :: buffer
+   character(len=16) :: form
+   integer :: n
+
+   n = 6
+   if (present(digits)) n = digits
+   if (abs(value) >= 1.0e-3_wp .and. abs(value) < 1.0e5_wp) then
+      write (form, '(a, i0, a)') '(f40.', max(n - 1 - floor(log10(abs(value))), 0), ')'
+      write (buffer, form) value
+      text = trim(adjustl(buffer))
+      if (index(text, '.') > 0) then
+         n = len(text)
+         do while (text(n:n) == '0')
+            n = n - 1
+         end do
+         if (text(n:n) == '.') n = n - 1
+         text = text(:n)
+      end if
+   else if (abs(value) > 0.0_wp .or. value /= value) then
+      write (form, '(a, i0, a)') '(es40.', n - 1, ')'
+      write (buffer, form) value
+      text = trim(adjustl(buffer))
+   else
+      text = '0'
+   end if
+end function real_text
+
+!> Text of a list of real numbers, as "(1, 2, 3)"
+pure function reals_text(values) result(text)
+   !> Numbers
+   real(wp), intent(in) :: values(:)
+   character(len=:), allocatable :: text
+   integer :: i
+
+   text = '('
+   do i = 1, size(values)
+      if (i > 1) text = text//', '
+      text = text//real_text(values(i))
+   end do
+   text = text//')'
+end function reals_text
+
+end module rk_text
