@@ -60,7 +60,7 @@ pure function real_text(value, digits) result(text)
          if (text(n:n) == '.') n = n - 1
          text = text(:n)
       end if
-   else if (abs(value) > 0.0_wp .or. value /= value) then
+   else if (.not. abs(value) <= 0.0_wp) then
       write (form, '(a, i0, a)') '(es40.', n - 1, ')'
       write (buffer, form) value
       text = trim(adjustl(buffer))

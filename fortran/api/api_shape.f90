@@ -1,0 +1,56 @@
+! Python boundary of the shape functions: plain arrays in, plain arrays out.
+
+!> Number of neighbours of every place
+subroutine shape_count(order, kernel, window, nd, ns, np, source, support, place, &
+   & counts, stencils, stat, message)
+   use rk_error, only : error_type
+   use rk_pack, only : pack_error
+   use rk_shape, only : approximation_type, new_shape, shape_type
+   implicit none
+   !f2py threadsafe
+   integer, intent(in) :: order, kernel, window, nd, ns, np
+   double precision, intent(in) :: source(nd, ns), support(nd, ns), place(nd, np)
+   integer, intent(out) :: counts(np), stencils, stat
+   character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
+   type(shape_type) :: shape
+   integer :: ip
+
+   counts = 0
+   stencils = 0
+   call new_shape(shape, approximation_type(order, kernel, window), source, support, place, error)
+   call pack_error(error, stat, message)
+   if (stat /= 0) return
+   counts = [(shape%count(ip), ip=1, np)]
+   stencils = maxval(shape%stencil)
+end subroutine shape_count
+
+!> Neighbours and shape functions of every place, in compressed rows of known size
+subroutine shape_fill(order, kernel, window, nd, ns, np, nq, nnz, source, support, place, &
+   & neighbours, values, stat, message)
+   use rk_error, only : error_type
+   use rk_pack, only : pack_error
+   use rk_shape, only : approximation_type, new_shape, shape_type
+   implicit none
+   !f2py threadsafe
+   integer, intent(in) :: order, kernel, window, nd, ns, np, nq, nnz
+   double precision, intent(in) :: source(nd, ns), support(nd, ns), place(nd, np)
+   integer, intent(out) :: neighbours(nnz), stat
+   double precision, intent(out) :: values(nq, nnz)
+   character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
+   type(shape_type) :: shape
+   integer :: ip, k, n
+
+   call new_shape(shape, approximation_type(order, kernel, window), source, support, place, error)
+   call pack_error(error, stat, message)
+   if (stat /= 0) return
+   neighbours = shape%neighbour%index - 1
+   k = 0
+   do ip = 1, np
+      n = shape%count(ip)
+      values(:, k + 1:k + n) = shape%value(:, shape%first(shape%stencil(ip)) + 1: &
+         & shape%first(shape%stencil(ip)) + n)
+      k = k + n
+   end do
+end subroutine shape_fill

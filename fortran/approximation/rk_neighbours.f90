@@ -1,0 +1,240 @@
+!> Which source points cover which places: cell lists, any cloud, support per source point and
+!> direction.
+module rk_neighbours
+   use rk_error, only : error_type, fatal_error, err_input
+   use rk_kernel, only : window_product
+   use rk_precision, only : i8, wp
+   implicit none
+   private
+
+   public :: neighbour_type, find_neighbours, covers
+
+   !> Source points of every place in compressed rows
+   type :: neighbour_type
+      !> Row i is index(offset(i)+1 : offset(i+1)), shape (places + 1)
+      integer(i8), allocatable :: offset(:)
+      !> Source points in ascending order, 1-based
+      integer, allocatable :: index(:)
+   end type neighbour_type
+
+   !> Source points sorted into boxes of the size of the largest support
+   type :: cells_type
+      integer :: n(3) = 1
+      real(wp) :: low(3) = 0.0_wp
+      real(wp) :: size(3) = 1.0_wp
+      integer, allocatable :: first(:)
+      integer, allocatable :: member(:)
+   end type cells_type
+
+contains
+
+!> Neighbours of all places
+subroutine find_neighbours(self, source, support, place, window, error)
+   !> Neighbours
+   type(neighbour_type), intent(out) :: self
+   !> Source points, shape (nd, ns) [length]
+   real(wp), intent(in) :: source(:, :)
+   !> Support of each source point, shape (nd, ns), > 0 [length]
+   real(wp), intent(in) :: support(:, :)
+   !> Places, shape (nd, np) [length]
+   real(wp), intent(in) :: place(:, :)
+   !> One of the window_* constants
+   integer, intent(in) :: window
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   type(cells_type) :: cells
+   integer :: ip, n
+
+   if (.not. all(support > 0.0_wp)) then
+      call fatal_error(error, err_input, 'support sizes must be positive')
+      return
+   end if
+   if (.not. (all(abs(source) < huge(1.0_wp)) .and. all(abs(place) < huge(1.0_wp)))) then
+      call fatal_error(error, err_input, 'point coordinates must be finite numbers')
+      return
+   end if
+   call fill_cells(cells, source, support)
+
+   allocate (self%offset(size(place, 2) + 1))
+   self%offset(1) = 0
+   !$omp parallel do default(none) schedule(static) private(ip, n) &
+   !$omp shared(self, cells, source, support, place, window)
+   do ip = 1, size(place, 2)
+      call search(cells, source, support, place(:, ip), window, n)
+      self%offset(ip + 1) = n
+   end do
+   !$omp end parallel do
+   do ip = 1, size(place, 2)
+      self%offset(ip + 1) = self%offset(ip) + self%offset(ip + 1)
+   end do
+   allocate (self%index(self%offset(size(place, 2) + 1)))
+   !$omp parallel do default(none) schedule(static) private(ip, n) &
+   !$omp shared(self, cells, source, support, place, window)
+   do ip = 1, size(place, 2)
+      call search(cells, source, support, place(:, ip), window, n, &
+         & self%index(self%offset(ip) + 1:self%offset(ip + 1)))
+      call sort(self%index(self%offset(ip) + 1:self%offset(ip + 1)))
+   end do
+   !$omp end parallel do
+end subroutine find_neighbours
+
+!> Whether the support of a source point contains a place
+pure logical function covers(r, a, window)
+   !> Place minus source point, shape (nd) [length]
+   real(wp), intent(in) :: r(:)
+   !> Support, shape (nd) [length]
+   real(wp), intent(in) :: a(:)
+   !> One of the window_* constants
+   integer, intent(in) :: window
+
+   if (window == window_product) then
+      covers = all(abs(r) < a)
+   else
+      covers = sum((r/a)**2) < 1.0_wp
+   end if
+end function covers
+
+!> Sort the source points into cells
+subroutine fill_cells(cells, source, support)
+   !> Cells
+   type(cells_type), intent(out) :: cells
+   !> Source points, shape (nd, ns) [length]
+   real(wp), intent(in) :: source(:, :)
+   !> Support, shape (nd, ns) [length]
+   real(wp), intent(in) :: support(:, :)
+   integer, allocatable :: cell(:), at(:)
+   integer :: d, is, nd
+
+   nd = size(source, 1)
+   do d = 1, nd
+      cells%low(d) = minval(source(d, :))
+      cells%size(d) = maxval(support(d, :))
+      ! a few wide cells are enough when points are far apart
+      cells%n(d) = 1 + int(min((maxval(source(d, :)) - cells%low(d))/cells%size(d), 200.0_wp))
+      cells%size(d) = max(cells%size(d), &
+         & (maxval(source(d, :)) - cells%low(d))/cells%n(d)*(1.0_wp + 1.0e-12_wp))
+   end do
+   allocate (cell(size(source, 2)))
+   allocate (cells%first(product(cells%n) + 1), source=0)
+   do is = 1, size(source, 2)
+      cell(is) = cell_of(cells, cell_index(cells, source(:, is)))
+      cells%first(cell(is) + 1) = cells%first(cell(is) + 1) + 1
+   end do
+   do d = 2, size(cells%first)
+      cells%first(d) = cells%first(d) + cells%first(d - 1)
+   end do
+   allocate (cells%member(size(source, 2)))
+   at = cells%first
+   do is = 1, size(source, 2)
+      at(cell(is)) = at(cell(is)) + 1
+      cells%member(at(cell(is))) = is
+   end do
+end subroutine fill_cells
+
+!> Cell coordinates of a place, clipped to the grid
+pure function cell_index(cells, x) result(c)
+   !> Cells
+   type(cells_type), intent(in) :: cells
+   !> Place, shape (nd) [length]
+   real(wp), intent(in) :: x(:)
+   integer :: c(3)
+   integer :: d
+
+   c = 1
+   do d = 1, size(x)
+      c(d) = 1 + int(min(max((x(d) - cells%low(d))/cells%size(d), 0.0_wp), &
+         & real(cells%n(d) - 1, wp)))
+   end do
+end function cell_index
+
+!> Number of a cell from its coordinates
+pure integer function cell_of(cells, c)
+   !> Cells
+   type(cells_type), intent(in) :: cells
+   !> Coordinates
+   integer, intent(in) :: c(3)
+
+   cell_of = c(1) + cells%n(1)*(c(2) - 1 + cells%n(2)*(c(3) - 1))
+end function cell_of
+
+!> Count, and where wanted list, the source points that cover a place
+pure subroutine search(cells, source, support, x, window, n, found)
+   !> Cells
+   type(cells_type), intent(in) :: cells
+   !> Source points, shape (nd, ns) [length]
+   real(wp), intent(in) :: source(:, :)
+   !> Support, shape (nd, ns) [length]
+   real(wp), intent(in) :: support(:, :)
+   !> Place, shape (nd) [length]
+   real(wp), intent(in) :: x(:)
+   !> One of the window_* constants
+   integer, intent(in) :: window
+   !> Number of neighbours
+   integer, intent(out) :: n
+   !> Neighbours, shape (n)
+   integer, intent(inout), optional :: found(:)
+   integer :: lo(3), hi(3), i, j, k, m, cell, nd
+
+   nd = size(x)
+   lo = cell_index(cells, x - cells%size(:nd))
+   hi = cell_index(cells, x + cells%size(:nd))
+   n = 0
+   do k = lo(3), hi(3)
+      do j = lo(2), hi(2)
+         do i = lo(1), hi(1)
+            cell = cell_of(cells, [i, j, k])
+            do m = cells%first(cell) + 1, cells%first(cell + 1)
+               if (.not. covers(x - source(:, cells%member(m)), &
+                  & support(:, cells%member(m)), window)) cycle
+               n = n + 1
+               if (present(found)) found(n) = cells%member(m)
+            end do
+         end do
+      end do
+   end do
+end subroutine search
+
+!> Heap sort in ascending order
+pure subroutine sort(a)
+   !> Numbers
+   integer, intent(inout) :: a(:)
+   integer :: i, n, t
+
+   n = size(a)
+   do i = n/2, 1, -1
+      call sift(a, i, n)
+   end do
+   do i = n, 2, -1
+      t = a(1)
+      a(1) = a(i)
+      a(i) = t
+      call sift(a, 1, i - 1)
+   end do
+end subroutine sort
+
+!> Let an entry sink to its place in the heap a(start:n)
+pure subroutine sift(a, start, n)
+   !> Heap
+   integer, intent(inout) :: a(:)
+   !> Entry that may be too small
+   integer, intent(in) :: start
+   !> Size of the heap
+   integer, intent(in) :: n
+   integer :: parent, child, t
+
+   parent = start
+   t = a(parent)
+   do
+      child = 2*parent
+      if (child > n) exit
+      if (child < n) then
+         if (a(child + 1) > a(child)) child = child + 1
+      end if
+      if (a(child) <= t) exit
+      a(parent) = a(child)
+      parent = child
+   end do
+   a(parent) = t
+end subroutine sift
+
+end module rk_neighbours

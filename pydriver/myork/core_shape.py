@@ -1,0 +1,100 @@
+"""Reproducing kernel shape functions: checks and conversions around the compiled core."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from myork import _core, errors
+
+KERNELS = {"quintic": 1, "cubic": 2}
+WINDOWS = {"product": 1, "radial": 2}
+
+
+class ShapeFunctions(NamedTuple):
+    """Shape functions at places in compressed rows.
+
+    Attributes
+    ----------
+    offset : NDArray
+        Row of place `i` is `offset[i]:offset[i + 1]`, shape `(nplace + 1,)`.
+    neighbour : NDArray
+        Source points, shape `(nnz,)`.
+    value : NDArray
+        Value, first derivatives, second derivatives in the order 11, 12, 13, 22, 23, 33,
+        shape `(nnz, nq)` [1, 1/length, 1/length^2].
+    stencils : int
+        Number of different stencils that were evaluated.
+    """
+
+    offset: NDArray[np.int64]
+    neighbour: NDArray[np.int32]
+    value: NDArray[np.float64]
+    stencils: int
+
+
+def shape_functions(
+    source: ArrayLike,
+    support: ArrayLike,
+    place: ArrayLike,
+    *,
+    order: int = 2,
+    kernel: str = "quintic",
+    window: str = "product",
+) -> ShapeFunctions:
+    """Evaluate all shape functions and their derivatives at all places.
+
+    Parameters
+    ----------
+    source : ArrayLike
+        Source points, shape `(nsource, ndim)` [length].
+    support : ArrayLike
+        Support sizes, broadcast to the shape of `source`, positive [length].
+    place : ArrayLike
+        Places, shape `(nplace, ndim)` [length].
+    order : int
+        Order of the basis, 1 to 6.
+    kernel, window : str
+        `quintic` (5.6) or `cubic`; `product` or `radial`.
+
+    Raises
+    ------
+    InputError
+        Wrong shapes, or a place with a singular moment matrix; the message names it.
+    """
+    source = as_points("source", source)
+    place = as_points("place", place)
+    ndim = source.shape[1]
+    if place.shape[1] != ndim:
+        raise errors.InputError(f"place has {place.shape[1]} coordinates, source has {ndim}")
+    try:
+        support = np.broadcast_to(np.asarray(support, float), source.shape)
+    except ValueError:
+        raise errors.InputError(
+            f"support of shape {np.shape(support)} does not fit source {source.shape}"
+        ) from None
+    args = (order, _choice(KERNELS, kernel), _choice(WINDOWS, window))
+    points = (source.T, np.asfortranarray(support.T), place.T)
+    counts, stencils, stat, message = _core.shape_count(*args, *points)
+    errors.check(stat, message)
+    offset = np.concatenate(([0], np.cumsum(counts, dtype=np.int64)))
+    nq = 1 + ndim + ndim * (ndim + 1) // 2
+    neighbour, value, stat, message = _core.shape_fill(*args, nq, int(offset[-1]), *points)
+    errors.check(stat, message)
+    return ShapeFunctions(offset, neighbour, value.T, int(stencils))
+
+
+def as_points(name: str, points: ArrayLike) -> NDArray[np.float64]:
+    """Points as a C-ordered float array of shape `(n, ndim)`, or an InputError with the name."""
+    array = np.ascontiguousarray(points, dtype=float)
+    if array.ndim != 2 or array.shape[1] not in (1, 2, 3) or len(array) == 0:
+        raise errors.InputError(f"{name} must have shape (n, 1..3), not {array.shape}")
+    return array
+
+
+def _choice(choices: dict[str, int], name: str) -> int:
+    if name not in choices:
+        raise errors.InputError(f"'{name}' is none of: {' '.join(choices)}")
+    return choices[name]
