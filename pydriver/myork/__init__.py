@@ -1,0 +1,39 @@
+"""MyoRK: meshfree image-based muscle mechanics.
+
+The way of the data: image -> labels -> points -> scene -> solution -> reduced model -> report.
+The names below are loaded when they are first used, so that ``import myork`` costs nothing; the
+stations before the solution are functions of their modules, `myork.segment` and `myork.build`.
+"""
+
+import importlib
+import os
+from typing import Any
+
+# libgomp reads this once, when the core is loaded: waiting threads that sleep instead of spinning
+# keep threaded BLAS usable on a machine shared with others.
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+
+_HOME = {
+    "MyorkError": "errors",
+    "__version__": "_version",
+    "load_deck": "deck",
+    "make_report": "report",
+    "run_deck": "solve",
+    "run_demo": "demo",
+    "run_rom": "rom",
+}
+
+__all__ = list(_HOME)
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name from its home module."""
+    if name not in _HOME:
+        raise AttributeError(f"module 'myork' has no attribute {name!r}")
+    value = getattr(importlib.import_module(f"myork.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(set(globals()) | set(__all__))

@@ -1,0 +1,293 @@
+"""Command line `myork`: each command parses, calls one function and says where the result lies.
+
+Exit status: 0 done; 1 the run ended without convergence, the last state is written; 2 bad input;
+3 a missing or broken part of the installation.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import sys
+import traceback
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import myork
+from myork.console import Console
+from myork.errors import MyorkError
+
+__all__ = ["main"]
+
+_EXIT_STATUS = """\
+exit status: 0 done; 1 ended without convergence, the last state is written; 2 bad input;
+3 a missing or broken part of the installation"""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        Words after the command name; default those of the process.
+
+    Returns
+    -------
+    int
+        Exit status.
+    """
+    options = _parser().parse_args(arguments)
+    # SIGTERM (time limits, schedulers) ends a run as cleanly as Ctrl-C does.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    if options.threads is not None:
+        # Before numpy and the core are loaded: their thread pools read this once.
+        os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = str(options.threads)
+    try:
+        options.run(options)
+    except KeyboardInterrupt:
+        return _complain("stopped; what was finished is written", 1)
+    except Exception as error:
+        if options.verbosity > 0:
+            traceback.print_exc()
+        return _complain(*_explanation(error))
+    return 0
+
+
+def _complain(message: str, status: int) -> int:
+    sys.stdout.flush()
+    print(f"myork: {message}", file=sys.stderr)
+    return status
+
+
+def _explanation(error: Exception) -> tuple[str, int]:
+    """Message and exit status of an exception that ended a command."""
+    if isinstance(error, MyorkError):
+        return str(error), error.exit_code
+    if isinstance(error, ImportError):
+        return f"a part of the installation does not load: {error}; install again", 3
+    if isinstance(error, OSError):
+        return str(error), 2
+    name = type(error).__name__
+    return f"internal error, please report it with the output of -v: {name}: {error}", 3
+
+
+def _segment(options: argparse.Namespace) -> None:
+    from myork.deck import load_deck
+    from myork.segment import segment
+
+    deck, out = load_deck(options.deck, _overrides(options)), _out(options)
+    with Console(options.verbosity) as console:
+        segment(deck, options.deck.parent, out, console)
+    print(f"labels and fibers in {out}")
+
+
+def _build(options: argparse.Namespace) -> None:
+    from myork.build import build
+    from myork.deck import load_deck
+
+    deck, out = load_deck(options.deck, _overrides(options)), _out(options)
+    with Console(options.verbosity) as console:
+        build(deck, options.deck.parent, out, console)
+    print(f"model in {out}")
+
+
+def _solve(options: argparse.Namespace) -> None:
+    from myork.solve import run_deck
+
+    with Console(options.verbosity) as console:
+        run_deck(
+            options.deck,
+            _out(options),
+            overrides=_overrides(options),
+            threads=options.threads,
+            verbosity=options.verbosity,
+            progress=console,
+        )
+
+
+def _rom(options: argparse.Namespace) -> None:
+    from myork.rom import run_rom
+
+    out = _out(options)
+    with Console(options.verbosity) as console:
+        run_rom(options.deck, _overrides(options), out, options.threads, console)
+    print(f"reduced models in {out}")
+
+
+def _report(options: argparse.Namespace) -> None:
+    from myork.report import make_report
+
+    print(f"report: {make_report(options.folder)}")
+
+
+def _explain(options: argparse.Namespace) -> None:
+    from myork.solve import explain_deck
+
+    explain_deck(options.deck, out=options.out, overrides=_overrides(options))
+
+
+def _demo(options: argparse.Namespace) -> None:
+    from myork.demo import run_demo
+
+    with Console(options.verbosity) as console:
+        closing = run_demo(options.out or Path("out", "demo"), options.threads, console)
+    print(closing)
+
+
+def _overrides(options: argparse.Namespace) -> list[str]:
+    """Overrides of the deck, the options with a name of their own last."""
+    named = {
+        "scene.method": getattr(options, "method", None),
+        "solver.linear": getattr(options, "solver", None),
+    }
+    return options.set + [f"{key}={value}" for key, value in named.items() if value is not None]
+
+
+def _out(options: argparse.Namespace) -> Path:
+    """Folder of the results: all commands of one deck share it."""
+    folder: Path = options.out or Path("out", options.deck.stem)
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def _positive(text: str) -> int:
+    try:
+        number = int(text)
+    except ValueError:
+        number = 0
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"a number of at least 1 is needed, not {text!r}")
+    return number
+
+
+def _override(text: str) -> str:
+    key, sign, value = text.partition("=")
+    if not (sign and key.strip() and value.strip()):
+        raise argparse.ArgumentTypeError(f"KEY=VALUE is needed, as in load.steps=20, not {text!r}")
+    return text
+
+
+class _Version(argparse.Action):
+    """Print the version; it is not looked up before."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
+        print(f"myork {myork.__version__}")
+        parser.exit()
+
+
+def _parser() -> argparse.ArgumentParser:
+    raw = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(
+        prog="myork",
+        description="From an image to a muscle force and its reduced model.",
+        epilog=f"examples:\n  myork demo\n  myork solve --help\n\n{_EXIT_STATUS}",
+        formatter_class=raw,
+    )
+    parser.add_argument("--version", action=_Version, nargs=0, help="print the version and end")
+    commands = parser.add_subparsers(metavar="COMMAND", required=True)
+
+    common = argparse.ArgumentParser(add_help=False)
+    common.add_argument(
+        "--threads", type=_positive, metavar="N", help="number of threads; default all cores"
+    )
+    loudness = common.add_mutually_exclusive_group()
+    loudness.add_argument(
+        "-q", "--quiet", dest="verbosity", action="store_const", const=-1, help="no progress"
+    )
+    loudness.add_argument(
+        "-v",
+        "--verbose",
+        dest="verbosity",
+        action="store_const",
+        const=1,
+        help="a line for every iteration, a traceback with an error",
+    )
+    common.set_defaults(verbosity=0)
+
+    def add(
+        name: str, run: Callable[[argparse.Namespace], None], what: str, examples: str, out: str
+    ) -> argparse.ArgumentParser:
+        command = commands.add_parser(
+            name,
+            parents=[common],
+            help=what,
+            description=what[0].upper() + what[1:] + ".",
+            epilog=f"examples:\n{examples}\n\n{_EXIT_STATUS}",
+            formatter_class=raw,
+        )
+        command.add_argument("--out", type=Path, metavar="DIR", help=out)
+        command.set_defaults(run=run)
+        return command
+
+    def add_deck(
+        name: str, run: Callable[[argparse.Namespace], None], what: str, examples: str
+    ) -> argparse.ArgumentParser:
+        command = add(name, run, what, examples, "folder of the results; default out/<deck>")
+        command.add_argument("deck", type=Path, metavar="DECK", help="deck file (TOML)")
+        command.add_argument(
+            "--set",
+            type=_override,
+            action="append",
+            default=[],
+            metavar="KEY=VALUE",
+            help="override a key of the deck, such as load.steps=20 or material.fat.K=5e3; "
+            "may be repeated",
+        )
+        return command
+
+    add(
+        "demo",
+        _demo,
+        "phantom images, segmentation, model, full solution, reduced model and report",
+        "  myork demo\n  myork demo --out /tmp/demo --threads 2",
+        "folder of the results; default out/demo",
+    )
+    add_deck(
+        "segment",
+        _segment,
+        "images to label map, fibers and scores",
+        "  myork segment inputs/mg_muscle.toml\n"
+        "  myork segment inputs/leg_muscles.toml --set image.iterations=300",
+    )
+    add_deck(
+        "build",
+        _build,
+        "labels and fibers to the points of a model (model.h5)",
+        "  myork build inputs/mg_muscle.toml",
+    )
+    solve = add_deck(
+        "solve",
+        _solve,
+        "solve the full model of a deck",
+        "  myork solve inputs/shear_3d.toml\n"
+        "  myork solve inputs/muscle_block.toml --solver refined --threads 2\n"
+        "  myork solve inputs/muscle_block.toml --set load.steps=20 --set material.K=1e4",
+    )
+    solve.add_argument("--method", metavar="NAME", help="override scene.method, such as rkcm")
+    solve.add_argument(
+        "--solver", metavar="NAME", help="override solver.linear: auto, dgels, normal, refined"
+    )
+    add_deck(
+        "rom",
+        _rom,
+        "snapshots to reduced models, with errors and timings against the full solution",
+        "  myork rom inputs/muscle_block.toml\n  myork rom inputs/muscle_block.toml --set rom.modes=[1,2,10]",
+    )
+    report = add(
+        "report",
+        _report,
+        "HTML page with the figures of an output folder",
+        "  myork report out/muscle_block",
+        "folder of the page; default the folder itself",
+    )
+    report.add_argument("folder", type=Path, metavar="DIR", help="output folder of a command")
+    add_deck(
+        "explain",
+        _explain,
+        "say what a deck will model: sizes, memory and cost; refuse what does not fit",
+        "  myork explain inputs/muscle_block.toml",
+    )
+    return parser

@@ -1,0 +1,85 @@
+"""Progress of a long task: a bar on a terminal, plain lines in a log, nothing when quiet.
+
+Every function that takes a `progress` argument calls it with one line of text at a time. A line
+that starts with ``name n/total`` (``step  3/10  load 0.3``) moves the bar.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Callable
+from types import TracebackType
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.progress import Progress, TaskID
+
+__all__ = ["Console", "ProgressCallback", "silent"]
+
+ProgressCallback = Callable[[str], None]
+
+_COUNTED = re.compile(r"\s*(?P<name>\w+)\s+(?P<done>\d+)\s*/\s*(?P<total>\d+)\s*(?P<rest>.*)")
+
+
+def silent(line: str) -> None:
+    """Progress callback that shows nothing."""
+
+
+class Console:
+    """Progress callback of the commands; use it as a context manager.
+
+    Parameters
+    ----------
+    verbosity : int
+        -1 shows nothing, 0 and 1 show the lines that arrive; how many arrive is the business of
+        the task.
+    """
+
+    def __init__(self, verbosity: int = 0) -> None:
+        self._quiet = verbosity < 0
+        self._bar: Progress | None = None
+        self._tasks: dict[str, TaskID] = {}
+
+    def __enter__(self) -> Console:
+        if not self._quiet and sys.stdout.isatty():
+            from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+            columns = (
+                TextColumn("{task.description}", markup=False),
+                BarColumn(bar_width=24),
+                TextColumn("{task.completed:.0f}/{task.total:.0f}"),
+                TimeElapsedColumn(),
+                TextColumn("{task.fields[rest]}", markup=False),
+            )
+            self._bar = Progress(*columns)
+            self._bar.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+            self._bar = None
+
+    def __call__(self, line: str) -> None:
+        """Show one line of progress."""
+        if self._quiet:
+            return
+        if self._bar is None:
+            print(line, flush=True)
+            return
+        counted = _COUNTED.match(line)
+        if counted is None:
+            self._bar.console.print(line, markup=False, highlight=False)
+            return
+        name, total = counted["name"], int(counted["total"])
+        if name not in self._tasks:
+            self._tasks[name] = self._bar.add_task(name, total=total, rest="")
+        self._bar.update(
+            self._tasks[name], completed=int(counted["done"]), total=total, rest=counted["rest"]
+        )

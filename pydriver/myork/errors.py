@@ -1,0 +1,96 @@
+"""Errors of the package: one class for each code of the Fortran core, each with an exit status.
+
+The core reports an error as a pair (code, message); `check` turns the pair into an exception.
+Messages are full sentences that name the place (file, line, key, point or material), the
+offending value and what to do.
+"""
+
+from __future__ import annotations
+
+__all__ = [
+    "ConvergenceError",
+    "FileError",
+    "InputError",
+    "InstallationError",
+    "LinalgError",
+    "ModelTooLargeError",
+    "MyorkError",
+    "StoppedError",
+    "check",
+]
+
+
+class MyorkError(Exception):
+    """Base of all errors that the package raises on purpose.
+
+    Attributes
+    ----------
+    exit_code : int
+        Exit status of the command `myork` where this error ends it: 1 the run ended without
+        convergence, 2 bad input, 3 a missing or broken part of the installation.
+    """
+
+    exit_code = 1
+
+
+class InputError(MyorkError):
+    """Impossible value, bad deck or bad shape: the input must change."""
+
+    exit_code = 2
+
+
+class FileError(MyorkError):
+    """A file is missing, unreadable or cannot be written."""
+
+    exit_code = 2
+
+
+class ConvergenceError(MyorkError):
+    """The nonlinear solution was not reached; the last state is written."""
+
+
+class LinalgError(MyorkError):
+    """A factorisation failed or a matrix is singular."""
+
+
+class ModelTooLargeError(MyorkError):
+    """The scene does not fit into memory."""
+
+    exit_code = 2
+
+
+class StoppedError(MyorkError):
+    """Stopped by the user; the last converged state is written."""
+
+
+class InstallationError(MyorkError):
+    """A part of the installation is missing or broken."""
+
+    exit_code = 3
+
+
+# The err_* constants of fortran/base/rk_error.f90
+_BY_CODE: dict[int, type[MyorkError]] = {
+    2: InputError,
+    3: FileError,
+    4: ConvergenceError,
+    5: LinalgError,
+    6: ModelTooLargeError,
+    7: StoppedError,
+}
+
+
+def check(stat: int, message: str | bytes) -> None:
+    """Raise the exception of a core status, if it is one.
+
+    Parameters
+    ----------
+    stat : int
+        Code returned by the core, 0 for success.
+    message : str or bytes
+        Its message; blanks at the end (a Fortran buffer) are cut off.
+    """
+    if stat == 0:
+        return
+    text = message.decode("utf-8", "replace") if isinstance(message, bytes) else message
+    raise _BY_CODE.get(int(stat), MyorkError)(text.rstrip(" \0"))

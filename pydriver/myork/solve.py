@@ -1,0 +1,222 @@
+"""Run a deck through the executable `myork-solve`, in a process of its own.
+
+A separate process loses nothing when the session that started it dies, and brings the system's
+HDF5 nowhere near the one inside h5py.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from myork.console import ProgressCallback, silent
+from myork.errors import ConvergenceError, InputError, InstallationError, MyorkError, StoppedError
+
+__all__ = ["explain_deck", "find_executable", "run_deck"]
+
+_NAME = "myork-solve"
+
+
+def find_executable() -> Path:
+    """Find `myork-solve`: beside the Python in use, in the prefix of the package, on the PATH.
+
+    Returns
+    -------
+    Path
+        The executable.
+
+    Raises
+    ------
+    InstallationError
+        If it is in none of these places.
+    """
+    beside = Path(sys.executable).parent / _NAME
+    # prefix/lib*/python3*/{site,dist}-packages/myork/solve.py; one level more on Debian
+    prefixes = Path(__file__).resolve().parents[4:6]
+    for path in (beside, *(prefix / "bin" / _NAME for prefix in prefixes)):
+        if path.is_file() and os.access(path, os.X_OK):
+            return path
+    on_path = shutil.which(_NAME)
+    if on_path is None:
+        raise InstallationError(
+            f"the executable {_NAME} is missing: it is neither beside {sys.executable}, nor in the "
+            "prefix of the package, nor on the PATH; install again (sh setup.sh, or pip install .)"
+        )
+    return Path(on_path)
+
+
+def run_deck(
+    deck: str | Path,
+    out: str | Path,
+    *,
+    overrides: Sequence[str] = (),
+    threads: int | None = None,
+    verbosity: int = 0,
+    progress: ProgressCallback = silent,
+) -> dict[str, Any]:
+    """Solve the full model of a deck.
+
+    Ctrl-C (and SIGTERM) is handed to the executable, which ends after the current iteration with
+    the last converged state written; a second one ends it at once.
+
+    Parameters
+    ----------
+    deck : str or Path
+        Deck file.
+    out : str or Path
+        Folder of the results; made if it is missing.
+    overrides : sequence of str
+        Overrides of the deck, `"table.key=value"`.
+    threads : int, optional
+        Number of threads; default all cores.
+    verbosity : int
+        -1 no progress, 0 a line a load step, 1 a line an iteration.
+    progress : callable
+        Called with every line of progress.
+
+    Returns
+    -------
+    dict
+        Content of `summary.json` in the folder.
+
+    Raises
+    ------
+    ConvergenceError
+        If the run ended without convergence; the last converged state is in the folder.
+    StoppedError
+        If it was stopped.
+    InputError
+        If deck or model are wrong.
+    InstallationError
+        If the executable is missing or broken.
+    """
+    options = ["-o", str(out)]
+    if threads is not None:
+        options += ["-t", str(threads)]
+    if verbosity:
+        options.append("-q" if verbosity < 0 else "-v")
+    _run(deck, [*options, *_set_options(overrides)], progress)
+    summary = Path(out) / "summary.json"
+    try:
+        content: dict[str, Any] = json.loads(summary.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InstallationError(f"{_NAME} ended well but left no readable {summary}: {error}") from error
+    return content
+
+
+def explain_deck(
+    deck: str | Path,
+    *,
+    out: str | Path | None = None,
+    overrides: Sequence[str] = (),
+    progress: ProgressCallback = print,
+) -> None:
+    """Say what a deck will model: sizes, memory and cost; refuse what does not fit.
+
+    Parameters
+    ----------
+    deck : str or Path
+        Deck file.
+    out : str or Path, optional
+        Folder in which the model of the deck is looked for first.
+    overrides : sequence of str
+        Overrides of the deck, `"table.key=value"`.
+    progress : callable
+        Called with every line of the explanation.
+    """
+    options = ["--explain"] if out is None else ["--explain", "-o", str(out)]
+    _run(deck, [*options, *_set_options(overrides)], progress)
+
+
+def _set_options(overrides: Sequence[str]) -> list[str]:
+    return [word for override in overrides for word in ("--set", override)]
+
+
+def _run(deck: str | Path, options: Sequence[str], progress: ProgressCallback) -> None:
+    """Run the executable, hand on its lines, turn its exit status into an exception."""
+    environment = {"OMP_WAIT_POLICY": "passive", **os.environ}
+    executable = find_executable()
+    with tempfile.TemporaryFile() as complaints:
+        try:
+            # A session of its own: Ctrl-C reaches the child once, from here, not twice.
+            child = subprocess.Popen(
+                [executable, str(deck), *options],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=complaints,
+                encoding="utf-8",
+                errors="replace",
+                env=environment,
+                start_new_session=True,
+            )
+        except OSError as error:
+            raise InstallationError(f"{executable} does not start: {error}") from error
+        stopped = False
+        try:
+            with _handing_signals_to(child) as signals:
+                assert child.stdout is not None
+                for line in child.stdout:
+                    progress(line.rstrip("\n"))
+                status = child.wait()
+                stopped = bool(signals)
+        finally:
+            if child.poll() is None:
+                child.kill()
+                child.wait()
+        complaints.seek(0)
+        message = complaints.read().decode("utf-8", "replace").strip()
+    _check_status(status, message, stopped, progress)
+
+
+@contextmanager
+def _handing_signals_to(child: subprocess.Popen[str]) -> Iterator[list[int]]:
+    """Hand SIGINT and SIGTERM to the child as SIGINT; yield the list of those handed over."""
+    handed: list[int] = []
+
+    def hand_over(number: int, frame: FrameType | None) -> None:
+        if handed:
+            child.kill()
+        else:
+            child.send_signal(signal.SIGINT)
+        handed.append(number)
+
+    # Only the main thread may set handlers, and only it receives Ctrl-C.
+    if threading.current_thread() is not threading.main_thread():
+        yield handed
+        return
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.signal(number, hand_over) for number in numbers]
+    try:
+        yield handed
+    finally:
+        for number, handler in zip(numbers, before, strict=True):
+            signal.signal(number, handler)
+
+
+def _check_status(status: int, message: str, stopped: bool, progress: ProgressCallback) -> None:
+    """Turn an exit status into an exception; warnings of a good run are progress."""
+    if status == 0:
+        if message:
+            progress(message)
+        return
+    if stopped:
+        raise StoppedError(message or "stopped; the last converged state is written")
+    if status == 1:
+        raise ConvergenceError(message or "the run ended without convergence")
+    if status == 2:
+        raise InputError(message or "the input was refused")
+    if status == -signal.SIGKILL:
+        raise MyorkError(f"{_NAME} was killed; was the memory exhausted? (myork explain) {message}")
+    ending = f"signal {signal.Signals(-status).name}" if status < 0 else f"exit status {status}"
+    raise InstallationError(f"{_NAME} ended with {ending}: {message}")

@@ -1,0 +1,113 @@
+#!/bin/sh
+# Sets MyoRK up on Debian 12 or Ubuntu 24.04 with nothing but python3 (root or sudo), then runs it.
+#
+#    sh setup.sh demo      from images to a muscle force, its reduced model and a report
+#    sh setup.sh test      all tests
+#    sh setup.sh           the set-up only
+#
+# Further arguments go to the command: sh setup.sh test -k shape. What is there is used again;
+# the package is installed anew when a source is newer than the last installation.
+set -eu
+cd "$(dirname "$0")"
+
+packages="gcc g++ gfortran pkg-config python3-dev python3-venv ca-certificates
+   libopenblas-openmp-dev libsuitesparse-dev libhdf5-dev libtomlplusplus-dev"
+sources="meson.build meson_options.txt pyproject.toml fortran pydriver inputs"
+stamp=.venv/installed # newer than all sources it was built from
+home=.venv/checkout   # the folder that the scripts of .venv point to
+
+say() { echo "setup: $*" >&2; }
+fail() { say "$*"; exit 3; }
+
+is_current() {
+   has_venv && [ -f "$stamp" ] &&
+      [ -z "$(find $sources -name __pycache__ -prune -o -newer "$stamp" -print | head -n 1)" ]
+}
+
+# .venv is whole and was made here, not before the checkout was moved
+has_venv() {
+   [ -f "$home" ] && [ "$(cat "$home")" = "$PWD" ] && .venv/bin/python -c 'import pip' 2>/dev/null
+}
+
+# Python $1 can make environments and has the headers that compiled extensions need
+is_whole_python() {
+   "$1" - 2>/dev/null <<'END'
+import ensurepip, os, sys, sysconfig, venv
+headers = sysconfig.get_paths()["include"]
+sys.exit(sys.version_info < (3, 10) or not os.path.exists(os.path.join(headers, "Python.h")))
+END
+}
+
+# The first of them: what $PYTHON names, the first python3 on the PATH, the system's
+find_python() {
+   for candidate in ${PYTHON:-python3 /usr/bin/python3}; do
+      if is_whole_python "$candidate"; then
+         echo "$candidate"
+         return
+      fi
+   done
+   return 1
+}
+
+has_libraries() {
+   for tool in gcc g++ gfortran pkg-config; do
+      command -v "$tool" >/dev/null || return 1
+   done
+   pkg-config --exists openblas && pkg-config --exists tomlplusplus &&
+      { pkg-config --exists hdf5-serial || pkg-config --exists hdf5; }
+}
+
+install_packages() {
+   command -v apt-get >/dev/null ||
+      fail "no apt-get here; install what these Debian packages hold: $(echo $packages)"
+   if [ "$(id -u)" = 0 ]; then
+      as_root=
+   elif command -v sudo >/dev/null; then
+      as_root=sudo
+   else
+      fail "compilers or libraries are missing; as root: apt-get install $(echo $packages)"
+   fi
+   say "installing compilers and libraries with apt (1-2 minutes)"
+   apt="$as_root env DEBIAN_FRONTEND=noninteractive apt-get -qq -o DPkg::Lock::Timeout=300"
+   { $apt update && $apt install -y --no-install-recommends $packages; } >&2 </dev/null ||
+      fail "apt-get failed, see above"
+}
+
+install_myork() {
+   has_libraries && find_python >/dev/null || install_packages
+   has_libraries || fail "compilers or libraries are still missing after apt-get"
+   if ! has_venv; then
+      python=$(find_python) ||
+         fail "no Python >= 3.10 with headers and venv (python3-dev, python3-venv) is found"
+      rm -rf .venv
+      "$python" -m venv .venv
+      echo "$PWD" >"$home"
+   fi
+   say "building with $(.venv/bin/python --version) in .venv (about a minute)"
+   touch "$stamp.new" # before the build: a source saved meanwhile is newer
+   .venv/bin/python -m pip install -q --disable-pip-version-check '.[test]' </dev/null ||
+      fail "the build failed, see above"
+   mv "$stamp.new" "$stamp"
+}
+
+case ${1-} in
+demo | test | '') ;;
+*)
+   echo "usage: sh setup.sh [demo | test]" >&2
+   exit 2
+   ;;
+esac
+
+is_current || install_myork
+export OMP_WAIT_POLICY="${OMP_WAIT_POLICY:-passive}"
+case ${1-} in
+demo)
+   shift
+   exec .venv/bin/myork demo "$@"
+   ;;
+test)
+   shift
+   exec .venv/bin/python -m pytest "$@"
+   ;;
+'') say "ready: .venv/bin/myork, .venv/bin/myork-solve" ;;
+esac

@@ -1,0 +1,171 @@
+"""The architecture as a test: who may use whom, and how long a file may grow.
+
+Fortran: a file uses rooms of lower layers and its own, by `use ..., only`. Python: a module
+imports modules of lower layers and those of its own room. Rooms of one layer do not see each
+other.
+"""
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+FORTRAN = ROOT / "fortran"
+PACKAGE = ROOT / "pydriver" / "myork"
+
+#: Folders of fortran/, lowest first
+FORTRAN_LAYERS = [
+    {"base"},
+    {"linalg", "image"},
+    {"approximation", "material"},
+    {"assembly"},
+    {"driver"},
+    {"rom"},
+    {"io", "h5"},
+    {"app", "api"},
+]
+#: Modules and folders of the package, lowest first
+PYTHON_LAYERS = [
+    {"errors", "records", "console"},
+    {"core"},
+    {"deck", "imaging", "segmentation"},
+    {"model", "results"},
+    {"segment", "build", "solve"},
+    {"rom", "report"},
+    {"demo"},
+    {"cli"},
+    {"__main__"},
+]
+#: Rooms that work without the compiled core
+WITHOUT_CORE = {"imaging", "segmentation", "report"}
+
+MAX_LINES = 600
+MAX_NAMES = 10
+
+F90 = sorted(FORTRAN.rglob("*.f90"))
+PYTHON = sorted(path for path in PACKAGE.rglob("*.py") if path.name != "__init__.py" or path.parent != PACKAGE)
+SOURCES = sorted(
+    path
+    for folder in (FORTRAN, ROOT / "pydriver", ROOT / "tests")
+    for path in folder.rglob("*")
+    if path.suffix in {".f90", ".c", ".cpp", ".h", ".hpp", ".py"}
+)
+
+
+def name_of(path: Path) -> str:
+    return str(path.relative_to(ROOT))
+
+
+def fortran_code(path: Path) -> list[str]:
+    """Lines in lower case, without comments and literals, continuations joined."""
+    text = re.sub(r"\"[^\"\n]*\"|'[^'\n]*'", "''", path.read_text(encoding="utf-8").lower())
+    text = re.sub(r"!.*", "", text)
+    return re.sub(r"&\s*\n\s*&?", " ", text).splitlines()
+
+
+def layer_of(room: str, layers: list[set[str]]) -> int:
+    for digit, rooms in enumerate(layers):
+        if room in rooms:
+            return digit
+    raise AssertionError(f"{room} has no place in the layers of {Path(__file__).name}")
+
+
+def may_use(user: str, used: str, layers: list[set[str]]) -> bool:
+    return user == used or layer_of(user, layers) > layer_of(used, layers)
+
+
+def fortran_room(path: Path) -> str:
+    return path.relative_to(FORTRAN).parts[0]
+
+
+def python_room(module: str) -> str:
+    """Room of a dotted name below myork; core_shape is a part of core."""
+    first = module.split(".")[0]
+    return "core" if first.startswith("core_") else first
+
+
+def imported_modules(path: Path) -> list[str]:
+    """Dotted names below myork that a file imports, at its top or inside a function."""
+    found = []
+    here = ["myork", *path.relative_to(PACKAGE).with_suffix("").parts][:-1]
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            base = here[: len(here) - node.level + 1] if node.level else []
+            module = ".".join([*base, *([node.module] if node.module else [])])
+            # from myork import x: x is the module; from myork.x import y: x is
+            found += [f"myork.{alias.name}" for alias in node.names] if module == "myork" else [module]
+    return [name.removeprefix("myork.") for name in found if name.startswith("myork.")]
+
+
+def test_something_is_read() -> None:
+    assert F90 and PYTHON and len(SOURCES) > len(F90)
+
+
+@pytest.mark.parametrize("path", F90, ids=name_of)
+def test_fortran_uses_lower_layers(path: Path) -> None:
+    home = {module.stem: fortran_room(module) for module in F90}
+    room = fortran_room(path)
+    for line in fortran_code(path):
+        use = re.match(r"\s*use\b(\s*,\s*(?P<nature>\w+)\s*::|\s*::)?\s*(?P<name>\w+)(?P<rest>.*)", line)
+        if use is None:
+            continue
+        assert re.match(r"\s*,\s*only\s*:", use["rest"]), f"without only: {line.strip()}"
+        if use["nature"] == "intrinsic" or use["name"].startswith(("iso_", "ieee_", "omp_")):
+            continue
+        assert use["name"] in home, f"no file of this name: {line.strip()}"
+        used = home[use["name"]]
+        assert may_use(room, used, FORTRAN_LAYERS), f"{room} uses {used}: {line.strip()}"
+        assert (room, used) != ("api", "h5"), "the extension links no HDF5"
+
+
+@pytest.mark.parametrize("path", F90, ids=name_of)
+def test_fortran_house_rules(path: Path) -> None:
+    code = "\n".join(fortran_code(path))
+    room = fortran_room(path)
+    modules = re.findall(r"^module\s+(?!procedure\b)(\w+)", code, re.MULTILINE)
+    assert modules in ([], [path.stem]), "one module, named as its file"
+    if modules:
+        assert re.search(r"^\s*private\s*$", code, re.MULTILINE), "private is missing"
+        public = re.findall(r"^\s*public\s*::(.*)$", code, re.MULTILINE)
+        names = [name for line in public for name in line.split(",")]
+        assert len(names) <= MAX_NAMES, f"{len(names)} public names"
+    if modules or room == "app":
+        assert "implicit none" in code
+    if room != "app":
+        assert not re.search(r"^\s*(print\b|(error\s+)?stop\b|write\s*\(\s*\*)", code, re.MULTILINE)
+
+
+@pytest.mark.parametrize("path", PYTHON, ids=name_of)
+def test_python_imports_lower_layers(path: Path) -> None:
+    room = python_room(".".join(path.relative_to(PACKAGE).with_suffix("").parts))
+    for module in imported_modules(path):
+        used = python_room(module)
+        if used == "_core":
+            assert room == "core", f"{room} imports the extension; only core does"
+        elif used not in {"_version", "__version__"}:
+            assert may_use(room, used, PYTHON_LAYERS), f"{room} imports {module}"
+            assert not (room in WITHOUT_CORE and used == "core"), f"{room} works without the core"
+
+
+@pytest.mark.parametrize("path", PYTHON, ids=name_of)
+def test_python_public_names(path: Path) -> None:
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    names = [
+        node.name
+        for node in tree.body
+        if isinstance(node, (ast.FunctionDef, ast.ClassDef)) and not node.name.startswith("_")
+    ]
+    assert len(names) <= MAX_NAMES, names
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=name_of)
+def test_file_size(path: Path) -> None:
+    lines = path.read_text(encoding="utf-8").splitlines()
+    assert len(lines) <= MAX_LINES
+    if path.suffix == ".f90":
+        long = [number for number, line in enumerate(lines, 1) if len(line) > 100]
+        assert not long, f"longer than 100 columns: lines {long}"
