@@ -45,7 +45,9 @@ MAX_LINES = 600
 MAX_NAMES = 10
 
 F90 = sorted(FORTRAN.rglob("*.f90"))
-PYTHON = sorted(path for path in PACKAGE.rglob("*.py") if path.name != "__init__.py" or path.parent != PACKAGE)
+PYTHON = sorted(
+    path for path in PACKAGE.rglob("*.py") if path.name != "__init__.py" or path.parent != PACKAGE
+)
 SOURCES = sorted(
     path
     for folder in (FORTRAN, ROOT / "pydriver", ROOT / "tests")
@@ -97,7 +99,9 @@ def imported_modules(path: Path) -> list[str]:
             base = here[: len(here) - node.level + 1] if node.level else []
             module = ".".join([*base, *([node.module] if node.module else [])])
             # from myork import x: x is the module; from myork.x import y: x is
-            found += [f"myork.{alias.name}" for alias in node.names] if module == "myork" else [module]
+            found += (
+                [f"myork.{alias.name}" for alias in node.names] if module == "myork" else [module]
+            )
     return [name.removeprefix("myork.") for name in found if name.startswith("myork.")]
 
 
@@ -110,7 +114,9 @@ def test_fortran_uses_lower_layers(path: Path) -> None:
     home = {module.stem: fortran_room(module) for module in F90}
     room = fortran_room(path)
     for line in fortran_code(path):
-        use = re.match(r"\s*use\b(\s*,\s*(?P<nature>\w+)\s*::|\s*::)?\s*(?P<name>\w+)(?P<rest>.*)", line)
+        use = re.match(
+            r"\s*use\b(\s*,\s*(?P<nature>\w+)\s*::|\s*::)?\s*(?P<name>\w+)(?P<rest>.*)", line
+        )
         if use is None:
             continue
         assert re.match(r"\s*,\s*only\s*:", use["rest"]), f"without only: {line.strip()}"

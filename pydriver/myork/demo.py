@@ -3,12 +3,82 @@
 from __future__ import annotations
 
 import json
-import shutil
 from pathlib import Path
+from typing import Any
 
-from myork.console import ProgressCallback
+from myork.console import ProgressCallback, silent
 
 __all__ = ["run_demo"]
 
-#: Installed copy of inputs/mg_muscle.toml
+# The build installs the decks of inputs/ with the package.
 _DECK = Path(__file__).parent / "inputs" / "mg_muscle.toml"
+
+
+def run_demo(
+    out: str | Path = "out/demo",
+    threads: int | None = None,
+    progress: ProgressCallback = silent,
+) -> str:
+    """Run all commands on the deck `mg_muscle` and put their results into one folder.
+
+    Parameters
+    ----------
+    out : str or Path
+        Folder of the results; made if it is missing.
+    threads : int, optional
+        Number of threads; default all cores.
+    progress : callable
+        Called with every line of progress.
+
+    Returns
+    -------
+    str
+        Closing summary: force, errors and speed-up of the reduced models, path of the report.
+    """
+    from myork.build import build
+    from myork.deck import load_deck
+    from myork.report import make_report
+    from myork.rom import run_rom
+    from myork.segment import segment
+    from myork.solve import run_deck
+
+    out = Path(out)
+    out.mkdir(parents=True, exist_ok=True)
+    deck = load_deck(_DECK, [])
+    progress("station 1/5  phantom images to labels and fibers")
+    segment(deck, _DECK.parent, out, progress)
+    progress("station 2/5  labels to points")
+    build(deck, _DECK.parent, out, progress)
+    progress("station 3/5  full solution")
+    run_deck(_DECK, out, threads=threads, progress=progress)
+    progress("station 4/5  reduced models")
+    run_rom(_DECK, [], out, threads, progress)
+    progress("station 5/5  report")
+    page = make_report(out)
+    summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    return "\n".join([*_forces(deck, summary), *_models(summary), f"report: {page}"])
+
+
+def _forces(deck: dict[str, Any], summary: dict[str, Any]) -> list[str]:
+    """One line for each force probed at full load."""
+    last = summary["steps"][-1]
+    names = [probe["name"] for probe in deck["probe"] if probe["quantity"].startswith("force")]
+    return [
+        f"{name} at load {last['load']:g}: {_numbers(last['probes'][name])} "
+        f"{summary['units']['force']}"
+        for name in names
+    ]
+
+
+def _models(summary: dict[str, Any]) -> list[str]:
+    """One line for each reduced model."""
+    return [
+        f"reduced model ({model['kind']}, r = {model['r']}): error e1 {model['e1']:.1e}, "
+        f"e2 {model['e2']:.1e}, {model['speedup_vs_full']:.0f} times faster than the full solution"
+        for model in summary["rom"]["models"]
+    ]
+
+
+def _numbers(value: float | list[float]) -> str:
+    values = value if isinstance(value, list) else [value]
+    return ", ".join(f"{number:.4g}" for number in values)

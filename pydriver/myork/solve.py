@@ -111,7 +111,9 @@ def run_deck(
     try:
         content: dict[str, Any] = json.loads(summary.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise InstallationError(f"{_NAME} ended well but left no readable {summary}: {error}") from error
+        raise InstallationError(
+            f"{_NAME} ended well but left no readable {summary}: {error}"
+        ) from error
     return content
 
 

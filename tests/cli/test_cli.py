@@ -1,0 +1,224 @@
+"""The command line: help, exit status, messages, Ctrl-C.
+
+Where only the hand-over to the executable matters, a small script stands in for `myork-solve`.
+"""
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+import myork
+from myork import cli, solve
+
+COMMANDS = ("demo", "segment", "build", "solve", "rom", "report", "explain")
+#: Longest wait for a process that has nothing to compute; a failure, not a measurement [s]
+PATIENCE = 60
+
+Install = Callable[[str], Path]
+
+
+@pytest.fixture
+def no_solver(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A Python without the executable: not beside it, not in the prefix, not on the PATH."""
+    folder = tmp_path / "bin"
+    folder.mkdir()
+    monkeypatch.setattr(sys, "executable", str(folder / "python3"))
+    monkeypatch.setattr(solve, "__file__", str(tmp_path / "a/b/c/d/myork/solve.py"))
+    monkeypatch.setenv("PATH", str(folder / "nothing"))
+    return folder
+
+
+@pytest.fixture
+def solver(no_solver: Path) -> Install:
+    """Put a Python script in the place of the executable."""
+    real_python = os.path.realpath("/proc/self/exe")
+
+    def install(script: str) -> Path:
+        path = no_solver / "myork-solve"
+        path.write_text(f"#!{real_python} -S\nimport os, signal, sys, time\n{script}")
+        path.chmod(0o755)
+        return path
+
+    return install
+
+
+@pytest.fixture
+def deck(tmp_path: Path) -> Path:
+    path = tmp_path / "case.toml"
+    path.write_text('title = "nothing reads this"\n')
+    return path
+
+
+def status_of(*words: object) -> int:
+    """Exit status of a command; argparse leaves by SystemExit."""
+    try:
+        return cli.main([str(word) for word in words])
+    except SystemExit as leaving:
+        assert isinstance(leaving.code, int)
+        return leaving.code
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_of_command(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert status_of(command, "--help") == 0
+    text = capsys.readouterr().out
+    for part in ("--out", "--threads", "--quiet", "--verbose", f"  myork {command}", "exit status"):
+        assert part in text
+
+
+def test_help_names_all_commands(capsys: pytest.CaptureFixture[str]) -> None:
+    assert status_of("--help") == 0
+    text = capsys.readouterr().out
+    assert [command for command in COMMANDS if f"\n    {command} " not in text] == []
+
+
+def test_help_loads_no_numerics() -> None:
+    """`myork --help` answers at once because it imports nothing heavy."""
+    code = (
+        "import sys, myork.cli\n"
+        "try: myork.cli.main(['solve', '--help'])\n"
+        "except SystemExit: pass\n"
+        "print('loaded:', *{'numpy', 'rich', 'h5py', 'matplotlib', 'nibabel'} & set(sys.modules))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=PATIENCE, check=True
+    )
+    assert done.stdout.splitlines()[-1] == "loaded:"
+
+
+def test_version(capsys: pytest.CaptureFixture[str]) -> None:
+    assert status_of("--version") == 0
+    assert capsys.readouterr().out == f"myork {myork.__version__}\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "part"),
+    [
+        ((), "COMMAND"),
+        (("solv", "case.toml"), "invalid choice: 'solv'"),
+        (("solve",), "DECK"),
+        (("solve", "case.toml", "--set", "load.steps"), "KEY=VALUE"),
+        (("solve", "case.toml", "--set", "=3"), "KEY=VALUE"),
+        (("solve", "case.toml", "--set", "load.steps="), "KEY=VALUE"),
+        (("solve", "case.toml", "--threads", "0"), "at least 1"),
+        (("solve", "case.toml", "--threads", "two"), "at least 1"),
+        (("solve", "case.toml", "-q", "-v"), "not allowed with"),
+        (("solve", "case.toml", "--speed", "3"), "--speed"),
+    ],
+)
+def test_wrong_arguments(
+    words: tuple[str, ...], part: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert status_of(*words) == 2
+    captured = capsys.readouterr()
+    assert part in captured.err
+    assert captured.out == ""
+
+
+@pytest.mark.usefixtures("no_solver")
+def test_missing_executable(deck: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert status_of("solve", deck, "--out", tmp_path / "out") == 3
+    message = capsys.readouterr().err
+    assert "myork-solve is missing" in message
+    assert "setup.sh" in message
+    assert "Traceback" not in message
+
+
+def test_verbose_shows_the_traceback(
+    no_solver: Path, deck: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert status_of("solve", deck, "--out", tmp_path / "out", "-v") == 3
+    assert "Traceback" in capsys.readouterr().err
+
+
+def test_arguments_reach_the_executable(
+    solver: Install, deck: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "deep" / "out"
+    solver(
+        "print(*sys.argv[1:], sep='|')\n"
+        "print(os.environ['OMP_WAIT_POLICY'])\n"
+        "open(os.path.join(sys.argv[3], 'summary.json'), 'w').write('{}')\n"
+    )
+    words = ["--set", "material.fat.K=5e3", "--set", "load.steps=3", "--solver", "refined"]
+    assert status_of("solve", deck, "--out", out, "--threads", 2, *words, "--method", "rkcm") == 0
+    sets = "--set|material.fat.K=5e3|--set|load.steps=3"
+    named = "--set|scene.method=rkcm|--set|solver.linear=refined"
+    lines = capsys.readouterr().out.splitlines()
+    assert lines == [f"{deck}|-o|{out}|-t|2|{sets}|{named}", "passive"]
+
+
+@pytest.mark.parametrize(
+    ("script", "status", "part"),
+    [
+        ("sys.exit('load step 3: no convergence, see run.log')", 1, "load step 3"),
+        ("print('case.toml:1: key: unknown', file=sys.stderr); sys.exit(2)", 2, "case.toml:1: key"),
+        ("print('libhdf5.so: not found', file=sys.stderr); sys.exit(127)", 3, "libhdf5.so"),
+        ("os.kill(os.getpid(), signal.SIGSEGV)", 3, "SIGSEGV"),
+        ("os.kill(os.getpid(), signal.SIGKILL)", 1, "memory"),
+        ("pass", 3, "summary.json"),
+    ],
+)
+def test_exit_status_of_the_executable(
+    solver: Install,
+    deck: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    script: str,
+    status: int,
+    part: str,
+) -> None:
+    solver(script)
+    assert status_of("solve", deck, "--out", tmp_path / "out") == status
+    message = capsys.readouterr().err
+    assert part in message
+    assert message.startswith("myork: ")
+    assert "Traceback" not in message
+
+
+def test_quiet_shows_no_progress(
+    solver: Install, deck: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    solver("print('step  1/2'); print('refused', file=sys.stderr); sys.exit(2)")
+    assert status_of("solve", deck, "--out", tmp_path / "out", "-q") == 2
+    captured = capsys.readouterr()
+    assert (captured.out, captured.err) == ("", "myork: refused\n")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_interrupt_waits_for_the_clean_end(
+    solver: Install, deck: Path, tmp_path: Path, number: signal.Signals
+) -> None:
+    """The executable is told once, finishes its step and writes; then the command ends."""
+    written = tmp_path / "last_state"
+    fake = solver(
+        "told = []\n"
+        "signal.signal(signal.SIGINT, lambda *_: told.append(1))\n"
+        "print('step  1/2  load 0.5', flush=True)\n"
+        "while not told: time.sleep(0.02)\n"
+        "time.sleep(0.2)\n"
+        f"open({str(written)!r}, 'w').write(str(len(told)))\n"
+        "sys.exit('stopped in load step 2; step 1 is written')\n"
+    )
+    code = (
+        f"import sys; sys.executable = {str(fake)!r}; from myork.cli import main; sys.exit(main())"
+    )
+    process = subprocess.Popen(
+        [os.path.realpath("/proc/self/exe"), "-c", code, "solve", deck, "--out", tmp_path / "out"],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "step  1/2  load 0.5\n"
+    process.send_signal(number)
+    _, message = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 1
+    assert message == "myork: stopped in load step 2; step 1 is written\n"
+    assert written.read_text() == "1"
