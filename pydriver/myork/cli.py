@@ -274,7 +274,8 @@ def _parser() -> argparse.ArgumentParser:
         "rom",
         _rom,
         "snapshots to reduced models, with errors and timings against the full solution",
-        "  myork rom inputs/muscle_block.toml\n  myork rom inputs/muscle_block.toml --set rom.modes=[1,2,10]",
+        "  myork rom inputs/muscle_block.toml\n"
+        "  myork rom inputs/muscle_block.toml --set rom.modes=[1,2,10]",
     )
     report = add(
         "report",

@@ -29,7 +29,7 @@ _NAME = "myork-solve"
 
 
 def find_executable() -> Path:
-    """Find `myork-solve`: beside the Python in use, in the prefix of the package, on the PATH.
+    """Find `myork-solve`: in the prefix of the package, beside the Python in use, on the PATH.
 
     Returns
     -------
@@ -41,17 +41,18 @@ def find_executable() -> Path:
     InstallationError
         If it is in none of these places.
     """
-    beside = Path(sys.executable).parent / _NAME
-    # prefix/lib*/python3*/{site,dist}-packages/myork/solve.py; one level more on Debian
-    prefixes = Path(__file__).resolve().parents[4:6]
-    for path in (beside, *(prefix / "bin" / _NAME for prefix in prefixes)):
+    # prefix/lib*/python3*/{site,dist}-packages/myork/solve.py, Debian: prefix/local/lib/...
+    folders = [prefix / "bin" for prefix in Path(__file__).resolve().parents[4:6]]
+    for folder in (*folders, Path(sys.executable).parent):
+        path = folder / _NAME
         if path.is_file() and os.access(path, os.X_OK):
             return path
     on_path = shutil.which(_NAME)
     if on_path is None:
         raise InstallationError(
-            f"the executable {_NAME} is missing: it is neither beside {sys.executable}, nor in the "
-            "prefix of the package, nor on the PATH; install again (sh setup.sh, or pip install .)"
+            f"the executable {_NAME} is missing: it is neither in the prefix of the package "
+            f"({Path(__file__).parent}), nor beside {sys.executable}, nor on the PATH; "
+            "install again (sh setup.sh, or pip install .)"
         )
     return Path(on_path)
 

@@ -19,16 +19,19 @@ COMMANDS = ("demo", "segment", "build", "solve", "rom", "report", "explain")
 #: Longest wait for a process that has nothing to compute; a failure, not a measurement [s]
 PATIENCE = 60
 
+#: Where a package lies below its prefix
+PACKAGE_PLACE = "prefix/lib/python3/site-packages/myork/solve.py"
+
 Install = Callable[[str], Path]
 
 
 @pytest.fixture
 def no_solver(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A Python without the executable: not beside it, not in the prefix, not on the PATH."""
-    folder = tmp_path / "bin"
-    folder.mkdir()
+    folder = tmp_path / "venv" / "bin"
+    folder.mkdir(parents=True)
     monkeypatch.setattr(sys, "executable", str(folder / "python3"))
-    monkeypatch.setattr(solve, "__file__", str(tmp_path / "a/b/c/d/myork/solve.py"))
+    monkeypatch.setattr(solve, "__file__", str(tmp_path / PACKAGE_PLACE))
     monkeypatch.setenv("PATH", str(folder / "nothing"))
     return folder
 
@@ -129,6 +132,16 @@ def test_missing_executable(deck: Path, tmp_path: Path, capsys: pytest.CaptureFi
     assert "Traceback" not in message
 
 
+def test_executable_of_the_package_comes_first(solver: Install, tmp_path: Path) -> None:
+    """A package built beside an older installation runs its own executable."""
+    beside = solver("")
+    assert solve.find_executable() == beside
+    own = tmp_path / "prefix" / "bin" / "myork-solve"
+    own.parent.mkdir(parents=True)
+    own.symlink_to(beside)
+    assert solve.find_executable() == own
+
+
 def test_verbose_shows_the_traceback(
     no_solver: Path, deck: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -206,7 +219,8 @@ def test_interrupt_waits_for_the_clean_end(
         "sys.exit('stopped in load step 2; step 1 is written')\n"
     )
     code = (
-        f"import sys; sys.executable = {str(fake)!r}; from myork.cli import main; sys.exit(main())"
+        "import sys, myork.cli as cli, myork.solve as solve; "
+        f"sys.executable = {str(fake)!r}; solve.__file__ = '/'; sys.exit(cli.main())"
     )
     process = subprocess.Popen(
         [os.path.realpath("/proc/self/exe"), "-c", code, "solve", deck, "--out", tmp_path / "out"],
