@@ -16,9 +16,9 @@ subroutine energy_at_points(material, f, fiber, activation, volumetric, w)
    !> Material
    class(material_type), intent(in) :: material
    !> Deformation gradients F(i,A), shape (3, 3, np) [-]
-   real(wp), intent(in) :: f(:, :, :)
+   real(wp), intent(in), contiguous :: f(:, :, :)
    !> Fibers, shape (3, np) [-]
-   real(wp), intent(in) :: fiber(:, :)
+   real(wp), intent(in), contiguous :: fiber(:, :)
    !> Activation, 0..1 [-]
    real(wp), intent(in) :: activation
    !> Include K/2 (J-1)^2?
@@ -39,15 +39,15 @@ subroutine stress_at_points(material, f, fiber, activation, volumetric, p)
    !> Material
    class(material_type), intent(in) :: material
    !> Deformation gradients F(i,A), shape (3, 3, np) [-]
-   real(wp), intent(in) :: f(:, :, :)
+   real(wp), intent(in), contiguous :: f(:, :, :)
    !> Fibers, shape (3, np) [-]
-   real(wp), intent(in) :: fiber(:, :)
+   real(wp), intent(in), contiguous :: fiber(:, :)
    !> Activation, 0..1 [-]
    real(wp), intent(in) :: activation
    !> Include K/2 (J-1)^2?
    logical, intent(in) :: volumetric
    !> Stresses P(i,A), shape (3, 3, np) [stress]
-   real(wp), intent(out) :: p(:, :, :)
+   real(wp), intent(out), contiguous :: p(:, :, :)
    integer :: ip
 
    !$omp parallel do default(none) schedule(static) private(ip) &
@@ -64,21 +64,21 @@ subroutine strong_at_points(material, nd, f, h, fiber, activation, volumetric, p
    !> Space dimension, 2 (plane strain) or 3
    integer, intent(in) :: nd
    !> Deformation gradients F(i,A), shape (3, 3, np) [-]
-   real(wp), intent(in) :: f(:, :, :)
+   real(wp), intent(in), contiguous :: f(:, :, :)
    !> Second derivatives of the displacement H(j,B,A) = u_j,BA, shape (3, 3, 3, np) [1/length]
-   real(wp), intent(in) :: h(:, :, :, :)
+   real(wp), intent(in), contiguous :: h(:, :, :, :)
    !> Fibers, shape (3, np) [-]
-   real(wp), intent(in) :: fiber(:, :)
+   real(wp), intent(in), contiguous :: fiber(:, :)
    !> Activation, 0..1 [-]
    real(wp), intent(in) :: activation
    !> Include K/2 (J-1)^2?
    logical, intent(in) :: volumetric
    !> Stresses P(i,A), shape (3, 3, np) [stress]
-   real(wp), intent(out) :: p(:, :, :)
+   real(wp), intent(out), contiguous :: p(:, :, :)
    !> Tangents C4(i,A,j,B), shape (3, 3, 3, 3, np) [stress]
-   real(wp), intent(out) :: c4(:, :, :, :, :)
+   real(wp), intent(out), contiguous :: c4(:, :, :, :, :)
    !> Contractions T(i,k,C), shape (3, 3, 3, np) [stress/length]
-   real(wp), intent(out) :: t(:, :, :, :)
+   real(wp), intent(out), contiguous :: t(:, :, :, :)
    integer :: ip
 
    !$omp parallel do default(none) schedule(static) private(ip) &

@@ -177,7 +177,8 @@ pure subroutine second_tensor(nd, inv, w, c4)
          end do
       case (kind_i2)
          call add_second_i2(nd, inv%f, w%first(n), c4)
-      case (kind_i4)
+      case default
+         ! kind_i4
          do b = 1, nd
             do a = 1, nd
                do i = 1, nd
@@ -230,7 +231,8 @@ pure subroutine third_tensor(nd, inv, w, h, t)
             q(:, :, n) = 2.0_wp*h(:, :, a)
          case (kind_i2)
             q(:, :, n) = 2.0_wp*(cross(fg, inv%f) + cross(inv%gradient(:, :, 1), h(:, :, a)))
-         case (kind_i4)
+         case default
+            ! kind_i4
             do c = 1, 3
                q(:, c, n) = 2.0_wp*inv%fiber(c)*(h(:, 1, a)*inv%fiber(1) &
                   & + h(:, 2, a)*inv%fiber(2) + h(:, 3, a)*inv%fiber(3))
@@ -278,7 +280,8 @@ pure subroutine third_tensor(nd, inv, w, h, t)
          end do
       case (kind_i2)
          call add_third_i2(nd, inv%f, along(:, n), w%first(n), h, t)
-      case (kind_i4)
+      case default
+         ! kind_i4
          do c = 1, nd
             do i = 1, nd
                t(i, i, c) = t(i, i, c) + 2.0_wp*inv%fiber(c)*sum(along(:, n)*inv%fiber)
