@@ -1,0 +1,328 @@
+!> Hyperelastic materials: energy, stress and tangents at one point.
+!>
+!>     W = W_r(I1r, I2r, I4r, activation) + K/2 (J - 1)^2
+!>
+!> in the reduced invariants I1r = J^(-2/3) I1, I2r = J^(-4/3) I2, I4r = J^(-2/3) N.C.N. A material
+!> extends `material_type` by one procedure, the derivatives of W_r; the powers of J are treated
+!> here and the tensors in rk_tensors. Everything is pure and allocates nothing, so it may be
+!> called from any thread. J <= 0 gives NaN: who steps there must look at J first.
+!>
+!> References: thesis (4.34), (4.35), (5.36)-(5.38), Appendix C (C.1), (C.5), (C.10)
+module rk_material
+   use rk_precision, only : wp
+   use rk_tensors, only : derivatives_type, first_tensor, invariants_type, kind_i1, kind_i2, &
+      & kind_i4, second_tensor, set_invariants, third_tensor
+   implicit none
+   private
+
+   public :: material_type, material_item, state_type, reduced_type
+   public :: kind_i1, kind_i2, kind_i4
+
+   !> What the reduced energy depends on at one point
+   type :: state_type
+      !> Reduced invariants I1r, I2r, I4r; those not in use have the values of F = I [-]
+      real(wp) :: reduced(3)
+      !> Is there a fiber here?
+      logical :: fibered
+      !> Activation of the fibers, 0..1 [-]
+      real(wp) :: activation
+   end type state_type
+
+   !> Reduced energy and its derivatives by I1r, I2r, I4r. A fourth order would follow here.
+   type :: reduced_type
+      !> Energy W_r [stress]
+      real(wp) :: energy
+      !> First derivatives [stress]
+      real(wp) :: first(3)
+      !> Second derivatives, symmetric [stress]
+      real(wp) :: second(3, 3)
+      !> Third derivatives, symmetric [stress]
+      real(wp) :: third(3, 3, 3)
+   end type reduced_type
+
+   !> Material of one kind of points
+   type, abstract :: material_type
+      !> Name for messages
+      character(len=:), allocatable :: name
+      !> Bulk modulus K [stress]
+      real(wp) :: bulk = 0.0_wp
+      !> Shear modulus of small deformations, without fibers [stress]
+      real(wp) :: shear = 0.0_wp
+      !> Does the reduced energy depend on I1r, I2r, I4r?
+      logical :: active(3) = .false.
+   contains
+      !> Derivatives of the reduced energy
+      procedure(reduced_energy), deferred :: reduced
+      !> W
+      procedure :: energy
+      !> P
+      procedure :: stress
+      !> P and C4
+      procedure :: tangent
+      !> P, C4 and C6 contracted with second derivatives of the displacement
+      procedure :: strong
+   end type material_type
+
+   !> Element of a list of materials
+   type :: material_item
+      !> Material
+      class(material_type), allocatable :: material
+   end type material_item
+
+   abstract interface
+      !> Reduced energy and its derivatives up to an order. Of the arrays, the entries of the
+      !> active invariants are used; entries of a higher order than wanted may stay unset.
+      pure subroutine reduced_energy(self, state, order, w)
+         import :: material_type, reduced_type, state_type
+         !> Material
+         class(material_type), intent(in) :: self
+         !> Reduced invariants and activation
+         type(state_type), intent(in) :: state
+         !> Highest derivative wanted, 0..3
+         integer, intent(in) :: order
+         !> Energy and derivatives
+         type(reduced_type), intent(out) :: w
+      end subroutine reduced_energy
+   end interface
+
+contains
+
+!> Energy W per reference volume [stress]
+pure function energy(self, f, fiber, activation, volumetric) result(w)
+   !> Material
+   class(material_type), intent(in) :: self
+   !> Deformation gradient F(i,A) [-]
+   real(wp), intent(in) :: f(3, 3)
+   !> Fiber in the reference body, unit vector or zeros for none [-]
+   real(wp), intent(in) :: fiber(3)
+   !> Activation, 0..1 [-]
+   real(wp), intent(in) :: activation
+   !> Include K/2 (J-1)^2? Default true
+   logical, intent(in), optional :: volumetric
+   real(wp) :: w
+   type(invariants_type) :: inv
+   type(reduced_type) :: r
+   type(state_type) :: state
+   real(wp) :: power(3)
+
+   call set_invariants(inv, f, fiber, self%active, gradients=.false.)
+   call set_state(inv, activation, state, power)
+   call self%reduced(state, 0, r)
+   w = r%energy
+   if (with_volume(volumetric)) w = w + 0.5_wp*self%bulk*(inv%value(1) - 1.0_wp)**2
+end function energy
+
+!> First Piola-Kirchhoff stress
+pure subroutine stress(self, f, fiber, activation, p, volumetric)
+   !> Material
+   class(material_type), intent(in) :: self
+   !> Deformation gradient F(i,A) [-]
+   real(wp), intent(in) :: f(3, 3)
+   !> Fiber in the reference body, unit vector or zeros for none [-]
+   real(wp), intent(in) :: fiber(3)
+   !> Activation, 0..1 [-]
+   real(wp), intent(in) :: activation
+   !> Stress P(i,A) = dW/dF_iA [stress]
+   real(wp), intent(out) :: p(3, 3)
+   !> Include K/2 (J-1)^2? Default true
+   logical, intent(in), optional :: volumetric
+   type(invariants_type) :: inv
+   type(derivatives_type) :: w
+
+   call set_invariants(inv, f, fiber, self%active, gradients=.true.)
+   call set_derivatives(self, inv, activation, with_volume(volumetric), 1, w)
+   call first_tensor(inv, w, p)
+end subroutine stress
+
+!> Stress and tangent
+pure subroutine tangent(self, f, fiber, activation, p, c4, volumetric)
+   !> Material
+   class(material_type), intent(in) :: self
+   !> Deformation gradient F(i,A) [-]
+   real(wp), intent(in) :: f(3, 3)
+   !> Fiber in the reference body, unit vector or zeros for none [-]
+   real(wp), intent(in) :: fiber(3)
+   !> Activation, 0..1 [-]
+   real(wp), intent(in) :: activation
+   !> Stress P(i,A) = dW/dF_iA [stress]
+   real(wp), intent(out) :: p(3, 3)
+   !> Tangent C4(i,A,j,B) = dP_iA/dF_jB [stress]
+   real(wp), intent(out) :: c4(3, 3, 3, 3)
+   !> Include K/2 (J-1)^2? Default true
+   logical, intent(in), optional :: volumetric
+   type(invariants_type) :: inv
+   type(derivatives_type) :: w
+
+   call set_invariants(inv, f, fiber, self%active, gradients=.true.)
+   call set_derivatives(self, inv, activation, with_volume(volumetric), 2, w)
+   call first_tensor(inv, w, p)
+   call second_tensor(3, inv, w, c4)
+end subroutine tangent
+
+!> Everything a row of the strong form needs: P, C4 and T(i,k,C) = C6_iAjBkC H_jBA
+pure subroutine strong(self, nd, f, h, fiber, activation, p, c4, t, volumetric)
+   !> Material
+   class(material_type), intent(in) :: self
+   !> Space dimension: 3, or 2 for plane strain (F_33 = 1)
+   integer, intent(in) :: nd
+   !> Deformation gradient F(i,A), all components also in the plane [-]
+   real(wp), intent(in) :: f(3, 3)
+   !> Second derivatives of the displacement H(j,B,A) = u_j,BA; indices above nd are not read
+   !> [1/length]
+   real(wp), intent(in) :: h(3, 3, 3)
+   !> Fiber in the reference body, unit vector or zeros for none [-]
+   real(wp), intent(in) :: fiber(3)
+   !> Activation, 0..1 [-]
+   real(wp), intent(in) :: activation
+   !> Stress P(i,A), all components also in the plane [stress]
+   real(wp), intent(out) :: p(3, 3)
+   !> Tangent C4(i,A,j,B); zero where an index is above nd [stress]
+   real(wp), intent(out) :: c4(3, 3, 3, 3)
+   !> Contraction T(i,k,C); zero where an index is above nd [stress/length]
+   real(wp), intent(out) :: t(3, 3, 3)
+   !> Include K/2 (J-1)^2? Default true
+   logical, intent(in), optional :: volumetric
+   type(invariants_type) :: inv
+   type(derivatives_type) :: w
+   real(wp) :: plane(3, 3, 3)
+
+   call set_invariants(inv, f, fiber, self%active, gradients=.true.)
+   call set_derivatives(self, inv, activation, with_volume(volumetric), 3, w)
+   call first_tensor(inv, w, p)
+   if (nd == 3) then
+      call second_tensor(3, inv, w, c4)
+      call third_tensor(3, inv, w, h, t)
+   else
+      plane = 0.0_wp
+      plane(:2, :2, :2) = h(:2, :2, :2)
+      c4 = 0.0_wp
+      t = 0.0_wp
+      call second_tensor(2, inv, w, c4)
+      call third_tensor(2, inv, w, plane, t)
+   end if
+end subroutine strong
+
+!> Reduced invariants I J^(-n) of the invariants in use
+pure subroutine set_state(inv, activation, state, power)
+   !> Invariants
+   type(invariants_type), intent(in) :: inv
+   !> Activation [-]
+   real(wp), intent(in) :: activation
+   !> Reduced invariants and activation
+   type(state_type), intent(out) :: state
+   !> Powers J^(-n) of I1r, I2r, I4r [-]
+   real(wp), intent(out) :: power(3)
+   integer :: n
+
+   power(1) = inv%value(1)**(-2.0_wp/3.0_wp)
+   power(2) = power(1)**2
+   power(3) = power(1)
+   state%reduced = [3.0_wp, 3.0_wp, 1.0_wp]
+   state%activation = activation
+   state%fibered = inv%kind(inv%n) == kind_i4
+   do n = 2, inv%n
+      associate (k => inv%kind(n))
+         state%reduced(k) = inv%value(n)*power(k)
+      end associate
+   end do
+end subroutine set_state
+
+!> Derivatives of W by the unscaled invariants from those by the reduced ones and by J
+pure subroutine set_derivatives(self, inv, activation, volumetric, order, w)
+   !> Material
+   class(material_type), intent(in) :: self
+   !> Invariants
+   type(invariants_type), intent(in) :: inv
+   !> Activation [-]
+   real(wp), intent(in) :: activation
+   !> Include K/2 (J-1)^2?
+   logical, intent(in) :: volumetric
+   !> Highest derivative wanted, 1..3
+   integer, intent(in) :: order
+   !> Derivatives of W
+   type(derivatives_type), intent(out) :: w
+   !> Exponents n of the reduced invariants I J^(-n)
+   real(wp), parameter :: exponent(3) = [2.0_wp, 4.0_wp, 2.0_wp]/3.0_wp
+   type(reduced_type) :: r
+   type(state_type) :: state
+   !> Of a reduced invariant by I, by I and J (once, twice) and by J (once, twice, three times)
+   real(wp), dimension(4) :: di, dij, dijj, dj, djj, djjj
+   real(wp) :: power(3), inverse
+   integer :: k(4), m, a, b, c
+
+   call set_state(inv, activation, state, power)
+   call self%reduced(state, order, r)
+   m = inv%n
+   k = inv%kind
+   inverse = 1.0_wp/inv%value(1)
+   do a = 2, m
+      associate (n => exponent(k(a)))
+         di(a) = power(k(a))
+         dj(a) = -n*inverse*state%reduced(k(a))
+         dij(a) = -n*inverse*di(a)
+         djj(a) = -(n + 1.0_wp)*inverse*dj(a)
+         dijj(a) = -(n + 1.0_wp)*inverse*dij(a)
+         djjj(a) = -(n + 2.0_wp)*inverse*djj(a)
+      end associate
+   end do
+
+   w%first(1) = 0.0_wp
+   if (volumetric) w%first(1) = self%bulk*(inv%value(1) - 1.0_wp)
+   do a = 2, m
+      w%first(a) = r%first(k(a))*di(a)
+      w%first(1) = w%first(1) + r%first(k(a))*dj(a)
+   end do
+   if (order < 2) return
+
+   w%second(1, 1) = 0.0_wp
+   if (volumetric) w%second(1, 1) = self%bulk
+   do a = 2, m
+      w%second(1, 1) = w%second(1, 1) + r%first(k(a))*djj(a)
+      w%second(a, 1) = r%first(k(a))*dij(a)
+      do b = 2, m
+         associate (wab => r%second(k(a), k(b)))
+            w%second(b, a) = wab*di(a)*di(b)
+            w%second(a, 1) = w%second(a, 1) + wab*di(a)*dj(b)
+            w%second(1, 1) = w%second(1, 1) + wab*dj(a)*dj(b)
+         end associate
+      end do
+      w%second(1, a) = w%second(a, 1)
+   end do
+   if (order < 3) return
+
+   w%third(1, 1, 1) = 0.0_wp
+   do a = 2, m
+      w%third(1, 1, 1) = w%third(1, 1, 1) + r%first(k(a))*djjj(a)
+      w%third(a, 1, 1) = r%first(k(a))*dijj(a)
+      do b = 2, m
+         associate (wab => r%second(k(a), k(b)))
+            w%third(1, 1, 1) = w%third(1, 1, 1) + 3.0_wp*wab*dj(a)*djj(b)
+            w%third(a, 1, 1) = w%third(a, 1, 1) + wab*(2.0_wp*dij(a)*dj(b) + di(a)*djj(b))
+            w%third(b, a, 1) = wab*(dij(a)*di(b) + di(a)*dij(b))
+         end associate
+         do c = 2, m
+            associate (wabc => r%third(k(a), k(b), k(c)))
+               w%third(1, 1, 1) = w%third(1, 1, 1) + wabc*dj(a)*dj(b)*dj(c)
+               w%third(a, 1, 1) = w%third(a, 1, 1) + wabc*di(a)*dj(b)*dj(c)
+               w%third(b, a, 1) = w%third(b, a, 1) + wabc*di(a)*di(b)*dj(c)
+               w%third(c, b, a) = wabc*di(a)*di(b)*di(c)
+            end associate
+         end do
+         w%third(b, 1, a) = w%third(b, a, 1)
+         w%third(1, b, a) = w%third(b, a, 1)
+      end do
+      w%third(1, a, 1) = w%third(a, 1, 1)
+      w%third(1, 1, a) = w%third(a, 1, 1)
+   end do
+end subroutine set_derivatives
+
+!> Value of the optional switch for the volumetric part
+pure logical function with_volume(volumetric)
+   !> Switch, may be absent
+   logical, intent(in), optional :: volumetric
+
+   with_volume = .true.
+   if (present(volumetric)) with_volume = volumetric
+end function with_volume
+
+end module rk_material

@@ -1,0 +1,451 @@
+"""Materials: energy, stress, C4 and contracted C6 against formulas of the thesis, written here.
+
+The stress of reference is the complex-step derivative of the energy (exact to rounding). Second
+and third derivatives are checked by central differences of eighth order with step 2e-3: the
+truncation is of the order (2e-3)^8 = 3e-22 times ninth derivatives (below 1e6 for the states used)
+and the rounding 1e-16/2e-3 = 5e-14, both far below the tolerance of 1e-8 of the largest entry.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from myork import core_material as cm
+from myork.errors import InputError
+
+RUBBER = cm.Material("rubber", A10=37.3, A20=-3.1, A30=0.5, K=1e3)
+MATRIX = {"A10": 6.43, "A01": -3.8, "A20": 0.94, "A02": 0.0005, "A11": -0.0043}
+MUSCLE = cm.Material("muscle", model="muscle", **MATRIX, K=5e3)
+TISSUE = cm.Material("tissue", A10=30, A20=80, A30=800, K=5e4)
+FAT = cm.Material("fat", A10=3, A20=8, A30=80, K=5e3)
+FULL = cm.Material(
+    "full", A10=3, A01=2, A20=0.7, A11=-0.3, A02=0.4, A30=0.5, A21=0.6, A12=-0.2, A03=0.1, K=50
+)
+SECOND_ONLY = cm.Material("second", A01=2, A02=0.4, K=50)
+ISOTROPIC = [RUBBER, TISSUE, FAT, FULL, SECOND_ONLY, cm.Material("matrix", **MATRIX, K=5e3)]
+
+# One lambda* in every branch of (4.37), (4.38), and in every zone of the smooth curves, which are
+# [0.4, 0.55], [0.55, 0.65], [1, 1.15], [1.35, 1.45], [1.45, 1.6]
+BRANCHES = [
+    ("published", 0.3), ("published", 0.5), ("published", 0.8), ("published", 1.2),
+    ("published", 1.5), ("published", 1.8), ("smooth", 0.3), ("smooth", 0.475), ("smooth", 0.6),
+    ("smooth", 0.85), ("smooth", 1.075), ("smooth", 1.25), ("smooth", 1.4), ("smooth", 1.525),
+    ("smooth", 1.8),
+]  # fmt: skip
+FIBER = np.array([2.0, -1.0, 3.0]) / math.sqrt(14)
+NO_FIBER = np.zeros(3)
+
+
+def random_gradient(rng, plane=False):
+    """Deformation gradient with J between 0.8 and 1.3."""
+    size = 2 if plane else 3
+    part = np.eye(size) + 0.25 * rng.standard_normal((size, size))
+    if np.linalg.det(part) < 0:
+        part[0] *= -1
+    part *= (rng.uniform(0.8, 1.3) / np.linalg.det(part)) ** (1 / size)
+    f = np.eye(3)
+    f[:size, :size] = part
+    return f
+
+
+def random_rotation(rng):
+    q, _ = np.linalg.qr(rng.standard_normal((3, 3)))
+    return q * np.sign(np.linalg.det(q))
+
+
+def fiber_stretch(f, fiber):
+    """Stretch of the fiber without change of volume, below (4.34); F may be complex."""
+    return np.sqrt(fiber @ (f.T @ f) @ fiber) * np.linalg.det(f) ** (-1 / 3)
+
+
+def isotropic_energy(material, f, volumetric):
+    """(4.35) with third order terms, from the invariants of C; F may be complex."""
+    c = f.T @ f
+    i1 = np.trace(c)
+    i2 = (i1**2 - np.trace(c @ c)) / 2
+    j = np.linalg.det(f)
+    x, y = i1 * j ** (-2 / 3) - 3, i2 * j ** (-4 / 3) - 3
+    w = sum(
+        getattr(material, f"A{m}{n}") * x**m * y**n
+        for m in range(4)
+        for n in range(4)
+        if 1 <= m + n <= 3
+    )
+    return w + (material.K / 2 * (j - 1) ** 2 if volumetric else 0)
+
+
+def published_active(s):
+    """(4.38), zero outside [0.4, 1.6]."""
+    return np.select(
+        [s < 0.4, s <= 0.6, s <= 1.4, s <= 1.6],
+        [0 * s, 9 * (s - 0.4) ** 2, 1 - 4 * (1 - s) ** 2, 9 * (s - 1.6) ** 2],
+        0 * s,
+    )
+
+
+def published_passive(s, g1=0.05, g2=6.6):
+    """(4.37), third branch continued in value and slope."""
+    grown = math.exp(0.4 * g2)
+    return np.select(
+        [s <= 1, s <= 1.4],
+        [0 * s, g1 * (np.exp(g2 * (s - 1)) - 1)],
+        g1 * g2 * grown * (s - 1.4) + g1 * (grown - 1),
+    )
+
+
+def reference_stress(material, f, fiber, activation, volumetric=True):
+    """Complex-step derivative of the energy, the fibers by (4.36) and dlambda/dF."""
+    p = np.empty((3, 3))
+    dlambda = np.zeros((3, 3))
+    fibered = material.model == "muscle" and fiber.any()
+    for i in range(3):
+        for a in range(3):
+            g = f.astype(complex)
+            g[i, a] += 1e-30j
+            p[i, a] = isotropic_energy(material, g, volumetric).imag / 1e-30
+            if fibered:
+                dlambda[i, a] = fiber_stretch(g, fiber).imag / 1e-30
+    if fibered:
+        s = fiber_stretch(f, fiber) / material.lambda_o
+        if material.curve == "published":
+            force = activation * published_active(s) + published_passive(s)
+        else:
+            curves = cm.fiber_curves([s], curve="smooth")
+            force = activation * curves.active[1, 0] + curves.passive[1, 0]
+        p += material.sigma_max / material.lambda_o * force * dlambda
+    return p
+
+
+def difference(function, x, direction, step=2e-3):
+    """Directional derivative by central differences of eighth order."""
+    size = np.linalg.norm(direction)
+    unit = direction / size * step
+    weights = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
+    total = sum(w * (function(x + m * unit) - function(x - m * unit)) for m, w in weights.items())
+    return total / step * size
+
+
+def at(material, f, second=None, **options):
+    """All results at one point."""
+    second = np.zeros((3, 3, 3)) if second is None else second
+    return cm.Tangents(*(x[0] for x in cm.strong(material, f[None], second[None], **options)))
+
+
+def cases():
+    """Material, fiber, activation, lambda* wanted (none: as it comes)."""
+    plain = [(m.name, m, NO_FIBER, 0.0, None) for m in ISOTROPIC]
+    plain.append(("muscle-without-fiber", MUSCLE, NO_FIBER, 0.7, None))
+    fibered = [
+        (f"{curve}-{s}-at-{level}", dataclasses.replace(MUSCLE, curve=curve), FIBER, level, s)
+        for curve, s in BRANCHES
+        for level in (0.0, 0.7)
+    ]
+    return [pytest.param(*case, id=name) for name, *case in plain + fibered]
+
+
+def placed(material, f, fiber, wanted):
+    """The material with lambda_o such that the fiber has the normalised stretch wanted."""
+    if wanted is None:
+        return material
+    return dataclasses.replace(material, lambda_o=float(fiber_stretch(f, fiber)) / wanted)
+
+
+def assert_close(actual, expected, tolerance):
+    scale = np.abs(expected).max()
+    np.testing.assert_allclose(actual, expected, rtol=0, atol=tolerance * scale)
+
+
+@pytest.mark.parametrize("volumetric", [True, False])
+@pytest.mark.parametrize(("material", "fiber", "activation", "wanted"), cases())
+def test_energy_to_stress_to_tangents(material, fiber, activation, wanted, volumetric):
+    rng = np.random.default_rng(11)
+    for _ in range(3):
+        f = random_gradient(rng)
+        law = placed(material, f, fiber, wanted)
+        check_derivatives(law, f, fiber, activation, volumetric, rng)
+
+
+def check_derivatives(law, f, fiber, activation, volumetric, rng):
+    h = rng.standard_normal((3, 3, 3))  # H[j, B, A], deliberately without symmetry
+    options = {"fiber": fiber, "activation": activation, "volumetric": volumetric}
+    result = at(law, f, h, **options)
+
+    expected = reference_stress(law, f, fiber, activation, volumetric)
+    # both exact to rounding; 1e-11 leaves room for cancellation in the reference
+    assert_close(result.stress, expected, 1e-11)
+    only = cm.stress(law, f[None], **options)[0]
+    np.testing.assert_array_equal(only, result.stress)
+
+    direction = rng.standard_normal((3, 3))
+    slope = difference(lambda g: cm.energy(law, g[None], **options)[0], f, direction)
+    scale = np.linalg.norm(expected) * np.linalg.norm(direction)
+    assert abs(slope - np.sum(expected * direction)) < 1e-8 * scale
+
+    c4 = np.empty((3, 3, 3, 3))
+    for j in range(3):
+        for b in range(3):
+            unit = np.zeros((3, 3))
+            unit[j, b] = 1
+            c4[:, :, j, b] = difference(
+                lambda g: reference_stress(law, g, fiber, activation, volumetric), f, unit
+            )
+    assert_close(result.tangent, c4, 1e-8)
+
+    contracted = np.zeros((3, 3, 3))
+    for a in range(3):
+        change = difference(lambda g: at(law, g, **options).tangent, f, h[:, :, a])
+        contracted += change[:, a]
+    assert_close(result.contracted, contracted, 1e-8)
+
+
+@pytest.mark.parametrize(("material", "fiber", "activation", "wanted"), cases())
+def test_plane_strain_is_the_part_of_space(material, fiber, activation, wanted):
+    rng = np.random.default_rng(5)
+    f = random_gradient(rng, plane=True)
+    h = np.zeros((3, 3, 3))
+    h[:2, :2, :2] = rng.standard_normal((2, 2, 2))
+    law = placed(material, f, fiber, wanted)
+    space = at(law, f, h, fiber=fiber, activation=activation)
+    unread = np.full((3, 3, 3), np.nan)
+    unread[:2, :2, :2] = h[:2, :2, :2]
+    plane = at(law, f, unread, dimension=2, fiber=fiber, activation=activation)
+
+    np.testing.assert_array_equal(plane.stress, space.stress)
+    for flat, full in zip(plane[1:], space[1:], strict=True):
+        inside = (slice(0, 2),) * flat.ndim
+        assert_close(flat[inside], full[inside], 1e-14)
+        outside = flat.copy()
+        outside[inside] = 0
+        assert not outside.any()
+
+
+@pytest.mark.parametrize(("material", "fiber", "activation", "wanted"), cases())
+def test_symmetries(material, fiber, activation, wanted):
+    rng = np.random.default_rng(3)
+    f, q = random_gradient(rng), random_rotation(rng)
+    law = placed(material, f, fiber, wanted)
+    options = {"fiber": fiber, "activation": activation}
+    w = cm.energy(law, f[None], **options)[0]
+    here = at(law, f, **options)
+
+    # the observer turns
+    turned = at(law, q @ f, **options)
+    assert cm.energy(law, (q @ f)[None], **options)[0] == pytest.approx(w, rel=1e-12)
+    assert_close(turned.stress, q @ here.stress, 1e-12)
+    expected = np.einsum("ij,kl,jAlB->iAkB", q, q, here.tangent)
+    assert_close(turned.tangent, expected, 1e-12)
+    # body and fiber turn together
+    body = cm.energy(law, (f @ q)[None], fiber=q.T @ fiber, activation=activation)[0]
+    assert body == pytest.approx(w, rel=1e-12)
+    # v and -v are one fiber
+    for flipped, result in zip(at(law, f, fiber=-fiber, activation=activation), here, strict=True):
+        np.testing.assert_array_equal(flipped, result)
+    # major symmetry, and the symmetry of the Cauchy stress
+    assert_close(here.tangent, here.tangent.transpose(2, 3, 0, 1), 1e-14)
+    assert_close(here.stress @ f.T, f @ here.stress.T, 1e-13)
+
+
+@pytest.mark.parametrize("curve", ["published", "smooth"])
+@pytest.mark.parametrize("material", [*ISOTROPIC, MUSCLE], ids=lambda m: m.name)
+def test_passive_materials_are_free_of_stress_at_rest(material, curve):
+    law = dataclasses.replace(material, curve=curve)
+    p = cm.stress(law, np.eye(3)[None], fiber=FIBER)[0]
+    assert np.abs(p).max() < 1e-13 * law.K
+    assert cm.energy(law, np.eye(3)[None], fiber=FIBER)[0] == pytest.approx(0, abs=1e-13)
+
+
+@pytest.mark.parametrize("curve", ["published", "smooth"])
+def test_active_fibers_pull_at_rest_with_sigma_max(curve):
+    law = dataclasses.replace(MUSCLE, curve=curve)
+    p = cm.stress(law, np.eye(3)[None], fiber=FIBER, activation=0.4)[0]
+    assert_close(p, 30 * 0.4 * (np.outer(FIBER, FIBER) - np.eye(3) / 3), 1e-12)
+
+
+def test_simple_shear_has_its_closed_form():
+    """A transposed tensor anywhere on the way from Fortran would be seen here."""
+    gamma, material = 0.7, cm.Material("neo-Hooke", A10=5, K=100)
+    f = np.eye(3)
+    f[0, 1] = gamma
+    p = cm.stress(material, f[None])[0]
+    inverse_transposed = np.eye(3)
+    inverse_transposed[1, 0] = -gamma
+    assert_close(p, 10 * (f - (3 + gamma**2) / 3 * inverse_transposed), 1e-14)
+
+
+@pytest.mark.parametrize("bulk", [1e3, 1e7, 1e10])
+def test_volumetric_part_is_exact_for_any_bulk_modulus(bulk):
+    rng = np.random.default_rng(2)
+    law = dataclasses.replace(FULL, K=bulk)
+    # shear keeps the volume: no spurious pressure, even where 1e-16 K would be seen
+    shear = np.eye(3)
+    shear[0, 1] = 5.0
+    with_k = at(law, shear).stress
+    without_k = at(law, shear, volumetric=False).stress
+    np.testing.assert_array_equal(with_k, without_k)
+    # small dilation: J - 1 has an error of 3 roundings of J, 3.3e-16/3e-6 = 1e-10
+    small = np.diag([1 + 1e-6] * 3)
+    exact = bulk * (3e-6 + 3e-12 + 1e-18) * (1 + 1e-6) ** 2
+    assert at(law, small).stress[0, 0] == pytest.approx(exact, rel=1e-9)
+    # what K adds is K (J - 1) cof F and its derivatives; what it leaves is free of K
+    f, h = random_gradient(rng), rng.standard_normal((3, 3, 3))
+    full, rest = at(law, f, h), at(law, f, h, volumetric=False)
+    soft = at(dataclasses.replace(law, K=1.0), f, h, volumetric=False)
+    j = np.linalg.det(f)
+    cofactor = j * np.linalg.inv(f).T
+    assert_close(full.stress - rest.stress, bulk * (j - 1) * cofactor, 1e-12)
+    for a, b in zip(rest, soft, strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.parametrize("j", [1e-2, 1e-4, 1e-6])
+def test_nearly_singular_gradient_keeps_its_digits(j):
+    rng = np.random.default_rng(4)
+    q, r = random_rotation(rng), random_rotation(rng)
+    f = q @ np.diag([j, 1.2, 0.9]) @ r
+    p = at(FULL, f, volumetric=False).stress
+    # F itself is rounded: relative errors of 1e-16/j in J, a few times that in W
+    assert_close(p, reference_stress(FULL, f, NO_FIBER, 0.0, False), 1e-14 / j)
+
+
+def test_points_are_independent():
+    rng = np.random.default_rng(9)
+    f = np.array([random_gradient(rng) for _ in range(64)])
+    fibers = rng.standard_normal((64, 3))
+    fibers /= np.linalg.norm(fibers, axis=1)[:, None]
+    h = rng.standard_normal((64, 3, 3, 3))
+    together = cm.strong(MUSCLE, f, h, fiber=fibers, activation=0.3)
+    for i in (0, 17, 63):
+        alone = at(MUSCLE, f[i], h[i], fiber=fibers[i], activation=0.3)
+        for a, b in zip(together, alone, strict=True):
+            np.testing.assert_array_equal(a[i], b)
+    np.testing.assert_array_equal(
+        cm.stress(MUSCLE, f, fiber=fibers, activation=0.3), together.stress
+    )
+
+
+def test_nan_of_a_fiber_is_not_taken_for_no_fiber():
+    p = cm.stress(MUSCLE, np.eye(3)[None], fiber=[np.nan, 0, 0])
+    assert np.isnan(p).all()
+
+
+# Curves of the fibers
+
+STRETCHES = np.linspace(0.2, 2.2, 20001)
+BREAKS = {"active": [0.4, 0.6, 1.4, 1.6], "passive": [1.0, 1.4]}
+
+
+def test_published_curves_are_the_printed_formulas():
+    curves = cm.fiber_curves(STRETCHES)
+    np.testing.assert_allclose(curves.active[1], published_active(STRETCHES), rtol=0, atol=1e-14)
+    np.testing.assert_allclose(curves.passive[1], published_passive(STRETCHES), rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("curve", ["published", "smooth"])
+@pytest.mark.parametrize("part", ["active", "passive"])
+def test_curves_are_continuous(curve, part):
+    breaks = np.array(BREAKS[part])
+    jump = np.array([-1e-12, 1e-12])
+    values = getattr(cm.fiber_curves((breaks[:, None] + jump).ravel(), curve=curve), part)
+    jumps = np.diff(values.reshape(5, -1, 2), axis=-1)[..., 0]
+    # the largest slopes of integral and force are 4.4 and 15
+    assert np.abs(jumps[:2]).max() < 1e-10
+    slopes = {"active": [0, 3.2 - 3.6, -3.6 + 3.2, 0], "passive": [0.33, 0]}[part]
+    expected = np.zeros(len(breaks)) if curve == "smooth" else slopes
+    np.testing.assert_allclose(jumps[2], expected, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("curve", ["published", "smooth"])
+@pytest.mark.parametrize("part", ["active", "passive"])
+def test_each_curve_is_the_derivative_of_the_one_before(curve, part):
+    inside = np.array([0.3, 0.475, 0.525, 0.7, 0.9, 1.07, 1.25, 1.525, 1.8])
+
+    def value(x):
+        return getattr(cm.fiber_curves(x, curve=curve), part)
+
+    slopes = difference(value, inside, np.ones(len(inside)), step=1e-2)
+    np.testing.assert_allclose(slopes[:4], value(inside)[1:], rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("part", ["active", "passive"])
+def test_smooth_curves_have_three_continuous_derivatives(part):
+    """No step of a value exceeds what its own slope allows; a jump anywhere would."""
+    fine = np.linspace(0.3, 1.7, 140001)
+    values = getattr(cm.fiber_curves(fine, curve="smooth"), part)
+    for order in (1, 2, 3):
+        allowed = np.abs(values[order + 1]).max() * (fine[1] - fine[0])
+        assert np.abs(np.diff(values[order])).max() < 1.001 * allowed
+    # the third derivative has no slope to compare with: septic polynomials in zones of width 0.1
+    # give at most 1e3 times its size a unit, 1e-2 a step
+    assert np.abs(np.diff(values[4])).max() < 1e-2 * np.abs(values[4]).max()
+
+
+def test_smooth_curves_stay_near_the_published_ones():
+    smooth, published = (cm.fiber_curves(STRETCHES, curve=c) for c in ("smooth", "published"))
+    for part, peak in (("active", 1.0), ("passive", 1.0)):
+        distance = np.abs(getattr(smooth, part)[1] - getattr(published, part)[1])
+        assert distance.max() < 0.02 * peak
+    active, passive = smooth.active[1], smooth.passive[1]
+    assert active.min() > -1e-14  # rounding where the force runs out at 1.6
+    assert not active[(STRETCHES <= 0.4) | (STRETCHES > 1.6)].any()
+    assert not passive[STRETCHES <= 1].any()
+    assert np.diff(passive).min() >= 0
+    np.testing.assert_allclose(active, cm.fiber_curves(2 - STRETCHES, curve="smooth").active[1],
+                               rtol=0, atol=1e-13)  # fmt: skip
+    rising = (STRETCHES > 0.4) & (STRETCHES < 1)
+    assert np.diff(active[rising]).min() > 0
+
+
+# Refused input
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"K": 0.0}, ["'muscle'", "K = 0", "greater than 0"]),
+        ({"K": -5.0}, ["K = -5", "greater than 0"]),
+        ({"K": math.nan}, ["K = NaN", "finite"]),
+        ({"K": math.inf}, ["K = Inf", "finite"]),
+        ({"A11": math.nan}, ["A11 = NaN", "finite"]),
+        ({"A03": math.inf}, ["A03 = Inf", "finite"]),
+        ({"A01": -6.43}, ["A10 + A01 = 0", "positive"]),
+        ({"sigma_max": -1.0}, ["sigma_max = -1", "at least 0"]),
+        ({"sigma_max": math.nan}, ["sigma_max = NaN", "finite"]),
+        ({"lambda_o": 0.0}, ["lambda_o = 0", "greater than 0"]),
+        ({"gamma1": -0.1}, ["gamma1 = -0.1", "at least 0"]),
+        ({"gamma2": 0.0}, ["gamma2 = 0", "greater than 0"]),
+        ({"curve": "rough"}, ["curve = 'rough'", "'smooth'"]),
+        ({"model": "musle"}, ["model = 'musle'", "'muscle'"]),
+    ],
+)
+def test_impossible_parameters_are_refused_by_name(changes, words):
+    law = dataclasses.replace(MUSCLE, **changes)
+    for call in (
+        lambda: cm.energy(law, np.eye(3)[None]),
+        lambda: cm.stress(law, np.eye(3)[None]),
+        lambda: cm.strong(law, np.eye(3)[None], np.zeros((1, 3, 3, 3))),
+    ):
+        with pytest.raises(InputError) as caught:
+            call()
+        for word in words:
+            assert word in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: cm.stress(RUBBER, np.eye(3)),
+        lambda: cm.stress(RUBBER, np.zeros((0, 3, 3))),
+        lambda: cm.stress(RUBBER, np.eye(3)[None], fiber=np.zeros((2, 3))),
+        lambda: cm.strong(RUBBER, np.eye(3)[None], np.zeros((1, 3, 3))),
+        lambda: cm.strong(RUBBER, np.eye(3)[None], np.zeros((1, 3, 3, 3)), dimension=1),
+        lambda: cm.fiber_curves([1.0], curve="rough"),
+        lambda: cm.fiber_curves([1.0], gamma2=-1),
+    ],
+)
+def test_wrong_shapes_and_choices_are_refused(call):
+    with pytest.raises(InputError):
+        call()
