@@ -90,7 +90,8 @@ void Deck::close() {
 
 void Deck::complain(const Origin &origin, const std::string &address, const std::string &what) {
    const int order = origin.set.empty() ? origin.line : std::numeric_limits<int>::max();
-   complaints_.push_back({order, where(origin) + ": " + address + ": " + what});
+   const std::string column = origin.column > 0 ? ":" + std::to_string(origin.column) : "";
+   complaints_.push_back({order, where(origin) + column + ": " + (address.empty() ? "" : address + ": ") + what});
 }
 
 std::string Deck::where(const Origin &origin) const {

@@ -59,6 +59,7 @@ const std::vector<TableSpec> &schema();
 // Where something was written: a line of the deck, or an override
 struct Origin {
    int line = 1;
+   int column = 0; // 0: the line says enough
    std::string set; // "--set key=value"; empty for the deck
 };
 
@@ -103,6 +104,7 @@ public:
    Deck(std::string name, std::string text, std::vector<std::string> overrides);
    static Deck read(const std::string &path, std::vector<std::string> overrides);
 
+   // `address` is the key as a user would write it: material.fat.K
    void complain(const Origin &where, const std::string &address, const std::string &what);
    std::string where(const Origin &origin) const;
    std::string address(const Section &section, const std::string &key = "") const;
@@ -114,6 +116,7 @@ public:
    std::string name, text, sha256, folder;
    std::vector<std::string> overrides;
    std::vector<Section> sections; // in the order of the schema
+   std::set<std::string> misshapen; // tables that are something else in the deck
    Status status = Status::good;
    std::string message; // all complaints, a line each, in the order of the deck
 
@@ -144,9 +147,9 @@ void check_rules(Deck &deck);
 
 // deck_text.cpp
 std::string sha256_hex(const std::string &bytes);
-// "; did you mean 'x'?" where one is near, otherwise "; " + label + ": a, b, c"
+// "; did you mean 'x'?" where one is near, otherwise "; <otherwise> a, b, c" (nothing where that is "")
 std::string suggest(const std::string &word, const std::vector<std::string> &known,
-                    const std::string &label);
+                    const std::string &otherwise);
 // "unknown key", and the nearest one or the table it belongs to
 std::string unknown_key(const TableSpec &table, const std::string &key);
 // "; did you mean ...?" for a deck that is not there

@@ -1,7 +1,8 @@
 // Decks for rk_deck.f90: one flat list of entries, in the order of the schema.
 //
 // Entry kinds: 0 table, 1 text, 2 texts (a line each), 3 number, 4 integer, 5 boolean (0 or 1),
-// 6 numbers, 7 integers. All pointers live until rk_deck_close.
+// 6 numbers, 7 integers, 8 array of tables (with their number; they follow). All pointers live
+// until rk_deck_close.
 #include "deck.h"
 
 #include <sstream>
@@ -50,27 +51,40 @@ Entry flatten(const rk::Value &value) {
    return entry;
 }
 
+void add_section(Flat &flat, const rk::Section &section) {
+   std::string prefix = section.spec->name;
+   if (section.spec->many) prefix += "." + std::to_string(section.index);
+   if (!prefix.empty()) {
+      Entry table;
+      table.key = prefix;
+      table.where = flat.deck.where(section.origin);
+      flat.entries.push_back(table);
+   }
+   for (const rk::KeySpec &spec : section.spec->keys) {
+      const rk::Value *value = section.find(spec.name);
+      if (!value) continue;
+      Entry entry = flatten(*value);
+      entry.key = prefix.empty() ? spec.name : prefix + "." + spec.name;
+      entry.where = flat.deck.where(value->origin);
+      entry.kind = kind_of(spec, *value);
+      flat.entries.push_back(entry);
+   }
+}
+
 Flat *open(rk::Deck deck) {
    Flat *flat = new Flat{std::move(deck), {}};
    if (flat->deck.status != rk::Status::good) return flat;
-   for (const rk::Section &section : flat->deck.sections) {
-      std::string prefix = section.spec->name;
-      if (section.spec->many) prefix += "." + std::to_string(section.index);
-      if (!prefix.empty()) {
-         Entry table;
-         table.key = prefix;
-         table.where = flat->deck.where(section.origin);
-         flat->entries.push_back(table);
+   for (const rk::TableSpec &spec : rk::schema()) {
+      const std::vector<rk::Section *> sections = flat->deck.entries(spec.name);
+      if (spec.many) {
+         Entry list;
+         list.key = spec.name;
+         list.where = flat->deck.where(sections.empty() ? rk::Origin{} : sections.front()->origin);
+         list.kind = 8;
+         list.numbers = {static_cast<double>(sections.size())};
+         flat->entries.push_back(list);
       }
-      for (const rk::KeySpec &spec : section.spec->keys) {
-         const rk::Value *value = section.find(spec.name);
-         if (!value) continue;
-         Entry entry = flatten(*value);
-         entry.key = prefix.empty() ? spec.name : prefix + "." + spec.name;
-         entry.where = flat->deck.where(value->origin);
-         entry.kind = kind_of(spec, *value);
-         flat->entries.push_back(entry);
-      }
+      for (const rk::Section *section : sections) add_section(*flat, *section);
    }
    return flat;
 }

@@ -56,9 +56,8 @@ static std::string refusal(const KeySpec &key, const Value &value) {
    if (!key.choices.empty() && !(key.or_number && number)) {
       const std::string word = value.plain();
       if (std::find(key.choices.begin(), key.choices.end(), word) == key.choices.end()) {
-         const std::string hint = suggest(word, key.choices, "");
          return "must be " + std::string(key.choices.size() > 1 ? "one of " : "") + join(key.choices, ", ") + ", not " +
-                value.described() + (hint.find("did you mean") == std::string::npos ? "" : hint);
+                value.described() + suggest(word, key.choices, "");
       }
    }
    if (!number) return "";
@@ -211,7 +210,7 @@ static void check_names(Deck &deck, Section &section, const KeySpec &key, const 
       for (Section *entry : deck.entries(key.refers_to)) names.push_back(entry->text(entry->spec->named_by));
       if (std::find(names.begin(), names.end(), value.text) == names.end())
          deck.complain(value.origin, deck.address(section, key.name), "no [[" + key.refers_to + "]] is called " +
-                       quoted(value.text) + suggest(value.text, names, "there are"));
+                       quoted(value.text) + suggest(value.text, names, "there are:"));
    }
    if (key.unique || section.spec->named_by == key.name) {
       for (Section *other : deck.entries(section.spec->name)) {
@@ -229,7 +228,7 @@ void check_schema(Deck &deck) {
    for (const TableSpec &spec : schema()) {
       if (spec.many || !deck.entries(spec.name).empty()) continue;
       const bool fillable = std::none_of(spec.keys.begin(), spec.keys.end(), [](const KeySpec &key) { return key.required; });
-      if (spec.required)
+      if (spec.required && !deck.misshapen.count(spec.name))
          deck.complain({}, spec.name, "missing, the table " + spec.title() + " is needed");
       if (!fillable) continue;
       Section section;

@@ -56,12 +56,12 @@ static Section *find_section(Deck &deck, const Origin &origin, const std::string
    for (Section *entry : entries) {
       if (std::to_string(entry->index) == middle) return entry;
    }
-   deck.complain(origin, address, "no [[" + spec.name + "]] is called " + quoted(middle) + suggest(middle, names, "there are"));
+   deck.complain(origin, address, "no [[" + spec.name + "]] is called " + quoted(middle) + suggest(middle, names, "there are:"));
    return nullptr;
 }
 
 static void apply(Deck &deck, const std::string &text) {
-   const Origin origin{0, "--set " + text};
+   const Origin origin{0, 0, "--set " + text};
    const std::size_t equals = text.find('=');
    const std::string address = trim(text.substr(0, equals));
    if (equals == std::string::npos || address.empty()) {
@@ -81,10 +81,14 @@ static void apply(Deck &deck, const std::string &text) {
       if (!candidate.name.empty()) tables.push_back(candidate.name);
    }
    if (!spec) {
-      deck.complain(origin, table, "unknown table" + suggest(table, tables, "known are"));
+      deck.complain(origin, table, "unknown table" + suggest(table, tables, "known tables are:"));
       return;
    }
    const KeySpec *key_spec = spec->find(key);
+   if (!key_spec && outside && std::count(tables.begin(), tables.end(), key) > 0) {
+      deck.complain(origin, key, "is a table; write " + key + ".key=value");
+      return;
+   }
    if (!key_spec) {
       deck.complain(origin, address, unknown_key(*spec, key));
       return;

@@ -60,7 +60,7 @@ static void check_sets(Deck &deck, const std::string &kind, int dimension) {
          const Value *set = section->find("set");
          if (!set || std::find(sets.begin(), sets.end(), set->text) != sets.end()) continue;
          deck.complain(set->origin, deck.address(*section, "set"), quoted(set->text) + " is no side of this " + kind +
-                       suggest(set->text, sets, "there are"));
+                       suggest(set->text, sets, "there are:"));
       }
    }
    for (Section *section : deck.entries("boundary")) {

@@ -39,20 +39,20 @@ static std::size_t distance(const std::string &a, const std::string &b) {
 }
 
 std::string suggest(const std::string &word, const std::vector<std::string> &known,
-                    const std::string &label) {
-   const std::string *best = nullptr;
+                    const std::string &otherwise) {
+   std::vector<std::string> best;
    std::size_t nearest = word.size() < 2 ? 0 : std::max<std::size_t>(1, word.size() / 3);
    for (const std::string &candidate : known) {
       const bool begins = word.size() > 2 && candidate.compare(0, word.size(), word) == 0;
       const std::size_t steps = begins ? 1 : distance(word, candidate);
-      if (steps < nearest || (steps == nearest && !best)) {
-         best = &candidate;
-         nearest = steps;
-      }
+      if (steps > nearest) continue;
+      if (steps < nearest) best.clear();
+      nearest = steps;
+      best.push_back(quoted(candidate));
    }
-   if (best) return "; did you mean " + quoted(*best) + "?";
-   if (known.empty()) return "";
-   return "; " + label + ": " + join(known, ", ");
+   if (!best.empty() && best.size() < 4) return "; did you mean " + join(best, " or ") + "?";
+   if (otherwise.empty() || known.empty()) return "";
+   return "; " + otherwise + " " + join(known, ", ");
 }
 
 std::string unknown_key(const TableSpec &table, const std::string &key) {
@@ -62,7 +62,7 @@ std::string unknown_key(const TableSpec &table, const std::string &key) {
       if (&other != &table && other.find(key))
          return "unknown key; " + quoted(key) + " belongs to " + other.title();
    }
-   return "unknown key" + suggest(key, known, "known are");
+   return "unknown key" + suggest(key, known, "known keys are:");
 }
 
 std::string similar_file(const std::string &path) {
@@ -76,7 +76,7 @@ std::string similar_file(const std::string &path) {
    }
    if (failed) return "; there is no folder " + quoted(folder.string());
    std::sort(decks.begin(), decks.end());
-   return suggest(wanted.filename().string(), decks, "decks there are");
+   return suggest(wanted.filename().string(), decks, "the decks there are:");
 }
 
 std::string Value::plain() const {

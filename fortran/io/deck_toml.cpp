@@ -34,7 +34,7 @@ static Value convert(const toml::node &node) {
 }
 
 static Origin origin_of(const toml::key &key) {
-   return {static_cast<int>(key.source().begin.line), ""};
+   return {static_cast<int>(key.source().begin.line), 0, ""};
 }
 
 static void read_keys(Section &section, const toml::table &table) {
@@ -62,6 +62,7 @@ static void read_table(Deck &deck, const TableSpec &spec, const toml::key &key,
       read_keys(section, *entry.as_table());
       deck.sections.push_back(section);
    };
+   if (tables != spec.many || !(tables || node.is_table())) deck.misshapen.insert(spec.name);
    if (spec.many && tables) {
       int index = 0;
       for (const toml::node &entry : *array) add(entry, ++index);
@@ -80,10 +81,11 @@ static void read_table(Deck &deck, const TableSpec &spec, const toml::key &key,
 bool read_toml(Deck &deck) {
    const toml::parse_result result = toml::parse(deck.text, deck.name);
    if (!result) {
-      const toml::parse_error &error = result.error();
-      deck.complain({static_cast<int>(error.source().begin.line), ""},
-                    "column " + std::to_string(error.source().begin.column),
-                    "not TOML: " + std::string(error.description()));
+      const toml::source_position place = result.error().source().begin;
+      const std::string why(result.error().description());
+      const bool encoding = why.find("utf-8") != std::string::npos;
+      deck.complain({static_cast<int>(place.line), static_cast<int>(place.column), ""}, "",
+                    "not TOML: " + why + (encoding ? "; save the deck as UTF-8" : ""));
       return false;
    }
    const toml::table &root = result.table();
@@ -109,7 +111,7 @@ bool read_toml(Deck &deck) {
          deck.sections.front().values[name] = convert(node);
          deck.sections.front().values[name].origin = origin_of(key);
       } else if (node.is_table() || (node.as_array() && node.as_array()->is_array_of_tables())) {
-         deck.complain(origin_of(key), name, "unknown table" + suggest(name, tables, "known are"));
+         deck.complain(origin_of(key), name, "unknown table" + suggest(name, tables, "known tables are:"));
       } else {
          deck.complain(origin_of(key), name, unknown_key(outside, name));
       }

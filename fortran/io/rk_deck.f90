@@ -17,7 +17,7 @@ module rk_deck
 
    !> Kinds of entries, as deck_c.cpp counts them
    integer, parameter :: is_table = 0, is_text = 1, is_texts = 2, is_number = 3, is_integer = 4, &
-      & is_logical = 5, is_numbers = 6, is_integers = 7
+      & is_logical = 5, is_numbers = 6, is_integers = 7, is_list = 8
 
    !> A table, or a key with its value
    type :: entry_type
@@ -251,21 +251,23 @@ pure function has(self, key) result(yes)
    character(len=*), intent(in) :: key
    logical :: yes
 
-   yes = self%find(key) > 0 .or. self%find(key//'.1') > 0
+   yes = self%count(key) > 0
 end function has
 
-!> Number of entries of an array of tables
-pure function count_entries(self, table) result(number)
+!> Number of entries of an array of tables; 1 for anything else that is there, 0 for what is not
+pure function count_entries(self, key) result(number)
    !> Deck
    class(deck_type), intent(in) :: self
    !> Name of the array of tables
-   character(len=*), intent(in) :: table
+   character(len=*), intent(in) :: key
    integer :: number
+   integer :: found
 
    number = 0
-   do while (self%find(table//'.'//to_text(number + 1)) > 0)
-      number = number + 1
-   end do
+   found = self%find(key)
+   if (found == 0) return
+   number = 1
+   if (self%entry(found)%kind == is_list) number = nint(self%entry(found)%numbers(1))
 end function count_entries
 
 !> Where a key was written; for one that is absent, its table or the file
@@ -403,36 +405,34 @@ subroutine get_texts(self, key, value)
    !> Its values
    character(len=:), allocatable, intent(out) :: value(:)
    character(len=:), allocatable :: lines
+   integer :: i, n
 
    call self%get(key, lines)
-   call split(lines, value)
+   n = 0
+   do while (len(line(lines, n + 1)) > 0)
+      n = n + 1
+   end do
+   allocate (character(len=maxval([0, (len(line(lines, i)), i=1, n)])) :: value(n))
+   do i = 1, n
+      value(i) = line(lines, i)
+   end do
 end subroutine get_texts
 
-!> Lines of a text
-pure subroutine split(text, lines)
+!> One line of a text; empty behind the last
+pure function line(text, number) result(found)
    !> Text; every line ends with a line feed
    character(len=*), intent(in) :: text
-   !> Lines, padded with blanks to the longest
-   character(len=:), allocatable, intent(out) :: lines(:)
-   integer :: i, n, length, longest, start
+   !> Number of the line, from 1
+   integer, intent(in) :: number
+   character(len=:), allocatable :: found
+   integer :: i, start
 
-   n = 0
-   longest = 0
    start = 1
-   do i = 1, len(text)
-      if (text(i:i) /= new_line('a')) cycle
-      n = n + 1
-      longest = max(longest, i - start)
-      start = i + 1
+   do i = 2, number
+      start = start + index(text(start:), new_line('a'))
    end do
-   allocate (character(len=longest) :: lines(n))
-   start = 1
-   do i = 1, n
-      length = index(text(start:), new_line('a')) - 1
-      lines(i) = text(start:start + length - 1)
-      start = start + length + 1
-   end do
-end subroutine split
+   found = text(start:start + index(text(start:)//new_line('a'), new_line('a')) - 2)
+end function line
 
 !> Error where a table is absent that a command needs
 subroutine require(self, command, error)
@@ -442,16 +442,19 @@ subroutine require(self, command, error)
    character(len=*), intent(in) :: command
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   character(len=:), allocatable :: tables(:), message
+   character(len=:), allocatable :: tables, table, message
    integer :: i
 
-   call split(to_fortran(rk_deck_needed(command//c_null_char)), tables)
+   tables = to_fortran(rk_deck_needed(command//c_null_char))
    message = ''
-   do i = 1, size(tables)
-      if (self%has(trim(tables(i)))) cycle
+   i = 1
+   do
+      table = line(tables, i)
+      if (len(table) == 0) exit
+      i = i + 1
+      if (self%has(table)) cycle
       if (len(message) > 0) message = message//new_line('a')
-      message = message//self%path//':1: '//trim(tables(i))//': missing, '//command// &
-         & ' needs this table'
+      message = message//self%path//':1: '//table//': missing, '//command//' needs this table'
    end do
    if (len(message) > 0) call fatal_error(error, err_input, message)
 end subroutine require
@@ -462,47 +465,40 @@ subroutine write_json(self, json)
    class(deck_type), intent(in) :: self
    !> JSON text, inside an object
    type(json_type), intent(inout) :: json
-   character(len=:), allocatable :: list, name
-   logical :: open
-   integer :: i, dot
+   logical :: in_list, in_table
+   integer :: i
 
-   list = ''
-   open = .false.
+   in_list = .false.
+   in_table = .false.
    do i = 1, size(self%entry)
       associate (entry => self%entry(i))
-         if (entry%kind /= is_table) then
-            call write_entry(entry, json)
+         if (entry%kind /= is_table .and. entry%kind /= is_list) then
+            call write_value(entry, json)
             cycle
          end if
-         if (open) call json%end_object()
-         open = .true.
-         dot = index(entry%key, '.')
-         name = entry%key
-         if (dot > 0) name = name(:dot - 1)
-         if (len(list) > 0 .and. list /= name) then
-            call json%end_array()
-            list = ''
-         end if
-         if (dot == 0) then
-            call json%begin_object(name)
-         else
-            if (len(list) == 0) call json%begin_array(name)
-            list = name
+         if (in_table) call json%end_object()
+         in_table = entry%kind == is_table
+         if (index(entry%key, '.') > 0) then
             call json%begin_object()
+            cycle
          end if
+         if (in_list) call json%end_array()
+         in_list = entry%kind == is_list
+         if (in_list) call json%begin_array(entry%key)
+         if (in_table) call json%begin_object(entry%key)
       end associate
    end do
-   if (open) call json%end_object()
-   if (len(list) > 0) call json%end_array()
+   if (in_table) call json%end_object()
+   if (in_list) call json%end_array()
 end subroutine write_json
 
 !> Write one value
-subroutine write_entry(entry, json)
+subroutine write_value(entry, json)
    !> Key and value
    type(entry_type), intent(in) :: entry
    !> JSON text, inside an object
    type(json_type), intent(inout) :: json
-   character(len=:), allocatable :: key, lines(:)
+   character(len=:), allocatable :: key
    integer :: i
 
    key = entry%key(index(entry%key, '.', back=.true.) + 1:)
@@ -510,10 +506,11 @@ subroutine write_entry(entry, json)
    case (is_text)
       call json%put(key, entry%text)
    case (is_texts)
-      call split(entry%text, lines)
       call json%begin_array(key)
-      do i = 1, size(lines)
-         call json%put(trim(lines(i)))
+      i = 1
+      do while (len(line(entry%text, i)) > 0)
+         call json%put(line(entry%text, i))
+         i = i + 1
       end do
       call json%end_array()
    case (is_number)
@@ -527,6 +524,6 @@ subroutine write_entry(entry, json)
    case default
       call json%put(key, entry%numbers)
    end select
-end subroutine write_entry
+end subroutine write_value
 
 end module rk_deck
