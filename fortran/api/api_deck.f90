@@ -1,0 +1,37 @@
+! Python boundary of the decks: a path in, one JSON text out.
+
+!> Values of a deck as JSON, or all its complaints. `length` is that of the whole text; where it
+!> is above `capacity` the text is cut off and the caller asks again with more.
+subroutine deck_json(path, n, overrides, command, capacity, text, length, stat, message)
+   use rk_deck, only : deck_type, open_deck
+   use rk_error, only : error_type
+   use rk_json, only : json_type
+   use rk_pack, only : pack_error
+   implicit none
+   integer, intent(in) :: n, capacity
+   character(len=*), intent(in) :: path, overrides(n), command
+   character(len=capacity), intent(out) :: text
+   integer, intent(out) :: length, stat
+   character(len=2048), intent(out) :: message
+   type(deck_type) :: deck
+   type(error_type), allocatable :: error
+   type(json_type) :: json
+   character(len=:), allocatable :: all
+
+   call open_deck(deck, path, overrides, error)
+   if (.not. allocated(error) .and. command /= '') call deck%require(trim(command), error)
+   if (allocated(error)) then
+      all = error%message
+   else
+      call json%begin_object()
+      call deck%write_json(json)
+      call json%put('path', deck%path)
+      call json%put('folder', deck%folder)
+      call json%put('sha256', deck%sha256)
+      call json%end_object()
+      all = json%text
+   end if
+   length = len(all)
+   text = all
+   call pack_error(error, stat, message)
+end subroutine deck_json

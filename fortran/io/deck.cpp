@@ -1,0 +1,139 @@
+// Opening a deck: the order of the steps, and its complaints.
+#include "deck.h"
+
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <limits>
+#include <sstream>
+
+namespace rk {
+
+const KeySpec *TableSpec::find(const std::string &key) const {
+   for (const KeySpec &candidate : keys) {
+      if (candidate.name == key) return &candidate;
+   }
+   return nullptr;
+}
+
+std::string TableSpec::title() const {
+   if (name.empty()) return "the top of the deck, before the first table";
+   return many ? "[[" + name + "]]" : "[" + name + "]";
+}
+
+const Value *Section::find(const std::string &key) const {
+   const auto found = values.find(key);
+   return found == values.end() ? nullptr : &found->second;
+}
+
+std::string Section::text(const std::string &key) const {
+   const Value *value = find(key);
+   return value && value->kind == Value::Kind::text ? value->text : "";
+}
+
+Deck::Deck(std::string name_in, std::string text_in, std::vector<std::string> overrides_in)
+   : name(std::move(name_in)), text(std::move(text_in)), overrides(std::move(overrides_in)) {
+   load();
+   close();
+}
+
+Deck Deck::read(const std::string &path, std::vector<std::string> overrides) {
+   namespace fs = std::filesystem;
+   std::error_code ignored;
+   std::string what;
+   std::ostringstream text;
+   if (fs::is_directory(path, ignored)) {
+      what = "is a folder; name the deck inside it";
+   } else {
+      std::ifstream file(path, std::ios::binary);
+      if (!file) {
+         what = std::string("the deck cannot be read: ") + std::strerror(errno);
+         if (!fs::exists(path, ignored)) what += similar_file(path);
+      } else {
+         text << file.rdbuf();
+      }
+   }
+   if (what.empty()) return Deck(path, text.str(), std::move(overrides));
+   Deck deck(path);
+   deck.status = Status::file;
+   deck.message = path + ": " + what;
+   return deck;
+}
+
+// All steps; each goes on after complaints of its own, so that a user sees everything at once
+void Deck::load() {
+   folder = std::filesystem::path(name).parent_path().string();
+   if (folder.empty()) folder = ".";
+   std::string hashed = text;
+   for (const std::string &item : overrides) hashed += "\n--set " + item;
+   sha256 = sha256_hex(hashed);
+   if (text.find_first_not_of(" \t\r\n\xef\xbb\xbf") == std::string::npos) {
+      complain({}, "title", "the deck is empty");
+      return;
+   }
+   if (!read_toml(*this)) return;
+   apply_overrides(*this);
+   check_schema(*this);
+   check_rules(*this);
+}
+
+void Deck::close() {
+   std::stable_sort(complaints_.begin(), complaints_.end(),
+                    [](const Complaint &a, const Complaint &b) { return a.order < b.order; });
+   std::vector<std::string> lines;
+   for (const Complaint &complaint : complaints_) lines.push_back(complaint.text);
+   message = join(lines, "\n");
+   if (!lines.empty()) status = Status::input;
+}
+
+void Deck::complain(const Origin &origin, const std::string &address, const std::string &what) {
+   const int order = origin.set.empty() ? origin.line : std::numeric_limits<int>::max();
+   const std::string column = origin.column > 0 ? ":" + std::to_string(origin.column) : "";
+   complaints_.push_back({order, where(origin) + column + ": " + (address.empty() ? "" : address + ": ") + what});
+}
+
+std::string Deck::where(const Origin &origin) const {
+   return origin.set.empty() ? name + ":" + std::to_string(origin.line) : origin.set;
+}
+
+std::string Deck::address(const Section &section, const std::string &key) const {
+   std::string all = section.spec->name;
+   if (section.spec->many) {
+      int count = 0;
+      for (const Section &other : sections) count += other.spec == section.spec;
+      const std::string label = section.spec->named_by.empty() ? "" : section.text(section.spec->named_by);
+      if (!label.empty()) {
+         all += "." + label;
+      } else if (count > 1) {
+         all += "." + std::to_string(section.index);
+      }
+   }
+   if (key.empty()) return all;
+   return all.empty() ? key : all + "." + key;
+}
+
+const Section *Deck::single(const std::string &table) const {
+   for (const Section &section : sections) {
+      if (section.spec->name == table && !section.spec->many) return &section;
+   }
+   return nullptr;
+}
+
+std::vector<Section *> Deck::entries(const std::string &table) {
+   std::vector<Section *> found;
+   for (Section &section : sections) {
+      if (section.spec->name == table) found.push_back(&section);
+   }
+   return found;
+}
+
+std::string Deck::lookup(const Section &section, const std::string &key) const {
+   const std::size_t dot = key.find('.');
+   const Section *place = dot == std::string::npos ? &section : single(key.substr(0, dot));
+   const Value *value = place ? place->find(dot == std::string::npos ? key : key.substr(dot + 1)) : nullptr;
+   return value ? value->plain() : "";
+}
+
+} // namespace rk

@@ -1,0 +1,160 @@
+// Decks: TOML text + overrides -> checked values with their places in the file.
+//
+// Nothing here knows a key by name except deck_rules.cpp; the keys come from schema.toml through
+// the generated table (make_schema.py).
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <set>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace rk {
+
+// ---- schema ---------------------------------------------------------------------------------
+
+enum class Type { text, integer, number, boolean, texts, integers, numbers };
+
+// Holds where the value of `key` (of the same table, or "table.key") is one of `values`.
+struct Condition {
+   std::string key;
+   std::vector<std::string> values;
+};
+
+constexpr int any_length = 0;
+constexpr int dimension_length = -1; // as long as scene.dimension says
+
+struct KeySpec {
+   std::string name;
+   Type type;
+   bool required;
+   std::optional<std::string> default_toml; // as written in a deck
+   std::vector<std::string> choices;        // numbers as text
+   std::optional<double> min, max, above, below;
+   int length;
+   bool or_number, scalar, nonzero, unique;
+   std::string refers_to;
+   std::vector<Condition> required_if, only_if;
+};
+
+struct TableSpec {
+   std::string name; // empty for the keys outside every table
+   bool many, required;
+   std::string named_by;
+   std::vector<std::string> needed_by, at_least, at_most;
+   std::vector<KeySpec> keys;
+
+   const KeySpec *find(const std::string &key) const;
+   std::string title() const; // as written in a deck: [name], [[name]]
+};
+
+// Generated: in the order of schema.toml, the keys outside every table first
+const std::vector<TableSpec> &schema();
+
+// ---- document -------------------------------------------------------------------------------
+
+// Where something was written: a line of the deck, or an override
+struct Origin {
+   int line = 1;
+   int column = 0; // 0: the line says enough
+   std::string set; // "--set key=value"; empty for the deck
+};
+
+struct Value {
+   enum class Kind { text, integer, real, boolean, date, array, table };
+   Kind kind = Kind::text;
+   std::string text;
+   std::int64_t integer = 0;
+   double real = 0.0;
+   bool boolean = false;
+   std::vector<Value> items;
+   Origin origin;
+
+   bool is_number() const { return kind == Kind::integer || kind == Kind::real; }
+   double number() const { return kind == Kind::integer ? static_cast<double>(integer) : real; }
+   // As in a message or a condition: numbers and words plain, arrays in brackets
+   std::string plain() const;
+   // "a text", "an integer", ...
+   const char *kind_name() const;
+   // What was found, for "must be ..., not ...": the value, or its kind where that says more
+   std::string described() const;
+};
+
+// One table of the deck, or one entry of an array of tables
+struct Section {
+   const TableSpec *spec = nullptr;
+   int index = 0;    // from 1; 0 for a table that comes once
+   Origin origin;
+   std::map<std::string, Value> values;
+   std::set<std::string> refused; // keys whose value was complained about
+   std::vector<std::pair<std::string, Origin>> unknown; // keys that the schema does not have
+
+   const Value *find(const std::string &key) const;
+   std::string text(const std::string &key) const; // "" where absent
+};
+
+enum class Status { good = 0, input = 2, file = 3 };
+
+// A deck that was read; all its complaints, or its values
+class Deck {
+public:
+   Deck(std::string name, std::string text, std::vector<std::string> overrides);
+   static Deck read(const std::string &path, std::vector<std::string> overrides);
+
+   // `address` is the key as a user would write it: material.fat.K
+   void complain(const Origin &where, const std::string &address, const std::string &what);
+   std::string where(const Origin &origin) const;
+   std::string address(const Section &section, const std::string &key = "") const;
+   const Section *single(const std::string &table) const;
+   std::vector<Section *> entries(const std::string &table);
+   // The value a condition or a length speaks of, as plain text; "" where absent or refused
+   std::string lookup(const Section &section, const std::string &key) const;
+
+   std::string name, text, sha256, folder;
+   std::vector<std::string> overrides;
+   std::vector<Section> sections; // in the order of the schema
+   std::set<std::string> misshapen; // tables that are something else in the deck
+   Status status = Status::good;
+   std::string message; // all complaints, a line each, in the order of the deck
+
+private:
+   explicit Deck(std::string path) : name(std::move(path)) {}
+   struct Complaint {
+      int order;
+      std::string text;
+   };
+   std::vector<Complaint> complaints_;
+
+   void load();
+   void close();
+};
+
+// ---- steps (each adds to the deck's complaints) ----------------------------------------------
+
+// deck_toml.cpp: text -> sections; false where it is not TOML
+bool read_toml(Deck &deck);
+// deck_toml.cpp: one TOML value; nothing where it is none
+std::optional<Value> parse_value(const std::string &text);
+// deck_override.cpp
+void apply_overrides(Deck &deck);
+// deck_check.cpp: types, ranges, missing keys, defaults
+void check_schema(Deck &deck);
+// deck_rules.cpp: what depends on more than the schema can say
+void check_rules(Deck &deck);
+
+// deck_text.cpp
+std::string sha256_hex(const std::string &bytes);
+// "; did you mean 'x'?" where one is near, otherwise "; <otherwise> a, b, c" (nothing where that is "")
+std::string suggest(const std::string &word, const std::vector<std::string> &known,
+                    const std::string &otherwise);
+// "unknown key", and the nearest one or the table it belongs to
+std::string unknown_key(const TableSpec &table, const std::string &key);
+// "; did you mean ...?" for a deck that is not there
+std::string similar_file(const std::string &path);
+std::string join(const std::vector<std::string> &words, const char *separator);
+std::string quoted(const std::string &word);
+
+} // namespace rk

@@ -1,0 +1,165 @@
+// Decks for rk_deck.f90: one flat list of entries, in the order of the schema.
+//
+// Entry kinds: 0 table, 1 text, 2 texts (a line each), 3 number, 4 integer, 5 boolean (0 or 1),
+// 6 numbers, 7 integers, 8 array of tables (with their number; they follow). All pointers live
+// until rk_deck_close.
+#include "deck.h"
+
+#include <sstream>
+
+namespace {
+
+struct Entry {
+   std::string key, where, text;
+   int kind = 0;
+   std::vector<double> numbers;
+};
+
+struct Flat {
+   rk::Deck deck;
+   std::vector<Entry> entries;
+};
+
+int kind_of(const rk::KeySpec &spec, const rk::Value &value) {
+   switch (spec.type) {
+   case rk::Type::text:
+      return value.is_number() ? 3 : 1;
+   case rk::Type::texts:
+      return 2;
+   case rk::Type::number:
+      return 3;
+   case rk::Type::integer:
+      return 4;
+   case rk::Type::boolean:
+      return 5;
+   case rk::Type::numbers:
+      return 6;
+   default:
+      return 7;
+   }
+}
+
+Entry flatten(const rk::Value &value) {
+   Entry entry;
+   if (value.is_number()) entry.numbers = {value.number()};
+   if (value.kind == rk::Value::Kind::boolean) entry.numbers = {value.boolean ? 1.0 : 0.0};
+   if (value.kind == rk::Value::Kind::text) entry.text = value.text;
+   for (const rk::Value &item : value.items) {
+      if (item.is_number()) entry.numbers.push_back(item.number());
+      else entry.text += item.text + "\n";
+   }
+   return entry;
+}
+
+void add_section(Flat &flat, const rk::Section &section) {
+   std::string prefix = section.spec->name;
+   if (section.spec->many) prefix += "." + std::to_string(section.index);
+   if (!prefix.empty()) {
+      Entry table;
+      table.key = prefix;
+      table.where = flat.deck.where(section.origin);
+      flat.entries.push_back(table);
+   }
+   for (const rk::KeySpec &spec : section.spec->keys) {
+      const rk::Value *value = section.find(spec.name);
+      if (!value) continue;
+      Entry entry = flatten(*value);
+      entry.key = prefix.empty() ? spec.name : prefix + "." + spec.name;
+      entry.where = flat.deck.where(value->origin);
+      entry.kind = kind_of(spec, *value);
+      flat.entries.push_back(entry);
+   }
+}
+
+Flat *open(rk::Deck deck) {
+   Flat *flat = new Flat{std::move(deck), {}};
+   if (flat->deck.status != rk::Status::good) return flat;
+   for (const rk::TableSpec &spec : rk::schema()) {
+      const std::vector<rk::Section *> sections = flat->deck.entries(spec.name);
+      if (spec.many) {
+         Entry list;
+         list.key = spec.name;
+         list.where = flat->deck.where(sections.empty() ? rk::Origin{} : sections.front()->origin);
+         list.kind = 8;
+         list.numbers = {static_cast<double>(sections.size())};
+         flat->entries.push_back(list);
+      }
+      for (const rk::Section *section : sections) add_section(*flat, *section);
+   }
+   return flat;
+}
+
+// Overrides come a line each
+std::vector<std::string> lines(const char *text) {
+   std::vector<std::string> found;
+   std::istringstream stream(text);
+   for (std::string line; std::getline(stream, line);) {
+      if (!line.empty()) found.push_back(line);
+   }
+   return found;
+}
+
+} // namespace
+
+extern "C" {
+
+void *rk_deck_read(const char *path, const char *overrides) {
+   return open(rk::Deck::read(path, lines(overrides)));
+}
+
+void *rk_deck_parse(const char *text, const char *name, const char *overrides) {
+   return open(rk::Deck(name, text, lines(overrides)));
+}
+
+int rk_deck_status(const void *handle) {
+   return static_cast<int>(static_cast<const Flat *>(handle)->deck.status);
+}
+
+// 1 message, 2 name, 3 text, 4 sha256, 5 folder
+const char *rk_deck_property(const void *handle, int which) {
+   const rk::Deck &deck = static_cast<const Flat *>(handle)->deck;
+   switch (which) {
+   case 1:
+      return deck.message.c_str();
+   case 2:
+      return deck.name.c_str();
+   case 3:
+      return deck.text.c_str();
+   case 4:
+      return deck.sha256.c_str();
+   default:
+      return deck.folder.c_str();
+   }
+}
+
+int rk_deck_size(const void *handle) {
+   return static_cast<int>(static_cast<const Flat *>(handle)->entries.size());
+}
+
+// Entry number `index` (from 0); returns its kind
+int rk_deck_entry(const void *handle, int index, const char **key, const char **where,
+                  const char **text, int *count, const double **numbers) {
+   const Entry &entry = static_cast<const Flat *>(handle)->entries[static_cast<std::size_t>(index)];
+   *key = entry.key.c_str();
+   *where = entry.where.c_str();
+   *text = entry.text.c_str();
+   *count = static_cast<int>(entry.numbers.size());
+   *numbers = entry.numbers.data();
+   return entry.kind;
+}
+
+void rk_deck_close(void *handle) { delete static_cast<Flat *>(handle); }
+
+// Tables that a command needs, a line each
+const char *rk_deck_needed(const char *command) {
+   thread_local std::string tables;
+   tables.clear();
+   for (const rk::TableSpec &spec : rk::schema()) {
+      for (const std::string &user : spec.needed_by) {
+         if (user == command) tables += spec.name + "\n";
+      }
+   }
+   return tables.c_str();
+}
+
+} // extern "C"

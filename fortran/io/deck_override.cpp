@@ -1,0 +1,107 @@
+// Overrides "table.key=value", as given by --set on the command line.
+#include "deck.h"
+
+#include <algorithm>
+
+namespace rk {
+
+static std::string trim(const std::string &text) {
+   const std::size_t first = text.find_first_not_of(" \t\r\n");
+   if (first == std::string::npos) return "";
+   return text.substr(first, text.find_last_not_of(" \t\r\n") - first + 1);
+}
+
+// A TOML value where it is one; a plain word, or anything for a key of type text, stands for itself
+static Value read_value(const std::string &text, const KeySpec &key) {
+   std::optional<Value> value = parse_value(text);
+   const bool wants_text = key.type == Type::text && !(key.or_number && value && value->is_number());
+   if (value && (!wants_text || value->kind == Value::Kind::text)) return *value;
+   Value word;
+   word.text = text;
+   return word;
+}
+
+// The section an override speaks of: a table of that name (added where the deck lacks it), the
+// first entry of an array of tables, or the entry named (or counted) in between
+static Section *find_section(Deck &deck, const Origin &origin, const std::string &address,
+                             const TableSpec &spec, const std::string &middle) {
+   std::vector<Section *> entries = deck.entries(spec.name);
+   if (!spec.many) {
+      if (!middle.empty()) {
+         deck.complain(origin, address, "[" + spec.name + "] comes once, write " + spec.name + ".key=value");
+         return nullptr;
+      }
+      if (entries.empty()) {
+         Section section;
+         section.spec = &spec;
+         section.origin = origin;
+         // keep the order of the schema
+         auto place = std::find_if(deck.sections.begin(), deck.sections.end(),
+                                   [&](const Section &other) { return other.spec > &spec; });
+         return &*deck.sections.insert(place, section);
+      }
+      return entries.front();
+   }
+   if (entries.empty()) {
+      deck.complain(origin, address, "the deck has no [[" + spec.name + "]]");
+      return nullptr;
+   }
+   if (middle.empty()) return entries.front();
+   std::vector<std::string> names;
+   for (Section *entry : entries) {
+      const std::string name = spec.named_by.empty() ? "" : entry->text(spec.named_by);
+      if (name == middle) return entry;
+      if (!name.empty()) names.push_back(name);
+   }
+   for (Section *entry : entries) {
+      if (std::to_string(entry->index) == middle) return entry;
+   }
+   deck.complain(origin, address, "no [[" + spec.name + "]] is called " + quoted(middle) + suggest(middle, names, "there are:"));
+   return nullptr;
+}
+
+static void apply(Deck &deck, const std::string &text) {
+   const Origin origin{0, 0, "--set " + text};
+   const std::size_t equals = text.find('=');
+   const std::string address = trim(text.substr(0, equals));
+   if (equals == std::string::npos || address.empty()) {
+      deck.complain(origin, address.empty() ? "key" : address, "write table.key=value");
+      return;
+   }
+   const std::size_t first = address.find('.'), last = address.rfind('.');
+   const bool outside = first == std::string::npos;
+   const std::string table = outside ? "" : address.substr(0, first);
+   const std::string key = outside ? address : address.substr(last + 1);
+   const std::string middle = first == last ? "" : address.substr(first + 1, last - first - 1);
+
+   const TableSpec *spec = nullptr;
+   std::vector<std::string> tables;
+   for (const TableSpec &candidate : schema()) {
+      if (candidate.name == table) spec = &candidate;
+      if (!candidate.name.empty()) tables.push_back(candidate.name);
+   }
+   if (!spec) {
+      deck.complain(origin, table, "unknown table" + suggest(table, tables, "known tables are:"));
+      return;
+   }
+   const KeySpec *key_spec = spec->find(key);
+   if (!key_spec && outside && std::count(tables.begin(), tables.end(), key) > 0) {
+      deck.complain(origin, key, "is a table; write " + key + ".key=value");
+      return;
+   }
+   if (!key_spec) {
+      deck.complain(origin, address, unknown_key(*spec, key));
+      return;
+   }
+   Section *section = find_section(deck, origin, address, *spec, middle);
+   if (!section) return;
+   Value value = read_value(trim(text.substr(equals + 1)), *key_spec);
+   value.origin = origin;
+   section->values[key] = value;
+}
+
+void apply_overrides(Deck &deck) {
+   for (const std::string &text : deck.overrides) apply(deck, text);
+}
+
+} // namespace rk

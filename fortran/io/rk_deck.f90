@@ -1,0 +1,529 @@
+!> The input deck: values by key, checked and filled with the defaults of the schema.
+!>
+!> Keys are "table.key", for an array of tables "table.1.key" with the entry's number. The TOML
+!> parser and all checks are C++ (deck.h); what is kept here are plain values and their places.
+module rk_deck
+   use, intrinsic :: iso_c_binding, only : c_char, c_double, c_f_pointer, c_int, &
+      & c_null_char, c_ptr, c_size_t
+   use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
+   use rk_error, only : err_input, error_type, fatal_error
+   use rk_json, only : json_type
+   use rk_precision, only : wp
+   use rk_text, only : to_text
+   implicit none
+   private
+
+   public :: deck_type, open_deck, parse_deck
+
+   !> Kinds of entries, as deck_c.cpp counts them
+   integer, parameter :: is_table = 0, is_text = 1, is_texts = 2, is_number = 3, is_integer = 4, &
+      & is_logical = 5, is_numbers = 6, is_integers = 7, is_list = 8
+
+   !> A table, or a key with its value
+   type :: entry_type
+      !> Full key
+      character(len=:), allocatable :: key
+      !> File and line, or the override
+      character(len=:), allocatable :: where
+      !> Value of a text; of texts, a line each
+      character(len=:), allocatable :: text
+      !> Values of numbers
+      real(wp), allocatable :: numbers(:)
+      !> One of the kinds above
+      integer :: kind = is_table
+   end type entry_type
+
+   !> A checked deck
+   type :: deck_type
+      !> Name of the file, as it was asked for
+      character(len=:), allocatable :: path
+      !> Folder of the file; relative paths of the deck start there
+      character(len=:), allocatable :: folder
+      !> The file, as it is
+      character(len=:), allocatable :: text
+      !> SHA-256 of the text; overrides are added as lines "--set key=value"
+      character(len=:), allocatable :: sha256
+      type(entry_type), allocatable, private :: entry(:)
+   contains
+      !> Is there a value for a key, or a table?
+      procedure :: has
+      !> Number of entries of an array of tables
+      procedure :: count => count_entries
+      !> Where a key was written: file and line, or the override
+      procedure :: where => where_written
+      !> Is the value a text (where a number is possible as well)?
+      procedure :: is_text => value_is_text
+      !> Value of a key. Ask `has` first where a key has no default: without a value numbers come
+      !> as NaN or -huge, logicals as .false., texts and arrays empty.
+      generic :: get => get_integer, get_real, get_logical, get_text, get_reals, get_integers, &
+         & get_texts
+      !> Error where a table is absent that a command needs
+      procedure :: require
+      !> Write all values, defaults included, into a JSON object
+      procedure :: write_json
+      procedure, private :: get_integer, get_real, get_logical, get_text, get_reals, get_integers, &
+         & get_texts
+      procedure, private :: find
+   end type deck_type
+
+   interface
+      function rk_deck_read(path, overrides) result(handle) bind(c)
+         import :: c_char, c_ptr
+         implicit none
+         character(kind=c_char), intent(in) :: path(*), overrides(*)
+         type(c_ptr) :: handle
+      end function rk_deck_read
+
+      function rk_deck_parse(text, name, overrides) result(handle) bind(c)
+         import :: c_char, c_ptr
+         implicit none
+         character(kind=c_char), intent(in) :: text(*), name(*), overrides(*)
+         type(c_ptr) :: handle
+      end function rk_deck_parse
+
+      function rk_deck_status(handle) result(status) bind(c)
+         import :: c_int, c_ptr
+         implicit none
+         type(c_ptr), value :: handle
+         integer(c_int) :: status
+      end function rk_deck_status
+
+      function rk_deck_property(handle, which) result(text) bind(c)
+         import :: c_int, c_ptr
+         implicit none
+         type(c_ptr), value :: handle
+         integer(c_int), value :: which
+         type(c_ptr) :: text
+      end function rk_deck_property
+
+      function rk_deck_size(handle) result(size) bind(c)
+         import :: c_int, c_ptr
+         implicit none
+         type(c_ptr), value :: handle
+         integer(c_int) :: size
+      end function rk_deck_size
+
+      function rk_deck_entry(handle, index, key, where, text, count, numbers) result(kind) bind(c)
+         import :: c_int, c_ptr
+         implicit none
+         type(c_ptr), value :: handle
+         integer(c_int), value :: index
+         type(c_ptr), intent(out) :: key, where, text, numbers
+         integer(c_int), intent(out) :: count
+         integer(c_int) :: kind
+      end function rk_deck_entry
+
+      subroutine rk_deck_close(handle) bind(c)
+         import :: c_ptr
+         implicit none
+         type(c_ptr), value :: handle
+      end subroutine rk_deck_close
+
+      function rk_deck_needed(command) result(tables) bind(c)
+         import :: c_char, c_ptr
+         implicit none
+         character(kind=c_char), intent(in) :: command(*)
+         type(c_ptr) :: tables
+      end function rk_deck_needed
+
+      function c_strlen(text) result(length) bind(c, name='strlen')
+         import :: c_ptr, c_size_t
+         implicit none
+         type(c_ptr), value :: text
+         integer(c_size_t) :: length
+      end function c_strlen
+   end interface
+
+contains
+
+!> Read and check a deck; the error has all complaints, a line each
+subroutine open_deck(deck, path, overrides, error)
+   !> Deck
+   type(deck_type), intent(out) :: deck
+   !> File
+   character(len=*), intent(in) :: path
+   !> "table.key=value" each; blank ones are ignored
+   character(len=*), intent(in) :: overrides(:)
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+
+   call take(deck, rk_deck_read(trim(path)//c_null_char, joined(overrides)), error)
+end subroutine open_deck
+
+!> Check a deck that is in memory; `name` stands for the file in messages
+subroutine parse_deck(deck, text, name, overrides, error)
+   !> Deck
+   type(deck_type), intent(out) :: deck
+   !> The deck
+   character(len=*), intent(in) :: text
+   !> Name for messages
+   character(len=*), intent(in) :: name
+   !> "table.key=value" each; blank ones are ignored
+   character(len=*), intent(in) :: overrides(:)
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+
+   call take(deck, rk_deck_parse(text//c_null_char, trim(name)//c_null_char, joined(overrides)), &
+      & error)
+end subroutine parse_deck
+
+!> Texts as lines for C
+pure function joined(list) result(lines)
+   !> Texts
+   character(len=*), intent(in) :: list(:)
+   character(len=:), allocatable :: lines
+   integer :: i
+
+   lines = ''
+   do i = 1, size(list)
+      lines = lines//trim(list(i))//new_line('a')
+   end do
+   lines = lines//c_null_char
+end function joined
+
+!> Copy everything out of the C++ object and drop that
+subroutine take(deck, handle, error)
+   !> Deck
+   type(deck_type), intent(inout) :: deck
+   !> C++ object
+   type(c_ptr), intent(in) :: handle
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   type(c_ptr) :: key, where, text, numbers
+   real(c_double), pointer :: values(:)
+   integer(c_int) :: n
+   integer :: i, status
+
+   status = rk_deck_status(handle)
+   deck%path = to_fortran(rk_deck_property(handle, 2))
+   deck%text = to_fortran(rk_deck_property(handle, 3))
+   deck%sha256 = to_fortran(rk_deck_property(handle, 4))
+   deck%folder = to_fortran(rk_deck_property(handle, 5))
+   allocate (deck%entry(rk_deck_size(handle)))
+   do i = 1, size(deck%entry)
+      deck%entry(i)%kind = rk_deck_entry(handle, i - 1, key, where, text, n, numbers)
+      deck%entry(i)%key = to_fortran(key)
+      deck%entry(i)%where = to_fortran(where)
+      deck%entry(i)%text = to_fortran(text)
+      allocate (deck%entry(i)%numbers(n))
+      if (n == 0) cycle
+      call c_f_pointer(numbers, values, [n])
+      deck%entry(i)%numbers = values
+   end do
+   if (status /= 0) call fatal_error(error, status, to_fortran(rk_deck_property(handle, 1)))
+   call rk_deck_close(handle)
+end subroutine take
+
+!> Copy of a C text
+function to_fortran(pointer) result(text)
+   !> Text that ends with a null character
+   type(c_ptr), intent(in) :: pointer
+   character(len=:), allocatable :: text
+   character(kind=c_char), pointer :: letters(:)
+   integer :: i
+
+   allocate (character(len=c_strlen(pointer)) :: text)
+   call c_f_pointer(pointer, letters, [len(text)])
+   do i = 1, len(text)
+      text(i:i) = letters(i)
+   end do
+end function to_fortran
+
+!> Number of the entry with a key, 0 without
+pure function find(self, key) result(number)
+   !> Deck
+   class(deck_type), intent(in) :: self
+   !> Full key
+   character(len=*), intent(in) :: key
+   integer :: number
+
+   do number = 1, size(self%entry)
+      if (self%entry(number)%key == key) return
+   end do
+   number = 0
+end function find
+
+!> Is there a value for a key, or a table?
+pure function has(self, key) result(yes)
+   !> Deck
+   class(deck_type), intent(in) :: self
+   !> Full key
+   character(len=*), intent(in) :: key
+   logical :: yes
+
+   yes = self%count(key) > 0
+end function has
+
+!> Number of entries of an array of tables; 1 for anything else that is there, 0 for what is not
+pure function count_entries(self, key) result(number)
+   !> Deck
+   class(deck_type), intent(in) :: self
+   !> Name of the array of tables
+   character(len=*), intent(in) :: key
+   integer :: number
+   integer :: found
+
+   number = 0
+   found = self%find(key)
+   if (found == 0) return
+   number = 1
+   if (self%entry(found)%kind == is_list) number = nint(self%entry(found)%numbers(1))
+end function count_entries
+
+!> Where a key was written; for one that is absent, its table or the file
+pure recursive function where_written(self, key) result(place)
+   !> Deck
+   class(deck_type), intent(in) :: self
+   !> Full key
+   character(len=*), intent(in) :: key
+   character(len=:), allocatable :: place
+   integer :: number, dot
+
+   number = self%find(key)
+   dot = index(key, '.', back=.true.)
+   if (number > 0) then
+      place = self%entry(number)%where
+   else if (dot > 1) then
+      place = self%where(key(:dot - 1))
+   else
+      place = self%path
+   end if
+end function where_written
+
+!> Is the value of a key a text?
+pure function value_is_text(self, key) result(yes)
+   !> Deck
+   class(deck_type), intent(in) :: self
+   !> Full key
+   character(len=*), intent(in) :: key
+   logical :: yes
+   integer :: number
+
+   number = self%find(key)
+   yes = .false.
+   if (number > 0) yes = self%entry(number)%kind == is_text
+end function value_is_text
+
+!> An integer
+subroutine get_integer(self, key, value)
+   !> Deck
+   class(deck_type), intent(in) :: self
+   !> Full key
+   character(len=*), intent(in) :: key
+   !> Its value
+   integer, intent(out) :: value
+   integer, allocatable :: values(:)
+
+   value = -huge(value)
+   call self%get(key, values)
+   if (size(values) == 1) value = values(1)
+end subroutine get_integer
+
+!> A number
+subroutine get_real(self, key, value)
+   !> Deck
+   class(deck_type), intent(in) :: self
+   !> Full key
+   character(len=*), intent(in) :: key
+   !> Its value
+   real(wp), intent(out) :: value
+   real(wp), allocatable :: values(:)
+
+   value = ieee_value(value, ieee_quiet_nan)
+   call self%get(key, values)
+   if (size(values) == 1) value = values(1)
+end subroutine get_real
+
+!> True or false
+subroutine get_logical(self, key, value)
+   !> Deck
+   class(deck_type), intent(in) :: self
+   !> Full key
+   character(len=*), intent(in) :: key
+   !> Its value
+   logical, intent(out) :: value
+   real(wp), allocatable :: values(:)
+
+   value = .false.
+   call self%get(key, values)
+   if (size(values) == 1) value = values(1) > 0.0_wp
+end subroutine get_logical
+
+!> A text
+subroutine get_text(self, key, value)
+   !> Deck
+   class(deck_type), intent(in) :: self
+   !> Full key
+   character(len=*), intent(in) :: key
+   !> Its value
+   character(len=:), allocatable, intent(out) :: value
+   integer :: number
+
+   value = ''
+   number = self%find(key)
+   if (number > 0) value = self%entry(number)%text
+end subroutine get_text
+
+!> An array of numbers
+subroutine get_reals(self, key, value)
+   !> Deck
+   class(deck_type), intent(in) :: self
+   !> Full key
+   character(len=*), intent(in) :: key
+   !> Its values
+   real(wp), allocatable, intent(out) :: value(:)
+   integer :: number
+
+   number = self%find(key)
+   if (number > 0) then
+      value = self%entry(number)%numbers
+   else
+      allocate (value(0))
+   end if
+end subroutine get_reals
+
+!> An array of integers
+subroutine get_integers(self, key, value)
+   !> Deck
+   class(deck_type), intent(in) :: self
+   !> Full key
+   character(len=*), intent(in) :: key
+   !> Its values
+   integer, allocatable, intent(out) :: value(:)
+   real(wp), allocatable :: values(:)
+
+   call self%get(key, values)
+   value = nint(values)
+end subroutine get_integers
+
+!> An array of texts, as long as the longest of them
+subroutine get_texts(self, key, value)
+   !> Deck
+   class(deck_type), intent(in) :: self
+   !> Full key
+   character(len=*), intent(in) :: key
+   !> Its values
+   character(len=:), allocatable, intent(out) :: value(:)
+   character(len=:), allocatable :: lines
+   integer :: i, n
+
+   call self%get(key, lines)
+   n = 0
+   do while (len(line(lines, n + 1)) > 0)
+      n = n + 1
+   end do
+   allocate (character(len=maxval([0, (len(line(lines, i)), i=1, n)])) :: value(n))
+   do i = 1, n
+      value(i) = line(lines, i)
+   end do
+end subroutine get_texts
+
+!> One line of a text; empty behind the last
+pure function line(text, number) result(found)
+   !> Text; every line ends with a line feed
+   character(len=*), intent(in) :: text
+   !> Number of the line, from 1
+   integer, intent(in) :: number
+   character(len=:), allocatable :: found
+   integer :: i, start
+
+   start = 1
+   do i = 2, number
+      start = start + index(text(start:), new_line('a'))
+   end do
+   found = text(start:start + index(text(start:)//new_line('a'), new_line('a')) - 2)
+end function line
+
+!> Error where a table is absent that a command needs
+subroutine require(self, command, error)
+   !> Deck
+   class(deck_type), intent(in) :: self
+   !> Name of the command, as in the schema's needed_by
+   character(len=*), intent(in) :: command
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   character(len=:), allocatable :: tables, table, message
+   integer :: i
+
+   tables = to_fortran(rk_deck_needed(command//c_null_char))
+   message = ''
+   i = 1
+   do
+      table = line(tables, i)
+      if (len(table) == 0) exit
+      i = i + 1
+      if (self%has(table)) cycle
+      if (len(message) > 0) message = message//new_line('a')
+      message = message//self%path//':1: '//table//': missing, '//command//' needs this table'
+   end do
+   if (len(message) > 0) call fatal_error(error, err_input, message)
+end subroutine require
+
+!> Write all values, tables as objects and arrays of tables as arrays of objects
+subroutine write_json(self, json)
+   !> Deck
+   class(deck_type), intent(in) :: self
+   !> JSON text, inside an object
+   type(json_type), intent(inout) :: json
+   logical :: in_list, in_table
+   integer :: i
+
+   in_list = .false.
+   in_table = .false.
+   do i = 1, size(self%entry)
+      associate (entry => self%entry(i))
+         if (entry%kind /= is_table .and. entry%kind /= is_list) then
+            call write_value(entry, json)
+            cycle
+         end if
+         if (in_table) call json%end_object()
+         in_table = entry%kind == is_table
+         if (index(entry%key, '.') > 0) then
+            call json%begin_object()
+            cycle
+         end if
+         if (in_list) call json%end_array()
+         in_list = entry%kind == is_list
+         if (in_list) call json%begin_array(entry%key)
+         if (in_table) call json%begin_object(entry%key)
+      end associate
+   end do
+   if (in_table) call json%end_object()
+   if (in_list) call json%end_array()
+end subroutine write_json
+
+!> Write one value
+subroutine write_value(entry, json)
+   !> Key and value
+   type(entry_type), intent(in) :: entry
+   !> JSON text, inside an object
+   type(json_type), intent(inout) :: json
+   character(len=:), allocatable :: key
+   integer :: i
+
+   key = entry%key(index(entry%key, '.', back=.true.) + 1:)
+   select case (entry%kind)
+   case (is_text)
+      call json%put(key, entry%text)
+   case (is_texts)
+      call json%begin_array(key)
+      i = 1
+      do while (len(line(entry%text, i)) > 0)
+         call json%put(line(entry%text, i))
+         i = i + 1
+      end do
+      call json%end_array()
+   case (is_number)
+      call json%put(key, entry%numbers(1))
+   case (is_integer)
+      call json%put(key, nint(entry%numbers(1)))
+   case (is_logical)
+      call json%put(key, entry%numbers(1) > 0.0_wp)
+   case (is_integers)
+      call json%put(key, nint(entry%numbers))
+   case default
+      call json%put(key, entry%numbers)
+   end select
+end subroutine write_value
+
+end module rk_deck

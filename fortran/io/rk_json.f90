@@ -1,0 +1,408 @@
+!> A JSON text, written piece by piece.
+!>
+!> Numbers keep all their digits in the shortest form that reads back the same; what JSON cannot
+!> say (NaN, infinity) becomes null.
+!>
+!> References: 1. RFC 8259, The JavaScript Object Notation, doi:10.17487/RFC8259
+module rk_json
+   use, intrinsic :: ieee_arithmetic, only : ieee_is_finite
+   use rk_error, only : err_file, error_type, fatal_error
+   use rk_precision, only : i8, wp
+   use rk_text, only : to_text
+   implicit none
+   private
+
+   public :: json_type
+
+   !> A text that grows; every begin has its end, in an object every item has a key
+   type :: json_type
+      !> What was written so far
+      character(len=:), allocatable :: text
+      !> Open objects and arrays
+      integer, private :: depth = 0
+      !> Is the next item the first of its object or array?
+      logical, private :: first = .true.
+   contains
+      !> Open an object, with a key inside an object
+      procedure :: begin_object
+      !> Close it
+      procedure :: end_object
+      !> Open an array, with a key inside an object
+      procedure :: begin_array
+      !> Close it
+      procedure :: end_array
+      !> put(key, value) inside an object, put(value) inside an array
+      generic :: put => put_integer, put_long, put_real, put_logical, put_text, put_reals, &
+         & put_integers, add_integer, add_real, add_logical, add_text, add_reals
+      !> Write the text to a file, which is there completely or not at all
+      procedure :: save => save_text
+      procedure, private :: put_integer, put_long, put_real, put_logical, put_text, put_reals, &
+         & put_integers, add_integer, add_real, add_logical, add_text, add_reals
+      procedure, private :: item
+   end type json_type
+
+contains
+
+!> Start an item: comma, new line, indentation and key
+subroutine item(self, key)
+   !> JSON text
+   class(json_type), intent(inout) :: self
+   !> Name of the item; absent in an array
+   character(len=*), intent(in), optional :: key
+
+   if (.not. allocated(self%text)) self%text = ''
+   if (.not. self%first) self%text = self%text//','
+   if (self%depth > 0) self%text = self%text//new_line('a')//repeat(' ', 2*self%depth)
+   self%first = .false.
+   if (present(key)) self%text = self%text//quoted(key)//': '
+end subroutine item
+
+!> Open an object
+subroutine begin_object(self, key)
+   !> JSON text
+   class(json_type), intent(inout) :: self
+   !> Name of the object; absent in an array and at the start
+   character(len=*), intent(in), optional :: key
+
+   call self%item(key)
+   call open_list(self, '{')
+end subroutine begin_object
+
+!> Open an array
+subroutine begin_array(self, key)
+   !> JSON text
+   class(json_type), intent(inout) :: self
+   !> Name of the array; absent in an array and at the start
+   character(len=*), intent(in), optional :: key
+
+   call self%item(key)
+   call open_list(self, '[')
+end subroutine begin_array
+
+!> Close an object
+subroutine end_object(self)
+   !> JSON text
+   class(json_type), intent(inout) :: self
+
+   call close_list(self, '}')
+end subroutine end_object
+
+!> Close an array
+subroutine end_array(self)
+   !> JSON text
+   class(json_type), intent(inout) :: self
+
+   call close_list(self, ']')
+end subroutine end_array
+
+!> Opening bracket
+subroutine open_list(self, bracket)
+   !> JSON text
+   class(json_type), intent(inout) :: self
+   !> Bracket
+   character(len=1), intent(in) :: bracket
+
+   self%text = self%text//bracket
+   self%depth = self%depth + 1
+   self%first = .true.
+end subroutine open_list
+
+!> Closing bracket
+subroutine close_list(self, bracket)
+   !> JSON text
+   class(json_type), intent(inout) :: self
+   !> Bracket
+   character(len=1), intent(in) :: bracket
+
+   self%depth = self%depth - 1
+   if (.not. self%first) self%text = self%text//new_line('a')//repeat(' ', 2*self%depth)
+   self%text = self%text//bracket
+   self%first = .false.
+end subroutine close_list
+
+!> Integer of an object
+subroutine put_integer(self, key, value)
+   !> JSON text
+   class(json_type), intent(inout) :: self
+   !> Name
+   character(len=*), intent(in) :: key
+   !> Number
+   integer, intent(in) :: value
+
+   call self%item(key)
+   self%text = self%text//to_text(value)
+end subroutine put_integer
+
+!> Long integer of an object
+subroutine put_long(self, key, value)
+   !> JSON text
+   class(json_type), intent(inout) :: self
+   !> Name
+   character(len=*), intent(in) :: key
+   !> Number
+   integer(i8), intent(in) :: value
+
+   call self%item(key)
+   self%text = self%text//to_text(value)
+end subroutine put_long
+
+!> Real number of an object
+subroutine put_real(self, key, value)
+   !> JSON text
+   class(json_type), intent(inout) :: self
+   !> Name
+   character(len=*), intent(in) :: key
+   !> Number
+   real(wp), intent(in) :: value
+
+   call self%item(key)
+   self%text = self%text//real_text(value)
+end subroutine put_real
+
+!> Logical of an object
+subroutine put_logical(self, key, value)
+   !> JSON text
+   class(json_type), intent(inout) :: self
+   !> Name
+   character(len=*), intent(in) :: key
+   !> Value
+   logical, intent(in) :: value
+
+   call self%item(key)
+   self%text = self%text//logical_text(value)
+end subroutine put_logical
+
+!> Text of an object
+subroutine put_text(self, key, value)
+   !> JSON text
+   class(json_type), intent(inout) :: self
+   !> Name
+   character(len=*), intent(in) :: key
+   !> Text, all of it
+   character(len=*), intent(in) :: value
+
+   call self%item(key)
+   self%text = self%text//quoted(value)
+end subroutine put_text
+
+!> Array of real numbers of an object, on one line
+subroutine put_reals(self, key, value)
+   !> JSON text
+   class(json_type), intent(inout) :: self
+   !> Name
+   character(len=*), intent(in) :: key
+   !> Numbers
+   real(wp), intent(in) :: value(:)
+
+   call self%item(key)
+   self%text = self%text//reals_text(value)
+end subroutine put_reals
+
+!> Array of integers of an object, on one line
+subroutine put_integers(self, key, value)
+   !> JSON text
+   class(json_type), intent(inout) :: self
+   !> Name
+   character(len=*), intent(in) :: key
+   !> Numbers
+   integer, intent(in) :: value(:)
+   integer :: i
+
+   call self%item(key)
+   self%text = self%text//'['
+   do i = 1, size(value)
+      if (i > 1) self%text = self%text//', '
+      self%text = self%text//to_text(value(i))
+   end do
+   self%text = self%text//']'
+end subroutine put_integers
+
+!> Integer of an array
+subroutine add_integer(self, value)
+   !> JSON text
+   class(json_type), intent(inout) :: self
+   !> Number
+   integer, intent(in) :: value
+
+   call self%item()
+   self%text = self%text//to_text(value)
+end subroutine add_integer
+
+!> Real number of an array
+subroutine add_real(self, value)
+   !> JSON text
+   class(json_type), intent(inout) :: self
+   !> Number
+   real(wp), intent(in) :: value
+
+   call self%item()
+   self%text = self%text//real_text(value)
+end subroutine add_real
+
+!> Logical of an array
+subroutine add_logical(self, value)
+   !> JSON text
+   class(json_type), intent(inout) :: self
+   !> Value
+   logical, intent(in) :: value
+
+   call self%item()
+   self%text = self%text//logical_text(value)
+end subroutine add_logical
+
+!> Text of an array
+subroutine add_text(self, value)
+   !> JSON text
+   class(json_type), intent(inout) :: self
+   !> Text, all of it
+   character(len=*), intent(in) :: value
+
+   call self%item()
+   self%text = self%text//quoted(value)
+end subroutine add_text
+
+!> Array of real numbers of an array, on one line
+subroutine add_reals(self, value)
+   !> JSON text
+   class(json_type), intent(inout) :: self
+   !> Numbers
+   real(wp), intent(in) :: value(:)
+
+   call self%item()
+   self%text = self%text//reals_text(value)
+end subroutine add_reals
+
+!> Write the text to a file: under another name first, so that no reader sees half of it
+subroutine save_text(self, path, error)
+   !> JSON text
+   class(json_type), intent(in) :: self
+   !> File
+   character(len=*), intent(in) :: path
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   character(len=256) :: why
+   integer :: unit, stat
+
+   open (newunit=unit, file=path//'.part', access='stream', form='unformatted', status='replace', &
+      & action='write', iostat=stat, iomsg=why)
+   if (stat == 0) write (unit, iostat=stat, iomsg=why) self%text, new_line('a')
+   if (stat == 0) close (unit, iostat=stat, iomsg=why)
+   if (stat == 0) then
+      stat = c_rename(path//'.part', path)
+      why = 'it cannot take the place of the file that is there'
+   end if
+   if (stat /= 0) call fatal_error(error, err_file, path//' cannot be written: '//trim(why))
+end subroutine save_text
+
+!> Rename a file over another
+function c_rename(old, new) result(stat)
+   use, intrinsic :: iso_c_binding, only : c_char, c_int, c_null_char
+   !> Present name
+   character(len=*), intent(in) :: old
+   !> Name it gets
+   character(len=*), intent(in) :: new
+   !> 0 for success
+   integer :: stat
+   interface
+      function rename_file(from, to) result(status) bind(c, name='rename')
+         import :: c_char, c_int
+         implicit none
+         character(kind=c_char), intent(in) :: from(*), to(*)
+         integer(c_int) :: status
+      end function rename_file
+   end interface
+
+   stat = rename_file(old//c_null_char, new//c_null_char)
+end function c_rename
+
+!> Text in quotation marks, with JSON's escapes
+pure function quoted(value) result(text)
+   !> Any text
+   character(len=*), intent(in) :: value
+   character(len=:), allocatable :: text
+   character(len=6) :: code
+   integer :: i
+
+   text = '"'
+   do i = 1, len(value)
+      select case (iachar(value(i:i)))
+      case (34, 92)
+         text = text//'\'//value(i:i)
+      case (10)
+         text = text//'\n'
+      case (0:9, 11:31, 127)
+         write (code, '(a, z4.4)') '\u', iachar(value(i:i))
+         text = text//code
+      case default
+         text = text//value(i:i)
+      end select
+   end do
+   text = text//'"'
+end function quoted
+
+!> true or false
+pure function logical_text(value) result(text)
+   !> Value
+   logical, intent(in) :: value
+   character(len=:), allocatable :: text
+
+   text = trim(merge('true ', 'false', value))
+end function logical_text
+
+!> Numbers in brackets
+pure function reals_text(value) result(text)
+   !> Numbers
+   real(wp), intent(in) :: value(:)
+   character(len=:), allocatable :: text
+   integer :: i
+
+   text = '['
+   do i = 1, size(value)
+      if (i > 1) text = text//', '
+      text = text//real_text(value(i))
+   end do
+   text = text//']'
+end function reals_text
+
+!> Shortest text that reads back the same number
+pure function real_text(value) result(text)
+   !> Number
+   real(wp), intent(in) :: value
+   character(len=:), allocatable :: text
+   character(len=32) :: buffer
+   character(len=16) :: form
+   character(len=:), allocatable :: digits
+   real(wp) :: back
+   integer :: n, exponent, stat, at
+
+   if (.not. ieee_is_finite(value)) then
+      text = 'null'
+      return
+   end if
+   do n = 15, 17
+      write (form, '(a, i0, a)') '(es32.', n - 1, 'e3)'
+      write (buffer, form) abs(value)
+      read (buffer, *, iostat=stat) back
+      if (stat == 0 .and. .not. abs(back - abs(value)) > 0.0_wp) exit
+   end do
+   buffer = adjustl(buffer)
+   at = index(buffer, 'E')
+   read (buffer(at + 1:), *) exponent
+   digits = buffer(1:1)//buffer(3:at - 1)
+   n = max(verify(digits, '0', back=.true.), 1)
+   digits = digits(:n)
+   if (exponent >= 0 .and. exponent < 16) then
+      if (n < exponent + 1) digits = digits//repeat('0', exponent + 1 - n)
+      text = digits(:exponent + 1)//'.'//digits(exponent + 2:)
+      if (len(digits) == exponent + 1) text = text//'0'
+   else if (exponent < 0 .and. exponent > -5) then
+      text = '0.'//repeat('0', -exponent - 1)//digits
+   else
+      text = digits(1:1)
+      if (n > 1) text = text//'.'//digits(2:)
+      text = text//'e'//to_text(exponent)
+   end if
+   if (sign(1.0_wp, value) < 0.0_wp) text = '-'//text
+end function real_text
+
+end module rk_json
