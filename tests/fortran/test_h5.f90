@@ -2,6 +2,7 @@
 !>
 !> Without arguments: TAP for `meson test`, files are written to the working directory.
 !> `test_h5 write FILE` writes the sample that tests/unit/test_results.py reads with h5py and VTK;
+!> `test_h5 crash FILE` ends like a killed run after two steps of it;
 !> `test_h5 model FILE` reads a model written by Python and prints what it found.
 program test_h5
    use, intrinsic :: iso_fortran_env, only : error_unit, output_unit
@@ -21,6 +22,8 @@ program test_h5
    select case (mode)
    case ("write")
       call write_sample(trim(path), 4, error)
+   case ("crash")
+      call write_sample(trim(path), 2, error, crash=.true.)
    case ("model")
       call print_model(trim(path), error)
    case default
@@ -41,13 +44,15 @@ program test_h5
 contains
 
 !> Three points in a plane of the (x,y,z) space; the numbers tell where they belong
-subroutine write_sample(path, nstep, error)
+subroutine write_sample(path, nstep, error, crash)
    !> Name of the result file
    character(len=*), intent(in) :: path
    !> Number of steps, the undeformed one included
    integer, intent(in) :: nstep
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
+   !> Whether the program ends without closing the file
+   logical, intent(in), optional :: crash
    type(results_type) :: res
    type(error_type), allocatable :: ignored
    real(wp), parameter :: points(3, 3) = reshape([0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp, 0.0_wp, &
@@ -63,6 +68,7 @@ subroutine write_sample(path, nstep, error)
       call add_sheared(res, points, real(i, wp)/3.0_wp, 0.1_wp*i, error)
       if (allocated(error)) exit
    end do
+   if (present(crash)) error stop 9
    if (allocated(error)) then
       call res%close(ignored)
    else
