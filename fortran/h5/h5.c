@@ -1,0 +1,303 @@
+/* HDF5 behind plain C calls, the only file that names H5* routines (used by rk_hdf5.f90).
+ *
+ * Fortran hands over sizes in its own order; they are reversed here, so that a(3,n) becomes an
+ * HDF5 dataset of shape (n,3) without moving a number. Every function returns 0, or -1 with the
+ * reason in `why` (a C string cut to `nwhy` characters); nothing is printed.
+ *
+ * Reference: The HDF Group, HDF5 Reference Manual, https://docs.hdfgroup.org (API 1.10)
+ */
+#include <errno.h>
+#include <hdf5.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <string.h>
+
+enum { KIND_REAL8 = 1, KIND_INT4 = 2, KIND_INT8 = 3, KIND_UINT1 = 4 };
+enum { MAX_RANK = 4 };
+
+/* A dataset is compressed in pieces of about this size [byte] */
+static const hsize_t CHUNK_SMALL = 4096, CHUNK_LARGE = 1048576;
+
+static hid_t type_of(int kind)
+{
+   switch (kind) {
+   case KIND_REAL8: return H5T_NATIVE_DOUBLE;
+   case KIND_INT4: return H5T_NATIVE_INT32;
+   case KIND_INT8: return H5T_NATIVE_INT64;
+   default: return H5T_NATIVE_UINT8;
+   }
+}
+
+struct reason { char text[400]; int heard, quoted; };
+
+/* The innermost complaint says most; one that quotes the operating system says all. */
+static herr_t pick_reason(unsigned n, const H5E_error2_t *entry, void *data)
+{
+   struct reason *reason = data;
+   const char *quote = entry->desc ? strstr(entry->desc, "error message = '") : NULL;
+   if (reason->quoted || !entry->desc) return 0;
+   if (quote) {
+      snprintf(reason->text, sizeof reason->text, "%s", quote + strlen("error message = '"));
+      reason->text[strcspn(reason->text, "'")] = '\0';
+      reason->quoted = 1;
+   } else if (n == 0) {
+      snprintf(reason->text, sizeof reason->text, "%s", entry->desc);
+   }
+   return 0;
+}
+
+/* HDF5 calls this when one of its functions fails; the first failure is the reason */
+static herr_t hear(hid_t stack, void *data)
+{
+   struct reason *reason = data;
+   if (!reason->heard) H5Ewalk2(stack, H5E_WALK_UPWARD, pick_reason, reason);
+   reason->heard = 1;
+   return 0;
+}
+
+/* First and last call of every function that may fail */
+static void listen(struct reason *reason)
+{
+   snprintf(reason->text, sizeof reason->text, "HDF5 gave no reason");
+   reason->heard = reason->quoted = 0;
+   H5Eset_auto2(H5E_DEFAULT, hear, reason);
+}
+
+static int finish(int failed, const struct reason *reason, char *why, int nwhy)
+{
+   snprintf(why, (size_t)nwhy, "%s", failed ? reason->text : "");
+   H5Eset_auto2(H5E_DEFAULT, NULL, NULL);
+   return failed ? -1 : 0;
+}
+
+static void reverse(int rank, const int64_t *dims, hsize_t *reversed)
+{
+   for (int i = 0; i < rank; i++) reversed[i] = (hsize_t)dims[rank - 1 - i];
+}
+
+/* Open for reading, or create for writing */
+int rkh5_open(const char *path, int writing, int64_t *file, char *why, int nwhy)
+{
+   struct reason reason;
+   H5dont_atexit();   /* a full disk would make the clean-up at exit fail again */
+   listen(&reason);
+   hid_t access = H5Pcreate(H5P_FILE_ACCESS);
+   H5Pset_fclose_degree(access, H5F_CLOSE_STRONG);   /* with whatever a failed call left open */
+   H5Pset_file_locking(access, 1, 1);                /* file systems without locks are accepted */
+   *file = writing ? H5Fcreate(path, H5F_ACC_TRUNC, H5P_DEFAULT, access)
+                   : H5Fopen(path, H5F_ACC_RDONLY, access);
+   H5Pclose(access);
+   return finish(*file < 0, &reason, why, nwhy);
+}
+
+int rkh5_flush(int64_t file, char *why, int nwhy)
+{
+   struct reason reason;
+   listen(&reason);
+   return finish(H5Fflush(file, H5F_SCOPE_LOCAL) < 0, &reason, why, nwhy);
+}
+
+int rkh5_close(int64_t file, char *why, int nwhy)
+{
+   struct reason reason;
+   listen(&reason);
+   return finish(H5Fclose(file) < 0, &reason, why, nwhy);
+}
+
+int rkh5_rename(const char *from, const char *to, char *why, int nwhy)
+{
+   if (rename(from, to) == 0) return 0;
+   snprintf(why, (size_t)nwhy, "%s", strerror(errno));
+   return -1;
+}
+
+int rkh5_exists(int64_t file, const char *path)
+{
+   char part[1024];
+   size_t length = strlen(path);
+   if (length >= sizeof part) return 0;
+   for (size_t i = 1; i <= length; i++) {   /* every group on the way must exist as well */
+      if (path[i] != '/' && path[i] != '\0') continue;
+      memcpy(part, path, i);
+      part[i] = '\0';
+      if (H5Lexists(file, part, H5P_DEFAULT) <= 0) return 0;
+   }
+   return 1;
+}
+
+/* Chunks hold whole rows (first HDF5 dimension): one append, an even part of a large one, or
+ * many small ones. */
+static hid_t chunked(int rank, const hsize_t *shape, size_t size)
+{
+   hsize_t chunk[MAX_RANK], row = size, rows = shape[0] > 0 ? shape[0] : 1;
+   for (int i = 1; i < rank; i++) {
+      chunk[i] = shape[i];
+      row *= shape[i];
+   }
+   if (row == 0) row = 1;
+   if (rows * row < CHUNK_SMALL) {
+      rows *= CHUNK_SMALL / (rows * row);
+   } else if (rows * row > CHUNK_LARGE) {
+      hsize_t pieces = (rows * row + CHUNK_LARGE - 1) / CHUNK_LARGE;
+      rows = (rows + pieces - 1) / pieces;
+   }
+   chunk[0] = rows;
+   hid_t layout = H5Pcreate(H5P_DATASET_CREATE);
+   H5Pset_chunk(layout, rank, chunk);
+   if (H5Zfilter_avail(H5Z_FILTER_DEFLATE) > 0) {
+      H5Pset_shuffle(layout);
+      H5Pset_deflate(layout, 1);
+   }
+   return layout;
+}
+
+/* A dataset without rows yet, with its parent groups */
+static hid_t create_dataset(hid_t file, const char *path, int kind, int rank,
+   const hsize_t *shape)
+{
+   hsize_t none[MAX_RANK], most[MAX_RANK];
+   memcpy(none, shape, sizeof none);
+   memcpy(most, shape, sizeof most);
+   none[0] = 0;
+   most[0] = H5S_UNLIMITED;
+   hid_t space = H5Screate_simple(rank, none, most);
+   hid_t layout = chunked(rank, shape, H5Tget_size(type_of(kind)));
+   hid_t links = H5Pcreate(H5P_LINK_CREATE);
+   H5Pset_create_intermediate_group(links, 1);
+   hid_t set = H5Dcreate2(file, path, type_of(kind), space, links, layout, H5P_DEFAULT);
+   H5Pclose(links);
+   H5Pclose(layout);
+   H5Sclose(space);
+   return set;
+}
+
+static int append_rows(hid_t set, int kind, int rank, const hsize_t *shape, const void *data)
+{
+   hsize_t size[MAX_RANK], start[MAX_RANK] = {0};
+   hid_t space = H5Dget_space(set);
+   if (H5Sget_simple_extent_ndims(space) != rank) {
+      H5Sclose(space);
+      return -1;
+   }
+   H5Sget_simple_extent_dims(space, size, NULL);
+   H5Sclose(space);
+   for (int i = 1; i < rank; i++) {
+      if (size[i] != shape[i]) return -1;
+   }
+   start[0] = size[0];
+   size[0] += shape[0];
+   if (H5Dset_extent(set, size) < 0) return -1;
+   space = H5Dget_space(set);
+   hid_t memory = H5Screate_simple(rank, shape, NULL);
+   int failed = H5Sselect_hyperslab(space, H5S_SELECT_SET, start, NULL, shape, NULL) < 0
+      || H5Dwrite(set, type_of(kind), memory, space, H5P_DEFAULT, data) < 0;
+   H5Sclose(memory);
+   H5Sclose(space);
+   return failed ? -1 : 0;
+}
+
+/* Rows behind those already there; the first call creates the dataset */
+int rkh5_append(int64_t file, const char *path, int kind, int rank, const int64_t *dims,
+   const void *data, char *why, int nwhy)
+{
+   struct reason reason;
+   hsize_t shape[MAX_RANK] = {0};
+   listen(&reason);
+   reverse(rank, dims, shape);
+   hid_t set = rkh5_exists(file, path) ? H5Dopen2(file, path, H5P_DEFAULT)
+                                       : create_dataset(file, path, kind, rank, shape);
+   int failed = set < 0 || append_rows(set, kind, rank, shape, data) < 0;
+   if (set >= 0 && H5Dclose(set) < 0) failed = 1;
+   return finish(failed, &reason, why, nwhy);
+}
+
+/* Fortran shape of a dataset */
+int rkh5_shape(int64_t file, const char *path, int *rank, int64_t *dims, char *why, int nwhy)
+{
+   struct reason reason;
+   hsize_t shape[H5S_MAX_RANK];
+   listen(&reason);
+   *rank = -1;
+   hid_t set = H5Dopen2(file, path, H5P_DEFAULT);
+   if (set >= 0) {
+      hid_t space = H5Dget_space(set);
+      *rank = H5Sget_simple_extent_dims(space, shape, NULL);
+      H5Sclose(space);
+      H5Dclose(set);
+   }
+   for (int i = 0; i < *rank && i < MAX_RANK; i++) dims[i] = (int64_t)shape[*rank - 1 - i];
+   return finish(*rank < 0, &reason, why, nwhy);
+}
+
+/* All numbers of a dataset, converted to the wanted kind; the caller has asked for the shape */
+int rkh5_read(int64_t file, const char *path, int kind, void *data, char *why, int nwhy)
+{
+   struct reason reason;
+   listen(&reason);
+   hid_t set = H5Dopen2(file, path, H5P_DEFAULT);
+   int failed = set < 0
+      || H5Dread(set, type_of(kind), H5S_ALL, H5S_ALL, H5P_DEFAULT, data) < 0;
+   if (set >= 0) H5Dclose(set);
+   return finish(failed, &reason, why, nwhy);
+}
+
+/* An attribute of a group or dataset. Bytes become a text of fixed length and ASCII kind, the
+ * only one that all VTK readers take; one number becomes a scalar, several become a list. */
+int rkh5_put_attribute(int64_t file, const char *object, const char *name, int kind, int n,
+   const void *values, char *why, int nwhy)
+{
+   struct reason reason;
+   listen(&reason);
+   hsize_t size = (hsize_t)n;
+   int scalar = n == 1 || kind == KIND_UINT1;
+   hid_t space = scalar ? H5Screate(H5S_SCALAR) : H5Screate_simple(1, &size, NULL);
+   hid_t type = H5Tcopy(kind == KIND_UINT1 ? H5T_C_S1 : type_of(kind));
+   if (kind == KIND_UINT1) {
+      H5Tset_size(type, size);
+      H5Tset_strpad(type, H5T_STR_NULLPAD);
+   }
+   hid_t owner = H5Oopen(file, object, H5P_DEFAULT);   /* H5Aopen_by_name cannot be written to */
+   hid_t attribute = -1;
+   if (owner >= 0) attribute = H5Aexists(owner, name) > 0
+      ? H5Aopen(owner, name, H5P_DEFAULT)
+      : H5Acreate2(owner, name, type, space, H5P_DEFAULT, H5P_DEFAULT);
+   int failed = attribute < 0 || H5Awrite(attribute, type, values) < 0;
+   if (attribute >= 0) H5Aclose(attribute);
+   if (owner >= 0) H5Oclose(owner);
+   H5Tclose(type);
+   H5Sclose(space);
+   return finish(failed, &reason, why, nwhy);
+}
+
+/* Text of fixed or variable length; `length` may exceed `size`: then the text was cut */
+int rkh5_get_text(int64_t file, const char *object, const char *name, char *text, int size,
+   int *length, char *why, int nwhy)
+{
+   struct reason reason;
+   listen(&reason);
+   char *words = NULL;
+   *length = 0;
+   hid_t attribute = H5Aopen_by_name(file, object, name, H5P_DEFAULT, H5P_DEFAULT);
+   hid_t type = attribute < 0 ? -1 : H5Aget_type(attribute);
+   int failed = type < 0 || H5Tget_class(type) != H5T_STRING;
+   if (!failed) {
+      int variable = H5Tis_variable_str(type) > 0;
+      size_t room = H5Tget_size(type);
+      hid_t memory = H5Tcopy(H5T_C_S1);
+      H5Tset_size(memory, variable ? H5T_VARIABLE : room + 1);
+      H5Tset_cset(memory, H5Tget_cset(type));
+      char fixed[4096] = "";
+      failed = !variable && room >= sizeof fixed;
+      if (!failed) failed = H5Aread(attribute, memory, variable ? (void *)&words : fixed) < 0;
+      if (!failed) {
+         const char *found = variable ? (words ? words : "") : fixed;
+         *length = (int)strlen(found);
+         memcpy(text, found, (size_t)(*length < size ? *length : size));
+      }
+      if (variable && words) H5free_memory(words);
+      H5Tclose(memory);
+   }
+   if (type >= 0) H5Tclose(type);
+   if (attribute >= 0) H5Aclose(attribute);
+   return finish(failed, &reason, why, nwhy);
+}

@@ -1,0 +1,289 @@
+!> The result file: a time series of point fields, and what is needed to start again.
+!>
+!> /VTKHDF is an unstructured grid of one vertex cell per point, which ParaView (5.12 and later)
+!> and PyVista show as a cloud. Geometry, label and fiber are stored once, every step appends its
+!> fields; the offsets in /VTKHDF/Steps tell the readers where. The time of a step is its load.
+!> /MyoRK is ours: source points and, for every step, load, activation and coefficients; the deck
+!> and the version of the program.
+!>
+!> Reference: VTKHDF file format, version 2.0,
+!> https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format
+module rk_results
+   use, intrinsic :: iso_fortran_env, only : int8
+   use rk_error, only : err_input, error_type, fatal_error
+   use rk_hdf5, only : h5_type
+   use rk_precision, only : i8, wp
+   use rk_text, only : to_text
+   implicit none
+   private
+
+   public :: results_type
+
+   !> Number of VTK_VERTEX in VTK's list of cell types
+   integer(int8), parameter :: vtk_vertex = 1_int8
+   !> Groups of the file
+   character(len=*), parameter :: vtk = "VTKHDF", own = "MyoRK"
+
+   !> A result file being written
+   type :: results_type
+      private
+      !> The file
+      type(h5_type) :: file
+      !> Number of points
+      integer :: npoint = 0
+      !> Number of coefficients, known from the first step on
+      integer :: ncoefficient = 0
+      !> Steps written so far
+      integer :: nstep = 0
+      !> Load of the last step
+      real(wp) :: load = 0.0_wp
+   contains
+      !> Start the file
+      procedure :: open => open_results
+      !> Append a converged state
+      procedure :: add_step
+      !> Complete the file and give it its name
+      procedure :: close => close_results
+   end type results_type
+
+contains
+
+!> Start the file with everything that does not change
+subroutine open_results(self, path, points, label, fiber, source, deck_text, version, error)
+   !> File to be started
+   class(results_type), intent(inout) :: self
+   !> Name of the file once it is complete
+   character(len=*), intent(in) :: path
+   !> Undeformed collocation points, shape (3,np), z = 0 in plane problems [length]
+   real(wp), intent(in) :: points(:, :)
+   !> Label of each point, shape (np)
+   integer, intent(in) :: label(:)
+   !> Fiber directions, unit vectors or zero, shape (3,np) [-]
+   real(wp), intent(in) :: fiber(:, :)
+   !> Undeformed source points, shape (3,ns) [length]
+   real(wp), intent(in) :: source(:, :)
+   !> The deck as it was read
+   character(len=*), intent(in) :: deck_text
+   !> Version of the program
+   character(len=*), intent(in) :: version
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+
+   self%npoint = size(label)
+   self%ncoefficient = 0
+   self%nstep = 0
+   call check_shape("points", shape(points), [3, self%npoint], error)
+   if (allocated(error)) return
+   call check_shape("fiber", shape(fiber), [3, self%npoint], error)
+   if (allocated(error)) return
+   call self%file%create(path, error)
+   if (allocated(error)) return
+   call write_geometry(self%file, points, error)
+   if (allocated(error)) return
+   call self%file%append(vtk//"/PointData/label", label, error)
+   if (allocated(error)) return
+   call self%file%append(vtk//"/PointData/fiber", fiber, error)
+   if (allocated(error)) return
+   call self%file%append(own//"/source", source, error)
+   if (allocated(error)) return
+   call self%file%append(own//"/deck", deck_text, error)
+   if (allocated(error)) return
+   call self%file%put_attribute(own, "version", version, error)
+end subroutine open_results
+
+!> The cloud as one part of an unstructured grid
+subroutine write_geometry(file, points, error)
+   !> File being written
+   type(h5_type), intent(inout) :: file
+   !> Points, shape (3,np) [length]
+   real(wp), intent(in) :: points(:, :)
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   integer(i8) :: np, i
+
+   np = size(points, 2, i8)
+   call file%append(vtk//"/Points", points, error)
+   if (allocated(error)) return
+   call file%put_attribute(vtk, "Version", [2, 0], error)
+   if (allocated(error)) return
+   call file%put_attribute(vtk, "Type", "UnstructuredGrid", error)
+   if (allocated(error)) return
+   call file%append(vtk//"/NumberOfPoints", [np], error)
+   if (allocated(error)) return
+   call file%append(vtk//"/NumberOfCells", [np], error)
+   if (allocated(error)) return
+   call file%append(vtk//"/NumberOfConnectivityIds", [np], error)
+   if (allocated(error)) return
+   call file%append(vtk//"/Connectivity", [(i, i = 0, np - 1)], error)
+   if (allocated(error)) return
+   call file%append(vtk//"/Offsets", [(i, i = 0, np)], error)
+   if (allocated(error)) return
+   call file%append(vtk//"/Types", spread(vtk_vertex, 1, size(points, 2)), error)
+end subroutine write_geometry
+
+!> Append a converged state; the first one is the undeformed state
+subroutine add_step(self, load, activation, u, f, j, cauchy, principal, pressure, coefficients, &
+   error)
+   !> Result file
+   class(results_type), intent(inout) :: self
+   !> Fraction of the full load, greater than that of the step before [-]
+   real(wp), intent(in) :: load
+   !> Activation of the muscle fibers [-]
+   real(wp), intent(in) :: activation
+   !> Displacement, shape (3,np) [length]
+   real(wp), intent(in) :: u(:, :)
+   !> Deformation gradient F(i,A), shape (3,3,np) [-]
+   real(wp), intent(in) :: f(:, :, :)
+   !> Its determinant, shape (np) [-]
+   real(wp), intent(in) :: j(:)
+   !> Cauchy stress xx, yy, zz, xy, yz, xz, shape (6,np) [force/length^2]
+   real(wp), intent(in) :: cauchy(:, :)
+   !> Principal Cauchy stresses, greatest first, shape (3,np) [force/length^2]
+   real(wp), intent(in) :: principal(:, :)
+   !> Pressure, minus a third of the trace of the Cauchy stress, shape (np) [force/length^2]
+   real(wp), intent(in) :: pressure(:)
+   !> Coefficients of the approximation, shape (ndof)
+   real(wp), intent(in) :: coefficients(:)
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   integer :: np
+
+   np = self%npoint
+   if (self%nstep == 0) self%ncoefficient = size(coefficients)
+   if (self%nstep > 0 .and. .not. load > self%load) then
+      call fatal_error(error, err_input, "results: the load of a step must exceed that of the "// &
+         "step before, but "//to_text(load)//" follows "//to_text(self%load))
+      return
+   end if
+   call check_shape("u", shape(u), [3, np], error)
+   if (allocated(error)) return
+   call check_shape("F", shape(f), [3, 3, np], error)
+   if (allocated(error)) return
+   call check_shape("J", shape(j), [np], error)
+   if (allocated(error)) return
+   call check_shape("cauchy", shape(cauchy), [6, np], error)
+   if (allocated(error)) return
+   call check_shape("principal_stress", shape(principal), [3, np], error)
+   if (allocated(error)) return
+   call check_shape("pressure", shape(pressure), [np], error)
+   if (allocated(error)) return
+   call check_shape("coefficients", shape(coefficients), [self%ncoefficient], error)
+   if (allocated(error)) return
+
+   call self%file%append(vtk//"/PointData/u", u, error)
+   if (allocated(error)) return
+   call self%file%append(vtk//"/PointData/F", by_rows(f), error)
+   if (allocated(error)) return
+   call self%file%append(vtk//"/PointData/J", j, error)
+   if (allocated(error)) return
+   call self%file%append(vtk//"/PointData/cauchy", cauchy, error)
+   if (allocated(error)) return
+   call self%file%append(vtk//"/PointData/principal_stress", principal, error)
+   if (allocated(error)) return
+   call self%file%append(vtk//"/PointData/pressure", pressure, error)
+   if (allocated(error)) return
+   call add_state(self%file, load, activation, coefficients, error)
+   if (allocated(error)) return
+   call add_offsets(self%file, load, int(self%nstep, i8)*np, error)
+   if (allocated(error)) return
+
+   ! The number of steps comes last: a reader never sees half a step
+   self%nstep = self%nstep + 1
+   self%load = load
+   call self%file%put_attribute(vtk//"/Steps", "NSteps", [self%nstep], error)
+   if (allocated(error)) return
+   call self%file%flush(error)
+end subroutine add_step
+
+!> Complete the file and give it its name; after a failed write it keeps the name `path.part`
+subroutine close_results(self, error)
+   !> Result file
+   class(results_type), intent(inout) :: self
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+
+   call self%file%close(error)
+end subroutine close_results
+
+!> What a later run needs to go on from this step
+subroutine add_state(file, load, activation, coefficients, error)
+   !> File being written
+   type(h5_type), intent(inout) :: file
+   !> Fraction of the full load [-]
+   real(wp), intent(in) :: load
+   !> Activation of the muscle fibers [-]
+   real(wp), intent(in) :: activation
+   !> Coefficients of the approximation, shape (ndof)
+   real(wp), intent(in) :: coefficients(:)
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+
+   call file%append(own//"/load", [load], error)
+   if (allocated(error)) return
+   call file%append(own//"/activation", [activation], error)
+   if (allocated(error)) return
+   call file%append(own//"/coefficients", reshape(coefficients, [size(coefficients), 1]), error)
+end subroutine add_state
+
+!> The row of /VTKHDF/Steps of a step: where the readers find what belongs to it
+subroutine add_offsets(file, load, first, error)
+   !> File being written
+   type(h5_type), intent(inout) :: file
+   !> Time of the step
+   real(wp), intent(in) :: load
+   !> Index, from 0, of the step's first value in every field
+   integer(i8), intent(in) :: first
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   character(len=*), parameter :: steps = vtk//"/Steps/"
+   character(len=*), parameter :: fixed(*) = [character(len=22) :: "PartOffsets", &
+      "PointOffsets", "CellOffsets", "ConnectivityIdOffsets", "PointDataOffsets/label", &
+      "PointDataOffsets/fiber"]
+   character(len=*), parameter :: fields(*) = [character(len=16) :: "u", "F", "J", "cauchy", &
+      "principal_stress", "pressure"]
+   integer :: i
+
+   call file%append(steps//"Values", [load], error)
+   if (allocated(error)) return
+   call file%append(steps//"NumberOfParts", [1_i8], error)
+   if (allocated(error)) return
+   do i = 1, size(fixed)
+      call file%append(steps//trim(fixed(i)), [0_i8], error)
+      if (allocated(error)) return
+   end do
+   do i = 1, size(fields)
+      call file%append(steps//"PointDataOffsets/"//trim(fields(i)), [first], error)
+      if (allocated(error)) return
+   end do
+end subroutine add_offsets
+
+!> Tensors as VTK and NumPy want them: the nine components row by row
+pure function by_rows(tensors) result(rows)
+   !> Tensors, shape (3,3,n)
+   real(wp), intent(in) :: tensors(:, :, :)
+   !> Components xx, xy, xz, yx, ..., zz, shape (9,n)
+   real(wp) :: rows(9, size(tensors, 3))
+   integer :: ip
+
+   do ip = 1, size(tensors, 3)
+      rows(:, ip) = reshape(transpose(tensors(:, :, ip)), [9])
+   end do
+end function by_rows
+
+!> An array must have the shape its file promises
+subroutine check_shape(name, found, wanted, error)
+   !> Name of the array
+   character(len=*), intent(in) :: name
+   !> Shape it has
+   integer, intent(in) :: found(:)
+   !> Shape it must have
+   integer, intent(in) :: wanted(:)
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+
+   if (all(found == wanted)) return
+   call fatal_error(error, err_input, "results: '"//name//"' has shape "// &
+      to_text(real(found, wp))//", but "//to_text(real(wanted, wp))//" is needed")
+end subroutine check_shape
+
+end module rk_results

@@ -1,0 +1,271 @@
+"""Reader of the result file `results.vtkhdf`: arrays are read when they are asked for.
+
+The file is written by fortran/h5/rk_results.f90; what VTK shows lies in its group VTKHDF, what a
+restart needs in its group MyoRK.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from myork.errors import FileError, InputError
+
+__all__ = ["RestartState", "Results"]
+
+F64 = NDArray[np.float64]
+I32 = NDArray[np.int32]
+
+_FILE = "results.vtkhdf"
+# Where VTK's six components xx, yy, zz, xy, yz, xz stand in the tensor, row by row
+_SYMMETRIC = [0, 3, 5, 3, 1, 4, 5, 4, 2]
+
+
+@dataclass(frozen=True)
+class RestartState:
+    """What is needed to go on from a step.
+
+    Attributes
+    ----------
+    step : int
+        Number of the step, 0 for the undeformed state.
+    load : float
+        Fraction of the full load [-].
+    activation : float
+        Activation of the muscle fibers [-].
+    coefficients : NDArray
+        Coefficients of the approximation, shape `(ndof,)`.
+    source : NDArray
+        Undeformed source points they belong to, shape `(ns, 3)` [length].
+    deck : str
+        Text of the deck that was solved.
+    version : str
+        Version of the program that wrote them.
+    """
+
+    step: int
+    load: float
+    activation: float
+    coefficients: F64
+    source: F64
+    deck: str
+    version: str
+
+
+class Results:
+    """Result file of a solve, open for reading; a context manager.
+
+    Parameters
+    ----------
+    path : str or Path
+        Result file, or the output folder with `results.vtkhdf` in it.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    nstep : int
+        Number of steps, the undeformed state (step 0) included.
+    npoint : int
+        Number of collocation points.
+    fields : tuple of str
+        Names for `field`.
+
+    Examples
+    --------
+    >>> with Results("out/shear_3d") as results:  # doctest: +SKIP
+    ...     sigma_xy = results.field("cauchy", step=-1)[:, 0, 1]
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        path = Path(path)
+        self.path = path / _FILE if path.is_dir() else path
+        self._file = _open(self.path)
+        try:
+            vtk = self._file["VTKHDF"]
+            self.nstep = int(vtk["Steps"].attrs["NSteps"])
+            self.npoint = int(vtk["Points"].shape[0])
+            self.fields: tuple[str, ...] = tuple(vtk["PointData"])
+            _ = self._file["MyoRK"]
+        except (KeyError, AttributeError) as error:
+            self._file.close()
+            raise FileError(
+                f"{self.path}: not a result file of myork: {error.args[0]}; "
+                "give a file that 'myork solve' has written"
+            ) from error
+
+    def close(self) -> None:
+        """Close the file; arrays that were read stay valid."""
+        self._file.close()
+
+    def __enter__(self) -> Results:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        return f"Results({str(self.path)!r}: {self.nstep} steps, {self.npoint} points)"
+
+    @cached_property
+    def points(self) -> F64:
+        """Undeformed collocation points, shape `(np, 3)` [length]."""
+        return self._read("VTKHDF/Points")
+
+    @cached_property
+    def label(self) -> I32:
+        """Label of each point, shape `(np,)`."""
+        return self._read("VTKHDF/PointData/label")
+
+    @cached_property
+    def fiber(self) -> F64:
+        """Fiber directions, unit vectors or zero, shape `(np, 3)` [-]."""
+        return self._read("VTKHDF/PointData/fiber")
+
+    @cached_property
+    def loads(self) -> F64:
+        """Load of each step as a fraction of the full load, shape `(nstep,)` [-]."""
+        return self._read("MyoRK/load")[: self.nstep]
+
+    @cached_property
+    def activations(self) -> F64:
+        """Activation of the muscle fibers in each step, shape `(nstep,)` [-]."""
+        return self._read("MyoRK/activation")[: self.nstep]
+
+    def field(self, name: str, step: int = -1) -> NDArray[Any]:
+        """Read a field at all points.
+
+        Parameters
+        ----------
+        name : str
+            One of `fields`: `u` [length], `F` [-], `J` [-], `cauchy`, `principal_stress` (greatest
+            first) and `pressure` [force/length^2], `fiber` [-], `label`.
+        step : int
+            Number of the step; negative numbers count from the last one.
+
+        Returns
+        -------
+        NDArray
+            Scalars `(np,)`, vectors `(np, 3)`, tensors `(np, 3, 3)`: `F[p, i, A]` is the
+            derivative of component i of the position with respect to coordinate A.
+        """
+        if name not in self.fields:
+            raise InputError(
+                f"{self.path}: no field {name!r}; there are {', '.join(sorted(self.fields))}"
+            )
+        step = self._step(step)
+        first = int(self._file[f"VTKHDF/Steps/PointDataOffsets/{name}"][step])
+        values = self._read(f"VTKHDF/PointData/{name}", slice(first, first + self.npoint))
+        if values.ndim == 1 or values.shape[1] == 3:
+            return values
+        if values.shape[1] == 6:
+            values = values[:, _SYMMETRIC]
+        return values.reshape(-1, 3, 3)
+
+    def deformed(self, step: int = -1) -> F64:
+        """Positions of the points in a step, shape `(np, 3)` [length]."""
+        return self.points + self.field("u", step)
+
+    def restart(self, step: int = -1) -> RestartState:
+        """State from which a solve can go on.
+
+        Parameters
+        ----------
+        step : int
+            Number of the step; negative numbers count from the last one.
+
+        Returns
+        -------
+        RestartState
+            Load, activation, coefficients and what they belong to.
+        """
+        step = self._step(step)
+        return RestartState(
+            step=step,
+            load=float(self.loads[step]),
+            activation=float(self.activations[step]),
+            coefficients=self._read("MyoRK/coefficients", step),
+            source=self._read("MyoRK/source"),
+            deck=self._read("MyoRK/deck").tobytes().decode("utf-8", "replace"),
+            version=_text(self._file["MyoRK"].attrs["version"]),
+        )
+
+    @cached_property
+    def summary(self) -> dict[str, Any]:
+        """`summary.json` of the same folder."""
+        path = self.path.parent / "summary.json"
+        try:
+            return dict(json.loads(path.read_text(encoding="utf-8")))
+        except OSError as error:
+            raise FileError(f"{path}: cannot be read: {error.strerror}") from error
+        except ValueError as error:
+            raise FileError(f"{path}: not a complete JSON file: {error}") from error
+
+    def probe(self, name: str) -> tuple[F64, F64]:
+        """Values of a probe in all steps of the summary.
+
+        Parameters
+        ----------
+        name : str
+            Name of the probe in the deck.
+
+        Returns
+        -------
+        tuple of NDArray
+            Loads, shape `(n,)` [-], and values, shape `(n,)` or, for a vector, `(n, 3)`.
+        """
+        steps = self.summary.get("steps", [])
+        names = {key for step in steps for key in step.get("probes", {})}
+        if name not in names:
+            raise InputError(
+                f"{self.path.parent / 'summary.json'}: no probe {name!r}; "
+                f"there are {', '.join(sorted(names)) or 'none'}"
+            )
+        rows = [(step["load"], step["probes"][name]) for step in steps if name in step["probes"]]
+        return (
+            np.array([load for load, _ in rows], dtype=float),
+            np.array([value for _, value in rows], dtype=float),
+        )
+
+    def _step(self, step: int) -> int:
+        if not -self.nstep <= step < self.nstep:
+            raise InputError(f"{self.path}: no step {step}; the last one is {self.nstep - 1}")
+        return step % self.nstep
+
+    def _read(self, name: str, part: Any = ()) -> NDArray[Any]:
+        """Numbers of a dataset; what is broken becomes an error that names the file."""
+        try:
+            return np.asarray(self._file[name][part])
+        except (KeyError, OSError, ValueError) as error:
+            raise FileError(f"{self.path}: {name} cannot be read: {error}") from error
+
+
+def _open(path: Path) -> h5py.File:
+    """Open a file for reading, or say why that cannot be done and what to do."""
+    try:
+        return h5py.File(path, "r")
+    except FileNotFoundError as error:
+        part = path.with_name(path.name + ".part")
+        hint = f"; {part.name} is what an interrupted run has left" if part.exists() else ""
+        raise FileError(f"{path}: no such file; run 'myork solve' first{hint}") from error
+    except OSError as error:
+        raise FileError(
+            f"{path}: cannot be opened as an HDF5 file, it may be cut short: {error}"
+        ) from error
+
+
+def _text(value: Any) -> str:
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
