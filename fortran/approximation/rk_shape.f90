@@ -150,25 +150,27 @@ pure integer function shape_max_count(self)
 end function shape_max_count
 
 !> Fields and derivatives at one place from coefficients at the source points
-pure subroutine interpolate(self, ip, coefficients, field)
+pure subroutine interpolate(self, ip, x, first, last, field)
    !> Shape functions
    class(shape_type), intent(in) :: self
    !> Place
    integer, intent(in) :: ip
-   !> Coefficients, shape (fields, ns)
-   real(wp), intent(in) :: coefficients(:, :)
-   !> Value and derivatives of each field, shape (fields, nq)
+   !> Coefficients, field fastest, shape (fields*ns)
+   real(wp), intent(in) :: x(:)
+   !> First and last derivative wanted
+   integer, intent(in) :: first, last
+   !> Value and derivatives of each field, zero where not wanted, shape (fields, nq)
    real(wp), intent(out) :: field(:, :)
    integer(i8) :: k, to_value
-   integer :: q, c
+   integer :: q, c, at
 
    field = 0.0_wp
    to_value = self%first(self%stencil(ip)) - self%neighbour%offset(ip)
    do k = self%neighbour%offset(ip) + 1, self%neighbour%offset(ip + 1)
-      do q = 1, size(field, 2)
+      at = size(field, 1)*(self%neighbour%index(k) - 1)
+      do q = first, last
          do c = 1, size(field, 1)
-            field(c, q) = field(c, q) + coefficients(c, self%neighbour%index(k)) &
-               & *self%value(q, k + to_value)
+            field(c, q) = field(c, q) + x(at + c)*self%value(q, k + to_value)
          end do
       end do
    end do

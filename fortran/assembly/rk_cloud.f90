@@ -1,0 +1,323 @@
+!> Point clouds: source points, collocation points, boundary sets; and the clouds of simple bodies.
+module rk_cloud
+   use rk_error, only : error_type, fatal_error, err_input
+   use rk_precision, only : pi, wp
+   use rk_text, only : to_text
+   implicit none
+   private
+
+   public :: cloud_type, new_box, new_annulus, check_cloud
+
+   !> Points of a body. A boundary entry is a collocation point seen as part of one boundary set; a
+   !> point on an edge has one entry for each set.
+   type :: cloud_type
+      !> Space dimension, 2 or 3
+      integer :: nd = 0
+      !> Source points, shape (nd, ns) [length]
+      real(wp), allocatable :: source(:, :)
+      !> Distance of neighbouring source points in each direction, shape (nd, ns) [length]
+      real(wp), allocatable :: spacing(:, :)
+      !> Collocation points, shape (nd, nc) [length]
+      real(wp), allocatable :: place(:, :)
+      !> Label of the tissue, shape (nc)
+      integer, allocatable :: label(:)
+      !> Fiber direction, unit vectors or zeros, shape (3, nc)
+      real(wp), allocatable :: fiber(:, :)
+      !> Collocation point of each boundary entry, shape (nb)
+      integer, allocatable :: point(:)
+      !> Set of each boundary entry, shape (nb)
+      integer, allocatable :: set(:)
+      !> Outward unit normal, shape (nd, nb)
+      real(wp), allocatable :: normal(:, :)
+      !> Area (length in 2-D) that belongs to the entry, shape (nb) [length^(nd-1)]
+      real(wp), allocatable :: area(:)
+      !> Names of the sets
+      character(len=32), allocatable :: set_name(:)
+   contains
+      !> Number of a set by its name, 0 if unknown
+      procedure :: find_set
+   end type cloud_type
+
+contains
+
+!> Number of a set by its name, 0 if unknown
+pure integer function find_set(self, name)
+   !> Cloud
+   class(cloud_type), intent(in) :: self
+   !> Name
+   character(len=*), intent(in) :: name
+   integer :: i
+
+   find_set = 0
+   do i = 1, size(self%set_name)
+      if (self%set_name(i) == name) find_set = i
+   end do
+end function find_set
+
+!> Regular grid of places, last direction fastest
+pure function grid(n) result(index)
+   !> Points in each direction, shape (nd)
+   integer, intent(in) :: n(:)
+   integer :: index(size(n), product(n))
+   integer :: i, d, rest
+
+   do i = 1, product(n)
+      rest = i - 1
+      do d = size(n), 1, -1
+         index(d, i) = mod(rest, n(d))
+         rest = rest/n(d)
+      end do
+   end do
+end function grid
+
+!> Box with the corner at the origin; sets x0, x1, y0, y1, z0, z1
+subroutine new_box(self, size_, source, place, error)
+   !> Cloud
+   type(cloud_type), intent(out) :: self
+   !> Edge lengths, shape (nd), > 0 [length]
+   real(wp), intent(in) :: size_(:)
+   !> Source points in each direction, shape (nd), >= 2
+   integer, intent(in) :: source(:)
+   !> Collocation points in each direction, shape (nd), >= 2
+   integer, intent(in) :: place(:)
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   integer, allocatable :: at(:, :)
+   integer :: d, side, ip
+
+   call check_counts(size(size_), source, place, error)
+   if (allocated(error)) return
+   if (.not. all(size_ > 0.0_wp)) then
+      call fatal_error(error, err_input, 'edge lengths of the box must be positive, not ' &
+         & //to_text(size_))
+      return
+   end if
+   self%nd = size(size_)
+   self%source = grid_points(source, size_)
+   self%place = grid_points(place, size_)
+   allocate (self%spacing(self%nd, size(self%source, 2)))
+   do d = 1, self%nd
+      self%spacing(d, :) = size_(d)/(source(d) - 1)
+   end do
+   call default_tissue(self)
+   at = grid(place)
+   self%set_name = [character(len=32) :: 'x0', 'x1', 'y0', 'y1', 'z0', 'z1']
+   self%set_name = self%set_name(:2*self%nd)
+   call start_boundary(self)
+   do d = 1, self%nd
+      do side = 0, 1
+         do ip = 1, size(at, 2)
+            if (at(d, ip) /= side*(place(d) - 1)) cycle
+            call add_entry(self, ip, 2*d - 1 + side, axis(self%nd, d, 2*side - 1), &
+               & face_area(at(:, ip), d))
+         end do
+      end do
+   end do
+
+contains
+
+   !> Trapezoidal share of a face
+   pure real(wp) function face_area(index, normal_direction)
+      integer, intent(in) :: index(:)
+      integer, intent(in) :: normal_direction
+      integer :: k
+
+      face_area = 1.0_wp
+      do k = 1, size(index)
+         if (k == normal_direction) cycle
+         face_area = face_area*size_(k)/(place(k) - 1)
+         if (index(k) == 0 .or. index(k) == place(k) - 1) face_area = 0.5_wp*face_area
+      end do
+   end function face_area
+
+end subroutine new_box
+
+!> Quarter of a tube in plane strain, points radial x angular; sets inner, outer, x0 (the symmetry
+!> plane x = 0) and y0
+subroutine new_annulus(self, inner, outer, source, place, error)
+   !> Cloud
+   type(cloud_type), intent(out) :: self
+   !> Inner radius, > 0 [length]
+   real(wp), intent(in) :: inner
+   !> Outer radius, > inner [length]
+   real(wp), intent(in) :: outer
+   !> Source points, radial and angular
+   integer, intent(in) :: source(:)
+   !> Collocation points, radial and angular
+   integer, intent(in) :: place(:)
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   integer, allocatable :: at(:, :)
+   real(wp) :: r, t, weight_r, weight_t
+   integer :: ip, is
+
+   call check_counts(2, source, place, error)
+   if (allocated(error)) return
+   if (.not. (inner > 0.0_wp .and. outer > inner)) then
+      call fatal_error(error, err_input, 'radii of the annulus must grow from inner to outer, not ' &
+         & //to_text([inner, outer]))
+      return
+   end if
+   self%nd = 2
+   self%source = bend(grid_points(source, [outer - inner, 0.5_wp*pi]))
+   self%place = bend(grid_points(place, [outer - inner, 0.5_wp*pi]))
+   ! the same spacing in both directions, the larger of radial and angular distance: rectangular
+   ! supports do not turn with the angle
+   allocate (self%spacing(2, size(self%source, 2)))
+   do is = 1, size(self%source, 2)
+      self%spacing(:, is) = max((outer - inner)/(source(1) - 1), &
+         & 0.5_wp*pi*norm2(self%source(:, is))/(source(2) - 1))
+   end do
+   call default_tissue(self)
+   self%set_name = [character(len=32) :: 'inner', 'outer', 'x0', 'y0']
+   call start_boundary(self)
+   at = grid(place)
+   do ip = 1, size(at, 2)
+      r = norm2(self%place(:, ip))
+      t = 0.5_wp*pi*at(2, ip)/(place(2) - 1)
+      weight_t = merge(0.5_wp, 1.0_wp, at(2, ip) == 0 .or. at(2, ip) == place(2) - 1) &
+         & *0.5_wp*pi*r/(place(2) - 1)
+      weight_r = merge(0.5_wp, 1.0_wp, at(1, ip) == 0 .or. at(1, ip) == place(1) - 1) &
+         & *(outer - inner)/(place(1) - 1)
+      if (at(1, ip) == 0) call add_entry(self, ip, 1, -[cos(t), sin(t)], weight_t)
+      if (at(1, ip) == place(1) - 1) call add_entry(self, ip, 2, [cos(t), sin(t)], weight_t)
+      if (at(2, ip) == place(2) - 1) call add_entry(self, ip, 3, [-1.0_wp, 0.0_wp], weight_r)
+      if (at(2, ip) == 0) call add_entry(self, ip, 4, [0.0_wp, -1.0_wp], weight_r)
+   end do
+
+contains
+
+   !> From radius offset and angle to the plane; the axes are met exactly
+   pure function bend(x) result(y)
+      real(wp), intent(in) :: x(:, :)
+      real(wp) :: y(2, size(x, 2))
+      integer :: i
+
+      do i = 1, size(x, 2)
+         y(:, i) = (inner + x(1, i))*[cos(x(2, i)), sin(x(2, i))]
+         if (x(2, i) >= 0.5_wp*pi) y(1, i) = 0.0_wp
+      end do
+   end function bend
+
+end subroutine new_annulus
+
+!> Refuse what no later station could make sense of
+subroutine check_cloud(self, error)
+   !> Cloud
+   type(cloud_type), intent(in) :: self
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   integer :: i
+
+   do i = 1, size(self%place, 2)
+      if (.not. all(abs(self%place(:, i)) <= huge(1.0_wp))) then
+         call fatal_error(error, err_input, 'collocation point '//to_text(i)//' has coordinates ' &
+            & //'that are not finite')
+         return
+      end if
+      if (.not. abs(norm2(self%fiber(:, i)) - 0.5_wp) <= 0.500001_wp) then
+         call fatal_error(error, err_input, 'fiber at collocation point '//to_text(i)//' at ' &
+            & //to_text(self%place(:, i))//' is '//to_text(self%fiber(:, i)) &
+            & //': neither a unit vector nor zero')
+         return
+      end if
+   end do
+   do i = 1, size(self%point)
+      if (self%point(i) < 1 .or. self%point(i) > size(self%place, 2) .or. self%set(i) < 1 &
+         & .or. self%set(i) > size(self%set_name)) then
+         call fatal_error(error, err_input, 'boundary entry '//to_text(i)//' names point ' &
+            & //to_text(self%point(i))//' and set '//to_text(self%set(i))//', which do not exist')
+         return
+      end if
+      if (.not. abs(norm2(self%normal(:, i)) - 1.0_wp) < 1.0e-6_wp) then
+         call fatal_error(error, err_input, 'normal of boundary entry '//to_text(i)//' at ' &
+            & //to_text(self%place(:, self%point(i)))//' is not a unit vector')
+         return
+      end if
+   end do
+end subroutine check_cloud
+
+!> Grid counts fit the dimension and allow differences
+subroutine check_counts(nd, source, place, error)
+   !> Space dimension
+   integer, intent(in) :: nd
+   !> Source points in each direction
+   integer, intent(in) :: source(:)
+   !> Collocation points in each direction
+   integer, intent(in) :: place(:)
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+
+   if (size(source) /= nd .or. size(place) /= nd) then
+      call fatal_error(error, err_input, 'source and collocation need '//to_text(nd)//' counts')
+   else if (any(source < 2) .or. any(place < 2)) then
+      call fatal_error(error, err_input, 'at least 2 points in each direction are needed')
+   end if
+end subroutine check_counts
+
+!> Points of a regular grid over a box
+pure function grid_points(n, length) result(x)
+   !> Points in each direction, shape (nd)
+   integer, intent(in) :: n(:)
+   !> Edge lengths, shape (nd) [length]
+   real(wp), intent(in) :: length(:)
+   real(wp) :: x(size(n), product(n))
+   integer :: at(size(n), product(n)), d
+
+   at = grid(n)
+   do d = 1, size(n)
+      x(d, :) = length(d)*at(d, :)/real(n(d) - 1, wp)
+   end do
+end function grid_points
+
+!> One tissue, no fibers
+subroutine default_tissue(self)
+   !> Cloud with collocation points
+   type(cloud_type), intent(inout) :: self
+
+   allocate (self%label(size(self%place, 2)), source=1)
+   allocate (self%fiber(3, size(self%place, 2)), source=0.0_wp)
+end subroutine default_tissue
+
+!> No boundary entries
+subroutine start_boundary(self)
+   !> Cloud
+   type(cloud_type), intent(inout) :: self
+
+   allocate (self%point(0), self%set(0), self%normal(self%nd, 0), self%area(0))
+end subroutine start_boundary
+
+!> Append a boundary entry
+subroutine add_entry(self, point, set, normal, area)
+   !> Cloud
+   type(cloud_type), intent(inout) :: self
+   !> Collocation point
+   integer, intent(in) :: point
+   !> Boundary set
+   integer, intent(in) :: set
+   !> Outward unit normal, shape (nd)
+   real(wp), intent(in) :: normal(:)
+   !> Area [length^(nd-1)]
+   real(wp), intent(in) :: area
+
+   self%point = [self%point, point]
+   self%set = [self%set, set]
+   self%area = [self%area, area]
+   self%normal = reshape([self%normal, normal], [self%nd, size(self%point)])
+end subroutine add_entry
+
+!> Unit vector along an axis
+pure function axis(nd, d, sign) result(v)
+   !> Space dimension
+   integer, intent(in) :: nd
+   !> Axis
+   integer, intent(in) :: d
+   !> -1 or 1
+   integer, intent(in) :: sign
+   real(wp) :: v(nd)
+
+   v = 0.0_wp
+   v(d) = real(sign, wp)
+end function axis
+
+end module rk_cloud

@@ -1,0 +1,324 @@
+!> Strong form collocation of hyperelasticity in displacements (RKCM).
+!>
+!> All collocation points carry the equilibrium rows, boundary points carry boundary rows as well.
+!> Equation numbers are the thesis's: residuals (5.71)-(5.73), linearisation (5.66)-(5.70).
+module rk_collocation
+   use rk_boundary, only : boundary_type, new_boundary
+   use rk_error, only : error_type
+   use rk_lstsq, only : row_operator
+   use rk_precision, only : wp
+   use rk_problem, only : problem_type, state_type
+   use rk_rows, only : new_rows, rows_type
+   use rk_scene, only : scene_type
+   use rk_shape, only : new_shape, shape_type
+   implicit none
+   private
+
+   public :: collocation_type, new_collocation, free_collocation, deformation, determinant
+
+   !> Collocation problem of a scene
+   type, extends(problem_type) :: collocation_type
+      !> What is modelled
+      type(scene_type), pointer :: scene => null()
+      !> Shape functions at the collocation points
+      type(shape_type), pointer :: shape => null()
+      !> Conditions at boundary points
+      type(boundary_type) :: boundary
+      !> Linearised rows: one block for each collocation point, then one for each boundary point
+      type(rows_type) :: rows
+      !> Weight of the essential rows of each boundary point, shape (nb)
+      real(wp), allocatable :: weight(:)
+      !> Boundary point of each collocation point, 0 inside, shape (nc)
+      integer, allocatable :: boundary_of(:)
+   contains
+      procedure :: start_step
+      procedure :: evaluate
+      procedure :: operator
+      !> Displacement and derivatives at a collocation point from the unknowns
+      procedure :: displacement
+   end type collocation_type
+
+contains
+
+!> Set up the collocation problem of a scene
+subroutine new_collocation(self, scene, error)
+   !> Problem
+   type(collocation_type), intent(inout) :: self
+   !> Scene
+   type(scene_type), target, intent(in) :: scene
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   integer, allocatable :: place(:), range(:, :)
+   integer :: nd, nc, nb, b, d
+
+   self%scene => scene
+   nd = scene%cloud%nd
+   call new_boundary(self%boundary, scene%cloud, scene%condition, error)
+   if (allocated(error)) return
+   allocate (self%shape)
+   call new_shape(self%shape, scene%approximation, scene%cloud%source, scene%support, &
+      & scene%cloud%place, error)
+   if (allocated(error)) return
+
+   nc = size(scene%cloud%place, 2)
+   nb = size(self%boundary%point)
+   place = [[(b, b=1, nc)], self%boundary%point]
+   allocate (range(2, nc + nb))
+   range(1, :nc) = 2
+   range(2, :nc) = self%shape%nq
+   range(1, nc + 1:) = 1
+   range(2, nc + 1:) = 1 + nd
+   call new_rows(self%rows, self%shape, nd, place, [(nd, b=1, nc + nb)], range, &
+      & scene%cloud%place, [(minval(scene%cloud%spacing(d, :)), d=1, nd)])
+   self%m = self%rows%m
+   self%n = self%rows%n
+   allocate (self%weight(nb), source=1.0_wp)
+   allocate (self%boundary_of(nc), source=0)
+   self%boundary_of(self%boundary%point) = [(b, b=1, nb)]
+end subroutine new_collocation
+
+!> Give back the shape functions, which belong to the problem that made them
+subroutine free_collocation(self)
+   !> Problem
+   type(collocation_type), intent(inout) :: self
+
+   if (associated(self%shape)) deallocate (self%shape)
+end subroutine free_collocation
+
+!> Linearised rows
+function operator(self) result(op)
+   !> Problem
+   class(collocation_type), target, intent(inout) :: self
+   class(row_operator), pointer :: op
+
+   op => self%rows
+end function operator
+
+!> Deformation gradient and its derivatives from the displacement's derivatives
+pure subroutine deformation(nd, u, f, h)
+   !> Space dimension
+   integer, intent(in) :: nd
+   !> Displacement with derivatives, shape (nd, nq)
+   real(wp), intent(in) :: u(:, :)
+   !> F(i, A) [-]
+   real(wp), intent(out) :: f(3, 3)
+   !> u_j,BA as h(j, B, A) [1/length]
+   real(wp), intent(out) :: h(3, 3, 3)
+   integer :: a, b, q
+
+   f = 0.0_wp
+   h = 0.0_wp
+   do a = 1, 3
+      f(a, a) = 1.0_wp
+   end do
+   q = 1 + nd
+   do a = 1, nd
+      f(:nd, a) = f(:nd, a) + u(:, 1 + a)
+      do b = a, nd
+         q = q + 1
+         h(:nd, b, a) = u(:, q)
+         h(:nd, a, b) = u(:, q)
+      end do
+   end do
+end subroutine deformation
+
+!> Determinant
+pure real(wp) function determinant(f)
+   !> Matrix
+   real(wp), intent(in) :: f(3, 3)
+
+   determinant = f(1, 1)*(f(2, 2)*f(3, 3) - f(2, 3)*f(3, 2)) &
+      & - f(1, 2)*(f(2, 1)*f(3, 3) - f(2, 3)*f(3, 1)) &
+      & + f(1, 3)*(f(2, 1)*f(3, 2) - f(2, 2)*f(3, 1))
+end function determinant
+
+!> Displacement and derivatives at a collocation point from the unknowns
+subroutine displacement(self, ip, x, last, u)
+   !> Problem
+   class(collocation_type), intent(in) :: self
+   !> Collocation point
+   integer, intent(in) :: ip
+   !> Unknowns, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Last derivative wanted
+   integer, intent(in) :: last
+   !> Displacement with derivatives, shape (nd, nq) [length], [-], [1/length]
+   real(wp), intent(out) :: u(:, :)
+
+   call self%shape%interpolate(ip, x, 1, last, u)
+end subroutine displacement
+
+!> Weights of the essential rows (5.52b), from the tangent at the start of the step
+subroutine start_step(self, x, load)
+   !> Problem
+   class(collocation_type), target, intent(inout) :: self
+   !> Unknowns at the start of the step, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Load at the end of the step [-]
+   real(wp), intent(in) :: load
+   real(wp) :: u(self%scene%cloud%nd, self%shape%nq), f(3, 3), h(3, 3, 3), p(3, 3)
+   real(wp) :: c4(3, 3, 3, 3), factor
+   integer :: b, ip, nd
+
+   if (self%scene%weight_essential > 0.0_wp) then
+      self%weight = self%scene%weight_essential
+      return
+   end if
+   factor = merge(self%scene%weight_c4, real(self%shape%ns, wp), self%scene%weight_c4 > 0.0_wp)
+   nd = self%scene%cloud%nd
+   do b = 1, size(self%boundary%point)
+      ip = self%boundary%point(b)
+      call self%displacement(ip, x, 1 + nd, u)
+      call deformation(nd, u, f, h)
+      associate (material => self%scene%tissue(self%scene%tissue_of(ip))%material)
+         call material%tangent(f, self%scene%cloud%fiber(:, ip), load*self%scene%activation, p, c4)
+      end associate
+      self%weight(b) = factor*maxval(abs(c4(:nd, :nd, :nd, :nd)))
+   end do
+end subroutine start_step
+
+!> Residuals (5.71)-(5.73) and rows (5.66)-(5.69)
+subroutine evaluate(self, x, load, tangent, r, state)
+   !> Problem
+   class(collocation_type), target, intent(inout) :: self
+   !> Unknowns, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> Linearise
+   logical, intent(in) :: tangent
+   !> Residuals, shape (m)
+   real(wp), contiguous, intent(inout) :: r(:)
+   !> What was seen
+   type(state_type), intent(out) :: state
+   real(wp), allocatable :: volume(:)
+   integer :: ip
+
+   allocate (volume(self%shape%np))
+   !$omp parallel do default(none) schedule(static) private(ip) &
+   !$omp shared(self, x, load, tangent, r, volume)
+   do ip = 1, self%shape%np
+      call evaluate_place(self, ip, x, load, tangent, r, volume(ip))
+   end do
+   !$omp end parallel do
+   state%worst = minloc(volume, dim=1)
+   state%min_j = volume(state%worst)
+   state%max_j = maxval(volume)
+   ! comparisons that a NaN fails
+   state%valid = all(volume > 0.0_wp) .and. all(abs(r) <= huge(1.0_wp))
+end subroutine evaluate
+
+!> Rows of one collocation point and, where it lies on the boundary, of its boundary conditions
+subroutine evaluate_place(self, ip, x, load, tangent, r, volume)
+   !> Problem
+   class(collocation_type), intent(inout) :: self
+   !> Collocation point
+   integer, intent(in) :: ip
+   !> Unknowns, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> Linearise
+   logical, intent(in) :: tangent
+   !> Residuals, shape (m)
+   real(wp), intent(inout) :: r(:)
+   !> Volume ratio J [-]
+   real(wp), intent(out) :: volume
+   real(wp) :: u(self%scene%cloud%nd, self%shape%nq), f(3, 3), h(3, 3, 3), p(3, 3)
+   real(wp) :: c4(3, 3, 3, 3), t(3, 3, 3), fiber(3), activation
+   integer :: nd, i, k, q, ca, cb, row
+
+   nd = self%scene%cloud%nd
+   call self%displacement(ip, x, self%shape%nq, u)
+   call deformation(nd, u, f, h)
+   volume = determinant(f)
+   row = self%rows%row(ip)
+   if (.not. volume > 0.0_wp) then
+      ! no stress exists; the caller rejects the state
+      r(row + 1:row + nd) = 0.0_wp
+      if (self%boundary_of(ip) > 0) then
+         row = self%rows%row(self%shape%np + self%boundary_of(ip))
+         r(row + 1:row + nd) = 0.0_wp
+      end if
+      return
+   end if
+   fiber = self%scene%cloud%fiber(:, ip)
+   activation = load*self%scene%activation
+   associate (material => self%scene%tissue(self%scene%tissue_of(ip))%material)
+      if (tangent) then
+         call material%strong(nd, f, h, fiber, activation, p, c4, t)
+      else
+         call material%tangent(f, fiber, activation, p, c4)
+      end if
+   end associate
+
+   do i = 1, nd
+      r(row + i) = 0.0_wp
+      do ca = 1, nd
+         do cb = 1, nd
+            r(row + i) = r(row + i) + dot_product(c4(i, ca, :nd, cb), h(:nd, cb, ca))
+         end do
+      end do
+   end do
+   if (tangent) then
+      do k = 1, nd
+         do i = 1, nd
+            q = 1 + nd
+            do ca = 1, nd
+               self%rows%coefficient(i, k, 1 + ca, ip) = t(i, k, ca)
+               do cb = ca, nd
+                  q = q + 1
+                  self%rows%coefficient(i, k, q, ip) = merge(c4(i, ca, k, ca), &
+                     & c4(i, ca, k, cb) + c4(i, cb, k, ca), ca == cb)
+               end do
+            end do
+         end do
+      end do
+   end if
+   if (self%boundary_of(ip) > 0) call evaluate_boundary(self, self%boundary_of(ip), u(:, 1), &
+      & load, p, c4, tangent, r)
+end subroutine evaluate_place
+
+!> Rows of one boundary point
+subroutine evaluate_boundary(self, b, u, load, p, c4, tangent, r)
+   !> Problem
+   class(collocation_type), intent(inout) :: self
+   !> Boundary point
+   integer, intent(in) :: b
+   !> Displacement, shape (nd) [length]
+   real(wp), intent(in) :: u(:)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> First Piola-Kirchhoff stress P(i, A)
+   real(wp), intent(in) :: p(3, 3)
+   !> Tangent C4(i, A, j, B)
+   real(wp), intent(in) :: c4(3, 3, 3, 3)
+   !> Linearise
+   logical, intent(in) :: tangent
+   !> Residuals, shape (m)
+   real(wp), intent(inout) :: r(:)
+   integer :: nd, block, row, i, k, cb
+
+   nd = size(u)
+   block = self%shape%np + b
+   row = self%rows%row(block)
+   do i = 1, nd
+      if (tangent) self%rows%coefficient(i, :, :, block) = 0.0_wp
+      if (self%boundary%essential(i, b)) then
+         r(row + i) = self%weight(b)*(u(i) - load*self%boundary%value(i, b))
+         if (tangent) self%rows%coefficient(i, i, 1, block) = self%weight(b)
+      else
+         associate (n => self%boundary%normal(:, i, b), w => self%scene%weight_traction)
+            r(row + i) = w*(dot_product(p(i, :nd), n) - load*self%boundary%traction(i, b))
+            if (.not. tangent) cycle
+            do cb = 1, nd
+               do k = 1, nd
+                  self%rows%coefficient(i, k, 1 + cb, block) = w*dot_product(c4(i, :nd, k, cb), n)
+               end do
+            end do
+         end associate
+      end if
+   end do
+end subroutine evaluate_boundary
+
+end module rk_collocation

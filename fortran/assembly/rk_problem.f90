@@ -1,0 +1,71 @@
+!> What a nonlinear solver may know of a problem: residuals of an overdetermined system in terms of
+!> the unknowns and the load, and their linearisation.
+module rk_problem
+   use rk_lstsq, only : row_operator
+   use rk_precision, only : wp
+   implicit none
+   private
+
+   public :: problem_type, state_type
+
+   !> What was seen while residuals were evaluated
+   type :: state_type
+      !> Smallest volume ratio J [-]
+      real(wp) :: min_j = 1.0_wp
+      !> Largest volume ratio J [-]
+      real(wp) :: max_j = 1.0_wp
+      !> Collocation point with the smallest J
+      integer :: worst = 0
+      !> All volume ratios positive and all residuals finite
+      logical :: valid = .true.
+   end type state_type
+
+   !> Overdetermined nonlinear equations r(x, load) = 0, solved in the least squares sense
+   type, abstract :: problem_type
+      !> Equations
+      integer :: m = 0
+      !> Unknowns
+      integer :: n = 0
+   contains
+      !> Fix what stays constant during a load step: row weights
+      procedure(start_interface), deferred :: start_step
+      !> Residuals and, where wanted, their linearisation
+      procedure(evaluate_interface), deferred :: evaluate
+      !> The linearisation of the last evaluation
+      procedure(operator_interface), deferred :: operator
+   end type problem_type
+
+   abstract interface
+      subroutine start_interface(self, x, load)
+         import :: problem_type, wp
+         !> Problem
+         class(problem_type), target, intent(inout) :: self
+         !> Unknowns at the start of the step, shape (n)
+         real(wp), contiguous, intent(in) :: x(:)
+         !> Load at the end of the step, 0..1 [-]
+         real(wp), intent(in) :: load
+      end subroutine start_interface
+      subroutine evaluate_interface(self, x, load, tangent, r, state)
+         import :: problem_type, state_type, wp
+         !> Problem
+         class(problem_type), target, intent(inout) :: self
+         !> Unknowns, shape (n)
+         real(wp), contiguous, intent(in) :: x(:)
+         !> Load, 0..1 [-]
+         real(wp), intent(in) :: load
+         !> Linearise
+         logical, intent(in) :: tangent
+         !> Residuals, shape (m)
+         real(wp), contiguous, intent(inout) :: r(:)
+         !> What was seen
+         type(state_type), intent(out) :: state
+      end subroutine evaluate_interface
+      function operator_interface(self) result(op)
+         import :: problem_type, row_operator
+         !> Problem
+         class(problem_type), target, intent(inout) :: self
+         class(row_operator), pointer :: op
+      end function operator_interface
+   end interface
+
+end module rk_problem

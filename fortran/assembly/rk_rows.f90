@@ -1,0 +1,442 @@
+!> Linear equations at points: every row is a sum over derivatives of unknown fields at one place.
+!>
+!> A block holds the rows of one place: row i is sum_c sum_q coefficient(i, c, q) D_q u_c, where u_c
+!> are the unknown fields and D_q value, first and second derivatives. With shape functions this is
+!> a tall sparse matrix; it is multiplied, squared or written out, but never stored.
+module rk_rows
+   use rk_lapack, only : syrk
+   use rk_lstsq, only : row_operator
+   use rk_precision, only : i8, wp
+   use rk_shape, only : shape_type
+   implicit none
+   private
+
+   public :: rows_type, new_rows
+
+   !> Rows of all places
+   type, extends(row_operator) :: rows_type
+      !> Shape functions of the places
+      type(shape_type), pointer :: shape => null()
+      !> Unknown fields
+      integer :: nc = 0
+      !> Place of each block, ascending, shape (nblock)
+      integer, allocatable :: place(:)
+      !> Rows of block b are row(b)+1 : row(b+1), shape (nblock + 1)
+      integer, allocatable :: row(:)
+      !> First and last derivative a block uses, shape (2, nblock)
+      integer, allocatable :: range(:, :)
+      !> Coefficients, shape (max rows, nc, nq, nblock)
+      real(wp), allocatable :: coefficient(:, :, :, :)
+      !> Blocks in groups of near places, group g is order(group(g)+1 : group(g+1))
+      integer, allocatable, private :: order(:), group(:)
+      !> Places seen by each source point in compressed rows, and their entry in `value`
+      integer(i8), allocatable, private :: seen(:)
+      integer, allocatable, private :: seen_place(:)
+      integer(i8), allocatable, private :: seen_value(:)
+   contains
+      procedure :: apply
+      procedure :: apply_transposed
+      procedure :: normal
+      procedure :: dense
+   end type rows_type
+
+   !> Groups whose products are formed before they are added: enough work for all threads, and
+   !> a number that does not depend on the threads, so that sums do not either
+   integer, parameter :: batch = 8
+
+contains
+
+!> Rows without coefficients
+subroutine new_rows(self, shape, nc, place, rows, range, position, spacing)
+   !> Rows
+   type(rows_type), intent(out) :: self
+   !> Shape functions at the places
+   type(shape_type), target, intent(in) :: shape
+   !> Unknown fields
+   integer, intent(in) :: nc
+   !> Place of each block, ascending, shape (nblock)
+   integer, intent(in) :: place(:)
+   !> Number of rows of each block, shape (nblock)
+   integer, intent(in) :: rows(:)
+   !> First and last derivative each block uses, shape (2, nblock)
+   integer, intent(in) :: range(:, :)
+   !> Coordinates of all places, shape (nd, np) [length]
+   real(wp), intent(in) :: position(:, :)
+   !> Size of the boxes that gather near places, shape (nd) [length]
+   real(wp), intent(in) :: spacing(:)
+   integer :: b
+
+   self%shape => shape
+   self%nc = nc
+   self%n = nc*shape%ns
+   self%place = place
+   self%range = range
+   allocate (self%row(size(place) + 1))
+   self%row(1) = 0
+   do b = 1, size(place)
+      self%row(b + 1) = self%row(b) + rows(b)
+   end do
+   self%m = self%row(size(place) + 1)
+   allocate (self%coefficient(maxval(rows), nc, shape%nq, size(place)), source=0.0_wp)
+   call group_places(self, position, spacing)
+   call transpose_neighbours(self)
+end subroutine new_rows
+
+!> Gather blocks whose places lie in the same box
+subroutine group_places(self, position, spacing)
+   !> Rows
+   type(rows_type), intent(inout) :: self
+   !> Coordinates of all places, shape (nd, np) [length]
+   real(wp), intent(in) :: position(:, :)
+   !> Size of the boxes, shape (nd) [length]
+   real(wp), intent(in) :: spacing(:)
+   integer, allocatable :: box(:), start(:)
+   real(wp) :: low(size(spacing))
+   integer :: n(3), c(3), b, d, nbox, g
+
+   low = minval(position, dim=2)
+   n = 1
+   do d = 1, size(spacing)
+      n(d) = 1 + int((maxval(position(d, :)) - low(d))/spacing(d) + 1.0e-9_wp)
+   end do
+   nbox = product(n)
+   allocate (box(size(self%place)), start(nbox + 1), source=0)
+   do b = 1, size(self%place)
+      c = 0
+      do d = 1, size(spacing)
+         ! the last layer of points joins the box below it
+         c(d) = min(int((position(d, self%place(b)) - low(d))/spacing(d) + 1.0e-9_wp), &
+            & max(n(d) - 2, 0))
+      end do
+      box(b) = 1 + c(1) + n(1)*(c(2) + n(2)*c(3))
+      start(box(b) + 1) = start(box(b) + 1) + 1
+   end do
+   do d = 2, nbox + 1
+      start(d) = start(d) + start(d - 1)
+   end do
+   ! empty boxes make no group
+   allocate (self%group(count(start(2:) > start(:nbox)) + 1))
+   self%group(1) = 0
+   g = 1
+   do d = 1, nbox
+      if (start(d + 1) == start(d)) cycle
+      g = g + 1
+      self%group(g) = start(d + 1)
+   end do
+   allocate (self%order(size(self%place)))
+   do b = 1, size(self%place)
+      start(box(b)) = start(box(b)) + 1
+      self%order(start(box(b))) = b
+   end do
+end subroutine group_places
+
+!> For every source point the places that see it
+subroutine transpose_neighbours(self)
+   !> Rows
+   type(rows_type), intent(inout) :: self
+   integer(i8), allocatable :: at(:)
+   integer(i8) :: k, shift
+   integer :: ip, is
+
+   associate (s => self%shape)
+      allocate (self%seen(s%ns + 1), source=0_i8)
+      do k = 1, size(s%neighbour%index, kind=i8)
+         is = s%neighbour%index(k)
+         self%seen(is + 1) = self%seen(is + 1) + 1
+      end do
+      do is = 1, s%ns
+         self%seen(is + 1) = self%seen(is + 1) + self%seen(is)
+      end do
+      allocate (self%seen_place(self%seen(s%ns + 1)), self%seen_value(self%seen(s%ns + 1)))
+      at = self%seen
+      do ip = 1, s%np
+         shift = s%first(s%stencil(ip)) - s%neighbour%offset(ip)
+         do k = s%neighbour%offset(ip) + 1, s%neighbour%offset(ip + 1)
+            is = s%neighbour%index(k)
+            at(is) = at(is) + 1
+            self%seen_place(at(is)) = ip
+            self%seen_value(at(is)) = k + shift
+         end do
+      end do
+   end associate
+end subroutine transpose_neighbours
+
+!> y = A x
+subroutine apply(self, x, y)
+   !> Rows
+   class(rows_type), intent(in) :: self
+   !> Coefficients of the unknowns, field fastest, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Rows, shape (m)
+   real(wp), contiguous, intent(inout) :: y(:)
+   real(wp) :: u(self%nc, self%shape%nq)
+   integer :: b, i, q, row
+
+   !$omp parallel do default(none) schedule(static) private(b, i, q, row, u) shared(self, x, y)
+   do b = 1, size(self%place)
+      call self%shape%interpolate(self%place(b), x, self%range(1, b), self%range(2, b), u)
+      row = self%row(b)
+      do i = 1, self%row(b + 1) - row
+         y(row + i) = 0.0_wp
+         do q = self%range(1, b), self%range(2, b)
+            y(row + i) = y(row + i) + dot_product(self%coefficient(i, :, q, b), u(:, q))
+         end do
+      end do
+   end do
+   !$omp end parallel do
+end subroutine apply
+
+!> x = A^T y; every source point sums over the places that see it, so threads never meet
+subroutine apply_transposed(self, x, y)
+   !> Rows
+   class(rows_type), intent(in) :: self
+   !> Rows, shape (m)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Coefficients of the unknowns, shape (n)
+   real(wp), contiguous, intent(inout) :: y(:)
+   real(wp), allocatable :: dual(:, :, :)
+   real(wp) :: total(self%nc)
+   integer(i8) :: k
+   integer :: b, c, i, ip, is, q
+
+   allocate (dual(self%shape%nq, self%nc, self%shape%np), source=0.0_wp)
+   do b = 1, size(self%place)
+      ip = self%place(b)
+      do i = 1, self%row(b + 1) - self%row(b)
+         do c = 1, self%nc
+            do q = self%range(1, b), self%range(2, b)
+               dual(q, c, ip) = dual(q, c, ip) + self%coefficient(i, c, q, b)*x(self%row(b) + i)
+            end do
+         end do
+      end do
+   end do
+   !$omp parallel do default(none) schedule(dynamic, 16) private(is, k, c, total) &
+   !$omp shared(self, dual, y)
+   do is = 1, self%shape%ns
+      total = 0.0_wp
+      do k = self%seen(is) + 1, self%seen(is + 1)
+         do c = 1, self%nc
+            total(c) = total(c) + dot_product(self%shape%value(:, self%seen_value(k)), &
+               & dual(:, c, self%seen_place(k)))
+         end do
+      end do
+      y(self%nc*(is - 1) + 1:self%nc*is) = total
+   end do
+   !$omp end parallel do
+end subroutine apply_transposed
+
+!> Upper triangle of A^T A, summed over groups of near places
+subroutine normal(self, a)
+   !> Rows
+   class(rows_type), intent(in) :: self
+   !> Matrix, shape (n, n)
+   real(wp), contiguous, intent(inout) :: a(:, :)
+   type :: piece_type
+      integer, allocatable :: node(:)
+      real(wp), allocatable :: rows(:, :), product(:, :)
+      integer :: m = 0
+      integer :: n = 0
+   end type piece_type
+   type(piece_type), allocatable :: piece(:)
+   integer :: first, last, g, j, column, k, groups, node
+
+   groups = size(self%group) - 1
+   allocate (piece(min(batch, groups)))
+   !$omp parallel do default(none) schedule(static) private(j) shared(a)
+   do j = 1, size(a, 2)
+      a(:, j) = 0.0_wp
+   end do
+   !$omp end parallel do
+   do first = 1, groups, batch
+      last = min(first + batch - 1, groups)
+      !$omp parallel default(none) shared(self, piece, first, last, a) private(g, k, j, column, node)
+      !$omp do schedule(dynamic, 1)
+      do g = first, last
+         associate (p => piece(g - first + 1))
+            call group_rows(self, g, p%node, p%rows, p%m)
+            p%n = self%nc*size(p%node)
+            if (allocated(p%product)) then
+               if (size(p%product, 1) < p%n) deallocate (p%product)
+            end if
+            if (.not. allocated(p%product)) allocate (p%product(p%n, p%n))
+            call syrk(p%rows, p%m, p%n, p%product)
+         end associate
+      end do
+      !$omp end do
+      ! every column is summed by one thread, in the order of the groups
+      !$omp do schedule(static, 4)
+      do node = 1, self%shape%ns
+         do g = 1, last - first + 1
+            associate (p => piece(g))
+               k = find(p%node, node)
+               if (k == 0) cycle
+               do j = 1, self%nc
+                  column = self%nc*(k - 1) + j
+                  call scatter(self%nc, p%node, k, p%product(:, column), &
+                     & a(:, self%nc*(node - 1) + j), column)
+               end do
+            end associate
+         end do
+      end do
+      !$omp end do
+      !$omp end parallel
+   end do
+end subroutine normal
+
+!> Position of a number in an ascending list, 0 if absent
+pure integer function find(list, number)
+   !> Ascending list
+   integer, intent(in) :: list(:)
+   !> Number
+   integer, intent(in) :: number
+   integer :: low, high, middle
+
+   low = 1
+   high = size(list)
+   find = 0
+   do while (low <= high)
+      middle = (low + high)/2
+      if (list(middle) == number) then
+         find = middle
+         return
+      else if (list(middle) < number) then
+         low = middle + 1
+      else
+         high = middle - 1
+      end if
+   end do
+end function find
+
+!> Add the upper part of one column of a group's product to the matrix
+pure subroutine scatter(nc, node, last, from, to, rows)
+   !> Unknown fields
+   integer, intent(in) :: nc
+   !> Source points of the group
+   integer, intent(in) :: node(:)
+   !> Position of the column's source point
+   integer, intent(in) :: last
+   !> Column of the product
+   real(wp), intent(in) :: from(:)
+   !> Column of the matrix
+   real(wp), intent(inout) :: to(:)
+   !> Rows of the column on and above the diagonal
+   integer, intent(in) :: rows
+   integer :: k, c, at
+
+   do k = 1, last - 1
+      at = nc*(node(k) - 1)
+      do c = 1, nc
+         to(at + c) = to(at + c) + from(nc*(k - 1) + c)
+      end do
+   end do
+   at = nc*(node(last) - 1)
+   do c = 1, rows - nc*(last - 1)
+      to(at + c) = to(at + c) + from(nc*(last - 1) + c)
+   end do
+end subroutine scatter
+
+!> Dense rows of a group over the source points it sees
+subroutine group_rows(self, g, node, rows, m)
+   !> Rows
+   class(rows_type), intent(in) :: self
+   !> Group
+   integer, intent(in) :: g
+   !> Source points, ascending
+   integer, allocatable, intent(inout) :: node(:)
+   !> Rows, shape (>= m, nc*size(node)); kept from call to call
+   real(wp), allocatable, intent(inout) :: rows(:, :)
+   !> Rows in use
+   integer, intent(out) :: m
+   integer, allocatable :: column(:)
+   integer :: b, i, k, n, ip
+   integer(i8) :: e
+
+   associate (s => self%shape)
+      allocate (column(s%ns), source=0)
+      m = 0
+      do i = self%group(g) + 1, self%group(g + 1)
+         b = self%order(i)
+         ip = self%place(b)
+         m = m + self%row(b + 1) - self%row(b)
+         do e = s%neighbour%offset(ip) + 1, s%neighbour%offset(ip + 1)
+            column(s%neighbour%index(e)) = 1
+         end do
+      end do
+      n = sum(column)
+      if (allocated(node)) deallocate (node)
+      allocate (node(n))
+      n = 0
+      do k = 1, s%ns
+         if (column(k) == 0) cycle
+         n = n + 1
+         node(n) = k
+         column(k) = n
+      end do
+      if (allocated(rows)) then
+         if (size(rows, 1) < m .or. size(rows, 2) < self%nc*n) deallocate (rows)
+      end if
+      if (.not. allocated(rows)) allocate (rows(m, self%nc*n))
+      rows = 0.0_wp
+      m = 0
+      do i = self%group(g) + 1, self%group(g + 1)
+         b = self%order(i)
+         call write_block(self, b, column, rows, m)
+         m = m + self%row(b + 1) - self%row(b)
+      end do
+   end associate
+end subroutine group_rows
+
+!> Write the rows of one block into a dense matrix
+pure subroutine write_block(self, b, column, rows, row)
+   !> Rows
+   class(rows_type), intent(in) :: self
+   !> Block
+   integer, intent(in) :: b
+   !> Position of each source point among the columns, shape (ns)
+   integer, intent(in) :: column(:)
+   !> Dense matrix
+   real(wp), intent(inout) :: rows(:, :)
+   !> Row before the first one of the block
+   integer, intent(in) :: row
+   integer(i8) :: k, shift
+   integer :: c, i, q, at, ip
+
+   ip = self%place(b)
+   associate (s => self%shape)
+      shift = s%first(s%stencil(ip)) - s%neighbour%offset(ip)
+      do k = s%neighbour%offset(ip) + 1, s%neighbour%offset(ip + 1)
+         at = self%nc*(column(s%neighbour%index(k)) - 1)
+         do q = self%range(1, b), self%range(2, b)
+            do c = 1, self%nc
+               do i = 1, self%row(b + 1) - self%row(b)
+                  rows(row + i, at + c) = rows(row + i, at + c) &
+                     & + self%coefficient(i, c, q, b)*s%value(q, k + shift)
+               end do
+            end do
+         end do
+      end do
+   end associate
+end subroutine write_block
+
+!> A itself
+subroutine dense(self, a)
+   !> Rows
+   class(rows_type), intent(in) :: self
+   !> Matrix, shape (m, n)
+   real(wp), contiguous, intent(inout) :: a(:, :)
+   integer, allocatable :: column(:)
+   integer :: b, k
+
+   a = 0.0_wp
+   allocate (column(self%shape%ns))
+   do k = 1, self%shape%ns
+      column(k) = k
+   end do
+   !$omp parallel do default(none) schedule(static) private(b) shared(self, column, a)
+   do b = 1, size(self%place)
+      call write_block(self, b, column, a, self%row(b))
+   end do
+   !$omp end parallel do
+end subroutine dense
+
+end module rk_rows

@@ -1,0 +1,116 @@
+!> A scene: what is modelled, as plain data. It holds and computes nothing.
+module rk_scene
+   use rk_cloud, only : cloud_type
+   use rk_material, only : material_type
+   use rk_precision, only : wp
+   use rk_shape, only : approximation_type
+   implicit none
+   private
+
+   public :: scene_type, tissue_type, condition_type, probe_type, exact_type, reference_type
+
+   !> A material and the label of the points it fills
+   type :: tissue_type
+      !> Law and parameters
+      class(material_type), allocatable :: material
+      !> Name in the deck
+      character(len=:), allocatable :: name
+      !> Label of the points; 0 fills all points
+      integer :: label = 0
+   end type tissue_type
+
+   !> What is prescribed on a boundary set at full load
+   type :: condition_type
+      !> Boundary set
+      integer :: set = 0
+      !> Which displacement components are prescribed
+      logical :: fixed(3) = .false.
+      !> Their values [length]
+      real(wp) :: value(3) = 0.0_wp
+      !> Radial displacement about the third axis replaces the components
+      logical :: is_radial = .false.
+      !> Its value [length]
+      real(wp) :: radial = 0.0_wp
+      !> Dead traction on the free components, per undeformed area [force/area]
+      real(wp) :: traction(3) = 0.0_wp
+   end type condition_type
+
+   !> A number or vector to follow through the steps
+   type :: probe_type
+      !> Name in the deck
+      character(len=:), allocatable :: name
+      !> What is measured
+      character(len=:), allocatable :: quantity
+      !> Boundary set of a force, 0 for a point
+      integer :: set = 0
+      !> Undeformed place of a point quantity [length]
+      real(wp) :: point(3) = 0.0_wp
+   end type probe_type
+
+   !> A homogeneous exact solution for a probe
+   type :: exact_type
+      !> Probe
+      integer :: probe = 0
+      !> Kind of deformation
+      character(len=:), allocatable :: solution
+      !> Shear or stretch at full load [-]
+      real(wp) :: amount = 0.0_wp
+   end type exact_type
+
+   !> Values from elsewhere for a probe
+   type :: reference_type
+      !> Probe
+      integer :: probe = 0
+      !> Loads or activations, as the deck counts them
+      real(wp), allocatable :: load(:)
+      !> Values
+      real(wp), allocatable :: value(:)
+      !> Where they come from
+      character(len=:), allocatable :: source
+   end type reference_type
+
+   !> Everything a solve needs
+   type :: scene_type
+      !> What is modelled
+      character(len=:), allocatable :: title
+      !> Discretisation
+      character(len=:), allocatable :: method
+      !> Points
+      type(cloud_type) :: cloud
+      !> Shape functions
+      type(approximation_type) :: approximation
+      !> Support of each source point, shape (nd, ns) [length]
+      real(wp), allocatable :: support(:, :)
+      !> Materials
+      type(tissue_type), allocatable :: tissue(:)
+      !> Material of each collocation point, shape (nc)
+      integer, allocatable :: tissue_of(:)
+      !> Boundary conditions
+      type(condition_type), allocatable :: condition(:)
+      !> Activation at full load [-]
+      real(wp) :: activation = 0.0_wp
+      !> Load steps
+      integer :: steps = 10
+      !> Halvings of a load step before giving up
+      integer :: max_halvings = 6
+      !> Least squares solver
+      character(len=:), allocatable :: linear
+      !> Convergence tolerance [-]
+      real(wp) :: tolerance = 1.0e-6_wp
+      !> Iterations of one load step
+      integer :: max_iterations = 25
+      !> Essential weight: this number times max|C4| at the point; 0 means the number of source points
+      real(wp) :: weight_c4 = 0.0_wp
+      !> Essential weight as a plain number, used where positive
+      real(wp) :: weight_essential = 0.0_wp
+      !> Natural weight
+      real(wp) :: weight_traction = 1.0_wp
+      !> Probes
+      type(probe_type), allocatable :: probe(:)
+      !> Exact solutions
+      type(exact_type), allocatable :: exact(:)
+      !> Reference values
+      type(reference_type), allocatable :: reference(:)
+   end type scene_type
+
+end module rk_scene

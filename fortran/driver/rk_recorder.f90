@@ -1,0 +1,95 @@
+!> What a solver tells while it runs: a consumer interface without a file format.
+module rk_recorder
+   use rk_precision, only : wp
+   implicit none
+   private
+
+   public :: recorder_type, iteration_type, step_type
+
+   !> One iteration of the nonlinear solver
+   type :: iteration_type
+      !> Load step, counted from 1
+      integer :: step = 0
+      !> Load [-]
+      real(wp) :: load = 0.0_wp
+      !> Iteration, counted from 1
+      integer :: iteration = 0
+      !> |r|, weighted
+      real(wp) :: residual = 0.0_wp
+      !> |A^T r| (5.78a)
+      real(wp) :: gradient = 0.0_wp
+      !> |da|/|a| (5.78b) [-]
+      real(wp) :: step_norm = 0.0_wp
+      !> Smallest and largest volume ratio [-]
+      real(wp) :: min_j = 1.0_wp
+      real(wp) :: max_j = 1.0_wp
+      !> Backward error of the least squares solution [-]
+      real(wp) :: backward_error = 0.0_wp
+      !> Reciprocal condition estimate [-]
+      real(wp) :: rcond = 0.0_wp
+      !> Refinement iterations of the least squares solver
+      integer :: refinements = 0
+      !> Least squares solver used, and why
+      character(len=:), allocatable :: solver
+      character(len=:), allocatable :: why
+      !> Wall time since the start of the solve [s]
+      real(wp) :: seconds = 0.0_wp
+   end type iteration_type
+
+   !> One converged load step
+   type :: step_type
+      !> Load step, counted from 1
+      integer :: step = 0
+      !> Of how many
+      integer :: steps = 0
+      !> Load [-]
+      real(wp) :: load = 0.0_wp
+      !> Iterations, those of halved steps included
+      integer :: iterations = 0
+      !> Relative gradient reached [-]
+      real(wp) :: gradient = 0.0_wp
+      !> Relative step reached, the Newton decrement of the last iteration [-]
+      real(wp) :: step_norm = 0.0_wp
+      !> Smallest and largest volume ratio [-]
+      real(wp) :: min_j = 1.0_wp
+      real(wp) :: max_j = 1.0_wp
+      !> Whether the load was asked for; false for the last state before a failure
+      logical :: planned = .true.
+   end type step_type
+
+   !> Receiver of what happens
+   type, abstract :: recorder_type
+   contains
+      !> An iteration was done
+      procedure(iteration_interface), deferred :: iteration
+      !> A load step converged
+      procedure(step_interface), deferred :: step
+      !> Whether the user wants to stop
+      procedure(stop_interface), deferred :: stopped
+   end type recorder_type
+
+   abstract interface
+      subroutine iteration_interface(self, it)
+         import :: recorder_type, iteration_type
+         !> Receiver
+         class(recorder_type), intent(inout) :: self
+         !> Iteration
+         type(iteration_type), intent(in) :: it
+      end subroutine iteration_interface
+      subroutine step_interface(self, st, x)
+         import :: recorder_type, step_type, wp
+         !> Receiver
+         class(recorder_type), intent(inout) :: self
+         !> Load step
+         type(step_type), intent(in) :: st
+         !> Converged unknowns, shape (n)
+         real(wp), contiguous, intent(in) :: x(:)
+      end subroutine step_interface
+      logical function stop_interface(self)
+         import :: recorder_type
+         !> Receiver
+         class(recorder_type), intent(inout) :: self
+      end function stop_interface
+   end interface
+
+end module rk_recorder

@@ -1,0 +1,89 @@
+!> Load steps from rest to full load, halved where the iteration fails and grown again afterwards.
+module rk_static
+   use rk_error, only : error_type, err_convergence, err_linalg, err_stopped
+   use rk_newton, only : newton_type, solve_step, timer_type
+   use rk_precision, only : wp
+   use rk_problem, only : problem_type
+   use rk_recorder, only : recorder_type, step_type
+   use rk_text, only : to_text
+   implicit none
+   private
+
+   public :: solve_static
+
+contains
+
+!> Solve all load steps
+subroutine solve_static(problem, newton, steps, max_halvings, x, recorder, timer, error)
+   !> Problem
+   class(problem_type), target, intent(inout) :: problem
+   !> Settings of the iteration
+   type(newton_type), intent(inout) :: newton
+   !> Load steps
+   integer, intent(in) :: steps
+   !> Halvings of a step before giving up
+   integer, intent(in) :: max_halvings
+   !> Unknowns, start and last converged state, shape (n)
+   real(wp), contiguous, intent(inout) :: x(:)
+   !> Receiver of iterations and steps
+   class(recorder_type), intent(inout) :: recorder
+   !> Wall times
+   type(timer_type), intent(inout) :: timer
+   !> Error handling: no convergence; x holds and the recorder saw the last converged state
+   type(error_type), allocatable, intent(out) :: error
+   type(step_type) :: record
+   real(wp) :: load, size, target_load, done
+   integer :: step, halvings
+
+   done = 0.0_wp
+   halvings = 0
+   record%steps = steps
+   do step = 1, steps
+      target_load = real(step, wp)/real(steps, wp)
+      record%step = step
+      record%iterations = 0
+      do
+         ! a step is a power of two of the planned one, so the target is met exactly
+         size = 1.0_wp/real(steps, wp)/2.0_wp**halvings
+         load = min(done + size, target_load)
+         if (target_load - load < 1.0e-9_wp*size) load = target_load
+         call solve_step(newton, problem, step, load, x, recorder, timer, error)
+         record%iterations = record%iterations + newton%iterations
+         if (allocated(error)) then
+            if (any(error%code == [err_convergence, err_linalg]) .and. halvings < max_halvings) then
+               halvings = halvings + 1
+               deallocate (error)
+               cycle
+            end if
+            call give_up()
+            return
+         end if
+         done = load
+         record%load = load
+         record%gradient = newton%gradient
+         record%step_norm = newton%step_norm
+         record%min_j = newton%state%min_j
+         record%max_j = newton%state%max_j
+         if (halvings > 0 .and. 2*newton%iterations <= newton%max_iterations) halvings = halvings - 1
+         if (load >= target_load) exit
+      end do
+      call recorder%step(record, x)
+   end do
+
+contains
+
+   !> Hand over the last converged state and say where it ended
+   subroutine give_up()
+      if (done > real(step - 1, wp)/real(steps, wp)) then
+         record%planned = .false.
+         call recorder%step(record, x)
+      end if
+      if (error%code == err_stopped) return
+      error%message = 'did not converge at load '//to_text(load)//': '//error%message &
+         & //'; last converged load '//to_text(done)
+      error%code = err_convergence
+   end subroutine give_up
+
+end subroutine solve_static
+
+end module rk_static

@@ -1,0 +1,218 @@
+!> The only file that names LAPACK and BLAS routines.
+!>
+!> Reference: Anderson et al., LAPACK Users' Guide, 3rd ed., SIAM (1999),
+!>            doi:10.1137/1.9780898719604
+module rk_lapack
+   use rk_error, only : error_type, fatal_error, err_linalg
+   use rk_precision, only : wp
+   use rk_text, only : to_text
+   implicit none
+   private
+
+   public :: cholesky, solve_triangular, solve_qr, svd, syrk, matvec, matmat
+   public :: reciprocal_condition
+
+   interface
+      subroutine dpotrf(uplo, n, a, lda, info)
+         import :: wp
+         character, intent(in) :: uplo
+         integer, intent(in) :: n, lda
+         real(wp), intent(inout) :: a(lda, *)
+         integer, intent(out) :: info
+      end subroutine dpotrf
+      subroutine dtrsv(uplo, trans, diag, n, a, lda, x, incx)
+         import :: wp
+         character, intent(in) :: uplo, trans, diag
+         integer, intent(in) :: n, lda, incx
+         real(wp), intent(in) :: a(lda, *)
+         real(wp), intent(inout) :: x(*)
+      end subroutine dtrsv
+      subroutine dgels(trans, m, n, nrhs, a, lda, b, ldb, work, lwork, info)
+         import :: wp
+         character, intent(in) :: trans
+         integer, intent(in) :: m, n, nrhs, lda, ldb, lwork
+         real(wp), intent(inout) :: a(lda, *), b(ldb, *)
+         real(wp), intent(out) :: work(*)
+         integer, intent(out) :: info
+      end subroutine dgels
+      subroutine dtrcon(norm, uplo, diag, n, a, lda, rcond, work, iwork, info)
+         import :: wp
+         character, intent(in) :: norm, uplo, diag
+         integer, intent(in) :: n, lda
+         real(wp), intent(in) :: a(lda, *)
+         real(wp), intent(out) :: rcond, work(*)
+         integer, intent(out) :: iwork(*), info
+      end subroutine dtrcon
+      subroutine dgesdd(jobz, m, n, a, lda, s, u, ldu, vt, ldvt, work, lwork, iwork, info)
+         import :: wp
+         character, intent(in) :: jobz
+         integer, intent(in) :: m, n, lda, ldu, ldvt, lwork
+         real(wp), intent(inout) :: a(lda, *)
+         real(wp), intent(out) :: s(*), u(ldu, *), vt(ldvt, *), work(*)
+         integer, intent(out) :: iwork(*), info
+      end subroutine dgesdd
+      subroutine dsyrk(uplo, trans, n, k, alpha, a, lda, beta, c, ldc)
+         import :: wp
+         character, intent(in) :: uplo, trans
+         integer, intent(in) :: n, k, lda, ldc
+         real(wp), intent(in) :: alpha, beta, a(lda, *)
+         real(wp), intent(inout) :: c(ldc, *)
+      end subroutine dsyrk
+      subroutine dgemv(trans, m, n, alpha, a, lda, x, incx, beta, y, incy)
+         import :: wp
+         character, intent(in) :: trans
+         integer, intent(in) :: m, n, lda, incx, incy
+         real(wp), intent(in) :: alpha, beta, a(lda, *), x(*)
+         real(wp), intent(inout) :: y(*)
+      end subroutine dgemv
+      subroutine dgemm(transa, transb, m, n, k, alpha, a, lda, b, ldb, beta, c, ldc)
+         import :: wp
+         character, intent(in) :: transa, transb
+         integer, intent(in) :: m, n, k, lda, ldb, ldc
+         real(wp), intent(in) :: alpha, beta, a(lda, *), b(ldb, *)
+         real(wp), intent(inout) :: c(ldc, *)
+      end subroutine dgemm
+   end interface
+
+contains
+
+!> Upper Cholesky factor in place of the upper triangle
+subroutine cholesky(a, error)
+   !> Symmetric positive definite matrix, shape (n, n)
+   real(wp), contiguous, intent(inout) :: a(:, :)
+   !> Error handling: not positive definite
+   type(error_type), allocatable, intent(out) :: error
+   integer :: info
+
+   call dpotrf('u', size(a, 1), a, size(a, 1), info)
+   if (info /= 0) call fatal_error(error, err_linalg, 'matrix is not positive definite, minor ' &
+      & //to_text(info)//' of '//to_text(size(a, 1)))
+end subroutine cholesky
+
+!> Reciprocal condition number (1-norm) of an upper triangular matrix
+subroutine reciprocal_condition(r, rcond)
+   !> Triangular matrix, shape (n, n)
+   real(wp), contiguous, intent(in) :: r(:, :)
+   !> Estimate of 1/(|R| |R^-1|) [-]
+   real(wp), intent(out) :: rcond
+   real(wp), allocatable :: work(:)
+   integer, allocatable :: iwork(:)
+   integer :: info
+
+   allocate (work(3*size(r, 2)), iwork(size(r, 2)))
+   call dtrcon('1', 'u', 'n', size(r, 2), r, size(r, 1), rcond, work, iwork, info)
+   if (info /= 0) rcond = 0.0_wp
+end subroutine reciprocal_condition
+
+!> Solve R x = b or R^T x = b in place
+subroutine solve_triangular(r, b, transposed)
+   !> Upper triangular matrix, shape (n, n)
+   real(wp), contiguous, intent(in) :: r(:, :)
+   !> Right hand side, replaced by the solution, shape (n)
+   real(wp), contiguous, intent(inout) :: b(:)
+   !> Solve with the transpose
+   logical, intent(in) :: transposed
+
+   call dtrsv('u', merge('t', 'n', transposed), 'n', size(b), r, size(r, 1), b, 1)
+end subroutine solve_triangular
+
+!> Least squares by Householder QR (DGELS)
+subroutine solve_qr(a, b, rcond, error)
+   !> Matrix, destroyed, shape (m, n), m >= n
+   real(wp), contiguous, intent(inout) :: a(:, :)
+   !> Right hand side, shape (m); its first n entries are the solution afterwards
+   real(wp), contiguous, intent(inout) :: b(:)
+   !> Reciprocal condition estimate of R [-]
+   real(wp), intent(out) :: rcond
+   !> Error handling: rank deficient
+   type(error_type), allocatable, intent(out) :: error
+   real(wp), allocatable :: work(:)
+   real(wp) :: query(1)
+   integer :: m, n, info
+
+   m = size(a, 1)
+   n = size(a, 2)
+   call dgels('n', m, n, 1, a, m, b, m, query, -1, info)
+   allocate (work(nint(query(1))))
+   call dgels('n', m, n, 1, a, m, b, m, work, size(work), info)
+   rcond = 0.0_wp
+   if (info /= 0) then
+      call fatal_error(error, err_linalg, 'least squares matrix of shape ' &
+         & //to_text(m)//' x '//to_text(n)//' has not full rank, column '//to_text(info))
+      return
+   end if
+   call reciprocal_condition(a, rcond)
+end subroutine solve_qr
+
+!> Thin singular value decomposition A = U S V^T
+subroutine svd(a, u, s, vt, error)
+   !> Matrix, shape (m, n)
+   real(wp), intent(in) :: a(:, :)
+   !> Left singular vectors, shape (m, min(m, n))
+   real(wp), allocatable, intent(out) :: u(:, :)
+   !> Singular values in descending order, shape (min(m, n))
+   real(wp), allocatable, intent(out) :: s(:)
+   !> Right singular vectors, transposed, shape (min(m, n), n)
+   real(wp), allocatable, intent(out) :: vt(:, :)
+   !> Error handling: no convergence
+   type(error_type), allocatable, intent(out) :: error
+   real(wp), allocatable :: copy(:, :), work(:)
+   integer, allocatable :: iwork(:)
+   real(wp) :: query(1)
+   integer :: m, n, k, info
+
+   m = size(a, 1)
+   n = size(a, 2)
+   k = min(m, n)
+   allocate (copy, source=a)
+   allocate (u(m, k), s(k), vt(k, n), iwork(8*k))
+   call dgesdd('s', m, n, copy, m, s, u, m, vt, k, query, -1, iwork, info)
+   allocate (work(nint(query(1))))
+   call dgesdd('s', m, n, copy, m, s, u, m, vt, k, work, size(work), iwork, info)
+   if (info /= 0) call fatal_error(error, err_linalg, 'singular value decomposition failed, info ' &
+      & //to_text(info)//': are there numbers that are not finite?')
+end subroutine svd
+
+!> Upper triangle of C = A^T A
+subroutine syrk(a, rows, columns, c)
+   !> Matrix, shape (>= rows, >= columns)
+   real(wp), contiguous, intent(in) :: a(:, :)
+   !> Rows in use
+   integer, intent(in) :: rows
+   !> Columns in use
+   integer, intent(in) :: columns
+   !> Product, shape (>= columns, >= columns)
+   real(wp), contiguous, intent(inout) :: c(:, :)
+
+   call dsyrk('u', 't', columns, rows, 1.0_wp, a, size(a, 1), 0.0_wp, c, size(c, 1))
+end subroutine syrk
+
+!> y = A x or A^T x
+subroutine matvec(a, x, y, transposed)
+   !> Matrix, shape (m, n)
+   real(wp), contiguous, intent(in) :: a(:, :)
+   !> Vector
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Product
+   real(wp), contiguous, intent(inout) :: y(:)
+   !> Multiply by the transpose
+   logical, intent(in) :: transposed
+
+   call dgemv(merge('t', 'n', transposed), size(a, 1), size(a, 2), 1.0_wp, a, size(a, 1), &
+      & x, 1, 0.0_wp, y, 1)
+end subroutine matvec
+
+!> C = A B
+subroutine matmat(a, b, c)
+   !> Matrix, shape (m, k)
+   real(wp), contiguous, intent(in) :: a(:, :)
+   !> Matrix, shape (k, n)
+   real(wp), contiguous, intent(in) :: b(:, :)
+   !> Product, shape (m, n)
+   real(wp), contiguous, intent(inout) :: c(:, :)
+
+   call dgemm('n', 'n', size(a, 1), size(b, 2), size(a, 2), 1.0_wp, a, size(a, 1), &
+      & b, size(b, 1), 0.0_wp, c, size(c, 1))
+end subroutine matmat
+
+end module rk_lapack
