@@ -120,12 +120,11 @@ static void check_references(Deck &deck) {
                        std::string(activation ? "activation" : "load") + ", " + std::to_string(load->items.size()) +
                        ", not " + std::to_string(value->items.size()));
       if (!activation) continue;
-      if (full <= 0.0) {
-         deck.complain(activation->origin, deck.address(*reference, "activation"), "load.activation is 0, give load instead");
-         continue;
-      }
       std::vector<double> fractions;
-      for (const Value &item : activation->items) fractions.push_back(item.number() / full);
+      // without activation the run meets none of them
+      for (const Value &item : activation->items) {
+         if (full > 0.0) fractions.push_back(item.number() / full);
+      }
       reference->values["load"] = numbers(fractions, activation->origin);
    }
 }
