@@ -83,7 +83,7 @@ subroutine new_box(self, size_, source, place, error)
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
    integer, allocatable :: at(:, :)
-   integer :: d, side, ip
+   integer :: d, side, ip, n
 
    call check_counts(size(size_), source, place, error)
    if (allocated(error)) return
@@ -103,12 +103,13 @@ subroutine new_box(self, size_, source, place, error)
    at = grid(place)
    self%set_name = [character(len=32) :: 'x0', 'x1', 'y0', 'y1', 'z0', 'z1']
    self%set_name = self%set_name(:2*self%nd)
-   call start_boundary(self)
+   n = 0
+   call start_boundary(self, 2*sum([(product(place)/place(d), d=1, self%nd)]))
    do d = 1, self%nd
       do side = 0, 1
          do ip = 1, size(at, 2)
             if (at(d, ip) /= side*(place(d) - 1)) cycle
-            call add_entry(self, ip, 2*d - 1 + side, axis(self%nd, d, 2*side - 1), &
+            call add_entry(self, n, ip, 2*d - 1 + side, axis(self%nd, d, 2*side - 1), &
                & face_area(at(:, ip), d))
          end do
       end do
@@ -149,7 +150,7 @@ subroutine new_annulus(self, inner, outer, source, place, error)
    type(error_type), allocatable, intent(out) :: error
    integer, allocatable :: at(:, :)
    real(wp) :: r, t, weight_r, weight_t
-   integer :: ip, is
+   integer :: ip, is, n
 
    call check_counts(2, source, place, error)
    if (allocated(error)) return
@@ -170,7 +171,8 @@ subroutine new_annulus(self, inner, outer, source, place, error)
    end do
    call default_tissue(self)
    self%set_name = [character(len=32) :: 'inner', 'outer', 'x0', 'y0']
-   call start_boundary(self)
+   n = 0
+   call start_boundary(self, 2*sum(place))
    at = grid(place)
    do ip = 1, size(at, 2)
       r = norm2(self%place(:, ip))
@@ -179,10 +181,10 @@ subroutine new_annulus(self, inner, outer, source, place, error)
          & *0.5_wp*pi*r/(place(2) - 1)
       weight_r = merge(0.5_wp, 1.0_wp, at(1, ip) == 0 .or. at(1, ip) == place(1) - 1) &
          & *(outer - inner)/(place(1) - 1)
-      if (at(1, ip) == 0) call add_entry(self, ip, 1, -[cos(t), sin(t)], weight_t)
-      if (at(1, ip) == place(1) - 1) call add_entry(self, ip, 2, [cos(t), sin(t)], weight_t)
-      if (at(2, ip) == place(2) - 1) call add_entry(self, ip, 3, [-1.0_wp, 0.0_wp], weight_r)
-      if (at(2, ip) == 0) call add_entry(self, ip, 4, [0.0_wp, -1.0_wp], weight_r)
+      if (at(1, ip) == 0) call add_entry(self, n, ip, 1, -[cos(t), sin(t)], weight_t)
+      if (at(1, ip) == place(1) - 1) call add_entry(self, n, ip, 2, [cos(t), sin(t)], weight_t)
+      if (at(2, ip) == place(2) - 1) call add_entry(self, n, ip, 3, [-1.0_wp, 0.0_wp], weight_r)
+      if (at(2, ip) == 0) call add_entry(self, n, ip, 4, [0.0_wp, -1.0_wp], weight_r)
    end do
 
 contains
@@ -279,18 +281,22 @@ subroutine default_tissue(self)
    allocate (self%fiber(3, size(self%place, 2)), source=0.0_wp)
 end subroutine default_tissue
 
-!> No boundary entries
-subroutine start_boundary(self)
+!> Room for boundary entries
+subroutine start_boundary(self, n)
    !> Cloud
    type(cloud_type), intent(inout) :: self
+   !> Number of entries
+   integer, intent(in) :: n
 
-   allocate (self%point(0), self%set(0), self%normal(self%nd, 0), self%area(0))
+   allocate (self%point(n), self%set(n), self%normal(self%nd, n), self%area(n))
 end subroutine start_boundary
 
-!> Append a boundary entry
-subroutine add_entry(self, point, set, normal, area)
+!> Write the next boundary entry
+subroutine add_entry(self, n, point, set, normal, area)
    !> Cloud
    type(cloud_type), intent(inout) :: self
+   !> Entries so far
+   integer, intent(inout) :: n
    !> Collocation point
    integer, intent(in) :: point
    !> Boundary set
@@ -300,10 +306,11 @@ subroutine add_entry(self, point, set, normal, area)
    !> Area [length^(nd-1)]
    real(wp), intent(in) :: area
 
-   self%point = [self%point, point]
-   self%set = [self%set, set]
-   self%area = [self%area, area]
-   self%normal = reshape([self%normal, normal], [self%nd, size(self%point)])
+   n = n + 1
+   self%point(n) = point
+   self%set(n) = set
+   self%area(n) = area
+   self%normal(:, n) = normal
 end subroutine add_entry
 
 !> Unit vector along an axis

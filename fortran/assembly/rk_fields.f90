@@ -15,8 +15,8 @@ module rk_fields
    type :: fields_type
       !> Displacement, shape (3, nc) [length]
       real(wp), allocatable :: u(:, :)
-      !> Deformation gradient F11, F12, F13, F21, ..., shape (9, nc) [-]
-      real(wp), allocatable :: f(:, :)
+      !> Deformation gradient F(i, A), shape (3, 3, nc) [-]
+      real(wp), allocatable :: f(:, :, :)
       !> Volume ratio, shape (nc) [-]
       real(wp), allocatable :: j(:)
       !> Cauchy stress xx, yy, zz, xy, yz, xz, shape (6, nc) [stress]
@@ -110,7 +110,7 @@ subroutine compute_fields(problem, x, load, fields)
    integer :: ip, nc
 
    nc = problem%shape%np
-   allocate (fields%u(3, nc), fields%f(9, nc), fields%j(nc), fields%cauchy(6, nc), &
+   allocate (fields%u(3, nc), fields%f(3, 3, nc), fields%j(nc), fields%cauchy(6, nc), &
       & fields%principal(3, nc), fields%pressure(nc))
    !$omp parallel do default(none) schedule(static) private(ip, u, local) &
    !$omp shared(problem, x, load, fields, nc)
@@ -119,7 +119,7 @@ subroutine compute_fields(problem, x, load, fields)
       call local_state(problem%scene, ip, problem%scene%cloud%place(:, ip), u, load, local)
       associate (s => local%cauchy)
          fields%u(:, ip) = local%u
-         fields%f(:, ip) = reshape(transpose(local%f), [9])
+         fields%f(:, :, ip) = local%f
          fields%j(ip) = local%j
          fields%cauchy(:, ip) = [s(1, 1), s(2, 2), s(3, 3), s(1, 2), s(2, 3), s(1, 3)]
          fields%principal(:, ip) = principal_values(s)

@@ -61,7 +61,7 @@ module rk_scene
    type :: reference_type
       !> Probe
       integer :: probe = 0
-      !> Loads or activations, as the deck counts them
+      !> Fractions of the full load [-]
       real(wp), allocatable :: load(:)
       !> Values
       real(wp), allocatable :: value(:)
@@ -85,6 +85,8 @@ module rk_scene
       type(tissue_type), allocatable :: tissue(:)
       !> Material of each collocation point, shape (nc)
       integer, allocatable :: tissue_of(:)
+      !> Units of force and length, printed with every number
+      character(len=:), allocatable :: force_unit, length_unit
       !> Boundary conditions
       type(condition_type), allocatable :: condition(:)
       !> Activation at full load [-]

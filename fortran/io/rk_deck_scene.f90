@@ -1,0 +1,434 @@
+!> From a checked deck to a scene.
+!>
+!> What the deck alone can tell was checked while it was read; here come the complaints that need
+!> the points: unknown boundary sets, labels without points, directions that are missing.
+module rk_deck_scene
+   use rk_cloud, only : check_cloud, cloud_type, new_annulus, new_box
+   use rk_deck, only : deck_type
+   use rk_error, only : error_type, fatal_error, err_input, err_memory
+   use rk_estimate, only : available_bytes, estimate_cost, estimate_type
+   use rk_kernel, only : kernel_cubic, kernel_quintic, window_product, window_radial
+   use rk_material, only : material_item
+   use rk_material_list, only : new_material
+   use rk_muscle, only : fiber_type
+   use rk_precision, only : pi, wp
+   use rk_scene, only : condition_type, scene_type
+   use rk_text, only : to_text
+   implicit none
+   private
+
+   public :: new_scene
+
+contains
+
+!> Build the scene of a deck
+subroutine new_scene(scene, deck, model, error)
+   !> Scene
+   type(scene_type), intent(out) :: scene
+   !> Deck
+   type(deck_type), intent(in) :: deck
+   !> Points of the model file, used where geometry.kind is "model"
+   type(cloud_type), intent(in) :: model
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+
+   call deck%require('solve', error)
+   if (allocated(error)) return
+   call deck%get('title', scene%title)
+   call deck%get('scene.method', scene%method)
+   call deck%get('units.force', scene%force_unit)
+   call deck%get('units.length', scene%length_unit)
+   call check_size(deck, model, error)
+   if (allocated(error)) return
+   call read_geometry(scene%cloud, deck, model, error)
+   if (allocated(error)) return
+   call read_approximation(scene, deck)
+   call read_materials(scene, deck, error)
+   if (allocated(error)) return
+   call check_cloud(scene%cloud, error)
+   if (allocated(error)) then
+      error%message = deck%where('geometry')//': geometry: '//error%message
+      return
+   end if
+   call read_conditions(scene, deck, error)
+   if (allocated(error)) return
+   call read_solver(scene, deck)
+   call read_probes(scene, deck, error)
+end subroutine new_scene
+
+!> Refuse a scene that does not fit into memory, before anything is allocated for it
+subroutine check_size(deck, model, error)
+   !> Deck
+   type(deck_type), intent(in) :: deck
+   !> Points of the model file
+   type(cloud_type), intent(in) :: model
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   type(estimate_type) :: estimate
+
+   estimate = estimate_cost(deck, model)
+   if (estimate%bytes < available_bytes()) return
+   call fatal_error(error, err_memory, deck%where('geometry')//': geometry: the model needs about ' &
+      & //to_text(1.0e-9_wp*estimate%bytes, 3)//' GB with solver "'//estimate%solver//'", ' &
+      & //to_text(1.0e-9_wp*available_bytes(), 3)//' GB are free: use fewer source points' &
+      & //trim(merge(', or solver "refined"', '                      ', &
+      & estimate%solver == 'dgels')))
+end subroutine check_size
+
+!> Points
+subroutine read_geometry(cloud, deck, model, error)
+   !> Points
+   type(cloud_type), intent(out) :: cloud
+   !> Deck
+   type(deck_type), intent(in) :: deck
+   !> Points of the model file
+   type(cloud_type), intent(in) :: model
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   character(len=:), allocatable :: kind
+   real(wp), allocatable :: size_(:)
+   integer, allocatable :: source(:), collocation(:)
+   real(wp) :: inner, outer
+
+   call deck%get('geometry.kind', kind)
+   call deck%get('geometry.source', source)
+   call deck%get('geometry.collocation', collocation)
+   select case (kind)
+   case ('box')
+      call deck%get('geometry.size', size_)
+      call new_box(cloud, size_, source, collocation, error)
+   case ('annulus')
+      call deck%get('geometry.inner_radius', inner)
+      call deck%get('geometry.outer_radius', outer)
+      call new_annulus(cloud, inner, outer, source, collocation, error)
+   case default
+      cloud = model
+   end select
+   if (allocated(error)) error%message = deck%where('geometry')//': geometry: '//error%message
+end subroutine read_geometry
+
+!> Order, kernel, window and support
+subroutine read_approximation(scene, deck)
+   !> Scene with points
+   type(scene_type), intent(inout) :: scene
+   !> Deck
+   type(deck_type), intent(in) :: deck
+   character(len=:), allocatable :: kernel, window
+   real(wp), allocatable :: support(:)
+   integer :: d
+
+   call deck%get('approximation.order', scene%approximation%order)
+   call deck%get('approximation.kernel', kernel)
+   call deck%get('approximation.window', window)
+   call deck%get('approximation.support', support)
+   scene%approximation%kernel = merge(kernel_cubic, kernel_quintic, kernel == 'cubic')
+   scene%approximation%window = merge(window_radial, window_product, window == 'radial')
+   allocate (scene%support, mold=scene%cloud%spacing)
+   do d = 1, scene%cloud%nd
+      scene%support(d, :) = support(min(d, size(support)))*scene%cloud%spacing(d, :)
+   end do
+end subroutine read_approximation
+
+!> Materials, and which one fills which point
+subroutine read_materials(scene, deck, error)
+   !> Scene with points
+   type(scene_type), intent(inout) :: scene
+   !> Deck
+   type(deck_type), intent(in) :: deck
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   type(material_item) :: item
+   type(fiber_type) :: fibers
+   character(len=:), allocatable :: at, model, curve
+   real(wp), allocatable :: direction(:)
+   real(wp) :: a(0:3, 0:3), bulk
+   integer :: i, j, k, n
+
+   n = deck%count('material')
+   allocate (scene%tissue(n), scene%tissue_of(size(scene%cloud%place, 2)))
+   scene%tissue_of = 0
+   do k = 1, n
+      at = 'material.'//to_text(k)
+      associate (tissue => scene%tissue(k))
+         call deck%get(at//'.name', tissue%name)
+         if (deck%has(at//'.label')) call deck%get(at//'.label', tissue%label)
+         call deck%get(at//'.model', model)
+         a = 0.0_wp
+         do i = 0, 3
+            do j = 0, 3 - i
+               if (i + j > 0) call deck%get(at//'.A'//to_text(i)//to_text(j), a(i, j))
+            end do
+         end do
+         call deck%get(at//'.K', bulk)
+         if (model == 'muscle') then
+            call deck%get(at//'.sigma_max', fibers%sigma_max)
+            call deck%get(at//'.lambda_o', fibers%lambda_o)
+            call deck%get(at//'.gamma1', fibers%gamma1)
+            call deck%get(at//'.gamma2', fibers%gamma2)
+            call deck%get(at//'.curve', curve)
+            fibers%curve = curve
+         end if
+         call new_material(item, model, tissue%name, a, bulk, fibers, error)
+         if (allocated(error)) then
+            error%message = deck%where(at//'.model')//': '//error%message
+            return
+         end if
+         call move_alloc(item%material, tissue%material)
+         call fill_points(scene, k, deck%has(at//'.label'))
+         if (.not. any(scene%tissue_of == k)) then
+            call fatal_error(error, err_input, deck%where(at)//': material.label: no point has ' &
+               & //'label '//to_text(tissue%label)//' of material '//tissue%name)
+            return
+         end if
+         if (model == 'muscle') then
+            call read_direction(deck, at, scene%cloud%nd, direction)
+            call set_fibers(scene, k, direction, deck%where(at), error)
+         else
+            call clear_fibers(scene, k)
+         end if
+         if (allocated(error)) return
+      end associate
+   end do
+   k = findloc(scene%tissue_of, 0, dim=1)
+   if (k > 0) call fatal_error(error, err_input, deck%where('material.1')//': material: points ' &
+      & //'with label '//to_text(scene%cloud%label(k))//' have no material, the first one lies at ' &
+      & //to_text(scene%cloud%place(:, k)))
+end subroutine read_materials
+
+!> Give a material to its points
+subroutine fill_points(scene, k, by_label)
+   !> Scene
+   type(scene_type), intent(inout) :: scene
+   !> Material
+   integer, intent(in) :: k
+   !> Whether its label counts; otherwise it fills all points
+   logical, intent(in) :: by_label
+
+   if (by_label) then
+      where (scene%cloud%label == scene%tissue(k)%label) scene%tissue_of = k
+   else
+      scene%tissue_of = k
+   end if
+end subroutine fill_points
+
+!> Uniform fiber direction of a material, empty where the model's directions hold
+subroutine read_direction(deck, at, nd, direction)
+   !> Deck
+   type(deck_type), intent(in) :: deck
+   !> Key of the material
+   character(len=*), intent(in) :: at
+   !> Space dimension
+   integer, intent(in) :: nd
+   !> Unit vector, shape (3) or (0) [-]
+   real(wp), allocatable, intent(out) :: direction(:)
+   real(wp) :: angle
+
+   if (deck%has(at//'.fiber_angle')) then
+      call deck%get(at//'.fiber_angle', angle)
+      angle = angle*pi/180.0_wp
+      direction = [sin(angle), 0.0_wp, 0.0_wp]
+      direction(nd) = cos(angle)
+   else
+      call deck%get(at//'.fiber', direction)
+      if (size(direction) > 0) direction = direction/norm2(direction)
+   end if
+end subroutine read_direction
+
+!> Fibers of a muscle's points
+subroutine set_fibers(scene, k, direction, place, error)
+   !> Scene
+   type(scene_type), intent(inout) :: scene
+   !> Material
+   integer, intent(in) :: k
+   !> Uniform direction or nothing
+   real(wp), intent(in) :: direction(:)
+   !> Where the material stands in the deck
+   character(len=*), intent(in) :: place
+   !> Error handling: no direction at a point
+   type(error_type), allocatable, intent(out) :: error
+   integer :: ip
+
+   do ip = 1, size(scene%tissue_of)
+      if (scene%tissue_of(ip) /= k) cycle
+      if (size(direction) > 0) scene%cloud%fiber(:, ip) = direction
+      if (norm2(scene%cloud%fiber(:, ip)) > 0.5_wp) cycle
+      call fatal_error(error, err_input, place//': material '//scene%tissue(k)%name//' has no ' &
+         & //'fiber at collocation point '//to_text(ip)//' at ' &
+         & //to_text(scene%cloud%place(:, ip))//': give material.fiber or repair the model')
+      return
+   end do
+end subroutine set_fibers
+
+!> No fibers where the material has none
+subroutine clear_fibers(scene, k)
+   !> Scene
+   type(scene_type), intent(inout) :: scene
+   !> Material
+   integer, intent(in) :: k
+   integer :: ip
+
+   do ip = 1, size(scene%tissue_of)
+      if (scene%tissue_of(ip) == k) scene%cloud%fiber(:, ip) = 0.0_wp
+   end do
+end subroutine clear_fibers
+
+!> Number of a boundary set named in the deck
+subroutine find_named_set(cloud, deck, key, set, error)
+   !> Points
+   type(cloud_type), intent(in) :: cloud
+   !> Deck
+   type(deck_type), intent(in) :: deck
+   !> Key that holds the name
+   character(len=*), intent(in) :: key
+   !> Number of the set
+   integer, intent(out) :: set
+   !> Error handling: unknown set
+   type(error_type), allocatable, intent(out) :: error
+   character(len=:), allocatable :: name, known
+   integer :: i
+
+   call deck%get(key, name)
+   set = cloud%find_set(name)
+   if (set > 0) return
+   known = ''
+   do i = 1, size(cloud%set_name)
+      known = known//' '//trim(cloud%set_name(i))
+   end do
+   call fatal_error(error, err_input, deck%where(key)//': '//key//": no boundary set '"//name &
+      & //"', the sets are:"//known)
+end subroutine find_named_set
+
+!> Boundary conditions
+subroutine read_conditions(scene, deck, error)
+   !> Scene with points
+   type(scene_type), intent(inout) :: scene
+   !> Deck
+   type(deck_type), intent(in) :: deck
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   character(len=:), allocatable :: at
+   character(len=*), parameter :: component(3) = ['.u_x', '.u_y', '.u_z']
+   real(wp), allocatable :: traction(:)
+   integer :: i, k
+
+   allocate (scene%condition(deck%count('boundary')))
+   do k = 1, size(scene%condition)
+      at = 'boundary.'//to_text(k)
+      associate (condition => scene%condition(k))
+         call find_named_set(scene%cloud, deck, at//'.set', condition%set, error)
+         if (allocated(error)) return
+         do i = 1, scene%cloud%nd
+            condition%fixed(i) = deck%has(at//component(i))
+            if (condition%fixed(i)) call deck%get(at//component(i), condition%value(i))
+         end do
+         condition%is_radial = deck%has(at//'.radial')
+         if (condition%is_radial) call deck%get(at//'.radial', condition%radial)
+         call deck%get(at//'.traction', traction)
+         condition%traction(:size(traction)) = traction
+      end associate
+   end do
+   if (.not. any_fixed(scene%condition)) call fatal_error(error, err_input, &
+      & deck%where('boundary.1')//': boundary: no displacement is prescribed anywhere: the body ' &
+      & //'can move freely')
+end subroutine read_conditions
+
+!> Whether anything holds the body
+pure logical function any_fixed(condition)
+   !> Conditions
+   type(condition_type), intent(in) :: condition(:)
+   integer :: k
+
+   any_fixed = .false.
+   do k = 1, size(condition)
+      any_fixed = any_fixed .or. any(condition(k)%fixed) .or. condition(k)%is_radial
+   end do
+end function any_fixed
+
+!> Loads, iteration, weights
+subroutine read_solver(scene, deck)
+   !> Scene
+   type(scene_type), intent(inout) :: scene
+   !> Deck
+   type(deck_type), intent(in) :: deck
+   character(len=:), allocatable :: weight
+
+   call deck%get('load.steps', scene%steps)
+   call deck%get('load.activation', scene%activation)
+   call deck%get('load.max_halvings', scene%max_halvings)
+   call deck%get('solver.linear', scene%linear)
+   call deck%get('solver.tolerance', scene%tolerance)
+   call deck%get('solver.max_iterations', scene%max_iterations)
+   call deck%get('solver.weight_traction', scene%weight_traction)
+   if (deck%is_text('solver.weight_essential')) then
+      call deck%get('solver.weight_essential', weight)
+      if (weight == 'c4') scene%weight_c4 = 1.0_wp
+   else
+      call deck%get('solver.weight_essential', scene%weight_essential)
+   end if
+end subroutine read_solver
+
+!> Probes with exact and reference values
+subroutine read_probes(scene, deck, error)
+   !> Scene with points
+   type(scene_type), intent(inout) :: scene
+   !> Deck
+   type(deck_type), intent(in) :: deck
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   character(len=:), allocatable :: at
+   real(wp), allocatable :: point(:)
+   integer :: k
+
+   allocate (scene%probe(deck%count('probe')), scene%exact(deck%count('exact')), &
+      & scene%reference(deck%count('reference')))
+   do k = 1, size(scene%probe)
+      at = 'probe.'//to_text(k)
+      associate (probe => scene%probe(k))
+         call deck%get(at//'.name', probe%name)
+         call deck%get(at//'.quantity', probe%quantity)
+         call deck%get(at//'.point', point)
+         probe%point(:size(point)) = point
+         if (deck%has(at//'.set')) call find_named_set(scene%cloud, deck, at//'.set', probe%set, &
+            & error)
+         if (allocated(error)) return
+      end associate
+   end do
+   do k = 1, size(scene%exact)
+      at = 'exact.'//to_text(k)
+      scene%exact(k)%probe = probe_number(scene, deck, at)
+      call deck%get(at//'.solution', scene%exact(k)%solution)
+      call deck%get(at//'.amount', scene%exact(k)%amount)
+   end do
+   do k = 1, size(scene%reference)
+      at = 'reference.'//to_text(k)
+      associate (reference => scene%reference(k))
+         reference%probe = probe_number(scene, deck, at)
+         call deck%get(at//'.value', reference%value)
+         call deck%get(at//'.source', reference%source)
+         if (deck%has(at//'.activation')) then
+            call deck%get(at//'.activation', reference%load)
+            reference%load = reference%load/max(scene%activation, tiny(1.0_wp))
+         else
+            call deck%get(at//'.load', reference%load)
+         end if
+      end associate
+   end do
+end subroutine read_probes
+
+!> Number of the probe that an entry names; the deck check knows that it exists
+integer function probe_number(scene, deck, at)
+   !> Scene with probes
+   type(scene_type), intent(in) :: scene
+   !> Deck
+   type(deck_type), intent(in) :: deck
+   !> Key of the entry
+   character(len=*), intent(in) :: at
+   character(len=:), allocatable :: name
+
+   call deck%get(at//'.probe', name)
+   do probe_number = 1, size(scene%probe)
+      if (scene%probe(probe_number)%name == name) return
+   end do
+end function probe_number
+
+end module rk_deck_scene

@@ -1,0 +1,103 @@
+!> What a deck will cost, from its counts alone.
+module rk_estimate
+   use rk_cloud, only : cloud_type
+   use rk_deck, only : deck_type
+   use rk_precision, only : wp
+   use rk_shape, only : derivative_count
+   implicit none
+   private
+
+   public :: estimate_type, estimate_cost, available_bytes
+
+   !> Sizes and cost of a full solve
+   type :: estimate_type
+      !> Space dimension
+      integer :: nd = 3
+      !> Source points, collocation points
+      real(wp) :: ns = 0.0_wp
+      real(wp) :: nc = 0.0_wp
+      !> Unknowns and equations; the boundary rows are an estimate
+      real(wp) :: unknowns = 0.0_wp
+      real(wp) :: equations = 0.0_wp
+      !> Neighbours of a point, inside the body
+      real(wp) :: neighbours = 0.0_wp
+      !> Least squares solver
+      character(len=:), allocatable :: solver
+      !> Memory at its peak [byte]
+      real(wp) :: bytes = 0.0_wp
+      !> Floating point operations of one least squares solve
+      real(wp) :: flops = 0.0_wp
+   end type estimate_type
+
+contains
+
+!> Estimate sizes, memory and operations
+function estimate_cost(deck, model) result(self)
+   !> Deck
+   type(deck_type), intent(in) :: deck
+   !> Points of the model file
+   type(cloud_type), intent(in) :: model
+   type(estimate_type) :: self
+   real(wp), allocatable :: support(:)
+   integer, allocatable :: source(:), collocation(:)
+   real(wp) :: entries, boundary, width
+   integer :: d, nq
+
+   call deck%get('scene.dimension', self%nd)
+   call deck%get('solver.linear', self%solver)
+   call deck%get('approximation.support', support)
+   if (deck%has('geometry.source')) then
+      call deck%get('geometry.source', source)
+      call deck%get('geometry.collocation', collocation)
+      self%ns = product(real(source, wp))
+      self%nc = product(real(collocation, wp))
+      boundary = self%nc - product(max(real(collocation, wp) - 2.0_wp, 0.0_wp))
+   else
+      self%ns = size(model%source, 2)
+      self%nc = size(model%place, 2)
+      boundary = size(model%point)
+   end if
+   self%neighbours = 1.0_wp
+   do d = 1, self%nd
+      self%neighbours = self%neighbours*(2.0_wp*support(min(d, size(support))) - 0.5_wp)
+   end do
+   self%neighbours = min(self%neighbours, self%ns)
+   nq = derivative_count(self%nd)
+   self%unknowns = self%nd*self%ns
+   self%equations = self%nd*(self%nc + boundary)
+
+   ! neighbour lists both ways; coefficients of rows; values, at worst one stencil for each point
+   entries = self%nc*self%neighbours
+   self%bytes = 20.0_wp*entries + 8.0_wp*self%nd**2*nq*(self%nc + boundary)
+   if (.not. deck%has('geometry.source')) self%bytes = self%bytes + 8.0_wp*nq*entries
+   if (self%solver == 'dgels') then
+      self%bytes = self%bytes + 8.0_wp*self%equations*self%unknowns
+      self%flops = 2.0_wp*self%equations*self%unknowns**2
+   else
+      width = self%nd*self%neighbours
+      self%bytes = self%bytes + 8.0_wp*self%unknowns**2 + 8.0_wp*8.0_wp*width**2
+      self%flops = self%equations*width**2 + self%unknowns**3/3.0_wp
+   end if
+end function estimate_cost
+
+!> Free memory as the system sees it; huge where it does not say [byte]
+real(wp) function available_bytes()
+   character(len=64) :: name, line
+   integer :: unit, stat
+   real(wp) :: kilobytes
+
+   available_bytes = huge(1.0_wp)
+   open (newunit=unit, file='/proc/meminfo', action='read', status='old', iostat=stat)
+   if (stat /= 0) return
+   do
+      read (unit, '(a)', iostat=stat) line
+      if (stat /= 0) exit
+      if (index(line, 'MemAvailable:') /= 1) cycle
+      read (line, *, iostat=stat) name, kilobytes
+      if (stat == 0) available_bytes = 1024.0_wp*kilobytes
+      exit
+   end do
+   close (unit)
+end function available_bytes
+
+end module rk_estimate
