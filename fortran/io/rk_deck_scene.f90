@@ -65,14 +65,15 @@ subroutine check_size(deck, model, error)
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
    type(estimate_type) :: estimate
+   character(len=:), allocatable :: advice
 
    estimate = estimate_cost(deck, model)
    if (estimate%bytes < available_bytes()) return
+   advice = 'use fewer source points'
+   if (estimate%solver == 'dgels') advice = advice//', or solver "refined"'
    call fatal_error(error, err_memory, deck%where('geometry')//': geometry: the model needs about ' &
       & //to_text(1.0e-9_wp*estimate%bytes, 3)//' GB with solver "'//estimate%solver//'", ' &
-      & //to_text(1.0e-9_wp*available_bytes(), 3)//' GB are free: use fewer source points' &
-      & //trim(merge(', or solver "refined"', '                      ', &
-      & estimate%solver == 'dgels')))
+      & //to_text(1.0e-9_wp*available_bytes(), 3)//' GB are free: '//advice)
 end subroutine check_size
 
 !> Points

@@ -1,0 +1,127 @@
+!> myork-solve: the full model of a deck. The only place that prints errors and sets exit status.
+program main
+   use, intrinsic :: iso_fortran_env, only : error_unit
+   use omp_lib, only : omp_get_max_threads, omp_set_num_threads
+   use rk_cli, only : config_type, read_arguments
+   use rk_cloud, only : cloud_type
+   use rk_collocation, only : collocation_type, new_collocation
+   use rk_deck, only : deck_type, open_deck
+   use rk_deck_scene, only : new_scene
+   use rk_error, only : error_type, err_convergence, err_linalg, err_stopped
+   use rk_explain, only : explain
+   use rk_model_cloud, only : read_model_cloud
+   use rk_newton, only : newton_type, tick, timer_type
+   use rk_output, only : output_type
+   use rk_precision, only : i8, wp
+   use rk_recorder, only : step_type
+   use rk_scene, only : scene_type
+   use rk_static, only : solve_static
+   use rk_summary, only : write_summary
+   use rk_system, only : catch_signals, make_folder, version_text
+   use rk_text, only : to_text
+   implicit none
+   type(config_type) :: config
+   type(deck_type) :: deck
+   type(cloud_type) :: model
+   type(scene_type), target :: scene
+   type(error_type), allocatable :: error
+   integer(i8) :: clock
+
+   call system_clock(clock)
+   call read_arguments(config, error)
+   call leave_on(error)
+   if (allocated(config%answer)) then
+      print '(a)', config%answer
+      stop
+   end if
+   if (config%threads > 0) call omp_set_num_threads(config%threads)
+   call open_deck(deck, config%deck, config%overrides, error)
+   call leave_on(error)
+   call read_model_cloud(model, deck, config%out, error)
+   call leave_on(error)
+   call new_scene(scene, deck, model, error)
+   call leave_on(error)
+   if (config%explain) then
+      call explain(deck, model, scene)
+   else
+      call run()
+   end if
+
+contains
+
+   !> Solve and write
+   subroutine run()
+      type(collocation_type), target :: problem
+      type(output_type) :: output
+      type(newton_type) :: newton
+      type(timer_type) :: timer
+      type(error_type), allocatable :: failure, trouble
+      real(wp), allocatable :: x(:)
+      real(wp) :: shape_s
+      character(len=:), allocatable :: message
+      integer(i8) :: start
+
+      call system_clock(start)
+      call new_collocation(problem, scene, error)
+      if (allocated(error)) error%message = deck%where('geometry')//': '//error%message
+      call leave_on(error)
+      shape_s = tick(start)
+      call make_folder(config%out, error)
+      call leave_on(error)
+      output%verbosity = config%verbosity
+      call output%open(problem, config%out, deck%text, version_text(), error)
+      call leave_on(error)
+      call catch_signals()
+      call output%say(scene%title//': '//to_text(problem%n)//' unknowns, '//to_text(problem%m) &
+         & //' equations', level=0)
+      call warn_of_locking(output)
+
+      newton%linear = scene%linear
+      newton%tolerance = scene%tolerance
+      newton%max_iterations = scene%max_iterations
+      allocate (x(problem%n), source=0.0_wp)
+      call output%step(step_type(load=0.0_wp), x)
+      call system_clock(timer%start)
+      call solve_static(problem, newton, scene%steps, scene%max_halvings, x, output, timer, failure)
+      message = ''
+      if (allocated(failure)) message = failure%message
+      if (len(message) > 0) call output%warn(message)
+      call output%close(trouble)
+      call write_summary(config%out//'/summary.json', deck, problem, output, timer, shape_s, &
+         & tick(clock), omp_get_max_threads(), .not. allocated(failure), message, error)
+      call leave_on(trouble)
+      call leave_on(error)
+      if (allocated(failure)) then
+         failure%message = failure%message//' (written to '//config%out//')'
+         call leave_on(failure)
+      end if
+      if (config%verbosity >= 0) print '(a)', 'converged: '//to_text(tick(clock), 3) &
+         & //' s, results in '//config%out
+   end subroutine run
+
+   !> The displacement form cannot follow motions that keep the volume where K is large
+   subroutine warn_of_locking(output)
+      type(output_type), intent(inout) :: output
+      integer :: k
+
+      do k = 1, size(scene%tissue)
+         associate (material => scene%tissue(k)%material)
+            if (material%bulk > 50.0_wp*material%shear) call output%warn('material ' &
+               & //scene%tissue(k)%name//': K is '//to_text(material%bulk/material%shear, 3) &
+               & //' times the shear modulus; the displacement form may lock: compare with a ' &
+               & //'finer cloud or a higher order')
+         end associate
+      end do
+   end subroutine warn_of_locking
+
+   !> Print an error and leave with its exit status
+   subroutine leave_on(error)
+      type(error_type), allocatable, intent(in) :: error
+
+      if (.not. allocated(error)) return
+      write (error_unit, '(a)') error%message
+      if (any(error%code == [err_convergence, err_linalg, err_stopped])) stop 1, quiet=.true.
+      stop 2, quiet=.true.
+   end subroutine leave_on
+
+end program main

@@ -1,0 +1,140 @@
+!> Arguments of the program.
+module rk_cli
+   use rk_error, only : error_type, fatal_error, err_input
+   use rk_system, only : version_text
+   implicit none
+   private
+
+   public :: config_type, read_arguments, usage
+
+   !> What the program was asked to do
+   type :: config_type
+      !> Deck
+      character(len=:), allocatable :: deck
+      !> Output folder
+      character(len=:), allocatable :: out
+      !> Overrides "table.key=value"
+      character(len=512), allocatable :: overrides(:)
+      !> Threads, 0 for all cores
+      integer :: threads = 0
+      !> -1 quiet, 0 a line a step, 1 a line an iteration
+      integer :: verbosity = 0
+      !> Only say what would be done
+      logical :: explain = .false.
+      !> Text to print instead of a run
+      character(len=:), allocatable :: answer
+   end type config_type
+
+contains
+
+!> Help text
+function usage() result(text)
+   character(len=:), allocatable :: text
+   character(len=1), parameter :: nl = new_line('a')
+
+   text = 'usage: myork-solve DECK [-o DIR] [-t N] [--set table.key=value]... [-q | -v] [--explain]' &
+      & //nl//nl//'Solve the full model of a deck and write summary.json, results.vtkhdf, ' &
+      & //'history.csv and run.log.'//nl//nl &
+      & //'  -o DIR        folder of the results; default out/<deck>'//nl &
+      & //'  -t N          threads; default all cores'//nl &
+      & //'  --set K=V     override a key of the deck; may be repeated'//nl &
+      & //'  -q, -v        no progress, or a line for every iteration'//nl &
+      & //'  --explain     say what will be modelled and what it costs, and stop'//nl &
+      & //'  --version     version'//nl &
+      & //'  --help        this text'//nl//nl &
+      & //'exit status: 0 done; 1 ended without convergence, the last converged state is written;' &
+      & //' 2 bad input; 3 broken installation'
+end function usage
+
+!> Read the command line
+subroutine read_arguments(config, error)
+   !> What was asked
+   type(config_type), intent(out) :: config
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   character(len=:), allocatable :: word, value
+   integer :: i, stat
+
+   config%deck = ''
+   config%out = ''
+   allocate (config%overrides(0))
+   i = 0
+   do while (i < command_argument_count())
+      i = i + 1
+      word = argument(i)
+      select case (word)
+      case ('-h', '--help')
+         config%answer = usage()
+         return
+      case ('--version')
+         config%answer = 'myork-solve '//version_text()
+         return
+      case ('--explain')
+         config%explain = .true.
+      case ('-q')
+         config%verbosity = -1
+      case ('-v')
+         config%verbosity = 1
+      case ('-o', '-t', '--set')
+         i = i + 1
+         value = argument(i)
+         if (i > command_argument_count() .or. len(value) == 0) then
+            call fatal_error(error, err_input, word//' needs a value'//new_line('a')//usage())
+            return
+         end if
+         if (word == '-o') then
+            config%out = value
+         else if (word == '--set') then
+            if (len(value) > len(config%overrides)) then
+               call fatal_error(error, err_input, '--set '//value(:40)//'...: too long')
+               return
+            end if
+            config%overrides = [character(len=len(config%overrides)) :: config%overrides, value]
+         else
+            read (value, *, iostat=stat) config%threads
+            if (stat /= 0 .or. config%threads < 1 .or. verify(value, '0123456789') > 0) then
+               call fatal_error(error, err_input, '-t '//value//': a number of threads is needed')
+               return
+            end if
+         end if
+      case default
+         if (index(word, '-') == 1 .or. len(config%deck) > 0 .or. len(word) == 0) then
+            call fatal_error(error, err_input, "unknown argument '"//word//"'"//new_line('a') &
+               & //usage())
+            return
+         end if
+         config%deck = word
+      end select
+   end do
+   if (len(config%deck) == 0) then
+      call fatal_error(error, err_input, 'which deck?'//new_line('a')//usage())
+      return
+   end if
+   if (len(config%out) == 0) config%out = 'out/'//stem(config%deck)
+end subroutine read_arguments
+
+!> One argument
+function argument(i) result(word)
+   !> Its number
+   integer, intent(in) :: i
+   character(len=:), allocatable :: word
+   integer :: n
+
+   call get_command_argument(i, length=n)
+   allocate (character(len=n) :: word)
+   if (n > 0) call get_command_argument(i, word)
+end function argument
+
+!> Name of a file without folder and ending
+pure function stem(path) result(name)
+   !> Path
+   character(len=*), intent(in) :: path
+   character(len=:), allocatable :: name
+   integer :: dot
+
+   name = path(index(path, '/', back=.true.) + 1:)
+   dot = index(name, '.', back=.true.)
+   if (dot > 1) name = name(:dot - 1)
+end function stem
+
+end module rk_cli

@@ -1,0 +1,91 @@
+!> What a deck will model and what that costs, before anything is computed.
+module rk_explain
+   use rk_cloud, only : cloud_type
+   use rk_deck, only : deck_type
+   use rk_estimate, only : available_bytes, estimate_cost, estimate_type
+   use rk_lapack, only : syrk
+   use rk_newton, only : tick
+   use rk_precision, only : i8, wp
+   use rk_scene, only : scene_type
+   use rk_text, only : to_text
+   implicit none
+   private
+
+   public :: explain
+
+contains
+
+!> Print the explanation
+subroutine explain(deck, model, scene)
+   !> Deck
+   type(deck_type), intent(in) :: deck
+   !> Points of the model file
+   type(cloud_type), intent(in) :: model
+   !> Scene
+   type(scene_type), intent(in) :: scene
+   type(estimate_type) :: cost
+   integer :: k
+
+   cost = estimate_cost(deck, model)
+   print '(a)', scene%title
+   print '(a)', '  units         '//scene%force_unit//', '//scene%length_unit
+   print '(a)', '  dimension     '//merge('3              ', '2, plane strain', scene%cloud%nd == 3)
+   print '(a)', '  method        '//scene%method//', basis of order ' &
+      & //to_text(scene%approximation%order)//', about '//to_text(nint(cost%neighbours)) &
+      & //' neighbours a point'
+   print '(a)', '  points        '//to_text(nint(cost%ns))//' source, '//to_text(nint(cost%nc)) &
+      & //' collocation, '//to_text(size(scene%cloud%point))//' boundary entries'
+   print '(a)', '  equations     '//to_text(nint(cost%equations))//' for ' &
+      & //to_text(nint(cost%unknowns))//' unknowns'
+   do k = 1, size(scene%tissue)
+      associate (material => scene%tissue(k)%material)
+         print '(a)', '  material      '//scene%tissue(k)%name//': '//parts(material%active) &
+            & //', K '//to_text(material%bulk)//', shear modulus '//to_text(material%shear)//', ' &
+            & //to_text(count(scene%tissue_of == k))//' points'
+      end associate
+   end do
+   do k = 1, size(scene%condition)
+      associate (condition => scene%condition(k))
+         print '(a)', '  boundary      '//trim(scene%cloud%set_name(condition%set))//': ' &
+            & //merge('radial displacement', 'displacement       ', condition%is_radial)//' of ' &
+            & //to_text(count(condition%fixed(:scene%cloud%nd)))//' components'
+      end associate
+   end do
+   print '(a)', '  load          '//to_text(scene%steps)//' steps, activation to ' &
+      & //to_text(scene%activation)
+   print '(a)', '  solver        '//scene%linear//', '//to_text(1.0e-9_wp*cost%flops, 3) &
+      & //' Gflop an iteration, about '//to_text(cost%flops/rate(), 2)//' s here'
+   print '(a)', '  memory        '//to_text(1.0e-6_wp*cost%bytes, 3)//' MB of ' &
+      & //to_text(1.0e-6_wp*available_bytes(), 3)//' MB free'
+end subroutine explain
+
+!> What of a material is paid for
+function parts(active) result(text)
+   !> Whether the energy depends on I1, I2, I4
+   logical, intent(in) :: active(3)
+   character(len=:), allocatable :: text
+
+   text = 'energy of J'
+   if (active(1)) text = text//', I1'
+   if (active(2)) text = text//', I2'
+   if (active(3)) text = text//' and the fiber stretch'
+end function parts
+
+!> Operations a second of a matrix product on this machine
+real(wp) function rate()
+   integer, parameter :: n = 600
+   real(wp), allocatable :: a(:, :), c(:, :)
+   integer(i8) :: clock
+   integer :: trial
+
+   allocate (a(n, n), source=1.0_wp)
+   allocate (c(n, n), source=0.0_wp)
+   rate = 1.0_wp
+   do trial = 1, 3
+      call system_clock(clock)
+      call syrk(a, n, n, c)
+      rate = max(rate, real(n, wp)**3/max(tick(clock), 1.0e-6_wp))
+   end do
+end function rate
+
+end module rk_explain

@@ -1,0 +1,228 @@
+!> Receives what happens in a solve: progress lines, history.csv, run.log and results.vtkhdf.
+module rk_output
+   use rk_collocation, only : collocation_type
+   use rk_error, only : error_type, fatal_error, err_file
+   use rk_fields, only : compute_fields, fields_type, new_probes, probe_value, probes_type
+   use rk_newton, only : tick
+   use rk_precision, only : i8, wp
+   use rk_recorder, only : iteration_type, recorder_type, step_type
+   use rk_results, only : results_type
+   use rk_system, only : interrupted
+   use rk_text, only : to_text
+   implicit none
+   private
+
+   public :: output_type, step_record
+
+   !> A load step with its probes
+   type :: step_record
+      !> The step
+      type(step_type) :: step
+      !> Probe values, shape (3, probes)
+      real(wp), allocatable :: probe(:, :)
+   end type step_record
+
+   !> Files of a run
+   type, extends(recorder_type) :: output_type
+      !> Problem whose states arrive
+      type(collocation_type), pointer :: problem => null()
+      !> Probes
+      type(probes_type) :: probes
+      !> Result file
+      type(results_type) :: results
+      !> Steps so far
+      type(step_record), allocatable :: record(:)
+      !> Last iteration
+      type(iteration_type) :: last
+      !> Worst backward error and condition of the run [-]
+      real(wp) :: backward_error = 0.0_wp
+      real(wp) :: rcond = 1.0_wp
+      !> Lines that deserve attention
+      character(len=:), allocatable :: warnings
+      !> -1 quiet, 0 a line a step, 1 a line an iteration
+      integer :: verbosity = 0
+      !> Wall time of writing [s]
+      real(wp) :: seconds = 0.0_wp
+      !> First error of writing
+      type(error_type), allocatable :: error
+      integer, private :: history = 0
+      integer, private :: log = 0
+   contains
+      !> Open the files
+      procedure :: open => open_output
+      !> Complete the files
+      procedure :: close => close_output
+      procedure :: iteration
+      procedure :: step
+      procedure :: stopped
+      !> A line to the log and, unless quiet, to the terminal
+      procedure :: say
+      !> A line to the summary, the log and the terminal
+      procedure :: warn
+   end type output_type
+
+contains
+
+!> Open the files of a run
+subroutine open_output(self, problem, folder, deck_text, version, error)
+   !> Files
+   class(output_type), intent(inout) :: self
+   !> Problem
+   type(collocation_type), target, intent(in) :: problem
+   !> Folder, which exists
+   character(len=*), intent(in) :: folder
+   !> Deck, kept with the results
+   character(len=*), intent(in) :: deck_text
+   !> Version of the program
+   character(len=*), intent(in) :: version
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   real(wp), allocatable :: points(:, :), source(:, :)
+   integer :: stat
+
+   self%problem => problem
+   allocate (self%record(0))
+   if (.not. allocated(self%warnings)) self%warnings = ''
+   call new_probes(self%probes, problem%scene, error)
+   if (allocated(error)) return
+   open (newunit=self%history, file=folder//'/history.csv', action='write', status='replace', &
+      & iostat=stat)
+   if (stat == 0) open (newunit=self%log, file=folder//'/run.log', action='write', &
+      & status='replace', iostat=stat)
+   if (stat /= 0) then
+      call fatal_error(error, err_file, 'history.csv and run.log cannot be written in '//folder)
+      return
+   end if
+   write (self%history, '(a)') 'step,load,iteration,residual,gradient,step_norm,min_J,max_J,' &
+      & //'backward_error,solver,seconds'
+   associate (cloud => problem%scene%cloud)
+      points = in_space(cloud%place)
+      source = in_space(cloud%source)
+      call self%results%open(folder//'/results.vtkhdf', points, cloud%label, cloud%fiber, source, &
+         & deck_text, version, error)
+   end associate
+end subroutine open_output
+
+!> Points with a third coordinate
+pure function in_space(x) result(y)
+   !> Points, shape (nd, n) [length]
+   real(wp), intent(in) :: x(:, :)
+   real(wp) :: y(3, size(x, 2))
+
+   y = 0.0_wp
+   y(:size(x, 1), :) = x
+end function in_space
+
+!> Complete the files; the results get their name only now
+subroutine close_output(self, error)
+   !> Files
+   class(output_type), intent(inout) :: self
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   integer(i8) :: clock
+
+   call system_clock(clock)
+   call self%results%close(error)
+   close (self%history)
+   close (self%log)
+   self%seconds = self%seconds + tick(clock)
+   if (allocated(self%error)) call move_alloc(self%error, error)
+end subroutine close_output
+
+!> An iteration was done
+subroutine iteration(self, it)
+   !> Files
+   class(output_type), intent(inout) :: self
+   !> Iteration
+   type(iteration_type), intent(in) :: it
+   character(len=200) :: line
+
+   self%last = it
+   self%backward_error = max(self%backward_error, it%backward_error)
+   self%rcond = min(self%rcond, it%rcond)
+   write (self%history, '(i0, ",", es23.16, ",", i0, 3(",", es15.8), 2(",", es15.8), ",", es9.2, '// &
+      & '",", a, ",", f0.3)') it%step, it%load, it%iteration, it%residual, it%gradient, &
+      & it%step_norm, it%min_j, it%max_j, it%backward_error, it%solver, it%seconds
+   flush (self%history)
+   write (line, '("  iteration ", i0, "  |r| ", es8.1, "  |A''r| ", es8.1, "  |da| ", es8.1, '// &
+      & '"  J ", a, "..", a, "  ", a, " ", es7.0)') it%iteration, it%residual, it%gradient, &
+      & it%step_norm, to_text(it%min_j, 4), to_text(it%max_j, 4), it%solver, it%backward_error
+   call self%say(trim(line), level=1)
+end subroutine iteration
+
+!> A load step converged
+subroutine step(self, st, x)
+   !> Files
+   class(output_type), intent(inout) :: self
+   !> Load step
+   type(step_type), intent(in) :: st
+   !> Unknowns, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   type(step_record), allocatable :: grown(:)
+   type(fields_type) :: fields
+   type(error_type), allocatable :: error
+   character(len=200) :: line
+   integer(i8) :: clock
+   integer :: i, n
+
+   call system_clock(clock)
+   n = size(self%record)
+   allocate (grown(n + 1))
+   grown(:n) = self%record
+   grown(n + 1)%step = st
+   allocate (grown(n + 1)%probe(3, size(self%problem%scene%probe)))
+   do i = 1, size(self%problem%scene%probe)
+      call probe_value(self%problem, self%probes, i, x, st%load, grown(n + 1)%probe(:, i))
+   end do
+   call move_alloc(grown, self%record)
+   call compute_fields(self%problem, x, st%load, fields)
+   call self%results%add_step(st%load, st%load*self%problem%scene%activation, fields%u, fields%f, &
+      & fields%j, fields%cauchy, fields%principal, fields%pressure, x, error)
+   if (allocated(error) .and. .not. allocated(self%error)) call move_alloc(error, self%error)
+   self%seconds = self%seconds + tick(clock)
+   if (st%step == 0) return
+   write (line, '("step ", i3, "/", i0, "  load ", f6.4, "  iterations ", i0, "  |A''r| ", es7.1, '// &
+      & '"  |da| ", es7.1, "  J ", a, "..", a, "  ", f0.1, " s")') st%step, st%steps, st%load, &
+      & st%iterations, st%gradient, st%step_norm, to_text(st%min_j, 4), to_text(st%max_j, 4), &
+      & self%last%seconds
+   call self%say(trim(line), level=0)
+end subroutine step
+
+!> Stop on Ctrl-C, and where results cannot be written any more
+logical function stopped(self)
+   !> Files
+   class(output_type), intent(inout) :: self
+
+   stopped = interrupted() .or. allocated(self%error)
+end function stopped
+
+!> A line to the log and, where wanted, to the terminal
+subroutine say(self, line, level)
+   !> Files
+   class(output_type), intent(inout) :: self
+   !> Line
+   character(len=*), intent(in) :: line
+   !> Smallest verbosity that shows it
+   integer, intent(in) :: level
+
+   if (self%log /= 0) then
+      write (self%log, '(a)') line
+      flush (self%log)
+   end if
+   if (self%verbosity < level) return
+   write (*, '(a)') line
+   flush (6)
+end subroutine say
+
+!> A warning
+subroutine warn(self, line)
+   !> Files
+   class(output_type), intent(inout) :: self
+   !> Line
+   character(len=*), intent(in) :: line
+
+   self%warnings = self%warnings//line//new_line('a')
+   call self%say('warning: '//line, level=0)
+end subroutine warn
+
+end module rk_output

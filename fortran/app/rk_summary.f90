@@ -1,0 +1,223 @@
+!> summary.json of a solve.
+module rk_summary
+   use rk_collocation, only : collocation_type
+   use rk_deck, only : deck_type
+   use rk_error, only : error_type
+   use rk_exact, only : exact_value
+   use rk_fields, only : quantity_size
+   use rk_json, only : json_type
+   use rk_newton, only : timer_type
+   use rk_output, only : output_type
+   use rk_precision, only : wp
+   use rk_system, only : peak_bytes, version_text
+   implicit none
+   private
+
+   public :: write_summary
+
+contains
+
+!> Write the summary
+subroutine write_summary(path, deck, problem, output, timer, shape_s, total_s, threads, converged, &
+   & message, error)
+   !> File
+   character(len=*), intent(in) :: path
+   !> Deck
+   type(deck_type), intent(in) :: deck
+   !> Problem
+   type(collocation_type), intent(in) :: problem
+   !> What was recorded
+   type(output_type), intent(in) :: output
+   !> Wall times of assembly and least squares
+   type(timer_type), intent(in) :: timer
+   !> Wall times of shape functions and of everything [s]
+   real(wp), intent(in) :: shape_s, total_s
+   !> Threads
+   integer, intent(in) :: threads
+   !> Whether full load was reached
+   logical, intent(in) :: converged
+   !> Why not
+   character(len=*), intent(in) :: message
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   type(json_type) :: json
+
+   associate (scene => problem%scene)
+      call json%begin_object()
+      call json%put('title', scene%title)
+      call json%put('deck_sha256', deck%sha256)
+      call json%put('version', version_text())
+      call json%begin_object('units')
+      call json%put('force', scene%force_unit)
+      call json%put('length', scene%length_unit)
+      call json%put('stress', scene%force_unit//'/'//scene%length_unit//'^2')
+      call json%end_object()
+      call json%put('method', scene%method)
+      call json%put('dimension', scene%cloud%nd)
+      call json%begin_object('solver')
+      call json%put('asked', scene%linear)
+      if (allocated(output%last%solver)) then
+         call json%put('used', output%last%solver)
+         call json%put('why', output%last%why)
+      end if
+      call json%put('backward_error', output%backward_error)
+      call json%put('reciprocal_condition', output%rcond)
+      call json%end_object()
+      call json%put('source_points', problem%shape%ns)
+      call json%put('collocation_points', problem%shape%np)
+      call json%put('stencils', maxval(problem%shape%stencil))
+      call json%put('dofs', problem%n)
+      call json%put('rows', problem%m)
+      call json%put('threads', threads)
+      call json%put('converged', converged)
+      if (.not. converged) call json%put('message', message)
+      call write_steps(json, problem, output)
+      if (converged) call write_exact(json, problem, output, error)
+      if (allocated(error)) return
+      call write_references(json, problem, output)
+      call json%begin_object('timings_s')
+      call json%put('shape', shape_s)
+      call json%put('assemble', timer%assemble)
+      call json%put('solve', timer%solve)
+      call json%put('output', output%seconds)
+      call json%put('total', total_s)
+      call json%end_object()
+      call json%put('memory_peak_bytes', peak_bytes())
+      call json%begin_array('warnings')
+      call write_lines(json, output%warnings)
+      call json%end_array()
+      call json%begin_object('deck')
+      call deck%write_json(json)
+      call json%end_object()
+      call json%end_object()
+   end associate
+   call json%save(path, error)
+end subroutine write_summary
+
+!> Each line as an item
+subroutine write_lines(json, text)
+   !> JSON inside an array
+   type(json_type), intent(inout) :: json
+   !> Lines, each with its line feed
+   character(len=*), intent(in) :: text
+   integer :: first, length
+
+   first = 1
+   do
+      length = index(text(first:), new_line('a'))
+      if (length == 0) return
+      call json%put(text(first:first + length - 2))
+      first = first + length
+   end do
+end subroutine write_lines
+
+!> Load steps with probes
+subroutine write_steps(json, problem, output)
+   !> JSON inside the summary
+   type(json_type), intent(inout) :: json
+   !> Problem
+   type(collocation_type), intent(in) :: problem
+   !> What was recorded
+   type(output_type), intent(in) :: output
+   integer :: i, k
+
+   call json%begin_array('steps')
+   do k = 1, size(output%record)
+      associate (record => output%record(k))
+         if (record%step%step == 0) cycle
+         call json%begin_object()
+         call json%put('load', record%step%load)
+         call json%put('activation', record%step%load*problem%scene%activation)
+         call json%put('iterations', record%step%iterations)
+         call json%put('newton_decrement', record%step%step_norm)
+         call json%put('relative_gradient', record%step%gradient)
+         call json%put('min_J', record%step%min_j)
+         call json%put('max_J', record%step%max_j)
+         if (.not. record%step%planned) call json%put('planned', .false.)
+         call json%begin_object('probes')
+         do i = 1, size(problem%scene%probe)
+            associate (probe => problem%scene%probe(i))
+               if (quantity_size(probe%quantity) == 1) then
+                  call json%put(probe%name, record%probe(1, i))
+               else
+                  call json%put(probe%name, record%probe(:problem%scene%cloud%nd, i))
+               end if
+            end associate
+         end do
+         call json%end_object()
+         call json%end_object()
+      end associate
+   end do
+   call json%end_array()
+end subroutine write_steps
+
+!> Exact solutions at full load
+subroutine write_exact(json, problem, output, error)
+   !> JSON inside the summary
+   type(json_type), intent(inout) :: json
+   !> Problem
+   type(collocation_type), intent(in) :: problem
+   !> What was recorded
+   type(output_type), intent(in) :: output
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   real(wp) :: exact, value
+   integer :: k
+
+   if (size(problem%scene%exact) == 0) return
+   call json%begin_object('exact')
+   do k = 1, size(problem%scene%exact)
+      associate (item => problem%scene%exact(k))
+         call exact_value(problem%scene, item, exact, error)
+         if (allocated(error)) return
+         value = output%record(size(output%record))%probe(1, item%probe)
+         call json%begin_object(problem%scene%probe(item%probe)%name)
+         call json%put('solution', item%solution)
+         call json%put('value', value)
+         call json%put('reference', exact)
+         call json%put('relative_error', abs(value - exact)/max(abs(exact), tiny(1.0_wp)))
+         call json%end_object()
+      end associate
+   end do
+   call json%end_object()
+end subroutine write_exact
+
+!> Reference values at the loads that were solved
+subroutine write_references(json, problem, output)
+   !> JSON inside the summary
+   type(json_type), intent(inout) :: json
+   !> Problem
+   type(collocation_type), intent(in) :: problem
+   !> What was recorded
+   type(output_type), intent(in) :: output
+   real(wp), allocatable :: load(:), value(:), reference(:)
+   integer :: i, j, k
+
+   if (size(problem%scene%reference) == 0) return
+   call json%begin_object('reference')
+   do k = 1, size(problem%scene%reference)
+      associate (item => problem%scene%reference(k))
+         allocate (load(0), value(0), reference(0))
+         do i = 1, size(item%load)
+            do j = 1, size(output%record)
+               if (abs(output%record(j)%step%load - item%load(i)) > 1.0e-9_wp) cycle
+               load = [load, item%load(i)]
+               value = [value, output%record(j)%probe(1, item%probe)]
+               reference = [reference, item%value(i)]
+            end do
+         end do
+         call json%begin_object(problem%scene%probe(item%probe)%name)
+         call json%put('load', load)
+         call json%put('activation', load*problem%scene%activation)
+         call json%put('value', value)
+         call json%put('reference', reference)
+         call json%put('relative_error', abs(value - reference)/max(abs(reference), tiny(1.0_wp)))
+         call json%put('source', item%source)
+         call json%end_object()
+         deallocate (load, value, reference)
+      end associate
+   end do
+   call json%end_object()
+end subroutine write_references
+
+end module rk_summary

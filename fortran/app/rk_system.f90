@@ -1,0 +1,92 @@
+!> Signals, folders, memory and version, from system.c.
+module rk_system
+   use, intrinsic :: iso_c_binding, only : c_char, c_double, c_f_pointer, c_int, c_null_char, &
+      & c_ptr, c_size_t
+   use rk_error, only : error_type, fatal_error, err_file
+   use rk_precision, only : wp
+   implicit none
+   private
+
+   public :: catch_signals, interrupted, peak_bytes, make_folder, version_text
+
+   interface
+      !> Install the handlers
+      subroutine catch_signals() bind(c, name='rk_catch_signals')
+      end subroutine catch_signals
+      function c_interrupted() result(yes) bind(c, name='rk_interrupted')
+         import :: c_int
+         integer(c_int) :: yes
+      end function c_interrupted
+      function c_peak_bytes() result(bytes) bind(c, name='rk_peak_bytes')
+         import :: c_double
+         real(c_double) :: bytes
+      end function c_peak_bytes
+      function c_make_folder(path) result(status) bind(c, name='rk_make_folder')
+         import :: c_char, c_int
+         character(kind=c_char), intent(in) :: path(*)
+         integer(c_int) :: status
+      end function c_make_folder
+      function c_error_text(number) result(text) bind(c, name='rk_error_text')
+         import :: c_int, c_ptr
+         integer(c_int), value :: number
+         type(c_ptr) :: text
+      end function c_error_text
+      function c_version_text() result(text) bind(c, name='rk_version_text')
+         import :: c_ptr
+         type(c_ptr) :: text
+      end function c_version_text
+      function c_strlen(text) result(length) bind(c, name='strlen')
+         import :: c_ptr, c_size_t
+         type(c_ptr), value :: text
+         integer(c_size_t) :: length
+      end function c_strlen
+   end interface
+
+contains
+
+!> Whether the user asked the program to stop
+logical function interrupted()
+   interrupted = c_interrupted() /= 0
+end function interrupted
+
+!> Peak memory of the program [byte]
+real(wp) function peak_bytes()
+   peak_bytes = real(c_peak_bytes(), wp)
+end function peak_bytes
+
+!> Make a folder that can be written to
+subroutine make_folder(path, error)
+   !> Folder
+   character(len=*), intent(in) :: path
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   integer(c_int) :: status
+
+   status = c_make_folder(path//c_null_char)
+   if (status /= 0) call fatal_error(error, err_file, 'folder '//path//' cannot be used for output: ' &
+      & //from_c(c_error_text(status)))
+end subroutine make_folder
+
+!> Version of the program
+function version_text() result(text)
+   character(len=:), allocatable :: text
+
+   text = from_c(c_version_text())
+end function version_text
+
+!> Text of a C string
+function from_c(pointer) result(text)
+   !> C string
+   type(c_ptr), intent(in) :: pointer
+   character(len=:), allocatable :: text
+   character(kind=c_char), pointer :: letters(:)
+   integer :: i
+
+   call c_f_pointer(pointer, letters, [c_strlen(pointer)])
+   allocate (character(len=size(letters)) :: text)
+   do i = 1, size(letters)
+      text(i:i) = letters(i)
+   end do
+end function from_c
+
+end module rk_system
