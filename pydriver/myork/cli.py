@@ -78,7 +78,7 @@ def _segment(options: argparse.Namespace) -> None:
     from myork.deck import load_deck
     from myork.segment import segment
 
-    deck, out = load_deck(options.deck, _overrides(options)), _out(options)
+    deck, out = load_deck(options.deck, _overrides(options), "segment"), _out(options)
     with Console(options.verbosity) as console:
         segment(deck, options.deck.parent, out, console)
     print(f"labels and fibers in {out}")
@@ -88,7 +88,7 @@ def _build(options: argparse.Namespace) -> None:
     from myork.build import build
     from myork.deck import load_deck
 
-    deck, out = load_deck(options.deck, _overrides(options)), _out(options)
+    deck, out = load_deck(options.deck, _overrides(options), "build"), _out(options)
     with Console(options.verbosity) as console:
         build(deck, options.deck.parent, out, console)
     print(f"model in {out}")

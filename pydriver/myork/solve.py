@@ -22,10 +22,13 @@ from typing import Any
 
 from myork.console import ProgressCallback, silent
 from myork.errors import ConvergenceError, InputError, InstallationError, MyorkError, StoppedError
+from myork.summary import update_summary
 
 __all__ = ["explain_deck", "find_executable", "run_deck"]
 
 _NAME = "myork-solve"
+# Parts of summary.json that come from earlier stations; the executable writes the file anew.
+_EARLIER = ("segmentation", "model")
 
 
 def find_executable() -> Path:
@@ -107,15 +110,16 @@ def run_deck(
         options += ["-t", str(threads)]
     if verbosity:
         options.append("-q" if verbosity < 0 else "-v")
-    _run(deck, [*options, *_set_options(overrides)], progress)
-    summary = Path(out) / "summary.json"
+    earlier = {key: part for key, part in _summary(out).items() if key in _EARLIER}
     try:
-        content: dict[str, Any] = json.loads(summary.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InstallationError(
-            f"{_NAME} ended well but left no readable {summary}: {error}"
-        ) from error
-    return content
+        _run(deck, [*options, *_set_options(overrides)], progress)
+    finally:
+        if earlier:
+            update_summary(Path(out), earlier)
+    summary = _summary(out)
+    if "steps" not in summary:
+        raise InstallationError(f"{_NAME} ended well but left no summary.json in {out}")
+    return summary
 
 
 def explain_deck(
@@ -140,6 +144,15 @@ def explain_deck(
     """
     options = ["--explain"] if out is None else ["--explain", "-o", str(out)]
     _run(deck, [*options, *_set_options(overrides)], progress)
+
+
+def _summary(out: str | Path) -> dict[str, Any]:
+    """Content of `summary.json` in a folder, nothing if there is no readable one."""
+    try:
+        content: dict[str, Any] = json.loads(Path(out, "summary.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return content
 
 
 def _set_options(overrides: Sequence[str]) -> list[str]:

@@ -3,6 +3,7 @@
 Where only the hand-over to the executable matters, a small script stands in for `myork-solve`.
 """
 
+import json
 import os
 import signal
 import subprocess
@@ -156,7 +157,7 @@ def test_arguments_reach_the_executable(
     solver(
         "print(*sys.argv[1:], sep='|')\n"
         "print(os.environ['OMP_WAIT_POLICY'])\n"
-        "open(os.path.join(sys.argv[3], 'summary.json'), 'w').write('{}')\n"
+        "open(os.path.join(sys.argv[3], 'summary.json'), 'w').write('{\"steps\": []}')\n"
     )
     words = ["--set", "material.fat.K=5e3", "--set", "load.steps=3", "--solver", "refined"]
     assert status_of("solve", deck, "--out", out, "--threads", 2, *words, "--method", "rkcm") == 0
@@ -164,6 +165,18 @@ def test_arguments_reach_the_executable(
     named = "--set|scene.method=rkcm|--set|solver.linear=refined"
     lines = capsys.readouterr().out.splitlines()
     assert lines == [f"{deck}|-o|{out}|-t|2|{sets}|{named}", "passive"]
+
+
+def test_solve_keeps_what_earlier_stations_said(
+    solver: Install, deck: Path, tmp_path: Path
+) -> None:
+    """The executable writes summary.json anew; scores and model stay, an old reduced model goes."""
+    path = tmp_path / "summary.json"
+    path.write_text('{"segmentation": {"iterations": 7}, "model": {"h": 1.5}, "rom": {}}')
+    solver(f"open({str(path)!r}, 'w').write('{{\"steps\": [1]}}')")
+    assert status_of("solve", deck, "--out", tmp_path) == 0
+    kept = {"segmentation": {"iterations": 7}, "model": {"h": 1.5}}
+    assert json.loads(path.read_text()) == {"steps": [1], **kept}
 
 
 @pytest.mark.parametrize(
