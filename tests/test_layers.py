@@ -30,7 +30,8 @@ FORTRAN_LAYERS = [
 PYTHON_LAYERS = [
     {"errors", "records", "console"},
     {"core", "summary"},
-    {"deck", "imaging", "segmentation"},
+    {"deck", "imaging"},
+    {"segmentation"},
     {"model", "results"},
     {"segment", "build", "solve"},
     {"rom", "report"},
