@@ -1,0 +1,234 @@
+! Python boundary of scenes: a handle in, arrays out. Python checks shapes before it calls.
+
+!> Open the scene of a deck; the arrays are the model file's and may be empty
+subroutine scene_open(path, nover, overrides, ns, nc, nb, nset, source, spacing, place, label, &
+   & fiber, point, set, normal, area, names, handle, stat, message)
+   use rk_cloud, only : cloud_type
+   use rk_error, only : error_type
+   use rk_pack, only : pack_error
+   use rk_session, only : open_session
+   implicit none
+   !f2py threadsafe
+   integer, intent(in) :: nover, ns, nc, nb, nset
+   character(len=*), intent(in) :: path, overrides(nover), names(nset)
+   double precision, intent(in) :: source(3, ns), spacing(3), place(3, nc), fiber(3, nc)
+   double precision, intent(in) :: normal(3, nb), area(nb)
+   integer, intent(in) :: label(nc), point(nb), set(nb)
+   integer, intent(out) :: handle, stat
+   character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
+   type(cloud_type) :: model
+
+   model%nd = 3
+   model%source = source
+   allocate (model%spacing, source=spread(spacing, 2, ns))
+   model%place = place
+   model%label = label
+   model%fiber = fiber
+   model%point = point + 1
+   model%set = set + 1
+   model%normal = normal
+   model%area = area
+   allocate (model%set_name(nset))
+   model%set_name = names
+   call open_session(path, overrides, model, handle, error)
+   call pack_error(error, stat, message)
+end subroutine scene_open
+
+!> Close a scene; unknown handles are ignored
+subroutine scene_close(handle)
+   use rk_error, only : error_type
+   use rk_handles, only : close_slot, find_slot, slot_type
+   implicit none
+   integer, intent(in) :: handle
+   type(error_type), allocatable :: error
+   type(slot_type), pointer :: slot
+
+   call find_slot(handle, slot, error)
+   if (.not. allocated(error)) call close_slot(slot)
+end subroutine scene_close
+
+!> Sizes: dimension, source points, collocation points, unknowns, equations, probes, steps, stencils
+subroutine scene_sizes(handle, sizes, stat, message)
+   use rk_error, only : error_type
+   use rk_handles, only : find_slot, slot_type
+   use rk_pack, only : pack_error
+   implicit none
+   integer, intent(in) :: handle
+   integer, intent(out) :: sizes(8), stat
+   character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
+   type(slot_type), pointer :: slot
+
+   sizes = 0
+   call find_slot(handle, slot, error)
+   call pack_error(error, stat, message)
+   if (stat /= 0) return
+   sizes = [slot%full%shape%nd, slot%full%shape%ns, slot%full%shape%np, slot%full%n, slot%full%m, &
+      & size(slot%scene%probe), slot%scene%steps, maxval(slot%full%shape%stencil)]
+end subroutine scene_sizes
+
+!> Project the full problem on modes
+subroutine scene_reduce(handle, n, r, modes, stat, message)
+   use rk_error, only : error_type
+   use rk_pack, only : pack_error
+   use rk_session, only : reduce_session
+   implicit none
+   !f2py threadsafe
+   integer, intent(in) :: handle, n, r
+   double precision, intent(in) :: modes(n, r)
+   integer, intent(out) :: stat
+   character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
+
+   call reduce_session(handle, modes, error)
+   call pack_error(error, stat, message)
+end subroutine scene_reduce
+
+!> Solve all load steps of the full (reduced = 0) or the reduced problem
+subroutine scene_solve(handle, linear, reduced, stat, message)
+   use rk_error, only : error_type
+   use rk_pack, only : pack_error
+   use rk_session, only : solve_session
+   implicit none
+   !f2py threadsafe
+   integer, intent(in) :: handle, reduced
+   character(len=*), intent(in) :: linear
+   integer, intent(out) :: stat
+   character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
+
+   call solve_session(handle, linear, reduced /= 0, error)
+   call pack_error(error, stat, message)
+end subroutine scene_solve
+
+!> Steps and iterations done so far, readable while a solve runs in another thread
+subroutine scene_progress(handle, steps, iterations)
+   use rk_error, only : error_type
+   use rk_handles, only : find_slot, slot_type
+   implicit none
+   integer, intent(in) :: handle
+   integer, intent(out) :: steps, iterations
+   type(error_type), allocatable :: error
+   type(slot_type), pointer :: slot
+
+   steps = 0
+   iterations = 0
+   call find_slot(handle, slot, error)
+   if (allocated(error)) return
+   steps = slot%states%steps
+   iterations = slot%states%iterations
+end subroutine scene_progress
+
+!> Ask a running solve to end after its iteration
+subroutine scene_stop(handle)
+   use rk_error, only : error_type
+   use rk_handles, only : find_slot, slot_type
+   implicit none
+   integer, intent(in) :: handle
+   type(error_type), allocatable :: error
+   type(slot_type), pointer :: slot
+
+   call find_slot(handle, slot, error)
+   if (.not. allocated(error)) slot%states%stop = .true.
+end subroutine scene_stop
+
+!> States of the last solve: unknowns; load, iterations, smallest and largest J; wall times of
+!> assembly and least squares; largest backward error
+subroutine scene_states(handle, n, steps, x, info, seconds, backward, stat, message)
+   use rk_error, only : error_type
+   use rk_handles, only : find_slot, slot_type
+   use rk_pack, only : pack_error
+   implicit none
+   integer, intent(in) :: handle, n, steps
+   double precision, intent(out) :: x(n, steps), info(4, steps), seconds(2), backward
+   integer, intent(out) :: stat
+   character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
+   type(slot_type), pointer :: slot
+
+   x = 0
+   info = 0
+   seconds = 0
+   backward = 0
+   call find_slot(handle, slot, error)
+   call pack_error(error, stat, message)
+   if (stat /= 0) return
+   x = slot%states%x(:n, :steps)
+   info = slot%states%info(:, :steps)
+   seconds = [slot%timer%assemble, slot%timer%solve]
+   backward = slot%states%backward_error
+end subroutine scene_states
+
+!> Displacement, deformation gradient and Cauchy stress (xx, yy, zz, xy, yz, xz) at all
+!> collocation points for one state of the full problem
+subroutine scene_fields(handle, n, nc, x, load, u, f, cauchy, stat, message)
+   use rk_error, only : error_type
+   use rk_fields, only : compute_fields, fields_type
+   use rk_handles, only : find_slot, slot_type
+   use rk_pack, only : pack_error
+   implicit none
+   !f2py threadsafe
+   integer, intent(in) :: handle, n, nc
+   double precision, intent(in) :: x(n), load
+   double precision, intent(out) :: u(3, nc), f(3, 3, nc), cauchy(6, nc)
+   integer, intent(out) :: stat
+   character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
+   type(slot_type), pointer :: slot
+   type(fields_type) :: fields
+
+   u = 0
+   f = 0
+   cauchy = 0
+   call find_slot(handle, slot, error)
+   call pack_error(error, stat, message)
+   if (stat /= 0) return
+   call compute_fields(slot%full, x, load, fields)
+   u = fields%u
+   f = fields%f
+   cauchy = fields%cauchy
+end subroutine scene_fields
+
+!> Values of all probes, three numbers each, for states of the full problem
+subroutine scene_probes(handle, n, k, np, x, load, value, stat, message)
+   use rk_error, only : error_type
+   use rk_pack, only : pack_error
+   use rk_session, only : probe_session
+   implicit none
+   !f2py threadsafe
+   integer, intent(in) :: handle, n, k, np
+   double precision, intent(in) :: x(n, k), load(k)
+   double precision, intent(out) :: value(3, np, k)
+   integer, intent(out) :: stat
+   character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
+
+   value = 0
+   call probe_session(handle, x, load, value, error)
+   call pack_error(error, stat, message)
+end subroutine scene_probes
+
+!> Proper orthogonal modes and values of snapshots
+subroutine pod_basis(n, s, k, snapshots, modes, values, stat, message)
+   use rk_error, only : error_type
+   use rk_pack, only : pack_error
+   use rk_pod, only : pod_modes
+   implicit none
+   !f2py threadsafe
+   integer, intent(in) :: n, s, k
+   double precision, intent(in) :: snapshots(n, s)
+   double precision, intent(out) :: modes(n, k), values(k)
+   integer, intent(out) :: stat
+   character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
+   double precision, allocatable :: u(:, :), v(:)
+
+   modes = 0
+   values = 0
+   call pod_modes(snapshots, u, v, error)
+   call pack_error(error, stat, message)
+   if (stat /= 0) return
+   modes = u
+   values = v
+end subroutine pod_basis

@@ -1,0 +1,143 @@
+!> Scenes that Python holds open.
+!>
+!> A handle is serial*64 + row, so that a closed or reused row is recognised. Python owns the
+!> handle and closes it. This table is the one place with module variables.
+module rk_handles
+   use rk_collocation, only : collocation_type, free_collocation
+   use rk_error, only : error_type, fatal_error, err_input
+   use rk_newton, only : timer_type
+   use rk_precision, only : wp
+   use rk_recorder, only : iteration_type, recorder_type, step_type
+   use rk_reduced, only : reduced_type
+   use rk_scene, only : scene_type
+   implicit none
+   private
+
+   public :: slot_type, states_type, open_slot, close_slot, find_slot
+
+   !> Rows of the table
+   integer, parameter :: rows = 64
+
+   !> States of a solve, kept in memory
+   type, extends(recorder_type) :: states_type
+      !> Unknowns of each step, shape (n, steps)
+      real(wp), allocatable :: x(:, :)
+      !> Load, iterations, smallest and largest J of each step, shape (4, steps)
+      real(wp), allocatable :: info(:, :)
+      !> Steps and iterations so far
+      integer :: steps = 0
+      integer :: iterations = 0
+      !> Largest backward error [-]
+      real(wp) :: backward_error = 0.0_wp
+      !> Set from outside to end the solve
+      logical :: stop = .false.
+   contains
+      procedure :: iteration
+      procedure :: step
+      procedure :: stopped
+   end type states_type
+
+   !> What a handle stands for
+   type :: slot_type
+      !> Handle, 0 for a free row
+      integer :: handle = 0
+      !> Scene
+      type(scene_type), pointer :: scene => null()
+      !> Full problem
+      type(collocation_type), pointer :: full => null()
+      !> Reduced problem, where one was made
+      type(reduced_type), pointer :: reduced => null()
+      !> States of the last solve
+      type(states_type), pointer :: states => null()
+      !> Wall times of the last solve
+      type(timer_type) :: timer
+   end type slot_type
+
+   type(slot_type), target, save :: table(0:rows - 1)
+   integer, save :: serial = 0
+
+contains
+
+!> Take a free row
+subroutine open_slot(slot, error)
+   !> Row with its parts allocated
+   type(slot_type), pointer, intent(out) :: slot
+   !> Error handling: no free row
+   type(error_type), allocatable, intent(out) :: error
+   integer :: row
+
+   nullify (slot)
+   do row = 0, rows - 1
+      if (table(row)%handle /= 0) cycle
+      serial = serial + 1
+      table(row)%handle = serial*rows + row
+      slot => table(row)
+      allocate (slot%scene, slot%full, slot%states)
+      return
+   end do
+   call fatal_error(error, err_input, 'too many open scenes: close some')
+end subroutine open_slot
+
+!> Give a row back
+subroutine close_slot(slot)
+   !> Row
+   type(slot_type), intent(inout) :: slot
+
+   if (associated(slot%reduced)) deallocate (slot%reduced)
+   call free_collocation(slot%full)
+   deallocate (slot%full, slot%states, slot%scene)
+   slot%handle = 0
+end subroutine close_slot
+
+!> Row of a handle
+subroutine find_slot(handle, slot, error)
+   !> Handle
+   integer, intent(in) :: handle
+   !> Its row
+   type(slot_type), pointer, intent(out) :: slot
+   !> Error handling: a closed handle
+   type(error_type), allocatable, intent(out) :: error
+
+   nullify (slot)
+   if (handle > 0) then
+      slot => table(mod(handle, rows))
+      if (slot%handle == handle) return
+   end if
+   call fatal_error(error, err_input, 'this scene is closed')
+end subroutine find_slot
+
+!> Count an iteration
+subroutine iteration(self, it)
+   !> States
+   class(states_type), intent(inout) :: self
+   !> Iteration
+   type(iteration_type), intent(in) :: it
+
+   self%iterations = self%iterations + 1
+   self%backward_error = max(self%backward_error, it%backward_error)
+end subroutine iteration
+
+!> Keep a converged state
+subroutine step(self, st, x)
+   !> States
+   class(states_type), intent(inout) :: self
+   !> Load step
+   type(step_type), intent(in) :: st
+   !> Unknowns, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+
+   self%steps = self%steps + 1
+   if (self%steps > size(self%x, 2)) return
+   self%x(:, self%steps) = x
+   self%info(:, self%steps) = [st%load, real(st%iterations, wp), st%min_j, st%max_j]
+end subroutine step
+
+!> Whether Python asked to stop
+logical function stopped(self)
+   !> States
+   class(states_type), intent(inout) :: self
+
+   stopped = self%stop
+end function stopped
+
+end module rk_handles

@@ -1,0 +1,143 @@
+!> What the Python boundary does with a scene: open, solve full or reduced, evaluate.
+module rk_session
+   use rk_cloud, only : cloud_type
+   use rk_collocation, only : new_collocation
+   use rk_deck, only : deck_type, open_deck
+   use rk_deck_scene, only : new_scene
+   use rk_error, only : error_type, fatal_error, err_input
+   use rk_fields, only : new_probes, probe_value, probes_type
+   use rk_handles, only : close_slot, find_slot, open_slot, slot_type
+   use rk_newton, only : newton_type, timer_type
+   use rk_precision, only : wp
+   use rk_problem, only : problem_type
+   use rk_reduced, only : new_reduced
+   use rk_static, only : solve_static
+   implicit none
+   private
+
+   public :: open_session, reduce_session, solve_session, probe_session
+
+contains
+
+!> Open the scene of a deck
+subroutine open_session(path, overrides, model, handle, error)
+   !> Deck
+   character(len=*), intent(in) :: path
+   !> Overrides "table.key=value"; blanks are skipped
+   character(len=*), intent(in) :: overrides(:)
+   !> Points of the model file, where the deck wants one
+   type(cloud_type), intent(in) :: model
+   !> Handle
+   integer, intent(out) :: handle
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   type(slot_type), pointer :: slot
+   type(deck_type) :: deck
+
+   handle = 0
+   call open_deck(deck, path, pack(overrides, overrides /= ''), error)
+   if (allocated(error)) return
+   call open_slot(slot, error)
+   if (allocated(error)) return
+   call new_scene(slot%scene, deck, model, error)
+   if (.not. allocated(error)) then
+      call new_collocation(slot%full, slot%scene, error)
+      if (allocated(error)) error%message = deck%where('geometry')//': '//error%message
+   end if
+   if (allocated(error)) then
+      call close_slot(slot)
+   else
+      handle = slot%handle
+   end if
+end subroutine open_session
+
+!> Make the reduced problem of a scene
+subroutine reduce_session(handle, modes, error)
+   !> Handle
+   integer, intent(in) :: handle
+   !> Modes, shape (n, r)
+   real(wp), intent(in) :: modes(:, :)
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   type(slot_type), pointer :: slot
+
+   call find_slot(handle, slot, error)
+   if (allocated(error)) return
+   if (associated(slot%reduced)) deallocate (slot%reduced)
+   allocate (slot%reduced)
+   call new_reduced(slot%reduced, slot%full, modes, error)
+   if (allocated(error)) deallocate (slot%reduced)
+end subroutine reduce_session
+
+!> Solve the full or the reduced problem through all load steps
+subroutine solve_session(handle, linear, reduced, error)
+   !> Handle
+   integer, intent(in) :: handle
+   !> Least squares solver; blank for the deck's
+   character(len=*), intent(in) :: linear
+   !> Solve the reduced problem
+   logical, intent(in) :: reduced
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   type(slot_type), pointer :: slot
+   class(problem_type), pointer :: problem
+   type(newton_type) :: newton
+   real(wp), allocatable :: x(:)
+
+   call find_slot(handle, slot, error)
+   if (allocated(error)) return
+   problem => slot%full
+   if (reduced) then
+      if (.not. associated(slot%reduced)) then
+         call fatal_error(error, err_input, 'this scene has no reduced model yet')
+         return
+      end if
+      problem => slot%reduced
+   end if
+   newton%linear = linear
+   if (linear == '') newton%linear = slot%scene%linear
+   newton%tolerance = slot%scene%tolerance
+   newton%max_iterations = slot%scene%max_iterations
+   associate (states => slot%states)
+      if (allocated(states%x)) deallocate (states%x, states%info)
+      allocate (states%x(problem%n, slot%scene%steps), states%info(4, slot%scene%steps))
+      states%steps = 0
+      states%iterations = 0
+      states%backward_error = 0.0_wp
+      states%stop = .false.
+   end associate
+   slot%timer = timer_type()
+   call system_clock(slot%timer%start)
+   allocate (x(problem%n), source=0.0_wp)
+   call solve_static(problem, newton, slot%scene%steps, slot%scene%max_halvings, x, slot%states, &
+      & slot%timer, error)
+end subroutine solve_session
+
+!> Values of all probes for states of the full problem
+subroutine probe_session(handle, x, load, value, error)
+   !> Handle
+   integer, intent(in) :: handle
+   !> Unknowns, shape (n, states)
+   real(wp), contiguous, intent(in) :: x(:, :)
+   !> Loads, shape (states)
+   real(wp), intent(in) :: load(:)
+   !> Values, shape (3, probes, states)
+   real(wp), intent(inout) :: value(:, :, :)
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   type(slot_type), pointer :: slot
+   type(probes_type) :: probes
+   integer :: i, k
+
+   call find_slot(handle, slot, error)
+   if (allocated(error)) return
+   call new_probes(probes, slot%scene, error)
+   if (allocated(error)) return
+   do k = 1, size(load)
+      do i = 1, size(slot%scene%probe)
+         call probe_value(slot%full, probes, i, x(:, k), load(k), value(:, i, k))
+      end do
+   end do
+end subroutine probe_session
+
+end module rk_session
