@@ -1,0 +1,210 @@
+"""Station two: a label map and fibers to the points of a model, `model.h5`."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import myork
+from myork.console import ProgressCallback
+from myork.errors import FileError, InputError
+from myork.imaging.geometry import canonical, check_same_grid, frame, length_factor, to_voxels
+from myork.imaging.io import read_image, read_labels
+from myork.model import points
+from myork.model.fibers import fibers_at_points
+from myork.model.store import write_model
+from myork.records import Image, Labels, PointCloud
+from myork.summary import update_summary
+
+__all__ = ["build", "build_cloud"]
+
+# A cut plane with fewer points can hold the model only badly.
+_FEW_AT_END = 6
+
+
+def build(
+    deck: Mapping[str, Any], folder: Path, out: Path, progress: ProgressCallback
+) -> dict[str, Any]:
+    """Build the model of a deck and write it to `model.h5`.
+
+    Parameters
+    ----------
+    deck : mapping
+        Effective deck; the tables `build` and `units` are read.
+    folder : Path
+        Where the deck's relative paths start.
+    out : Path
+        Folder of the results, in which `segment` left its label map and fibers.
+    progress : callable
+        Called with a line of text at a time.
+
+    Returns
+    -------
+    dict
+        What was added to `summary.json`.
+    """
+    table = deck.get("build")
+    if table is None:
+        raise InputError("the deck has no table [build]; `build` needs one")
+    paths = [folder / table["labels"] if "labels" in table else out / "segmentation.nii.gz"]
+    if "labels" not in table and not paths[0].is_file():
+        raise FileError(
+            f"{paths[0]}: there is no label map; run `myork segment` into the same folder first, "
+            "or name one in build.labels"
+        )
+    labels = read_labels(paths[0])
+    fibers = None
+    if "fibers" in table or (out / "fibers.nii.gz").is_file() and "labels" not in table:
+        paths.append(folder / table["fibers"] if "fibers" in table else out / "fibers.nii.gz")
+        fibers = read_image(paths[1], values=3)
+        check_same_grid(fibers, labels)
+    progress(f"points from {', '.join(path.name for path in paths)}")
+    source_images = "\n".join(
+        f"{path.name} {hashlib.sha256(path.read_bytes()).hexdigest()}" for path in paths
+    )
+    cloud, warnings = build_cloud(labels, fibers, table, deck["units"]["length"], source_images)
+    out.mkdir(parents=True, exist_ok=True)
+    write_model(out / "model.h5", cloud)
+    summary = _summary(deck, cloud, warnings)
+    update_summary(out, summary)
+    model = summary["model"]
+    progress(
+        f"{model['source_points']} source points, {model['collocation_points']} collocation "
+        f"points, boundary: {', '.join(f'{n} {s}' for s, n in model['boundary_points'].items())}"
+    )
+    for text in warnings:
+        progress(f"warning: {text}")
+    return summary
+
+
+def build_cloud(
+    labels: Labels,
+    fibers: Image | None,
+    table: Mapping[str, Any],
+    unit: str,
+    source_images: str = "",
+) -> tuple[PointCloud, list[str]]:
+    """Make the points of a model from labels and fibers.
+
+    Parameters
+    ----------
+    labels : Labels
+        Label map, in any orientation.
+    fibers : Image or None
+        Fiber vectors in the world frame on the same grid.
+    table : mapping
+        Table `build` of the deck.
+    unit : str
+        Unit of length of the model.
+    source_images : str
+        Names and check sums of the files behind the arguments.
+
+    Returns
+    -------
+    tuple
+        The points and warnings.
+    """
+    block, stride = table["collocation_stride"], table["source_stride"]
+    if any(s % b for s, b in zip(stride, block, strict=True)):
+        raise InputError(
+            f"build.source_stride = {list(stride)} must be a multiple of build.collocation_stride "
+            f"= {list(block)} in each direction"
+        )
+    turned = canonical(Image(labels.data, labels.affine, labels.name))
+    whole = Labels(turned.data, turned.affine, labels.names, labels.name)
+    part = points.select(whole, table["ids"], table.get("slices"))
+    if part.data.shape[2] == 1:
+        block, stride = [*block[:2], 1], [*stride[:2], 1]
+    coarse = points.coarsen(part, block)
+    coarse, warnings = points.connected_body(coarse, table["islands"])
+    body = coarse.data > 0
+    voxels = np.argwhere(body)
+    step = [s // b for s, b in zip(stride, block, strict=True)]
+    source = points.source_voxels(body, step)
+    boundary = points.boundary_sets(coarse)
+    label = coarse.data[body]
+
+    fiber = np.zeros((len(voxels), 3))
+    if fibers is not None:
+        world = voxels @ coarse.affine[:3, :3].T + coarse.affine[:3, 3]
+        at = to_voxels(whole.affine, world)
+        fiber = fibers_at_points(canonical(fibers), whole, at, label, block)
+
+    warnings += _doubts(coarse, boundary)
+    factor = length_factor(unit)
+    size = coarse.spacing * factor
+    cloud = PointCloud(
+        source=points.positions(coarse, source) * factor,
+        spacing=size * step,
+        points=points.positions(coarse, voxels) * factor,
+        label=label,
+        fiber=fiber,
+        volume=np.full(len(voxels), size.prod()),
+        boundary_point=boundary.point.astype(np.int32),
+        boundary_set=boundary.set.astype(np.int32),
+        normal=boundary.normal,
+        area=boundary.area * factor**2,
+        set_names=boundary.names,
+        label_names={int(i): coarse.label_name(int(i)) for i in np.unique(label)},
+        length_unit=unit,
+        source_images=source_images,
+    )
+    return cloud, warnings
+
+
+def _doubts(coarse: Labels, boundary: points.Boundary) -> list[str]:
+    """Sentences about what may trouble the solution."""
+    body = coarse.data > 0
+    warnings = []
+    if body.shape[2] == 1:
+        warnings.append("the labels lie in one slice: a plane model, with the set surface only")
+    for number, name in enumerate(boundary.names):
+        count = int((boundary.set == number).sum())
+        if name != "surface" and count < _FEW_AT_END:
+            warnings.append(
+                f"set {name} has {count} points only; cut the muscle where it is thicker "
+                "(build.slices) or lower build.collocation_stride"
+            )
+    thin = points.thin_voxels(body)
+    if len(thin):
+        where = coarse.affine[:3, :3] @ thin[0] + coarse.affine[:3, 3]
+        warnings.append(
+            f"{len(thin)} of {int(body.sum())} points lie in sheets one point thick, the first "
+            f"around ({', '.join(f'{c:.1f}' for c in where)}) mm; their normals and derivatives "
+            "are poor (lower build.collocation_stride)"
+        )
+    if not np.array_equal(frame(coarse.affine), np.eye(3)):
+        warnings.append(
+            "the image is rotated against the world axes: the model's x, y, z are the voxel axes "
+            "nearest to right, anterior, superior; fibers were turned with them"
+        )
+    return warnings
+
+
+def _summary(deck: Mapping[str, Any], cloud: PointCloud, warnings: list[str]) -> dict[str, Any]:
+    """Entries for `summary.json`."""
+    volume = {
+        name: float(cloud.volume[cloud.label == label].sum())
+        for label, name in cloud.label_names.items()
+    }
+    return {
+        "title": deck["title"],
+        "deck_sha256": deck["sha256"],
+        "version": myork.__version__,
+        "units": dict(deck["units"]),
+        "model": {
+            "source_points": len(cloud.source),
+            "collocation_points": len(cloud.points),
+            "boundary_points": {
+                name: int((cloud.boundary_set == number).sum())
+                for number, name in enumerate(cloud.set_names)
+            },
+            "volume": volume,
+            "points_without_fiber": int((~cloud.fiber.any(axis=1)).sum()),
+            "warnings": warnings,
+        },
+    }

@@ -1,0 +1,110 @@
+"""Grids of images: checks of the affine, equal grids, turning to the nearest world axes."""
+
+from __future__ import annotations
+
+import nibabel
+import numpy as np
+from numpy.typing import NDArray
+
+from myork.errors import InputError
+from myork.records import Image, Labels
+
+__all__ = [
+    "canonical",
+    "check_affine",
+    "check_same_grid",
+    "frame",
+    "length_factor",
+    "to_voxels",
+]
+
+# An affine is stored in single precision; spacings and angles are compared with this slack.
+SLACK = 1e-4
+
+
+def check_affine(affine: NDArray[np.float64], name: str) -> None:
+    """Refuse an affine that does not span a box of voxels with right angles.
+
+    Parameters
+    ----------
+    affine : NDArray
+        Voxel indices to world coordinates, shape `(4, 4)` [mm].
+    name : str
+        File, for the message.
+    """
+    columns = affine[:3, :3]
+    size = np.linalg.norm(columns, axis=0)
+    if not np.isfinite(affine).all() or size.min() <= 0:
+        raise InputError(
+            f"{name}: the affine is singular or not finite (voxel size {size}); "
+            "set sform or qform of the file from the scanner's geometry"
+        )
+    cosines = (columns / size).T @ (columns / size) - np.eye(3)
+    if abs(np.linalg.det(columns / size)) < SLACK:
+        raise InputError(
+            f"{name}: the affine is singular (two voxel axes are parallel); "
+            "set sform or qform of the file from the scanner's geometry"
+        )
+    if np.abs(cosines).max() > 10 * SLACK:
+        raise InputError(
+            f"{name}: the voxel axes are not perpendicular (largest cosine "
+            f"{np.abs(cosines).max():.3g}); resample the image to a grid without shear"
+        )
+
+
+def check_same_grid(image: Image | Labels, reference: Image | Labels) -> None:
+    """Refuse two images that do not lie on one grid (shape and affine)."""
+    shape, wanted = image.data.shape[:3], reference.data.shape[:3]
+    if shape != wanted:
+        raise InputError(
+            f"{image.name} has {shape} voxels, {reference.name} has {wanted}; "
+            "resample one to the grid of the other"
+        )
+    corners = np.array([[i, j, k, 1] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
+    corners[:, :3] *= np.array(wanted) - 1
+    shift = np.abs(corners @ (image.affine - reference.affine).T).max()
+    if shift > 0.1 * reference.spacing.min():
+        raise InputError(
+            f"{image.name} and {reference.name} have different affines: their corners are up to "
+            f"{shift:.3g} mm apart; resample one to the grid of the other"
+        )
+
+
+def canonical(image: Image) -> Image:
+    """Turn the voxel axes to the nearest world axes (right, anterior, superior).
+
+    Only the order and the direction of the axes change, never a value: vectors and tensors in
+    the world frame stay as they are.
+    """
+    orientation = nibabel.orientations.io_orientation(image.affine)
+    data = nibabel.orientations.apply_orientation(image.data, orientation)
+    turn = nibabel.orientations.inv_ornt_aff(orientation, image.data.shape[:3])
+    return Image(np.ascontiguousarray(data), image.affine @ turn, image.name)
+
+
+def frame(affine: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Directions of the voxel axes in the world, as columns, shape `(3, 3)` [-].
+
+    The identity, exactly, where they agree with the world axes to the precision of the file.
+    """
+    columns = affine[:3, :3] / np.linalg.norm(affine[:3, :3], axis=0)
+    if np.abs(columns - np.eye(3)).max() < SLACK:
+        return np.eye(3)
+    # The nearest rotation: the columns are perpendicular only to the precision of the file.
+    left, _, right = np.linalg.svd(columns)
+    return left @ right
+
+
+def to_voxels(affine: NDArray[np.float64], world: NDArray[np.float64]) -> NDArray[np.float64]:
+    """World coordinates to voxel indices, both of shape `(..., 3)`."""
+    return (world - affine[:3, 3]) @ np.linalg.inv(affine[:3, :3]).T
+
+
+def length_factor(unit: str) -> float:
+    """Factor from millimetres to the deck's unit of length."""
+    factors = {"mm": 1.0, "cm": 0.1, "m": 0.001}
+    if unit not in factors:
+        raise InputError(
+            f"units.length = '{unit}': images need one of {', '.join(factors)} to be converted to"
+        )
+    return factors[unit]

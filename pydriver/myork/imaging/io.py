@@ -1,0 +1,149 @@
+"""NIfTI files in and out. Everything a file can have wrong is found here and named."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import nibabel
+import numpy as np
+from nibabel.filebasedimages import ImageFileError
+
+from myork.errors import FileError, InputError
+from myork.imaging.geometry import check_affine
+from myork.records import Image, Labels
+
+__all__ = ["read_image", "read_labels", "write_image", "write_labels"]
+
+_TO_MM = {"meter": 1000.0, "micron": 0.001}
+
+
+def read_image(path: Path, values: int = 1) -> Image:
+    """Read an image.
+
+    Parameters
+    ----------
+    path : Path
+        NIfTI file.
+    values : int
+        Values per voxel: 1 for a 3-D image, whose values must be finite; more for the last axis
+        of a 4-D one, where a voxel may be not a number (the user of a tensor decides).
+
+    Returns
+    -------
+    Image
+        Values as floating point numbers; a single slice has shape `(ni, nj, 1)`.
+    """
+    file, affine = _open(path)
+    try:
+        data = np.asarray(file.get_fdata(dtype=np.float64))
+    except (OSError, EOFError, ValueError) as reason:
+        raise FileError(f"{path}: cannot be read: {reason}") from None
+    data = _grid(path, data, values)
+    if values == 1:
+        bad = np.argwhere(~np.isfinite(data))
+        if len(bad):
+            raise InputError(
+                f"{path}: {len(bad)} voxels are not finite, the first at voxel "
+                f"{tuple(bad[0].tolist())}; replace them (background is usually 0)"
+            )
+    return Image(data, affine, str(path))
+
+
+def read_labels(path: Path) -> Labels:
+    """Read a label map: whole numbers as they are stored, whatever the header's scale says.
+
+    Names come from a file beside it with the same stem, `{"name": label}` (`legs.nii.gz` and
+    `legs.json`), where there is one.
+    """
+    file, affine = _open(path)
+    if not np.issubdtype(file.get_data_dtype(), np.integer):
+        raise InputError(
+            f"{path}: a label map must hold integers, not {file.get_data_dtype()}; save it "
+            "with an integer data type (a probability map must be thresholded first)"
+        )
+    try:
+        data = np.asarray(file.dataobj.get_unscaled())
+    except (OSError, EOFError, ValueError) as reason:
+        raise FileError(f"{path}: cannot be read: {reason}") from None
+    data = _grid(path, data, 1)
+    if data.size and (data.min() < 0 or data.max() > np.iinfo(np.int32).max):
+        raise InputError(f"{path}: labels must not be negative, the lowest is {data.min()}")
+    return Labels(data.astype(np.int32), affine, _read_names(_names_path(path)), str(path))
+
+
+def write_image(path: Path, image: Image) -> None:
+    """Write an image in single precision, lengths in mm."""
+    _write(path, image.data.astype(np.float32), image.affine)
+
+
+def write_labels(path: Path, labels: Labels) -> None:
+    """Write a label map and, beside it, the names of its labels."""
+    small = labels.data.max(initial=0) <= np.iinfo(np.uint8).max
+    _write(path, labels.data.astype(np.uint8 if small else np.int32), labels.affine)
+    names = {name: label for label, name in labels.names.items()}
+    _names_path(path).write_text(json.dumps(names, indent=1) + "\n", encoding="utf-8")
+
+
+def _open(path: Path) -> tuple[nibabel.Nifti1Image, np.ndarray]:
+    """File and its affine in mm."""
+    if not path.is_file():
+        raise FileError(f"{path}: there is no such file")
+    try:
+        file = nibabel.load(path)
+    except (ImageFileError, OSError, EOFError, ValueError) as reason:
+        raise FileError(f"{path}: is no readable NIfTI file: {reason}") from None
+    if not isinstance(file, nibabel.Nifti1Image):
+        raise InputError(f"{path}: is {type(file).__name__}; convert it to NIfTI (.nii, .nii.gz)")
+    affine = np.array(file.affine, dtype=float)
+    affine[:3] *= _TO_MM.get(file.header.get_xyzt_units()[0], 1.0)
+    check_affine(affine, str(path))
+    return file, affine
+
+
+def _grid(path: Path, data: np.ndarray, values: int) -> np.ndarray:
+    """Array of shape `(ni, nj, nk)`, or `(ni, nj, nk, values)`."""
+    shape = data.shape
+    if values == 1:
+        while data.ndim > 3 and data.shape[-1] == 1:
+            data = data[..., 0]
+        if data.ndim == 2:
+            data = data[..., np.newaxis]
+        if data.ndim != 3:
+            raise InputError(
+                f"{path}: a 3-D image is wanted, this one has shape {shape}; "
+                "extract one of its volumes"
+            )
+    elif data.ndim != 4 or data.shape[-1] != values:
+        raise InputError(
+            f"{path}: a 4-D image with {values} volumes is wanted, this one has shape {shape}"
+        )
+    if 0 in data.shape:
+        raise InputError(f"{path}: the image is empty, its shape is {shape}")
+    return data
+
+
+def _names_path(path: Path) -> Path:
+    """`legs.json` for `legs.nii.gz`."""
+    return path.with_name(path.name.removesuffix(".gz").removesuffix(".nii") + ".json")
+
+
+def _read_names(path: Path) -> dict[int, str]:
+    """Names of labels from `{"name": label}`; none without the file."""
+    if not path.is_file():
+        return {}
+    try:
+        return {int(label): str(name) for name, label in json.loads(path.read_text()).items()}
+    except (ValueError, TypeError, AttributeError) as reason:
+        raise InputError(f"{path}: must hold {{\"name\": label}}: {reason}") from None
+
+
+def _write(path: Path, data: np.ndarray, affine: np.ndarray) -> None:
+    file = nibabel.Nifti1Image(data, affine)
+    file.header.set_xyzt_units("mm")
+    file.set_sform(affine, code=1)
+    file.set_qform(affine, code=1)
+    try:
+        nibabel.save(file, path)
+    except OSError as reason:
+        raise FileError(f"{path}: cannot be written: {reason}") from None

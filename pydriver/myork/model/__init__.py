@@ -1,0 +1,1 @@
+"""Models: from labels and fibers to points with boundary sets and normals."""

@@ -1,0 +1,183 @@
+"""Fiber directions: from diffusion tensors to voxels, from voxels to points.
+
+A direction and its opposite are the same fiber, so vectors are never averaged: tensors are
+averaged by their logarithms, vectors by their dyads, and the lead eigenvector of the average is
+the fiber.
+
+References
+----------
+Arsigny, Fillard, Pennec, Ayache, Magn. Reson. Med. 56 (2006), doi:10.1002/mrm.20965
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from myork.errors import InputError
+from myork.imaging.geometry import frame
+from myork.records import Image, Labels
+
+__all__ = ["fiber_field", "fibers_at_points", "lead_vector", "tensor_components"]
+
+F64 = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+# Gaussian weight below which a place counts as having no usable neighbour [-]
+LEAST_WEIGHT = 1e-8
+# Order of the components xx, yy, zz, xy, xz, yz
+_PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+
+
+def tensor_components(full: F64) -> F64:
+    """Components xx, yy, zz, xy, xz, yz, shape `(..., 6)`, of tensors of shape `(..., 3, 3)`."""
+    return np.stack([full[..., i, j] for i, j in _PAIRS], axis=-1)
+
+
+def lead_vector(components: F64) -> F64:
+    """Unit eigenvector of the largest eigenvalue, turned to point upwards (z, then y, then x).
+
+    Parameters
+    ----------
+    components : NDArray
+        Symmetric tensors xx, yy, zz, xy, xz, yz, shape `(n, 6)`.
+    """
+    vector = np.linalg.eigh(_full(components))[1][..., -1]
+    z_y_x = vector[..., ::-1]
+    first = np.argmax(np.abs(z_y_x) > 1e-9, axis=-1)
+    sign = np.sign(np.take_along_axis(z_y_x, first[..., np.newaxis], axis=-1))
+    return vector * sign
+
+
+def fiber_field(
+    tensor: Image, inside: Mask, smoothing: float, tensor_frame: str = "world"
+) -> tuple[Image, int]:
+    """Fiber vector of every voxel of a tissue, zero elsewhere.
+
+    Parameters
+    ----------
+    tensor : Image
+        Components xx, yy, zz, xy, xz, yz, shape `(ni, nj, nk, 6)` [any unit].
+    inside : NDArray
+        Voxels of the tissue; only they are averaged, shape `(ni, nj, nk)`.
+    smoothing : float
+        Standard deviation of the Gaussian weights of the log-Euclidean average [mm].
+    tensor_frame : str
+        `world`, or `voxel` for components along the voxel axes of the image.
+
+    Returns
+    -------
+    tuple
+        Unit vectors in the world frame, shape `(ni, nj, nk, 3)`, and the number of voxels whose
+        own tensor was unusable (not finite or not positive) and came from its neighbours.
+    """
+    usable = inside & np.isfinite(tensor.data).all(-1)
+    full = _full(tensor.data[usable])
+    if tensor_frame == "voxel":
+        columns = tensor.affine[:3, :3] / tensor.spacing
+        full = columns @ full @ columns.T
+    value, vector = np.linalg.eigh(full)
+    positive = value[:, 0] > 0
+    usable[usable] = positive
+    logarithm = np.zeros(tensor.data.shape)
+    value, vector = value[positive], vector[positive]
+    logarithm[usable] = tensor_components(
+        (vector * np.log(value)[:, np.newaxis, :]) @ np.swapaxes(vector, 1, 2)
+    )
+    sigma = smoothing / tensor.spacing
+    average, weight = _gathered(logarithm, usable, sigma)
+    missing = np.argwhere(inside & (weight <= LEAST_WEIGHT))
+    if len(missing):
+        raise _no_fiber(
+            tensor.name, len(missing), int(inside.sum()), missing[0],
+            "diffusion tensor (all are zero, not finite or not positive)",
+        )
+    fiber = np.zeros((*inside.shape, 3))
+    fiber[inside] = lead_vector(average[inside] / weight[inside][:, np.newaxis])
+    return Image(fiber, tensor.affine, "fibers"), int((inside & ~usable).sum())
+
+
+def fibers_at_points(
+    fibers: Image, labels: Labels, place: F64, label: NDArray[np.int32], block: Sequence[int]
+) -> F64:
+    """Fiber vectors at points, in the frame of the voxel axes.
+
+    Parameters
+    ----------
+    fibers : Image
+        Vectors in the world frame, zero or not a number where there is none, on the grid of
+        `labels`, shape `(ni, nj, nk, 3)`.
+    labels : Labels
+        Labels; only voxels of a point's own label count for it.
+    place : NDArray
+        Voxel indices of the points, whole or between voxels, shape `(npoint, 3)`.
+    label : NDArray
+        Labels of the points, shape `(npoint,)`.
+    block : sequence
+        Voxels per point in each direction: the scale of the average.
+
+    Returns
+    -------
+    NDArray
+        Unit vectors, shape `(npoint, 3)`; zeros for a label without any fiber.
+    """
+    length = np.linalg.norm(fibers.data, axis=-1)
+    valid = np.isfinite(length) & (length > 0)
+    result = np.zeros(place.shape)
+    for number in np.unique(label):
+        usable = (labels.data == number) & valid
+        here = label == number
+        if not usable.any():
+            continue
+        vector = fibers.data[usable] / length[usable][:, np.newaxis]
+        dyad = np.zeros((*usable.shape, 6))
+        dyad[usable] = tensor_components(vector[:, :, np.newaxis] * vector[:, np.newaxis, :])
+        average, weight = _gathered(dyad, usable, 0.5 * np.array(block, float))
+        at = place[here].T
+        near = ndimage.map_coordinates(weight, at, order=1, mode="nearest")
+        known = near > LEAST_WEIGHT
+        if not known.all():
+            first = np.rint(place[here][~known][0]).astype(int)
+            raise _no_fiber(
+                f"{fibers.name}, {labels.label_name(int(number))}", int((~known).sum()),
+                int(here.sum()), first, "fiber vector (all are zero or not finite)",
+            )
+        components = [
+            ndimage.map_coordinates(average[..., c], at, order=1, mode="nearest") / near
+            for c in range(6)
+        ]
+        result[here] = lead_vector(np.stack(components, axis=-1))
+    return result @ frame(fibers.affine)
+
+
+def _full(components: F64) -> F64:
+    """Symmetric tensors of shape `(..., 3, 3)` from `(..., 6)`."""
+    full = np.empty((*components.shape[:-1], 3, 3))
+    for place, (i, j) in enumerate(_PAIRS):
+        full[..., i, j] = full[..., j, i] = components[..., place]
+    return full
+
+
+def _gathered(components: F64, usable: Mask, sigma: F64) -> tuple[F64, F64]:
+    """Gaussian sums of the components of usable voxels, and of their weights; their ratio is the
+    average.
+    """
+    weight = ndimage.gaussian_filter(usable.astype(float), sigma, mode="constant", truncate=3.0)
+    sums = np.empty(components.shape)
+    for c in range(components.shape[-1]):
+        sums[..., c] = ndimage.gaussian_filter(
+            components[..., c], sigma, mode="constant", truncate=3.0
+        )
+    return sums, weight
+
+
+def _no_fiber(name: str, missing: int, total: int, voxel: NDArray, what: str) -> InputError:
+    """Error for places without a usable neighbour."""
+    return InputError(
+        f"{name}: {missing} of {total} places have no usable {what} at or around them, the first "
+        f"is voxel {tuple(voxel.tolist())}; mend the file, smooth more, or leave these voxels out "
+        "of the label"
+    )

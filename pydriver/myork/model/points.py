@@ -1,0 +1,303 @@
+"""From labels to points: collocation points, source points and boundary sets.
+
+The model lives in the frame of the voxel axes nearest to the world axes, so that points form
+lattices along x, y and z; for an image without rotation this is the world frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from myork.errors import InputError
+from myork.imaging.geometry import frame
+from myork.model.normals import surface_normals
+from myork.records import Labels
+
+__all__ = [
+    "Boundary",
+    "boundary_sets",
+    "coarsen",
+    "connected_body",
+    "positions",
+    "select",
+    "source_voxels",
+    "thin_voxels",
+]
+
+F64 = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Voxels = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Boundary:
+    """Boundary points set by set.
+
+    Attributes
+    ----------
+    names : tuple
+        Names of the sets.
+    point : NDArray
+        Index of the voxel in the list of body voxels, shape `(nboundary,)`.
+    set : NDArray
+        Index into `names`, shape `(nboundary,)`.
+    normal : NDArray
+        Outward unit normals, shape `(nboundary, 3)` [-].
+    area : NDArray
+        Facet area projected on the plane across the normal, shape `(nboundary,)` [mm^2].
+    """
+
+    names: tuple[str, ...]
+    point: NDArray[np.intp]
+    set: NDArray[np.intp]
+    normal: F64
+    area: F64
+
+
+def select(labels: Labels, ids: Sequence[int], slices: Sequence[int] | None) -> Labels:
+    """Keep some labels and the box of voxels around them.
+
+    Parameters
+    ----------
+    labels : Labels
+        Label map with axes along the world's, shape `(ni, nj, nk)`.
+    ids : sequence
+        Labels to keep; empty keeps all above zero.
+    slices : sequence or None
+        First and last slice to keep, counted from 0 at the lower end.
+    """
+    data = labels.data
+    present = np.unique(data[data > 0])
+    missing = sorted(set(ids) - set(present.tolist()))
+    if missing or not len(present):
+        raise InputError(
+            f"{labels.name}: "
+            + (f"no voxel has label {missing}" if missing else "no voxel has a label above zero")
+            + f"; the labels there are: {', '.join(map(str, present)) or 'none'}"
+        )
+    data = np.where(np.isin(data, ids), data, 0) if len(ids) else data
+    low, high = (0, data.shape[2] - 1) if slices is None else slices
+    if not 0 <= low <= high < data.shape[2]:
+        raise InputError(
+            f"build.slices = {[low, high]} does not lie in the {data.shape[2]} slices of "
+            f"{labels.name} (counted from 0)"
+        )
+    part = data[:, :, low : high + 1]
+    if not part.any():
+        raise InputError(f"{labels.name}: slices {low} to {high} hold none of the model's labels")
+    return _trimmed(_moved(labels, part, np.array([0, 0, low]), np.ones(3)))
+
+
+def coarsen(labels: Labels, block: Sequence[int]) -> Labels:
+    """Merge blocks of voxels; a block gets the label (or nothing) that fills most of it.
+
+    The labels are blurred a little before, so that a block that is half full is decided by the
+    voxels around it: that keeps the volume. Blocks are laid symmetrically about the middle; those
+    that reach beyond the map are filled up with nothing, along z with the end slices.
+    """
+    if max(block) == 1:
+        return labels
+    shape = np.array(labels.data.shape)
+    size = np.array(block)
+    extra = -shape % size
+    # A whole block of nothing around each slice, too: the blur must see the outside.
+    before = extra // 2 + size * [1, 1, 0]
+    after = extra - extra // 2 + size * [1, 1, 0]
+    pad = list(zip(before.tolist(), after.tolist(), strict=True))
+    data = np.pad(labels.data, [*pad[:2], (0, 0)])
+    data = np.pad(data, [(0, 0), (0, 0), pad[2]], mode="edge")
+    n = np.array(data.shape) // size
+    sigma = np.where(size > 1, 0.5, 0.0)
+    best = np.zeros(n, dtype=np.int32)
+    votes = np.zeros(n)
+    for label in np.unique(data):
+        share = ndimage.gaussian_filter((data == label).astype(float), sigma, mode="nearest")
+        share = share.reshape(n[0], size[0], n[1], size[1], n[2], size[2]).sum(axis=(1, 3, 5))
+        best = np.where(share > votes, label, best)
+        votes = np.maximum(votes, share)
+    if not best.any():
+        raise InputError(
+            f"{labels.name}: nothing is left of the labels in blocks of {tuple(block)} voxels; "
+            "lower build.collocation_stride"
+        )
+    return _trimmed(_moved(labels, best.astype(np.int32), -before + 0.5 * (size - 1), size))
+
+
+def connected_body(labels: Labels, islands: str) -> tuple[Labels, list[str]]:
+    """Find pieces that touch neither end, which nothing would hold in place.
+
+    Parameters
+    ----------
+    labels : Labels
+        Label map whose first and last slice are the ends; a single slice has no ends.
+    islands : str
+        `error` refuses them by name, `drop` leaves them out.
+
+    Returns
+    -------
+    tuple
+        Labels without the pieces, and a sentence for each piece left out.
+    """
+    body = labels.data > 0
+    if body.shape[2] == 1:
+        return labels, []
+    pieces, n = ndimage.label(body)
+    held = set(np.unique(pieces[:, :, [0, -1]]).tolist())
+    loose = [piece for piece in range(1, n + 1) if piece not in held]
+    if not loose:
+        return labels, []
+    sentences = []
+    for piece in loose:
+        voxels = np.argwhere(pieces == piece)
+        names = sorted({labels.label_name(int(v)) for v in np.unique(labels.data[pieces == piece])})
+        centre = voxels.mean(axis=0) @ labels.affine[:3, :3].T + labels.affine[:3, 3]
+        sentences.append(
+            f"island of {len(voxels)} points ({', '.join(names)}) around "
+            f"({', '.join(f'{c:.1f}' for c in centre)}) mm is connected to neither end"
+        )
+    if islands == "error":
+        more = f"\n  and {len(loose) - 5} more" if len(loose) > 5 else ""
+        raise InputError(
+            f"{labels.name}: {len(loose)} pieces would float freely:\n  "
+            + "\n  ".join(sentences[:5])
+            + more
+            + '\nset build.islands = "drop" to leave them out, or mend the labels'
+        )
+    kept = np.where(np.isin(pieces, loose), 0, labels.data)
+    return Labels(kept, labels.affine, labels.names, labels.name), sentences
+
+
+def thin_voxels(body: Mask) -> Voxels:
+    """Voxels of the body without a neighbour on both sides of some direction, shape `(n, 3)`.
+
+    A single slice is thin by intention and is looked at in its plane only.
+    """
+    padded = np.pad(body, 1)
+    middle = (slice(1, -1),) * 3
+    thin = np.zeros(body.shape, dtype=bool)
+    for d in range(3 if body.shape[2] > 1 else 2):
+        thin |= body & ~(np.roll(padded, 1, axis=d) | np.roll(padded, -1, axis=d))[middle]
+    return np.argwhere(thin)
+
+
+def source_voxels(body: Mask, step: Sequence[int]) -> Voxels:
+    """Choose source points among the voxels of the body.
+
+    A lattice with the given step that contains both ends in each direction, and then, so that the
+    supports cover the boundary too, every voxel (in lexicographic order) that still has no source
+    point nearer than one step in all directions at once.
+
+    Parameters
+    ----------
+    body : NDArray
+        Voxels of the body, shape `(ni, nj, nk)`.
+    step : sequence
+        Distance of source points in each direction [voxel].
+
+    Returns
+    -------
+    NDArray
+        Voxels in lexicographic order, shape `(nsource, 3)`.
+    """
+    chosen = np.zeros(body.shape, dtype=bool)
+    chosen[np.ix_(*(_nodes(n, s) for n, s in zip(body.shape, step, strict=True)))] = True
+    chosen &= body
+    reach = [2 * s - 1 for s in step]
+    covered = ndimage.maximum_filter(chosen, size=reach, mode="constant")
+    for voxel in np.argwhere(body & ~covered):
+        if not covered[tuple(voxel)]:
+            chosen[tuple(voxel)] = True
+            near = tuple(slice(max(v - s + 1, 0), v + s) for v, s in zip(voxel, step, strict=True))
+            covered[near] = True
+    return np.argwhere(chosen)
+
+
+def boundary_sets(labels: Labels) -> Boundary:
+    """Boundary points of a body: `bottom` and `top` (end slices) and `surface` (all the rest).
+
+    A voxel of an end slice at the rim belongs to its end and to the surface. A single slice has
+    the surface only.
+    """
+    body = labels.data > 0
+    spacing = labels.spacing
+    index = np.full(body.shape, -1)
+    index[body] = np.arange(int(body.sum()))
+    flat = body.shape[2] == 1
+
+    facets = _facet_areas(body, spacing)
+    if not flat:
+        ends = facets[:, :, 0, 2, 0].copy(), facets[:, :, -1, 2, 1].copy()
+    # What shows at the end slices towards the outside is a cut, not a surface.
+    facets[:, :, 0, 2, 0] = 0.0
+    facets[:, :, -1, 2, 1] = 0.0
+    on_surface = body & (facets.sum(axis=(-1, -2)) > 0)
+    voxels = np.argwhere(on_surface)
+    normal = surface_normals(body, spacing, voxels)
+    areas = facets[on_surface]
+    vector = areas[:, :, 1] - areas[:, :, 0]
+    lost = np.flatnonzero(np.linalg.norm(normal, axis=1) == 0)
+    # In the middle of a sheet the sides' facets decide; where they cancel, the first side counts.
+    for i in lost:
+        best = vector[i] if np.linalg.norm(vector[i]) > 0 else areas[i, :, 1]
+        normal[i] = best / np.linalg.norm(best)
+    area = np.maximum(areas[:, :, 1] * normal, 0.0) + np.maximum(-areas[:, :, 0] * normal, 0.0)
+
+    parts = [("surface", index[on_surface], normal, area.sum(axis=1))]
+    if not flat:
+        for name, k, sign, end in (("top", -1, 1.0, ends[1]), ("bottom", 0, -1.0, ends[0])):
+            here = body[:, :, k]
+            points = index[:, :, k][here]
+            up = np.tile([0.0, 0.0, sign], (len(points), 1))
+            parts.insert(0, (name, points, up, end[here]))
+    return Boundary(
+        names=tuple(part[0] for part in parts),
+        point=np.concatenate([part[1] for part in parts]),
+        set=np.repeat(np.arange(len(parts)), [len(part[1]) for part in parts]),
+        normal=np.concatenate([part[2] for part in parts]),
+        area=np.concatenate([part[3] for part in parts]),
+    )
+
+
+def positions(labels: Labels, voxels: Voxels) -> F64:
+    """Coordinates of voxel centres in the frame of the voxel axes, shape `(n, 3)` [mm]."""
+    return voxels * labels.spacing + labels.affine[:3, 3] @ frame(labels.affine)
+
+
+def _trimmed(labels: Labels) -> Labels:
+    """The box around all labels above zero."""
+    body = labels.data > 0
+    box = [np.flatnonzero(body.any(axis=tuple({0, 1, 2} - {d}))) for d in range(3)]
+    data = labels.data[tuple(slice(b[0], b[-1] + 1) for b in box)]
+    return _moved(labels, data, np.array([b[0] for b in box]), np.ones(3))
+
+
+def _moved(labels: Labels, data: NDArray[np.int32], first: F64, scale: F64) -> Labels:
+    """Labels on a grid that starts at a voxel of the old one, with voxels `scale` times as big."""
+    affine = labels.affine.copy()
+    affine[:3, 3] += affine[:3, :3] @ first
+    affine[:3, :3] *= scale
+    return Labels(data, affine, labels.names, labels.name)
+
+
+def _nodes(n: int, step: int) -> NDArray[np.intp]:
+    """Places 0 to n - 1 in even steps as near to `step` as both ends allow."""
+    count = max(1, round((n - 1) / step))
+    return np.unique(np.rint(np.linspace(0, n - 1, count + 1)).astype(np.intp))
+
+
+def _facet_areas(body: Mask, spacing: F64) -> F64:
+    """Area of the facets to the outside: direction, lower and upper side, `(..., 3, 2)` [mm^2]."""
+    padded = np.pad(body, 1)
+    facets = np.zeros((*body.shape, 3, 2))
+    middle = (slice(1, -1),) * 3
+    for d in range(3):
+        area = spacing.prod() / spacing[d]
+        for side, shift in enumerate((1, -1)):
+            outside = ~np.roll(padded, shift, axis=d)[middle]
+            facets[..., d, side] = area * (body & outside)
+    return facets

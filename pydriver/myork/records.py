@@ -1,0 +1,124 @@
+"""Plain records that go from station to station: image, labels, points.
+
+Each is frozen, holds arrays only, and can be written to a file and read back.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Image", "Labels", "PointCloud"]
+
+F64 = NDArray[np.float64]
+I32 = NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class Image:
+    """Values on a regular grid of voxels.
+
+    Attributes
+    ----------
+    data : NDArray
+        Values, shape `(ni, nj, nk)`, or `(ni, nj, nk, nvalue)` for tensors and vectors.
+    affine : NDArray
+        Voxel indices to world coordinates (right, anterior, superior), shape `(4, 4)` [mm].
+    name : str
+        Where it comes from, for messages.
+    """
+
+    data: F64
+    affine: F64
+    name: str = "image"
+
+    @property
+    def spacing(self) -> F64:
+        """Voxel size, shape `(3,)` [mm]."""
+        return np.linalg.norm(self.affine[:3, :3], axis=0)
+
+
+@dataclass(frozen=True)
+class Labels:
+    """A whole number for each voxel; zero is nothing.
+
+    Attributes
+    ----------
+    data : NDArray
+        Labels, shape `(ni, nj, nk)`.
+    affine : NDArray
+        Voxel indices to world coordinates, shape `(4, 4)` [mm].
+    names : dict
+        Name of each label above zero that has one.
+    name : str
+        Where it comes from, for messages.
+    """
+
+    data: I32
+    affine: F64
+    names: dict[int, str] = field(default_factory=dict)
+    name: str = "labels"
+
+    @property
+    def spacing(self) -> F64:
+        """Voxel size, shape `(3,)` [mm]."""
+        return np.linalg.norm(self.affine[:3, :3], axis=0)
+
+    def label_name(self, label: int) -> str:
+        """Name of a label; one is made for a label without a name."""
+        return self.names.get(label, f"label {label}")
+
+
+@dataclass(frozen=True)
+class PointCloud:
+    """Points of a model, as written to `model.h5`.
+
+    Attributes
+    ----------
+    source : NDArray
+        Source points, shape `(nsource, 3)` [length].
+    spacing : NDArray
+        Distance of neighbouring source points per direction, shape `(3,)` [length].
+    points : NDArray
+        Collocation points in lexicographic order, shape `(npoint, 3)` [length].
+    label : NDArray
+        Label of each collocation point, shape `(npoint,)`.
+    fiber : NDArray
+        Unit fiber vectors, zero rows where the label has no fibers, shape `(npoint, 3)` [-].
+    volume : NDArray
+        Volume that belongs to each collocation point, shape `(npoint,)` [length^3].
+    boundary_point : NDArray
+        Collocation point of each boundary point (a point stands once in every set it belongs
+        to), shape `(nboundary,)`.
+    boundary_set : NDArray
+        Index into `set_names`, shape `(nboundary,)`.
+    normal : NDArray
+        Outward unit normals, shape `(nboundary, 3)` [-].
+    area : NDArray
+        Area that belongs to each boundary point, shape `(nboundary,)` [length^2].
+    set_names : tuple
+        Names of the boundary sets.
+    label_names : dict
+        Name of each label.
+    length_unit : str
+        Unit of all lengths.
+    source_images : str
+        Images behind the points: a line each, file name and SHA-256.
+    """
+
+    source: F64
+    spacing: F64
+    points: F64
+    label: I32
+    fiber: F64
+    volume: F64
+    boundary_point: I32
+    boundary_set: I32
+    normal: F64
+    area: F64
+    set_names: tuple[str, ...]
+    label_names: dict[int, str]
+    length_unit: str
+    source_images: str

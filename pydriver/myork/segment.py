@@ -1,0 +1,212 @@
+"""Station one: images to a label map and fibers.
+
+Files in the output folder: `anatomy.nii.gz` (the image that was segmented), `segmentation.nii.gz`
+with `segmentation.json` (names), `fibers.nii.gz` (unit vectors in the world frame; with tensors
+only), `summary.json`; from the phantom also `tensor.nii.gz` and `truth.nii.gz`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import myork
+from myork.console import ProgressCallback
+from myork.core_image import evolve_two_phase
+from myork.errors import FileError, InputError
+from myork.imaging.geometry import check_same_grid, length_factor
+from myork.imaging.io import read_image, read_labels, write_image, write_labels
+from myork.imaging.phantom import make_phantom
+from myork.model.fibers import fiber_field
+from myork.records import Image, Labels
+from myork.segmentation.level_sets import TwoPhase, two_phase
+from myork.segmentation.regions import body_mask, box_mask, grown_mask, piece_with_seed
+from myork.segmentation.scores import dice, pearson
+from myork.summary import update_summary
+
+__all__ = ["segment"]
+
+_WEIGHTS = ("mu", "nu", "lambda1", "lambda2", "epsilon", "dt", "tolerance", "iterations")
+
+
+def segment(
+    deck: Mapping[str, Any], folder: Path, out: Path, progress: ProgressCallback
+) -> dict[str, Any]:
+    """Segment the image of a deck, or the phantom where the deck names no image.
+
+    Parameters
+    ----------
+    deck : mapping
+        Effective deck; the tables `image`, `phantom` and `units` are read.
+    folder : Path
+        Where the deck's relative paths start.
+    out : Path
+        Folder of the results.
+    progress : callable
+        Called with a line of text at a time.
+
+    Returns
+    -------
+    dict
+        What was added to `summary.json`.
+    """
+    table = deck.get("image")
+    if table is None:
+        raise InputError("the deck has no table [image]; `segment` needs one")
+    _make(out)
+    image, tensor, truth = _inputs(deck, table, folder, out, progress)
+
+    region = _region(image, table, folder)
+    progress(f"segmenting {int(region.sum())} pixels in {image.data.shape[2]} slices")
+    weights = {key: table[key] for key in _WEIGHTS}
+    result = two_phase(
+        image, region, evolve_two_phase, weights, phase=table["phase"], start=table["start"]
+    )
+    inside = result.inside
+    if "seed" in table:
+        inside = piece_with_seed(inside, image, table["seed"])
+    if not inside.any():
+        raise InputError(
+            f"{image.name}: the segmentation of the {table['phase']} phase is empty; check "
+            "image.phase, image.box and image.mu"
+        )
+    labels = Labels(inside.astype(np.int32), image.affine, {1: table["label"]}, "segmentation")
+    write_image(out / "anatomy.nii.gz", image)
+    write_labels(out / "segmentation.nii.gz", labels)
+
+    warnings = [] if result.converged else [_unrest(result, weights["iterations"])]
+    (out / "fibers.nii.gz").unlink(missing_ok=True)
+    if tensor is not None:
+        progress("fibers from the diffusion tensors")
+        fibers, filled = fiber_field(
+            tensor, inside, table["fiber_smoothing"], table["tensor_frame"]
+        )
+        write_image(out / "fibers.nii.gz", fibers)
+        if filled:
+            warnings.append(
+                f"{tensor.name}: {filled} of {int(inside.sum())} tensors of the tissue are not "
+                "finite or not positive; their neighbours were used"
+            )
+    summary = _summary(deck, table, labels, result, truth, warnings)
+    update_summary(out, summary)
+    for line in (*_lines(summary), *(f"warning: {text}" for text in warnings)):
+        progress(line)
+    return summary
+
+
+def _make(out: Path) -> None:
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as reason:
+        raise FileError(f"{out}: the output folder cannot be made: {reason}") from None
+
+
+def _inputs(
+    deck: Mapping[str, Any],
+    table: Mapping[str, Any],
+    folder: Path,
+    out: Path,
+    progress: ProgressCallback,
+) -> tuple[Image, Image | None, Labels | None]:
+    """Anatomy, tensor and truth from files, or those of the phantom, which are also written."""
+    if "anatomy" not in table:
+        stray = [key for key in ("tensor", "truth") if key in table]
+        if stray:
+            raise InputError(
+                f"image.{stray[0]} needs image.anatomy; without it the phantom and its own "
+                f"{stray[0]} are used"
+            )
+        keys = deck["phantom"]
+        progress(f"phantom of {' x '.join(map(str, keys['size']))} voxels")
+        phantom = make_phantom(
+            tuple(keys["size"]), tuple(keys["spacing"]), keys["snr"], keys["bias"], keys["seed"]
+        )
+        write_image(out / "tensor.nii.gz", phantom.tensor)
+        write_labels(out / "truth.nii.gz", phantom.truth)
+        return phantom.anatomy, phantom.tensor, phantom.truth
+    image = read_image(folder / table["anatomy"])
+    progress(f"{image.name}: {' x '.join(map(str, image.data.shape))} voxels")
+    tensor = read_image(folder / table["tensor"], values=6) if "tensor" in table else None
+    truth = read_labels(folder / table["truth"]) if "truth" in table else None
+    for other in (tensor, truth):
+        if other is not None:
+            check_same_grid(other, image)
+    return image, tensor, truth
+
+
+def _region(image: Image, table: Mapping[str, Any], folder: Path) -> NDArray[np.bool_]:
+    """Pixels that take part."""
+    region = body_mask(image)
+    if "region" in table:
+        map_ = read_labels(folder / table["region"])
+        check_same_grid(map_, image)
+        region &= grown_mask(map_, table["region_margin"])
+    if "box" in table:
+        region &= box_mask(image, table["box"])
+    return region
+
+
+def _unrest(result: TwoPhase, limit: int) -> str:
+    count = int((result.iterations >= limit).sum())
+    return (
+        f"{count} of {len(result.iterations)} slices still changed after image.iterations = "
+        f"{limit}; raise it, or image.tolerance"
+    )
+
+
+def _summary(
+    deck: Mapping[str, Any],
+    table: Mapping[str, Any],
+    labels: Labels,
+    result: TwoPhase,
+    truth: Labels | None,
+    warnings: list[str],
+) -> dict[str, Any]:
+    """Entries for `summary.json`; volumes in the deck's unit of length, cubed."""
+    name = table["label"]
+    inside = labels.data > 0
+    pixels = int(inside.sum())
+    voxel = float(np.prod(labels.spacing * length_factor(deck["units"]["length"])))
+    scores = {}
+    if truth is not None:
+        wanted = table["truth_labels"]
+        known = np.isin(truth.data, wanted) if wanted else truth.data > 0
+        if not known.any():
+            raise InputError(
+                f"{truth.name}: no voxel has one of image.truth_labels = {list(wanted)}; "
+                f"the labels there are: {np.unique(truth.data).tolist()}"
+            )
+        scores[name] = {"dice": dice(inside, known), "pcc": pearson(inside, known)}
+    return {
+        "title": deck["title"],
+        "deck_sha256": deck["sha256"],
+        "version": myork.__version__,
+        "units": dict(deck["units"]),
+        "segmentation": {
+            "labels": {name: {"pixels": pixels, "volume": pixels * voxel}},
+            "scores": scores,
+            "iterations": int(result.iterations.max()),
+            "converged": result.converged,
+            "energy": result.energy.tolist(),
+            "warnings": warnings,
+        },
+    }
+
+
+def _lines(summary: Mapping[str, Any]) -> list[str]:
+    """What to tell at the end."""
+    found = summary["segmentation"]
+    unit = summary["units"]["length"]
+    lines = [
+        f"{name}: {entry['pixels']} pixels, {entry['volume']:.4g} {unit}^3"
+        for name, entry in found["labels"].items()
+    ]
+    lines += [
+        f"{name}: Dice {score['dice']:.3f}, PCC {score['pcc']:.3f} against the truth"
+        for name, score in found["scores"].items()
+    ]
+    return lines

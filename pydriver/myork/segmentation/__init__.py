@@ -1,0 +1,1 @@
+"""Segmentation: from an image to labels, and how good they are."""

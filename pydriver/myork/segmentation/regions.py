@@ -1,0 +1,110 @@
+"""Where to look: the body, boxes, grown label maps; and which piece of the result to keep."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import ndimage
+
+from myork.errors import InputError
+from myork.imaging.geometry import to_voxels
+from myork.records import Image, Labels
+
+__all__ = ["body_mask", "box_mask", "grown_mask", "otsu", "piece_with_seed"]
+
+Mask = NDArray[np.bool_]
+
+
+def otsu(values: ArrayLike, bins: int = 256) -> float:
+    """Threshold that parts values into two classes with the largest variance between them.
+
+    References
+    ----------
+    Otsu, IEEE Trans. Syst. Man Cybern. 9 (1979), doi:10.1109/TSMC.1979.4310076
+    """
+    count, edges = np.histogram(np.asarray(values), bins)
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    low, total = np.cumsum(count)[:-1], np.cumsum(count * middle)[:-1]
+    n, everything = int(count.sum()), float((count * middle).sum())
+    with np.errstate(divide="ignore", invalid="ignore"):
+        between = (everything * low - total * n) ** 2 / (low * (n - low))
+    return float(edges[1 + int(np.nanargmax(between))])
+
+
+def body_mask(image: Image, rim: float = 2.0) -> Mask:
+    """Inside of the body (both legs where there are two), without the skin.
+
+    Slice by slice, a third of Otsu's threshold parts the body from air even where muscle is much
+    darker than fat or the coil reaches badly; holes are filled.
+
+    Parameters
+    ----------
+    image : Image
+        MR image, shape `(ni, nj, nk)`.
+    rim : float
+        Taken off at the skin, where pixels are a mixture of fat and air [pixel].
+    """
+    smooth = ndimage.gaussian_filter(image.data, (1.0, 1.0, 0.0))
+    mask = np.zeros(smooth.shape, dtype=bool)
+    for k in range(mask.shape[2]):
+        section = smooth[:, :, k]
+        if np.ptp(section) > 0:
+            full = ndimage.binary_fill_holes(section > otsu(section) / 3.0)
+            mask[:, :, k] = ndimage.distance_transform_edt(np.pad(full, 1))[1:-1, 1:-1] > rim
+    pieces, n = ndimage.label(mask)
+    size = np.bincount(pieces.ravel(), minlength=n + 1)[1:]
+    if not n:
+        raise InputError(f"{image.name}: no body found, the image has next to no contrast")
+    return np.isin(pieces, 1 + np.flatnonzero(size >= 0.1 * size.max()))
+
+
+def box_mask(image: Image, box: ArrayLike) -> Mask:
+    """Voxels whose centres lie in a box of world coordinates.
+
+    Parameters
+    ----------
+    image : Image
+        Gives the grid.
+    box : ArrayLike
+        Low and high x, y, z, shape `(6,)` [mm].
+    """
+    low, high = np.reshape(np.asarray(box, float), (3, 2)).T
+    if not (low < high).all():
+        raise InputError(f"image.box: each low end must be below its high end, not {box}")
+    index = np.stack(np.meshgrid(*map(np.arange, image.data.shape[:3]), indexing="ij"), -1)
+    world = index @ image.affine[:3, :3].T + image.affine[:3, 3]
+    return ((world >= low) & (world <= high)).all(-1)
+
+
+def grown_mask(labels: Labels, margin: float) -> Mask:
+    """Labels above zero, grown by a margin [mm]."""
+    inside = labels.data > 0
+    if not inside.any():
+        raise InputError(f"{labels.name}: the region is empty, no label is above zero")
+    return ndimage.distance_transform_edt(~inside, sampling=labels.spacing) <= margin
+
+
+def piece_with_seed(mask: Mask, image: Image, seed: ArrayLike) -> Mask:
+    """Connected piece (over faces) of a mask that holds a place.
+
+    Parameters
+    ----------
+    mask : NDArray
+        Shape `(ni, nj, nk)`.
+    image : Image
+        Gives the grid.
+    seed : ArrayLike
+        World coordinates, shape `(3,)` [mm].
+    """
+    place = np.rint(to_voxels(image.affine, np.asarray(seed, float))).astype(int)
+    where = f"image.seed = {list(np.asarray(seed).tolist())} mm (voxel {tuple(place.tolist())})"
+    if (place < 0).any() or (place >= mask.shape).any():
+        raise InputError(f"{where} lies outside of {image.name}, which has {mask.shape} voxels")
+    pieces, _ = ndimage.label(mask)
+    piece = pieces[tuple(place)]
+    if piece == 0:
+        raise InputError(
+            f"{where} does not lie in the segmented phase; move it into the muscle, or check "
+            "image.phase and the region"
+        )
+    return pieces == piece
