@@ -173,16 +173,21 @@ def connected_body(labels: Labels, islands: str) -> tuple[Labels, list[str]]:
 
 
 def thin_voxels(body: Mask) -> Voxels:
-    """Voxels of the body without a neighbour on both sides of some direction, shape `(n, 3)`.
+    """Voxels of sheets and rods one voxel thick, shape `(n, 3)`.
 
-    A single slice is thin by intention and is looked at in its plane only.
+    Such a voxel has no neighbour on either side of some direction, and two neighbours at least of
+    which the same is true; a mere tip has not. A single slice is thin by intention and is looked
+    at in its plane only.
     """
     padded = np.pad(body, 1)
     middle = (slice(1, -1),) * 3
     thin = np.zeros(body.shape, dtype=bool)
     for d in range(3 if body.shape[2] > 1 else 2):
         thin |= body & ~(np.roll(padded, 1, axis=d) | np.roll(padded, -1, axis=d))[middle]
-    return np.argwhere(thin)
+    beside = ndimage.convolve(
+        thin.astype(int), ndimage.generate_binary_structure(3, 1).astype(int), mode="constant"
+    )
+    return np.argwhere(thin & (beside > 2))
 
 
 def source_voxels(body: Mask, step: Sequence[int]) -> Voxels:
