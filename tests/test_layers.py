@@ -29,7 +29,7 @@ FORTRAN_LAYERS = [
 #: Modules and folders of the package, lowest first
 PYTHON_LAYERS = [
     {"errors", "records", "console"},
-    {"core"},
+    {"core", "summary"},
     {"deck", "imaging", "segmentation"},
     {"model", "results"},
     {"segment", "build", "solve"},
