@@ -3,8 +3,7 @@
 !> Every slice is an independent two-dimensional problem: a level set phi, positive inside,
 !> minimises the energy (3.12) by the semi-implicit scheme (A.1), (A.2) with the neighbours of
 !> the previous iterate, so the result knows no direction of sweeping. Pixels outside the mask
-!> take no part; on the mask's edge the missing neighbour is replaced by the pixel itself (no
-!> flux).
+!> take no part; the flux to a neighbour outside the mask is left out.
 !>
 !> References: 1. Chan, Vese, IEEE Trans. Image Process. 10 (2001), doi:10.1109/83.902291;
 !> equation numbers are those of the thesis named in the README.
@@ -232,6 +231,8 @@ pure subroutine sweep(options, c, image, inside, old, new, energy)
          pull(4) = slope((beside(i + 1, j - 1, south) - beside(i - 1, j - 1, south))/ &
             (2.0_wp*hx), (centre - south)/hy)
          pull = options%dt*delta*options%mu/(pull*[hx, hx, hy, hy]**2)
+         where (.not. [inside(i + 1, j), inside(i - 1, j), inside(i, j + 1), inside(i, j - 1)]) &
+            pull = 0.0_wp
 
          new(i, j) = (centre + pull(1)*east + pull(2)*west + pull(3)*north + pull(4)*south + &
             options%dt*delta*(misfit(2) - misfit(1) - options%nu))/(1.0_wp + sum(pull))

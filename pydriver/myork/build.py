@@ -114,8 +114,7 @@ def build_cloud(
             f"build.source_stride = {list(stride)} must be a multiple of build.collocation_stride "
             f"= {list(block)} in each direction"
         )
-    turned = canonical(Image(labels.data, labels.affine, labels.name))
-    whole = Labels(turned.data, turned.affine, labels.names, labels.name)
+    whole = canonical(labels)
     part = points.select(whole, table["ids"], table.get("slices"))
     if part.data.shape[2] == 1:
         block, stride = [*block[:2], 1], [*stride[:2], 1]

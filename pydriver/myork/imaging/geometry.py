@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import TypeVar
+
 import nibabel
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +20,8 @@ __all__ = [
     "length_factor",
     "to_voxels",
 ]
+
+Grid = TypeVar("Grid", Image, Labels)
 
 # An affine is stored in single precision; spacings and angles are compared with this slack.
 SLACK = 1e-4
@@ -70,7 +75,7 @@ def check_same_grid(image: Image | Labels, reference: Image | Labels) -> None:
         )
 
 
-def canonical(image: Image) -> Image:
+def canonical(image: Grid) -> Grid:
     """Turn the voxel axes to the nearest world axes (right, anterior, superior).
 
     Only the order and the direction of the axes change, never a value: vectors and tensors in
@@ -79,7 +84,7 @@ def canonical(image: Image) -> Image:
     orientation = nibabel.orientations.io_orientation(image.affine)
     data = nibabel.orientations.apply_orientation(image.data, orientation)
     turn = nibabel.orientations.inv_ornt_aff(orientation, image.data.shape[:3])
-    return Image(np.ascontiguousarray(data), image.affine @ turn, image.name)
+    return replace(image, data=np.ascontiguousarray(data), affine=image.affine @ turn)
 
 
 def frame(affine: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import cast
 
 import nibabel
 import numpy as np
+from nibabel.arrayproxy import ArrayProxy
 from nibabel.filebasedimages import ImageFileError
 
 from myork.errors import FileError, InputError
@@ -63,7 +65,7 @@ def read_labels(path: Path) -> Labels:
             "with an integer data type (a probability map must be thresholded first)"
         )
     try:
-        data = np.asarray(file.dataobj.get_unscaled())
+        data = np.asarray(cast(ArrayProxy, file.dataobj).get_unscaled())
     except (OSError, EOFError, ValueError) as reason:
         raise FileError(f"{path}: cannot be read: {reason}") from None
     data = _grid(path, data, 1)
@@ -135,7 +137,7 @@ def _read_names(path: Path) -> dict[int, str]:
     try:
         return {int(label): str(name) for name, label in json.loads(path.read_text()).items()}
     except (ValueError, TypeError, AttributeError) as reason:
-        raise InputError(f"{path}: must hold {{\"name\": label}}: {reason}") from None
+        raise InputError(f'{path}: must hold {{"name": label}}: {reason}') from None
 
 
 def _write(path: Path, data: np.ndarray, affine: np.ndarray) -> None:

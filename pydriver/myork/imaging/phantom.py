@@ -49,7 +49,7 @@ _SKIN = 1.6  # thickness [mm]
 _FAT = 5.5  # thickness under the skin [mm]
 _SEPTUM = 2.6  # fat and fascia between muscles [mm]
 _BONES = (((15.0, 21.0), 11.0, 3.2), ((-21.0, 13.0), 5.5, 1.8))  # centre, radius, cortex [mm]
-_SIGNAL = {"air": 0.0, "skin": 400.0, "fat": 1000.0, "septum": 850.0, "cortex": 60.0, "marrow": 930.0}
+_SIGNAL = {"skin": 400.0, "fat": 1000.0, "septum": 850.0, "cortex": 60.0, "marrow": 930.0}
 _MUSCLE_SIGNAL = 400.0
 _DIFFUSIVITY = (2.1e-3, 1.5e-3, 1.3e-3)  # along and across the fibers [mm^2/s]
 _FREE = 0.2e-3  # of everything else inside the skin [mm^2/s]
@@ -178,17 +178,15 @@ def _section(x: F64, y: F64, t: F64) -> tuple[NDArray[np.int32], F64]:
     """Muscle label and noise-free signal at places."""
     body = 1.0 - 0.1 * (t - 0.6) ** 2
     skin = _depth((0.0, 0.0), _CALF[0] * body, _CALF[1] * body, 0.0, x, y)
-    signal = np.full(x.shape, _SIGNAL["air"])
+    signal = np.zeros(x.shape)
     signal[skin > 0] = _SIGNAL["skin"]
     signal[skin > _SKIN] = _SIGNAL["fat"]
 
     bone = np.max([r - np.hypot(x - c[0], y - c[1]) for c, r, _ in _BONES], axis=0)
-    inside = np.array(
-        [
-            _depth(m.centre, m.semi_axes[0] * _scale(m, t), m.semi_axes[1] * _scale(m, t), m.angle, x, y)
-            for m in _MUSCLES
-        ]
-    )
+    inside = np.empty((len(_MUSCLES), *x.shape))
+    for number, muscle in enumerate(_MUSCLES):
+        a, b = (axis * _scale(muscle, t) for axis in muscle.semi_axes)
+        inside[number] = _depth(muscle.centre, a, b, muscle.angle, x, y)
     # The others keep off the medial gastrocnemius, the bones and the fat under the skin.
     room = np.minimum(skin - _SKIN - _FAT, np.minimum(-bone, -inside[0]) - _SEPTUM)
     inside[1:] = np.minimum(inside[1:], room)
@@ -198,8 +196,8 @@ def _section(x: F64, y: F64, t: F64) -> tuple[NDArray[np.int32], F64]:
     label = np.where((order[-1] > 0) & alone, best + 1, 0).astype(np.int32)
 
     signal[(order[-1] > 0) & ~alone] = _SIGNAL["septum"]
-    muscle = label > 0
-    signal[muscle] = _MUSCLE_SIGNAL * (0.97 + 0.012 * label[muscle])
+    tissue = label > 0
+    signal[tissue] = _MUSCLE_SIGNAL * (0.97 + 0.012 * label[tissue])
     for centre, radius, cortex in _BONES:
         distance = np.hypot(x - centre[0], y - centre[1])
         signal[distance < radius] = _SIGNAL["cortex"]
@@ -238,4 +236,5 @@ def _tensors(label: NDArray[np.int32], fiber: F64, body: NDArray[np.bool_]) -> F
     full += (middle - least) * second[..., :, None] * second[..., None, :]
     base = np.where(label > 0, least, np.where(body, _FREE, 0.0))
     full += base[..., None, None] * np.eye(3)
-    return np.stack([full[..., i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))], -1)
+    pairs = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+    return np.stack([full[..., i, j] for i, j in pairs], -1)

@@ -92,7 +92,10 @@ def fiber_field(
     missing = np.argwhere(inside & (weight <= LEAST_WEIGHT))
     if len(missing):
         raise _no_fiber(
-            tensor.name, len(missing), int(inside.sum()), missing[0],
+            tensor.name,
+            len(missing),
+            int(inside.sum()),
+            missing[0],
             "diffusion tensor (all are zero, not finite or not positive)",
         )
     fiber = np.zeros((*inside.shape, 3))
@@ -142,8 +145,11 @@ def fibers_at_points(
         if not known.all():
             first = np.rint(place[here][~known][0]).astype(int)
             raise _no_fiber(
-                f"{fibers.name}, {labels.label_name(int(number))}", int((~known).sum()),
-                int(here.sum()), first, "fiber vector (all are zero or not finite)",
+                f"{fibers.name}, {labels.label_name(int(number))}",
+                int((~known).sum()),
+                int(here.sum()),
+                first,
+                "fiber vector (all are zero or not finite)",
             )
         components = [
             ndimage.map_coordinates(average[..., c], at, order=1, mode="nearest") / near
@@ -162,9 +168,7 @@ def _full(components: F64) -> F64:
 
 
 def _gathered(components: F64, usable: Mask, sigma: F64) -> tuple[F64, F64]:
-    """Gaussian sums of the components of usable voxels, and of their weights; their ratio is the
-    average.
-    """
+    """Gaussian sums over usable voxels: of components and of weights; the ratio is the average."""
     weight = ndimage.gaussian_filter(usable.astype(float), sigma, mode="constant", truncate=3.0)
     sums = np.empty(components.shape)
     for c in range(components.shape[-1]):

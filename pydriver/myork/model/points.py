@@ -173,16 +173,21 @@ def connected_body(labels: Labels, islands: str) -> tuple[Labels, list[str]]:
 
 
 def thin_voxels(body: Mask) -> Voxels:
-    """Voxels of the body without a neighbour on both sides of some direction, shape `(n, 3)`.
+    """Voxels of sheets and rods one voxel thick, shape `(n, 3)`.
 
-    A single slice is thin by intention and is looked at in its plane only.
+    Such a voxel has no neighbour on either side of some direction, and two neighbours at least of
+    which the same is true; a mere tip has not. A single slice is thin by intention and is looked
+    at in its plane only.
     """
     padded = np.pad(body, 1)
     middle = (slice(1, -1),) * 3
     thin = np.zeros(body.shape, dtype=bool)
     for d in range(3 if body.shape[2] > 1 else 2):
         thin |= body & ~(np.roll(padded, 1, axis=d) | np.roll(padded, -1, axis=d))[middle]
-    return np.argwhere(thin)
+    beside = ndimage.convolve(
+        thin.astype(int), ndimage.generate_binary_structure(3, 1).astype(int), mode="constant"
+    )
+    return np.argwhere(thin & (beside > 2))
 
 
 def source_voxels(body: Mask, step: Sequence[int]) -> Voxels:
@@ -239,15 +244,14 @@ def boundary_sets(labels: Labels) -> Boundary:
     voxels = np.argwhere(on_surface)
     normal = surface_normals(body, spacing, voxels)
     areas = facets[on_surface]
-    vector = areas[:, :, 1] - areas[:, :, 0]
-    lost = np.flatnonzero(np.linalg.norm(normal, axis=1) == 0)
-    # In the middle of a sheet the sides' facets decide; where they cancel, the first side counts.
-    for i in lost:
-        best = vector[i] if np.linalg.norm(vector[i]) > 0 else areas[i, :, 1]
-        normal[i] = best / np.linalg.norm(best)
-    area = np.maximum(areas[:, :, 1] * normal, 0.0) + np.maximum(-areas[:, :, 0] * normal, 0.0)
+    # In a sheet one voxel thick the distance has no slope across it: its facets decide there, the
+    # upper ones where both sides are equal.
+    lost = _projected(areas, normal) <= 0
+    sides = areas[lost, :, 1] - areas[lost, :, 0]
+    sides = np.where(sides.any(axis=1, keepdims=True), sides, areas[lost, :, 1])
+    normal[lost] = sides / np.linalg.norm(sides, axis=1, keepdims=True)
 
-    parts = [("surface", index[on_surface], normal, area.sum(axis=1))]
+    parts = [("surface", index[on_surface], normal, _projected(areas, normal))]
     if not flat:
         for name, k, sign, end in (("top", -1, 1.0, ends[1]), ("bottom", 0, -1.0, ends[0])):
             here = body[:, :, k]
@@ -288,6 +292,13 @@ def _nodes(n: int, step: int) -> NDArray[np.intp]:
     """Places 0 to n - 1 in even steps as near to `step` as both ends allow."""
     count = max(1, round((n - 1) / step))
     return np.unique(np.rint(np.linspace(0, n - 1, count + 1)).astype(np.intp))
+
+
+def _projected(areas: F64, normal: F64) -> F64:
+    """Facets, shape `(n, 3, 2)`, projected along normals they face, shape `(n,)` [mm^2]."""
+    upper = np.maximum(areas[:, :, 1] * normal, 0.0)
+    lower = np.maximum(-areas[:, :, 0] * normal, 0.0)
+    return (upper + lower).sum(axis=1)
 
 
 def _facet_areas(body: Mask, spacing: F64) -> F64:

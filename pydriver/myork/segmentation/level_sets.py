@@ -83,14 +83,9 @@ def two_phase(
         raise InputError(f"{image.name}: the region to segment has one grey value only, {low:g}")
     grey = (image.data - low) / (high - low)
     sign = -1.0 if phase == "dark" else 1.0
-    if start == "otsu":
-        first = sign * (grey - otsu(grey[region]))
-    else:
-        first = _circles(grey.shape)
+    first = sign * (grey - otsu(grey[region])) if start == "otsu" else _circles(grey.shape)
     pixel = image.spacing[:2] / image.spacing[:2].min()
-    phi, energy, iterations = evolve(
-        grey, region, first, spacing=tuple(pixel.tolist()), **weights
-    )
+    phi, energy, iterations = evolve(grey, region, first, spacing=tuple(pixel.tolist()), **weights)
     inside = (phi > 0) & region
     if start == "circles":
         inside = _wanted_side(grey, region, inside, sign)

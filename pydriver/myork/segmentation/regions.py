@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
 from myork.errors import InputError
-from myork.imaging.geometry import to_voxels
 from myork.records import Image, Labels
 
 __all__ = ["body_mask", "box_mask", "grown_mask", "otsu", "piece_with_seed"]
@@ -58,19 +59,19 @@ def body_mask(image: Image, rim: float = 2.0) -> Mask:
     return np.isin(pieces, 1 + np.flatnonzero(size >= 0.1 * size.max()))
 
 
-def box_mask(image: Image, box: ArrayLike) -> Mask:
+def box_mask(image: Image, box: Sequence[float]) -> Mask:
     """Voxels whose centres lie in a box of world coordinates.
 
     Parameters
     ----------
     image : Image
         Gives the grid.
-    box : ArrayLike
+    box : sequence
         Low and high x, y, z, shape `(6,)` [mm].
     """
     low, high = np.reshape(np.asarray(box, float), (3, 2)).T
     if not (low < high).all():
-        raise InputError(f"image.box: each low end must be below its high end, not {box}")
+        raise InputError(f"image.box: each low end must be below its high end, not {list(box)}")
     index = np.stack(np.meshgrid(*map(np.arange, image.data.shape[:3]), indexing="ij"), -1)
     world = index @ image.affine[:3, :3].T + image.affine[:3, 3]
     return ((world >= low) & (world <= high)).all(-1)
@@ -96,7 +97,8 @@ def piece_with_seed(mask: Mask, image: Image, seed: ArrayLike) -> Mask:
     seed : ArrayLike
         World coordinates, shape `(3,)` [mm].
     """
-    place = np.rint(to_voxels(image.affine, np.asarray(seed, float))).astype(int)
+    shift = np.asarray(seed, float) - image.affine[:3, 3]
+    place = np.rint(np.linalg.solve(image.affine[:3, :3], shift)).astype(int)
     where = f"image.seed = {list(np.asarray(seed).tolist())} mm (voxel {tuple(place.tolist())})"
     if (place < 0).any() or (place >= mask.shape).any():
         raise InputError(f"{where} lies outside of {image.name}, which has {mask.shape} voxels")

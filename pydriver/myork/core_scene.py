@@ -1,0 +1,277 @@
+"""Scenes held open in the compiled core: solve, evaluate, reduce."""
+
+from __future__ import annotations
+
+import threading
+import weakref
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from myork import _core, errors
+from myork.deck import load_deck
+from myork.model.store import read_model
+from myork.records import PointCloud
+
+F64Array = NDArray[np.float64]
+
+_POLL_S = 0.05
+
+
+class States(NamedTuple):
+    """Converged states of a solve.
+
+    Attributes
+    ----------
+    x : F64Array
+        Unknowns: coefficients, or amplitudes of the modes, shape `(nstep, n)`.
+    load : F64Array
+        Fraction of the full load, shape `(nstep,)`.
+    iterations : NDArray
+        Iterations of each step, shape `(nstep,)`.
+    min_j, max_j : F64Array
+        Smallest and largest volume ratio, shape `(nstep,)`.
+    assemble_s, solve_s : float
+        Wall times of assembly and least squares [s].
+    backward_error : float
+        Largest backward error of a least squares solution.
+    """
+
+    x: F64Array
+    load: F64Array
+    iterations: NDArray[np.int64]
+    min_j: F64Array
+    max_j: F64Array
+    assemble_s: float
+    solve_s: float
+    backward_error: float
+
+
+class Fields(NamedTuple):
+    """Fields at the collocation points.
+
+    Attributes
+    ----------
+    u : F64Array
+        Displacement, shape `(npoint, 3)` [length].
+    f : F64Array
+        Deformation gradient `F[point, i, A]`, shape `(npoint, 3, 3)`.
+    cauchy : F64Array
+        Cauchy stress xx, yy, zz, xy, yz, xz, shape `(npoint, 6)` [stress].
+    """
+
+    u: F64Array
+    f: F64Array
+    cauchy: F64Array
+
+
+class Scene:
+    """A scene in memory, from a deck.
+
+    Parameters
+    ----------
+    path : str or Path
+        Deck file.
+    overrides : sequence of str
+        `"table.key=value"` each.
+    out : Path, optional
+        Folder in which the model file of the deck is looked for first.
+
+    Raises
+    ------
+    InputError
+        The deck, the model or the points are wrong; the message says where.
+    """
+
+    def __init__(
+        self, path: str | Path, overrides: Sequence[str] = (), out: Path | None = None
+    ) -> None:
+        deck = load_deck(path, overrides)
+        model = _model_of(deck, Path(path).parent, out)
+        names = np.char.ljust(np.array([name.encode() for name in model.set_names]), 32)
+        items = np.array([text.encode() for text in overrides] or [b" "])
+        handle, stat, message = _core.scene_open(
+            str(path).encode(),
+            np.char.ljust(items, items.itemsize),
+            model.source.T,
+            model.spacing,
+            model.points.T,
+            model.label,
+            model.fiber.T,
+            model.boundary_point,
+            model.boundary_set,
+            model.normal.T,
+            model.area,
+            names,
+        )
+        errors.check(stat, message)
+        self._handle = handle
+        self._close = weakref.finalize(self, _core.scene_close, handle)
+        sizes, stat, message = _core.scene_sizes(handle)
+        errors.check(stat, message)
+        (
+            self.dimension,
+            self.source_points,
+            self.collocation_points,
+            self.dofs,
+            self.rows,
+            self._probes,
+            self.steps,
+            self.stencils,
+        ) = (int(size) for size in sizes)
+        self.deck = deck
+        self._unknowns = 0
+
+    def __enter__(self) -> Scene:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        value: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Give the memory back; the scene cannot be used afterwards."""
+        self._close()
+
+    def solve(self, linear: str = "", progress: Callable[[str], None] | None = None) -> States:
+        """Solve the full model through all load steps.
+
+        Parameters
+        ----------
+        linear : str
+            Least squares solver; empty for the deck's.
+        progress : callable, optional
+            Called with a line after each load step.
+
+        Raises
+        ------
+        ConvergenceError
+            A load step failed, also after halving.
+        """
+        return self._run(linear, 0, self.dofs, progress)
+
+    def reduce(self, modes: F64Array) -> None:
+        """Project the model on modes, shape `(dofs, r)`, orthonormal columns."""
+        modes = np.asarray(modes, float)
+        if modes.ndim != 2 or modes.shape[0] != self.dofs or modes.shape[1] == 0:
+            raise errors.InputError(f"modes must have shape ({self.dofs}, r), not {modes.shape}")
+        stat, message = _core.scene_reduce(self._handle, modes)
+        errors.check(stat, message)
+        self._unknowns = modes.shape[1]
+
+    def solve_reduced(self, linear: str) -> States:
+        """Solve the reduced model through all load steps; `reduce` comes first."""
+        return self._run(linear, 1, self._unknowns, None)
+
+    def fields(self, x: F64Array, load: float) -> Fields:
+        """Fields of a state of the full model, coefficients of shape `(dofs,)`."""
+        u, f, cauchy, stat, message = _core.scene_fields(
+            self._handle, self.collocation_points, np.asarray(x, float), load
+        )
+        errors.check(stat, message)
+        return Fields(u.T, np.moveaxis(f, -1, 0), cauchy.T)
+
+    def probes(self, x: F64Array, load: F64Array) -> F64Array:
+        """Probe values of states of the full model, shape `(nstep, nprobe, 3)`."""
+        value, stat, message = _core.scene_probes(
+            self._handle, self._probes, np.asarray(x, float).T, np.asarray(load, float)
+        )
+        errors.check(stat, message)
+        return np.moveaxis(value, (0, 1, 2), (2, 1, 0))
+
+    def _run(
+        self, linear: str, reduced: int, n: int, progress: Callable[[str], None] | None
+    ) -> States:
+        """Solve in a thread, so that Ctrl-C and progress come through."""
+        answer: list[Any] = []
+
+        def work() -> None:
+            answer.extend(_core.scene_solve(self._handle, linear.encode() or b" ", reduced))
+
+        worker = threading.Thread(target=work, daemon=True)
+        worker.start()
+        said = 0
+        try:
+            while worker.is_alive():
+                worker.join(_POLL_S)
+                done, iterations = _core.scene_progress(self._handle)
+                if progress is not None and done > said:
+                    progress(f"step {done:3d}/{self.steps}  iterations so far {iterations}")
+                    said = done
+        except BaseException:
+            _core.scene_stop(self._handle)
+            worker.join()
+            raise
+        stat, message = answer
+        errors.check(stat, message)
+        x, info, seconds, backward, stat, message = _core.scene_states(self._handle, n, self.steps)
+        errors.check(stat, message)
+        return States(
+            x.T,
+            info[0],
+            info[1].astype(np.int64),
+            info[2],
+            info[3],
+            float(seconds[0]),
+            float(seconds[1]),
+            float(backward),
+        )
+
+
+def pod_basis(snapshots: F64Array) -> tuple[F64Array, F64Array]:
+    """Proper orthogonal modes and values of snapshots (6.22).
+
+    Parameters
+    ----------
+    snapshots : F64Array
+        One state a row, shape `(s, n)`.
+
+    Returns
+    -------
+    modes, values : F64Array
+        Orthonormal modes in columns, shape `(n, min(n, s))`, and proper orthogonal values.
+    """
+    snapshots = np.asarray(snapshots, float)
+    modes, values, stat, message = _core.pod_basis(min(snapshots.shape), snapshots.T)
+    errors.check(stat, message)
+    return modes, values
+
+
+def _model_of(deck: dict[str, Any], folder: Path, out: Path | None) -> PointCloud:
+    """The model file of a deck, or an empty cloud where the deck has a geometry of its own."""
+    geometry = deck.get("geometry", {})
+    if geometry.get("kind") == "model":
+        name = Path(geometry["file"])
+        for place in (out, folder):
+            if place is not None and (place / name).is_file():
+                return read_model(place / name)
+        raise errors.FileError(
+            f"geometry.file: no model {name} in {out or folder} or beside the deck: "
+            "run `myork build` first"
+        )
+    none = np.zeros((0, 3))
+    index = np.zeros(0, np.int32)
+    return PointCloud(
+        source=none,
+        spacing=np.ones(3),
+        points=none,
+        label=index,
+        fiber=none,
+        volume=np.zeros(0),
+        boundary_point=index,
+        boundary_set=index,
+        normal=none,
+        area=np.zeros(0),
+        set_names=("",),
+        label_names={},
+        length_unit="",
+        source_images="",
+    )

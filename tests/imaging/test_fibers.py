@@ -1,0 +1,116 @@
+"""Fibers: signs, frames, bad tensors, noise."""
+
+import numpy as np
+import pytest
+
+from myork.errors import InputError
+from myork.imaging.geometry import canonical
+from myork.imaging.phantom import make_phantom
+from myork.model.fibers import fiber_field, fibers_at_points, lead_vector, tensor_components
+from myork.records import Image, Labels
+
+
+def angle(a, b):
+    return np.degrees(np.arccos(np.clip(np.abs((a * b).sum(-1)), 0, 1)))
+
+
+def stick(direction):
+    """Tensor with a given lead eigenvector."""
+    d = np.asarray(direction, float) / np.linalg.norm(direction)
+    return tensor_components(1e-3 * (0.5 * np.eye(3) + np.outer(d, d)))
+
+
+def test_lead_vector_of_known_tensors_points_upwards():
+    for direction in ([1, 2, 3], [0, -1, 0], [-1, 0, 0], [1, 0, -1]):
+        vector = lead_vector(stick(direction)[np.newaxis])[0]
+        assert angle(vector, np.array(direction) / np.linalg.norm(direction)) < 1e-5
+        last = vector[np.flatnonzero(np.abs(vector) > 1e-9)[-1]]
+        assert last > 0
+
+
+def test_phantom_fibers_within_three_degrees_at_snr_25():
+    phantom = make_phantom(snr=25)
+    inside = phantom.truth.data == 1
+    fibers, _ = fiber_field(phantom.tensor, inside, smoothing=3.0)
+    error = angle(fibers.data[inside], phantom.fiber.data[inside])
+    assert np.median(error) < 3.0
+    assert not fibers.data[~inside].any()
+    raw, _ = fiber_field(phantom.tensor, inside, smoothing=0.0)
+    assert np.median(angle(raw.data[inside], phantom.fiber.data[inside])) > 4.0
+
+
+def test_voxel_frame_is_turned_by_the_affine():
+    affine = np.array([[0, 0, -2.0, 0], [-1.0, 0, 0, 0], [0, 3.0, 0, 0], [0, 0, 0, 1]])
+    # Along the first voxel axis: world -y.
+    data = np.tile(stick([1, 0, 0.5]), (3, 3, 3, 1))
+    inside = np.ones((3, 3, 3), bool)
+    world = np.array([-1.0, -1.0, 0.0]) * [0.5, 1.0, 0.0]
+    fibers, _ = fiber_field(Image(data, affine), inside, 0.0, "voxel")
+    assert angle(fibers.data[1, 1, 1], world / np.linalg.norm(world)) < 1e-5
+    fibers, _ = fiber_field(Image(data, affine), inside, 0.0, "world")
+    assert angle(fibers.data[1, 1, 1], np.array([1, 0, 0.5]) / np.sqrt(1.25)) < 1e-5
+
+
+def test_bad_tensors_are_filled_and_counted_or_refused():
+    data = np.tile(stick([0, 1, 3]), (6, 6, 3, 1))
+    data[2, 2, 1] = np.nan
+    data[3, 3, 1] = 0.0
+    data[4, 4, 1] = -data[4, 4, 1]
+    inside = np.ones((6, 6, 3), bool)
+    fibers, filled = fiber_field(Image(data, np.eye(4), "dti.nii"), inside, 1.0)
+    assert filled == 3
+    exact = np.array([0, 1, 3]) / np.sqrt(10)
+    assert angle(fibers.data[inside], exact).max() < 1e-5
+    data[:, :, :] = 0.0
+    with pytest.raises(InputError, match=r"dti.nii: 108 of 108 places .* voxel \(0, 0, 0\)"):
+        fiber_field(Image(data, np.eye(4), "dti.nii"), inside, 1.0)
+
+
+def test_signs_of_vectors_do_not_matter():
+    random = np.random.default_rng(2)
+    direction = np.array([0.3, 0.2, 0.9]) / np.linalg.norm([0.3, 0.2, 0.9])
+    data = direction * random.choice([-1.0, 1.0], (6, 6, 4, 1))
+    labels = Labels(np.ones((6, 6, 4), np.int32), np.eye(4))
+    place = random.random((20, 3)) * [5, 5, 3]
+    found = fibers_at_points(
+        Image(data, np.eye(4)), labels, place, np.ones(20, np.int32), (2, 2, 1)
+    )
+    assert angle(found, direction).max() < 1e-5
+
+
+def test_labels_do_not_mix_and_one_may_have_no_fibers():
+    data = np.zeros((8, 4, 2, 3))
+    data[:4] = [0.0, 0.0, 1.0]
+    data[4:6] = [1.0, 0.0, 0.0]
+    label = np.repeat(np.array([1, 1, 1, 1, 2, 2, 3, 3], np.int32), 8).reshape(8, 4, 2)
+    labels = Labels(label, np.eye(4), {3: "fat"})
+    place = np.argwhere(label).astype(float)
+    found = fibers_at_points(Image(data, np.eye(4)), labels, place, label.ravel(), (3, 3, 1))
+    found = found.reshape(8, 4, 2, 3)
+    assert angle(found[3], np.array([0, 0, 1.0])).max() < 1e-5
+    assert angle(found[4], np.array([1.0, 0, 0])).max() < 1e-5
+    assert not found[6:].any()
+
+
+def test_hole_in_the_fibers_is_named():
+    data = np.zeros((20, 3, 3, 3))
+    data[:2] = [0, 0, 1.0]
+    labels = Labels(np.ones((20, 3, 3), np.int32), np.eye(4), {1: "soleus"})
+    place = np.argwhere(labels.data).astype(float)
+    with pytest.raises(InputError, match="fibers, soleus: .* have no usable fiber vector"):
+        fibers_at_points(
+            Image(data, np.eye(4), "fibers"), labels, place, np.ones(180, np.int32), (1, 1, 1)
+        )
+
+
+def test_rotated_image_turns_the_fibers_into_its_frame():
+    a = np.radians(20.0)
+    turn = np.array([[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]])
+    affine = np.eye(4)
+    affine[:3, :3] = turn * [1.0, 1.0, 4.0]
+    along_first_axis = np.tile(turn[:, 0], (5, 5, 3, 1))
+    labels = Labels(np.ones((5, 5, 3), np.int32), affine)
+    place = np.argwhere(labels.data).astype(float)
+    image = canonical(Image(along_first_axis, affine))
+    found = fibers_at_points(image, labels, place, np.ones(75, np.int32), (1, 1, 1))
+    assert angle(found, np.array([1.0, 0, 0])).max() < 1e-5

@@ -1,0 +1,162 @@
+"""NIfTI files: what comes back, and everything that can be wrong with one."""
+
+import json
+
+import nibabel
+import numpy as np
+import pytest
+
+from myork.errors import FileError, InputError
+from myork.imaging.geometry import canonical, check_same_grid, frame
+from myork.imaging.io import read_image, read_labels, write_image, write_labels
+from myork.records import Image, Labels
+
+AFFINE = np.array([[-2.0, 0, 0, 10], [0, 3.0, 0, -5], [0, 0, 8.0, 1], [0, 0, 0, 1]])
+
+
+def save(path, data, affine=AFFINE):
+    nibabel.save(nibabel.Nifti1Image(data, affine), path)
+    return path
+
+
+def test_image_comes_back(tmp_path):
+    data = np.arange(24.0).reshape(2, 3, 4)
+    write_image(tmp_path / "a.nii.gz", Image(data, AFFINE))
+    image = read_image(tmp_path / "a.nii.gz")
+    assert np.array_equal(image.data, data)
+    np.testing.assert_allclose(image.affine, AFFINE)
+    np.testing.assert_allclose(image.spacing, [2, 3, 8])
+
+
+def test_labels_come_back_with_names(tmp_path):
+    data = np.array([[[0, 1], [7, 300]]], dtype=np.int32)
+    write_labels(tmp_path / "a.nii.gz", Labels(data, AFFINE, {1: "soleus", 300: "fat"}))
+    labels = read_labels(tmp_path / "a.nii.gz")
+    assert np.array_equal(labels.data, data)
+    assert labels.names == {1: "soleus", 300: "fat"}
+    assert labels.label_name(7) == "label 7"
+
+
+def test_scale_of_the_header_does_not_change_labels(tmp_path):
+    file = nibabel.Nifti1Image(np.ones((2, 2, 2), np.uint8), AFFINE)
+    file.header.set_slope_inter(17.4, 0.0)
+    nibabel.save(file, tmp_path / "a.nii")
+    raw = bytearray((tmp_path / "a.nii").read_bytes())
+    raw[112:116] = np.float32(17.4).tobytes()  # scl_slope
+    (tmp_path / "a.nii").write_bytes(raw)
+    assert set(np.unique(read_labels(tmp_path / "a.nii").data)) <= {0, 1}
+
+
+def test_one_slice_and_trailing_axes(tmp_path):
+    assert read_image(save(tmp_path / "a.nii", np.ones((3, 4)))).data.shape == (3, 4, 1)
+    assert read_image(save(tmp_path / "b.nii", np.ones((3, 4, 2, 1)))).data.shape == (3, 4, 2)
+
+
+def test_metres_become_millimetres(tmp_path):
+    file = nibabel.Nifti1Image(np.ones((2, 2, 2)), np.diag([1e-3, 1e-3, 5e-3, 1]))
+    file.header.set_xyzt_units("meter")
+    nibabel.save(file, tmp_path / "a.nii")
+    np.testing.assert_allclose(read_image(tmp_path / "a.nii").spacing, [1, 1, 5], rtol=1e-6)
+
+
+def nan_image(path):
+    data = np.ones((3, 3, 3))
+    data[1, 2, 0] = np.nan
+    return read_image(save(path, data))
+
+
+def singular(path):
+    affine = AFFINE.copy()
+    affine[:3, 1] = affine[:3, 0]
+    file = nibabel.Nifti1Image(np.ones((2, 2, 2)), np.eye(4))
+    file.header.set_sform(affine, code=1)
+    file.header.set_qform(None, code=0)
+    file.header["sform_code"] = 1
+    file.header["srow_x"], file.header["srow_y"], file.header["srow_z"] = affine[:3]
+    nibabel.save(nibabel.Nifti1Image(np.ones((2, 2, 2)), None, file.header), path)
+    return read_image(path)
+
+
+def sheared(path):
+    affine = AFFINE.copy()
+    affine[0, 1] = 0.5
+    return read_image(save(path, np.ones((2, 2, 2)), affine))
+
+
+@pytest.mark.parametrize(
+    ("read", "kind", "message"),
+    [
+        (lambda p: read_image(p), FileError, "there is no such file"),
+        (nan_image, InputError, r"1 voxels are not finite, the first at voxel \(1, 2, 0\)"),
+        (singular, InputError, "affine is singular"),
+        (sheared, InputError, "not perpendicular"),
+        (
+            lambda p: read_image(save(p, np.ones((2, 2, 2, 6)))),
+            InputError,
+            r"a 3-D image is wanted, this one has shape \(2, 2, 2, 6\)",
+        ),
+        (
+            lambda p: read_image(save(p, np.ones((2, 2, 2))), values=6),
+            InputError,
+            "a 4-D image with 6 volumes is wanted",
+        ),
+        (
+            lambda p: read_labels(save(p, np.ones((2, 2, 2), np.float32))),
+            InputError,
+            "must hold integers, not float32",
+        ),
+        (
+            lambda p: read_labels(save(p, -np.ones((2, 2, 2), np.int16))),
+            InputError,
+            "must not be negative",
+        ),
+        (lambda p: read_image(_text(p)), FileError, "is no readable NIfTI file"),
+        (lambda p: read_image(_cut(p)), FileError, "cannot be read"),
+    ],
+)
+def test_bad_files_are_named(tmp_path, read, kind, message):
+    path = tmp_path / "bad.nii.gz"
+    with pytest.raises(kind, match=message) as caught:
+        read(path)
+    assert str(path) in str(caught.value)
+
+
+def _text(path):
+    path.write_text("no image")
+    return path
+
+
+def _cut(path):
+    save(path, np.random.default_rng(0).random((20, 20, 20)))
+    path.write_bytes(path.read_bytes()[:20000])
+    return path
+
+
+def test_bad_names(tmp_path):
+    save(tmp_path / "a.nii.gz", np.ones((2, 2, 2), np.uint8))
+    (tmp_path / "a.json").write_text(json.dumps(["soleus"]))
+    with pytest.raises(InputError, match="a.json: must hold"):
+        read_labels(tmp_path / "a.nii.gz")
+
+
+def test_grids_that_differ():
+    a = Image(np.zeros((4, 4, 4)), AFFINE, "a")
+    moved = AFFINE.copy()
+    moved[0, 3] += 2.0
+    with pytest.raises(InputError, match="b and a have different affines.* 2 mm"):
+        check_same_grid(Image(a.data, moved, "b"), a)
+    with pytest.raises(InputError, match=r"b has \(4, 4, 3\) voxels, a has \(4, 4, 4\)"):
+        check_same_grid(Image(np.zeros((4, 4, 3)), AFFINE, "b"), a)
+    check_same_grid(Image(np.zeros((4, 4, 4, 6)), AFFINE, "b"), a)
+
+
+def test_canonical_keeps_every_value_at_its_place():
+    random = np.random.default_rng(1)
+    data = random.random((3, 4, 5, 2))
+    affine = np.array([[0, 0, -2.0, 9], [-3.0, 0, 0, 4], [0, 5.0, 0, 1], [0, 0, 0, 1]])
+    turned = canonical(Image(data, affine))
+    assert np.array_equal(frame(turned.affine), np.eye(3))
+    for index in np.ndindex(3, 4, 5):
+        world = affine[:3, :3] @ index + affine[:3, 3]
+        at = np.rint(np.linalg.solve(turned.affine[:3, :3], world - turned.affine[:3, 3]))
+        assert np.array_equal(turned.data[tuple(at.astype(int))], data[index])

@@ -1,0 +1,58 @@
+"""Normals of voxel bodies against spheres and ellipsoids."""
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from myork.model.normals import signed_distance, surface_normals
+
+
+def ellipsoid(shape, spacing, axes):
+    centre = (np.array(shape) - 1) / 2
+    place = (np.stack(np.indices(shape), -1) - centre) * spacing
+    body = ((place / axes) ** 2).sum(-1) < 1
+    rim = body & ~ndimage.binary_erosion(body)
+    exact = place[rim] / np.square(axes)
+    return body, np.argwhere(rim), exact / np.linalg.norm(exact, axis=1, keepdims=True)
+
+
+@pytest.mark.parametrize(
+    ("shape", "spacing", "axes", "mean", "worst"),
+    [
+        # A sphere of ten voxels; then slices five times as far apart as pixels, where a slice
+        # step is half of the radius and no method from labels does much better.
+        ((25, 25, 25), (1.0, 1.0, 1.0), (10.0, 10.0, 10.0), 2.0, 6.0),
+        ((61, 61, 15), (1.0, 1.0, 5.0), (30.0, 30.0, 30.0), 4.0, 16.0),
+        ((25, 25, 25), (1.0, 1.0, 5.0), (10.0, 10.0, 50.0), 4.0, 20.0),
+    ],
+)
+def test_outward_and_near_the_exact_normal(shape, spacing, axes, mean, worst):
+    body, voxels, exact = ellipsoid(shape, np.array(spacing), np.array(axes))
+    normal = surface_normals(body, np.array(spacing), voxels)
+    np.testing.assert_allclose(np.linalg.norm(normal, axis=1), 1.0, atol=1e-12)
+    angle = np.degrees(np.arccos(np.clip((normal * exact).sum(1), -1, 1)))
+    assert angle.mean() < mean
+    assert angle.max() < worst
+
+
+def test_ends_do_not_bend_the_normals_of_a_cylinder():
+    i, j = np.mgrid[:21, :21] - 10.0
+    body = np.repeat((np.hypot(i, j) < 8)[..., None], 7, axis=2)
+    voxels = np.argwhere(body & ~ndimage.binary_erosion(body, np.ones((3, 3, 1))))
+    normal = surface_normals(body, np.array([1.0, 1.0, 4.0]), voxels)
+    np.testing.assert_allclose(normal[:, 2], 0.0, atol=1e-12)
+
+
+def test_distance_is_positive_inside():
+    body = np.zeros((7, 7, 7), bool)
+    body[2:5, 2:5, 2:5] = True
+    phi = signed_distance(body, np.ones(3))
+    assert phi[3, 3, 3] == 2.0
+    assert phi[0, 3, 3] == -2.0
+
+
+def test_middle_of_a_sheet_has_no_normal():
+    body = np.zeros((9, 9, 9), bool)
+    body[4] = True
+    normal = surface_normals(body, np.ones(3), np.array([[4, 4, 4]]))
+    assert not normal.any()

@@ -1,0 +1,264 @@
+"""Labels to points: lattices, coverage, boundary sets, islands, orientation."""
+
+import numpy as np
+import pytest
+
+from myork.build import build_cloud
+from myork.core_shape import shape_functions
+from myork.errors import InputError
+from myork.imaging.phantom import make_phantom
+from myork.model import points
+from myork.model.store import read_model, write_model
+from myork.records import Image, Labels
+
+TABLE = {
+    "ids": [],
+    "collocation_stride": [1, 1, 1],
+    "source_stride": [2, 2, 2],
+    "islands": "error",
+}
+MG = {**TABLE, "ids": [1], "collocation_stride": [2, 2, 1], "source_stride": [4, 4, 1]}
+
+
+@pytest.fixture(scope="module")
+def phantom():
+    return make_phantom()
+
+
+@pytest.fixture(scope="module")
+def mg(phantom):
+    return build_cloud(phantom.truth, phantom.fiber, MG, "cm")
+
+
+def box(shape=(5, 4, 6), spacing=(2.0, 3.0, 5.0), pad=2):
+    data = np.pad(np.ones(shape, np.int32), [(pad, pad), (pad, pad), (0, 0)])
+    affine = np.diag([*spacing, 1.0])
+    affine[:3, 3] = [-100.0, 20.0, 7.0]
+    return Labels(data, affine, {1: "block"}, "block.nii")
+
+
+def test_block_by_hand():
+    cloud, warnings = build_cloud(box(), None, TABLE, "cm")
+    assert warnings == []
+    assert len(cloud.points) == 120
+    # First voxel of the block: index (2, 2, 0) of the map, in cm.
+    np.testing.assert_allclose(cloud.points[0], [-9.6, 2.6, 0.7])
+    np.testing.assert_allclose(np.ptp(cloud.points, axis=0), [0.8, 0.9, 2.5])
+    order = np.lexsort(cloud.points.T[::-1])
+    assert np.array_equal(order, np.arange(120))
+    np.testing.assert_allclose(cloud.volume, 0.2 * 0.3 * 0.5)
+    np.testing.assert_allclose(cloud.spacing, [0.4, 0.6, 1.0])
+    assert cloud.label_names == {1: "block"}
+    assert cloud.set_names == ("bottom", "top", "surface")
+    for number, (name, z) in enumerate((("bottom", -1.0), ("top", 1.0))):
+        here = cloud.boundary_set == number
+        assert here.sum() == 20, name
+        np.testing.assert_array_equal(cloud.normal[here], [[0, 0, z]] * 20)
+        assert cloud.area[here].sum() == pytest.approx(5 * 4 * 0.06)
+        end = cloud.points[:, 2].min() if z < 0 else cloud.points[:, 2].max()
+        np.testing.assert_allclose(cloud.points[cloud.boundary_point[here], 2], end)
+    surface = cloud.boundary_set == 2
+    assert surface.sum() == 14 * 6
+    faces = np.abs(cloud.normal[surface]).max(axis=1) > 0.99
+    # The normals of four or five voxels are those of a rounded block: its corners count less.
+    assert cloud.area[surface].sum() == pytest.approx(2 * (5 * 0.2 + 4 * 0.3) * 3.0, rel=0.2)
+    assert faces.sum() >= 6
+
+
+def test_every_point_has_a_source_point_nearer_than_a_step(mg):
+    cloud, _ = mg
+    step = np.abs(cloud.points[:, None, :] - cloud.source[None, :, :]) / cloud.spacing
+    assert step.max(axis=2).min(axis=1).max() < 1.0
+    apart = np.abs(cloud.source[:, None, :] - cloud.source[None, :, :]) / cloud.spacing
+    apart = apart.max(axis=2) + 9 * np.eye(len(cloud.source))
+    assert apart.min() > 0.49  # never nearer than one voxel of the two of a step
+    assert 300 < len(cloud.source) < 600
+    assert 1000 < len(cloud.points) < 2000
+
+
+def test_second_order_shape_functions_exist_at_every_point(mg):
+    cloud, _ = mg
+    found = shape_functions(cloud.source, 3.0 * cloud.spacing, cloud.points, order=2)
+    row = np.repeat(np.arange(len(cloud.points)), np.diff(found.offset))
+    sums = np.bincount(row, found.value[:, 0])
+    np.testing.assert_allclose(sums, 1.0, atol=1e-9)
+    # A poorly covered boundary shows as large, cancelling values.
+    assert np.abs(found.value[:, 0]).max() < 5.0
+
+
+def test_volume_and_surface_of_the_medial_gastrocnemius(mg, phantom):
+    cloud, _ = mg
+    voxels = (phantom.truth.data == 1).sum() * 1.25 * 1.25 * 6.0e-3
+    # Blocks of 2 x 2 pixels: half a pixel's layer of a rim of 7 cm x 8.4 cm is 3.7 cm^3 of 53.
+    assert cloud.volume.sum() == pytest.approx(voxels, rel=0.05)
+    surface = cloud.boundary_set == cloud.set_names.index("surface")
+    normal, where = cloud.normal[surface], cloud.boundary_point[surface]
+    np.testing.assert_allclose(np.linalg.norm(normal, axis=1), 1.0, atol=1e-12)
+    # Outward: away from the centre of the slice.
+    z = cloud.points[where, 2].round(6)
+    for height in np.unique(z):
+        here = np.isclose(cloud.points[:, 2], height)
+        centre = cloud.points[here].mean(axis=0)
+        out = ((cloud.points[where[z == height]] - centre) * normal[z == height]).sum(axis=1)
+        assert out.min() > 0
+    # Perimeter of the ellipse (Ramanujan) times height. The tips have a radius of two blocks, and
+    # there the normals are smoothed.
+    h = 0.6
+    exact = 0.0
+    for k in range(15):
+        s = 1 - 0.45 * ((k / 14 - 0.55) / 0.55) ** 2
+        a, b = 2.3 * s, 1.1 * s
+        exact += h * np.pi * (3 * (a + b) - np.sqrt((3 * a + b) * (a + 3 * b)))
+    assert cloud.area[surface].sum() == pytest.approx(exact, rel=0.08)
+
+
+def turned(image, order, flips):
+    """The same image stored with other voxel axes."""
+    kind = type(image)
+    data = np.transpose(image.data, [*order, *range(3, image.data.ndim)])
+    affine = image.affine.copy()
+    affine[:3, :3] = affine[:3, order]
+    for axis in flips:
+        data = np.flip(data, axis)
+        affine[:3, 3] += affine[:3, axis] * (data.shape[axis] - 1)
+        affine[:3, axis] *= -1
+    if kind is Labels:
+        return Labels(data, affine, image.names, image.name)
+    return Image(data, affine, image.name)
+
+
+@pytest.mark.parametrize(
+    ("order", "flips"), [((0, 1, 2), (0,)), ((0, 1, 2), (0, 1, 2)), ((2, 0, 1), (1,))]
+)
+def test_storage_order_of_the_image_does_not_change_the_model(mg, phantom, order, flips):
+    cloud, _ = mg
+    labels, fibers = turned(phantom.truth, order, flips), turned(phantom.fiber, order, flips)
+    again, _ = build_cloud(labels, fibers, MG, "cm")
+    np.testing.assert_allclose(again.points, cloud.points, atol=1e-12)
+    np.testing.assert_allclose(again.source, cloud.source, atol=1e-12)
+    np.testing.assert_allclose(again.fiber, cloud.fiber, atol=1e-12)
+    np.testing.assert_allclose(again.normal, cloud.normal, atol=1e-12)
+    assert np.array_equal(again.boundary_point, cloud.boundary_point)
+
+
+def test_rotated_header_gives_the_same_model_in_its_own_frame(mg, phantom):
+    cloud, _ = mg
+    a = np.radians(15.0)
+    turn = np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]])
+    affine = phantom.truth.affine.copy()
+    affine[:3] = turn @ affine[:3]
+    labels = Labels(phantom.truth.data, affine, phantom.truth.names)
+    fibers = Image(phantom.fiber.data @ turn.T, affine)
+    again, warnings = build_cloud(labels, fibers, MG, "cm")
+    np.testing.assert_allclose(again.points, cloud.points, atol=1e-9)
+    np.testing.assert_allclose(again.fiber, cloud.fiber, atol=1e-9)
+    assert any("rotated against the world axes" in text for text in warnings)
+
+
+def test_fibers_at_points_are_those_of_the_phantom(mg, phantom):
+    cloud, _ = mg
+    i, j, k = (
+        np.rint((cloud.points * 10 - phantom.truth.affine[:3, 3]) / phantom.truth.spacing)
+        .astype(int)
+        .T
+    )
+    exact = phantom.fiber.data[i, j, k]
+    known = exact.any(axis=1)
+    cosine = np.abs((exact * cloud.fiber).sum(axis=1))[known]
+    # Fibers turn by 12 degrees over 18 pixels; a voxel aside is a degree.
+    assert np.degrees(np.arccos(np.clip(cosine, 0, 1))).max() < 2.0
+
+
+def with_island():
+    labels = box()
+    data = np.pad(labels.data, [(0, 6), (0, 0), (0, 0)])
+    data[-3:-1, 3:5, 2:4] = 1
+    return Labels(data, labels.affine, labels.names, labels.name)
+
+
+def test_islands_are_named_or_dropped():
+    with pytest.raises(InputError, match=r"island of 8 points \(block\) around .* neither end"):
+        build_cloud(with_island(), None, TABLE, "cm")
+    cloud, warnings = build_cloud(with_island(), None, {**TABLE, "islands": "drop"}, "cm")
+    assert len(cloud.points) == 120
+    assert "island of 8 points" in warnings[0]
+
+
+def test_thin_sheet_is_reported_and_its_normals_are_units():
+    data = np.zeros((12, 9, 5), np.int32)
+    data[2:8, 2:7] = 1
+    data[8:11, 4] = 1
+    cloud, warnings = build_cloud(Labels(data, np.eye(4), {}, "a"), None, TABLE, "mm")
+    assert any("in sheets one point thick" in text for text in warnings)
+    np.testing.assert_allclose(np.linalg.norm(cloud.normal, axis=1), 1.0, atol=1e-12)
+    assert (cloud.area > 0).all()
+
+
+def test_a_tip_is_no_sheet():
+    body = np.zeros((7, 7, 3), bool)
+    body[1:6, 2:5] = True
+    body[6, 3] = True
+    assert len(points.thin_voxels(body[:, :, :1])) == 0
+
+
+def test_one_slice_makes_a_plane_model():
+    cloud, warnings = build_cloud(box((5, 4, 1)), None, TABLE, "cm")
+    assert cloud.set_names == ("surface",)
+    assert len(cloud.points) == 20
+    np.testing.assert_allclose(cloud.normal[:, 2], 0.0, atol=1e-12)
+    assert "one slice" in warnings[0]
+
+
+def test_slices_cut_the_model():
+    cloud, _ = build_cloud(box(), None, {**TABLE, "slices": [1, 4]}, "cm")
+    np.testing.assert_allclose(np.unique(cloud.points[:, 2]), [1.2, 1.7, 2.2, 2.7])
+
+
+def test_blocks_keep_place_and_size():
+    coarse = points.coarsen(box((6, 4, 6)), (2, 2, 3))
+    assert coarse.data.sum() == 3 * 2 * 2
+    np.testing.assert_allclose(coarse.spacing, [4, 6, 15])
+    # Centre of the first block of 2 x 2 x 3 voxels.
+    first = np.argwhere(coarse.data)[0]
+    world = coarse.affine[:3, :3] @ first + coarse.affine[:3, 3]
+    np.testing.assert_allclose(world, [-95.0, 27.5, 12.0])
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"ids": [4]}, r"no voxel has label \[4\]; the labels there are: 1"),
+        ({"slices": [3, 9]}, r"build.slices = \[3, 9\] does not lie in the 6 slices"),
+        (
+            {"collocation_stride": [2, 2, 1], "source_stride": [3, 4, 1]},
+            "must be a multiple of build.collocation_stride",
+        ),
+        (
+            {"collocation_stride": [40, 40, 1], "source_stride": [40, 40, 1]},
+            "nothing is left of the labels",
+        ),
+    ],
+)
+def test_impossible_wishes(change, message):
+    with pytest.raises(InputError, match=message):
+        build_cloud(box(), None, {**TABLE, **change}, "cm")
+
+
+def test_empty_map_and_unknown_unit():
+    empty = Labels(np.zeros((3, 3, 3), np.int32), np.eye(4), {}, "empty.nii")
+    with pytest.raises(InputError, match="empty.nii: no voxel has a label above zero"):
+        build_cloud(empty, None, TABLE, "cm")
+    with pytest.raises(InputError, match="units.length = 'inch'"):
+        build_cloud(box(), None, TABLE, "inch")
+
+
+def test_model_file_comes_back(tmp_path, mg):
+    cloud, _ = mg
+    write_model(tmp_path / "model.h5", cloud)
+    again = read_model(tmp_path / "model.h5")
+    for name, value in vars(cloud).items():
+        if isinstance(value, np.ndarray):
+            assert np.array_equal(getattr(again, name), value), name
+        else:
+            assert getattr(again, name) == value, name
+    assert [path.name for path in tmp_path.iterdir()] == ["model.h5"]
