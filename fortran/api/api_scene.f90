@@ -85,19 +85,22 @@ subroutine scene_reduce(handle, n, r, modes, stat, message)
    call pack_error(error, stat, message)
 end subroutine scene_reduce
 
-!> Solve all load steps of the full (reduced = 0) or the reduced problem
-subroutine scene_solve(handle, linear, reduced, stat, message)
+!> Solve all load steps of the full (reduced = 0) or the reduced problem with a number of threads,
+!> 0 for all cores; threads are a matter of the calling thread, so it is set here
+subroutine scene_solve(handle, linear, reduced, threads, stat, message)
+   use omp_lib, only : omp_set_num_threads
    use rk_error, only : error_type
    use rk_pack, only : pack_error
    use rk_session, only : solve_session
    implicit none
    !f2py threadsafe
-   integer, intent(in) :: handle, reduced
+   integer, intent(in) :: handle, reduced, threads
    character(len=*), intent(in) :: linear
    integer, intent(out) :: stat
    character(len=2048), intent(out) :: message
    type(error_type), allocatable :: error
 
+   if (threads > 0) call omp_set_num_threads(threads)
    call solve_session(handle, linear, reduced /= 0, error)
    call pack_error(error, stat, message)
 end subroutine scene_solve

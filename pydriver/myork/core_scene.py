@@ -80,6 +80,8 @@ class Scene:
         `"table.key=value"` each.
     out : Path, optional
         Folder in which the model file of the deck is looked for first.
+    threads : int, optional
+        Number of threads of a solve; default all cores.
 
     Raises
     ------
@@ -88,7 +90,11 @@ class Scene:
     """
 
     def __init__(
-        self, path: str | Path, overrides: Sequence[str] = (), out: Path | None = None
+        self,
+        path: str | Path,
+        overrides: Sequence[str] = (),
+        out: Path | None = None,
+        threads: int | None = None,
     ) -> None:
         deck = load_deck(path, overrides)
         model = _model_of(deck, Path(path).parent, out)
@@ -125,6 +131,7 @@ class Scene:
         ) = (int(size) for size in sizes)
         self.deck = deck
         self._unknowns = 0
+        self._threads = threads or 0
 
     def __enter__(self) -> Scene:
         return self
@@ -194,7 +201,9 @@ class Scene:
         answer: list[Any] = []
 
         def work() -> None:
-            answer.extend(_core.scene_solve(self._handle, linear.encode() or b" ", reduced))
+            answer.extend(
+                _core.scene_solve(self._handle, linear.encode() or b" ", reduced, self._threads)
+            )
 
         worker = threading.Thread(target=work, daemon=True)
         worker.start()
@@ -246,7 +255,7 @@ def pod_basis(snapshots: F64Array) -> tuple[F64Array, F64Array]:
 
 
 def _model_of(deck: dict[str, Any], folder: Path, out: Path | None) -> PointCloud:
-    """The model file of a deck, or an empty cloud where the deck has a geometry of its own."""
+    """The model file of a deck; one unused point where the deck has a geometry of its own."""
     geometry = deck.get("geometry", {})
     if geometry.get("kind") == "model":
         name = Path(geometry["file"])
@@ -257,20 +266,20 @@ def _model_of(deck: dict[str, Any], folder: Path, out: Path | None) -> PointClou
             f"geometry.file: no model {name} in {out or folder} or beside the deck: "
             "run `myork build` first"
         )
-    none = np.zeros((0, 3))
-    index = np.zeros(0, np.int32)
+    none = np.zeros((1, 3))  # not empty: the wrapper cannot tell the shape of nothing
+    index = np.zeros(1, np.int32)
     return PointCloud(
         source=none,
         spacing=np.ones(3),
         points=none,
         label=index,
         fiber=none,
-        volume=np.zeros(0),
+        volume=np.zeros(1),
         boundary_point=index,
         boundary_set=index,
         normal=none,
-        area=np.zeros(0),
-        set_names=("",),
+        area=np.zeros(1),
+        set_names=("none",),
         label_names={},
         length_unit="",
         source_images="",
