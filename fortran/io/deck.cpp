@@ -13,13 +13,15 @@ namespace rk {
 
 const KeySpec *TableSpec::find(const std::string &key) const {
    for (const KeySpec &candidate : keys) {
-      if (candidate.name == key) return &candidate;
+      if (candidate.name == key)
+         return &candidate;
    }
    return nullptr;
 }
 
 std::string TableSpec::title() const {
-   if (name.empty()) return "the top of the deck, before the first table";
+   if (name.empty())
+      return "the top of the deck, before the first table";
    return many ? "[[" + name + "]]" : "[" + name + "]";
 }
 
@@ -50,12 +52,14 @@ Deck Deck::read(const std::string &path, std::vector<std::string> overrides) {
       std::ifstream file(path, std::ios::binary);
       if (!file) {
          what = std::string("the deck cannot be read: ") + std::strerror(errno);
-         if (!fs::exists(path, ignored)) what += similar_file(path);
+         if (!fs::exists(path, ignored))
+            what += similar_file(path);
       } else {
          text << file.rdbuf();
       }
    }
-   if (what.empty()) return Deck(path, text.str(), std::move(overrides));
+   if (what.empty())
+      return Deck(path, text.str(), std::move(overrides));
    Deck deck(path);
    deck.status = Status::file;
    deck.message = path + ": " + what;
@@ -65,15 +69,18 @@ Deck Deck::read(const std::string &path, std::vector<std::string> overrides) {
 // All steps; each goes on after complaints of its own, so that a user sees everything at once
 void Deck::load() {
    folder = std::filesystem::path(name).parent_path().string();
-   if (folder.empty()) folder = ".";
+   if (folder.empty())
+      folder = ".";
    std::string hashed = text;
-   for (const std::string &item : overrides) hashed += "\n--set " + item;
+   for (const std::string &item : overrides)
+      hashed += "\n--set " + item;
    sha256 = sha256_hex(hashed);
-   if (text.find_first_not_of(" \t\r\n\xef\xbb\xbf") == std::string::npos) {
+   if (is_blank(text)) {
       complain({}, "title", "the deck is empty");
       return;
    }
-   if (!read_toml(*this)) return;
+   if (!read_toml(*this))
+      return;
    apply_overrides(*this);
    check_schema(*this);
    check_rules(*this);
@@ -83,15 +90,18 @@ void Deck::close() {
    std::stable_sort(complaints_.begin(), complaints_.end(),
                     [](const Complaint &a, const Complaint &b) { return a.order < b.order; });
    std::vector<std::string> lines;
-   for (const Complaint &complaint : complaints_) lines.push_back(complaint.text);
+   for (const Complaint &complaint : complaints_)
+      lines.push_back(complaint.text);
    message = join(lines, "\n");
-   if (!lines.empty()) status = Status::input;
+   if (!lines.empty())
+      status = Status::input;
 }
 
 void Deck::complain(const Origin &origin, const std::string &address, const std::string &what) {
    const int order = origin.set.empty() ? origin.line : std::numeric_limits<int>::max();
    const std::string column = origin.column > 0 ? ":" + std::to_string(origin.column) : "";
-   complaints_.push_back({order, where(origin) + column + ": " + (address.empty() ? "" : address + ": ") + what});
+   complaints_.push_back(
+       {order, where(origin) + column + ": " + (address.empty() ? "" : address + ": ") + what});
 }
 
 std::string Deck::where(const Origin &origin) const {
@@ -102,21 +112,25 @@ std::string Deck::address(const Section &section, const std::string &key) const 
    std::string all = section.spec->name;
    if (section.spec->many) {
       int count = 0;
-      for (const Section &other : sections) count += other.spec == section.spec;
-      const std::string label = section.spec->named_by.empty() ? "" : section.text(section.spec->named_by);
-      if (!label.empty()) {
+      for (const Section &other : sections)
+         count += other.spec == section.spec;
+      const std::string label =
+          section.spec->named_by.empty() ? "" : section.text(section.spec->named_by);
+      if (!is_blank(label)) {
          all += "." + label;
       } else if (count > 1) {
          all += "." + std::to_string(section.index);
       }
    }
-   if (key.empty()) return all;
+   if (key.empty())
+      return all;
    return all.empty() ? key : all + "." + key;
 }
 
 const Section *Deck::single(const std::string &table) const {
    for (const Section &section : sections) {
-      if (section.spec->name == table && !section.spec->many) return &section;
+      if (section.spec->name == table && !section.spec->many)
+         return &section;
    }
    return nullptr;
 }
@@ -124,7 +138,8 @@ const Section *Deck::single(const std::string &table) const {
 std::vector<Section *> Deck::entries(const std::string &table) {
    std::vector<Section *> found;
    for (Section &section : sections) {
-      if (section.spec->name == table) found.push_back(&section);
+      if (section.spec->name == table)
+         found.push_back(&section);
    }
    return found;
 }
@@ -132,7 +147,8 @@ std::vector<Section *> Deck::entries(const std::string &table) {
 std::string Deck::lookup(const Section &section, const std::string &key) const {
    const std::size_t dot = key.find('.');
    const Section *place = dot == std::string::npos ? &section : single(key.substr(0, dot));
-   const Value *value = place ? place->find(dot == std::string::npos ? key : key.substr(dot + 1)) : nullptr;
+   const Value *value =
+       place ? place->find(dot == std::string::npos ? key : key.substr(dot + 1)) : nullptr;
    return value ? value->plain() : "";
 }
 

@@ -59,7 +59,7 @@ const std::vector<TableSpec> &schema();
 // Where something was written: a line of the deck, or an override
 struct Origin {
    int line = 1;
-   int column = 0; // 0: the line says enough
+   int column = 0;  // 0: the line says enough
    std::string set; // "--set key=value"; empty for the deck
 };
 
@@ -86,10 +86,10 @@ struct Value {
 // One table of the deck, or one entry of an array of tables
 struct Section {
    const TableSpec *spec = nullptr;
-   int index = 0;    // from 1; 0 for a table that comes once
+   int index = 0; // from 1; 0 for a table that comes once
    Origin origin;
    std::map<std::string, Value> values;
-   std::set<std::string> refused; // keys whose value was complained about
+   std::set<std::string> refused;                       // keys whose value was complained about
    std::vector<std::pair<std::string, Origin>> unknown; // keys that the schema does not have
 
    const Value *find(const std::string &key) const;
@@ -100,7 +100,7 @@ enum class Status { good = 0, input = 2, file = 3 };
 
 // A deck that was read; all its complaints, or its values
 class Deck {
-public:
+ public:
    Deck(std::string name, std::string text, std::vector<std::string> overrides);
    static Deck read(const std::string &path, std::vector<std::string> overrides);
 
@@ -115,12 +115,12 @@ public:
 
    std::string name, text, sha256, folder;
    std::vector<std::string> overrides;
-   std::vector<Section> sections; // in the order of the schema
+   std::vector<Section> sections;   // in the order of the schema
    std::set<std::string> misshapen; // tables that are something else in the deck
    Status status = Status::good;
    std::string message; // all complaints, a line each, in the order of the deck
 
-private:
+ private:
    explicit Deck(std::string path) : name(std::move(path)) {}
    struct Complaint {
       int order;
@@ -147,13 +147,15 @@ void check_rules(Deck &deck);
 
 // deck_text.cpp
 std::string sha256_hex(const std::string &bytes);
-// "; did you mean 'x'?" where one is near, otherwise "; <otherwise> a, b, c" (nothing where that is "")
+// "; did you mean 'x'?" where one is near, otherwise "; <otherwise> a, b, c" (nothing where that is
+// "")
 std::string suggest(const std::string &word, const std::vector<std::string> &known,
                     const std::string &otherwise);
 // "unknown key", and the nearest one or the table it belongs to
 std::string unknown_key(const TableSpec &table, const std::string &key);
 // "; did you mean ...?" for a deck that is not there
 std::string similar_file(const std::string &path);
+bool is_blank(const std::string &text);
 std::string join(const std::vector<std::string> &words, const char *separator);
 std::string quoted(const std::string &word);
 

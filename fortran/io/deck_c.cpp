@@ -41,19 +41,25 @@ int kind_of(const rk::KeySpec &spec, const rk::Value &value) {
 
 Entry flatten(const rk::Value &value) {
    Entry entry;
-   if (value.is_number()) entry.numbers = {value.number()};
-   if (value.kind == rk::Value::Kind::boolean) entry.numbers = {value.boolean ? 1.0 : 0.0};
-   if (value.kind == rk::Value::Kind::text) entry.text = value.text;
+   if (value.is_number())
+      entry.numbers = {value.number()};
+   if (value.kind == rk::Value::Kind::boolean)
+      entry.numbers = {value.boolean ? 1.0 : 0.0};
+   if (value.kind == rk::Value::Kind::text)
+      entry.text = value.text;
    for (const rk::Value &item : value.items) {
-      if (item.is_number()) entry.numbers.push_back(item.number());
-      else entry.text += item.text + "\n";
+      if (item.is_number())
+         entry.numbers.push_back(item.number());
+      else
+         entry.text += item.text + "\n";
    }
    return entry;
 }
 
 void add_section(Flat &flat, const rk::Section &section) {
    std::string prefix = section.spec->name;
-   if (section.spec->many) prefix += "." + std::to_string(section.index);
+   if (section.spec->many)
+      prefix += "." + std::to_string(section.index);
    if (!prefix.empty()) {
       Entry table;
       table.key = prefix;
@@ -62,7 +68,8 @@ void add_section(Flat &flat, const rk::Section &section) {
    }
    for (const rk::KeySpec &spec : section.spec->keys) {
       const rk::Value *value = section.find(spec.name);
-      if (!value) continue;
+      if (!value)
+         continue;
       Entry entry = flatten(*value);
       entry.key = prefix.empty() ? spec.name : prefix + "." + spec.name;
       entry.where = flat.deck.where(value->origin);
@@ -73,7 +80,8 @@ void add_section(Flat &flat, const rk::Section &section) {
 
 Flat *open(rk::Deck deck) {
    Flat *flat = new Flat{std::move(deck), {}};
-   if (flat->deck.status != rk::Status::good) return flat;
+   if (flat->deck.status != rk::Status::good)
+      return flat;
    for (const rk::TableSpec &spec : rk::schema()) {
       const std::vector<rk::Section *> sections = flat->deck.entries(spec.name);
       if (spec.many) {
@@ -84,7 +92,8 @@ Flat *open(rk::Deck deck) {
          list.numbers = {static_cast<double>(sections.size())};
          flat->entries.push_back(list);
       }
-      for (const rk::Section *section : sections) add_section(*flat, *section);
+      for (const rk::Section *section : sections)
+         add_section(*flat, *section);
    }
    return flat;
 }
@@ -94,7 +103,8 @@ std::vector<std::string> lines(const char *text) {
    std::vector<std::string> found;
    std::istringstream stream(text);
    for (std::string line; std::getline(stream, line);) {
-      if (!line.empty()) found.push_back(line);
+      if (!line.empty())
+         found.push_back(line);
    }
    return found;
 }
@@ -148,7 +158,9 @@ int rk_deck_entry(const void *handle, int index, const char **key, const char **
    return entry.kind;
 }
 
-void rk_deck_close(void *handle) { delete static_cast<Flat *>(handle); }
+void rk_deck_close(void *handle) {
+   delete static_cast<Flat *>(handle);
+}
 
 // Tables that a command needs, a line each
 const char *rk_deck_needed(const char *command) {
@@ -156,7 +168,8 @@ const char *rk_deck_needed(const char *command) {
    tables.clear();
    for (const rk::TableSpec &spec : rk::schema()) {
       for (const std::string &user : spec.needed_by) {
-         if (user == command) tables += spec.name + "\n";
+         if (user == command)
+            tables += spec.name + "\n";
       }
    }
    return tables.c_str();

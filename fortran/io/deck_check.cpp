@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <set>
 
 namespace rk {
 
@@ -50,20 +51,25 @@ static std::string refusal(const KeySpec &key, const Value &value) {
    default:
       fits = number;
    }
-   if (!fits) return std::string("must be ") + wanted(key) + ", not " + value.described();
-   if (value.kind == Value::Kind::text && value.text.find_first_not_of(" \t\r\n") == std::string::npos)
+   if (!fits)
+      return std::string("must be ") + wanted(key) + ", not " + value.described();
+   if (value.kind == Value::Kind::text && is_blank(value.text))
       return "must not be empty";
    if (!key.choices.empty() && !(key.or_number && number)) {
       const std::string word = value.plain();
       if (std::find(key.choices.begin(), key.choices.end(), word) == key.choices.end()) {
-         return "must be " + std::string(key.choices.size() > 1 ? "one of " : "") + join(key.choices, ", ") + ", not " +
-                value.described() + suggest(word, key.choices, "");
+         return "must be " + std::string(key.choices.size() > 1 ? "one of " : "") +
+                join(key.choices, ", ") + ", not " + value.described() +
+                suggest(word, key.choices, "");
       }
    }
-   if (!number) return "";
+   if (!number)
+      return "";
    const double x = value.number();
-   if (!std::isfinite(x)) return "must be a finite number, not " + value.plain();
-   if (value.kind == Value::Kind::integer && (key.type == Type::integer || key.type == Type::integers) &&
+   if (!std::isfinite(x))
+      return "must be a finite number, not " + value.plain();
+   if (value.kind == Value::Kind::integer &&
+       (key.type == Type::integer || key.type == Type::integers) &&
        std::abs(x) > std::numeric_limits<std::int32_t>::max())
       return "must be below 2147483648 in size, not " + value.plain();
    auto plain = [](double bound) {
@@ -73,10 +79,14 @@ static std::string refusal(const KeySpec &key, const Value &value) {
       return v.plain();
    };
    std::vector<std::string> bounds;
-   if (key.min) bounds.push_back("at least " + plain(*key.min));
-   if (key.above) bounds.push_back("greater than " + plain(*key.above));
-   if (key.max) bounds.push_back("at most " + plain(*key.max));
-   if (key.below) bounds.push_back("less than " + plain(*key.below));
+   if (key.min)
+      bounds.push_back("at least " + plain(*key.min));
+   if (key.above)
+      bounds.push_back("greater than " + plain(*key.above));
+   if (key.max)
+      bounds.push_back("at most " + plain(*key.max));
+   if (key.below)
+      bounds.push_back("less than " + plain(*key.below));
    if ((key.min && x < *key.min) || (key.above && x <= *key.above) || (key.max && x > *key.max) ||
        (key.below && x >= *key.below))
       return "must be " + join(bounds, " and ") + ", not " + value.plain();
@@ -85,21 +95,24 @@ static std::string refusal(const KeySpec &key, const Value &value) {
 
 // Why a value cannot be, lengths apart; "" where it can
 static std::string refusal_of(const KeySpec &key, const Value &value) {
-   if (!is_array(key.type) || (key.scalar && value.is_number())) return refusal(key, value);
+   if (!is_array(key.type) || (key.scalar && value.is_number()))
+      return refusal(key, value);
    if (value.kind != Value::Kind::array)
       return "must be " + wanted(key) + ", not " + value.described();
+   // an array that may be empty is so by default
+   if (value.items.empty() && key.default_toml != "[]")
+      return "must not be empty";
+   KeySpec item_key = key;
+   item_key.type = key.type == Type::texts      ? Type::text
+                   : key.type == Type::integers ? Type::integer
+                                                : Type::number;
    for (std::size_t i = 0; i < value.items.size(); ++i) {
-      const KeySpec item_key = [&] {
-         KeySpec copy = key;
-         copy.type = key.type == Type::texts ? Type::text
-                     : key.type == Type::integers ? Type::integer : Type::number;
-         return copy;
-      }();
       const std::string what = refusal(item_key, value.items[i]);
-      if (!what.empty()) return "item " + std::to_string(i + 1) + " " + what;
+      if (!what.empty())
+         return "item " + std::to_string(i + 1) + " " + what;
    }
-   if (key.nonzero && !value.items.empty() &&
-       std::all_of(value.items.begin(), value.items.end(), [](const Value &item) { return item.number() == 0.0; }))
+   if (key.nonzero && std::all_of(value.items.begin(), value.items.end(),
+                                  [](const Value &item) { return item.number() == 0.0; }))
       return "must not be zero";
    return "";
 }
@@ -109,13 +122,16 @@ static void check_values(Deck &deck, Section &section) {
       deck.complain(origin, deck.address(section, key), unknown_key(*section.spec, key));
    for (const KeySpec &key : section.spec->keys) {
       const Value *value = section.find(key.name);
-      if (!value) continue;
+      if (!value)
+         continue;
       const std::string what = refusal_of(key, *value);
-      if (what.empty()) continue;
+      if (what.empty())
+         continue;
       deck.complain(value->origin, deck.address(section, key.name), what);
       section.refused.insert(key.name);
    }
-   for (const std::string &key : section.refused) section.values.erase(key);
+   for (const std::string &key : section.refused)
+      section.values.erase(key);
 }
 
 static std::string spelled(const Condition &condition) {
@@ -128,57 +144,80 @@ static const Condition *failing(const Deck &deck, const Section &section,
                                 const std::vector<Condition> &conditions, bool unknown) {
    for (const Condition &condition : conditions) {
       const std::string value = deck.lookup(section, condition.key);
-      if (value.empty() && unknown) continue;
+      if (value.empty() && unknown)
+         continue;
       const auto &list = condition.values;
-      if (std::find(list.begin(), list.end(), value) == list.end()) return &condition;
+      if (std::find(list.begin(), list.end(), value) == list.end())
+         return &condition;
    }
    return nullptr;
 }
 
 static void fill_default(Section &section, const KeySpec &key) {
-   if (!key.default_toml || section.find(key.name) || section.refused.count(key.name)) return;
+   if (!key.default_toml || section.find(key.name) || section.refused.count(key.name))
+      return;
    Value value = *parse_value(*key.default_toml);
    value.origin = section.origin;
    section.values[key.name] = value;
 }
 
-// Keys that are missing or out of place, given the values of others
-static void check_presence(Deck &deck, Section &section) {
+// Keys that are missing or out of place, given the values of others; returns those complained about
+static std::set<std::string> check_presence(Deck &deck, Section &section) {
+   std::set<std::string> wrong;
    for (const KeySpec &key : section.spec->keys) {
       const Value *value = section.find(key.name);
-      if (const Condition *wrong = failing(deck, section, key.only_if, true)) {
-         if (value) {
-            deck.complain(value->origin, deck.address(section, key.name), "only for " + spelled(*wrong) + "; here " +
-                          wrong->key + " = " + deck.lookup(section, wrong->key));
-         }
+      const std::string address = deck.address(section, key.name);
+      if (const Condition *broken = failing(deck, section, key.only_if, true)) {
+         if (!value)
+            continue;
+         deck.complain(value->origin, address,
+                       "only for " + spelled(*broken) + "; here " + broken->key + " = " +
+                           deck.lookup(section, broken->key));
+         wrong.insert(key.name);
          continue;
       }
-      if (value || section.refused.count(key.name)) continue;
-      const bool conditional = !key.required_if.empty() && !failing(deck, section, key.required_if, false);
+      if (value || section.refused.count(key.name))
+         continue;
+      const bool conditional =
+          !key.required_if.empty() && !failing(deck, section, key.required_if, false);
       if (key.required || conditional) {
-         std::string why = conditional && !key.required ? " for " : "";
-         if (!why.empty()) why += key.required_if.front().key + " = " + deck.lookup(section, key.required_if.front().key);
-         deck.complain(section.origin, deck.address(section, key.name), "missing, " + wanted(key) + " is needed" + why +
-                       (key.choices.empty() ? "" : ": " + join(key.choices, ", ")));
-      } else if (failing(deck, section, key.only_if, false) == nullptr) {
+         std::string what = "missing, " + wanted(key) + " is needed";
+         if (!key.required) {
+            const std::string &other = key.required_if.front().key;
+            what += " for " + other + " = " + deck.lookup(section, other);
+         }
+         if (!key.choices.empty())
+            what += ": " + join(key.choices, ", ");
+         deck.complain(section.origin, address, what);
+         wrong.insert(key.name);
+      } else if (!failing(deck, section, key.only_if, false)) {
          fill_default(section, key);
       }
    }
-   auto present = [&](const std::vector<std::string> &keys) {
+   return wrong;
+}
+
+// Keys of which some, or only some, must be there; silent about those in `wrong`
+static void check_groups(Deck &deck, const Section &section, const std::set<std::string> &wrong) {
+   const auto is_wrong = [&](const std::string &key) { return wrong.count(key) > 0; };
+   const auto present = [&](const std::vector<std::string> &keys) {
       std::vector<std::string> found;
       for (const std::string &key : keys) {
-         if (section.find(key) || section.refused.count(key)) found.push_back(key);
+         if ((section.find(key) || section.refused.count(key)) && !is_wrong(key))
+            found.push_back(key);
       }
       return found;
    };
-   if (!section.spec->at_least.empty() && present(section.spec->at_least).empty())
-      deck.complain(section.origin, deck.address(section), "needs one of the keys " + join(section.spec->at_least, ", "));
+   const std::vector<std::string> &some = section.spec->at_least;
+   if (!some.empty() && present(some).empty() && std::none_of(some.begin(), some.end(), is_wrong))
+      deck.complain(section.origin, deck.address(section),
+                    "needs one of the keys " + join(some, ", "));
    const std::vector<std::string> together = present(section.spec->at_most);
-   if (together.size() > 1) {
-      const Value *last = section.find(together.back());
-      deck.complain(last ? last->origin : section.origin, deck.address(section, together.back()),
-                    "cannot be given beside " + together.front());
-   }
+   if (together.size() < 2)
+      return;
+   const Value *last = section.find(together.back());
+   deck.complain(last ? last->origin : section.origin, deck.address(section, together.back()),
+                 "cannot be given beside " + together.front());
 }
 
 static void check_length(Deck &deck, Section &section, const KeySpec &key, Value &value) {
@@ -187,7 +226,8 @@ static void check_length(Deck &deck, Section &section, const KeySpec &key, Value
    if (length == dimension_length) {
       const Section *scene = deck.single("scene");
       const Value *dimension = scene ? scene->find("dimension") : nullptr;
-      if (!dimension) return;
+      if (!dimension)
+         return;
       length = static_cast<int>(dimension->integer);
       because = " (scene.dimension = " + std::to_string(length) + ")";
    }
@@ -198,26 +238,31 @@ static void check_length(Deck &deck, Section &section, const KeySpec &key, Value
       array.items.assign(static_cast<std::size_t>(length), value);
       value = array;
    }
-   if (length == any_length || value.items.size() == static_cast<std::size_t>(length)) return;
+   if (length == any_length || value.items.size() == static_cast<std::size_t>(length))
+      return;
    deck.complain(value.origin, deck.address(section, key.name),
-                 "must have " + std::to_string(length) + " items" + because + ", not " + std::to_string(value.items.size()));
+                 "must have " + std::to_string(length) + " items" + because + ", not " +
+                     std::to_string(value.items.size()));
    section.refused.insert(key.name);
 }
 
 static void check_names(Deck &deck, Section &section, const KeySpec &key, const Value &value) {
    if (!key.refers_to.empty()) {
       std::vector<std::string> names;
-      for (Section *entry : deck.entries(key.refers_to)) names.push_back(entry->text(entry->spec->named_by));
+      for (Section *entry : deck.entries(key.refers_to))
+         names.push_back(entry->text(entry->spec->named_by));
       if (std::find(names.begin(), names.end(), value.text) == names.end())
-         deck.complain(value.origin, deck.address(section, key.name), "no [[" + key.refers_to + "]] is called " +
-                       quoted(value.text) + suggest(value.text, names, "there are:"));
+         deck.complain(value.origin, deck.address(section, key.name),
+                       "no [[" + key.refers_to + "]] is called " + quoted(value.text) +
+                           suggest(value.text, names, "there are:"));
    }
    if (key.unique || section.spec->named_by == key.name) {
       for (Section *other : deck.entries(section.spec->name)) {
          const Value *earlier = other->index < section.index ? other->find(key.name) : nullptr;
          if (earlier && earlier->plain() == value.plain()) {
             deck.complain(value.origin, deck.address(section, key.name),
-                          value.described() + " is taken already, by " + deck.where(earlier->origin));
+                          value.described() + " is taken already, by " +
+                              deck.where(earlier->origin));
             break;
          }
       }
@@ -226,32 +271,43 @@ static void check_names(Deck &deck, Section &section, const KeySpec &key, const 
 
 void check_schema(Deck &deck) {
    for (const TableSpec &spec : schema()) {
-      if (spec.many || !deck.entries(spec.name).empty()) continue;
-      const bool fillable = std::none_of(spec.keys.begin(), spec.keys.end(), [](const KeySpec &key) { return key.required; });
+      if (spec.many || !deck.entries(spec.name).empty())
+         continue;
+      const bool fillable = std::none_of(spec.keys.begin(), spec.keys.end(),
+                                         [](const KeySpec &key) { return key.required; });
       if (spec.required && !deck.misshapen.count(spec.name))
          deck.complain({}, spec.name, "missing, the table " + spec.title() + " is needed");
-      if (!fillable) continue;
+      if (!fillable)
+         continue;
       Section section;
       section.spec = &spec;
       deck.sections.push_back(section);
    }
-   std::stable_sort(deck.sections.begin(), deck.sections.end(), [](const Section &a, const Section &b) { return a.spec < b.spec; });
+   std::stable_sort(deck.sections.begin(), deck.sections.end(),
+                    [](const Section &a, const Section &b) { return a.spec < b.spec; });
 
-   for (Section &section : deck.sections) check_values(deck, section);
+   for (Section &section : deck.sections)
+      check_values(deck, section);
    for (Section &section : deck.sections) {
       for (const KeySpec &key : section.spec->keys) {
-         if (key.only_if.empty()) fill_default(section, key);
+         if (key.only_if.empty())
+            fill_default(section, key);
       }
    }
-   for (Section &section : deck.sections) check_presence(deck, section);
+   for (Section &section : deck.sections)
+      check_groups(deck, section, check_presence(deck, section));
    for (Section &section : deck.sections) {
       for (const KeySpec &key : section.spec->keys) {
          const auto found = section.values.find(key.name);
-         if (found == section.values.end()) continue;
-         if (is_array(key.type)) check_length(deck, section, key, found->second);
-         else check_names(deck, section, key, found->second);
+         if (found == section.values.end())
+            continue;
+         if (is_array(key.type))
+            check_length(deck, section, key, found->second);
+         else
+            check_names(deck, section, key, found->second);
       }
-      for (const std::string &key : section.refused) section.values.erase(key);
+      for (const std::string &key : section.refused)
+         section.values.erase(key);
    }
 }
 

@@ -7,15 +7,18 @@ namespace rk {
 
 static std::string trim(const std::string &text) {
    const std::size_t first = text.find_first_not_of(" \t\r\n");
-   if (first == std::string::npos) return "";
+   if (first == std::string::npos)
+      return "";
    return text.substr(first, text.find_last_not_of(" \t\r\n") - first + 1);
 }
 
 // A TOML value where it is one; a plain word, or anything for a key of type text, stands for itself
 static Value read_value(const std::string &text, const KeySpec &key) {
    std::optional<Value> value = parse_value(text);
-   const bool wants_text = key.type == Type::text && !(key.or_number && value && value->is_number());
-   if (value && (!wants_text || value->kind == Value::Kind::text)) return *value;
+   const bool wants_text =
+       key.type == Type::text && !(key.or_number && value && value->is_number());
+   if (value && (!wants_text || value->kind == Value::Kind::text))
+      return *value;
    Value word;
    word.text = text;
    return word;
@@ -28,7 +31,8 @@ static Section *find_section(Deck &deck, const Origin &origin, const std::string
    std::vector<Section *> entries = deck.entries(spec.name);
    if (!spec.many) {
       if (!middle.empty()) {
-         deck.complain(origin, address, "[" + spec.name + "] comes once, write " + spec.name + ".key=value");
+         deck.complain(origin, address,
+                       "[" + spec.name + "] comes once, write " + spec.name + ".key=value");
          return nullptr;
       }
       if (entries.empty()) {
@@ -46,17 +50,23 @@ static Section *find_section(Deck &deck, const Origin &origin, const std::string
       deck.complain(origin, address, "the deck has no [[" + spec.name + "]]");
       return nullptr;
    }
-   if (middle.empty()) return entries.front();
+   if (middle.empty())
+      return entries.front();
    std::vector<std::string> names;
    for (Section *entry : entries) {
       const std::string name = spec.named_by.empty() ? "" : entry->text(spec.named_by);
-      if (name == middle) return entry;
-      if (!name.empty()) names.push_back(name);
+      if (name == middle)
+         return entry;
+      if (!name.empty())
+         names.push_back(name);
    }
    for (Section *entry : entries) {
-      if (std::to_string(entry->index) == middle) return entry;
+      if (std::to_string(entry->index) == middle)
+         return entry;
    }
-   deck.complain(origin, address, "no [[" + spec.name + "]] is called " + quoted(middle) + suggest(middle, names, "there are:"));
+   deck.complain(origin, address,
+                 "no [[" + spec.name + "]] is called " + quoted(middle) +
+                     suggest(middle, names, "there are:"));
    return nullptr;
 }
 
@@ -77,8 +87,10 @@ static void apply(Deck &deck, const std::string &text) {
    const TableSpec *spec = nullptr;
    std::vector<std::string> tables;
    for (const TableSpec &candidate : schema()) {
-      if (candidate.name == table) spec = &candidate;
-      if (!candidate.name.empty()) tables.push_back(candidate.name);
+      if (candidate.name == table)
+         spec = &candidate;
+      if (!candidate.name.empty())
+         tables.push_back(candidate.name);
    }
    if (!spec) {
       deck.complain(origin, table, "unknown table" + suggest(table, tables, "known tables are:"));
@@ -94,14 +106,16 @@ static void apply(Deck &deck, const std::string &text) {
       return;
    }
    Section *section = find_section(deck, origin, address, *spec, middle);
-   if (!section) return;
+   if (!section)
+      return;
    Value value = read_value(trim(text.substr(equals + 1)), *key_spec);
    value.origin = origin;
    section->values[key] = value;
 }
 
 void apply_overrides(Deck &deck) {
-   for (const std::string &text : deck.overrides) apply(deck, text);
+   for (const std::string &text : deck.overrides)
+      apply(deck, text);
 }
 
 } // namespace rk

@@ -27,9 +27,12 @@ static double number_of(const Section *section, const std::string &key, double o
 
 // Names of the faces; empty for a model file, whose sets are not known here
 static std::vector<std::string> sets_of(const std::string &kind, int dimension) {
-   if (kind == "annulus") return {"inner", "outer", "x0", "y0"};
-   if (kind == "box" && dimension == 2) return {"x0", "x1", "y0", "y1"};
-   if (kind == "box") return {"x0", "x1", "y0", "y1", "z0", "z1"};
+   if (kind == "annulus")
+      return {"inner", "outer", "x0", "y0"};
+   if (kind == "box" && dimension == 2)
+      return {"x0", "x1", "y0", "y1"};
+   if (kind == "box")
+      return {"x0", "x1", "y0", "y1", "z0", "z1"};
    return {};
 }
 
@@ -45,57 +48,71 @@ static void check_materials(Deck &deck, const std::string &kind, int dimension) 
          material->values["fiber"] = dimension == 2 ? numbers({across, along, 0.0}, angle->origin)
                                                     : numbers({across, 0.0, along}, angle->origin);
       }
-      if (material->text("model") == "muscle" && (kind == "box" || kind == "annulus") && !material->find("fiber") &&
-          !material->refused.count("fiber") && !material->refused.count("fiber_angle"))
+      if (material->text("model") == "muscle" && (kind == "box" || kind == "annulus") &&
+          !material->find("fiber") && !material->refused.count("fiber") &&
+          !material->refused.count("fiber_angle"))
          deck.complain(material->origin, deck.address(*material, "fiber"),
-                       "missing, a muscle in geometry.kind = " + kind + " needs fiber or fiber_angle");
+                       "missing, a muscle in geometry.kind = " + kind +
+                           " needs fiber or fiber_angle");
    }
 }
 
 static void check_sets(Deck &deck, const std::string &kind, int dimension) {
    const std::vector<std::string> sets = sets_of(kind, dimension);
-   if (sets.empty()) return;
+   if (sets.empty())
+      return;
    for (const char *table : {"boundary", "probe"}) {
       for (Section *section : deck.entries(table)) {
          const Value *set = section->find("set");
-         if (!set || std::find(sets.begin(), sets.end(), set->text) != sets.end()) continue;
-         deck.complain(set->origin, deck.address(*section, "set"), quoted(set->text) + " is no side of this " + kind +
-                       suggest(set->text, sets, "there are:"));
+         if (!set || std::find(sets.begin(), sets.end(), set->text) != sets.end())
+            continue;
+         deck.complain(set->origin, deck.address(*section, "set"),
+                       quoted(set->text) + " is no side of this " + kind + "; there are " +
+                           join(sets, ", "));
       }
    }
    for (Section *section : deck.entries("boundary")) {
       const Value *radial = section->find("radial");
-      if (!radial) continue;
+      if (!radial || kind != "annulus")
+         continue;
       const std::string set = section->text("set");
       if (set == "x0" || set == "y0")
-         deck.complain(radial->origin, deck.address(*section, "radial"), "only on the sets inner and outer");
+         deck.complain(radial->origin, deck.address(*section, "radial"),
+                       "only on the sets inner and outer");
       else if (section->find("u_x") || section->find("u_y"))
-         deck.complain(radial->origin, deck.address(*section, "radial"), "cannot be given beside u_x or u_y");
+         deck.complain(radial->origin, deck.address(*section, "radial"),
+                       "cannot be given beside u_x or u_y");
    }
 }
 
 static void check_points(Deck &deck, const Section &geometry, int dimension) {
    const Value *size = geometry.find("size");
-   const double inner = number_of(&geometry, "inner_radius", 0.0), outer = number_of(&geometry, "outer_radius", 0.0);
+   const double inner = number_of(&geometry, "inner_radius", 0.0),
+                outer = number_of(&geometry, "outer_radius", 0.0);
    // Points on the surface may be off it by rounding
    const double slack = 1e-9;
    for (Section *probe : deck.entries("probe")) {
       const std::string quantity = probe->text("quantity");
       if (dimension == 2 && (quantity == "u_z" || quantity == "force_z"))
-         deck.complain(probe->find("quantity")->origin, deck.address(*probe, "quantity"), quantity + " is always zero in two dimensions");
+         deck.complain(probe->find("quantity")->origin, deck.address(*probe, "quantity"),
+                       quantity + " is always zero in two dimensions");
       const Value *point = probe->find("point");
-      if (!point) continue;
+      if (!point)
+         continue;
       bool inside = true;
       for (std::size_t i = 0; size && i < std::min(size->items.size(), point->items.size()); ++i) {
          const double edge = size->items[i].number(), x = point->items[i].number();
          inside = inside && x >= -slack * edge && x <= (1.0 + slack) * edge;
       }
       if (geometry.text("kind") == "annulus" && point->items.size() == 2 && outer > inner) {
-         const double x = point->items[0].number(), y = point->items[1].number(), r = std::hypot(x, y);
-         inside = x >= -slack * outer && y >= -slack * outer && r >= inner - slack * outer && r <= outer + slack * outer;
+         const double x = point->items[0].number(), y = point->items[1].number(),
+                      r = std::hypot(x, y);
+         inside = x >= -slack * outer && y >= -slack * outer && r >= inner - slack * outer &&
+                  r <= outer + slack * outer;
       }
       if (!inside)
-         deck.complain(point->origin, deck.address(*probe, "point"), point->plain() + " lies outside the " + geometry.text("kind"));
+         deck.complain(point->origin, deck.address(*probe, "point"),
+                       point->plain() + " lies outside the " + geometry.text("kind"));
    }
 }
 
@@ -103,11 +120,36 @@ static void check_geometry(Deck &deck, const Section &geometry, int dimension) {
    const Value *inner = geometry.find("inner_radius"), *outer = geometry.find("outer_radius");
    if (inner && outer && outer->number() <= inner->number())
       deck.complain(outer->origin, deck.address(geometry, "outer_radius"),
-                    "must be greater than inner_radius = " + inner->plain() + ", not " + outer->plain());
+                    "must be greater than inner_radius = " + inner->plain() + ", not " +
+                        outer->plain());
    const Value *kind = geometry.find("kind");
-   if (kind && kind->text != "box" && dimension != 0 && dimension != (kind->text == "annulus" ? 2 : 3))
-      deck.complain(kind->origin, deck.address(geometry, "kind"), kind->text + " needs scene.dimension = " +
-                    (kind->text == "annulus" ? "2" : "3") + ", not " + std::to_string(dimension));
+   if (kind && kind->text != "box" && dimension != 0 &&
+       dimension != (kind->text == "annulus" ? 2 : 3))
+      deck.complain(kind->origin, deck.address(geometry, "kind"),
+                    kind->text +
+                        " needs scene.dimension = " + (kind->text == "annulus" ? "2" : "3") +
+                        ", not " + std::to_string(dimension));
+}
+
+// A probe must have what an exact solution or a reference is compared with
+static void check_compared(Deck &deck) {
+   for (const char *table : {"exact", "reference"}) {
+      for (Section *section : deck.entries(table)) {
+         const bool exact = section->spec->name == "exact";
+         const std::string name = section->text("probe");
+         for (Section *probe : deck.entries("probe")) {
+            const std::string quantity = probe->text("quantity");
+            const bool vector = quantity == "u" || quantity == "force";
+            const bool local = quantity[0] != 'u' && quantity.compare(0, 5, "force") != 0;
+            if (probe->text("name") != name || quantity.empty() || (exact ? local : !vector))
+               continue;
+            deck.complain(section->find("probe")->origin, deck.address(*section, "probe"),
+                          quoted(name) + " is of " + quantity + ", " +
+                              (exact ? "which a homogeneous solution does not give"
+                                     : "three numbers; choose a component"));
+         }
+      }
+   }
 }
 
 static void check_references(Deck &deck) {
@@ -116,14 +158,18 @@ static void check_references(Deck &deck) {
       const Value *activation = reference->find("activation"), *value = reference->find("value");
       const Value *load = activation ? activation : reference->find("load");
       if (load && value && load->items.size() != value->items.size())
-         deck.complain(value->origin, deck.address(*reference, "value"), "must have as many items as " +
-                       std::string(activation ? "activation" : "load") + ", " + std::to_string(load->items.size()) +
-                       ", not " + std::to_string(value->items.size()));
-      if (!activation) continue;
+         deck.complain(value->origin, deck.address(*reference, "value"),
+                       "must have as many items as " +
+                           std::string(activation ? "activation" : "load") + ", " +
+                           std::to_string(load->items.size()) + ", not " +
+                           std::to_string(value->items.size()));
+      if (!activation)
+         continue;
       std::vector<double> fractions;
       // without activation the run meets none of them
       for (const Value &item : activation->items) {
-         if (full > 0.0) fractions.push_back(item.number() / full);
+         if (full > 0.0)
+            fractions.push_back(item.number() / full);
       }
       reference->values["load"] = numbers(fractions, activation->origin);
    }
@@ -135,8 +181,10 @@ void check_rules(Deck &deck) {
    const std::string kind = geometry ? geometry->text("kind") : "";
    check_materials(deck, kind, dimension);
    check_sets(deck, kind, dimension);
+   check_compared(deck);
    check_references(deck);
-   if (!geometry) return;
+   if (!geometry)
+      return;
    check_geometry(deck, *geometry, dimension);
    check_points(deck, *geometry, dimension);
 }

@@ -13,11 +13,19 @@ namespace rk {
 
 std::string join(const std::vector<std::string> &words, const char *separator) {
    std::string all;
-   for (const std::string &word : words) all += (all.empty() ? "" : separator) + word;
+   for (const std::string &word : words)
+      all += (all.empty() ? "" : separator) + word;
    return all;
 }
 
-std::string quoted(const std::string &word) { return "'" + word + "'"; }
+bool is_blank(const std::string &text) {
+   // the last three are a byte order mark
+   return text.find_first_not_of(" \t\r\n\xef\xbb\xbf") == std::string::npos;
+}
+
+std::string quoted(const std::string &word) {
+   return "'" + word + "'";
+}
 
 // Number of inserted, removed, changed or swapped letters between two words, case ignored
 static std::size_t distance(const std::string &a, const std::string &b) {
@@ -31,7 +39,8 @@ static std::size_t distance(const std::string &a, const std::string &b) {
          }
          const bool same = lower(a[i - 1]) == lower(b[j - 1]);
          d[i][j] = std::min({d[i - 1][j] + 1, d[i][j - 1] + 1, d[i - 1][j - 1] + (same ? 0 : 1)});
-         if (i > 1 && j > 1 && lower(a[i - 1]) == lower(b[j - 2]) && lower(a[i - 2]) == lower(b[j - 1]))
+         if (i > 1 && j > 1 && lower(a[i - 1]) == lower(b[j - 2]) &&
+             lower(a[i - 2]) == lower(b[j - 1]))
             d[i][j] = std::min(d[i][j], d[i - 2][j - 2] + 1);
       }
    }
@@ -45,19 +54,24 @@ std::string suggest(const std::string &word, const std::vector<std::string> &kno
    for (const std::string &candidate : known) {
       const bool begins = word.size() > 2 && candidate.compare(0, word.size(), word) == 0;
       const std::size_t steps = begins ? 1 : distance(word, candidate);
-      if (steps > nearest) continue;
-      if (steps < nearest) best.clear();
+      if (steps > nearest)
+         continue;
+      if (steps < nearest)
+         best.clear();
       nearest = steps;
       best.push_back(quoted(candidate));
    }
-   if (!best.empty() && best.size() < 4) return "; did you mean " + join(best, " or ") + "?";
-   if (otherwise.empty() || known.empty()) return "";
+   if (!best.empty() && best.size() < 4)
+      return "; did you mean " + join(best, " or ") + "?";
+   if (otherwise.empty() || known.empty())
+      return "";
    return "; " + otherwise + " " + join(known, ", ");
 }
 
 std::string unknown_key(const TableSpec &table, const std::string &key) {
    std::vector<std::string> known;
-   for (const KeySpec &spec : table.keys) known.push_back(spec.name);
+   for (const KeySpec &spec : table.keys)
+      known.push_back(spec.name);
    for (const TableSpec &other : schema()) {
       if (&other != &table && other.find(key))
          return "unknown key; " + quoted(key) + " belongs to " + other.title();
@@ -72,9 +86,11 @@ std::string similar_file(const std::string &path) {
    std::vector<std::string> decks;
    const fs::path folder = wanted.has_parent_path() ? wanted.parent_path() : fs::path(".");
    for (const fs::directory_entry &entry : fs::directory_iterator(folder, failed)) {
-      if (entry.path().extension() == ".toml") decks.push_back(entry.path().filename().string());
+      if (entry.path().extension() == ".toml")
+         decks.push_back(entry.path().filename().string());
    }
-   if (failed) return "; there is no folder " + quoted(folder.string());
+   if (failed)
+      return "; there is no folder " + quoted(folder.string());
    std::sort(decks.begin(), decks.end());
    return suggest(wanted.filename().string(), decks, "the decks there are:");
 }
@@ -87,14 +103,16 @@ std::string Value::plain() const {
       return std::to_string(integer);
    case Kind::real: {
       std::array<char, 32> buffer{};
-      std::snprintf(buffer.data(), buffer.size(), "%.6g", real);
+      const bool whole = std::abs(real) < 1e9 && real == std::floor(real);
+      std::snprintf(buffer.data(), buffer.size(), whole ? "%.0f" : "%.6g", real);
       return buffer.data();
    }
    case Kind::boolean:
       return boolean ? "true" : "false";
    case Kind::array: {
       std::vector<std::string> parts;
-      for (const Value &item : items) parts.push_back(item.plain());
+      for (const Value &item : items)
+         parts.push_back(item.plain());
       return "[" + join(parts, ", ") + "]";
    }
    default:
@@ -132,7 +150,8 @@ std::string Value::described() const {
       return kind_name();
    case Kind::real:
       // 3.0 must not look like an integer
-      return plain().find_first_not_of("-0123456789") == std::string::npos ? plain() + ".0" : plain();
+      return plain().find_first_not_of("-0123456789") == std::string::npos ? plain() + ".0"
+                                                                           : plain();
    default:
       return plain();
    }
@@ -146,21 +165,26 @@ std::string sha256_hex(const std::string &bytes) {
    int found = 0;
    for (std::uint32_t n = 2; found < 64; ++n) {
       bool prime = true;
-      for (std::uint32_t i = 2; i * i <= n; ++i) prime = prime && n % i != 0;
-      if (!prime) continue;
+      for (std::uint32_t i = 2; i * i <= n; ++i)
+         prime = prime && n % i != 0;
+      if (!prime)
+         continue;
       // long double has 64 bits of mantissa on x86-64, enough for 32 bits behind the point
       const long double cube = std::cbrt(static_cast<long double>(n));
       const long double square = std::sqrt(static_cast<long double>(n));
       k[found] = static_cast<std::uint32_t>((cube - std::floor(cube)) * 4294967296.0L);
-      if (found < 8) h[found] = static_cast<std::uint32_t>((square - std::floor(square)) * 4294967296.0L);
+      if (found < 8)
+         h[found] = static_cast<std::uint32_t>((square - std::floor(square)) * 4294967296.0L);
       ++found;
    }
    auto rotate = [](std::uint32_t x, int n) { return (x >> n) | (x << (32 - n)); };
 
    std::string padded = bytes + '\x80';
-   while (padded.size() % 64 != 56) padded += '\0';
+   while (padded.size() % 64 != 56)
+      padded += '\0';
    const std::uint64_t bits = static_cast<std::uint64_t>(bytes.size()) * 8;
-   for (int i = 7; i >= 0; --i) padded += static_cast<char>((bits >> (8 * i)) & 0xff);
+   for (int i = 7; i >= 0; --i)
+      padded += static_cast<char>((bits >> (8 * i)) & 0xff);
 
    for (std::size_t start = 0; start < padded.size(); start += 64) {
       std::array<std::uint32_t, 64> w{};
@@ -180,11 +204,13 @@ std::string sha256_hex(const std::string &bytes) {
                                   ((s[4] & s[5]) ^ (~s[4] & s[6])) + k[i] + w[i];
          const std::uint32_t t2 = (rotate(s[0], 2) ^ rotate(s[0], 13) ^ rotate(s[0], 22)) +
                                   ((s[0] & s[1]) ^ (s[0] & s[2]) ^ (s[1] & s[2]));
-         for (std::size_t j = 7; j > 0; --j) s[j] = s[j - 1];
+         for (std::size_t j = 7; j > 0; --j)
+            s[j] = s[j - 1];
          s[4] += t1;
          s[0] = t1 + t2;
       }
-      for (std::size_t j = 0; j < 8; ++j) h[j] += s[j];
+      for (std::size_t j = 0; j < 8; ++j)
+         h[j] += s[j];
    }
    std::string hex;
    for (std::uint32_t word : h) {

@@ -24,7 +24,8 @@ static Value convert(const toml::node &node) {
       value.boolean = boolean->get();
    } else if (const auto *array = node.as_array()) {
       value.kind = Value::Kind::array;
-      for (const toml::node &item : *array) value.items.push_back(convert(item));
+      for (const toml::node &item : *array)
+         value.items.push_back(convert(item));
    } else if (node.is_table()) {
       value.kind = Value::Kind::table;
    } else {
@@ -62,19 +63,23 @@ static void read_table(Deck &deck, const TableSpec &spec, const toml::key &key,
       read_keys(section, *entry.as_table());
       deck.sections.push_back(section);
    };
-   if (tables != spec.many || !(tables || node.is_table())) deck.misshapen.insert(spec.name);
+   if (tables != spec.many || !(tables || node.is_table()))
+      deck.misshapen.insert(spec.name);
    if (spec.many && tables) {
       int index = 0;
-      for (const toml::node &entry : *array) add(entry, ++index);
+      for (const toml::node &entry : *array)
+         add(entry, ++index);
    } else if (spec.many && node.is_table()) {
-      deck.complain(origin_of(key), spec.name, "there may be several, write " + many + " instead of " + one);
+      deck.complain(origin_of(key), spec.name,
+                    "there may be several, write " + many + " instead of " + one);
    } else if (!spec.many && node.is_table()) {
       add(node, 0);
    } else if (!spec.many && tables) {
       deck.complain(origin_of(key), spec.name, "comes once, write " + one + " instead of " + many);
    } else {
       deck.complain(origin_of(key), spec.name,
-                    "must be a table " + (spec.many ? many : one) + ", not " + convert(node).kind_name());
+                    "must be a table " + (spec.many ? many : one) + ", not " +
+                        convert(node).kind_name());
    }
 }
 
@@ -91,7 +96,8 @@ bool read_toml(Deck &deck) {
    const toml::table &root = result.table();
    std::vector<std::string> tables;
    for (const TableSpec &spec : schema()) {
-      if (!spec.name.empty()) tables.push_back(spec.name);
+      if (!spec.name.empty())
+         tables.push_back(spec.name);
    }
    const TableSpec &outside = schema().front();
    Section top;
@@ -99,19 +105,23 @@ bool read_toml(Deck &deck) {
    deck.sections.push_back(top);
    for (const TableSpec &spec : schema()) {
       for (const auto &[key, node] : root) {
-         if (!spec.name.empty() && key.str() == spec.name) read_table(deck, spec, key, node);
+         if (!spec.name.empty() && key.str() == spec.name)
+            read_table(deck, spec, key, node);
       }
    }
    for (const auto &[key, node] : root) {
       const std::string name(key.str());
       bool known = false;
-      for (const std::string &table : tables) known = known || table == name;
-      if (known) continue;
+      for (const std::string &table : tables)
+         known = known || table == name;
+      if (known)
+         continue;
       if (outside.find(name)) {
          deck.sections.front().values[name] = convert(node);
          deck.sections.front().values[name].origin = origin_of(key);
       } else if (node.is_table() || (node.as_array() && node.as_array()->is_array_of_tables())) {
-         deck.complain(origin_of(key), name, "unknown table" + suggest(name, tables, "known tables are:"));
+         deck.complain(origin_of(key), name,
+                       "unknown table" + suggest(name, tables, "known tables are:"));
       } else {
          deck.complain(origin_of(key), name, unknown_key(outside, name));
       }
@@ -121,7 +131,8 @@ bool read_toml(Deck &deck) {
 
 std::optional<Value> parse_value(const std::string &text) {
    const toml::parse_result result = toml::parse("value = " + text);
-   if (!result || result.table().size() != 1) return std::nullopt;
+   if (!result || result.table().size() != 1)
+      return std::nullopt;
    return convert(*result.table().get("value"));
 }
 

@@ -27,7 +27,10 @@ KEY_ATTRIBUTES = {
 
 
 def read_schema(path: Path) -> dict[str, dict[str, Any]]:
-    """Read the schema as ``{table: {"keys": {key: attributes}, ...}}``, top-level keys under ``""``."""
+    """Read the schema as ``{table: {"keys": {key: attributes}, ...}}``.
+
+    Keys outside every table are in the table ``""``.
+    """
     for name in ("tomllib", "tomli", "pip._vendor.tomli"):
         try:
             parser = importlib.import_module(name)
@@ -36,7 +39,10 @@ def read_schema(path: Path) -> dict[str, dict[str, Any]]:
         document = parser.loads(path.read_text(encoding="utf-8"))
         break
     else:
-        sys.exit(f"make_schema.py: {sys.executable} has no TOML parser; use Python 3.11 or newer, or install tomli")
+        sys.exit(
+            f"make_schema.py: {sys.executable} has no TOML parser; "
+            "use Python 3.11 or newer, or install tomli"
+        )
     tables: dict[str, dict[str, Any]] = {"": {"about": "", "keys": {}}}
     for name, table in document.items():
         if "type" in table:
@@ -49,7 +55,7 @@ def read_schema(path: Path) -> dict[str, dict[str, Any]]:
 
 
 def check(tables: dict[str, dict[str, Any]]) -> None:
-    """Refuse a schema that uses words the generator does not know, or that has undocumented keys."""
+    """Refuse a schema with words that are not known here, or with keys that nobody explains."""
     wrong = []
     for name, table in tables.items():
         wrong += [f"[{name}]: {word}" for word in table.keys() - TABLE_ATTRIBUTES - {"keys"}]
@@ -62,7 +68,7 @@ def check(tables: dict[str, dict[str, Any]]) -> None:
             wrong += [f"[{name}.{key}]: {word}" for word in spec.keys() - KEY_ATTRIBUTES]
             if spec.get("type") not in TYPES or not spec.get("help"):
                 wrong.append(f"[{name}.{key}]: type or help is missing")
-            if spec.get("refers_to", "probe") not in tables:
+            if "refers_to" in spec and spec["refers_to"] not in tables:
                 wrong.append(f"[{name}.{key}]: no table {spec['refers_to']}")
             for other in [*spec.get("required_if", {}), *spec.get("only_if", {})]:
                 where, _, what = other.rpartition(".")
@@ -86,19 +92,24 @@ def toml_text(value: object) -> str:
 
 
 def number(spec: dict[str, Any], name: str) -> str:
+    """C++ optional number of an attribute."""
     return f"{float(spec[name])!r}" if name in spec else "std::nullopt"
 
 
 def texts(values: list[Any]) -> str:
+    """C++ list of texts."""
     return "{" + ", ".join(quoted(v) for v in values) + "}"
 
 
 def flag(spec: dict[str, Any], name: str) -> str:
+    """C++ logical of an attribute."""
     return "true" if spec.get(name) else "false"
 
 
 def conditions(spec: dict[str, Any], name: str) -> str:
-    return "{" + ", ".join(f"{{{quoted(k)}, {texts(v)}}}" for k, v in spec.get(name, {}).items()) + "}"
+    """C++ list of Condition of an attribute."""
+    pairs = [f"{{{quoted(key)}, {texts(values)}}}" for key, values in spec.get(name, {}).items()]
+    return "{" + ", ".join(pairs) + "}"
 
 
 def cpp_key(name: str, spec: dict[str, Any]) -> str:
@@ -122,13 +133,20 @@ def cpp_key(name: str, spec: dict[str, Any]) -> str:
 
 def cpp_table(tables: dict[str, dict[str, Any]]) -> str:
     """Source of ``rk::schema()``."""
-    lines = ["// Made from schema.toml by make_schema.py\n", '#include "deck.h"\n\n', "namespace rk {\n\n"]
-    lines.append("const std::vector<TableSpec> &schema() {\n   static const std::vector<TableSpec> tables = {\n")
+    lines = [
+        "// Made from schema.toml by make_schema.py\n",
+        '#include "deck.h"\n\n',
+        "namespace rk {\n\n",
+        "const std::vector<TableSpec> &schema() {\n",
+        "   static const std::vector<TableSpec> tables = {\n",
+    ]
     for name, table in tables.items():
-        lists = ", ".join(texts(table.get(word, [])) for word in ("needed_by", "at_least", "at_most"))
-        head = f"{quoted(name)}, {flag(table, 'many')}, {flag(table, 'required')}, {quoted(table.get('named_by', ''))}"
+        # in the order of the members of TableSpec in deck.h
+        head = [quoted(name), flag(table, "many"), flag(table, "required")]
+        head.append(quoted(table.get("named_by", "")))
+        head += [texts(table.get(word, [])) for word in ("needed_by", "at_least", "at_most")]
         keys = "".join(cpp_key(key, spec) for key, spec in table["keys"].items())
-        lines.append(f"      {{{head}, {lists}, {{\n{keys}      }}}},\n")
+        lines.append(f"      {{{', '.join(head)}, {{\n{keys}      }}}},\n")
     lines.append("   };\n   return tables;\n}\n\n} // namespace rk\n")
     return "".join(lines)
 
@@ -137,7 +155,7 @@ def cpp_table(tables: dict[str, dict[str, Any]]) -> str:
 
 INTRODUCTION = """# Decks
 
-<!-- Made from fortran/io/schema.toml by `python fortran/io/make_schema.py --reference`; edit that. -->
+<!-- Made from fortran/io/schema.toml by `python fortran/io/make_schema.py --reference` -->
 
 A deck is a TOML file that both `myork` and `myork-solve` read. Unknown keys, wrong types, missing
 keys and impossible values are errors, all told at once, each as `file:line: table.key: what`.
@@ -155,19 +173,21 @@ meet.
 """
 
 
-def shown(value: object) -> str:
-    return f"`{json.dumps(value)}`"
+def code(words: list[str]) -> str:
+    """Words in code type."""
+    return ", ".join(f"`{word}`" for word in words)
 
 
 def allowed(spec: dict[str, Any]) -> str:
     """Range, choices and length of a key, in words."""
     parts = []
     if "choices" in spec:
-        parts.append(", ".join(f"`{c}`" for c in spec["choices"]))
+        parts.append(code(spec["choices"]))
     signs = {"min": "≥", "above": ">", "max": "≤", "below": "<"}
     parts += [f"{sign} {spec[word]}" for word, sign in signs.items() if word in spec]
     if "length" in spec:
-        parts.append("one per dimension" if spec["length"] == "dimension" else f"{spec['length']} items")
+        one_each = spec["length"] == "dimension"
+        parts.append("one per dimension" if one_each else f"{spec['length']} items")
     if spec.get("refers_to"):
         parts.append(f"name of a [[{spec['refers_to']}]]")
     if spec.get("unique"):
@@ -181,52 +201,56 @@ def needed(spec: dict[str, Any]) -> str:
         return "needed"
     words = []
     if "default" in spec:
-        words.append(shown(spec["default"]))
-    if "required_if" in spec and spec["required_if"] == spec.get("only_if"):
-        return f"needed, {condition_text(spec['only_if'])}"
+        words.append(f"`{toml_text(spec['default'])}`")
     if "only_if" in spec:
-        words.append(condition_text(spec["only_if"]))
+        need = "needed for" if spec.get("required_if") == spec["only_if"] else "only for"
+        words.append(f"{need} {condition_text(spec['only_if'])}")
     return ", ".join(words)
 
 
 def condition_text(conditions: dict[str, list[Any]]) -> str:
+    """Conditions in words, long lists cut short."""
     parts = []
     for key, values in conditions.items():
-        if len(values) > 4:
-            values = [*values[:2], "…", values[-1]]
-        parts.append(f"{key} = {' or '.join(str(v) for v in values)}")
-    return "only for " + " and ".join(parts)
+        short = [*values[:2], "…", values[-1]] if len(values) > 4 else values
+        parts.append(f"{key} = {' or '.join(str(value) for value in short)}")
+    return " and ".join(parts)
+
+
+def section(name: str, table: dict[str, Any]) -> str:
+    """Heading and table of keys."""
+    title = f"[[{name}]]" if table.get("many") else f"[{name}]"
+    sentences = [table["about"]]
+    if table.get("required"):
+        sentences.append("Needed in every deck.")
+    if "needed_by" in table:
+        sentences.append(f"Needed by {code(table['needed_by'])}.")
+    if "named_by" in table:
+        sentences.append(f"An entry is named by its `{table['named_by']}`.")
+    some, one = table.get("at_least"), table.get("at_most")
+    if some:
+        sentences.append(f"{'Exactly' if some == one else 'At least'} one of {code(some)}.")
+    elif one:
+        sentences.append(f"At most one of {code(one)}.")
+    lines = [f"\n## `{title}`\n\n" if name else "\n## Before the first table\n"]
+    lines.append(" ".join(sentences) + "\n\n" if name else "\n")
+    lines.append("| key | type | default | allowed | unit | meaning |\n|---|---|---|---|---|---|\n")
+    for key, spec in table["keys"].items():
+        kind = spec["type"]
+        if spec.get("or_number") or spec.get("scalar"):
+            kind += " or number"
+        cells = [f"`{key}`", kind, needed(spec), allowed(spec), spec.get("unit", ""), spec["help"]]
+        lines.append("| " + " | ".join(cells) + " |\n")
+    return "".join(lines)
 
 
 def reference(tables: dict[str, dict[str, Any]]) -> str:
     """Text of docs/decks.md."""
-    lines = [INTRODUCTION]
-    for name, table in tables.items():
-        if name:
-            lines.append(f"\n## `{'[[' if table.get('many') else '['}{name}{']]' if table.get('many') else ']'}`\n\n")
-            lines.append(table["about"])
-            if table.get("required"):
-                lines.append(" Needed in every deck.")
-            if table.get("needed_by"):
-                lines.append(" Needed by " + ", ".join(f"`{c}`" for c in table["needed_by"]) + ".")
-            if table.get("named_by"):
-                lines.append(f" An entry is named by its `{table['named_by']}`.")
-            if table.get("at_least"):
-                lines.append(" At least one of " + ", ".join(f"`{k}`" for k in table["at_least"]) + ".")
-            if table.get("at_most"):
-                lines.append(" Not both " + " and ".join(f"`{k}`" for k in table["at_most"]) + ".")
-            lines.append("\n")
-        else:
-            lines.append("\n## Before the first table\n")
-        lines.append("\n| key | type | default | allowed | unit | meaning |\n|---|---|---|---|---|---|\n")
-        for key, spec in table["keys"].items():
-            kind = spec["type"] + (" or number" if spec.get("or_number") or spec.get("scalar") else "")
-            row = [f"`{key}`", kind, needed(spec), allowed(spec), spec.get("unit", ""), spec["help"]]
-            lines.append("| " + " | ".join(row) + " |\n")
-    return "".join(lines)
+    return INTRODUCTION + "".join(section(name, table) for name, table in tables.items())
 
 
 def main(arguments: list[str]) -> None:
+    """Do what the command line says."""
     if len(arguments) == 3 and arguments[0] == "--table":
         Path(arguments[2]).write_text(cpp_table(read_schema(Path(arguments[1]))), encoding="utf-8")
     elif arguments == ["--reference"]:

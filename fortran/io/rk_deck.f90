@@ -405,14 +405,16 @@ subroutine get_texts(self, key, value)
    !> Its values
    character(len=:), allocatable, intent(out) :: value(:)
    character(len=:), allocatable :: lines
-   integer :: i, n
+   integer :: i, longest, n
 
    call self%get(key, lines)
    n = 0
+   longest = 0
    do while (len(line(lines, n + 1)) > 0)
       n = n + 1
+      longest = max(longest, len(line(lines, n)))
    end do
-   allocate (character(len=maxval([0, (len(line(lines, i)), i=1, n)])) :: value(n))
+   allocate (character(len=longest) :: value(n))
    do i = 1, n
       value(i) = line(lines, i)
    end do

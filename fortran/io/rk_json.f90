@@ -291,7 +291,7 @@ subroutine save_text(self, path, error)
       stat = c_rename(path//'.part', path)
       why = 'it cannot take the place of the file that is there'
    end if
-   if (stat /= 0) call fatal_error(error, err_file, path//' cannot be written: '//trim(why))
+   if (stat /= 0) call fatal_error(error, err_file, path//': cannot be written: '//trim(why))
 end subroutine save_text
 
 !> Rename a file over another

@@ -13,9 +13,7 @@ from myork.errors import InputError
 __all__ = ["load_deck"]
 
 
-def load_deck(
-    path: str | Path, overrides: Sequence[str] = (), command: str = ""
-) -> dict[str, Any]:
+def load_deck(path: str | Path, overrides: Sequence[str] = (), command: str = "") -> dict[str, Any]:
     """Read and check a deck.
 
     Parameters

@@ -1,0 +1,580 @@
+"""Decks: the values that come back, what is said about wrong ones, the schema's offspring.
+
+All checks are the compiled reader's; tomllib and hashlib are the independent witnesses.
+"""
+
+import hashlib
+import importlib.util
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+from myork import core_deck
+from myork.deck import load_deck
+from myork.errors import FileError, InputError
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    from pip._vendor import tomli as tomllib
+
+ROOT = Path(__file__).parents[2]
+#: The decks that come with the package so far; a file that is lost must not go unnoticed
+DECKS = (
+    "dilation", "equibiaxial", "muscle_block", "muscle_fibers", "shear_2d", "shear_3d", "tube",
+    "uniaxial_compression", "uniaxial_tension",
+)  # fmt: skip
+
+#: A deck that uses most tables. The tests below change one line of it; lines count from 1.
+BLOCK = """\
+title = "block"
+[units]
+force = "N"
+length = "cm"
+[scene]
+dimension = 3
+[geometry]
+kind = "box"
+size = [1, 1, 2]
+source = [5, 5, 9]
+collocation = [9, 9, 17]
+[[material]]
+name = "muscle"
+label = 1
+model = "muscle"
+A10 = 6.43
+K = 5000
+fiber = [0, 0, 1]
+[[material]]
+name = "fat"
+label = 2
+model = "polynomial"
+K = 4e3
+[[boundary]]
+set = "z0"
+u_x = 0
+[[boundary]]
+set = "z1"
+traction = [0, 0, 2.5]
+[load]
+steps = 4
+activation = 0.5
+[solver]
+linear = "auto"
+weight_essential = "c4"
+[[probe]]
+name = "mid"
+quantity = "cauchy_zz"
+point = [0.5, 0.5, 1]
+[[probe]]
+name = "pull"
+quantity = "force"
+set = "z0"
+[[exact]]
+probe = "mid"
+solution = "uniaxial"
+amount = 1.5
+[[reference]]
+probe = "mid"
+activation = [0.125, 0.5]
+value = [1, 2]
+source = "nobody"
+"""
+
+Write = Callable[[str | bytes], Path]
+
+
+@pytest.fixture
+def write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Write:
+    """Write a deck and stand beside it, so that messages start with the short name."""
+    monkeypatch.chdir(tmp_path)
+
+    def write_deck(text: str | bytes) -> Path:
+        path = Path("case.toml")
+        path.write_bytes(text.encode() if isinstance(text, str) else text)
+        return path
+
+    return write_deck
+
+
+def complaints(path: Path, *overrides: str) -> list[str]:
+    with pytest.raises(InputError) as caught:
+        load_deck(path, overrides)
+    return str(caught.value).splitlines()
+
+
+def line_of(text: str) -> int:
+    """Line of BLOCK that is this text."""
+    return BLOCK.splitlines().index(text) + 1
+
+
+# ---- values ------------------------------------------------------------------------------------
+
+
+def plain(value: Any) -> Any:
+    """Integers as reals: where a real is wanted, either may be written."""
+    if isinstance(value, list):
+        return [plain(item) for item in value]
+    if isinstance(value, int) and not isinstance(value, bool):
+        return float(value)
+    return value
+
+
+def missing_values(written: dict[str, Any], read: dict[str, Any]) -> list[str]:
+    """Keys of a table whose value was not read as written."""
+    return [
+        key
+        for key, value in written.items()
+        if plain(read.get(key)) != plain(value)
+        # one number stands for all directions
+        and not (key == "support" and set(plain(read[key])) == {plain(value)})
+    ]
+
+
+@pytest.mark.parametrize("name", DECKS)
+def test_deck_in_inputs(inputs: Path, name: str) -> None:
+    path = inputs / f"{name}.toml"
+    written = tomllib.loads(path.read_text(encoding="utf-8"))
+    deck = load_deck(path, command="solve")
+    for table, content in written.items():
+        if isinstance(content, list):
+            assert len(deck[table]) == len(content)
+            pairs = list(zip(content, deck[table], strict=True))
+        else:
+            pairs = [(content, deck[table])] if isinstance(content, dict) else []
+        for ours, theirs in pairs:
+            assert missing_values(ours, theirs) == [], table
+    assert deck["title"] == written["title"]
+    assert deck["sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
+    assert deck["folder"] == str(inputs)
+    assert deck["units"] == {"force": "N", "length": "cm"}
+
+
+def test_defaults_and_absent_keys(write: Write) -> None:
+    deck = load_deck(write(BLOCK))
+    assert deck["approximation"] == {
+        "order": 2,
+        "support": [3.0, 3.0, 3.0],
+        "kernel": "quintic",
+        "window": "product",
+    }
+    muscle, fat = deck["material"]
+    assert muscle["sigma_max"] == 30.0 and muscle["curve"] == "published"
+    assert "sigma_max" not in fat and "fiber" not in fat, "a key of another model"
+    assert deck["image"]["truth_labels"] == [] and "anatomy" not in deck["image"]
+    assert deck["boundary"][0] == {"set": "z0", "u_x": 0.0}
+    assert deck["folder"] == "."
+    without = load_deck(write('title = "x"\nunits = {force = "N", length = "cm"}\n'))
+    assert without["probe"] == [] and "geometry" not in without
+
+
+def test_fiber_angle_gives_the_fiber(write: Write) -> None:
+    angled = BLOCK.replace("fiber = [0, 0, 1]", "fiber_angle = 30")
+    fiber = load_deck(write(angled))["material"][0]["fiber"]
+    assert fiber == pytest.approx([0.5, 0, 0.75**0.5], abs=1e-15)
+
+
+def test_activations_of_references_become_loads(write: Write) -> None:
+    path = write(BLOCK)
+    assert load_deck(path)["reference"][0]["load"] == [0.25, 1.0]
+    assert load_deck(path, ["load.activation=0.25"])["reference"][0]["load"] == [0.5, 2.0]
+    assert load_deck(path, ["load.activation=0"])["reference"][0]["load"] == []
+
+
+@pytest.mark.parametrize("text", [b"\xef\xbb\xbf" + BLOCK.encode(), BLOCK.replace("\n", "\r\n")])
+def test_byte_order_mark_and_windows_lines(write: Write, text: str | bytes) -> None:
+    assert load_deck(write(text))["load"]["steps"] == 4
+
+
+def test_texts_survive(write: Write) -> None:
+    title = 'Müller "2" \\ tab\t, newline\n, 筋肉'
+    deck = load_deck(write(BLOCK.replace('"block"', json.dumps(title))))
+    assert deck["title"] == title
+
+
+def test_long_answers_are_complete(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write(BLOCK)
+    whole = load_deck(path)
+    monkeypatch.setattr(core_deck, "_CAPACITY", 10)
+    assert load_deck(path) == whole
+
+
+# ---- overrides -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("override", "place", "value"),
+    [
+        ("load.steps=7", ("load", "steps"), 7),
+        (" load.steps = 7 ", ("load", "steps"), 7),
+        ("title=two words", ("title",), "two words"),
+        ("title=2024", ("title",), "2024"),
+        ('title="quoted"', ("title",), "quoted"),
+        ("title=a=b", ("title",), "a=b"),
+        ("solver.linear=dgels", ("solver", "linear"), "dgels"),
+        ("solver.weight_essential=1e3", ("solver", "weight_essential"), 1000.0),
+        ("solver.weight_essential=ns-c4", ("solver", "weight_essential"), "ns-c4"),
+        ("geometry.source=[5,5,7]", ("geometry", "source"), [5, 5, 7]),
+        ("approximation.support=4", ("approximation", "support"), [4.0, 4.0, 4.0]),
+        ("material.K=1", ("material", 0, "K"), 1.0),
+        ("material.fat.K=1", ("material", 1, "K"), 1.0),
+        ("material.2.K=1", ("material", 1, "K"), 1.0),
+        ("boundary.z1.u_z=-0.5", ("boundary", 1, "u_z"), -0.5),
+        ("probe.mid.point=[0,0,0]", ("probe", 0, "point"), [0.0, 0.0, 0.0]),
+        ("rom.modes=[3]", ("rom", "modes"), [3]),
+    ],
+)
+def test_override(write: Write, override: str, place: tuple[Any, ...], value: object) -> None:
+    item: Any = load_deck(write(BLOCK), [override])
+    for step in place:
+        item = item[step]
+    assert item == value
+
+
+def test_overrides_come_after_the_deck_and_in_order(write: Write) -> None:
+    path = write(BLOCK.replace("steps = 4", "steps = -4"))
+    assert load_deck(path, ["load.steps=2", "load.steps=3"])["load"]["steps"] == 3
+
+
+def test_hash_covers_overrides(write: Write) -> None:
+    deck = load_deck(write(BLOCK), ["load.steps=2", "material.K=3"])
+    hashed = BLOCK + "\n--set load.steps=2\n--set material.K=3"
+    assert deck["sha256"] == hashlib.sha256(hashed.encode()).hexdigest()
+
+
+@pytest.mark.parametrize("length", [*range(53, 70), 119, 120, 128, 1000])
+def test_hash_of_any_length(write: Write, length: int) -> None:
+    """All cases of the padding at the end of a block of 64 bytes."""
+    head = 'title="x"\nunits={force="N",length="m"}#'
+    text = head + "a" * (length - len(head))
+    assert load_deck(write(text))["sha256"] == hashlib.sha256(text.encode()).hexdigest()
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("load.stepz=3", "load.stepz: unknown key; did you mean 'steps'?"),
+        ("load.steps=0", "load.steps: must be at least 1 and at most 1000000, not 0"),
+        ("load.steps=x", "load.steps: must be an integer, not the text 'x'"),
+        ("load.K=3", "load.K: unknown key; 'K' belongs to [[material]]"),
+        ("laod.steps=3", "laod: unknown table; did you mean 'load'?"),
+        ("material.fatt.K=3", "material.fatt.K: no [[material]] is called 'fatt'; did you mean"),
+        ("exact.4.amount=3", "exact.4.amount: no [[exact]] is called '4'"),
+        ("load.first.steps=3", "load.first.steps: [load] comes once, write load.key=value"),
+        ("geometry.source=[5,5", "geometry.source: must be an array of integers, not the text"),
+        ("material.fat.K=-1", "material.fat.K: must be greater than 0, not -1"),
+        ("scene=3", "scene: is a table; write scene.key=value"),
+        ("nothing", "nothing: write table.key=value"),
+        ("=3", "key: write table.key=value"),
+        ("load.steps=", "load.steps: must be an integer, not the text ''"),
+    ],
+)
+def test_wrong_override(write: Write, override: str, message: str) -> None:
+    lines = complaints(write(BLOCK), override)
+    assert len(lines) == 1
+    assert lines[0].startswith(f"--set {override}: {message}")
+
+
+def test_override_of_one_line(write: Write) -> None:
+    with pytest.raises(InputError, match="a single line"):
+        load_deck(write(BLOCK), ["title=a\nload.steps=3"])
+
+
+# ---- wrong decks ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        # unknown keys and tables
+        ("steps = 4", "stepz = 4", "load.stepz: unknown key; did you mean 'steps'?"),
+        ("steps = 4", "order = 4", "load.order: unknown key; 'order' belongs to [approximation]"),
+        ("K = 4e3", "K = 1\nk_bulk = 1", "material.fat.k_bulk: unknown key; known keys are: name,"),
+        ("[load]", "[loads]", "loads: unknown table; did you mean 'load'?"),
+        ('title = "block"', 'title = "b"\nK = 1', "K: unknown key; 'K' belongs to [[material]]"),
+        # types
+        ("steps = 4", "steps = 4.0", "load.steps: must be an integer, not 4.0"),
+        ("steps = 4", "steps = true", "load.steps: must be an integer, not true"),
+        ("steps = 4", "steps = 1979-05-27", "load.steps: must be an integer, not a date or time"),
+        ("steps = 4", "steps = [4]", "load.steps: must be an integer, not an array of 1"),
+        ("steps = 4", "steps = {a = 1}", "load.steps: must be an integer, not a table"),
+        ("K = 5000", 'K = "big"', "material.muscle.K: must be a number, not the text 'big'"),
+        ('name = "fat"', "name = 3", "material.2.name: must be a text, not 3"),
+        ('name = "fat"', 'name = " "', "material.2.name: must not be empty"),
+        ("size = [1, 1, 2]", "size = 1", "geometry.size: must be an array of numbers, not 1"),
+        ("size = [1, 1, 2]", 'size = [1, 1, "2"]', "geometry.size: item 3 must be a number, not"),
+        ("source = [5, 5, 9]", "source = [5, 5, 9.5]", "geometry.source: item 3 must be an intege"),
+        # ranges
+        ("K = 5000", "K = 0", "material.muscle.K: must be greater than 0, not 0"),
+        ("K = 5000", "K = nan", "material.muscle.K: must be a finite number, not nan"),
+        ("K = 5000", "K = -inf", "material.muscle.K: must be a finite number, not -inf"),
+        ("activation = 0.5", "activation = 1.5", "load.activation: must be at least 0 and at most"),
+        ("source = [5, 5, 9]", "source = [5, 5, 1]", "geometry.source: item 3 must be at least 2"),
+        ("label = 2", "label = 3000000000", "material.fat.label: must be below 2147483648 in size"),
+        ('weight_essential = "c4"', "weight_essential = 0", "solver.weight_essential: must be gre"),
+        # choices
+        ('kind = "box"', 'kind = "bix"', "geometry.kind: must be one of box, annulus, model, not "),
+        ("dimension = 3", "dimension = 4", "scene.dimension: must be one of 2, 3, not 4"),
+        ('linear = "auto"', 'linear = "gels"', "solver.linear: must be one of auto, dgels, norma"),
+        ('weight_essential = "c4"', 'weight_essential = "c5"', "solver.weight_essential: must be "),
+        # lengths
+        ("size = [1, 1, 2]", "size = [1, 2]", "geometry.size: must have 3 items (scene.dimension"),
+        ("fiber = [0, 0, 1]", "fiber = [0, 1]", "material.muscle.fiber: must have 3 items, not 2"),
+        ("point = [0.5, 0.5, 1]", "point = []", "probe.mid.point: must not be empty"),
+        ("value = [1, 2]", "value = [1]", "reference.value: must have as many items as activatio"),
+        # where other keys decide
+        ("K = 4e3", "K = 1\ngamma1 = 1", "material.fat.gamma1: only for model = muscle; here mod"),
+        ("fiber = [0, 0, 1]", "fiber = [0, 0, 0]", "material.muscle.fiber: must not be zero"),
+        (
+            'set = "z1"',
+            'set = "z3"',
+            "boundary.z3.set: 'z3' is no side of this box; there are x0, ",
+        ),
+        ('set = "z1"', 'set = "z0"', "boundary.z0.set: the text 'z0' is taken already, by case.t"),
+        ('name = "fat"', 'name = "muscle"', "material.muscle.name: the text 'muscle' is taken al"),
+        ("label = 2", "label = 1", "material.fat.label: 1 is taken already, by case.toml:14"),
+        ("point = [0.5, 0.5, 1]", "point = [2, 0, 0]", "probe.mid.point: [2, 0, 0] lies outside "),
+        ('solution = "uniaxial"', 'solution = "shear"', "exact.solution: must be one of simple_sh"),
+        (
+            "fiber = [0, 0, 1]",
+            "fiber = [0, 0, 1]\nfiber_angle = 3",
+            "material.muscle.fiber_angle: c",
+        ),
+        ("u_x = 0", "u_x = 0\nradial = 1", "boundary.z0.radial: only for geometry.kind = annulus;"),
+        ('set = "z1"', 'u_x = 1\nset = "top"', "boundary.top.set: 'top' is no side of this box; t"),
+    ],
+)
+def test_wrong_line(write: Write, old: str, new: str, message: str) -> None:
+    """One complaint, at the last of the lines that replace a good one."""
+    assert BLOCK.count(f"{old}\n") == 1
+    lines = complaints(write(BLOCK.replace(f"{old}\n", f"{new}\n")))
+    assert len(lines) == 1, lines
+    assert lines[0].startswith(f"case.toml:{line_of(old) + new.count(chr(10))}: {message}")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place", "message"),
+    [
+        ('title = "block"\n', "", "[units]", "title: missing, a text is needed"),
+        ('length = "cm"\n', "", "[units]", "units.length: missing, a text is needed"),
+        ("size = [1, 1, 2]\n", "", "[geometry]", "geometry.size: missing, an array of numbers is "),
+        ("fiber = [0, 0, 1]\n", "", "[[material]]", "material.muscle.fiber: missing, a muscle in "),
+        ("label = 1\n", "", "[[material]]", "material.muscle.label: missing, an integer is neede"),
+        ("u_x = 0\n", "", "[[boundary]]", "boundary.z0: needs one of the keys u_x, u_y, u_z, rad"),
+        ("point = [0.5, 0.5, 1]\n", "", "[[probe]]", "probe.mid: needs one of the keys point, set"),
+        ('set = "z0"\n[[exact]]', "[[exact]]", "[[probe]]", "probe.pull.set: missing, a text is "),
+        ("activation = [0.125, 0.5]\n", "", "[[reference]]", "reference: needs one of the keys l"),
+    ],
+)
+def test_missing_key(write: Write, old: str, new: str, place: str, message: str) -> None:
+    """One complaint, at the table that lacks the key (the top of the deck has no such line)."""
+    assert BLOCK.count(old) == 1
+    text = BLOCK.replace(old, new)
+    headers = [i for i, line in enumerate(text.splitlines(), 1) if line == place]
+    lines = complaints(write(text))
+    assert len(lines) == 1, lines
+    assert lines[0].removeprefix("case.toml:").split(":")[0] in {str(i) for i in headers}
+    assert f": {message}" in lines[0]
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (
+            {'set = "z0"\n[[exact]]': "point = [0, 0, 0]\n[[exact]]"},
+            "probe.pull.set: missing, a text is needed for quantity = force",
+        ),
+        (
+            {'quantity = "force"': 'quantity = "J"'},
+            "probe.pull.set: only for quantity = force or force_x or force_y or force_z; here "
+            "quantity = J",
+        ),
+        (
+            {"point = [0.5, 0.5, 1]": 'point = [0.5, 0.5, 1]\nset = "z0"'},
+            "probe.mid.set: only for quantity = force or force_x or force_y or force_z; here "
+            "quantity = cauchy_zz",
+        ),
+        (
+            {'[[exact]]\nprobe = "mid"': '[[exact]]\nprobe = "pull"'},
+            "exact.probe: 'pull' is of force, which a homogeneous solution does not give",
+        ),
+        (
+            {'[[exact]]\nprobe = "mid"': '[[exact]]\nprobe = "mud"'},
+            "exact.probe: no [[probe]] is called 'mud'; did you mean 'mid'?",
+        ),
+        (
+            {'[[reference]]\nprobe = "mid"': '[[reference]]\nprobe = "pull"'},
+            "reference.probe: 'pull' is of force, three numbers; choose a component",
+        ),
+        (
+            {'kind = "box"': 'kind = "model"'},
+            "geometry.size: only for kind = box; here kind = model",
+        ),
+        ({'force = "N"\n': 'force = "N"\n[build]\nfile = "x"\n[dummy]\n'}, "dummy: unknown table"),
+    ],
+)
+def test_keys_that_do_not_fit(write: Write, changes: dict[str, str], message: str) -> None:
+    text = BLOCK
+    for old, new in changes.items():
+        assert text.count(old) == 1
+        text = text.replace(old, new)
+    assert any(message in line for line in complaints(write(text)))
+
+
+def test_two_dimensions(write: Write) -> None:
+    """A plane deck: what belongs to space is refused, lengths follow the dimension."""
+    lines = complaints(write(BLOCK), "scene.dimension=2")
+    expected = {
+        "geometry.size": "must have 2 items (scene.dimension = 2), not 3",
+        "geometry.source": "must have 2 items (scene.dimension = 2), not 3",
+        "geometry.collocation": "must have 2 items (scene.dimension = 2), not 3",
+        "boundary.z0.set": "'z0' is no side of this box; there are x0, x1, y0, y1",
+        "boundary.z1.set": "'z1' is no side of this box; there are x0, x1, y0, y1",
+        "boundary.z1.traction": "must have 2 items (scene.dimension = 2), not 3",
+        "probe.mid.point": "must have 2 items (scene.dimension = 2), not 3",
+        "probe.pull.set": "'z0' is no side of this box; there are x0, x1, y0, y1",
+    }
+    found = dict(line.split(": ", 2)[1:] for line in lines)
+    assert found == expected
+
+
+def test_annulus(inputs: Path) -> None:
+    tube = inputs / "tube.toml"
+    for override, message in {
+        "geometry.outer_radius=5": "must be greater than inner_radius = 6, not 5",
+        "probe.radial_stress.point=[1,1]": "[1, 1] lies outside the annulus",
+        "boundary.x0.radial=1": "only on the sets inner and outer",
+        "boundary.inner.u_x=1": "cannot be given beside u_x or u_y",
+        "scene.dimension=3": "annulus needs scene.dimension = 2, not 3",
+        "probe.radial_stress.quantity=u_z": "u_z is always zero in two dimensions",
+        "boundary.inner.u_z=1": "only for scene.dimension = 3; here scene.dimension = 2",
+    }.items():
+        assert any(message in line for line in complaints(tube, override)), override
+
+
+def test_all_complaints_by_line(write: Write) -> None:
+    text = BLOCK.replace("steps = 4", "steps = 0").replace("dimension = 3", "dimension = 5")
+    text = text.replace("K = 5000", "K = -1").replace("[solver]", "[solvers]") + "zzz = 1\n"
+    lines = complaints(write(text), "load.max_halvings=-1")
+    places = [line.split(": ")[0] for line in lines]
+    assert places[-1] == "--set load.max_halvings=-1"
+    numbers = [int(place.removeprefix("case.toml:")) for place in places[:-1]]
+    wrong = ["dimension = 3", "K = 5000", "steps = 4", "[solver]"]
+    assert numbers == [*map(line_of, wrong), BLOCK.count("\n") + 1]
+
+
+def test_many_complaints_are_not_cut_off(write: Write) -> None:
+    """Beyond the 2048 characters that a message of the core has."""
+    lines = complaints(write(BLOCK + "".join(f"key_{i} = 1\n" for i in range(100))))
+    assert len(lines) == 100 and ": reference.key_99: unknown key" in lines[-1]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (b"", "case.toml:1: title: the deck is empty"),
+        (b"\n  \n", "case.toml:1: title: the deck is empty"),
+        (b'title = "a"\ntitle = "b"\n', "case.toml:2:9: not TOML: "),
+        (b"[load]\n[load]\n", "case.toml:2:1: not TOML: "),
+        (b'title = "a\n', "case.toml:1:11: not TOML: "),
+        (b"\n\nsteps == 3\n", "case.toml:3:8: not TOML: "),
+        (b"a = 99999999999999999999999\n", "case.toml:1:28: not TOML: "),
+        (b'title = "a"\n# caf\xe9 \n', "case.toml:2:"),
+        (b"PK\x03\x04\x00\x00", "case.toml:1:3: not TOML: "),
+        (b"[[load]]\nsteps = 3\n", "case.toml:1: load: comes once, write [load] instead of [[l"),
+        (b"[material]\n", "case.toml:1: material: there may be several, write [[material]] inst"),
+        (b"\nload = 3\n", "case.toml:2: load: must be a table [load], not an integer"),
+        (b"[load.steps]\nx = 1\n", "case.toml:1: load.steps: must be an integer, not a table"),
+    ],
+)
+def test_wrong_files(write: Write, text: bytes, message: str) -> None:
+    assert any(line.startswith(message) for line in complaints(write(text)))
+
+
+def test_files_that_cannot_be_read(write: Write, tmp_path: Path) -> None:
+    write(BLOCK)
+    with pytest.raises(FileError, match="^cas.toml: .*No such file.*did you mean 'case.toml'"):
+        load_deck("cas.toml")
+    with pytest.raises(FileError, match="^nowhere/x.toml: .*there is no folder 'nowhere'"):
+        load_deck("nowhere/x.toml")
+    with pytest.raises(FileError, match="is a folder; name the deck inside it"):
+        load_deck(tmp_path)
+
+
+def test_tables_that_a_command_needs(write: Write) -> None:
+    path = write('title = "x"\nunits = {force = "N", length = "cm"}\n')
+    with pytest.raises(InputError) as caught:
+        load_deck(path, command="solve")
+    assert str(caught.value).splitlines() == [
+        f"case.toml:1: {table}: missing, solve needs this table"
+        for table in ("scene", "geometry", "material", "boundary")
+    ]
+
+
+# ---- decks against their origin ------------------------------------------------------------------
+
+
+def test_inclined_fibers_have_the_published_material(inputs: Path) -> None:
+    """Thesis, tables 4.1 and 5.1; the same matrix in both muscle decks."""
+    straight, inclined = (load_deck(inputs / f"muscle_{n}.toml") for n in ("block", "fibers"))
+    keys = ("A10", "A01", "A20", "A02", "A11", "K", "gamma1", "gamma2", "sigma_max")
+    values = [6.43, -3.8, 0.94, 0.0005, -0.0043, 5000.0, 0.05, 6.6, 30.0]
+    for deck in (straight, inclined):
+        assert [deck["material"][0][key] for key in keys] == values
+    for name in ("shear_3d", "shear_2d", "dilation", "tube", "equibiaxial"):
+        rubber = load_deck(inputs / f"{name}.toml")["material"][0]
+        assert [rubber[key] for key in ("A10", "A20", "A30")] == [37.3, -3.1, 0.5]
+
+
+def test_reference_loads_are_met_by_steps(inputs: Path) -> None:
+    for name in ("muscle_fibers", "tube"):
+        deck = load_deck(inputs / f"{name}.toml")
+        for reference in deck["reference"]:
+            steps = [load * deck["load"]["steps"] for load in reference["load"]]
+            # a few roundings of numbers up to 24
+            assert steps == pytest.approx([round(step) for step in steps], abs=1e-13)
+
+
+# ---- what is made from the schema ----------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def make_schema() -> ModuleType:
+    path = ROOT / "fortran" / "io" / "make_schema.py"
+    spec = importlib.util.spec_from_file_location("make_schema", path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_deck_reference_is_current(make_schema: ModuleType) -> None:
+    text = make_schema.reference(make_schema.read_schema(ROOT / "fortran" / "io" / "schema.toml"))
+    assert (ROOT / "docs" / "decks.md").read_text(encoding="utf-8") == text, (
+        "run python fortran/io/make_schema.py --reference"
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('[load]\nabout = "x"\nmany_of = true\n', "[load]: many_of"),
+        ('[load]\nabout = "x"\n[load.steps]\ntype = "int"\nhelp = "x"\n', "[load.steps]: type"),
+        ('[load]\nabout = "x"\n[load.steps]\ntype = "text"\n', "[load.steps]: type or help"),
+        (
+            '[load]\nabout = "x"\n[load.a]\ntype = "text"\nhelp = "x"\nonly_if = { b = [1] }\n',
+            "[load.a]: no key b",
+        ),
+    ],
+)
+def test_wrong_schema(make_schema: ModuleType, tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "schema.toml"
+    path.write_text(text)
+    with pytest.raises(SystemExit) as caught:
+        make_schema.read_schema(path)
+    assert message in str(caught.value)
