@@ -1,0 +1,353 @@
+"""Figures of a report, drawn off-screen; each function takes arrays and returns a figure.
+
+Colours: Okabe and Ito's palette for lines, viridis for fields; both are told apart by colour-blind
+readers (https://jfly.uni-koeln.de/color). Lines differ in marker or dash as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, QhullError
+
+from myork.report.sources import Deformation
+from myork.report.tables import MODEL_KINDS
+
+__all__ = [
+    "cloud_figure",
+    "history_figure",
+    "probe_figure",
+    "rom_figure",
+    "timing_figure",
+]
+
+F64 = NDArray[np.float64]
+
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
+MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+DASHES = ("-", "--", ":", "-.")
+GREY = "#666666"
+
+# More points than this are thinned: a picture shows no more
+_MOST_POINTS = 15000
+# Facets of the hull that meet at a larger angle have an edge there [degree]
+_EDGE_ANGLE = 30.0
+
+
+def cloud_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure:
+    """Deformed cloud coloured by the largest principal stress and by the volume ratio.
+
+    Parameters
+    ----------
+    deformation : Deformation
+        Last state.
+    units : Mapping
+        Units of the deck, keys `force` and `length`.
+
+    Returns
+    -------
+    Figure
+        Two panels with equal scales on all axes; the undeformed outline is grey.
+    """
+    force, length = units.get("force", "?"), units.get("length", "?")
+    plane = bool(np.ptp(deformation.points[:, 2]) == 0.0)
+    figure = Figure(figsize=(11.0, 5.2), layout="constrained")
+    panels = (
+        (f"largest principal Cauchy stress [{force}/{length}²]", deformation.stress),
+        ("volume ratio J [-]", deformation.volume_ratio),
+    )
+    for column, (title, values) in enumerate(panels, start=1):
+        if plane:
+            axes = figure.add_subplot(1, 2, column)
+            dots = _draw_plane(axes, deformation, values)
+        else:
+            axes = figure.add_subplot(1, 2, column, projection="3d")
+            dots = _draw_space(axes, deformation, values)
+            axes.set_zlabel(f"z [{length}]")
+        axes.set(xlabel=f"x [{length}]", ylabel=f"y [{length}]", title=title)
+        figure.colorbar(dots, ax=axes, shrink=0.75, extend="both", pad=0.08)
+    figure.axes[0].legend(loc="upper left", frameon=False, fontsize="small")
+    return figure
+
+
+def _draw_plane(axes: Axes, deformation: Deformation, values: F64) -> Any:
+    points, deformed = deformation.points, deformation.points + deformation.displacement
+    axes.plot(points[:, 0], points[:, 1], ".", color="#BBBBBB", markersize=3, label="undeformed")
+    low, high = _limits(values)
+    dots = axes.scatter(
+        deformed[:, 0], deformed[:, 1], c=values, s=_dot_area(deformed, 2), vmin=low, vmax=high
+    )
+    axes.set_aspect("equal")
+    return dots
+
+
+def _draw_space(axes: Any, deformation: Deformation, values: F64) -> Any:
+    deformed = deformation.points + deformation.displacement
+    for number, edge in enumerate(_outline(deformation.points)):
+        axes.plot(*edge.T, color=GREY, linewidth=0.9, label=None if number else "undeformed")
+    shown = slice(None, None, -(-len(values) // _MOST_POINTS))
+    low, high = _limits(values)
+    dots = axes.scatter(
+        *deformed[shown].T,
+        c=values[shown],
+        s=_dot_area(deformed[shown], 3),
+        vmin=low,
+        vmax=high,
+        edgecolors="none",
+        depthshade=False,
+    )
+    both = np.vstack([deformation.points, deformed])
+    low_corner, high_corner = both.min(axis=0), both.max(axis=0)
+    sides = np.maximum(high_corner - low_corner, 1e-6 * np.ptp(both))
+    axes.set(
+        xlim=(low_corner[0], low_corner[0] + sides[0]),
+        ylim=(low_corner[1], low_corner[1] + sides[1]),
+        zlim=(low_corner[2], low_corner[2] + sides[2]),
+    )
+    axes.set_box_aspect(sides, zoom=0.9)
+    axes.view_init(elev=18, azim=-60)
+    for axis, side in zip((axes.xaxis, axes.yaxis, axes.zaxis), sides, strict=True):
+        axis.set_major_locator(MaxNLocator(2 if side < 0.6 * sides.max() else 5))
+        axis.set_pane_color((0.97, 0.97, 0.97))
+    return dots
+
+
+def _limits(values: F64) -> tuple[float, float]:
+    """Range without the outermost percent: singular edges do not eat the colours."""
+    low, high = np.nanpercentile(values, [1.0, 99.0])
+    margin = 1e-6 * max(abs(low), abs(high), 1e-12)
+    return float(low - margin), float(high + margin)
+
+
+def _dot_area(points: F64, dimension: int) -> float:
+    """Area of dots that nearly touch [point^2]; a panel is about 200 points high."""
+    sides = np.ptp(points[:, :dimension], axis=0)
+    spacing = (np.prod(np.maximum(sides, 1e-9)) / len(points)) ** (1.0 / dimension)
+    return float(np.clip((200.0 * spacing / sides.max()) ** 2, 2.0, 100.0))
+
+
+def _outline(points: F64) -> list[F64]:
+    """Edges of the convex hull, each of shape `(2, 3)`; rounded parts have none."""
+    try:
+        hull = ConvexHull(points)
+    except QhullError:
+        return []
+    edges = []
+    for facet, neighbours in enumerate(hull.neighbors):
+        for corner, other in enumerate(neighbours):
+            cosine = hull.equations[facet, :3] @ hull.equations[other, :3]
+            if facet < other and cosine < np.cos(np.radians(_EDGE_ANGLE)):
+                edges.append(points[np.delete(hull.simplices[facet], corner)])
+    return edges
+
+
+def probe_figure(
+    steps: Sequence[Mapping[str, Any]],
+    units: Mapping[str, str],
+    reference: Mapping[str, Any],
+    exact: Mapping[str, Any],
+    deformation: Deformation | None,
+) -> Figure:
+    """Probes against activation where it changes, otherwise against load.
+
+    Parameters
+    ----------
+    steps : Sequence of Mapping
+        `steps` of the summary.
+    units : Mapping
+        Unit of each probe by its name.
+    reference, exact : Mapping
+        As in the summary; drawn as open circles and as a star at full load.
+    deformation : Deformation or None
+        Gives the activation of each load.
+
+    Returns
+    -------
+    Figure
+        One panel for each probe.
+    """
+    columns = min(len(units), 3)
+    rows = -(-len(units) // columns)
+    figure = Figure(figsize=(11.0 if columns > 1 else 6.5, 3.4 * rows), layout="constrained")
+    active = deformation is not None and float(np.max(deformation.activations, initial=0.0)) > 0.0
+
+    def across(loads: Sequence[float]) -> F64:
+        """Loads as they stand on the horizontal axis."""
+        if deformation is None or not active:
+            return np.asarray(loads, dtype=float)
+        return np.interp(loads, deformation.loads, deformation.activations)
+
+    for panel, (name, unit) in enumerate(units.items(), start=1):
+        axes = figure.add_subplot(rows, columns, panel)
+        shown = [step for step in steps if name in step.get("probes", {})]
+        loads = across([step["load"] for step in shown])
+        values = _as_columns([step["probes"][name] for step in shown])
+        for part in range(values.shape[1]):
+            label = "computed" if values.shape[1] == 1 else "xyz"[part]
+            axes.plot(
+                loads, values[:, part], DASHES[part % 4], color=COLOURS[part],
+                marker=MARKERS[part], markersize=4, label=label,
+            )  # fmt: skip
+        theirs = reference.get(name)
+        if theirs:
+            places = np.asarray(theirs.get("activation") or across(theirs.get("load", [])))
+            numbers = _as_columns(theirs.get("reference", []))
+            for part in range(numbers.shape[1]):
+                axes.plot(
+                    places, numbers[:, part], "o", markersize=8, markerfacecolor="none",
+                    color=COLOURS[(part + 1) % len(COLOURS)] if numbers.shape[1] == 1 else GREY,
+                    label="reference" if part == 0 else None,
+                )  # fmt: skip
+        if name in exact and isinstance(exact[name].get("reference"), (int, float)):
+            axes.plot(
+                across([1.0]), [exact[name]["reference"]], "*", markersize=13,
+                markerfacecolor="none", color=COLOURS[1], label="exact",
+            )  # fmt: skip
+        axes.set(xlabel="activation [-]" if active else "load [-]", ylabel=f"{name} [{unit}]")
+        axes.grid(color="#E5E5E5")
+        if len(axes.lines) > 1:
+            axes.legend(frameon=False, fontsize="small")
+    return figure
+
+
+def _as_columns(values: Sequence[Any]) -> F64:
+    """Numbers, lists of numbers and gaps as an array of shape `(n, components)`."""
+    width = max((len(value) for value in values if isinstance(value, list)), default=1)
+    table = np.full((len(values), width), np.nan)
+    for row, value in zip(table, values, strict=True):
+        if value is not None:
+            row[:] = value
+    return table
+
+
+def history_figure(history: Mapping[str, NDArray[Any]]) -> Figure:
+    """Convergence of all iterations, and the range of J.
+
+    Parameters
+    ----------
+    history : Mapping
+        Columns of `history.csv`.
+
+    Returns
+    -------
+    Figure
+        Left the norms on a logarithmic scale, right the smallest and largest J.
+    """
+    figure = Figure(figsize=(11.0, 3.8), layout="constrained")
+    left, right = figure.subplots(1, 2, width_ratios=(3, 2))
+    count = len(history["step"])
+    starts = np.flatnonzero(np.diff(history["load"], prepend=np.nan) != 0)
+    curves = (
+        (left, "gradient", "gradient norm"),
+        (left, "step_norm", "step norm"),
+        (left, "residual", "residual"),
+        (right, "max_J", "largest J"),
+        (right, "min_J", "smallest J"),
+    )
+    for axes, key, label in curves:
+        if key in history:
+            number = len(axes.lines)
+            axes.plot(
+                np.insert(np.arange(1.0, count + 1), starts[1:], np.nan),
+                np.insert(history[key], starts[1:], np.nan),
+                DASHES[number], color=COLOURS[number], marker=MARKERS[number], markersize=3,
+                linewidth=1.2, label=label,
+            )  # fmt: skip
+    for axes in (left, right):
+        for start, end in list(zip(starts, [*starts[1:], count], strict=True))[1::2]:
+            axes.axvspan(start + 0.5, end + 0.5, color="#F0F0F0", linewidth=0, zorder=0)
+        axes.set(xlabel="iteration (bands: load steps)", xlim=(0.5, count + 0.5))
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        if axes.lines:
+            axes.legend(frameon=False, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
+    left.set(yscale="log", ylabel="norm (as in history.csv)")
+    left.minorticks_off()
+    right.set(ylabel="volume ratio J [-]")
+    return figure
+
+
+def rom_figure(rom: Mapping[str, Any]) -> Figure:
+    """Decay of the modes, error against number of modes, error against speed-up.
+
+    Parameters
+    ----------
+    rom : Mapping
+        `rom` of the summary.
+
+    Returns
+    -------
+    Figure
+        Three panels on logarithmic scales.
+    """
+    figure = Figure(figsize=(11.0, 3.6), layout="constrained")
+    decay, errors, speed = figure.subplots(1, 3)
+    pov = np.asarray(rom.get("pov", []), dtype=float)
+    models = rom.get("models", [])
+    if pov.size and pov[0] > 0.0:
+        relative = np.where(pov > 0.0, pov / pov[0], np.nan)
+        decay.semilogy(np.arange(1, len(pov) + 1), relative, "o-", color=COLOURS[0], markersize=4)
+        for modes in sorted({model["r"] for model in models}):
+            decay.axvline(modes, color=GREY, linewidth=0.8, linestyle=":")
+        decay.xaxis.set_major_locator(MaxNLocator(integer=True))
+    decay.set(xlabel="mode (dotted: sizes used)", ylabel="orthogonal value / first [-]")
+    for number, kind in enumerate(dict.fromkeys(model["kind"] for model in models)):
+        mine = sorted((model for model in models if model["kind"] == kind), key=lambda m: m["r"])
+        modes = [model["r"] for model in mine]
+        name = MODEL_KINDS.get(kind, kind)
+        look = {"color": COLOURS[number], "marker": MARKERS[number], "markersize": 5}
+        errors.semilogy(modes, _column(mine, "e1"), "-", label=f"{name}, e₁", **look)
+        errors.semilogy(
+            modes, _column(mine, "e2"), "--", label=f"{name}, e₂", markerfacecolor="none", **look
+        )
+        speed.loglog(_column(mine, "speedup_vs_full"), _column(mine, "e1"), "-", label=name, **look)
+        for model in mine:
+            if model.get("speedup_vs_full") and model.get("e1"):
+                speed.annotate(
+                    f"r = {model['r']}", (model["speedup_vs_full"], model["e1"]),
+                    xytext=(6, 5), textcoords="offset points", fontsize="small",
+                )  # fmt: skip
+    errors.xaxis.set_major_locator(MaxNLocator(integer=True))
+    errors.set(xlabel="modes r", ylabel="relative error [-]")
+    speed.set(xlabel="speed-up over the full solution", ylabel="displacement error e₁ [-]")
+    speed.margins(0.25)
+    for axes in (errors, speed):
+        if models:
+            axes.legend(frameon=False, fontsize="small")
+    for axes in (decay, errors, speed):
+        axes.grid(color="#E5E5E5")
+        axes.minorticks_off()
+    return figure
+
+
+def _column(models: Sequence[Mapping[str, Any]], key: str) -> F64:
+    """Values for a logarithmic axis: what is missing or zero becomes a gap."""
+    values = np.array([model.get(key) or np.nan for model in models], dtype=float)
+    return np.where(values > 0.0, values, np.nan)
+
+
+def timing_figure(timings: Mapping[str, Any]) -> Figure:
+    """Wall time of each stage as one bar."""
+    figure = Figure(figsize=(11.0, 1.5), layout="constrained")
+    axes = figure.subplots()
+    stages = {key: value for key, value in timings.items() if key != "total" and value}
+    rest = (timings.get("total") or 0.0) - sum(stages.values())
+    if rest > 0.0:
+        stages["other"] = rest
+    start = 0.0
+    for number, (stage, seconds) in enumerate(stages.items()):
+        axes.barh(
+            0, seconds, left=start, color=COLOURS[number % len(COLOURS)], edgecolor="white",
+            label=f"{stage} {seconds:.3g} s",
+        )  # fmt: skip
+        start += seconds
+    axes.set(yticks=[], xlabel="wall time [s]", xlim=(0.0, start or 1.0))
+    axes.legend(ncols=len(stages), loc="lower center", bbox_to_anchor=(0.5, 1.0), frameon=False)
+    for side in ("top", "right", "left"):
+        axes.spines[side].set_visible(False)
+    return figure

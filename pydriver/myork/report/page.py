@@ -1,0 +1,334 @@
+"""The page: sections for whatever a folder holds, in one HTML file without external parts."""
+
+from __future__ import annotations
+
+import base64
+import io
+import os
+import re
+from collections.abc import Mapping
+from html import escape, unescape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from myork.errors import FileError
+from myork.report import figures, image_figures, tables
+from myork.report.numbers import fraction, number, unit_of
+from myork.report.sources import RunFolder, read_folder
+
+__all__ = ["make_report"]
+
+_NAME = "report.html"
+
+_STYLE = """
+:root { color-scheme: light; --ink: #1d2733; --soft: #5b6875; --line: #dfe4ea; --blue: #0b5c96; }
+* { box-sizing: border-box; }
+body { font: 16px/1.55 system-ui, "Segoe UI", "DejaVu Sans", sans-serif; color: var(--ink);
+  max-width: 72rem; margin: 0 auto; padding: 1.5rem; background: #fff; }
+h1 { font-size: 1.8rem; line-height: 1.2; margin: 0 0 .3rem; }
+h2 { font-size: 1.3rem; margin: 2.6rem 0 .8rem; padding-top: .8rem;
+  border-top: 1px solid var(--line); }
+p.about, figcaption, caption, small { color: var(--soft); }
+p.about { margin: 0; }
+nav { margin: 1rem 0; } nav a { margin-right: 1.1rem; }
+a { color: var(--blue); }
+.state { display: inline-block; padding: .1rem .7rem; border-radius: 1rem; font-size: .9rem;
+  font-weight: 600; vertical-align: middle; margin-left: .6rem; white-space: nowrap; }
+.good { background: #dcefe6; color: #0a5a3c; } .bad { background: #fbe3d6; color: #8a3200; }
+.cards { display: grid; grid-template-columns: repeat(auto-fit, minmax(10rem, 1fr)); gap: .8rem;
+  margin: 1.2rem 0; padding: 0; }
+.cards div { border: 1px solid var(--line); border-radius: .5rem; padding: .7rem .9rem; }
+.cards dt { color: var(--soft); font-size: .85rem; }
+.cards dd { margin: 0; font-size: 1.25rem; font-weight: 600; }
+.cards small { font-weight: 400; font-size: .8rem; }
+.warnings { background: #fdf3e7; border-left: .3rem solid #d55e00; padding: .7rem 1rem .7rem 2rem;
+  margin: 1rem 0; }
+figure { margin: 1rem 0; } figure img { max-width: 100%; height: auto; display: block; }
+figcaption, caption { font-size: .9rem; } caption { text-align: left; padding-bottom: .4rem; }
+.scroll { overflow-x: auto; margin: 1rem 0; }
+table { border-collapse: collapse; font-size: .92rem; font-variant-numeric: tabular-nums; }
+th, td { padding: .3rem .8rem; border-bottom: 1px solid var(--line); text-align: right;
+  vertical-align: top; }
+th:first-child, td:first-child { text-align: left; padding-left: 0; }
+thead th { border-bottom: 2px solid var(--soft); vertical-align: bottom; }
+tbody th { font-weight: 500; white-space: nowrap; }
+.facts td { text-align: left; }
+code { font-size: .85rem; overflow-wrap: anywhere; }
+footer { margin-top: 3rem; color: var(--soft); font-size: .85rem; }
+@media print { body { max-width: none; } nav { display: none; } figure, table {
+  break-inside: avoid; } }
+"""
+
+
+def make_report(folder: str | Path) -> Path:
+    """Write `report.html` from whatever is in an output folder.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Output folder of `solve`, `rom`, `segment` or `demo`.
+
+    Returns
+    -------
+    Path
+        The page; figures are inside it, nothing is loaded from elsewhere.
+    """
+    content = read_folder(Path(folder))
+    page = content.path / _NAME
+    unfinished = page.with_name(_NAME + ".part")
+    try:
+        unfinished.write_text(_page(content), encoding="utf-8")
+        os.replace(unfinished, page)
+    except OSError as error:
+        raise FileError(f"{page}: cannot be written: {error.strerror}") from error
+    return page
+
+
+def _page(folder: RunFolder) -> str:
+    """All sections that have something to show, behind their headline."""
+    summary = folder.summary
+    sections = [
+        ("images", "From the image to the labels", _images(folder)),
+        ("deformation", "Deformed muscle", _deformation(folder)),
+        ("probes", "Forces and other probes", _probes(folder)),
+        ("rom", "Reduced models", _rom(summary)),
+        ("convergence", "Convergence", _convergence(folder)),
+        ("run", "The run", _run(folder)),
+    ]
+    shown = [section for section in sections if section[2]]
+    title = escape(str(summary.get("title") or folder.path.resolve().name))
+    links = "".join(f'<a href="#{key}">{name}</a>' for key, name, _ in shown)
+    body = "\n".join(
+        f'<section id="{key}" aria-labelledby="h-{key}"><h2 id="h-{key}">{name}</h2>\n{html}\n'
+        "</section>"
+        for key, name, html in shown
+    )
+    version = escape(str(summary.get("version", "")))
+    return f"""<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{title} – MyoRK report</title>
+<style>{_STYLE}</style>
+</head>
+<body>
+<header>
+<h1>{title}{_state(summary)}</h1>
+<p class="about">{_about(summary)}</p>
+{_cards(summary)}
+{_warnings(folder)}
+<nav aria-label="Sections">{links}</nav>
+</header>
+<main>
+{body}
+</main>
+<footer>MyoRK {version} · made by <code>myork report</code> from the files in
+<code>{escape(str(folder.path))}</code></footer>
+</body>
+</html>
+"""
+
+
+def _state(summary: Mapping[str, Any]) -> str:
+    """Whether the solve converged, in words and colour."""
+    if "converged" not in summary:
+        return ""
+    if summary["converged"]:
+        return ' <span class="state good">✓ converged</span>'
+    steps = summary.get("steps") or [{}]
+    reached = fraction(steps[-1].get("load"))
+    return f' <span class="state bad">✗ not converged, last state at load {reached}</span>'
+
+
+def _about(summary: Mapping[str, Any]) -> str:
+    """One line: method and sizes."""
+    if "method" not in summary:
+        return "Output of MyoRK"
+    return (
+        f"{escape(str(summary['method']))}, {number(summary.get('dimension'))}-D, "
+        f"{number(summary.get('source_points'))} source points, "
+        f"{number(summary.get('collocation_points'))} collocation points, "
+        f"{number(summary.get('dofs'))} unknowns"
+    )
+
+
+def _cards(summary: Mapping[str, Any]) -> str:
+    """The numbers one looks for first: probes at the end, time, best reduced model, scores."""
+    cards: list[tuple[str, str, str]] = []
+    units = _probe_units(summary)
+    steps = summary.get("steps") or [{}]
+    last = steps[-1].get("probes", {})
+    scalars = [name for name in units if isinstance(last.get(name), (int, float))]
+    for name in scalars[:4]:
+        value = f"{number(last[name])} <small>{escape(units[name])}</small>"
+        cards.append((escape(name), value, f"at load {fraction(steps[-1].get('load'))}"))
+    models = [model for model in summary.get("rom", {}).get("models", []) if model.get("e1")]
+    if models:
+        best = min(models, key=lambda model: model["e1"])
+        faster = number(best.get("speedup_vs_full"), 3)
+        note = f"r = {best['r']}, error e<sub>1</sub> {number(best['e1'], 2)}"
+        cards.append(("reduced model", f"{faster} <small>times faster</small>", note))
+    for name, score in summary.get("segmentation", {}).get("scores", {}).items():
+        dice = f"{number(score.get('dice'), 3)} <small>Dice</small>"
+        cards.append(("segmentation", dice, escape(name)))
+    total = summary.get("timings_s", {}).get("total")
+    if total is not None:
+        threads = number(summary.get("threads"))
+        cards.append(
+            ("full solution", f"{number(total, 3)} <small>s</small>", f"{threads} threads")
+        )
+    if not cards:
+        return ""
+    parts = "".join(
+        f"<div><dt>{head}</dt><dd>{value}</dd><dd><small>{note}</small></dd></div>"
+        for head, value, note in cards
+    )
+    return f'<dl class="cards">{parts}</dl>'
+
+
+def _warnings(folder: RunFolder) -> str:
+    """Warnings of the run, and files that could not be read."""
+    lines = [*folder.summary.get("warnings", []), *folder.problems]
+    if not lines:
+        return ""
+    items = "".join(f"<li>{escape(str(line))}</li>" for line in lines)
+    return f'<ul class="warnings" aria-label="Warnings">{items}</ul>'
+
+
+def _images(folder: RunFolder) -> str:
+    """Slices, areas, scores."""
+    parts = []
+    segmentation = folder.summary.get("segmentation", {})
+    if folder.labels is not None:
+        image, fibers = (
+            None if extra is None or extra.data.shape[:3] != folder.labels.data.shape else extra
+            for extra in (folder.image, folder.fibers)
+        )
+        parts += [
+            _figure(
+                image_figures.slice_figure(folder.labels, image, fibers),
+                "Slices of the image with the contour of each label and the fibers in the plane "
+                "of the picture; a short stroke is a fiber that leaves the plane.",
+            ),
+            _figure(
+                image_figures.area_figure(folder.labels, segmentation.get("energy") or []),
+                "Cross-sectional area of each label along the stack, and the energy of the "
+                "segmentation where it was recorded.",
+            ),
+        ]
+    if segmentation:
+        parts.append(tables.label_table(segmentation))
+    return "\n".join(parts)
+
+
+def _deformation(folder: RunFolder) -> str:
+    """Cloud of the last step."""
+    deformation = folder.deformation
+    if deformation is None or not len(deformation.loads):
+        return ""
+    length = folder.summary.get("units", {}).get("length", "?")
+    largest = float(np.linalg.norm(deformation.displacement, axis=1).max())
+    return _figure(
+        figures.cloud_figure(deformation, folder.summary.get("units", {})),
+        f"Last step, load {fraction(float(deformation.loads[-1]))}, activation "
+        f"{fraction(float(deformation.activations[-1]))}: deformed points to scale, largest "
+        f"displacement {number(largest)} {escape(length)}; undeformed outline in grey. "
+        "Colours span the middle 98 % of the values. All steps open in ParaView: "
+        "<code>results.vtkhdf</code>.",
+    )
+
+
+def _probes(folder: RunFolder) -> str:
+    """Curves and numbers of the probes, with what they are compared to."""
+    summary = folder.summary
+    units = _probe_units(summary)
+    steps = summary.get("steps", [])
+    reference, exact = summary.get("reference", {}), summary.get("exact", {})
+    parts = []
+    if units:
+        figure = figures.probe_figure(steps, units, reference, exact, folder.deformation)
+        extra = " Open circles: reference values." if reference else ""
+        parts.append(_figure(figure, f"Probes of the deck in all converged steps.{extra}"))
+    if reference:
+        parts.append(tables.reference_table(reference, units))
+    if exact:
+        parts.append(tables.exact_table(exact, units))
+    if units:
+        parts.append(tables.probe_table(steps, units, "Probes in all converged steps"))
+    return "\n".join(parts)
+
+
+def _rom(summary: Mapping[str, Any]) -> str:
+    """Full against reduced."""
+    rom = summary.get("rom")
+    if not rom:
+        return ""
+    return "\n".join(
+        [
+            _figure(
+                figures.rom_figure(rom),
+                f"Left: decay of the orthogonal values of {number(rom.get('snapshots'))} "
+                "snapshots. Middle: errors of displacement (e<sub>1</sub>) and displacement "
+                "gradient (e<sub>2</sub>). Right: what a given speed-up costs in accuracy.",
+            ),
+            tables.rom_table(rom.get("models", [])),
+        ]
+    )
+
+
+def _convergence(folder: RunFolder) -> str:
+    """Iterations of all steps."""
+    if not {"step", "load"} <= set(folder.history):
+        return ""
+    return _figure(
+        figures.history_figure(folder.history),
+        "Every iteration of every load step; residuals of a least squares solution do not go to "
+        "zero, the gradient does.",
+    )
+
+
+def _run(folder: RunFolder) -> str:
+    """Method, solver, timings."""
+    summary = folder.summary
+    parts = []
+    if "method" in summary:
+        errors = folder.history.get("backward_error", np.array([]))
+        worst = float(np.nanmax(errors)) if np.isfinite(errors).any() else None
+        parts.append(f'<div class="facts">{tables.run_table(summary, worst)}</div>')
+    timings = summary.get("timings_s", {})
+    if timings:
+        parts += [
+            _figure(figures.timing_figure(timings), "Wall time of the full solution."),
+            tables.timing_table(timings, summary.get("memory_peak_bytes")),
+        ]
+    return "\n".join(parts)
+
+
+def _probe_units(summary: Mapping[str, Any]) -> dict[str, str]:
+    """Unit of each probe by its name; a probe's quantity is its name unless the summary tells."""
+    quantities = summary.get("probe_quantities", {})
+    names = dict.fromkeys(
+        name for step in summary.get("steps", []) for name in step.get("probes", {})
+    )
+    return {
+        name: unit_of(
+            quantities.get(name, name), summary.get("units", {}), summary.get("dimension", 3)
+        )
+        for name in names
+    }
+
+
+def _figure(figure: Figure, caption: str) -> str:
+    """Figure as a picture inside the page; its caption is its alternative text as well."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=130, facecolor="white", bbox_inches="tight")
+    data = base64.b64encode(buffer.getvalue()).decode("ascii")
+    plain = escape(unescape(re.sub("<[^>]*>", "", caption)))
+    return (
+        f'<figure><img alt="{plain}" src="data:image/png;base64,{data}">'
+        f"<figcaption>{caption}</figcaption></figure>"
+    )

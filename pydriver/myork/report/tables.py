@@ -1,0 +1,228 @@
+"""Numbers and tables as HTML: every number with its unit, every text escaped."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from html import escape
+from typing import Any
+
+from myork.report.numbers import DASH, fraction, number
+
+__all__ = [
+    "MODEL_KINDS",
+    "exact_table",
+    "label_table",
+    "probe_table",
+    "reference_table",
+    "rom_table",
+    "run_table",
+    "table",
+    "timing_table",
+]
+
+#: Kinds of reduced models as the summary names them
+MODEL_KINDS = {"galerkin": "Galerkin", "reduced": "reduced assembly", "hyper": "hyper-reduced"}
+_STAGES = {
+    "shape": "shape functions",
+    "assemble": "assembly",
+    "solve": "linear solver",
+    "output": "output",
+}
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]], caption: str = "") -> str:
+    """A table; its first column names the rows.
+
+    Parameters
+    ----------
+    head : Sequence of str
+        Headings as HTML; none for a table without a head.
+    rows : Iterable of Sequence of str
+        Cells as HTML.
+    caption : str
+        What it shows, HTML.
+
+    Returns
+    -------
+    str
+        HTML that scrolls sideways on a narrow screen.
+    """
+    parts = ['<div class="scroll"><table>']
+    if caption:
+        parts.append(f"<caption>{caption}</caption>")
+    if head:
+        cells = "".join(f'<th scope="col">{cell}</th>' for cell in head)
+        parts.append(f"<thead><tr>{cells}</tr></thead>")
+    parts.append("<tbody>")
+    for first, *others in rows:
+        cells = "".join(f"<td>{cell}</td>" for cell in others)
+        parts.append(f'<tr><th scope="row">{first}</th>{cells}</tr>')
+    parts.append("</tbody></table></div>")
+    return "\n".join(parts)
+
+
+def run_table(summary: Mapping[str, Any], backward_error: float | None) -> str:
+    """What was solved and how: method, sizes, solver, largest backward error of all solves."""
+    units = summary.get("units", {})
+    solver = summary.get("solver", {})
+    used = escape(str(solver.get("used", DASH)))
+    if solver.get("asked") not in (None, solver.get("used")):
+        used += f" (asked: {escape(str(solver['asked']))})"
+    if solver.get("why"):
+        used += f"<br><small>{escape(str(solver['why']))}</small>"
+    rows = [
+        ("method", escape(str(summary.get("method", DASH)))),
+        ("dimension", _dimension(summary.get("dimension"))),
+        ("source points", number(summary.get("source_points"))),
+        ("collocation points", number(summary.get("collocation_points"))),
+        ("unknowns", number(summary.get("dofs"))),
+        ("equations (rows)", number(summary.get("rows"))),
+        ("linear solver", used),
+        ("backward error, largest", number(backward_error, 2)),
+        ("load steps, iterations", _iterations(summary.get("steps", []))),
+        ("threads", number(summary.get("threads"))),
+        ("units", " and ".join(escape(str(units[key])) for key in units) or DASH),
+    ]
+    overrides = summary.get("overrides")
+    if overrides:
+        rows.append(("changed with --set", "<br>".join(escape(str(line)) for line in overrides)))
+    rows.append(("deck, SHA-256", f"<code>{escape(str(summary.get('deck_sha256', DASH)))}</code>"))
+    return table((), [row for row in rows if row[1] != DASH])
+
+
+def probe_table(steps: Sequence[Mapping[str, Any]], units: Mapping[str, str], caption: str) -> str:
+    """Values of all probes, a line a step.
+
+    Parameters
+    ----------
+    steps : Sequence of Mapping
+        `steps` of the summary.
+    units : Mapping
+        Unit of each probe by its name.
+    caption : str
+        What it shows.
+
+    Returns
+    -------
+    str
+        HTML.
+    """
+    head = ["load [-]", *(f"{escape(name)} [{escape(unit)}]" for name, unit in units.items())]
+    rows = [
+        [fraction(step.get("load")), *(number(step.get("probes", {}).get(name)) for name in units)]
+        for step in steps
+    ]
+    return table(head, rows, caption)
+
+
+def exact_table(exact: Mapping[str, Any], units: Mapping[str, str]) -> str:
+    """Values beside their exact solutions, both at full load."""
+    rows = [
+        (
+            f"{escape(name)} [{escape(units.get(name, '?'))}]",
+            number(entry.get("value"), 6),
+            number(entry.get("reference"), 6),
+            number(entry.get("relative_error"), 2),
+        )
+        for name, entry in exact.items()
+    ]
+    head = ("quantity", "computed", "exact", "relative error [-]")
+    return table(head, rows, "Exact solutions at full load")
+
+
+def reference_table(reference: Mapping[str, Any], units: Mapping[str, str]) -> str:
+    """Largest distance of each probe from reference values of somebody else."""
+    rows = []
+    for name, entry in reference.items():
+        values, theirs = _numbers(entry.get("value")), _numbers(entry.get("reference"))
+        errors = _numbers(entry.get("relative_error"))
+        rows.append(
+            (
+                f"{escape(name)} [{escape(units.get(name, '?'))}]",
+                number(len(theirs)),
+                number(values[-1] if values else None),
+                number(theirs[-1] if theirs else None),
+                number(max((abs(error) for error in errors), default=None), 2),
+                escape(str(entry.get("source", DASH))),
+            )
+        )
+    head = (
+        "probe", "points", "computed, last", "reference, last", "largest relative error [-]",
+        "source of the reference",
+    )  # fmt: skip
+    return table(head, rows, "Distance from reference values")
+
+
+def rom_table(models: Sequence[Mapping[str, Any]]) -> str:
+    """Errors, times and speed-up of the reduced models, side by side."""
+    head = (
+        "model", "modes r", "points", "e<sub>1</sub> displacement [-]",
+        "e<sub>2</sub> gradient [-]", "stress error [-]", "force error [-]", "offline [s]",
+        "online, a state [ms]", "speed-up over full", "speed-up over DGELS",
+    )  # fmt: skip
+    rows = []
+    for model in models:
+        online = model.get("online_s_per_state")
+        rows.append(
+            (
+                escape(MODEL_KINDS.get(str(model.get("kind")), str(model.get("kind")))),
+                number(model.get("r")),
+                number(model.get("points")),
+                *(number(model.get(key), 2) for key in ("e1", "e2", "stress_error", "force_error")),
+                number(model.get("offline_s"), 3),
+                number(None if online is None else 1000.0 * online, 3),
+                number(model.get("speedup_vs_full"), 3),
+                number(model.get("speedup_vs_dgels"), 3),
+            )
+        )
+    return table(head, rows, "Reduced models against the full solution")
+
+
+def label_table(segmentation: Mapping[str, Any]) -> str:
+    """Size and, where the truth is known, scores of each label."""
+    scores = segmentation.get("scores", {})
+    names = dict.fromkeys([*segmentation.get("labels", {}), *scores])
+    rows = []
+    for name in names:
+        label, score = segmentation.get("labels", {}).get(name, {}), scores.get(name, {})
+        rows.append(
+            (
+                escape(name),
+                number(label.get("pixels")),
+                number(label.get("volume")),
+                number(score.get("dice"), 3),
+                number(score.get("pcc"), 3),
+            )
+        )
+    head = ("label", "voxels", "volume [mm³]", "Dice [-]", "PCC [-]")
+    return table(head, rows, "Labels of the segmentation (a dash: no truth to score against)")
+
+
+def timing_table(timings: Mapping[str, Any], memory: Any) -> str:
+    """Seconds of each stage with its share, and the largest memory."""
+    total = timings.get("total")
+    rows = []
+    for key, seconds in timings.items():
+        if key == "total":
+            continue
+        share = 100.0 * seconds / total if seconds is not None and total else None
+        rows.append((escape(_STAGES.get(key, key)), number(seconds, 3), number(share, 2)))
+    rows.append(("total", number(total, 3), number(100 if total else None)))
+    if memory is not None:
+        rows.append(("memory, largest", f"{number(memory / 2**20, 3)} MiB", ""))
+    return table(("stage", "wall time [s]", "share [%]"), rows, "Where the time went")
+
+
+def _dimension(dimension: Any) -> str:
+    return {2: "2 (plane strain)", 3: "3"}.get(dimension, DASH)
+
+
+def _iterations(steps: Sequence[Mapping[str, Any]]) -> str:
+    if not steps:
+        return DASH
+    total = sum(step.get("iterations") or 0 for step in steps)
+    return f"{number(len(steps))} steps, {number(total)} iterations"
+
+
+def _numbers(values: Any) -> list[float]:
+    return [value for value in values or () if isinstance(value, (int, float))]

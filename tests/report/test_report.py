@@ -1,0 +1,322 @@
+"""The report: complete, self-contained, honest about gaps, figures in the right place."""
+
+import base64
+import json
+import re
+from collections.abc import Callable
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from myork.errors import FileError
+from myork.records import Image, Labels
+from myork.report import make_report
+from myork.report.figures import cloud_figure, history_figure, probe_figure, rom_figure
+from myork.report.image_figures import area_figure, slice_figure
+from myork.report.numbers import fraction, number, unit_of
+from myork.report.sources import Deformation, read_folder
+from myork.report.tables import rom_table
+
+SECTIONS = ("images", "deformation", "probes", "rom", "convergence", "run")
+VOID = {"meta", "img", "br"}
+
+
+class Page(HTMLParser):
+    """Checks that tags are closed in order; collects what the tests ask for."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.images: list[dict[str, str | None]] = []
+        self.sections: list[str] = []
+        self.targets: list[str] = []
+        self.text = ""
+        self.source = path.read_text(encoding="utf-8")
+        self.feed(self.source)
+        assert self.open == [], "tags left open"
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        found = dict(attrs)
+        if tag not in VOID:
+            self.open.append(tag)
+        if tag == "img":
+            self.images.append(found)
+        if tag == "section":
+            self.sections.append(str(found["id"]))
+        if tag == "a":
+            self.targets.append(str(found["href"]))
+        assert tag not in {"script", "link", "iframe"}, "nothing is loaded from elsewhere"
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if self.open[-1:] != ["style"]:
+            self.text += data
+
+
+def change_summary(folder: Path, change: Callable[[dict[str, Any]], object]) -> None:
+    path = folder / "summary.json"
+    content = json.loads(path.read_text())
+    change(content)
+    path.write_text(json.dumps(content))
+
+
+def keep(folder: Path, *names: str) -> None:
+    """Leave only these files, and in the summary only what makes few figures."""
+    for path in folder.iterdir():
+        if path.name not in names:
+            path.unlink()
+    if "summary.json" in names:
+        change_summary(folder, lambda summary: [summary.pop("rom"), summary.pop("timings_s")])
+
+
+def test_page_is_complete_and_self_contained(folder: Path) -> None:
+    path = make_report(folder)
+    assert path == folder / "report.html"
+    page = Page(path)
+    assert tuple(page.sections) == SECTIONS
+    assert page.targets == [f"#{key}" for key in SECTIONS]
+    assert len(page.images) == 7
+    for image in page.images:
+        assert len(image["alt"] or "") > 20
+        kind, data = str(image["src"]).split(",", 1)
+        assert kind == "data:image/png;base64"
+        assert base64.b64decode(data).startswith(b"\x89PNG")
+    assert not re.search(r"(src|href)=\"(?!#|data:)|url\(|@import", page.source)
+    assert not list(folder.glob("*.part"))
+
+    text = page.text
+    assert "Muscle block, fibers inclined 30° <test>" in text, "text is escaped"
+    assert "✓ converged" in text
+    assert "2 islands with 14 voxels" in text
+    for wanted in (
+        "force_z [N]", "cauchy_zz [N/cm²]", "tip [cm]", "−3.000", "mesh-converged finite elements",
+        "3.0600", "3.0617", "refined (asked: auto)", "3.0·10−13", "hyper-reduced", "0.973",
+        "1380 MiB".replace("1380", "1\u202f380"), "10 steps, 30 iterations", "load.steps=10",
+    ):  # fmt: skip
+        assert wanted in text, wanted
+
+
+def test_only_what_is_there_is_shown(folder: Path) -> None:
+    keep(folder, "summary.json", "image.nii.gz")
+    change_summary(folder, lambda summary: summary.pop("segmentation"))
+    assert Page(make_report(folder)).sections == ["probes", "run"]
+
+
+def test_segmentation_alone(folder: Path) -> None:
+    keep(folder, "segmentation.nii.gz")
+    page = Page(make_report(folder))
+    assert page.sections == ["images"]
+    assert len(page.images) == 2
+
+
+def test_results_alone(folder: Path) -> None:
+    keep(folder, "results.vtkhdf")
+    assert Page(make_report(folder)).sections == ["deformation"]
+
+
+def test_unfinished_run_is_told(folder: Path) -> None:
+    keep(folder, "summary.json")
+    change_summary(folder, lambda summary: summary.update(converged=False, steps=[]))
+    assert "✗ not converged, last state at load –" in Page(make_report(folder)).text
+
+
+def test_gaps_in_the_summary(folder: Path) -> None:
+    """What the Fortran side could not compute is null; the page shows a dash."""
+
+    def change(summary: dict[str, Any]) -> None:
+        summary["steps"][3]["probes"].update(force_z=None, tip=None)
+        summary["rom"]["models"][0].update(e1=None, e2=None, speedup_vs_full=None)
+        summary["rom"]["pov"] = []
+        summary["timings_s"]["shape"] = None
+        summary["memory_peak_bytes"] = None
+        summary["exact"]["cauchy_zz"]["reference"] = None
+
+    change_summary(folder, change)
+    assert tuple(Page(make_report(folder)).sections) == SECTIONS
+
+
+@pytest.mark.parametrize(
+    "name", ["results.vtkhdf", "segmentation.nii.gz", "summary.json", "fibers.nii.gz"]
+)
+def test_broken_file_is_named_and_the_rest_shown(folder: Path, name: str) -> None:
+    keep(folder, name, "history.csv")
+    (folder / name).write_bytes((folder / name).read_bytes()[:300])
+    page = Page(make_report(folder))
+    assert f"{folder / name}: " in page.text
+    assert page.sections == ["convergence"]
+
+
+def test_refused_folders(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
+    with pytest.raises(FileError, match="nowhere: no such folder"):
+        make_report(folder / "nowhere")
+    with pytest.raises(FileError, match="nothing to report: neither summary.json"):
+        make_report(tmp_path_factory.mktemp("empty"))
+    keep(folder, "summary.json")
+    (folder / "report.html").mkdir()
+    with pytest.raises(FileError, match=r"report\.html: cannot be written: Is a directory"):
+        make_report(folder)
+
+
+def test_history_columns(folder: Path) -> None:
+    history = read_folder(folder).history
+    assert_array_equal(history["iteration"][:4], [1, 2, 3, 1])
+    assert history["solver"][0] == "refined"
+    (folder / "history.csv").write_text("step,load,gradient\n1,0.5,\n1,0.5,1e-3\n")
+    assert_array_equal(read_folder(folder).history["gradient"], [np.nan, 1e-3])
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "text"),
+    [
+        (3.06, 4, "3.060"),
+        (-0.0123456, 3, "−0.0123"),
+        (8198.36, 4, "8\u202f198"),
+        (25432.0, 3, "25\u202f400"),
+        (-7309.0, 4, "−7\u202f309"),
+        (2e-6, 2, "2.0·10<sup>−6</sup>"),
+        (1e8, 2, "1.0·10<sup>8</sup>"),
+        (0.0, 3, "0.00"),
+        (36411, 4, "36\u202f411"),
+        ([1.0, -2.5], 2, "(1.0, −2.5)"),
+        (None, 4, "–"),
+        (float("nan"), 4, "–"),
+        (float("inf"), 4, "–"),
+    ],
+)
+def test_numbers(value: Any, digits: int, text: str) -> None:
+    assert number(value, digits) == text
+
+
+def test_loads_are_given_numbers() -> None:
+    assert [fraction(load) for load in (0.1, 1.0, 1 / 3, None)] == ["0.1", "1", "0.3333", "–"]
+
+
+@pytest.mark.parametrize(
+    ("quantity", "dimension", "unit"),
+    [
+        ("u_x", 3, "cm"),
+        ("J", 3, "-"),
+        ("cauchy_rr", 2, "N/cm²"),
+        ("principal_max", 3, "N/cm²"),
+        ("force_z", 3, "N"),
+        ("force", 2, "N/cm"),
+        ("unheard", 3, "?"),
+    ],
+)
+def test_units(quantity: str, dimension: int, unit: str) -> None:
+    assert unit_of(quantity, {"force": "N", "length": "cm"}, dimension) == unit
+
+
+def test_rom_table_in_milliseconds() -> None:
+    html = rom_table([{"kind": "galerkin", "r": 2, "online_s_per_state": 0.0125}])
+    assert "<td>12.5</td>" in html
+
+
+def block(plane: bool = False) -> Deformation:
+    """A box of 1 x 2 x 3 that moves by (0.5, 0, 0)."""
+    corners = np.meshgrid(*(np.linspace(0, side, 4) for side in (1, 2, 0 if plane else 3)))
+    points = np.stack([part.ravel() for part in corners], axis=1)
+    return Deformation(
+        points=points,
+        displacement=np.broadcast_to([0.5, 0.0, 0.0], points.shape),
+        stress=np.arange(len(points), dtype=float),
+        volume_ratio=np.ones(len(points)),
+        loads=np.array([0.0, 1.0]),
+        activations=np.array([0.0, 0.3]),
+    )
+
+
+def test_cloud_is_to_scale() -> None:
+    figure = cloud_figure(block(), {"force": "N", "length": "mm"})
+    axes = figure.axes[0]
+    assert "N/mm²" in axes.get_title()
+    dots = axes.collections[0]
+    assert_allclose(np.stack(dots._offsets3d, axis=1), block().points + [0.5, 0, 0])
+    sides = np.array([np.diff(limit())[0] for limit in (axes.get_xlim, axes.get_ylim)])
+    assert_allclose(axes._box_aspect[:2] / axes._box_aspect[0], sides / sides[0])
+    assert len(axes.lines) == 12, "the outline of a box has twelve edges"
+    ends = np.concatenate([np.stack(line.get_data_3d(), axis=1) for line in axes.lines])
+    assert {tuple(end) for end in ends} == {
+        (x, y, z) for x in (0.0, 1.0) for y in (0.0, 2.0) for z in (0.0, 3.0)
+    }
+
+
+def test_plane_cloud() -> None:
+    axes = cloud_figure(block(plane=True), {}).axes[0]
+    assert axes.get_aspect() == 1.0
+    assert_allclose(axes.collections[0].get_offsets(), block(plane=True).points[:, :2] + [0.5, 0])
+
+
+def test_extreme_values_do_not_eat_the_colours() -> None:
+    deformation = block()
+    deformation.stress[0] = 1e9
+    assert cloud_figure(deformation, {}).axes[0].collections[0].get_clim()[1] < 1e9
+
+
+def test_probes_against_activation() -> None:
+    steps = [{"load": load, "probes": {"f": -load}} for load in (0.5, 1.0)]
+    reference = {"f": {"load": [0.25], "reference": [-0.2]}}
+    exact = {"f": {"reference": -1.1}}
+    axes = probe_figure(steps, {"f": "N"}, reference, exact, block()).axes[0]
+    assert axes.get_xlabel() == "activation [-]"
+    computed, theirs, star = axes.lines
+    assert_allclose(computed.get_xydata(), [[0.15, -0.5], [0.3, -1.0]])
+    assert_allclose(theirs.get_xydata(), [[0.075, -0.2]])
+    assert_allclose(star.get_xydata(), [[0.3, -1.1]])
+    axes = probe_figure(steps, {"f": "N"}, {}, {}, None).axes[0]
+    assert axes.get_xlabel() == "load [-]"
+    reference = {"f": {"activation": [0.1], "reference": [-0.2]}}
+    axes = probe_figure(steps, {"f": "N"}, reference, {}, block()).axes[0]
+    assert_allclose(axes.lines[1].get_xydata(), [[0.1, -0.2]])
+
+
+def test_load_steps_are_not_joined() -> None:
+    history = {"step": np.array([1, 1, 2]), "load": np.array([0.5, 0.5, 1.0])}
+    history["gradient"] = np.array([1e-1, 1e-5, 1e-2])
+    curve = history_figure(history).axes[0].lines[0].get_xydata()
+    assert_allclose(curve, [[1, 1e-1], [2, 1e-5], [np.nan, np.nan], [3, 1e-2]])
+
+
+def test_orthogonal_values_start_at_one() -> None:
+    figure = rom_figure({"pov": [4.0, 0.4, 0.0], "models": []})
+    assert_allclose(figure.axes[0].lines[0].get_ydata(), [1.0, 0.1, np.nan])
+
+
+@pytest.mark.parametrize("signs", [(1, 1), (-1, 1), (-1, -1)])
+def test_slices_are_canonical(signs: tuple[int, int]) -> None:
+    """Label at the right and front, fibers to the right and up: whatever the voxel axes."""
+    data = np.zeros((10, 12, 5), dtype=np.int32)
+    data[6:9, 7:11, 1:4] = 1  # x from 12 to 18 mm, y from 14 to 22 mm
+    vectors = np.where(data[..., None] > 0, [0.6, 0.0, 0.8], 0.0)
+    affine = np.diag([2.0 * signs[0], 2.0 * signs[1], 5.0, 1.0])
+    flip = tuple(slice(None, None, sign) for sign in signs)
+    labels = Labels(data[flip], affine, {1: "muscle"})
+    figure = slice_figure(labels, None, Image(vectors[flip], affine))
+    axial, coronal = figure.axes[1], figure.axes[3]
+    corners = np.concatenate([path.vertices for path in axial.collections[1].get_paths()])
+    assert_allclose(corners.mean(axis=0), [15.0, 18.0], atol=0.5)
+    strokes = coronal.collections[-1]
+    assert np.all(np.asarray(strokes.U) > 0.59)
+    assert_allclose(strokes.V, 0.8)
+    area = area_figure(labels, []).axes[0].lines[0]
+    assert_allclose(area.get_xydata()[2], [12.5, 3 * 4 * 4 / 100])
+
+
+def test_axes_in_another_order() -> None:
+    """A sagittal stack: the first voxel axis is superior."""
+    data = np.zeros((5, 10, 12), dtype=np.int32)
+    data[1:4, 6:9, 7:11] = 1
+    affine = np.zeros((4, 4))
+    affine[2, 0], affine[0, 1], affine[1, 2], affine[3, 3] = 5.0, 2.0, 2.0, 1.0
+    area = area_figure(Labels(data, affine), []).axes[0].lines[0]
+    assert_allclose(area.get_xydata()[2], [12.5, 3 * 4 * 4 / 100])
+    vectors = np.where(data[..., None] > 0, [0.6, 0.0, 0.8], 0.0)
+    strokes = slice_figure(Labels(data, affine), None, Image(vectors, affine)).axes[3]
+    assert_allclose(strokes.collections[-1].U, 0.6)
+    assert_allclose(strokes.collections[-1].V, 0.8)
