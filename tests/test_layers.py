@@ -23,7 +23,8 @@ FORTRAN_LAYERS = [
     {"assembly"},
     {"driver"},
     {"rom"},
-    {"io", "h5"},
+    {"io"},
+    {"h5"},
     {"app", "api"},
 ]
 #: Modules and folders of the package, lowest first

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import shutil
 import signal
 import sys
 import traceback
@@ -120,7 +121,11 @@ def _rom(options: argparse.Namespace) -> None:
 def _report(options: argparse.Namespace) -> None:
     from myork.report import make_report
 
-    print(f"report: {make_report(options.folder)}")
+    page = make_report(options.folder)
+    if options.out is not None:
+        options.out.mkdir(parents=True, exist_ok=True)
+        page = Path(shutil.copy(page, options.out))
+    print(f"report: {page}")
 
 
 def _explain(options: argparse.Namespace) -> None:
@@ -282,7 +287,7 @@ def _parser() -> argparse.ArgumentParser:
         _report,
         "HTML page with the figures of an output folder",
         "  myork report out/muscle_block",
-        "folder of the page; default the folder itself",
+        "put a copy of the page there",
     )
     report.add_argument("folder", type=Path, metavar="DIR", help="output folder of a command")
     add_deck(

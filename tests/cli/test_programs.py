@@ -1,0 +1,152 @@
+"""Both programs, whole: the same numbers, the same refusals, a clean end on Ctrl-C."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from myork.results import Results
+from myork.solve import find_executable
+
+#: Longest wait for a solution of a second or two; a failure, not a measurement [s]
+PATIENCE = 300
+
+#: The programs, and how each calls the folder of the results
+OUT = {"myork": "--out", "myork-solve": "-o"}
+
+DECK = """\
+title = "Stretched cube"
+[units]
+force = "N"
+length = "cm"
+[scene]
+dimension = 3
+[geometry]
+kind = "box"
+size = [1, 1, 1]
+source = [3, 3, 3]
+collocation = [5, 5, 5]
+[[material]]
+name = "rubber"
+model = "polynomial"
+A10 = 37.3
+K = 1e4
+[[boundary]]
+set = "z0"
+u_x = 0
+u_y = 0
+u_z = 0
+[[boundary]]
+set = "z1"
+u_z = 0.2
+[load]
+steps = 2
+[[probe]]
+name = "pull"
+quantity = "force_z"
+set = "z1"
+"""
+
+#: What is changed in the deck, the line of the change, what the message must name
+BAD_DECKS = {
+    "unknown key": ("steps = 2", "stepz = 2", 26, "stepz"),
+    "wrong type": ("steps = 2", 'steps = "two"', 26, "steps"),
+    "impossible value": ("K = 1e4", "K = -1e4", 16, "K"),
+    "missing file": (
+        'kind = "box"\nsize = [1, 1, 1]\nsource = [3, 3, 3]\ncollocation = [5, 5, 5]',
+        'kind = "model"\nfile = "nowhere.h5"',
+        9,
+        "nowhere.h5",
+    ),
+    "too few neighbours": (
+        "collocation = [5, 5, 5]",
+        "collocation = [5, 5, 5]\n[approximation]\nsupport = 1.05",
+        7,
+        "point 1 at (0, 0, 0)",
+    ),
+}
+
+
+def command(program: str) -> list[str]:
+    """Words that start a program; `myork` is told to solve."""
+    if program == "myork":
+        return [sys.executable, "-m", "myork", "solve"]
+    return [str(find_executable())]
+
+
+def run(program: str, *words: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [*command(program), *map(str, words)],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+    )
+
+
+def summary_of(out: Path) -> Any:
+    return json.loads((out / "summary.json").read_text(encoding="utf-8"))
+
+
+def test_both_programs_find_the_same_numbers(inputs: Path, tmp_path: Path) -> None:
+    """One does the work for the other, so that only the hand-over can differ: 1e-10 relative."""
+    solved = {}
+    for program, option in OUT.items():
+        folder = tmp_path / program
+        done = run(program, inputs / "shear_3d.toml", option, folder, "--set", "load.steps=4")
+        assert done.returncode == 0, done.stderr
+        assert "step   4/4" in done.stdout
+        solved[program] = summary_of(folder)
+    one, other = solved["myork"], solved["myork-solve"]
+    assert one["deck_sha256"] == other["deck_sha256"]
+    assert len(one["steps"]) == len(other["steps"]) == 4
+    for mine, theirs in zip(one["steps"], other["steps"], strict=True):
+        assert mine["probes"] == pytest.approx(theirs["probes"], rel=1e-10)
+
+
+@pytest.mark.parametrize("case", BAD_DECKS)
+@pytest.mark.parametrize("program", OUT)
+def test_bad_decks_are_refused(program: str, case: str, tmp_path: Path) -> None:
+    good, bad, line, part = BAD_DECKS[case]
+    assert good in DECK
+    deck = tmp_path / "bad.toml"
+    deck.write_text(DECK.replace(good, bad), encoding="utf-8")
+    done = run(program, deck, OUT[program], tmp_path / "out")
+    assert done.returncode == 2, done.stdout + done.stderr
+    assert f"bad.toml:{line}" in done.stderr
+    assert part in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("program", OUT)
+def test_interrupt_keeps_the_last_converged_state(
+    program: str, inputs: Path, tmp_path: Path
+) -> None:
+    """A thousand steps, stopped after the first: what converged is on disk and readable."""
+    words = [inputs / "shear_3d.toml", OUT[program], tmp_path, "--set", "load.steps=1000"]
+    process = subprocess.Popen(
+        [*command(program), *map(str, words)],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    for line in process.stdout:
+        if line.startswith("step"):
+            break
+    process.send_signal(signal.SIGINT)
+    _, message = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 1
+    assert "stopped" in message
+    summary = summary_of(tmp_path)
+    assert summary["converged"] is False
+    assert 1 <= len(summary["steps"]) < 1000
+    with Results(tmp_path) as results:
+        assert results.nstep == 1 + len(summary["steps"])
