@@ -146,7 +146,7 @@ subroutine iteration(self, it)
    flush (self%history)
    write (line, '("  iteration ", i0, "  |r| ", es8.1, "  |A''r| ", es8.1, "  |da| ", es8.1, '// &
       & '"  J ", a, "..", a, "  ", a, " ", es7.0)') it%iteration, it%residual, it%gradient, &
-      & it%step_norm, to_text(it%min_j, 4), to_text(it%max_j, 4), it%solver, it%backward_error
+      & it%step_norm, to_text(it%min_j), to_text(it%max_j), it%solver, it%backward_error
    call self%say(trim(line), level=1)
 end subroutine iteration
 
@@ -183,7 +183,7 @@ subroutine step(self, st, x)
    if (st%step == 0) return
    write (line, '("step ", i3, "/", i0, "  load ", f6.4, "  iterations ", i0, "  |A''r| ", es7.1, '// &
       & '"  |da| ", es7.1, "  J ", a, "..", a, "  ", f0.1, " s")') st%step, st%steps, st%load, &
-      & st%iterations, st%gradient, st%step_norm, to_text(st%min_j, 4), to_text(st%max_j, 4), &
+      & st%iterations, st%gradient, st%step_norm, to_text(st%min_j), to_text(st%max_j), &
       & self%last%seconds
    call self%say(trim(line), level=0)
 end subroutine step

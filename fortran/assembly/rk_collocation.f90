@@ -5,6 +5,7 @@
 module rk_collocation
    use rk_boundary, only : boundary_type, new_boundary
    use rk_error, only : error_type
+   use rk_local, only : local_type
    use rk_lstsq, only : row_operator
    use rk_precision, only : wp
    use rk_problem, only : problem_type, state_type
@@ -20,6 +21,8 @@ module rk_collocation
    type, extends(problem_type) :: collocation_type
       !> What is modelled
       type(scene_type), pointer :: scene => null()
+      !> Unknown fields at each source point
+      integer :: fields = 0
       !> Shape functions at the collocation points
       type(shape_type), pointer :: shape => null()
       !> Conditions at boundary points
@@ -36,6 +39,8 @@ module rk_collocation
       procedure :: operator
       !> Displacement and derivatives at a collocation point from the unknowns
       procedure :: displacement
+      !> Stress and deformation at a place from the displacement there
+      procedure :: local_state
    end type collocation_type
 
 contains
@@ -53,6 +58,7 @@ subroutine new_collocation(self, scene, error)
 
    self%scene => scene
    nd = scene%cloud%nd
+   self%fields = nd
    call new_boundary(self%boundary, scene%cloud, scene%condition, error)
    if (allocated(error)) return
    allocate (self%shape)
@@ -98,7 +104,7 @@ end function operator
 pure subroutine deformation(nd, u, f, h)
    !> Space dimension
    integer, intent(in) :: nd
-   !> Displacement with derivatives, shape (nd, nq)
+   !> Fields with derivatives, the displacement first, shape (>= nd, nq)
    real(wp), intent(in) :: u(:, :)
    !> F(i, A) [-]
    real(wp), intent(out) :: f(3, 3)
@@ -113,11 +119,11 @@ pure subroutine deformation(nd, u, f, h)
    end do
    q = 1 + nd
    do a = 1, nd
-      f(:nd, a) = f(:nd, a) + u(:, 1 + a)
+      f(:nd, a) = f(:nd, a) + u(:nd, 1 + a)
       do b = a, nd
          q = q + 1
-         h(:nd, b, a) = u(:, q)
-         h(:nd, a, b) = u(:, q)
+         h(:nd, b, a) = u(:nd, q)
+         h(:nd, a, b) = u(:nd, q)
       end do
    end do
 end subroutine deformation
@@ -142,11 +148,39 @@ subroutine displacement(self, ip, x, last, u)
    real(wp), contiguous, intent(in) :: x(:)
    !> Last derivative wanted
    integer, intent(in) :: last
-   !> Displacement with derivatives, shape (nd, nq) [length], [-], [1/length]
+   !> Unknown fields with derivatives, shape (fields, nq) [length], [-], [1/length]
    real(wp), intent(out) :: u(:, :)
 
    call self%shape%interpolate(ip, x, 1, last, u)
 end subroutine displacement
+
+!> Stress and deformation at a place from the displacement there
+subroutine local_state(self, ip, x, u, load, local)
+   !> Problem
+   class(collocation_type), intent(in) :: self
+   !> Collocation point whose material and fiber hold there
+   integer, intent(in) :: ip
+   !> Undeformed place, shape (nd) [length]
+   real(wp), intent(in) :: x(:)
+   !> Unknown fields with derivatives, shape (fields, nq)
+   real(wp), intent(in) :: u(:, :)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> State
+   type(local_type), intent(out) :: local
+   real(wp) :: h(3, 3, 3)
+
+   local%x(:size(x)) = x
+   local%u(:size(x)) = u(:size(x), 1)
+   call deformation(size(x), u, local%f, h)
+   local%j = determinant(local%f)
+   associate (material => self%scene%tissue(self%scene%tissue_of(ip))%material)
+      call material%stress(local%f, self%scene%cloud%fiber(:, ip), load*self%scene%activation, &
+         & local%p)
+   end associate
+   ! (5.31b)
+   local%cauchy = matmul(local%p, transpose(local%f))/local%j
+end subroutine local_state
 
 !> Weights of the essential rows (5.52b), from the tangent at the start of the step
 subroutine start_step(self, x, load)

@@ -1,7 +1,9 @@
 !> Exact homogeneous solutions for finite K: the deformation gradient, whatever the material.
 module rk_exact
+   use rk_collocation, only : determinant
    use rk_error, only : error_type, fatal_error, err_input
-   use rk_fields, only : local_type, quantity, stress_state
+   use rk_fields, only : quantity
+   use rk_local, only : local_type
    use rk_material, only : material_type
    use rk_precision, only : wp
    use rk_scene, only : exact_type, scene_type
@@ -29,7 +31,11 @@ subroutine exact_value(scene, exact, value, error)
    call exact_deformation(scene%tissue(scene%tissue_of(1))%material, exact%solution, &
       & exact%amount, scene%cloud%nd, local%f, error)
    if (allocated(error)) return
-   call stress_state(scene, 1, 1.0_wp, local)
+   associate (material => scene%tissue(scene%tissue_of(1))%material)
+      call material%stress(local%f, scene%cloud%fiber(:, 1), scene%activation, local%p)
+   end associate
+   local%j = determinant(local%f)
+   local%cauchy = matmul(local%p, transpose(local%f))/local%j
    values = quantity(scene%probe(exact%probe)%quantity, local)
    value = values(1)
 end subroutine exact_value

@@ -1,15 +1,16 @@
 !> Fields, probes and forces of a converged state.
 module rk_fields
-   use rk_collocation, only : collocation_type, deformation, determinant
+   use rk_collocation, only : collocation_type
    use rk_error, only : error_type
+   use rk_local, only : local_type
    use rk_precision, only : pi, wp
-   use rk_scene, only : probe_type, scene_type
+   use rk_scene, only : scene_type
    use rk_shape, only : new_shape, shape_type
    implicit none
    private
 
-   public :: fields_type, compute_fields, probes_type, new_probes, probe_value, local_type
-   public :: quantity, quantity_size, stress_state
+   public :: fields_type, compute_fields, probes_type, new_probes, probe_value
+   public :: quantity, quantity_size
 
    !> Fields at all collocation points. Components run fastest.
    type :: fields_type
@@ -27,22 +28,6 @@ module rk_fields
       real(wp), allocatable :: pressure(:)
    end type fields_type
 
-   !> State at one place
-   type :: local_type
-      !> Undeformed place [length]
-      real(wp) :: x(3) = 0.0_wp
-      !> Displacement [length]
-      real(wp) :: u(3) = 0.0_wp
-      !> Deformation gradient F(i, A) [-]
-      real(wp) :: f(3, 3) = 0.0_wp
-      !> Volume ratio [-]
-      real(wp) :: j = 1.0_wp
-      !> First Piola-Kirchhoff stress P(i, A) [stress]
-      real(wp) :: p(3, 3) = 0.0_wp
-      !> Cauchy stress [stress]
-      real(wp) :: cauchy(3, 3) = 0.0_wp
-   end type local_type
-
    !> Shape functions at the places of point probes
    type :: probes_type
       !> Shape functions, one place for each probe
@@ -52,48 +37,6 @@ module rk_fields
    end type probes_type
 
 contains
-
-!> Stress state at one place of a scene from the displacement there
-subroutine local_state(scene, ip, x, u, load, local)
-   !> Scene
-   type(scene_type), intent(in) :: scene
-   !> Collocation point whose material and fiber hold there
-   integer, intent(in) :: ip
-   !> Undeformed place, shape (nd) [length]
-   real(wp), intent(in) :: x(:)
-   !> Displacement with derivatives, shape (nd, nq)
-   real(wp), intent(in) :: u(:, :)
-   !> Load [-]
-   real(wp), intent(in) :: load
-   !> State
-   type(local_type), intent(out) :: local
-   real(wp) :: h(3, 3, 3)
-   integer :: nd
-
-   nd = scene%cloud%nd
-   local%x(:nd) = x
-   local%u(:nd) = u(:, 1)
-   call deformation(nd, u, local%f, h)
-   call stress_state(scene, ip, load, local)
-end subroutine local_state
-
-!> Stress of a deformation gradient at one place of a scene
-subroutine stress_state(scene, ip, load, local)
-   !> Scene
-   type(scene_type), intent(in) :: scene
-   !> Collocation point whose material and fiber hold there
-   integer, intent(in) :: ip
-   !> Load [-]
-   real(wp), intent(in) :: load
-   !> State with its deformation gradient
-   type(local_type), intent(inout) :: local
-
-   local%j = determinant(local%f)
-   call scene%tissue(scene%tissue_of(ip))%material%stress(local%f, scene%cloud%fiber(:, ip), &
-      & load*scene%activation, local%p)
-   ! (5.31b)
-   local%cauchy = matmul(local%p, transpose(local%f))/local%j
-end subroutine stress_state
 
 !> Fields at all collocation points
 subroutine compute_fields(problem, x, load, fields)
@@ -106,17 +49,17 @@ subroutine compute_fields(problem, x, load, fields)
    !> Fields
    type(fields_type), intent(out) :: fields
    type(local_type) :: local
-   real(wp) :: u(problem%scene%cloud%nd, problem%shape%nq)
+   real(wp) :: u(problem%fields, problem%shape%nq)
    integer :: ip, nc
 
-   nc = problem%shape%np
+   nc = size(problem%scene%cloud%place, 2)
    allocate (fields%u(3, nc), fields%f(3, 3, nc), fields%j(nc), fields%cauchy(6, nc), &
       & fields%principal(3, nc), fields%pressure(nc))
    !$omp parallel do default(none) schedule(static) private(ip, u, local) &
    !$omp shared(problem, x, load, fields, nc)
    do ip = 1, nc
       call problem%displacement(ip, x, 1 + problem%scene%cloud%nd, u)
-      call local_state(problem%scene, ip, problem%scene%cloud%place(:, ip), u, load, local)
+      call problem%local_state(ip, problem%scene%cloud%place(:, ip), u, load, local)
       associate (s => local%cauchy)
          fields%u(:, ip) = local%u
          fields%f(:, :, ip) = local%f
@@ -195,7 +138,7 @@ subroutine probe_value(problem, probes, i, x, load, value)
    !> Value, shape (3); the first quantity_size numbers count
    real(wp), intent(out) :: value(3)
    type(local_type) :: local
-   real(wp) :: u(problem%scene%cloud%nd, problem%shape%nq)
+   real(wp) :: u(problem%fields, problem%shape%nq)
 
    associate (probe => problem%scene%probe(i))
       if (probe%set > 0) then
@@ -203,8 +146,8 @@ subroutine probe_value(problem, probes, i, x, load, value)
          if (probe%quantity /= 'force') value(1) = value(component(probe%quantity, 7))
       else
          call probes%shape%interpolate(i, x, 1, 1 + problem%scene%cloud%nd, u)
-         call local_state(problem%scene, probes%nearest(i), &
-            & probe%point(:problem%scene%cloud%nd), u, load, local)
+         call problem%local_state(probes%nearest(i), probe%point(:problem%scene%cloud%nd), u, &
+            & load, local)
          value = quantity(probe%quantity, local)
       end if
    end associate
@@ -272,7 +215,7 @@ function force_on_set(problem, set, x, load) result(force)
    real(wp), intent(in) :: load
    real(wp) :: force(3)
    type(local_type) :: local
-   real(wp) :: u(problem%scene%cloud%nd, problem%shape%nq)
+   real(wp) :: u(problem%fields, problem%shape%nq)
    integer :: e, ip, nd
 
    nd = problem%scene%cloud%nd
@@ -282,7 +225,7 @@ function force_on_set(problem, set, x, load) result(force)
          if (cloud%set(e) /= set) cycle
          ip = cloud%point(e)
          call problem%displacement(ip, x, 1 + nd, u)
-         call local_state(problem%scene, ip, cloud%place(:, ip), u, load, local)
+         call problem%local_state(ip, cloud%place(:, ip), u, load, local)
          force(:nd) = force(:nd) + matmul(local%p(:nd, :nd), cloud%normal(:, e))*cloud%area(e)
       end do
    end associate
