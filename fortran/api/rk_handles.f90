@@ -44,7 +44,7 @@ module rk_handles
       !> Scene
       type(scene_type), pointer :: scene => null()
       !> Full problem
-      type(collocation_type), pointer :: full => null()
+      class(collocation_type), allocatable :: full
       !> Reduced problem, where one was made
       type(reduced_type), pointer :: reduced => null()
       !> States of the last solve
@@ -72,7 +72,7 @@ subroutine open_slot(slot, error)
       serial = serial + 1
       table(row)%handle = serial*rows + row
       slot => table(row)
-      allocate (slot%scene, slot%full, slot%states)
+      allocate (slot%scene, slot%states)
       return
    end do
    call fatal_error(error, err_input, 'too many open scenes: close some')
@@ -84,8 +84,11 @@ subroutine close_slot(slot)
    type(slot_type), intent(inout) :: slot
 
    if (associated(slot%reduced)) deallocate (slot%reduced)
-   call free_collocation(slot%full)
-   deallocate (slot%full, slot%states, slot%scene)
+   if (allocated(slot%full)) then
+      call free_collocation(slot%full)
+      deallocate (slot%full)
+   end if
+   deallocate (slot%states, slot%scene)
    slot%handle = 0
 end subroutine close_slot
 

@@ -1,12 +1,12 @@
 !> What the Python boundary does with a scene: open, solve full or reduced, evaluate.
 module rk_session
    use rk_cloud, only : cloud_type
-   use rk_collocation, only : new_collocation
    use rk_deck, only : deck_type, open_deck
    use rk_deck_scene, only : new_scene
    use rk_error, only : error_type, fatal_error, err_input
    use rk_fields, only : new_probes, probe_value, probes_type
    use rk_handles, only : close_slot, find_slot, open_slot, slot_type
+   use rk_method, only : new_problem
    use rk_newton, only : newton_type, timer_type
    use rk_precision, only : wp
    use rk_problem, only : problem_type
@@ -41,7 +41,7 @@ subroutine open_session(path, overrides, model, handle, error)
    if (allocated(error)) return
    call new_scene(slot%scene, deck, model, error)
    if (.not. allocated(error)) then
-      call new_collocation(slot%full, slot%scene, error)
+      call new_problem(slot%full, slot%scene, error)
       if (allocated(error)) error%message = deck%where('geometry')//': '//error%message
    end if
    if (allocated(error)) then

@@ -4,11 +4,12 @@ program main
    use omp_lib, only : omp_get_max_threads, omp_set_num_threads
    use rk_cli, only : config_type, read_arguments
    use rk_cloud, only : cloud_type
-   use rk_collocation, only : collocation_type, new_collocation
+   use rk_collocation, only : collocation_type
    use rk_deck, only : deck_type, open_deck
    use rk_deck_scene, only : new_scene
    use rk_error, only : error_type, err_convergence, err_linalg, err_stopped
    use rk_explain, only : explain
+   use rk_method, only : new_problem
    use rk_model_cloud, only : read_model_cloud
    use rk_newton, only : newton_type, tick, timer_type
    use rk_output, only : output_type
@@ -51,7 +52,7 @@ contains
 
    !> Solve and write
    subroutine run()
-      type(collocation_type), target :: problem
+      class(collocation_type), allocatable, target :: problem
       type(output_type) :: output
       type(newton_type) :: newton
       type(timer_type) :: timer
@@ -62,7 +63,7 @@ contains
       integer(i8) :: start
 
       call system_clock(start)
-      call new_collocation(problem, scene, error)
+      call new_problem(problem, scene, error)
       if (allocated(error)) error%message = deck%where('geometry')//': '//error%message
       call leave_on(error)
       shape_s = tick(start)
@@ -104,12 +105,13 @@ contains
       type(output_type), intent(inout) :: output
       integer :: k
 
+      if (scene%method /= 'rkcm') return
       do k = 1, size(scene%tissue)
          associate (material => scene%tissue(k)%material)
             if (material%bulk > 50.0_wp*material%shear) call output%warn('material ' &
                & //scene%tissue(k)%name//': K is '//to_text(material%bulk/material%shear, 3) &
-               & //' times the shear modulus; the displacement form may lock: compare with a ' &
-               & //'finer cloud or a higher order')
+               & //' times the shear modulus; the displacement form may lock: compare with ' &
+               & //'method "rkcm-mixed"')
          end associate
       end do
    end subroutine warn_of_locking

@@ -25,7 +25,7 @@ module rk_output
    !> Files of a run
    type, extends(recorder_type) :: output_type
       !> Problem whose states arrive
-      type(collocation_type), pointer :: problem => null()
+      class(collocation_type), pointer :: problem => null()
       !> Probes
       type(probes_type) :: probes
       !> Result file
@@ -68,7 +68,7 @@ subroutine open_output(self, problem, folder, deck_text, version, error)
    !> Files
    class(output_type), intent(inout) :: self
    !> Problem
-   type(collocation_type), target, intent(in) :: problem
+   class(collocation_type), target, intent(in) :: problem
    !> Folder, which exists
    character(len=*), intent(in) :: folder
    !> Deck, kept with the results

@@ -25,7 +25,7 @@ subroutine write_summary(path, deck, problem, output, timer, shape_s, total_s, t
    !> Deck
    type(deck_type), intent(in) :: deck
    !> Problem
-   type(collocation_type), intent(in) :: problem
+   class(collocation_type), intent(in) :: problem
    !> What was recorded
    type(output_type), intent(in) :: output
    !> Wall times of assembly and least squares
@@ -116,7 +116,7 @@ subroutine write_steps(json, problem, output)
    !> JSON inside the summary
    type(json_type), intent(inout) :: json
    !> Problem
-   type(collocation_type), intent(in) :: problem
+   class(collocation_type), intent(in) :: problem
    !> What was recorded
    type(output_type), intent(in) :: output
    integer :: i, k
@@ -156,7 +156,7 @@ subroutine write_exact(json, problem, output, error)
    !> JSON inside the summary
    type(json_type), intent(inout) :: json
    !> Problem
-   type(collocation_type), intent(in) :: problem
+   class(collocation_type), intent(in) :: problem
    !> What was recorded
    type(output_type), intent(in) :: output
    !> Error handling
@@ -187,7 +187,7 @@ subroutine write_references(json, problem, output)
    !> JSON inside the summary
    type(json_type), intent(inout) :: json
    !> Problem
-   type(collocation_type), intent(in) :: problem
+   class(collocation_type), intent(in) :: problem
    !> What was recorded
    type(output_type), intent(in) :: output
    real(wp), allocatable :: load(:), value(:), reference(:)

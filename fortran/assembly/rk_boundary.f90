@@ -25,6 +25,8 @@ module rk_boundary
       real(wp), allocatable :: normal(:, :, :)
       !> Traction at full load, shape (nd, nb) [force/area]
       real(wp), allocatable :: traction(:, :)
+      !> Whether a clamped and a free face meet here, where stresses are singular, shape (nb)
+      logical, allocatable :: singular(:)
    end type boundary_type
 
 contains
@@ -54,7 +56,7 @@ subroutine new_boundary(self, cloud, condition, error)
       number(i) = n
    end do
    allocate (self%point(n), self%essential(nd, n), self%value(nd, n), self%normal(nd, nd, n), &
-      & self%traction(nd, n))
+      & self%traction(nd, n), self%singular(n))
    self%essential = .false.
    self%value = 0.0_wp
    self%normal = 0.0_wp
@@ -82,6 +84,8 @@ subroutine new_boundary(self, cloud, condition, error)
       end do
    end do
 
+   ! a face held along itself meets one that is not; symmetry planes, held across only, do no harm
+   self%singular = .false.
    do e = 1, size(cloud%point)
       b = number(cloud%point(e))
       fixed = .false.
@@ -91,6 +95,8 @@ subroutine new_boundary(self, cloud, condition, error)
          fixed = fixed .or. condition(c)%fixed .or. condition(c)%is_radial
          g = g + condition(c)%traction
       end do
+      self%singular(b) = self%singular(b) .or. &
+         & (all(self%essential(:, b)) .and. .not. any(fixed(:nd)))
       do i = 1, nd
          if (fixed(i)) cycle
          self%normal(:, i, b) = self%normal(:, i, b) + cloud%normal(:, e)

@@ -19,6 +19,8 @@ module rk_cloud
       real(wp), allocatable :: spacing(:, :)
       !> Collocation points, shape (nd, nc) [length]
       real(wp), allocatable :: place(:, :)
+      !> Centres of the cells between source points, shape (nd, nv) [length]
+      real(wp), allocatable :: cell(:, :)
       !> Label of the tissue, shape (nc)
       integer, allocatable :: label(:)
       !> Fiber direction, unit vectors or zeros, shape (3, nc)
@@ -95,6 +97,7 @@ subroutine new_box(self, size_, source, place, error)
    self%nd = size(size_)
    self%source = grid_points(source, size_)
    self%place = grid_points(place, size_)
+   self%cell = grid_centres(source, size_)
    allocate (self%spacing(self%nd, size(self%source, 2)))
    do d = 1, self%nd
       self%spacing(d, :) = size_(d)/(source(d) - 1)
@@ -162,6 +165,7 @@ subroutine new_annulus(self, inner, outer, source, place, error)
    self%nd = 2
    self%source = bend(grid_points(source, [outer - inner, 0.5_wp*pi]))
    self%place = bend(grid_points(place, [outer - inner, 0.5_wp*pi]))
+   self%cell = bend(grid_centres(source, [outer - inner, 0.5_wp*pi]))
    ! the same spacing in both directions, the larger of radial and angular distance: rectangular
    ! supports do not turn with the angle
    allocate (self%spacing(2, size(self%source, 2)))
@@ -271,6 +275,21 @@ pure function grid_points(n, length) result(x)
       x(d, :) = length(d)*at(d, :)/real(n(d) - 1, wp)
    end do
 end function grid_points
+
+!> Centres of the cells of a regular grid
+pure function grid_centres(n, length) result(x)
+   !> Points in each direction, shape (nd)
+   integer, intent(in) :: n(:)
+   !> Edge lengths, shape (nd) [length]
+   real(wp), intent(in) :: length(:)
+   real(wp) :: x(size(n), product(n - 1))
+   integer :: at(size(n), product(n - 1)), d
+
+   at = grid(n - 1)
+   do d = 1, size(n)
+      x(d, :) = length(d)*(at(d, :) + 0.5_wp)/real(n(d) - 1, wp)
+   end do
+end function grid_centres
 
 !> One tissue, no fibers
 subroutine default_tissue(self)

@@ -33,12 +33,15 @@ module rk_collocation
       real(wp), allocatable :: weight(:)
       !> Boundary point of each collocation point, 0 inside, shape (nc)
       integer, allocatable :: boundary_of(:)
+      !> Fields and derivatives of modes at each place, shape (fields, nq, r, np); where they are
+      !> given the unknowns are the modes' amplitudes
+      real(wp), allocatable :: mode(:, :, :, :)
    contains
       procedure :: start_step
       procedure :: evaluate
       procedure :: operator
-      !> Displacement and derivatives at a collocation point from the unknowns
-      procedure :: displacement
+      !> Unknown fields and derivatives at a place from the unknowns
+      procedure :: field
       !> Stress and deformation at a place from the displacement there
       procedure :: local_state
    end type collocation_type
@@ -48,7 +51,7 @@ contains
 !> Set up the collocation problem of a scene
 subroutine new_collocation(self, scene, error)
    !> Problem
-   type(collocation_type), intent(inout) :: self
+   class(collocation_type), intent(inout) :: self
    !> Scene
    type(scene_type), target, intent(in) :: scene
    !> Error handling
@@ -86,7 +89,7 @@ end subroutine new_collocation
 !> Give back the shape functions, which belong to the problem that made them
 subroutine free_collocation(self)
    !> Problem
-   type(collocation_type), intent(inout) :: self
+   class(collocation_type), intent(inout) :: self
 
    if (associated(self%shape)) deallocate (self%shape)
 end subroutine free_collocation
@@ -138,21 +141,29 @@ pure real(wp) function determinant(f)
       & + f(1, 3)*(f(2, 1)*f(3, 2) - f(2, 2)*f(3, 1))
 end function determinant
 
-!> Displacement and derivatives at a collocation point from the unknowns
-subroutine displacement(self, ip, x, last, u)
+!> Unknown fields and derivatives at a place from the unknowns
+subroutine field(self, ip, x, last, u)
    !> Problem
    class(collocation_type), intent(in) :: self
-   !> Collocation point
+   !> Place
    integer, intent(in) :: ip
-   !> Unknowns, shape (n)
+   !> Unknowns: coefficients, or amplitudes of the modes, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
    !> Last derivative wanted
    integer, intent(in) :: last
-   !> Unknown fields with derivatives, shape (fields, nq) [length], [-], [1/length]
+   !> Fields with derivatives, shape (fields, nq); displacement [length], [-], [1/length]
    real(wp), intent(out) :: u(:, :)
+   integer :: k
 
-   call self%shape%interpolate(ip, x, 1, last, u)
-end subroutine displacement
+   if (.not. allocated(self%mode)) then
+      call self%shape%interpolate(ip, x, 1, last, u)
+      return
+   end if
+   u = 0.0_wp
+   do k = 1, size(self%mode, 3)
+      u(:, :last) = u(:, :last) + x(k)*self%mode(:, :last, k, ip)
+   end do
+end subroutine field
 
 !> Stress and deformation at a place from the displacement there
 subroutine local_state(self, ip, x, u, load, local)
@@ -202,7 +213,7 @@ subroutine start_step(self, x, load)
    nd = self%scene%cloud%nd
    do b = 1, size(self%boundary%point)
       ip = self%boundary%point(b)
-      call self%displacement(ip, x, 1 + nd, u)
+      call self%field(ip, x, 1 + nd, u)
       call deformation(nd, u, f, h)
       associate (material => self%scene%tissue(self%scene%tissue_of(ip))%material)
          call material%tangent(f, self%scene%cloud%fiber(:, ip), load*self%scene%activation, p, c4)
@@ -263,7 +274,7 @@ subroutine evaluate_place(self, ip, x, load, tangent, r, volume)
    integer :: nd, i, k, q, ca, cb, row
 
    nd = self%scene%cloud%nd
-   call self%displacement(ip, x, self%shape%nq, u)
+   call self%field(ip, x, self%shape%nq, u)
    call deformation(nd, u, f, h)
    volume = determinant(f)
    row = self%rows%row(ip)

@@ -41,7 +41,7 @@ contains
 !> Fields at all collocation points
 subroutine compute_fields(problem, x, load, fields)
    !> Full problem
-   type(collocation_type), intent(in) :: problem
+   class(collocation_type), intent(in) :: problem
    !> Coefficients, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
    !> Load [-]
@@ -58,7 +58,7 @@ subroutine compute_fields(problem, x, load, fields)
    !$omp parallel do default(none) schedule(static) private(ip, u, local) &
    !$omp shared(problem, x, load, fields, nc)
    do ip = 1, nc
-      call problem%displacement(ip, x, 1 + problem%scene%cloud%nd, u)
+      call problem%field(ip, x, 1 + problem%scene%cloud%nd, u)
       call problem%local_state(ip, problem%scene%cloud%place(:, ip), u, load, local)
       associate (s => local%cauchy)
          fields%u(:, ip) = local%u
@@ -126,7 +126,7 @@ end subroutine new_probes
 !> Value of a probe, 1 or 3 numbers
 subroutine probe_value(problem, probes, i, x, load, value)
    !> Full problem
-   type(collocation_type), intent(in) :: problem
+   class(collocation_type), intent(in) :: problem
    !> Probes
    type(probes_type), intent(in) :: probes
    !> Number of the probe
@@ -206,7 +206,7 @@ end function quantity
 !> Force that the surroundings exert on the body through a set, the integral of P N
 function force_on_set(problem, set, x, load) result(force)
    !> Full problem
-   type(collocation_type), intent(in) :: problem
+   class(collocation_type), intent(in) :: problem
    !> Boundary set
    integer, intent(in) :: set
    !> Coefficients, shape (n)
@@ -224,7 +224,7 @@ function force_on_set(problem, set, x, load) result(force)
       do e = 1, size(cloud%point)
          if (cloud%set(e) /= set) cycle
          ip = cloud%point(e)
-         call problem%displacement(ip, x, 1 + nd, u)
+         call problem%field(ip, x, 1 + nd, u)
          call problem%local_state(ip, cloud%place(:, ip), u, load, local)
          force(:nd) = force(:nd) + matmul(local%p(:nd, :nd), cloud%normal(:, e))*cloud%area(e)
       end do

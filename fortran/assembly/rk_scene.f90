@@ -107,6 +107,15 @@ module rk_scene
       real(wp) :: weight_essential = 0.0_wp
       !> Natural weight
       real(wp) :: weight_traction = 1.0_wp
+      !> Mixed form: weight of the volume rows in shear moduli [-]
+      real(wp) :: volume_weight = 10.0_wp
+      !> Mixed form: power of the distance to singular edges in the row weights [-]
+      real(wp) :: edge_exponent = 1.0_wp
+      !> Mixed form: distance from singular edges at which rows have their full weight; 0 means
+      !> half the smallest extent of the body [length]
+      real(wp) :: edge_length = 0.0_wp
+      !> Mixed form: weight of the displacement rows in shear moduli over spacing [-]
+      real(wp) :: displacement_weight = 15.0_wp
       !> Probes
       type(probe_type), allocatable :: probe(:)
       !> Exact solutions

@@ -360,6 +360,10 @@ subroutine read_solver(scene, deck)
    call deck%get('solver.tolerance', scene%tolerance)
    call deck%get('solver.max_iterations', scene%max_iterations)
    call deck%get('solver.weight_traction', scene%weight_traction)
+   call deck%get('mixed.volume_weight', scene%volume_weight)
+   call deck%get('mixed.displacement_weight', scene%displacement_weight)
+   call deck%get('mixed.edge_exponent', scene%edge_exponent)
+   call deck%get('mixed.edge_length', scene%edge_length)
    if (deck%is_text('solver.weight_essential')) then
       call deck%get('solver.weight_essential', weight)
       if (weight == 'c4') scene%weight_c4 = 1.0_wp

@@ -9,6 +9,7 @@ module rk_reduced
    use rk_lstsq, only : row_operator
    use rk_matrix, only : matrix_rows
    use rk_precision, only : wp
+   use rk_problem, only : problem_type, state_type
    use rk_text, only : to_text
    implicit none
    private
@@ -16,13 +17,14 @@ module rk_reduced
    public :: reduced_type, new_reduced
 
    !> A collocation problem in the span of modes; unknowns are the modes' amplitudes
-   type, extends(collocation_type) :: reduced_type
-      !> Displacement and derivatives of each mode at each place, shape (nd, nq, r, np)
-      real(wp), allocatable :: mode(:, :, :, :)
+   type, extends(problem_type) :: reduced_type
+      !> The problem with its fields as sums over modes
+      class(collocation_type), allocatable :: base
       !> A'U
       type(matrix_rows) :: projected
    contains
-      procedure :: displacement
+      procedure :: start_step
+      procedure :: evaluate
       procedure :: operator
    end type reduced_type
 
@@ -33,52 +35,64 @@ subroutine new_reduced(self, full, modes, error)
    !> Reduced problem; the full one must outlive it
    type(reduced_type), intent(inout) :: self
    !> Full problem
-   type(collocation_type), intent(in) :: full
+   class(collocation_type), intent(in) :: full
    !> Orthonormal modes, shape (full n, r)
    real(wp), intent(in) :: modes(:, :)
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   integer :: ip, k, nd
+   integer :: ip, k
 
    if (size(modes, 1) /= full%n) then
       call fatal_error(error, err_input, 'modes have '//to_text(size(modes, 1)) &
          & //' entries, the model '//to_text(full%n)//' unknowns')
       return
    end if
-   self%collocation_type = full
-   nd = full%scene%cloud%nd
+   allocate (self%base, source=full)
+   self%m = full%m
    self%n = size(modes, 2)
    self%projected%m = self%m
    self%projected%n = self%n
-   allocate (self%projected%a(self%m, self%n), self%mode(nd, self%shape%nq, self%n, self%shape%np))
-   !$omp parallel do default(none) schedule(static) private(ip, k) shared(self, modes)
-   do ip = 1, self%shape%np
+   allocate (self%projected%a(self%m, self%n))
+   allocate (self%base%mode(full%fields, full%shape%nq, self%n, full%shape%np))
+   !$omp parallel do default(none) schedule(static) private(ip, k) shared(self, full, modes)
+   do ip = 1, full%shape%np
       do k = 1, self%n
-         call self%shape%interpolate(ip, modes(:, k), 1, self%shape%nq, self%mode(:, :, k, ip))
+         call full%shape%interpolate(ip, modes(:, k), 1, full%shape%nq, &
+            & self%base%mode(:, :, k, ip))
       end do
    end do
    !$omp end parallel do
 end subroutine new_reduced
 
-!> Displacement and derivatives at a collocation point from the modes' amplitudes
-subroutine displacement(self, ip, x, last, u)
+!> Fix the row weights of a load step
+subroutine start_step(self, x, load)
    !> Problem
-   class(reduced_type), intent(in) :: self
-   !> Collocation point
-   integer, intent(in) :: ip
+   class(reduced_type), target, intent(inout) :: self
+   !> Amplitudes at the start of the step, shape (r)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Load at the end of the step [-]
+   real(wp), intent(in) :: load
+
+   call self%base%start_step(x, load)
+end subroutine start_step
+
+!> Residuals and, where wanted, the rows of the full problem's fields
+subroutine evaluate(self, x, load, tangent, r, state)
+   !> Problem
+   class(reduced_type), target, intent(inout) :: self
    !> Amplitudes, shape (r)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Last derivative wanted
-   integer, intent(in) :: last
-   !> Displacement with derivatives, shape (nd, nq) [length], [-], [1/length]
-   real(wp), intent(out) :: u(:, :)
-   integer :: k
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> Linearise
+   logical, intent(in) :: tangent
+   !> Residuals, shape (m)
+   real(wp), contiguous, intent(inout) :: r(:)
+   !> What was seen
+   type(state_type), intent(out) :: state
 
-   u = 0.0_wp
-   do k = 1, self%n
-      u(:, :last) = u(:, :last) + x(k)*self%mode(:, :last, k, ip)
-   end do
-end subroutine displacement
+   call self%base%evaluate(x, load, tangent, r, state)
+end subroutine evaluate
 
 !> Linearised rows A'U
 function operator(self) result(op)
@@ -88,18 +102,20 @@ function operator(self) result(op)
    integer :: b, i, k, q, row
 
    !$omp parallel do default(none) schedule(static) private(b, i, k, q, row) shared(self)
-   do b = 1, size(self%rows%place)
-      row = self%rows%row(b)
-      do k = 1, self%n
-         do i = 1, self%rows%row(b + 1) - row
-            self%projected%a(row + i, k) = 0.0_wp
-            do q = self%rows%range(1, b), self%rows%range(2, b)
-               self%projected%a(row + i, k) = self%projected%a(row + i, k) &
-                  & + dot_product(self%rows%coefficient(i, :, q, b), &
-                  & self%mode(:, q, k, self%rows%place(b)))
+   do b = 1, size(self%base%rows%place)
+      associate (rows => self%base%rows)
+         row = rows%row(b)
+         do k = 1, self%n
+            do i = 1, rows%row(b + 1) - row
+               self%projected%a(row + i, k) = 0.0_wp
+               do q = rows%range(1, b), rows%range(2, b)
+                  self%projected%a(row + i, k) = self%projected%a(row + i, k) &
+                     & + dot_product(rows%coefficient(i, :, q, b), &
+                     & self%base%mode(:, q, k, rows%place(b)))
+               end do
             end do
          end do
-      end do
+      end associate
    end do
    !$omp end parallel do
    op => self%projected

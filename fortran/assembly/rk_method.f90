@@ -1,0 +1,37 @@
+!> From the name of a method to its problem.
+module rk_method
+   use rk_collocation, only : collocation_type, new_collocation
+   use rk_error, only : error_type, fatal_error, err_input
+   use rk_mixed, only : mixed_type, new_mixed
+   use rk_scene, only : scene_type
+   implicit none
+   private
+
+   public :: new_problem
+
+contains
+
+!> Set up the problem of a scene by the scene's method
+subroutine new_problem(problem, scene, error)
+   !> Problem
+   class(collocation_type), allocatable, intent(out) :: problem
+   !> Scene, which must outlive the problem
+   type(scene_type), target, intent(in) :: scene
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   type(mixed_type), allocatable :: mixed
+
+   select case (scene%method)
+   case ('rkcm')
+      allocate (problem)
+      call new_collocation(problem, scene, error)
+   case ('rkcm-mixed')
+      allocate (mixed)
+      call new_mixed(mixed, scene, error)
+      call move_alloc(mixed, problem)
+   case default
+      call fatal_error(error, err_input, "unknown method '"//scene%method//"'")
+   end select
+end subroutine new_problem
+
+end module rk_method

@@ -1,0 +1,415 @@
+!> Strong form collocation of hyperelasticity in displacements and pressure.
+!>
+!> With P = P_iso(F) + p cof F the unknowns are u and p in the same reproducing kernel space:
+!>    momentum   Div P_iso + cof F grad p = 0   at the collocation points (Div cof F = 0),
+!>    volume     J - 1 - p/K = 0                at one point for each cell of source points,
+!>    traction   (P_iso + p cof F) N = h, displacement u = g   at the boundary points.
+!> Volume rows at all collocation points would lock: there must not be more of them than pressure
+!> unknowns. Row weights balance the parts as the least squares functional with norms of
+!> h Div P, P N and mu u/h does.
+module rk_mixed
+   use rk_boundary, only : new_boundary
+   use rk_collocation, only : collocation_type, deformation, determinant
+   use rk_error, only : error_type
+   use rk_local, only : local_type
+   use rk_precision, only : wp
+   use rk_problem, only : state_type
+   use rk_rows, only : new_rows
+   use rk_scene, only : scene_type
+   use rk_shape, only : new_shape
+   implicit none
+   private
+
+   public :: mixed_type, new_mixed
+
+   !> Mixed problem of a scene; the pressure is the last field
+   type, extends(collocation_type) :: mixed_type
+      !> Weight of the momentum rows of each collocation point, shape (nc) [length]
+      real(wp), allocatable :: domain_weight(:)
+      !> Weight of the traction rows of each boundary point, shape (nb) [-]
+      real(wp), allocatable :: traction_weight(:)
+      !> Collocation point whose material holds at each volume point, shape (nv)
+      integer, allocatable :: nearest(:)
+      !> Weight of each volume row, shape (nv) [stress]
+      real(wp), allocatable :: volume_weight(:)
+   contains
+      procedure :: start_step
+      procedure :: evaluate
+      procedure :: local_state
+   end type mixed_type
+
+   !> Smallest share of a row's weight, on the edge itself
+   real(wp), parameter :: edge_floor = 0.01_wp
+
+contains
+
+!> Set up the mixed problem of a scene
+subroutine new_mixed(self, scene, error)
+   !> Problem
+   type(mixed_type), intent(inout) :: self
+   !> Scene
+   type(scene_type), target, intent(in) :: scene
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   integer, allocatable :: place(:), range(:, :), rows(:)
+   real(wp), allocatable :: position(:, :)
+   integer :: nd, nc, nb, nv, b, d
+
+   self%scene => scene
+   nd = scene%cloud%nd
+   self%fields = nd + 1
+   call new_boundary(self%boundary, scene%cloud, scene%condition, error)
+   if (allocated(error)) return
+   nc = size(scene%cloud%place, 2)
+   nb = size(self%boundary%point)
+   nv = size(scene%cloud%cell, 2)
+   position = reshape([scene%cloud%place, scene%cloud%cell], [nd, nc + nv])
+   allocate (self%shape)
+   call new_shape(self%shape, scene%approximation, scene%cloud%source, scene%support, position, &
+      & error)
+   if (allocated(error)) return
+
+   place = [[(b, b=1, nc)], self%boundary%point, [(nc + b, b=1, nv)]]
+   rows = [[(nd, b=1, nc + nb)], [(1, b=1, nv)]]
+   allocate (range(2, nc + nb + nv))
+   range(1, :nc) = 2
+   range(2, :nc) = self%shape%nq
+   range(1, nc + 1:) = 1
+   range(2, nc + 1:) = 1 + nd
+   call new_rows(self%rows, self%shape, nd + 1, place, rows, range, position, &
+      & [(minval(scene%cloud%spacing(d, :)), d=1, nd)])
+   self%m = self%rows%m
+   self%n = self%rows%n
+   allocate (self%boundary_of(nc), source=0)
+   self%boundary_of(self%boundary%point) = [(b, b=1, nb)]
+   call set_weights(self)
+end subroutine new_mixed
+
+!> Row weights, which do not change during a run
+subroutine set_weights(self)
+   !> Problem
+   type(mixed_type), intent(inout) :: self
+   real(wp) :: h, shear, near, reach
+   integer :: b, ip, iv, nc, nv
+
+   associate (scene => self%scene, cloud => self%scene%cloud)
+      nc = size(cloud%place, 2)
+      nv = size(cloud%cell, 2)
+      allocate (self%domain_weight(nc), self%traction_weight(size(self%boundary%point)), &
+         & self%weight(size(self%boundary%point)), self%nearest(nv), self%volume_weight(nv))
+      h = (product(sum(cloud%spacing, dim=2)/size(cloud%spacing, 2)))**(1.0_wp/cloud%nd)
+      reach = scene%edge_length
+      if (.not. reach > 0.0_wp) reach = 0.5_wp*minval(maxval(cloud%place, dim=2) &
+         & - minval(cloud%place, dim=2))
+      do ip = 1, nc
+         near = closeness(self, cloud%place(:, ip), reach)
+         self%domain_weight(ip) = h*near**scene%edge_exponent
+         b = self%boundary_of(ip)
+         if (b == 0) cycle
+         shear = scene%tissue(scene%tissue_of(ip))%material%shear
+         self%traction_weight(b) = near**max(scene%edge_exponent - 0.5_wp, 0.0_wp)
+         self%weight(b) = scene%displacement_weight*shear/h
+      end do
+      do iv = 1, nv
+         self%nearest(iv) = minloc(sum((cloud%place - spread(cloud%cell(:, iv), 2, nc))**2, dim=1), &
+            & dim=1)
+         shear = scene%tissue(scene%tissue_of(self%nearest(iv)))%material%shear
+         self%volume_weight(iv) = scene%volume_weight*shear &
+            & *closeness(self, cloud%cell(:, iv), reach)**scene%edge_exponent
+      end do
+   end associate
+end subroutine set_weights
+
+!> Distance to the nearest edge between a clamped and a free face over a length, at most 1
+pure real(wp) function closeness(self, x, reach)
+   !> Problem
+   type(mixed_type), intent(in) :: self
+   !> Place, shape (nd) [length]
+   real(wp), intent(in) :: x(:)
+   !> Length [length]
+   real(wp), intent(in) :: reach
+   real(wp) :: d
+   integer :: b
+
+   closeness = 1.0_wp
+   do b = 1, size(self%boundary%point)
+      if (.not. self%boundary%singular(b)) cycle
+      d = norm2(x - self%scene%cloud%place(:, self%boundary%point(b)))
+      closeness = min(closeness, max(d/reach, edge_floor))
+   end do
+end function closeness
+
+!> Nothing depends on the step
+subroutine start_step(self, x, load)
+   !> Problem
+   class(mixed_type), target, intent(inout) :: self
+   !> Unknowns at the start of the step, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Load at the end of the step [-]
+   real(wp), intent(in) :: load
+
+   if (size(x) /= self%n .or. load < 0.0_wp) return
+end subroutine start_step
+
+!> Stress and deformation at a place
+subroutine local_state(self, ip, x, u, load, local)
+   !> Problem
+   class(mixed_type), intent(in) :: self
+   !> Collocation point whose material and fiber hold there
+   integer, intent(in) :: ip
+   !> Undeformed place, shape (nd) [length]
+   real(wp), intent(in) :: x(:)
+   !> Displacement and pressure with derivatives, shape (nd + 1, nq)
+   real(wp), intent(in) :: u(:, :)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> State
+   type(local_type), intent(out) :: local
+   real(wp) :: h(3, 3, 3)
+   integer :: nd
+
+   nd = size(x)
+   local%x(:nd) = x
+   local%u(:nd) = u(:nd, 1)
+   call deformation(nd, u, local%f, h)
+   local%j = determinant(local%f)
+   associate (material => self%scene%tissue(self%scene%tissue_of(ip))%material)
+      call material%stress(local%f, self%scene%cloud%fiber(:, ip), load*self%scene%activation, &
+         & local%p, volumetric=.false.)
+   end associate
+   local%p = local%p + u(nd + 1, 1)*cofactor(local%f)
+   local%cauchy = matmul(local%p, transpose(local%f))/local%j
+end subroutine local_state
+
+!> Cofactors, dJ/dF
+pure function cofactor(f) result(c)
+   !> F(i, A)
+   real(wp), intent(in) :: f(3, 3)
+   real(wp) :: c(3, 3)
+   integer, parameter :: next(3) = [2, 3, 1], prev(3) = [3, 1, 2]
+   integer :: i, a
+
+   do a = 1, 3
+      do i = 1, 3
+         c(i, a) = f(next(i), next(a))*f(prev(i), prev(a)) - f(next(i), prev(a))*f(prev(i), next(a))
+      end do
+   end do
+end function cofactor
+
+!> Second derivatives of J contracted with a vector on the second index: J_FF(i, A, k, C) v_A
+pure function cofactor_slope(f, v) result(t)
+   !> F(i, A)
+   real(wp), intent(in) :: f(3, 3)
+   !> Vector with index A
+   real(wp), intent(in) :: v(3)
+   real(wp) :: t(3, 3, 3)
+   integer, parameter :: next(3) = [2, 3, 1], prev(3) = [3, 1, 2]
+   integer :: i, c, ln
+
+   ! eps_ikm eps_ACB F_mB v_A
+   t = 0.0_wp
+   do c = 1, 3
+      do i = 1, 3
+         ln = i
+         t(ln, next(i), c) = v(prev(c))*f(prev(i), next(c)) - v(next(c))*f(prev(i), prev(c))
+         t(ln, prev(i), c) = -(v(prev(c))*f(next(i), next(c)) - v(next(c))*f(next(i), prev(c)))
+      end do
+   end do
+end function cofactor_slope
+
+!> Residuals and rows
+subroutine evaluate(self, x, load, tangent, r, state)
+   !> Problem
+   class(mixed_type), target, intent(inout) :: self
+   !> Unknowns, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> Linearise
+   logical, intent(in) :: tangent
+   !> Residuals, shape (m)
+   real(wp), contiguous, intent(inout) :: r(:)
+   !> What was seen
+   type(state_type), intent(out) :: state
+   real(wp), allocatable :: volume(:)
+   integer :: ip
+
+   allocate (volume(self%shape%np))
+   !$omp parallel do default(none) schedule(static) private(ip) &
+   !$omp shared(self, x, load, tangent, r, volume)
+   do ip = 1, self%shape%np
+      if (ip <= size(self%domain_weight)) then
+         call evaluate_place(self, ip, x, load, tangent, r, volume(ip))
+      else
+         call evaluate_cell(self, ip, x, tangent, r, volume(ip))
+      end if
+   end do
+   !$omp end parallel do
+   state%worst = minloc(volume, dim=1)
+   state%min_j = volume(state%worst)
+   state%max_j = maxval(volume)
+   ! comparisons that a NaN fails
+   state%valid = all(volume > 0.0_wp) .and. all(abs(r) <= huge(1.0_wp))
+end subroutine evaluate
+
+!> Volume row of one cell
+subroutine evaluate_cell(self, ip, x, tangent, r, volume)
+   !> Problem
+   class(mixed_type), intent(inout) :: self
+   !> Place among the shape functions
+   integer, intent(in) :: ip
+   !> Unknowns, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Linearise
+   logical, intent(in) :: tangent
+   !> Residuals, shape (m)
+   real(wp), intent(inout) :: r(:)
+   !> Volume ratio J [-]
+   real(wp), intent(out) :: volume
+   real(wp) :: u(self%fields, self%shape%nq), f(3, 3), h(3, 3, 3), c(3, 3), compliance
+   integer :: nd, iv, block, k, a
+
+   nd = self%scene%cloud%nd
+   iv = ip - size(self%domain_weight)
+   block = size(self%domain_weight) + size(self%boundary%point) + iv
+   call self%field(ip, x, 1 + nd, u)
+   call deformation(nd, u, f, h)
+   volume = determinant(f)
+   compliance = 1.0_wp/self%scene%tissue(self%scene%tissue_of(self%nearest(iv)))%material%bulk
+   associate (w => self%volume_weight(iv), row => self%rows%row(block) + 1)
+      r(row) = w*(volume - 1.0_wp - compliance*u(nd + 1, 1))
+      if (.not. tangent) return
+      c = cofactor(f)
+      do a = 1, nd
+         do k = 1, nd
+            self%rows%coefficient(1, k, 1 + a, block) = w*c(k, a)
+         end do
+      end do
+      self%rows%coefficient(1, nd + 1, 1, block) = -w*compliance
+   end associate
+end subroutine evaluate_cell
+
+!> Momentum rows of one collocation point and, where it lies on the boundary, its conditions
+subroutine evaluate_place(self, ip, x, load, tangent, r, volume)
+   !> Problem
+   class(mixed_type), intent(inout) :: self
+   !> Collocation point
+   integer, intent(in) :: ip
+   !> Unknowns, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> Linearise
+   logical, intent(in) :: tangent
+   !> Residuals, shape (m)
+   real(wp), intent(inout) :: r(:)
+   !> Volume ratio J [-]
+   real(wp), intent(out) :: volume
+   real(wp) :: u(self%fields, self%shape%nq), f(3, 3), h(3, 3, 3), p(3, 3), c4(3, 3, 3, 3)
+   real(wp) :: t(3, 3, 3), c(3, 3), fiber(3), slope(3), w
+   integer :: nd, i, k, q, ca, cb, row
+
+   nd = self%scene%cloud%nd
+   call self%field(ip, x, self%shape%nq, u)
+   call deformation(nd, u, f, h)
+   volume = determinant(f)
+   row = self%rows%row(ip)
+   if (.not. volume > 0.0_wp) then
+      ! no stress exists; the caller rejects the state
+      r(row + 1:row + nd) = 0.0_wp
+      return
+   end if
+   fiber = self%scene%cloud%fiber(:, ip)
+   associate (material => self%scene%tissue(self%scene%tissue_of(ip))%material)
+      call material%strong(nd, f, h, fiber, load*self%scene%activation, p, c4, t, &
+         & volumetric=.false.)
+   end associate
+   c = cofactor(f)
+   slope = 0.0_wp
+   slope(:nd) = u(nd + 1, 2:1 + nd)
+   w = self%domain_weight(ip)
+   do i = 1, nd
+      r(row + i) = dot_product(c(i, :nd), slope(:nd))
+      do ca = 1, nd
+         do cb = 1, nd
+            r(row + i) = r(row + i) + dot_product(c4(i, ca, :nd, cb), h(:nd, cb, ca))
+         end do
+      end do
+      r(row + i) = w*r(row + i)
+   end do
+   if (tangent) then
+      t = t + cofactor_slope(f, slope)
+      do k = 1, nd
+         do i = 1, nd
+            q = 1 + nd
+            do ca = 1, nd
+               self%rows%coefficient(i, k, 1 + ca, ip) = w*t(i, k, ca)
+               do cb = ca, nd
+                  q = q + 1
+                  self%rows%coefficient(i, k, q, ip) = w*merge(c4(i, ca, k, ca), &
+                     & c4(i, ca, k, cb) + c4(i, cb, k, ca), ca == cb)
+               end do
+            end do
+         end do
+      end do
+      do ca = 1, nd
+         self%rows%coefficient(:nd, nd + 1, 1 + ca, ip) = w*c(:nd, ca)
+      end do
+   end if
+   if (self%boundary_of(ip) > 0) call evaluate_boundary(self, self%boundary_of(ip), u, load, f, c, &
+      & p, c4, tangent, r)
+end subroutine evaluate_place
+
+!> Rows of one boundary point
+subroutine evaluate_boundary(self, b, u, load, f, c, p, c4, tangent, r)
+   !> Problem
+   class(mixed_type), intent(inout) :: self
+   !> Boundary point
+   integer, intent(in) :: b
+   !> Displacement and pressure, shape (nd + 1, nq)
+   real(wp), intent(in) :: u(:, :)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> Deformation gradient F(i, A) and its cofactors [-]
+   real(wp), intent(in) :: f(3, 3), c(3, 3)
+   !> Isochoric stress P_iso(i, A)
+   real(wp), intent(in) :: p(3, 3)
+   !> Its tangent C4(i, A, j, B)
+   real(wp), intent(in) :: c4(3, 3, 3, 3)
+   !> Linearise
+   logical, intent(in) :: tangent
+   !> Residuals, shape (m)
+   real(wp), intent(inout) :: r(:)
+   real(wp) :: n(3), slope(3, 3, 3), pressure
+   integer :: nd, block, row, i, k, cb
+
+   nd = self%scene%cloud%nd
+   block = size(self%domain_weight) + b
+   row = self%rows%row(block)
+   pressure = u(nd + 1, 1)
+   do i = 1, nd
+      if (tangent) self%rows%coefficient(i, :, :, block) = 0.0_wp
+      if (self%boundary%essential(i, b)) then
+         r(row + i) = self%weight(b)*(u(i, 1) - load*self%boundary%value(i, b))
+         if (tangent) self%rows%coefficient(i, i, 1, block) = self%weight(b)
+      else
+         n = 0.0_wp
+         n(:nd) = self%boundary%normal(:, i, b)
+         associate (w => self%traction_weight(b)*self%scene%weight_traction)
+            r(row + i) = w*(dot_product(p(i, :) + pressure*c(i, :), n) &
+               & - load*self%boundary%traction(i, b))
+            if (.not. tangent) cycle
+            slope = cofactor_slope(f, n)
+            do cb = 1, nd
+               do k = 1, nd
+                  self%rows%coefficient(i, k, 1 + cb, block) = w*(dot_product(c4(i, :nd, k, cb), &
+                     & n(:nd)) + pressure*slope(i, k, cb))
+               end do
+            end do
+            self%rows%coefficient(i, nd + 1, 1, block) = w*dot_product(c(i, :), n)
+         end associate
+      end if
+   end do
+end subroutine evaluate_boundary
+
+end module rk_mixed
