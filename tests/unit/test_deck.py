@@ -412,6 +412,10 @@ def test_missing_key(write: Write, old: str, new: str, place: str, message: str)
             "reference.probe: 'pull' is of force, three numbers; choose a component",
         ),
         (
+            {'name = "mid"': "name = 3", '[[exact]]\nprobe = "mid"': "[[exact]]\nprobe = 4"},
+            "exact.probe: must be a text, not 4",
+        ),
+        (
             {'kind = "box"': 'kind = "model"'},
             "geometry.size: only for kind = box; here kind = model",
         ),
@@ -483,6 +487,9 @@ def test_many_complaints_are_not_cut_off(write: Write) -> None:
         (b"[load]\n[load]\n", "case.toml:2:1: not TOML: "),
         (b'title = "a\n', "case.toml:1:11: not TOML: "),
         (b"\n\nsteps == 3\n", "case.toml:3:8: not TOML: "),
+        (b"[[\nname = 1\n", "case.toml:1:3: not TOML: "),
+        (b"[\n", "case.toml:1:2: not TOML: "),
+        (b"[load.\n", "case.toml:1:7: not TOML: "),
         (b"a = 99999999999999999999999\n", "case.toml:1:28: not TOML: "),
         (b'title = "a"\n# caf\xe9 \n', "case.toml:2:"),
         (b"PK\x03\x04\x00\x00", "case.toml:1:3: not TOML: "),
