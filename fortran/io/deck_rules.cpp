@@ -136,15 +136,17 @@ static void check_compared(Deck &deck) {
    for (const char *table : {"exact", "reference"}) {
       for (Section *section : deck.entries(table)) {
          const bool exact = section->spec->name == "exact";
-         const std::string name = section->text("probe");
+         const Value *name = section->find("probe");
+         if (!name)
+            continue;
          for (Section *probe : deck.entries("probe")) {
             const std::string quantity = probe->text("quantity");
             const bool vector = quantity == "u" || quantity == "force";
             const bool local = quantity[0] != 'u' && quantity.compare(0, 5, "force") != 0;
-            if (probe->text("name") != name || quantity.empty() || (exact ? local : !vector))
+            if (probe->text("name") != name->text || quantity.empty() || (exact ? local : !vector))
                continue;
-            deck.complain(section->find("probe")->origin, deck.address(*section, "probe"),
-                          quoted(name) + " is of " + quantity + ", " +
+            deck.complain(name->origin, deck.address(*section, "probe"),
+                          quoted(name->text) + " is of " + quantity + ", " +
                               (exact ? "which a homogeneous solution does not give"
                                      : "three numbers; choose a component"));
          }
