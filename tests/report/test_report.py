@@ -95,7 +95,7 @@ def test_page_is_complete_and_self_contained(folder: Path) -> None:
     assert "✓ converged" in text
     assert "2 islands with 14 voxels" in text
     for wanted in (
-        "force_z [N]", "cauchy_zz [N/cm²]", "tip [cm]", "−3.000", "mesh-converged finite elements",
+        "reaction [N]", "stress_zz [N/cm²]", "tip [cm]", "−3.000", "mesh-converged finite elements",
         "3.0600", "3.0617", "refined (asked: auto)", "3.0·10−13", "hyper-reduced", "0.973",
         "1380 MiB".replace("1380", "1\u202f380"), "10 steps, 30 iterations", "load.steps=10",
     ):  # fmt: skip
@@ -103,7 +103,7 @@ def test_page_is_complete_and_self_contained(folder: Path) -> None:
 
 
 def test_only_what_is_there_is_shown(folder: Path) -> None:
-    keep(folder, "summary.json", "image.nii.gz")
+    keep(folder, "summary.json", "anatomy.nii.gz")
     change_summary(folder, lambda summary: summary.pop("segmentation"))
     assert Page(make_report(folder)).sections == ["probes", "run"]
 
@@ -123,19 +123,19 @@ def test_results_alone(folder: Path) -> None:
 def test_unfinished_run_is_told(folder: Path) -> None:
     keep(folder, "summary.json")
     change_summary(folder, lambda summary: summary.update(converged=False, steps=[]))
-    assert "✗ not converged, last state at load –" in Page(make_report(folder)).text
+    assert "✗ not converged, last state at load 0" in Page(make_report(folder)).text
 
 
 def test_gaps_in_the_summary(folder: Path) -> None:
     """What the Fortran side could not compute is null; the page shows a dash."""
 
     def change(summary: dict[str, Any]) -> None:
-        summary["steps"][3]["probes"].update(force_z=None, tip=None)
+        summary["steps"][3]["probes"].update(reaction=None, tip=None)
         summary["rom"]["models"][0].update(e1=None, e2=None, speedup_vs_full=None)
         summary["rom"]["pov"] = []
         summary["timings_s"]["shape"] = None
         summary["memory_peak_bytes"] = None
-        summary["exact"]["cauchy_zz"]["reference"] = None
+        summary["exact"]["stress_zz"]["reference"] = None
 
     change_summary(folder, change)
     assert tuple(Page(make_report(folder)).sections) == SECTIONS
@@ -260,20 +260,18 @@ def test_extreme_values_do_not_eat_the_colours() -> None:
 
 
 def test_probes_against_activation() -> None:
-    steps = [{"load": load, "probes": {"f": -load}} for load in (0.5, 1.0)]
-    reference = {"f": {"load": [0.25], "reference": [-0.2]}}
-    exact = {"f": {"reference": -1.1}}
-    axes = probe_figure(steps, {"f": "N"}, reference, exact, block()).axes[0]
+    steps = [{"load": load, "activation": 0.3 * load, "probes": {"f": -load}} for load in (0.5, 1)]
+    reference = {"f": {"load": [0.25], "activation": [0.075], "reference": [-0.2]}}
+    axes = probe_figure(steps, {"f": "N"}, reference, {"f": {"reference": -1.1}}).axes[0]
     assert axes.get_xlabel() == "activation [-]"
     computed, theirs, star = axes.lines
     assert_allclose(computed.get_xydata(), [[0.15, -0.5], [0.3, -1.0]])
     assert_allclose(theirs.get_xydata(), [[0.075, -0.2]])
     assert_allclose(star.get_xydata(), [[0.3, -1.1]])
-    axes = probe_figure(steps, {"f": "N"}, {}, {}, None).axes[0]
+    passive = [{**step, "activation": 0.0} for step in steps]
+    axes = probe_figure(passive, {"f": "N"}, reference, {}).axes[0]
     assert axes.get_xlabel() == "load [-]"
-    reference = {"f": {"activation": [0.1], "reference": [-0.2]}}
-    axes = probe_figure(steps, {"f": "N"}, reference, {}, block()).axes[0]
-    assert_allclose(axes.lines[1].get_xydata(), [[0.1, -0.2]])
+    assert_allclose(axes.lines[1].get_xydata(), [[0.25, -0.2]])
 
 
 def test_load_steps_are_not_joined() -> None:
