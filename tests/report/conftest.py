@@ -88,6 +88,7 @@ def summary() -> dict[str, Any]:
         "warnings": ["2 islands with 14 voxels are connected to neither end: left out"],
         "rom": {
             "snapshots": 20,
+            "full": {"load": loads.tolist(), "probes": {"reaction": force.tolist()}},
             "pov": (10.0 ** -np.linspace(0.0, 14.0, 20)).tolist(),
             "models": [
                 {
@@ -97,6 +98,7 @@ def summary() -> dict[str, Any]:
                     "e1": e1 * worse,
                     "e2": 4 * e1 * worse,
                     "stress_error": None,
+                    "probes": {"reaction": (force * (1 + e1)).tolist()},
                     "force_error": 2 * e1 * worse,
                     "offline_s": 2.5,
                     "online_s_per_state": 0.002 * r * points / 9537,

@@ -15,7 +15,13 @@ from numpy.testing import assert_allclose, assert_array_equal
 from myork.errors import FileError
 from myork.records import Image, Labels
 from myork.report import make_report
-from myork.report.figures import cloud_figure, history_figure, probe_figure, rom_figure
+from myork.report.figures import (
+    cloud_figure,
+    history_figure,
+    probe_figure,
+    rom_figure,
+    rom_probe_figure,
+)
 from myork.report.image_figures import area_figure, slice_figure
 from myork.report.numbers import fraction, number, unit_of
 from myork.report.sources import Deformation, read_folder
@@ -81,7 +87,7 @@ def test_page_is_complete_and_self_contained(folder: Path) -> None:
     page = Page(path)
     assert tuple(page.sections) == SECTIONS
     assert page.targets == [f"#{key}" for key in SECTIONS]
-    assert len(page.images) == 7
+    assert len(page.images) == 8
     for image in page.images:
         assert len(image["alt"] or "") > 20
         kind, data = str(image["src"]).split(",", 1)
@@ -216,6 +222,7 @@ def test_units(quantity: str, dimension: int, unit: str) -> None:
 def test_rom_table_in_milliseconds() -> None:
     html = rom_table([{"kind": "galerkin", "r": 2, "online_s_per_state": 0.0125}])
     assert "<td>12.5</td>" in html
+    assert "DGELS" not in html, "what no model reports has no column"
 
 
 def block(plane: bool = False) -> Deformation:
@@ -284,6 +291,17 @@ def test_load_steps_are_not_joined() -> None:
 def test_orthogonal_values_start_at_one() -> None:
     figure = rom_figure({"pov": [4.0, 0.4, 0.0], "models": []})
     assert_allclose(figure.axes[0].lines[0].get_ydata(), [1.0, 0.1, np.nan])
+
+
+def test_full_against_reduced() -> None:
+    full = {"load": [0.5, 1.0], "probes": {"f": [1.0, 2.0], "tip": [[0.0, 1.0], [0.0, 2.0]]}}
+    models = [{"kind": "hyper", "r": 3, "probes": {"f": [1.1, None]}}]
+    figure = rom_probe_figure(full, models, {"f": "N", "tip": "mm"})
+    lines = figure.axes[0].lines
+    assert_allclose(lines[0].get_xydata(), [[0.5, 1.0], [1.0, 2.0]])
+    assert_allclose(lines[1].get_xydata(), [[0.5, 1.1], [1.0, np.nan]])
+    assert lines[1].get_label() == "hyper-reduced, r = 3"
+    assert_allclose(figure.axes[1].lines[1].get_ydata(), [1.0, 2.0])
 
 
 @pytest.mark.parametrize("signs", [(1, 1), (-1, 1), (-1, -1)])

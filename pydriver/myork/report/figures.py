@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, MaxNLocator
+from matplotlib.ticker import FixedLocator, FormatStrFormatter, LogLocator, MaxNLocator
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
@@ -24,6 +24,7 @@ __all__ = [
     "history_figure",
     "probe_figure",
     "rom_figure",
+    "rom_probe_figure",
     "timing_figure",
 ]
 
@@ -129,6 +130,7 @@ def _draw_space(axes: Any, deformation: Deformation, values: F64) -> Any:
         short = side < 0.3 * sides.max()
         axis.set_major_locator(FixedLocator([]) if short else MaxNLocator(4))
         axis.set_pane_color((0.97, 0.97, 0.97))
+        axis.labelpad = 0.0 if short else 8.0
     return dots
 
 
@@ -316,15 +318,57 @@ def rom_figure(rom: Mapping[str, Any]) -> Figure:
                     xytext=(6, 5), textcoords="offset points", fontsize="small",
                 )  # fmt: skip
     errors.xaxis.set_major_locator(MaxNLocator(integer=True))
-    errors.set(xlabel="modes r", ylabel="relative error [-]")
+    errors.set(xlabel="modes r", ylabel="error [-]")
     speed.set(xlabel="speed-up over the full solution", ylabel="displacement error e₁ [-]")
     speed.margins(0.25)
+    speed.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    speed.xaxis.set_major_formatter(FormatStrFormatter("%g"))
     for axes in (errors, speed):
         if models:
             axes.legend(frameon=False, fontsize="small")
     for axes in (decay, errors, speed):
         axes.grid(color="#E5E5E5")
         axes.minorticks_off()
+    return figure
+
+
+def rom_probe_figure(
+    full: Mapping[str, Any], models: Sequence[Mapping[str, Any]], units: Mapping[str, str]
+) -> Figure:
+    """Probes of the full solution as lines, those of the reduced models as markers on them.
+
+    Parameters
+    ----------
+    full : Mapping
+        `rom.full` of the summary: `load` and `probes`.
+    models : Sequence of Mapping
+        `rom.models` of the summary, each with its `probes`.
+    units : Mapping
+        Unit of each probe by its name; three at most are shown.
+
+    Returns
+    -------
+    Figure
+        One panel for each probe.
+    """
+    names = [name for name in full.get("probes", {}) if name in units][:3]
+    figure = Figure(figsize=(11.0 if len(names) > 1 else 6.5, 3.6), layout="constrained")
+    for panel, name in enumerate(names, start=1):
+        axes = figure.add_subplot(1, len(names), panel)
+        axes.plot(full["load"], _as_columns(full["probes"][name]), color="black", label="full")
+        for number, model in enumerate(models):
+            values = model.get("probes", {}).get(name)
+            if values:
+                axes.plot(
+                    full["load"], _as_columns(values), linestyle="none", markerfacecolor="none",
+                    color=COLOURS[number % 6], marker=MARKERS[number % len(MARKERS)],
+                    markersize=6 + 2 * (number % 3),
+                    label=f"{MODEL_KINDS.get(model['kind'], model['kind'])}, r = {model['r']}",
+                )  # fmt: skip
+        axes.set(xlabel="load [-]", ylabel=f"{name} [{units[name]}]")
+        axes.grid(color="#E5E5E5")
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=5, frameon=False)
     return figure
 
 

@@ -272,17 +272,25 @@ def _rom(summary: Mapping[str, Any]) -> str:
     rom = summary.get("rom")
     if not rom:
         return ""
-    return "\n".join(
-        [
+    models = rom.get("models", [])
+    parts = [
+        _figure(
+            figures.rom_figure(rom),
+            f"Left: decay of the orthogonal values of {number(rom.get('snapshots'))} "
+            "snapshots. Middle: errors of displacement (e<sub>1</sub>) and displacement "
+            "gradient (e<sub>2</sub>). Right: what a given speed-up costs in accuracy.",
+        ),
+        tables.rom_table(models),
+    ]
+    full, units = rom.get("full", {}), _probe_units(summary)
+    if units.keys() & full.get("probes", {}).keys():
+        parts.append(
             _figure(
-                figures.rom_figure(rom),
-                f"Left: decay of the orthogonal values of {number(rom.get('snapshots'))} "
-                "snapshots. Middle: errors of displacement (e<sub>1</sub>) and displacement "
-                "gradient (e<sub>2</sub>). Right: what a given speed-up costs in accuracy.",
-            ),
-            tables.rom_table(rom.get("models", [])),
-        ]
-    )
+                figures.rom_probe_figure(full, models, units),
+                "Full solution (line) against the reduced models (markers).",
+            )
+        )
+    return "\n".join(parts)
 
 
 def _convergence(folder: RunFolder) -> str:

@@ -174,7 +174,13 @@ def rom_table(models: Sequence[Mapping[str, Any]]) -> str:
                 number(model.get("speedup_vs_dgels"), 3),
             )
         )
-    return table(head, rows, "Reduced models against the full solution")
+    # Quantities that no model reports are left out
+    shown = [place for place in range(len(head)) if any(row[place] != DASH for row in rows)]
+    return table(
+        [head[place] for place in shown],
+        [[row[place] for place in shown] for row in rows],
+        "Reduced models against the full solution",
+    )
 
 
 def label_table(segmentation: Mapping[str, Any], units: Mapping[str, str]) -> str:
