@@ -254,8 +254,9 @@ subroutine append_any(self, name, kind, dims, values, error)
    type(error_type), allocatable, intent(out) :: error
    character(kind=c_char) :: why(nwhy)
 
-   if (rkh5_append(self%handle, c_text(name), kind, size(dims), dims, values, why, nwhy) /= 0) &
+   if (rkh5_append(self%handle, c_text(name), kind, size(dims), dims, values, why, nwhy) /= 0) then
       call write_error(self, name, why, error)
+   end if
 end subroutine append_any
 
 !> Read a list of real numbers
@@ -393,7 +394,9 @@ subroutine put_integers(self, object, name, values, error)
    character(kind=c_char) :: why(nwhy)
 
    if (rkh5_put_attribute(self%handle, c_text(object), c_text(name), kind_int, size(values), &
-      c_loc(values), why, nwhy) /= 0) call write_error(self, name, why, error)
+      c_loc(values), why, nwhy) /= 0) then
+      call write_error(self, name, why, error)
+   end if
 end subroutine put_integers
 
 !> Set a text as an attribute
@@ -411,7 +414,9 @@ subroutine put_text(self, object, name, text, error)
    character(kind=c_char) :: why(nwhy)
 
    if (rkh5_put_attribute(self%handle, c_text(object), c_text(name), kind_byte, len(text), &
-      c_loc(text), why, nwhy) /= 0) call write_error(self, name, why, error)
+      c_loc(text), why, nwhy) /= 0) then
+      call write_error(self, name, why, error)
+   end if
 end subroutine put_text
 
 !> Get a text attribute

@@ -55,13 +55,13 @@ subroutine open_results(self, path, points, label, fiber, source, deck_text, ver
    !> Name of the file once it is complete
    character(len=*), intent(in) :: path
    !> Undeformed collocation points, shape (3,np), z = 0 in plane problems [length]
-   real(wp), intent(in) :: points(:, :)
+   real(wp), intent(in), contiguous :: points(:, :)
    !> Label of each point, shape (np)
-   integer, intent(in) :: label(:)
+   integer, intent(in), contiguous :: label(:)
    !> Fiber directions, unit vectors or zero, shape (3,np) [-]
-   real(wp), intent(in) :: fiber(:, :)
+   real(wp), intent(in), contiguous :: fiber(:, :)
    !> Undeformed source points, shape (3,ns) [length]
-   real(wp), intent(in) :: source(:, :)
+   real(wp), intent(in), contiguous :: source(:, :)
    !> The deck as it was read
    character(len=*), intent(in) :: deck_text
    !> Version of the program
@@ -96,7 +96,7 @@ subroutine write_geometry(file, points, error)
    !> File being written
    type(h5_type), intent(inout) :: file
    !> Points, shape (3,np) [length]
-   real(wp), intent(in) :: points(:, :)
+   real(wp), intent(in), contiguous :: points(:, :)
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
    integer(i8) :: np, i
@@ -131,19 +131,19 @@ subroutine add_step(self, load, activation, u, f, j, cauchy, principal, pressure
    !> Activation of the muscle fibers [-]
    real(wp), intent(in) :: activation
    !> Displacement, shape (3,np) [length]
-   real(wp), intent(in) :: u(:, :)
+   real(wp), intent(in), contiguous :: u(:, :)
    !> Deformation gradient F(i,A), shape (3,3,np) [-]
    real(wp), intent(in) :: f(:, :, :)
    !> Its determinant, shape (np) [-]
-   real(wp), intent(in) :: j(:)
+   real(wp), intent(in), contiguous :: j(:)
    !> Cauchy stress xx, yy, zz, xy, yz, xz, shape (6,np) [force/length^2]
-   real(wp), intent(in) :: cauchy(:, :)
+   real(wp), intent(in), contiguous :: cauchy(:, :)
    !> Principal Cauchy stresses, greatest first, shape (3,np) [force/length^2]
-   real(wp), intent(in) :: principal(:, :)
+   real(wp), intent(in), contiguous :: principal(:, :)
    !> Pressure, minus a third of the trace of the Cauchy stress, shape (np) [force/length^2]
-   real(wp), intent(in) :: pressure(:)
+   real(wp), intent(in), contiguous :: pressure(:)
    !> Coefficients of the approximation, shape (ndof)
-   real(wp), intent(in) :: coefficients(:)
+   real(wp), intent(in), contiguous :: coefficients(:)
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
    integer :: np
@@ -214,7 +214,7 @@ subroutine add_state(file, load, activation, coefficients, error)
    !> Activation of the muscle fibers [-]
    real(wp), intent(in) :: activation
    !> Coefficients of the approximation, shape (ndof)
-   real(wp), intent(in) :: coefficients(:)
+   real(wp), intent(in), contiguous :: coefficients(:)
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
 

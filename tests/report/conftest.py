@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 STEPS = 10
-UNITS = {"force": "N", "length": "cm"}
+UNITS = {"force": "N", "length": "cm", "stress": "N/cm^2"}
 
 
 @pytest.fixture
@@ -38,7 +38,8 @@ def summary() -> dict[str, Any]:
         "units": UNITS,
         "method": "rkcm",
         "dimension": 3,
-        "solver": {"asked": "auto", "used": "refined", "why": "m = 36 411 rows, 12 % filled"},
+        "solver": {"asked": "auto", "used": "refined", "why": "no matrix in memory",
+                   "backward_error": 3e-13, "reciprocal_condition": 2.7e-7},
         "source_points": 1377,
         "collocation_points": 9537,
         "dofs": 4131,
@@ -49,23 +50,31 @@ def summary() -> dict[str, Any]:
         "steps": [
             {
                 "load": load,
+                "activation": 0.3 * load,
                 "iterations": 3,
                 "newton_decrement": 1e-9,
                 "min_J": 0.98,
                 "max_J": 1.02,
                 "probes": {
-                    "force_z": force[number],
-                    "cauchy_zz": -force[number] * 1.02,
+                    "reaction": force[number],
+                    "stress_zz": -force[number] * 1.02,
                     "tip": [-0.087 * load, 0.001 * load, 0.02 * load**2],
                 },
             }
             for number, load in enumerate(loads)
         ],
-        "probe_quantities": {"force_z": "force_z", "cauchy_zz": "cauchy_zz", "tip": "u"},
-        "exact": {"cauchy_zz": {"value": 3.06, "reference": 3.0617, "relative_error": 5.5e-4}},
+        "deck": {
+            "probe": [
+                {"name": "reaction", "quantity": "force_z", "set": "bottom"},
+                {"name": "stress_zz", "quantity": "cauchy_zz", "point": [0.5, 0.5, 1.0]},
+                {"name": "tip", "quantity": "u", "point": [1.0, 0.5, 1.0]},
+            ]
+        },
+        "exact": {"stress_zz": {"value": 3.06, "reference": 3.0617, "relative_error": 5.5e-4}},
         "reference": {
-            "force_z": {
+            "reaction": {
                 "load": places,
+                "activation": [0.3 * place for place in places],
                 "value": values.tolist(),
                 "reference": reference,
                 "relative_error": (np.abs(values - reference) / 3.02).tolist(),
@@ -75,10 +84,11 @@ def summary() -> dict[str, Any]:
         "timings_s": {
             "shape": 0.4, "assemble": 3.1, "solve": 14.2, "output": 0.3, "total": 18.6
         },
-        "memory_peak_bytes": 1_450_000_000,
+        "memory_peak_bytes": 1.45e9,
         "warnings": ["2 islands with 14 voxels are connected to neither end: left out"],
         "rom": {
             "snapshots": 20,
+            "full": {"load": loads.tolist(), "probes": {"reaction": force.tolist()}},
             "pov": (10.0 ** -np.linspace(0.0, 14.0, 20)).tolist(),
             "models": [
                 {
@@ -88,6 +98,7 @@ def summary() -> dict[str, Any]:
                     "e1": e1 * worse,
                     "e2": 4 * e1 * worse,
                     "stress_error": None,
+                    "probes": {"reaction": (force * (1 + e1)).tolist()},
                     "force_error": 2 * e1 * worse,
                     "offline_s": 2.5,
                     "online_s_per_state": 0.002 * r * points / 9537,
@@ -99,7 +110,7 @@ def summary() -> dict[str, Any]:
             ],
         },
         "segmentation": {
-            "labels": {"muscle": {"pixels": 40211, "volume": 376978.0}},
+            "labels": {"muscle": {"pixels": 40211, "volume": 376.978}},
             "scores": {"muscle": {"dice": 0.973, "pcc": 0.968}},
             "iterations": 120,
             "energy": (1000.0 * np.exp(-np.arange(30) / 6.0) + 400.0).tolist(),
@@ -170,7 +181,7 @@ def write_segmentation(folder: Path) -> None:
     affine = np.diag([-spacing[0], -spacing[1], spacing[2], 1.0])
     for name, data in (
         ("segmentation", muscle.astype(np.uint8)),
-        ("image", image.astype(np.float32)),
+        ("anatomy", image.astype(np.float32)),
         ("fibers", fibers.astype(np.float32)),
     ):
         file = nibabel.Nifti1Image(data, affine)

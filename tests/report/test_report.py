@@ -15,7 +15,13 @@ from numpy.testing import assert_allclose, assert_array_equal
 from myork.errors import FileError
 from myork.records import Image, Labels
 from myork.report import make_report
-from myork.report.figures import cloud_figure, history_figure, probe_figure, rom_figure
+from myork.report.figures import (
+    cloud_figure,
+    history_figure,
+    probe_figure,
+    rom_figure,
+    rom_probe_figure,
+)
 from myork.report.image_figures import area_figure, slice_figure
 from myork.report.numbers import fraction, number, unit_of
 from myork.report.sources import Deformation, read_folder
@@ -81,7 +87,7 @@ def test_page_is_complete_and_self_contained(folder: Path) -> None:
     page = Page(path)
     assert tuple(page.sections) == SECTIONS
     assert page.targets == [f"#{key}" for key in SECTIONS]
-    assert len(page.images) == 7
+    assert len(page.images) == 8
     for image in page.images:
         assert len(image["alt"] or "") > 20
         kind, data = str(image["src"]).split(",", 1)
@@ -95,7 +101,7 @@ def test_page_is_complete_and_self_contained(folder: Path) -> None:
     assert "✓ converged" in text
     assert "2 islands with 14 voxels" in text
     for wanted in (
-        "force_z [N]", "cauchy_zz [N/cm²]", "tip [cm]", "−3.000", "mesh-converged finite elements",
+        "reaction [N]", "stress_zz [N/cm²]", "tip [cm]", "−3.000", "mesh-converged finite elements",
         "3.0600", "3.0617", "refined (asked: auto)", "3.0·10−13", "hyper-reduced", "0.973",
         "1380 MiB".replace("1380", "1\u202f380"), "10 steps, 30 iterations", "load.steps=10",
     ):  # fmt: skip
@@ -103,7 +109,7 @@ def test_page_is_complete_and_self_contained(folder: Path) -> None:
 
 
 def test_only_what_is_there_is_shown(folder: Path) -> None:
-    keep(folder, "summary.json", "image.nii.gz")
+    keep(folder, "summary.json", "anatomy.nii.gz")
     change_summary(folder, lambda summary: summary.pop("segmentation"))
     assert Page(make_report(folder)).sections == ["probes", "run"]
 
@@ -123,19 +129,19 @@ def test_results_alone(folder: Path) -> None:
 def test_unfinished_run_is_told(folder: Path) -> None:
     keep(folder, "summary.json")
     change_summary(folder, lambda summary: summary.update(converged=False, steps=[]))
-    assert "✗ not converged, last state at load –" in Page(make_report(folder)).text
+    assert "✗ not converged, last state at load 0" in Page(make_report(folder)).text
 
 
 def test_gaps_in_the_summary(folder: Path) -> None:
     """What the Fortran side could not compute is null; the page shows a dash."""
 
     def change(summary: dict[str, Any]) -> None:
-        summary["steps"][3]["probes"].update(force_z=None, tip=None)
+        summary["steps"][3]["probes"].update(reaction=None, tip=None)
         summary["rom"]["models"][0].update(e1=None, e2=None, speedup_vs_full=None)
         summary["rom"]["pov"] = []
         summary["timings_s"]["shape"] = None
         summary["memory_peak_bytes"] = None
-        summary["exact"]["cauchy_zz"]["reference"] = None
+        summary["exact"]["stress_zz"]["reference"] = None
 
     change_summary(folder, change)
     assert tuple(Page(make_report(folder)).sections) == SECTIONS
@@ -216,6 +222,7 @@ def test_units(quantity: str, dimension: int, unit: str) -> None:
 def test_rom_table_in_milliseconds() -> None:
     html = rom_table([{"kind": "galerkin", "r": 2, "online_s_per_state": 0.0125}])
     assert "<td>12.5</td>" in html
+    assert "DGELS" not in html, "what no model reports has no column"
 
 
 def block(plane: bool = False) -> Deformation:
@@ -260,20 +267,18 @@ def test_extreme_values_do_not_eat_the_colours() -> None:
 
 
 def test_probes_against_activation() -> None:
-    steps = [{"load": load, "probes": {"f": -load}} for load in (0.5, 1.0)]
-    reference = {"f": {"load": [0.25], "reference": [-0.2]}}
-    exact = {"f": {"reference": -1.1}}
-    axes = probe_figure(steps, {"f": "N"}, reference, exact, block()).axes[0]
+    steps = [{"load": load, "activation": 0.3 * load, "probes": {"f": -load}} for load in (0.5, 1)]
+    reference = {"f": {"load": [0.25], "activation": [0.075], "reference": [-0.2]}}
+    axes = probe_figure(steps, {"f": "N"}, reference, {"f": {"reference": -1.1}}).axes[0]
     assert axes.get_xlabel() == "activation [-]"
     computed, theirs, star = axes.lines
     assert_allclose(computed.get_xydata(), [[0.15, -0.5], [0.3, -1.0]])
     assert_allclose(theirs.get_xydata(), [[0.075, -0.2]])
     assert_allclose(star.get_xydata(), [[0.3, -1.1]])
-    axes = probe_figure(steps, {"f": "N"}, {}, {}, None).axes[0]
+    passive = [{**step, "activation": 0.0} for step in steps]
+    axes = probe_figure(passive, {"f": "N"}, reference, {}).axes[0]
     assert axes.get_xlabel() == "load [-]"
-    reference = {"f": {"activation": [0.1], "reference": [-0.2]}}
-    axes = probe_figure(steps, {"f": "N"}, reference, {}, block()).axes[0]
-    assert_allclose(axes.lines[1].get_xydata(), [[0.1, -0.2]])
+    assert_allclose(axes.lines[1].get_xydata(), [[0.25, -0.2]])
 
 
 def test_load_steps_are_not_joined() -> None:
@@ -286,6 +291,17 @@ def test_load_steps_are_not_joined() -> None:
 def test_orthogonal_values_start_at_one() -> None:
     figure = rom_figure({"pov": [4.0, 0.4, 0.0], "models": []})
     assert_allclose(figure.axes[0].lines[0].get_ydata(), [1.0, 0.1, np.nan])
+
+
+def test_full_against_reduced() -> None:
+    full = {"load": [0.5, 1.0], "probes": {"f": [1.0, 2.0], "tip": [[0.0, 1.0], [0.0, 2.0]]}}
+    models = [{"kind": "hyper", "r": 3, "probes": {"f": [1.1, None]}}]
+    figure = rom_probe_figure(full, models, {"f": "N", "tip": "mm"})
+    lines = figure.axes[0].lines
+    assert_allclose(lines[0].get_xydata(), [[0.5, 1.0], [1.0, 2.0]])
+    assert_allclose(lines[1].get_xydata(), [[0.5, 1.1], [1.0, np.nan]])
+    assert lines[1].get_label() == "hyper-reduced, r = 3"
+    assert_allclose(figure.axes[1].lines[1].get_ydata(), [1.0, 2.0])
 
 
 @pytest.mark.parametrize("signs", [(1, 1), (-1, 1), (-1, -1)])

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import FixedLocator, FormatStrFormatter, LogLocator, MaxNLocator
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
@@ -24,6 +24,7 @@ __all__ = [
     "history_figure",
     "probe_figure",
     "rom_figure",
+    "rom_probe_figure",
     "timing_figure",
 ]
 
@@ -56,28 +57,38 @@ def cloud_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure:
         Two panels with equal scales on all axes; the undeformed outline is grey.
     """
     force, length = units.get("force", "?"), units.get("length", "?")
-    plane = bool(np.ptp(deformation.points[:, 2]) == 0.0)
-    figure = Figure(figsize=(11.0, 5.2), layout="constrained")
+    sides = np.ptp(np.vstack([deformation.points, _deformed(deformation)]), axis=0)
+    plane = bool(sides[2] == 0.0)
+    flat = sides[2] < 0.5 * sides.max() and not plane
+    figure = Figure(figsize=(11.0, 4.0 if flat else 5.2), layout="constrained")
     panels = (
         (f"largest principal Cauchy stress [{force}/{length}²]", deformation.stress),
         ("volume ratio J [-]", deformation.volume_ratio),
     )
-    for column, (title, values) in enumerate(panels, start=1):
+    for number, (title, values) in enumerate(panels, start=1):
         if plane:
-            axes = figure.add_subplot(1, 2, column)
+            axes = figure.add_subplot(1, 2, number)
             dots = _draw_plane(axes, deformation, values)
         else:
-            axes = figure.add_subplot(1, 2, column, projection="3d")
+            axes = figure.add_subplot(1, 2, number, projection="3d")
             dots = _draw_space(axes, deformation, values)
             axes.set_zlabel(f"z [{length}]")
         axes.set(xlabel=f"x [{length}]", ylabel=f"y [{length}]", title=title)
-        figure.colorbar(dots, ax=axes, shrink=0.75, extend="both", pad=0.08)
-    figure.axes[0].legend(loc="upper left", frameon=False, fontsize="small")
+        place = {"location": "bottom", "shrink": 0.6, "pad": 0.0} if flat else {"shrink": 0.75}
+        bar = figure.colorbar(dots, ax=axes, extend="both", **place)
+        bar.ax.ticklabel_format(useOffset=False)
+        bar.ax.locator_params(nbins=4 if flat else 8)
+    handles, names = figure.axes[0].get_legend_handles_labels()
+    figure.legend(handles, names, loc="outside lower center", frameon=False)
     return figure
 
 
+def _deformed(deformation: Deformation) -> F64:
+    return deformation.points + deformation.displacement
+
+
 def _draw_plane(axes: Axes, deformation: Deformation, values: F64) -> Any:
-    points, deformed = deformation.points, deformation.points + deformation.displacement
+    points, deformed = deformation.points, _deformed(deformation)
     axes.plot(points[:, 0], points[:, 1], ".", color="#BBBBBB", markersize=3, label="undeformed")
     low, high = _limits(values)
     dots = axes.scatter(
@@ -88,7 +99,7 @@ def _draw_plane(axes: Axes, deformation: Deformation, values: F64) -> Any:
 
 
 def _draw_space(axes: Any, deformation: Deformation, values: F64) -> Any:
-    deformed = deformation.points + deformation.displacement
+    deformed = _deformed(deformation)
     for number, edge in enumerate(_outline(deformation.points)):
         axes.plot(*edge.T, color=GREY, linewidth=0.9, label=None if number else "undeformed")
     shown = slice(None, None, -(-len(values) // _MOST_POINTS))
@@ -101,6 +112,7 @@ def _draw_space(axes: Any, deformation: Deformation, values: F64) -> Any:
         vmax=high,
         edgecolors="none",
         depthshade=False,
+        clip_on=False,
     )
     both = np.vstack([deformation.points, deformed])
     low_corner, high_corner = both.min(axis=0), both.max(axis=0)
@@ -110,11 +122,15 @@ def _draw_space(axes: Any, deformation: Deformation, values: F64) -> Any:
         ylim=(low_corner[1], low_corner[1] + sides[1]),
         zlim=(low_corner[2], low_corner[2] + sides[2]),
     )
-    axes.set_box_aspect(sides, zoom=0.9)
-    axes.view_init(elev=18, azim=-60)
+    # A body that is thinnest along z is looked at along z, any other from the side
+    thin = sides[2] <= sides[:2].min()
+    axes.view_init(elev=20, azim=20 if thin else -60, vertical_axis="y" if thin else "z")
+    axes.set_box_aspect(sides, zoom=1.15 if thin else 0.9)
     for axis, side in zip((axes.xaxis, axes.yaxis, axes.zaxis), sides, strict=True):
-        axis.set_major_locator(MaxNLocator(2 if side < 0.6 * sides.max() else 5))
+        short = side < 0.3 * sides.max()
+        axis.set_major_locator(FixedLocator([]) if short else MaxNLocator(4))
         axis.set_pane_color((0.97, 0.97, 0.97))
+        axis.labelpad = 0.0 if short else 8.0
     return dots
 
 
@@ -152,7 +168,6 @@ def probe_figure(
     units: Mapping[str, str],
     reference: Mapping[str, Any],
     exact: Mapping[str, Any],
-    deformation: Deformation | None,
 ) -> Figure:
     """Probes against activation where it changes, otherwise against load.
 
@@ -163,9 +178,7 @@ def probe_figure(
     units : Mapping
         Unit of each probe by its name.
     reference, exact : Mapping
-        As in the summary; drawn as open circles and as a star at full load.
-    deformation : Deformation or None
-        Gives the activation of each load.
+        As in the summary; drawn as open circles and as a star at the last step.
 
     Returns
     -------
@@ -175,41 +188,31 @@ def probe_figure(
     columns = min(len(units), 3)
     rows = -(-len(units) // columns)
     figure = Figure(figsize=(11.0 if columns > 1 else 6.5, 3.4 * rows), layout="constrained")
-    active = deformation is not None and float(np.max(deformation.activations, initial=0.0)) > 0.0
-
-    def across(loads: Sequence[float]) -> F64:
-        """Loads as they stand on the horizontal axis."""
-        if deformation is None or not active:
-            return np.asarray(loads, dtype=float)
-        return np.interp(loads, deformation.loads, deformation.activations)
-
+    across = "activation" if any(step.get("activation") for step in steps) else "load"
     for panel, (name, unit) in enumerate(units.items(), start=1):
         axes = figure.add_subplot(rows, columns, panel)
         shown = [step for step in steps if name in step.get("probes", {})]
-        loads = across([step["load"] for step in shown])
+        places = np.array([step.get(across) for step in shown], dtype=float)
         values = _as_columns([step["probes"][name] for step in shown])
         for part in range(values.shape[1]):
             label = "computed" if values.shape[1] == 1 else "xyz"[part]
             axes.plot(
-                loads, values[:, part], DASHES[part % 4], color=COLOURS[part],
+                places, values[:, part], DASHES[part], color=COLOURS[part],
                 marker=MARKERS[part], markersize=4, label=label,
             )  # fmt: skip
-        theirs = reference.get(name)
-        if theirs:
-            places = np.asarray(theirs.get("activation") or across(theirs.get("load", [])))
-            numbers = _as_columns(theirs.get("reference", []))
-            for part in range(numbers.shape[1]):
-                axes.plot(
-                    places, numbers[:, part], "o", markersize=8, markerfacecolor="none",
-                    color=COLOURS[(part + 1) % len(COLOURS)] if numbers.shape[1] == 1 else GREY,
-                    label="reference" if part == 0 else None,
-                )  # fmt: skip
-        if name in exact and isinstance(exact[name].get("reference"), (int, float)):
+        theirs = reference.get(name, {})
+        if theirs.get(across):
             axes.plot(
-                across([1.0]), [exact[name]["reference"]], "*", markersize=13,
-                markerfacecolor="none", color=COLOURS[1], label="exact",
+                theirs[across], theirs["reference"], "o", markersize=9, markerfacecolor="none",
+                color=COLOURS[1], label="reference",
             )  # fmt: skip
-        axes.set(xlabel="activation [-]" if active else "load [-]", ylabel=f"{name} [{unit}]")
+        answer = exact.get(name, {}).get("reference")
+        if answer is not None and len(places):
+            axes.plot(
+                places[-1:], [answer], "*", markersize=14, markerfacecolor="none",
+                color=COLOURS[1], label="exact",
+            )  # fmt: skip
+        axes.set(xlabel=f"{across} [-]", ylabel=f"{name} [{unit}]")
         axes.grid(color="#E5E5E5")
         if len(axes.lines) > 1:
             axes.legend(frameon=False, fontsize="small")
@@ -242,6 +245,7 @@ def history_figure(history: Mapping[str, NDArray[Any]]) -> Figure:
     figure = Figure(figsize=(11.0, 3.8), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(3, 2))
     count = len(history["step"])
+    dot = 3.0 if count <= 60 else 0.0
     starts = np.flatnonzero(np.diff(history["load"], prepend=np.nan) != 0)
     curves = (
         (left, "gradient", "gradient norm"),
@@ -256,7 +260,7 @@ def history_figure(history: Mapping[str, NDArray[Any]]) -> Figure:
             axes.plot(
                 np.insert(np.arange(1.0, count + 1), starts[1:], np.nan),
                 np.insert(history[key], starts[1:], np.nan),
-                DASHES[number], color=COLOURS[number], marker=MARKERS[number], markersize=3,
+                DASHES[number], color=COLOURS[number], marker=MARKERS[number], markersize=dot,
                 linewidth=1.2, label=label,
             )  # fmt: skip
     for axes in (left, right):
@@ -269,6 +273,7 @@ def history_figure(history: Mapping[str, NDArray[Any]]) -> Figure:
     left.set(yscale="log", ylabel="norm (as in history.csv)")
     left.minorticks_off()
     right.set(ylabel="volume ratio J [-]")
+    right.ticklabel_format(axis="y", useOffset=False)
     return figure
 
 
@@ -313,15 +318,57 @@ def rom_figure(rom: Mapping[str, Any]) -> Figure:
                     xytext=(6, 5), textcoords="offset points", fontsize="small",
                 )  # fmt: skip
     errors.xaxis.set_major_locator(MaxNLocator(integer=True))
-    errors.set(xlabel="modes r", ylabel="relative error [-]")
+    errors.set(xlabel="modes r", ylabel="error [-]")
     speed.set(xlabel="speed-up over the full solution", ylabel="displacement error e₁ [-]")
     speed.margins(0.25)
+    speed.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    speed.xaxis.set_major_formatter(FormatStrFormatter("%g"))
     for axes in (errors, speed):
         if models:
             axes.legend(frameon=False, fontsize="small")
     for axes in (decay, errors, speed):
         axes.grid(color="#E5E5E5")
         axes.minorticks_off()
+    return figure
+
+
+def rom_probe_figure(
+    full: Mapping[str, Any], models: Sequence[Mapping[str, Any]], units: Mapping[str, str]
+) -> Figure:
+    """Probes of the full solution as lines, those of the reduced models as markers on them.
+
+    Parameters
+    ----------
+    full : Mapping
+        `rom.full` of the summary: `load` and `probes`.
+    models : Sequence of Mapping
+        `rom.models` of the summary, each with its `probes`.
+    units : Mapping
+        Unit of each probe by its name; three at most are shown.
+
+    Returns
+    -------
+    Figure
+        One panel for each probe.
+    """
+    names = [name for name in full.get("probes", {}) if name in units][:3]
+    figure = Figure(figsize=(11.0 if len(names) > 1 else 6.5, 3.6), layout="constrained")
+    for panel, name in enumerate(names, start=1):
+        axes = figure.add_subplot(1, len(names), panel)
+        axes.plot(full["load"], _as_columns(full["probes"][name]), color="black", label="full")
+        for number, model in enumerate(models):
+            values = model.get("probes", {}).get(name)
+            if values:
+                axes.plot(
+                    full["load"], _as_columns(values), linestyle="none", markerfacecolor="none",
+                    color=COLOURS[number % 6], marker=MARKERS[number % len(MARKERS)],
+                    markersize=6 + 2 * (number % 3),
+                    label=f"{MODEL_KINDS.get(model['kind'], model['kind'])}, r = {model['r']}",
+                )  # fmt: skip
+        axes.set(xlabel="load [-]", ylabel=f"{name} [{units[name]}]")
+        axes.grid(color="#E5E5E5")
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=5, frameon=False)
     return figure
 
 

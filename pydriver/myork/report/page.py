@@ -92,7 +92,7 @@ def _page(folder: RunFolder) -> str:
     summary = folder.summary
     sections = [
         ("images", "From the image to the labels", _images(folder)),
-        ("deformation", "Deformed muscle", _deformation(folder)),
+        ("deformation", "Deformation", _deformation(folder)),
         ("probes", "Forces and other probes", _probes(folder)),
         ("rom", "Reduced models", _rom(summary)),
         ("convergence", "Convergence", _convergence(folder)),
@@ -139,7 +139,7 @@ def _state(summary: Mapping[str, Any]) -> str:
         return ""
     if summary["converged"]:
         return ' <span class="state good">✓ converged</span>'
-    steps = summary.get("steps") or [{}]
+    steps = summary.get("steps") or [{"load": 0.0}]
     reached = fraction(steps[-1].get("load"))
     return f' <span class="state bad">✗ not converged, last state at load {reached}</span>'
 
@@ -192,7 +192,11 @@ def _cards(summary: Mapping[str, Any]) -> str:
 
 def _warnings(folder: RunFolder) -> str:
     """Warnings of the run, and files that could not be read."""
-    lines = [*folder.summary.get("warnings", []), *folder.problems]
+    lines = [
+        *folder.summary.get("segmentation", {}).get("warnings", []),
+        *folder.summary.get("warnings", []),
+        *folder.problems,
+    ]
     if not lines:
         return ""
     items = "".join(f"<li>{escape(str(line))}</li>" for line in lines)
@@ -221,14 +225,14 @@ def _images(folder: RunFolder) -> str:
             ),
         ]
     if segmentation:
-        parts.append(tables.label_table(segmentation))
+        parts.append(tables.label_table(segmentation, folder.summary.get("units", {})))
     return "\n".join(parts)
 
 
 def _deformation(folder: RunFolder) -> str:
     """Cloud of the last step."""
     deformation = folder.deformation
-    if deformation is None or not len(deformation.loads):
+    if deformation is None or len(deformation.loads) < 2:
         return ""
     length = folder.summary.get("units", {}).get("length", "?")
     largest = float(np.linalg.norm(deformation.displacement, axis=1).max())
@@ -249,16 +253,17 @@ def _probes(folder: RunFolder) -> str:
     steps = summary.get("steps", [])
     reference, exact = summary.get("reference", {}), summary.get("exact", {})
     parts = []
-    if units:
-        figure = figures.probe_figure(steps, units, reference, exact, folder.deformation)
+    if units and steps:
+        figure = figures.probe_figure(steps, units, reference, exact)
         extra = " Open circles: reference values." if reference else ""
         parts.append(_figure(figure, f"Probes of the deck in all converged steps.{extra}"))
     if reference:
         parts.append(tables.reference_table(reference, units))
     if exact:
         parts.append(tables.exact_table(exact, units))
-    if units:
-        parts.append(tables.probe_table(steps, units, "Probes in all converged steps"))
+    if units and steps:
+        values = tables.probe_table(steps, units)
+        parts.append(f"<details><summary>Values in all converged steps</summary>{values}</details>")
     return "\n".join(parts)
 
 
@@ -267,17 +272,25 @@ def _rom(summary: Mapping[str, Any]) -> str:
     rom = summary.get("rom")
     if not rom:
         return ""
-    return "\n".join(
-        [
+    models = rom.get("models", [])
+    parts = [
+        _figure(
+            figures.rom_figure(rom),
+            f"Left: decay of the orthogonal values of {number(rom.get('snapshots'))} "
+            "snapshots. Middle: errors of displacement (e<sub>1</sub>) and displacement "
+            "gradient (e<sub>2</sub>). Right: what a given speed-up costs in accuracy.",
+        ),
+        tables.rom_table(models),
+    ]
+    full, units = rom.get("full", {}), _probe_units(summary)
+    if units.keys() & full.get("probes", {}).keys():
+        parts.append(
             _figure(
-                figures.rom_figure(rom),
-                f"Left: decay of the orthogonal values of {number(rom.get('snapshots'))} "
-                "snapshots. Middle: errors of displacement (e<sub>1</sub>) and displacement "
-                "gradient (e<sub>2</sub>). Right: what a given speed-up costs in accuracy.",
-            ),
-            tables.rom_table(rom.get("models", [])),
-        ]
-    )
+                figures.rom_probe_figure(full, models, units),
+                "Full solution (line) against the reduced models (markers).",
+            )
+        )
+    return "\n".join(parts)
 
 
 def _convergence(folder: RunFolder) -> str:
@@ -296,9 +309,7 @@ def _run(folder: RunFolder) -> str:
     summary = folder.summary
     parts = []
     if "method" in summary:
-        errors = folder.history.get("backward_error", np.array([]))
-        worst = float(np.nanmax(errors)) if np.isfinite(errors).any() else None
-        parts.append(f'<div class="facts">{tables.run_table(summary, worst)}</div>')
+        parts.append(f'<div class="facts">{tables.run_table(summary)}</div>')
     timings = summary.get("timings_s", {})
     if timings:
         parts += [
@@ -309,16 +320,14 @@ def _run(folder: RunFolder) -> str:
 
 
 def _probe_units(summary: Mapping[str, Any]) -> dict[str, str]:
-    """Unit of each probe by its name; a probe's quantity is its name unless the summary tells."""
-    quantities = summary.get("probe_quantities", {})
-    names = dict.fromkeys(
-        name for step in summary.get("steps", []) for name in step.get("probes", {})
-    )
+    """Unit of each probe by its name, from the quantity that the deck asks for."""
+    quantities = {
+        str(probe.get("name")): str(probe.get("quantity"))
+        for probe in summary.get("deck", {}).get("probe", [])
+    }
     return {
-        name: unit_of(
-            quantities.get(name, name), summary.get("units", {}), summary.get("dimension", 3)
-        )
-        for name in names
+        name: unit_of(quantity, summary.get("units", {}), summary.get("dimension", 3))
+        for name, quantity in quantities.items()
     }
 
 

@@ -22,9 +22,6 @@ __all__ = ["Deformation", "RunFolder", "read_folder"]
 F64 = NDArray[np.float64]
 T = TypeVar("T")
 
-# Written by `segment`; the first that is there is shown
-_IMAGES = ("image.nii.gz", "anatomy.nii.gz")
-
 
 @dataclass(frozen=True)
 class Deformation:
@@ -109,14 +106,13 @@ def read_folder(path: Path) -> RunFolder:
             problems.append(str(error))
             return None
 
-    image = next((name for name in _IMAGES if (path / name).exists()), _IMAGES[0])
     folder = RunFolder(
         path=path,
         summary=read("summary.json", _read_summary) or {},
         history=read("history.csv", _read_history) or {},
         deformation=read("results.vtkhdf", _read_deformation),
         labels=read("segmentation.nii.gz", read_labels),
-        image=read(image, read_image),
+        image=read("anatomy.nii.gz", read_image),
         fibers=read("fibers.nii.gz", lambda file: read_image(file, values=3)),
         problems=tuple(problems),
     )

@@ -61,8 +61,8 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], caption: str = "")
     return "\n".join(parts)
 
 
-def run_table(summary: Mapping[str, Any], backward_error: float | None) -> str:
-    """What was solved and how: method, sizes, solver, largest backward error of all solves."""
+def run_table(summary: Mapping[str, Any]) -> str:
+    """What was solved and how: method, sizes, solver, backward error."""
     units = summary.get("units", {})
     solver = summary.get("solver", {})
     used = escape(str(solver.get("used", DASH)))
@@ -78,10 +78,11 @@ def run_table(summary: Mapping[str, Any], backward_error: float | None) -> str:
         ("unknowns", number(summary.get("dofs"))),
         ("equations (rows)", number(summary.get("rows"))),
         ("linear solver", used),
-        ("backward error, largest", number(backward_error, 2)),
+        ("condition number of the rows, about", number(_inverse(solver), 2)),
+        ("backward error, largest", number(solver.get("backward_error"), 2)),
         ("load steps, iterations", _iterations(summary.get("steps", []))),
         ("threads", number(summary.get("threads"))),
-        ("units", " and ".join(escape(str(units[key])) for key in units) or DASH),
+        ("units", ", ".join(f"{key} {escape(str(unit))}" for key, unit in units.items()) or DASH),
     ]
     overrides = summary.get("overrides")
     if overrides:
@@ -90,7 +91,7 @@ def run_table(summary: Mapping[str, Any], backward_error: float | None) -> str:
     return table((), [row for row in rows if row[1] != DASH])
 
 
-def probe_table(steps: Sequence[Mapping[str, Any]], units: Mapping[str, str], caption: str) -> str:
+def probe_table(steps: Sequence[Mapping[str, Any]], units: Mapping[str, str]) -> str:
     """Values of all probes, a line a step.
 
     Parameters
@@ -99,8 +100,6 @@ def probe_table(steps: Sequence[Mapping[str, Any]], units: Mapping[str, str], ca
         `steps` of the summary.
     units : Mapping
         Unit of each probe by its name.
-    caption : str
-        What it shows.
 
     Returns
     -------
@@ -112,7 +111,7 @@ def probe_table(steps: Sequence[Mapping[str, Any]], units: Mapping[str, str], ca
         [fraction(step.get("load")), *(number(step.get("probes", {}).get(name)) for name in units)]
         for step in steps
     ]
-    return table(head, rows, caption)
+    return table(head, rows)
 
 
 def exact_table(exact: Mapping[str, Any], units: Mapping[str, str]) -> str:
@@ -175,10 +174,16 @@ def rom_table(models: Sequence[Mapping[str, Any]]) -> str:
                 number(model.get("speedup_vs_dgels"), 3),
             )
         )
-    return table(head, rows, "Reduced models against the full solution")
+    # Quantities that no model reports are left out
+    shown = [place for place in range(len(head)) if any(row[place] != DASH for row in rows)]
+    return table(
+        [head[place] for place in shown],
+        [[row[place] for place in shown] for row in rows],
+        "Reduced models against the full solution",
+    )
 
 
-def label_table(segmentation: Mapping[str, Any]) -> str:
+def label_table(segmentation: Mapping[str, Any], units: Mapping[str, str]) -> str:
     """Size and, where the truth is known, scores of each label."""
     scores = segmentation.get("scores", {})
     names = dict.fromkeys([*segmentation.get("labels", {}), *scores])
@@ -194,7 +199,8 @@ def label_table(segmentation: Mapping[str, Any]) -> str:
                 number(score.get("pcc"), 3),
             )
         )
-    head = ("label", "voxels", "volume [mm³]", "Dice [-]", "PCC [-]")
+    length = escape(units.get("length", "?"))
+    head = ("label", "voxels", f"volume [{length}³]", "Dice [-]", "PCC [-]")
     return table(head, rows, "Labels of the segmentation (a dash: no truth to score against)")
 
 
@@ -211,6 +217,11 @@ def timing_table(timings: Mapping[str, Any], memory: Any) -> str:
     if memory is not None:
         rows.append(("memory, largest", f"{number(memory / 2**20, 3)} MiB", ""))
     return table(("stage", "wall time [s]", "share [%]"), rows, "Where the time went")
+
+
+def _inverse(solver: Mapping[str, Any]) -> float | None:
+    small = solver.get("reciprocal_condition")
+    return 1.0 / small if small else None
 
 
 def _dimension(dimension: Any) -> str:
