@@ -59,6 +59,7 @@ def segment(
         raise InputError("the deck has no table [image]; `segment` needs one")
     _make(out)
     image, tensor, truth = _inputs(deck, table, folder, out, progress)
+    wanted = None if truth is None else _wanted(truth, table["truth_labels"])
 
     region = _region(image, table, folder)
     progress(f"segmenting {int(region.sum())} pixels in {image.data.shape[2]} slices")
@@ -91,7 +92,7 @@ def segment(
                 f"{tensor.name}: {filled} of {int(inside.sum())} tensors of the tissue are not "
                 "finite or not positive; their neighbours were used"
             )
-    summary = _summary(deck, table, labels, result, truth, warnings)
+    summary = _summary(deck, table["label"], labels, result, wanted, warnings)
     update_summary(out, summary)
     for line in (*_lines(summary), *(f"warning: {text}" for text in warnings)):
         progress(line)
@@ -158,29 +159,32 @@ def _unrest(result: TwoPhase, limit: int) -> str:
     )
 
 
+def _wanted(truth: Labels, numbers: list[int]) -> NDArray[np.bool_]:
+    """Voxels of the truth that should be found."""
+    wanted = np.isin(truth.data, numbers) if numbers else truth.data > 0
+    if not wanted.any():
+        raise InputError(
+            f"{truth.name}: no voxel has one of image.truth_labels = {list(numbers)}; "
+            f"the labels there are: {np.unique(truth.data).tolist()}"
+        )
+    return wanted
+
+
 def _summary(
     deck: Mapping[str, Any],
-    table: Mapping[str, Any],
+    name: str,
     labels: Labels,
     result: TwoPhase,
-    truth: Labels | None,
+    wanted: NDArray[np.bool_] | None,
     warnings: list[str],
 ) -> dict[str, Any]:
     """Entries for `summary.json`; volumes in the deck's unit of length, cubed."""
-    name = table["label"]
     inside = labels.data > 0
     pixels = int(inside.sum())
     voxel = float(np.prod(labels.spacing * length_factor(deck["units"]["length"])))
     scores = {}
-    if truth is not None:
-        wanted = table["truth_labels"]
-        known = np.isin(truth.data, wanted) if wanted else truth.data > 0
-        if not known.any():
-            raise InputError(
-                f"{truth.name}: no voxel has one of image.truth_labels = {list(wanted)}; "
-                f"the labels there are: {np.unique(truth.data).tolist()}"
-            )
-        scores[name] = {"dice": dice(inside, known), "pcc": pearson(inside, known)}
+    if wanted is not None:
+        scores[name] = {"dice": dice(inside, wanted), "pcc": pearson(inside, wanted)}
     return {
         "title": deck["title"],
         "deck_sha256": deck["sha256"],

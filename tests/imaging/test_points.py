@@ -106,7 +106,7 @@ def test_volume_and_surface_of_the_medial_gastrocnemius(mg, phantom):
     h = 0.6
     exact = 0.0
     for k in range(15):
-        s = 1 - 0.45 * ((k / 14 - 0.55) / 0.55) ** 2
+        s = 1 - 0.3 * ((k / 14 - 0.55) / 0.55) ** 2
         a, b = 2.3 * s, 1.1 * s
         exact += h * np.pi * (3 * (a + b) - np.sqrt((3 * a + b) * (a + 3 * b)))
     assert cloud.area[surface].sum() == pytest.approx(exact, rel=0.08)

@@ -37,7 +37,7 @@ class _Muscle(NamedTuple):
 
 # Label = place in this list, from 1
 _MUSCLES = (
-    _Muscle("medial_gastrocnemius", (19.0, -27.0), (23.0, 11.0), 35.0, 0.45, 0.55, 22.0, -55.0),
+    _Muscle("medial_gastrocnemius", (19.0, -27.0), (23.0, 11.0), 35.0, 0.3, 0.55, 22.0, -55.0),
     _Muscle("lateral_gastrocnemius", (-20.0, -27.0), (20.0, 9.5), -38.0, 0.4, 0.65, 18.0, -128.0),
     _Muscle("soleus", (0.0, -10.0), (35.0, 13.5), 0.0, 0.15, 0.35, 28.0, 90.0),
     _Muscle("tibialis_anterior", (-11.0, 29.0), (15.0, 11.0), 20.0, 0.25, 0.6, 10.0, 110.0),

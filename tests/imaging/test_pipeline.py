@@ -1,0 +1,193 @@
+"""The stations `segment` and `build` on decks: files, summary, errors."""
+
+import json
+
+import nibabel
+import numpy as np
+import pytest
+
+from myork.build import build
+from myork.deck import load_deck
+from myork.errors import FileError, InputError
+from myork.imaging.geometry import check_same_grid
+from myork.imaging.io import read_image, read_labels, write_image, write_labels
+from myork.imaging.phantom import make_phantom
+from myork.model.store import read_model
+from myork.records import Image, Labels
+from myork.segment import segment
+from myork.summary import update_summary
+
+
+def quiet(line):
+    pass
+
+
+@pytest.fixture(scope="module")
+def mg(tmp_path_factory, inputs):
+    """Output folder after both stations of `mg_muscle`, and the lines of progress."""
+    out = tmp_path_factory.mktemp("mg")
+    deck = load_deck(inputs / "mg_muscle.toml", [], "segment")
+    lines = []
+    segment(deck, inputs, out, lines.append)
+    build(deck, inputs, out, lines.append)
+    return out, lines
+
+
+def test_files_and_summary_of_the_phantom(mg):
+    out, lines = mg
+    image, labels = read_image(out / "anatomy.nii.gz"), read_labels(out / "segmentation.nii.gz")
+    fibers, truth = read_image(out / "fibers.nii.gz", 3), read_labels(out / "truth.nii.gz")
+    read_image(out / "tensor.nii.gz", 6)
+    for other in (labels, fibers, truth):
+        check_same_grid(other, image)
+    assert labels.names == {1: "medial_gastrocnemius"}
+    summary = json.loads((out / "summary.json").read_text())
+    found = summary["segmentation"]
+    entry = found["labels"]["medial_gastrocnemius"]
+    assert entry["pixels"] == int((labels.data == 1).sum())
+    # Volume in the deck's unit: 1.25 x 1.25 x 6 mm voxels in cm^3.
+    assert entry["volume"] == pytest.approx(entry["pixels"] * 9.375e-3, rel=1e-5)
+    score = found["scores"]["medial_gastrocnemius"]
+    assert score["dice"] > 0.97 and score["pcc"] > 0.97
+    assert len(found["energy"]) == found["iterations"] and found["converged"]
+    model = read_model(out / "model.h5")
+    assert summary["model"]["source_points"] == len(model.source)
+    assert summary["model"]["points_without_fiber"] == 0
+    assert summary["units"] == {"force": "N", "length": "cm"}
+    assert [line.split()[0] for line in model.source_images.splitlines()] == [
+        "segmentation.nii.gz",
+        "fibers.nii.gz",
+    ]
+    assert any("Dice" in line for line in lines)
+
+
+def test_fibers_of_the_model_lean_as_the_phantoms_do(mg):
+    out, _ = mg
+    model = read_model(out / "model.h5")
+    lean = np.degrees(np.arccos(np.abs(model.fiber[:, 2])))
+    # Pennation 22 degrees times 1.15 at the lower and 0.85 at the upper end; noise of a degree.
+    low, high = model.points[:, 2] < 1.0, model.points[:, 2] > 7.4
+    assert np.median(lean[low]) == pytest.approx(25.0, abs=1.0)
+    assert np.median(lean[high]) == pytest.approx(19.0, abs=1.0)
+
+
+@pytest.fixture
+def own(tmp_path, inputs):
+    """A deck on files of one's own, and the folder they lie in."""
+    phantom = make_phantom()
+    write_image(tmp_path / "t1.nii.gz", phantom.anatomy)
+    write_image(tmp_path / "dti.nii.gz", phantom.tensor)
+    write_labels(tmp_path / "truth.nii.gz", phantom.truth)
+
+    def run(*overrides, station=segment, names=("anatomy=t1", "truth=truth")):
+        options = [f"image.{name}.nii.gz" for name in names]
+        deck = load_deck(inputs / "leg_muscles.toml", [*options, *overrides])
+        return station(deck, tmp_path, tmp_path / "out", quiet)
+
+    return run, tmp_path
+
+
+def test_images_of_files_like_those_of_the_phantom(own):
+    run, folder = own
+    summary = run()
+    # Every muscle; bones' cortex is as dark as muscle and counts as such.
+    assert summary["segmentation"]["scores"]["muscle"]["dice"] > 0.9
+    assert not (folder / "out" / "fibers.nii.gz").exists()
+    model = run(station=build)["model"]
+    assert model["points_without_fiber"] == model["collocation_points"]
+
+
+def test_tensor_gives_fibers_and_a_run_without_takes_them_away(own):
+    run, folder = own
+    run(names=("anatomy=t1", "tensor=dti"))
+    fibers = read_image(folder / "out" / "fibers.nii.gz", 3).data
+    labels = read_labels(folder / "out" / "segmentation.nii.gz").data
+    np.testing.assert_allclose(np.linalg.norm(fibers, axis=-1), labels, atol=1e-6)
+    run()
+    assert not (folder / "out" / "fibers.nii.gz").exists()
+
+
+def test_region_of_a_label_map(own):
+    run, folder = own
+    labels = read_labels(folder / "truth.nii.gz")
+    soleus = np.where(labels.data == 3, 1, 0).astype(np.int32)
+    write_labels(folder / "near.nii.gz", Labels(soleus, labels.affine))
+    summary = run(
+        "image.region_margin=1.3",
+        "image.truth_labels=[3]",
+        names=("anatomy=t1", "truth=truth", "region=near"),
+    )
+    assert summary["segmentation"]["scores"]["muscle"]["dice"] > 0.95
+
+
+def moved(folder, name, labels):
+    affine = labels.affine.copy()
+    affine[0, 3] += 3.0
+    write_labels(folder / name, Labels(labels.data, affine))
+
+
+def test_errors_name_file_or_key_and_what_to_do(own):
+    run, folder = own
+    truth = read_labels(folder / "truth.nii.gz")
+    moved(folder, "moved.nii.gz", truth)
+    empty = Labels(0 * truth.data, truth.affine)
+    write_labels(folder / "empty.nii.gz", empty)
+    with pytest.raises(FileError, match=r"nothere.nii.gz: there is no such file"):
+        run(names=("anatomy=nothere",))
+    with pytest.raises(InputError, match=r"moved.nii.gz and .*t1.nii.gz have different affines"):
+        run(names=("anatomy=t1", "truth=moved"))
+    with pytest.raises(InputError, match=r"empty.nii.gz: the region is empty"):
+        run(names=("anatomy=t1", "region=empty"))
+    with pytest.raises(InputError, match=r"empty.nii.gz: no voxel has one of image.truth_labels"):
+        run(names=("anatomy=t1", "truth=empty"))
+    with pytest.raises(InputError, match=r"dti.nii.gz: a 3-D image is wanted"):
+        run(names=("anatomy=dti",))
+    with pytest.raises(InputError, match=r"image.truth needs image.anatomy"):
+        run(names=("truth=truth",))
+    with pytest.raises(InputError, match=r"region to segment is empty; check image.box"):
+        run("image.box=[900, 910, 900, 910, 900, 910]")
+    with pytest.raises(FileError, match=r"there is no label map; run `myork segment`"):
+        run(station=build)
+
+
+def test_bad_tensors_in_the_file_are_counted(own):
+    run, folder = own
+    tensor = read_image(folder / "dti.nii.gz", 6)
+    tensor.data[40:44, 40, 7] = np.nan
+    write_image(folder / "nan.nii.gz", tensor)
+    warnings = run(names=("anatomy=t1", "tensor=nan"))["segmentation"]["warnings"]
+    assert any("nan.nii.gz" in text and "neighbours were used" in text for text in warnings)
+
+
+def test_build_from_a_label_map_and_fibers_of_ones_own(own):
+    run, folder = own
+    phantom = make_phantom()
+    write_image(folder / "vectors.nii.gz", phantom.fiber)
+    options = ("build.labels=truth.nii.gz", "build.fibers=vectors.nii.gz", "build.ids=[1, 3]")
+    run(*options, station=build)
+    model = read_model(folder / "out" / "model.h5")
+    assert model.label_names == {1: "medial_gastrocnemius", 3: "soleus"}
+    assert set(model.label) == {1, 3}
+    shifted = phantom.fiber.affine.copy()
+    shifted[2, 3] += 4.0
+    write_image(folder / "vectors.nii.gz", Image(phantom.fiber.data, shifted))
+    with pytest.raises(InputError, match="have different affines"):
+        run(*options, station=build)
+
+
+def test_same_run_same_files(mg, tmp_path, inputs):
+    out, _ = mg
+    deck = load_deck(inputs / "mg_muscle.toml", [])
+    segment(deck, inputs, tmp_path, quiet)
+    for name in ("anatomy", "segmentation", "fibers"):
+        a, b = (nibabel.load(f / f"{name}.nii.gz").get_fdata() for f in (out, tmp_path))
+        assert np.array_equal(a, b), name
+
+
+def test_summary_keeps_other_entries_and_survives_a_broken_file(tmp_path):
+    update_summary(tmp_path, {"a": 1, "b": {"c": float("nan")}})
+    update_summary(tmp_path, {"a": [2, float("inf")]})
+    assert json.loads((tmp_path / "summary.json").read_text()) == {"a": [2, None], "b": {"c": None}}
+    (tmp_path / "summary.json").write_text("{")
+    update_summary(tmp_path, {"a": 3})
+    assert json.loads((tmp_path / "summary.json").read_text()) == {"a": 3}
