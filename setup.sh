@@ -13,15 +13,20 @@ cd "$(dirname "$0")"
 packages="gcc g++ gfortran pkg-config python3-dev python3-venv ca-certificates
    libopenblas-openmp-dev libsuitesparse-dev libhdf5-dev libtomlplusplus-dev"
 sources="meson.build meson_options.txt pyproject.toml fortran pydriver inputs"
-stamp=.venv/installed # newer than all sources it was built from
+stamp=.venv/installed # the list of the sources of the installation, newer than all of them
 home=.venv/checkout   # the folder that the scripts of .venv point to
 
 say() { echo "setup: $*" >&2; }
 fail() { say "$*"; exit 3; }
 
+# Files only: Python's caches make folders newer. The list shows what was removed or renamed.
+list_sources() {
+   find $sources -name __pycache__ -prune -o -type f "$@" -print | sort
+}
+
 is_current() {
-   has_venv && [ -f "$stamp" ] &&
-      [ -z "$(find $sources -name __pycache__ -prune -o -newer "$stamp" -print | head -n 1)" ]
+   has_venv && [ -f "$stamp" ] && [ "$(list_sources)" = "$(cat "$stamp")" ] &&
+      [ -z "$(list_sources -newer "$stamp")" ]
 }
 
 # .venv is whole and was made here, not before the checkout was moved
@@ -84,7 +89,7 @@ install_myork() {
       echo "$PWD" >"$home"
    fi
    say "building with $(.venv/bin/python --version) in .venv (about a minute)"
-   touch "$stamp.new" # before the build: a source saved meanwhile is newer
+   list_sources >"$stamp.new" # before the build: a source saved meanwhile is newer
    .venv/bin/python -m pip install -q --disable-pip-version-check '.[test]' </dev/null ||
       fail "the build failed, see above"
    mv "$stamp.new" "$stamp"
