@@ -34,6 +34,7 @@ PYTHON_LAYERS = [
     {"deck", "imaging"},
     {"segmentation"},
     {"model", "results"},
+    {"scene"},
     {"segment", "build", "solve"},
     {"rom", "report"},
     {"demo"},

@@ -32,9 +32,9 @@ function usage() result(text)
    character(len=:), allocatable :: text
    character(len=1), parameter :: nl = new_line('a')
 
-   text = 'usage: myork-solve DECK [-o DIR] [-t N] [--set table.key=value]... [-q | -v] [--explain]' &
-      & //nl//nl//'Solve the full model of a deck and write summary.json, results.vtkhdf, ' &
-      & //'history.csv and run.log.'//nl//nl &
+   text = 'usage: myork-solve DECK [-o DIR] [-t N] [--set table.key=value]... [-q | -v] ' &
+      & //'[--explain]'//nl//nl//'Solve the full model of a deck and write summary.json, ' &
+      & //'results.vtkhdf, history.csv and run.log.'//nl//nl &
       & //'  -o DIR        folder of the results; default out/<deck>'//nl &
       & //'  -t N          threads; default all cores'//nl &
       & //'  --set K=V     override a key of the deck; may be repeated'//nl &

@@ -140,8 +140,8 @@ subroutine iteration(self, it)
    self%last = it
    self%backward_error = max(self%backward_error, it%backward_error)
    self%rcond = min(self%rcond, it%rcond)
-   write (self%history, '(i0, ",", es23.16, ",", i0, 3(",", es15.8), 2(",", es15.8), ",", es9.2, '// &
-      & '",", a, ",", f0.3)') it%step, it%load, it%iteration, it%residual, it%gradient, &
+   write (self%history, '(i0, ",", es22.16, ",", i0, 5(",", es14.8), ",", es8.2, ",", a, ",", '// &
+      & 'f0.3)') it%step, it%load, it%iteration, it%residual, it%gradient, &
       & it%step_norm, it%min_j, it%max_j, it%backward_error, it%solver, it%seconds
    flush (self%history)
    write (line, '("  iteration ", i0, "  |r| ", es8.1, "  |A''r| ", es8.1, "  |da| ", es8.1, '// &
@@ -181,9 +181,9 @@ subroutine step(self, st, x)
    if (allocated(error) .and. .not. allocated(self%error)) call move_alloc(error, self%error)
    self%seconds = self%seconds + tick(clock)
    if (st%step == 0) return
-   write (line, '("step ", i3, "/", i0, "  load ", f6.4, "  iterations ", i0, "  |A''r| ", es7.1, '// &
-      & '"  |da| ", es7.1, "  J ", a, "..", a, "  ", f0.1, " s")') st%step, st%steps, st%load, &
-      & st%iterations, st%gradient, st%step_norm, to_text(st%min_j), to_text(st%max_j), &
+   write (line, '("step ", i3, "/", i0, "  load ", f6.4, "  iterations ", i0, "  |A''r| ", '// &
+      & 'es7.1, "  |da| ", es7.1, "  J ", a, "..", a, "  ", f0.1, " s")') st%step, st%steps, &
+      & st%load, st%iterations, st%gradient, st%step_norm, to_text(st%min_j), to_text(st%max_j), &
       & self%last%seconds
    call self%say(trim(line), level=0)
 end subroutine step

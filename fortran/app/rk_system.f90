@@ -63,8 +63,8 @@ subroutine make_folder(path, error)
    integer(c_int) :: status
 
    status = c_make_folder(path//c_null_char)
-   if (status /= 0) call fatal_error(error, err_file, 'folder '//path//' cannot be used for output: ' &
-      & //from_c(c_error_text(status)))
+   if (status /= 0) call fatal_error(error, err_file, 'folder '//path &
+      & //' cannot be used for output: '//from_c(c_error_text(status)))
 end subroutine make_folder
 
 !> Version of the program

@@ -158,8 +158,8 @@ subroutine new_annulus(self, inner, outer, source, place, error)
    call check_counts(2, source, place, error)
    if (allocated(error)) return
    if (.not. (inner > 0.0_wp .and. outer > inner)) then
-      call fatal_error(error, err_input, 'radii of the annulus must grow from inner to outer, not ' &
-         & //to_text([inner, outer]))
+      call fatal_error(error, err_input, 'radii of the annulus must grow from inner to outer, ' &
+         & //'not '//to_text([inner, outer]))
       return
    end if
    self%nd = 2

@@ -111,14 +111,32 @@ subroutine set_weights(self)
          self%weight(b) = scene%displacement_weight*shear/h
       end do
       do iv = 1, nv
-         self%nearest(iv) = minloc(sum((cloud%place - spread(cloud%cell(:, iv), 2, nc))**2, dim=1), &
-            & dim=1)
+         self%nearest(iv) = nearest_place(cloud%place, cloud%cell(:, iv))
          shear = scene%tissue(scene%tissue_of(self%nearest(iv)))%material%shear
          self%volume_weight(iv) = scene%volume_weight*shear &
             & *closeness(self, cloud%cell(:, iv), reach)**scene%edge_exponent
       end do
    end associate
 end subroutine set_weights
+
+!> Number of the place nearest to a point
+pure integer function nearest_place(place, x)
+   !> Places, shape (nd, np) [length]
+   real(wp), intent(in) :: place(:, :)
+   !> Point, shape (nd) [length]
+   real(wp), intent(in) :: x(:)
+   real(wp) :: least, d
+   integer :: ip
+
+   least = huge(1.0_wp)
+   nearest_place = 0
+   do ip = 1, size(place, 2)
+      d = sum((place(:, ip) - x)**2)
+      if (d >= least) cycle
+      least = d
+      nearest_place = ip
+   end do
+end function nearest_place
 
 !> Distance to the nearest edge between a clamped and a free face over a length, at most 1
 pure real(wp) function closeness(self, x, reach)

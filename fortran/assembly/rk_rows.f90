@@ -249,7 +249,8 @@ subroutine normal(self, a)
    !$omp end parallel do
    do first = 1, groups, batch
       last = min(first + batch - 1, groups)
-      !$omp parallel default(none) shared(self, piece, first, last, a) private(g, k, j, column, node)
+      !$omp parallel default(none) shared(self, piece, first, last, a) &
+      !$omp private(g, k, j, column, node)
       !$omp do schedule(dynamic, 1)
       do g = first, last
          associate (p => piece(g - first + 1))

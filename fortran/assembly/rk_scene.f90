@@ -101,7 +101,8 @@ module rk_scene
       real(wp) :: tolerance = 1.0e-6_wp
       !> Iterations of one load step
       integer :: max_iterations = 25
-      !> Essential weight: this number times max|C4| at the point; 0 means the number of source points
+      !> Essential weight: this number times max|C4| at the point; 0 means the number of source
+      !> points
       real(wp) :: weight_c4 = 0.0_wp
       !> Essential weight as a plain number, used where positive
       real(wp) :: weight_essential = 0.0_wp

@@ -64,7 +64,9 @@ subroutine solve_static(problem, newton, steps, max_halvings, x, recorder, timer
          record%step_norm = newton%step_norm
          record%min_j = newton%state%min_j
          record%max_j = newton%state%max_j
-         if (halvings > 0 .and. 2*newton%iterations <= newton%max_iterations) halvings = halvings - 1
+         if (halvings > 0 .and. 2*newton%iterations <= newton%max_iterations) then
+            halvings = halvings - 1
+         end if
          if (load >= target_load) exit
       end do
       call recorder%step(record, x)

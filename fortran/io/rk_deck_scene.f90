@@ -71,9 +71,9 @@ subroutine check_size(deck, model, error)
    if (estimate%bytes < available_bytes()) return
    advice = 'use fewer source points'
    if (estimate%solver == 'dgels') advice = advice//', or solver "refined"'
-   call fatal_error(error, err_memory, deck%where('geometry')//': geometry: the model needs about ' &
-      & //to_text(1.0e-9_wp*estimate%bytes, 3)//' GB with solver "'//estimate%solver//'", ' &
-      & //to_text(1.0e-9_wp*available_bytes(), 3)//' GB are free: '//advice)
+   call fatal_error(error, err_memory, deck%where('geometry')//': geometry: the model needs ' &
+      & //'about '//to_text(1.0e-9_wp*estimate%bytes, 3)//' GB with solver "'//estimate%solver &
+      & //'", '//to_text(1.0e-9_wp*available_bytes(), 3)//' GB are free: '//advice)
 end subroutine check_size
 
 !> Points
@@ -192,8 +192,8 @@ subroutine read_materials(scene, deck, error)
    end do
    k = findloc(scene%tissue_of, 0, dim=1)
    if (k > 0) call fatal_error(error, err_input, deck%where('material.1')//': material: points ' &
-      & //'with label '//to_text(scene%cloud%label(k))//' have no material, the first one lies at ' &
-      & //to_text(scene%cloud%place(:, k)))
+      & //'with label '//to_text(scene%cloud%label(k))//' have no material, the first one lies ' &
+      & //'at '//to_text(scene%cloud%place(:, k)))
 end subroutine read_materials
 
 !> Give a material to its points

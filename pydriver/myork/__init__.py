@@ -15,6 +15,7 @@ os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 _HOME = {
     "MyorkError": "errors",
+    "Scene": "scene",
     "__version__": "_version",
     "load_deck": "deck",
     "make_report": "report",

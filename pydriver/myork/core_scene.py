@@ -5,21 +5,39 @@ from __future__ import annotations
 import threading
 import weakref
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from myork import _core, errors
-from myork.deck import load_deck
-from myork.model.store import read_model
 from myork.records import PointCloud
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 F64Array = NDArray[np.float64]
 
 _POLL_S = 0.05
+
+# One unused point: the wrapper cannot tell the shape of nothing.
+_NO_MODEL = PointCloud(
+    source=np.zeros((1, 3)),
+    spacing=np.ones(3),
+    points=np.zeros((1, 3)),
+    label=np.zeros(1, np.int32),
+    fiber=np.zeros((1, 3)),
+    volume=np.zeros(1),
+    boundary_point=np.zeros(1, np.int32),
+    boundary_set=np.zeros(1, np.int32),
+    normal=np.zeros((1, 3)),
+    area=np.zeros(1),
+    set_names=("none",),
+    label_names={},
+    length_unit="",
+    source_images="",
+)
 
 
 class States(NamedTuple):
@@ -69,17 +87,17 @@ class Fields(NamedTuple):
     cauchy: F64Array
 
 
-class Scene:
-    """A scene in memory, from a deck.
+class CoreScene:
+    """A scene held in the core; `myork.scene.Scene` opens one from a deck.
 
     Parameters
     ----------
-    path : str or Path
+    path : str
         Deck file.
     overrides : sequence of str
         `"table.key=value"` each.
-    out : Path, optional
-        Folder in which the model file of the deck is looked for first.
+    model : PointCloud, optional
+        Points of the model file, where the deck wants one.
     threads : int, optional
         Number of threads of a solve; default all cores.
 
@@ -91,27 +109,26 @@ class Scene:
 
     def __init__(
         self,
-        path: str | Path,
-        overrides: Sequence[str] = (),
-        out: Path | None = None,
-        threads: int | None = None,
+        path: str,
+        overrides: Sequence[str],
+        model: PointCloud | None,
+        threads: int | None,
     ) -> None:
-        deck = load_deck(path, overrides)
-        model = _model_of(deck, Path(path).parent, out)
-        names = np.char.ljust(np.array([name.encode() for name in model.set_names]), 32)
+        cloud = _NO_MODEL if model is None else model
+        names = np.char.ljust(np.array([name.encode() for name in cloud.set_names]), 32)
         items = np.array([text.encode() for text in overrides] or [b" "])
         handle, stat, message = _core.scene_open(
-            str(path).encode(),
+            path.encode(),
             np.char.ljust(items, items.itemsize),
-            model.source.T,
-            model.spacing,
-            model.points.T,
-            model.label,
-            model.fiber.T,
-            model.boundary_point,
-            model.boundary_set,
-            model.normal.T,
-            model.area,
+            cloud.source.T,
+            cloud.spacing,
+            cloud.points.T,
+            cloud.label,
+            cloud.fiber.T,
+            cloud.boundary_point,
+            cloud.boundary_set,
+            cloud.normal.T,
+            cloud.area,
             names,
         )
         errors.check(stat, message)
@@ -129,11 +146,10 @@ class Scene:
             self.steps,
             self.stencils,
         ) = (int(size) for size in sizes)
-        self.deck = deck
         self._unknowns = 0
         self._threads = threads or 0
 
-    def __enter__(self) -> Scene:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(
@@ -252,35 +268,3 @@ def pod_basis(snapshots: F64Array) -> tuple[F64Array, F64Array]:
     modes, values, stat, message = _core.pod_basis(min(snapshots.shape), snapshots.T)
     errors.check(stat, message)
     return modes, values
-
-
-def _model_of(deck: dict[str, Any], folder: Path, out: Path | None) -> PointCloud:
-    """The model file of a deck; one unused point where the deck has a geometry of its own."""
-    geometry = deck.get("geometry", {})
-    if geometry.get("kind") == "model":
-        name = Path(geometry["file"])
-        for place in (out, folder):
-            if place is not None and (place / name).is_file():
-                return read_model(place / name)
-        raise errors.FileError(
-            f"geometry.file: no model {name} in {out or folder} or beside the deck: "
-            "run `myork build` first"
-        )
-    none = np.zeros((1, 3))  # not empty: the wrapper cannot tell the shape of nothing
-    index = np.zeros(1, np.int32)
-    return PointCloud(
-        source=none,
-        spacing=np.ones(3),
-        points=none,
-        label=index,
-        fiber=none,
-        volume=np.zeros(1),
-        boundary_point=index,
-        boundary_set=index,
-        normal=none,
-        area=np.zeros(1),
-        set_names=("none",),
-        label_names={},
-        length_unit="",
-        source_images="",
-    )
