@@ -21,6 +21,8 @@ program main
    use rk_system, only : catch_signals, make_folder, version_text
    use rk_text, only : to_text
    implicit none
+   !> Imbalance of forces that deserves a warning [-]
+   real(wp), parameter :: max_imbalance = 0.05_wp
    type(config_type) :: config
    type(deck_type) :: deck
    type(cloud_type) :: model
@@ -85,6 +87,9 @@ contains
       call system_clock(timer%start)
       call solve_static(problem, newton, scene%steps, scene%max_halvings, x, output, timer, failure)
       message = ''
+      if (output%imbalance > max_imbalance) call output%warn('the forces on all boundary sets ' &
+         & //'leave '//to_text(100.0_wp*output%imbalance, 2)//' % of the largest unbalanced: do ' &
+         & //'not trust them; refine, raise the order or use method "rkcm-mixed"')
       if (allocated(failure)) message = failure%message
       if (len(message) > 0) call output%warn(message)
       call output%close(trouble)

@@ -2,7 +2,8 @@
 module rk_output
    use rk_collocation, only : collocation_type
    use rk_error, only : error_type, fatal_error, err_file
-   use rk_fields, only : compute_fields, fields_type, new_probes, probe_value, probes_type
+   use rk_fields, only : compute_fields, fields_type, force_imbalance, new_probes, probe_value, &
+      & probes_type
    use rk_newton, only : tick
    use rk_precision, only : i8, wp
    use rk_recorder, only : iteration_type, recorder_type, step_type
@@ -41,6 +42,8 @@ module rk_output
       character(len=:), allocatable :: warnings
       !> -1 quiet, 0 a line a step, 1 a line an iteration
       integer :: verbosity = 0
+      !> Imbalance of the forces on all sets in the last state [-]
+      real(wp) :: imbalance = 0.0_wp
       !> Wall time of writing [s]
       real(wp) :: seconds = 0.0_wp
       !> First error of writing
@@ -175,6 +178,7 @@ subroutine step(self, st, x)
       call probe_value(self%problem, self%probes, i, x, st%load, grown(n + 1)%probe(:, i))
    end do
    call move_alloc(grown, self%record)
+   self%imbalance = force_imbalance(self%problem, x, st%load)
    call compute_fields(self%problem, x, st%load, fields)
    call self%results%add_step(st%load, st%load*self%problem%scene%activation, fields%u, fields%f, &
       & fields%j, fields%cauchy, fields%principal, fields%pressure, x, error)

@@ -75,6 +75,7 @@ subroutine write_summary(path, deck, problem, output, timer, shape_s, total_s, t
       if (converged) call write_exact(json, problem, output, error)
       if (allocated(error)) return
       call write_references(json, problem, output)
+      call json%put('force_imbalance', output%imbalance)
       call json%begin_object('timings_s')
       call json%put('shape', shape_s)
       call json%put('assemble', timer%assemble)

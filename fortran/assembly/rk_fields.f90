@@ -10,7 +10,7 @@ module rk_fields
    private
 
    public :: fields_type, compute_fields, probes_type, new_probes, probe_value
-   public :: quantity, quantity_size
+   public :: quantity, quantity_size, force_imbalance
 
    !> Fields at all collocation points. Components run fastest.
    type :: fields_type
@@ -230,5 +230,28 @@ function force_on_set(problem, set, x, load) result(force)
       end do
    end associate
 end function force_on_set
+
+!> Sum of the forces on all boundary sets over the largest of them: 0 for a body in equilibrium.
+!> Forces that do not balance are the sign of a locked or too coarse solution.
+real(wp) function force_imbalance(problem, x, load)
+   !> Full problem
+   class(collocation_type), intent(in) :: problem
+   !> Coefficients, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   real(wp) :: total(3), force(3), largest
+   integer :: set
+
+   total = 0.0_wp
+   largest = 0.0_wp
+   do set = 1, size(problem%scene%cloud%set_name)
+      force = force_on_set(problem, set, x, load)
+      total = total + force
+      largest = max(largest, norm2(force))
+   end do
+   force_imbalance = 0.0_wp
+   if (largest > 0.0_wp) force_imbalance = norm2(total)/largest
+end function force_imbalance
 
 end module rk_fields

@@ -10,7 +10,7 @@
 module rk_mixed
    use rk_boundary, only : new_boundary
    use rk_collocation, only : collocation_type, deformation, determinant
-   use rk_error, only : error_type
+   use rk_error, only : error_type, fatal_error, err_input
    use rk_local, only : local_type
    use rk_precision, only : wp
    use rk_problem, only : state_type
@@ -63,6 +63,11 @@ subroutine new_mixed(self, scene, error)
    nc = size(scene%cloud%place, 2)
    nb = size(self%boundary%point)
    nv = size(scene%cloud%cell, 2)
+   if (nv == 0) then
+      call fatal_error(error, err_input, 'the mixed form needs source points that form cells, ' &
+         & //'but no cell of the lattice has all its corners: take a finer source stride')
+      return
+   end if
    position = reshape([scene%cloud%place, scene%cloud%cell], [nd, nc + nv])
    allocate (self%shape)
    call new_shape(self%shape, scene%approximation, scene%cloud%source, scene%support, position, &

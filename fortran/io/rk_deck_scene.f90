@@ -3,7 +3,7 @@
 !> What the deck alone can tell was checked while it was read; here come the complaints that need
 !> the points: unknown boundary sets, labels without points, directions that are missing.
 module rk_deck_scene
-   use rk_cloud, only : check_cloud, cloud_type, new_annulus, new_box
+   use rk_cloud, only : check_cloud, cloud_type, lattice_cells, new_annulus, new_box
    use rk_deck, only : deck_type
    use rk_error, only : error_type, fatal_error, err_input, err_memory
    use rk_estimate, only : available_bytes, estimate_cost, estimate_type
@@ -104,6 +104,7 @@ subroutine read_geometry(cloud, deck, model, error)
       call new_annulus(cloud, inner, outer, source, collocation, error)
    case default
       cloud = model
+      call lattice_cells(cloud)
    end select
    if (allocated(error)) error%message = deck%where('geometry')//': geometry: '//error%message
 end subroutine read_geometry
