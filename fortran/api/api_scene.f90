@@ -1,8 +1,8 @@
 ! Python boundary of scenes: a handle in, arrays out. Python checks shapes before it calls.
 
 !> Open the scene of a deck; the arrays are the model file's and may be empty
-subroutine scene_open(path, nover, overrides, ns, nc, nb, nset, source, spacing, place, label, &
-   & fiber, point, set, normal, area, names, handle, stat, message)
+subroutine scene_open(path, nover, overrides, ns, nc, nb, nset, source, spacing, place, volume, &
+   & label, fiber, point, set, normal, area, names, handle, stat, message)
    use rk_cloud, only : cloud_type
    use rk_error, only : error_type
    use rk_pack, only : pack_error
@@ -12,7 +12,7 @@ subroutine scene_open(path, nover, overrides, ns, nc, nb, nset, source, spacing,
    integer, intent(in) :: nover, ns, nc, nb, nset
    character(len=*), intent(in) :: path, overrides(nover), names(nset)
    double precision, intent(in) :: source(3, ns), spacing(3), place(3, nc), fiber(3, nc)
-   double precision, intent(in) :: normal(3, nb), area(nb)
+   double precision, intent(in) :: normal(3, nb), area(nb), volume(nc)
    integer, intent(in) :: label(nc), point(nb), set(nb)
    integer, intent(out) :: handle, stat
    character(len=2048), intent(out) :: message
@@ -23,6 +23,7 @@ subroutine scene_open(path, nover, overrides, ns, nc, nb, nset, source, spacing,
    model%source = source
    allocate (model%spacing, source=spread(spacing, 2, ns))
    model%place = place
+   model%volume = volume
    model%label = label
    model%fiber = fiber
    model%point = point + 1

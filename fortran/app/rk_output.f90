@@ -2,8 +2,8 @@
 module rk_output
    use rk_collocation, only : collocation_type
    use rk_error, only : error_type, fatal_error, err_file
-   use rk_fields, only : compute_fields, fields_type, force_imbalance, new_probes, probe_value, &
-      & probes_type
+   use rk_fields, only : compute_fields, fields_type, new_probes, probe_value, probes_type
+   use rk_force, only : force_imbalance
    use rk_newton, only : tick
    use rk_precision, only : i8, wp
    use rk_recorder, only : iteration_type, recorder_type, step_type

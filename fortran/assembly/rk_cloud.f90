@@ -21,6 +21,8 @@ module rk_cloud
       real(wp), allocatable :: place(:, :)
       !> Centres of the cells between source points, shape (nd, nv) [length]
       real(wp), allocatable :: cell(:, :)
+      !> Volume (area in 2-D) that belongs to each collocation point, shape (nc) [length^nd]
+      real(wp), allocatable :: volume(:)
       !> Label of the tissue, shape (nc)
       integer, allocatable :: label(:)
       !> Fiber direction, unit vectors or zeros, shape (3, nc)
@@ -104,6 +106,7 @@ subroutine new_box(self, size_, source, place, error)
    end do
    call default_tissue(self)
    at = grid(place)
+   self%volume = [(share(at(:, ip), 0), ip=1, size(at, 2))]
    self%set_name = [character(len=32) :: 'x0', 'x1', 'y0', 'y1', 'z0', 'z1']
    self%set_name = self%set_name(:2*self%nd)
    n = 0
@@ -113,26 +116,24 @@ subroutine new_box(self, size_, source, place, error)
          do ip = 1, size(at, 2)
             if (at(d, ip) /= side*(place(d) - 1)) cycle
             call add_entry(self, n, ip, 2*d - 1 + side, axis(self%nd, d, 2*side - 1), &
-               & face_area(at(:, ip), d))
+               & share(at(:, ip), d))
          end do
       end do
    end do
 
 contains
 
-   !> Trapezoidal share of a face
-   pure real(wp) function face_area(index, normal_direction)
+   !> Share of a face, or of the body where no direction is left out
+   pure real(wp) function share(index, left_out)
       integer, intent(in) :: index(:)
-      integer, intent(in) :: normal_direction
+      integer, intent(in) :: left_out
       integer :: k
 
-      face_area = 1.0_wp
+      share = 1.0_wp
       do k = 1, size(index)
-         if (k == normal_direction) cycle
-         face_area = face_area*size_(k)/(place(k) - 1)
-         if (index(k) == 0 .or. index(k) == place(k) - 1) face_area = 0.5_wp*face_area
+         if (k /= left_out) share = share*quadrature(index(k), place(k), size_(k))
       end do
-   end function face_area
+   end function share
 
 end subroutine new_box
 
@@ -178,13 +179,13 @@ subroutine new_annulus(self, inner, outer, source, place, error)
    n = 0
    call start_boundary(self, 2*sum(place))
    at = grid(place)
+   allocate (self%volume(size(at, 2)))
    do ip = 1, size(at, 2)
       r = norm2(self%place(:, ip))
       t = 0.5_wp*pi*at(2, ip)/(place(2) - 1)
-      weight_t = merge(0.5_wp, 1.0_wp, at(2, ip) == 0 .or. at(2, ip) == place(2) - 1) &
-         & *0.5_wp*pi*r/(place(2) - 1)
-      weight_r = merge(0.5_wp, 1.0_wp, at(1, ip) == 0 .or. at(1, ip) == place(1) - 1) &
-         & *(outer - inner)/(place(1) - 1)
+      weight_t = r*quadrature(at(2, ip), place(2), 0.5_wp*pi)
+      weight_r = quadrature(at(1, ip), place(1), outer - inner)
+      self%volume(ip) = weight_r*weight_t
       if (at(1, ip) == 0) call add_entry(self, n, ip, 1, -[cos(t), sin(t)], weight_t)
       if (at(1, ip) == place(1) - 1) call add_entry(self, n, ip, 2, [cos(t), sin(t)], weight_t)
       if (at(2, ip) == place(2) - 1) call add_entry(self, n, ip, 3, [-1.0_wp, 0.0_wp], weight_r)
@@ -314,6 +315,25 @@ pure function grid_points(n, length) result(x)
       x(d, :) = length(d)*at(d, :)/real(n(d) - 1, wp)
    end do
 end function grid_points
+
+!> Weight of a point in the integral over a line: Simpson's rule, with an even number of points the
+!> trapezoidal rule
+pure real(wp) function quadrature(i, n, length)
+   !> Point, counted from 0
+   integer, intent(in) :: i
+   !> Points
+   integer, intent(in) :: n
+   !> Length of the line [length]
+   real(wp), intent(in) :: length
+
+   if (mod(n, 2) == 1) then
+      quadrature = merge(4.0_wp, 2.0_wp, mod(i, 2) == 1)/3.0_wp
+   else
+      quadrature = 1.0_wp
+   end if
+   if (i == 0 .or. i == n - 1) quadrature = 0.5_wp*quadrature
+   quadrature = quadrature*length/(n - 1)
+end function quadrature
 
 !> Centres of the cells of a regular grid
 pure function grid_centres(n, length) result(x)

@@ -2,6 +2,7 @@
 module rk_fields
    use rk_collocation, only : collocation_type
    use rk_error, only : error_type
+   use rk_force, only : reaction
    use rk_local, only : local_type
    use rk_precision, only : pi, wp
    use rk_scene, only : scene_type
@@ -10,7 +11,7 @@ module rk_fields
    private
 
    public :: fields_type, compute_fields, probes_type, new_probes, probe_value
-   public :: quantity, quantity_size, force_imbalance
+   public :: quantity, quantity_size
 
    !> Fields at all collocation points. Components run fastest.
    type :: fields_type
@@ -142,7 +143,7 @@ subroutine probe_value(problem, probes, i, x, load, value)
 
    associate (probe => problem%scene%probe(i))
       if (probe%set > 0) then
-         value = force_on_set(problem, probe%set, x, load)
+         value = reaction(problem, probe%set, x, load)
          if (probe%quantity /= 'force') value(1) = value(component(probe%quantity, 7))
       else
          call probes%shape%interpolate(i, x, 1, 1 + problem%scene%cloud%nd, u)
@@ -202,56 +203,5 @@ pure function quantity(name, local) result(value)
       value(1) = local%cauchy(component(name, 8), component(name, 9))
    end select
 end function quantity
-
-!> Force that the surroundings exert on the body through a set, the integral of P N
-function force_on_set(problem, set, x, load) result(force)
-   !> Full problem
-   class(collocation_type), intent(in) :: problem
-   !> Boundary set
-   integer, intent(in) :: set
-   !> Coefficients, shape (n)
-   real(wp), contiguous, intent(in) :: x(:)
-   !> Load [-]
-   real(wp), intent(in) :: load
-   real(wp) :: force(3)
-   type(local_type) :: local
-   real(wp) :: u(problem%fields, problem%shape%nq)
-   integer :: e, ip, nd
-
-   nd = problem%scene%cloud%nd
-   force = 0.0_wp
-   associate (cloud => problem%scene%cloud)
-      do e = 1, size(cloud%point)
-         if (cloud%set(e) /= set) cycle
-         ip = cloud%point(e)
-         call problem%field(ip, x, 1 + nd, u)
-         call problem%local_state(ip, cloud%place(:, ip), u, load, local)
-         force(:nd) = force(:nd) + matmul(local%p(:nd, :nd), cloud%normal(:, e))*cloud%area(e)
-      end do
-   end associate
-end function force_on_set
-
-!> Sum of the forces on all boundary sets over the largest of them: 0 for a body in equilibrium.
-!> Forces that do not balance are the sign of a locked or too coarse solution.
-real(wp) function force_imbalance(problem, x, load)
-   !> Full problem
-   class(collocation_type), intent(in) :: problem
-   !> Coefficients, shape (n)
-   real(wp), contiguous, intent(in) :: x(:)
-   !> Load [-]
-   real(wp), intent(in) :: load
-   real(wp) :: total(3), force(3), largest
-   integer :: set
-
-   total = 0.0_wp
-   largest = 0.0_wp
-   do set = 1, size(problem%scene%cloud%set_name)
-      force = force_on_set(problem, set, x, load)
-      total = total + force
-      largest = max(largest, norm2(force))
-   end do
-   force_imbalance = 0.0_wp
-   if (largest > 0.0_wp) force_imbalance = norm2(total)/largest
-end function force_imbalance
 
 end module rk_fields

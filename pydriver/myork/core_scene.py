@@ -123,6 +123,7 @@ class CoreScene:
             cloud.source.T,
             cloud.spacing,
             cloud.points.T,
+            cloud.volume,
             cloud.label,
             cloud.fiber.T,
             cloud.boundary_point,
