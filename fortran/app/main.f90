@@ -6,7 +6,7 @@ program main
    use rk_cloud, only : cloud_type
    use rk_collocation, only : collocation_type
    use rk_deck, only : deck_type, open_deck
-   use rk_deck_scene, only : new_scene
+   use rk_deck_scene, only : nearly_incompressible, new_scene
    use rk_error, only : error_type, err_convergence, err_linalg, err_stopped
    use rk_explain, only : explain
    use rk_method, only : new_problem
@@ -77,7 +77,9 @@ contains
       call catch_signals()
       call output%say(scene%title//': '//to_text(problem%n)//' unknowns, '//to_text(problem%m) &
          & //' equations', level=0)
-      call warn_of_locking(output)
+      if (scene%method == 'rkcm' .and. nearly_incompressible(scene)) call output%warn('K is far ' &
+         & //'above the shear modulus: the displacement form may lock, compare with method ' &
+         & //'"rkcm-mixed"')
 
       newton%linear = scene%linear
       newton%tolerance = scene%tolerance
@@ -104,22 +106,6 @@ contains
       if (config%verbosity >= 0) print '(a)', 'converged: '//to_text(tick(clock), 3) &
          & //' s, results in '//config%out
    end subroutine run
-
-   !> The displacement form cannot follow motions that keep the volume where K is large
-   subroutine warn_of_locking(output)
-      type(output_type), intent(inout) :: output
-      integer :: k
-
-      if (scene%method /= 'rkcm') return
-      do k = 1, size(scene%tissue)
-         associate (material => scene%tissue(k)%material)
-            if (material%bulk > 50.0_wp*material%shear) call output%warn('material ' &
-               & //scene%tissue(k)%name//': K is '//to_text(material%bulk/material%shear, 3) &
-               & //' times the shear modulus; the displacement form may lock: compare with ' &
-               & //'method "rkcm-mixed"')
-         end associate
-      end do
-   end subroutine warn_of_locking
 
    !> Print an error and leave with its exit status
    subroutine leave_on(error)

@@ -17,7 +17,10 @@ module rk_deck_scene
    implicit none
    private
 
-   public :: new_scene
+   public :: new_scene, nearly_incompressible
+
+   !> Bulk over shear modulus above which the displacement form is taken to lock [-]
+   real(wp), parameter :: locking_ratio = 50.0_wp
 
 contains
 
@@ -45,6 +48,10 @@ subroutine new_scene(scene, deck, model, error)
    call read_approximation(scene, deck)
    call read_materials(scene, deck, error)
    if (allocated(error)) return
+   if (scene%method == 'auto') then
+      scene%method = 'rkcm'
+      if (nearly_incompressible(scene)) scene%method = 'rkcm-mixed'
+   end if
    call check_cloud(scene%cloud, error)
    if (allocated(error)) then
       error%message = deck%where('geometry')//': geometry: '//error%message
@@ -196,6 +203,19 @@ subroutine read_materials(scene, deck, error)
       & //'with label '//to_text(scene%cloud%label(k))//' have no material, the first one lies ' &
       & //'at '//to_text(scene%cloud%place(:, k)))
 end subroutine read_materials
+
+!> Whether the displacement form may lock: a bulk modulus far above the shear modulus
+pure logical function nearly_incompressible(scene)
+   !> Scene with materials
+   type(scene_type), intent(in) :: scene
+   integer :: k
+
+   nearly_incompressible = .false.
+   do k = 1, size(scene%tissue)
+      nearly_incompressible = nearly_incompressible .or. &
+         & scene%tissue(k)%material%bulk > locking_ratio*scene%tissue(k)%material%shear
+   end do
+end function nearly_incompressible
 
 !> Give a material to its points
 subroutine fill_points(scene, k, by_label)
