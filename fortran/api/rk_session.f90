@@ -115,6 +115,7 @@ subroutine solve_session(handle, linear, reduced, error)
    if (allocated(error)) return
    newton%linear = linear
    if (linear == '') newton%linear = slot%scene%linear
+   newton%damping%method = slot%scene%newton
    newton%tolerance = slot%scene%tolerance
    newton%max_iterations = slot%scene%max_iterations
    associate (states => slot%states)

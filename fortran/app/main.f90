@@ -80,6 +80,7 @@ contains
       call warn_of_locking(output)
 
       newton%linear = scene%linear
+      newton%damping%method = scene%newton
       newton%tolerance = scene%tolerance
       newton%max_iterations = scene%max_iterations
       allocate (x(problem%n), source=0.0_wp)
