@@ -194,6 +194,27 @@ subroutine scene_fields(handle, n, nc, x, load, u, f, cauchy, stat, message)
    cauchy = fields%cauchy
 end subroutine scene_fields
 
+!> Gradient A^T r and second derivatives (upper triangle) of r.r/2, with the row weights of a load
+!> step that starts at `start`
+subroutine scene_hessian(handle, reduced, n, start, x, load, gradient, second, stat, message)
+   use rk_error, only : error_type
+   use rk_pack, only : pack_error
+   use rk_session, only : hessian_session
+   implicit none
+   !f2py threadsafe
+   integer, intent(in) :: handle, reduced, n
+   double precision, intent(in) :: start(n), x(n), load
+   double precision, intent(out) :: gradient(n), second(n, n)
+   integer, intent(out) :: stat
+   character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
+
+   gradient = 0
+   second = 0
+   call hessian_session(handle, reduced /= 0, start, x, load, gradient, second, error)
+   call pack_error(error, stat, message)
+end subroutine scene_hessian
+
 !> Values of all probes, three numbers each, for states of the full problem
 subroutine scene_probes(handle, n, k, np, x, load, value, stat, message)
    use rk_error, only : error_type

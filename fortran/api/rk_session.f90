@@ -7,15 +7,17 @@ module rk_session
    use rk_fields, only : new_probes, probe_value, probes_type
    use rk_handles, only : close_slot, find_slot, open_slot, slot_type
    use rk_method, only : new_problem
+   use rk_lstsq, only : row_operator
    use rk_newton, only : newton_type, timer_type
    use rk_precision, only : wp
-   use rk_problem, only : problem_type
+   use rk_problem, only : problem_type, state_type
    use rk_reduced, only : new_reduced
    use rk_static, only : solve_static
+   use rk_text, only : to_text
    implicit none
    private
 
-   public :: open_session, reduce_session, solve_session, probe_session
+   public :: open_session, reduce_session, solve_session, hessian_session, probe_session
 
 contains
 
@@ -69,6 +71,31 @@ subroutine reduce_session(handle, modes, error)
    if (allocated(error)) deallocate (slot%reduced)
 end subroutine reduce_session
 
+!> Full or reduced problem of a handle
+subroutine find_problem(handle, reduced, slot, problem, error)
+   !> Handle
+   integer, intent(in) :: handle
+   !> Want the reduced problem
+   logical, intent(in) :: reduced
+   !> Row of the handle
+   type(slot_type), pointer, intent(out) :: slot
+   !> Problem
+   class(problem_type), pointer, intent(out) :: problem
+   !> Error handling: closed scene, no reduced model
+   type(error_type), allocatable, intent(out) :: error
+
+   nullify (problem)
+   call find_slot(handle, slot, error)
+   if (allocated(error)) return
+   problem => slot%full
+   if (.not. reduced) return
+   if (.not. associated(slot%reduced)) then
+      call fatal_error(error, err_input, 'this scene has no reduced model yet')
+      return
+   end if
+   problem => slot%reduced
+end subroutine find_problem
+
 !> Solve the full or the reduced problem through all load steps
 subroutine solve_session(handle, linear, reduced, error)
    !> Handle
@@ -84,18 +111,11 @@ subroutine solve_session(handle, linear, reduced, error)
    type(newton_type) :: newton
    real(wp), allocatable :: x(:)
 
-   call find_slot(handle, slot, error)
+   call find_problem(handle, reduced, slot, problem, error)
    if (allocated(error)) return
-   problem => slot%full
-   if (reduced) then
-      if (.not. associated(slot%reduced)) then
-         call fatal_error(error, err_input, 'this scene has no reduced model yet')
-         return
-      end if
-      problem => slot%reduced
-   end if
    newton%linear = linear
    if (linear == '') newton%linear = slot%scene%linear
+   newton%damping%method = slot%scene%newton
    newton%tolerance = slot%scene%tolerance
    newton%max_iterations = slot%scene%max_iterations
    associate (states => slot%states)
@@ -112,6 +132,45 @@ subroutine solve_session(handle, linear, reduced, error)
    call solve_static(problem, newton, slot%scene%steps, slot%scene%max_halvings, x, slot%states, &
       & slot%timer, error)
 end subroutine solve_session
+
+!> Gradient and second derivatives of r.r/2
+subroutine hessian_session(handle, reduced, start, x, load, gradient, second, error)
+   !> Handle
+   integer, intent(in) :: handle
+   !> Of the reduced problem
+   logical, intent(in) :: reduced
+   !> Unknowns at the start of the load step, which fix the row weights, shape (n)
+   real(wp), contiguous, intent(in) :: start(:)
+   !> Unknowns, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> A^T r, shape (n)
+   real(wp), contiguous, intent(inout) :: gradient(:)
+   !> Upper triangle, shape (n, n)
+   real(wp), contiguous, intent(inout) :: second(:, :)
+   !> Error handling: closed scene, no reduced model, J <= 0
+   type(error_type), allocatable, intent(out) :: error
+   type(slot_type), pointer :: slot
+   class(problem_type), pointer :: problem
+   class(row_operator), pointer :: op
+   type(state_type) :: state
+   real(wp), allocatable :: r(:)
+
+   call find_problem(handle, reduced, slot, problem, error)
+   if (allocated(error)) return
+   allocate (r(problem%m))
+   call problem%start_step(start, load)
+   call problem%evaluate(x, load, .true., r, state)
+   if (.not. state%valid) then
+      call fatal_error(error, err_input, 'the state is not valid: smallest J ' &
+         & //to_text(state%min_j, 4)//' at collocation point '//to_text(state%worst))
+      return
+   end if
+   op => problem%operator()
+   call op%apply_transposed(r, gradient)
+   call problem%hessian(x, load, r, second)
+end subroutine hessian_session
 
 !> Values of all probes for states of the full problem
 subroutine probe_session(handle, x, load, value, error)

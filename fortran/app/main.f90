@@ -82,6 +82,7 @@ contains
          & //'"rkcm-mixed"')
 
       newton%linear = scene%linear
+      newton%damping%method = scene%newton
       newton%tolerance = scene%tolerance
       newton%max_iterations = scene%max_iterations
       allocate (x(problem%n), source=0.0_wp)

@@ -16,6 +16,7 @@ module rk_collocation
    private
 
    public :: collocation_type, new_collocation, free_collocation, deformation, determinant
+   public :: add_curvature
 
    !> Collocation problem of a scene
    type, extends(problem_type) :: collocation_type
@@ -40,6 +41,11 @@ module rk_collocation
       procedure :: start_step
       procedure :: evaluate
       procedure :: operator
+      procedure :: hessian
+      !> Second derivatives of the residuals at all places
+      procedure :: set_curvature
+      !> The same at one place
+      procedure :: curvature
       !> Unknown fields and derivatives at a place from the unknowns
       procedure :: field
       !> Stress and deformation at a place from the displacement there
@@ -102,6 +108,122 @@ function operator(self) result(op)
 
    op => self%rows
 end function operator
+
+!> Second derivatives of r.r/2
+subroutine hessian(self, x, load, r, a)
+   !> Problem
+   class(collocation_type), target, intent(inout) :: self
+   !> Unknowns, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> Residuals, shape (m)
+   real(wp), contiguous, intent(in) :: r(:)
+   !> Upper triangle, shape (n, n)
+   real(wp), contiguous, intent(inout) :: a(:, :)
+
+   call self%set_curvature(x, load, r)
+   call self%rows%hessian(a)
+end subroutine hessian
+
+!> Second derivatives of the residuals, weighted with the residuals
+subroutine set_curvature(self, x, load, r)
+   !> Problem
+   class(collocation_type), intent(inout) :: self
+   !> Unknowns, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> Residuals, shape (m)
+   real(wp), contiguous, intent(in) :: r(:)
+   integer :: ip, nd
+
+   nd = self%scene%cloud%nd
+   if (.not. allocated(self%rows%second)) allocate (self%rows%second(nd*nd, self%fields, &
+      & self%shape%nq, self%shape%np))
+   !$omp parallel do default(none) schedule(static) private(ip) shared(self, x, load, r)
+   do ip = 1, self%shape%np
+      call self%curvature(ip, x, load, r, self%rows%second(:, :, :, ip))
+   end do
+   !$omp end parallel do
+end subroutine set_curvature
+
+!> Second derivatives of the residuals at one place
+subroutine curvature(self, ip, x, load, r, form)
+   !> Problem
+   class(collocation_type), intent(in) :: self
+   !> Place
+   integer, intent(in) :: ip
+   !> Unknowns, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> Residuals, shape (m)
+   real(wp), contiguous, intent(in) :: r(:)
+   !> Form as in rk_rows, shape (nd*nd, fields, nq)
+   real(wp), contiguous, intent(inout) :: form(:, :, :)
+   real(wp) :: u(self%scene%cloud%nd, self%shape%nq), f(3, 3), h(3, 3, 3), weighted(3, 3)
+   real(wp) :: ff(9, 9), fh(9, 9, 3), fiber(3), activation
+   integer :: nd, i, b, row
+
+   nd = self%scene%cloud%nd
+   call self%field(ip, x, self%shape%nq, u)
+   call deformation(nd, u, f, h)
+   fiber = self%scene%cloud%fiber(:, ip)
+   activation = load*self%scene%activation
+   weighted = 0.0_wp
+   row = self%rows%row(ip)
+   weighted(:nd, 1) = r(row + 1:row + nd)
+   form = 0.0_wp
+   associate (material => self%scene%tissue(self%scene%tissue_of(ip))%material)
+      call material%strong_curvature(nd, f, h, weighted(:, 1), fiber, activation, ff, fh)
+      call add_curvature(nd, ff, fh, form)
+      b = self%boundary_of(ip)
+      if (b == 0) return
+      weighted = 0.0_wp
+      row = self%rows%row(self%shape%np + b)
+      do i = 1, nd
+         if (self%boundary%essential(i, b)) cycle
+         weighted(i, :nd) = self%scene%weight_traction*r(row + i)*self%boundary%normal(:, i, b)
+      end do
+      call material%stress_curvature(f, weighted, fiber, activation, ff)
+      fh = 0.0_wp
+      call add_curvature(nd, ff, fh, form)
+   end associate
+end subroutine curvature
+
+!> Add second derivatives by F and its derivatives to the form of a place
+pure subroutine add_curvature(nd, ff, fh, form)
+   !> Space dimension
+   integer, intent(in) :: nd
+   !> Second derivatives by F_iA and F_jB, index i + 3 (A - 1)
+   real(wp), intent(in) :: ff(9, 9)
+   !> Second derivatives by F_iA and u_j,BC, indices (iA, jB, C)
+   real(wp), intent(in) :: fh(9, 9, 3)
+   !> Form as in rk_rows, shape (nd*nd, fields, nq)
+   real(wp), intent(inout) :: form(:, :, :)
+   integer :: a, b, c, i, j, q, row
+
+   do a = 1, nd
+      do i = 1, nd
+         row = i + nd*(a - 1)
+         do j = 1, nd
+            q = 1 + nd
+            do c = 1, nd
+               ! the form counts products of first derivatives twice
+               form(row, j, 1 + c) = form(row, j, 1 + c) &
+                  & + 0.5_wp*ff(i + 3*(a - 1), j + 3*(c - 1))
+               do b = c, nd
+                  q = q + 1
+                  form(row, j, q) = form(row, j, q) + fh(i + 3*(a - 1), j + 3*(b - 1), c)
+                  if (b /= c) form(row, j, q) = form(row, j, q) &
+                     & + fh(i + 3*(a - 1), j + 3*(c - 1), b)
+               end do
+            end do
+         end do
+      end do
+   end do
+end subroutine add_curvature
 
 !> Deformation gradient and its derivatives from the displacement's derivatives
 pure subroutine deformation(nd, u, f, h)

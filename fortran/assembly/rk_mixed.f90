@@ -9,7 +9,8 @@
 !> h Div P, P N and mu u/h does.
 module rk_mixed
    use rk_boundary, only : new_boundary
-   use rk_collocation, only : collocation_type, deformation, determinant
+   use rk_collocation, only : add_curvature, collocation_type, deformation, determinant
+   use rk_cross, only : cross, cross_form
    use rk_error, only : error_type, fatal_error, err_input
    use rk_local, only : local_type
    use rk_precision, only : wp
@@ -35,6 +36,7 @@ module rk_mixed
    contains
       procedure :: start_step
       procedure :: evaluate
+      procedure :: curvature
       procedure :: local_state
    end type mixed_type
 
@@ -434,5 +436,83 @@ subroutine evaluate_boundary(self, b, u, load, f, c, p, c4, tangent, r)
       end if
    end do
 end subroutine evaluate_boundary
+
+!> Second derivatives of the residuals at one place
+subroutine curvature(self, ip, x, load, r, form)
+   !> Problem
+   class(mixed_type), intent(in) :: self
+   !> Place
+   integer, intent(in) :: ip
+   !> Unknowns, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> Residuals, shape (m)
+   real(wp), contiguous, intent(in) :: r(:)
+   !> Form as in rk_rows, shape (nd*nd, nd + 1, nq)
+   real(wp), contiguous, intent(inout) :: form(:, :, :)
+   real(wp) :: u(self%fields, self%shape%nq), f(3, 3), h(3, 3, 3), weighted(3, 3), slope(3, 3)
+   real(wp) :: ff(9, 9), fh(9, 9, 3), rho(3), fiber(3), activation
+   integer :: nd, nc, nb, i, a, b, row
+
+   nd = self%scene%cloud%nd
+   nc = size(self%domain_weight)
+   nb = size(self%boundary%point)
+   call self%field(ip, x, self%shape%nq, u)
+   call deformation(nd, u, f, h)
+   form = 0.0_wp
+   fh = 0.0_wp
+   if (ip > nc) then
+      ! J in the volume row
+      row = self%rows%row(nb + ip) + 1
+      call add_curvature(nd, self%volume_weight(ip - nc)*r(row)*cross_form(f), fh, form)
+      return
+   end if
+   fiber = self%scene%cloud%fiber(:, ip)
+   activation = load*self%scene%activation
+   associate (material => self%scene%tissue(self%scene%tissue_of(ip))%material)
+      row = self%rows%row(ip)
+      rho = 0.0_wp
+      rho(:nd) = self%domain_weight(ip)*r(row + 1:row + nd)
+      call material%strong_curvature(nd, f, h, rho, fiber, activation, ff, fh, volumetric=.false.)
+      ! rho_i (cof F)_iA p_,A
+      slope = 0.0_wp
+      do a = 1, nd
+         slope(:, a) = rho*u(nd + 1, 1 + a)
+         weighted = 0.0_wp
+         weighted(:, a) = rho
+         call add_pressure(nd, cross(f, weighted), 1 + a, form)
+      end do
+      call add_curvature(nd, ff + cross_form(slope), fh, form)
+
+      b = self%boundary_of(ip)
+      if (b == 0) return
+      row = self%rows%row(nc + b)
+      weighted = 0.0_wp
+      do i = 1, nd
+         if (self%boundary%essential(i, b)) cycle
+         weighted(i, :nd) = self%traction_weight(b)*self%scene%weight_traction*r(row + i) &
+            & *self%boundary%normal(:, i, b)
+      end do
+      call material%stress_curvature(f, weighted, fiber, activation, ff, volumetric=.false.)
+      fh = 0.0_wp
+      call add_curvature(nd, ff + u(nd + 1, 1)*cross_form(weighted), fh, form)
+      call add_pressure(nd, cross(f, weighted), 1, form)
+   end associate
+end subroutine curvature
+
+!> Add second derivatives by F and a derivative of the pressure to the form of a place
+pure subroutine add_pressure(nd, slope, q, form)
+   !> Space dimension
+   integer, intent(in) :: nd
+   !> Second derivatives by F(i, A)
+   real(wp), intent(in) :: slope(3, 3)
+   !> Derivative of the pressure
+   integer, intent(in) :: q
+   !> Form as in rk_rows, shape (nd*nd, nd + 1, nq)
+   real(wp), intent(inout) :: form(:, :, :)
+
+   form(:, nd + 1, q) = form(:, nd + 1, q) + reshape(slope(:nd, :nd), [nd*nd])
+end subroutine add_pressure
 
 end module rk_mixed

@@ -33,6 +33,8 @@ module rk_problem
       procedure(evaluate_interface), deferred :: evaluate
       !> The linearisation of the last evaluation
       procedure(operator_interface), deferred :: operator
+      !> Second derivatives of r.r/2 at the last evaluation
+      procedure(hessian_interface), deferred :: hessian
    end type problem_type
 
    abstract interface
@@ -66,6 +68,20 @@ module rk_problem
          class(problem_type), target, intent(inout) :: self
          class(row_operator), pointer :: op
       end function operator_interface
+      subroutine hessian_interface(self, x, load, r, a)
+         import :: problem_type, wp
+         !> Problem, linearised at x
+         class(problem_type), target, intent(inout) :: self
+         !> Unknowns, shape (n)
+         real(wp), contiguous, intent(in) :: x(:)
+         !> Load, 0..1 [-]
+         real(wp), intent(in) :: load
+         !> Residuals, shape (m)
+         real(wp), contiguous, intent(in) :: r(:)
+         !> Upper triangle of A^T A plus the sum of r_i times the second derivatives of r_i (5.59),
+         !> shape (n, n)
+         real(wp), contiguous, intent(inout) :: a(:, :)
+      end subroutine hessian_interface
    end interface
 
 end module rk_problem

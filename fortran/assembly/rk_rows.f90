@@ -3,8 +3,13 @@
 !> A block holds the rows of one place: row i is sum_c sum_q coefficient(i, c, q) D_q u_c, where u_c
 !> are the unknown fields and D_q value, first and second derivatives. With shape functions this is
 !> a tall sparse matrix; it is multiplied, squared or written out, but never stored.
+!>
+!> Where the rows depend on the unknowns, the Hessian of r.r/2 also holds second derivatives of the
+!> residuals. At each place they are a quadratic form of derivatives of the fields, in which one of
+!> the two factors is always a first derivative of one of the leading nd fields (the displacement):
+!> value x^T S y + y^T S x, with x the first derivatives alone and y all of them.
 module rk_rows
-   use rk_lapack, only : syrk
+   use rk_lapack, only : matmat, syrk
    use rk_lstsq, only : row_operator
    use rk_precision, only : i8, wp
    use rk_shape, only : shape_type
@@ -27,6 +32,11 @@ module rk_rows
       integer, allocatable :: range(:, :)
       !> Coefficients, shape (max rows, nc, nq, nblock)
       real(wp), allocatable :: coefficient(:, :, :, :)
+      !> Second derivatives of each place, S with first factor D_A u_i as i + nd (A - 1), second
+      !> factor D_q u_c, shape (nd*nd, nc, nq, np)
+      real(wp), allocatable :: second(:, :, :, :)
+      !> First block of each place, shape (np)
+      integer, allocatable, private :: lead(:)
       !> Blocks in groups of near places, group g is order(group(g)+1 : group(g+1))
       integer, allocatable, private :: order(:), group(:)
       !> Places seen by each source point in compressed rows, and their entry in `value`
@@ -37,6 +47,8 @@ module rk_rows
       procedure :: apply
       procedure :: apply_transposed
       procedure :: normal
+      !> Upper triangle of A^T A and the second derivatives
+      procedure :: hessian
       procedure :: dense
    end type rows_type
 
@@ -77,6 +89,10 @@ subroutine new_rows(self, shape, nc, place, rows, range, position, spacing)
       self%row(b + 1) = self%row(b) + rows(b)
    end do
    self%m = self%row(size(place) + 1)
+   allocate (self%lead(shape%np), source=0)
+   do b = size(place), 1, -1
+      self%lead(place(b)) = b
+   end do
    allocate (self%coefficient(maxval(rows), nc, shape%nq, size(place)), source=0.0_wp)
    call group_places(self, position, spacing)
    call transpose_neighbours(self)
@@ -225,10 +241,32 @@ subroutine apply_transposed(self, x, y)
    !$omp end parallel do
 end subroutine apply_transposed
 
-!> Upper triangle of A^T A, summed over groups of near places
+!> Upper triangle of A^T A
 subroutine normal(self, a)
    !> Rows
    class(rows_type), intent(in) :: self
+   !> Matrix, shape (n, n)
+   real(wp), contiguous, intent(inout) :: a(:, :)
+
+   call accumulate(self, .false., a)
+end subroutine normal
+
+!> Upper triangle of A^T A and the second derivatives
+subroutine hessian(self, a)
+   !> Rows with second derivatives
+   class(rows_type), intent(in) :: self
+   !> Matrix, shape (n, n)
+   real(wp), contiguous, intent(inout) :: a(:, :)
+
+   call accumulate(self, .true., a)
+end subroutine hessian
+
+!> Upper triangle of a matrix summed over groups of near places
+subroutine accumulate(self, curved, a)
+   !> Rows
+   class(rows_type), intent(in) :: self
+   !> Include second derivatives
+   logical, intent(in) :: curved
    !> Matrix, shape (n, n)
    real(wp), contiguous, intent(inout) :: a(:, :)
    type :: piece_type
@@ -249,7 +287,7 @@ subroutine normal(self, a)
    !$omp end parallel do
    do first = 1, groups, batch
       last = min(first + batch - 1, groups)
-      !$omp parallel default(none) shared(self, piece, first, last, a) &
+      !$omp parallel default(none) shared(self, curved, piece, first, last, a) &
       !$omp private(g, k, j, column, node)
       !$omp do schedule(dynamic, 1)
       do g = first, last
@@ -261,6 +299,7 @@ subroutine normal(self, a)
             end if
             if (.not. allocated(p%product)) allocate (p%product(p%n, p%n))
             call syrk(p%rows, p%m, p%n, p%product)
+            if (curved) call add_second(self, g, p%node, p%product)
          end associate
       end do
       !$omp end do
@@ -282,7 +321,70 @@ subroutine normal(self, a)
       !$omp end do
       !$omp end parallel
    end do
-end subroutine normal
+end subroutine accumulate
+
+!> Add the second derivatives of the places of a group to its product
+subroutine add_second(self, g, node, product)
+   !> Rows
+   class(rows_type), intent(in) :: self
+   !> Group
+   integer, intent(in) :: g
+   !> Source points the group sees, ascending
+   integer, intent(in) :: node(:)
+   !> Upper triangle, shape (>= nc*nodes, >= nc*nodes)
+   real(wp), intent(inout) :: product(:, :)
+   !> First derivatives of shape functions; S y for each displacement; their product
+   real(wp), allocatable :: first(:, :), sy(:, :, :), total(:, :)
+   !> S y of one place
+   real(wp), allocatable :: local(:, :)
+   integer :: i, j, a, b, c, d, k, n, nd, ip, at, row, column, places
+   integer(i8) :: from, to
+
+   nd = self%shape%nd
+   places = 0
+   do i = self%group(g) + 1, self%group(g + 1)
+      if (self%lead(self%place(self%order(i))) == self%order(i)) places = places + 1
+   end do
+   allocate (first(size(node), nd*places), sy(nd*places, self%nc*size(node), nd), source=0.0_wp)
+   allocate (total(size(node), self%nc*size(node)))
+   at = 0
+   do i = self%group(g) + 1, self%group(g + 1)
+      b = self%order(i)
+      ip = self%place(b)
+      if (self%lead(ip) /= b) cycle
+      associate (s => self%shape)
+         n = int(s%neighbour%offset(ip + 1) - s%neighbour%offset(ip))
+         from = s%first(s%stencil(ip)) + 1
+         to = from + n - 1
+         allocate (local(nd*nd*self%nc, n))
+         call matmat(reshape(self%second(:, :, :, ip), [nd*nd*self%nc, s%nq]), s%value(:, from:to), &
+            & local)
+         do k = 1, n
+            j = find(node, s%neighbour%index(s%neighbour%offset(ip) + k))
+            first(j, at + 1:at + nd) = s%value(2:1 + nd, from + k - 1)
+            do c = 1, self%nc
+               do a = 1, nd
+                  do d = 1, nd
+                     sy(at + a, self%nc*(j - 1) + c, d) = local(d + nd*(a - 1 + nd*(c - 1)), k)
+                  end do
+               end do
+            end do
+         end do
+         deallocate (local)
+      end associate
+      at = at + nd
+   end do
+   do d = 1, nd
+      call matmat(first, sy(:, :, d), total)
+      do column = 1, self%nc*size(node)
+         do k = 1, size(node)
+            row = self%nc*(k - 1) + d
+            if (row <= column) product(row, column) = product(row, column) + total(k, column)
+            if (row >= column) product(column, row) = product(column, row) + total(k, column)
+         end do
+      end do
+   end do
+end subroutine add_second
 
 !> Position of a number in an ascending list, 0 if absent
 pure integer function find(list, number)

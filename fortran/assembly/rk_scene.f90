@@ -97,6 +97,8 @@ module rk_scene
       integer :: max_halvings = 6
       !> Least squares solver
       character(len=:), allocatable :: linear
+      !> Matrix of the iteration: "gauss-newton", "full" or "auto"
+      character(len=:), allocatable :: newton
       !> Convergence tolerance [-]
       real(wp) :: tolerance = 1.0e-6_wp
       !> Iterations of one load step

@@ -1,4 +1,4 @@
-!> Gauss-Newton iteration for one load step (5.76), with step control.
+!> Gauss-Newton (5.76) or Newton (5.59) iteration for one load step, with step control.
 !>
 !> It stops on the gradient (5.78a) and the step (5.78b), never on the residual, which does not go
 !> to zero. A state with a volume ratio J <= 0 is never accepted.
@@ -7,11 +7,14 @@
 !>            doi:10.1007/978-0-387-40065-5
 module rk_newton
    use, intrinsic :: iso_fortran_env, only : int64
+   use rk_damping, only : damping_type
    use rk_error, only : error_type, fatal_error, err_convergence, err_stopped
+   use rk_line_search, only : search
    use rk_lstsq, only : lstsq_report, row_operator, solve_lstsq
    use rk_precision, only : wp
    use rk_problem, only : problem_type, state_type
    use rk_recorder, only : iteration_type, recorder_type
+   use rk_shifted, only : shifted_report, solve_shifted
    use rk_text, only : to_text
    implicit none
    private
@@ -32,6 +35,8 @@ module rk_newton
    type :: newton_type
       !> Least squares solver, one of solver_names
       character(len=8) :: linear = 'auto'
+      !> Matrix and damping of the iteration
+      type(damping_type) :: damping
       !> Tolerance of both criteria [-]
       real(wp) :: tolerance = 1.0e-6_wp
       !> Iterations at most
@@ -41,14 +46,16 @@ module rk_newton
       !> Relative gradient and step reached [-]
       real(wp) :: gradient = 0.0_wp
       real(wp) :: step_norm = 0.0_wp
+      !> Fall of the merit that the last step promised, of the merit [-]
+      real(wp) :: left = 0.0_wp
       !> Volume ratios of the last state
       type(state_type) :: state
    end type newton_type
 
-   !> Step halvings of the line search
-   integer, parameter :: max_cuts = 8
-   !> A merit that grows by more than this factor after the first iteration means divergence
-   real(wp), parameter :: growth = 4.0_wp
+   !> Rejected steps in a row before giving up
+   integer, parameter :: max_rejected = 3
+   !> Fall of the merit that a step still promises where nothing is left to gain, of the merit
+   real(wp), parameter :: nothing = 1.0e-13_wp
 
 contains
 
@@ -81,16 +88,19 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
    !> Error handling: no convergence, failed factorisation, stopped
    type(error_type), allocatable, intent(out) :: error
    class(row_operator), pointer :: op
-   type(lstsq_report) :: report
    type(iteration_type) :: it
-   real(wp), allocatable :: a(:), da(:), r(:), g(:), trial(:)
-   real(wp) :: merit, first_gradient, first_norm, scale
+   real(wp), allocatable :: a(:), da(:), r(:), g(:), trial(:), new(:)
+   real(wp) :: merit, first_gradient, first_norm, scale, predicted, gain
    integer(int64) :: clock
+   integer :: rejected
 
    allocate (a, source=x)
-   allocate (da(problem%n), g(problem%n), r(problem%m), trial(problem%n))
+   allocate (da(problem%n), g(problem%n), r(problem%m), trial(problem%n), new(problem%m))
    self%iterations = 0
    self%step_norm = huge(1.0_wp)
+   self%left = huge(1.0_wp)
+   rejected = 0
+   call self%damping%start()
    call system_clock(clock)
    call problem%start_step(a, load)
    call problem%evaluate(a, load, .true., r, self%state)
@@ -113,35 +123,34 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
          x = a
          return
       end if
-      if (recorder%stopped()) then
-         call fatal_error(error, err_stopped, 'stopped at load '//to_text(load))
-         return
-      end if
-      if (self%iterations == self%max_iterations) then
-         call fatal_error(error, err_convergence, 'no convergence in '//to_text(self%iterations) &
-            & //' iterations: relative gradient '//to_text(self%gradient, 2)//', relative step ' &
-            & //to_text(self%step_norm, 2)//', '//volume_text(self%state))
-         return
-      end if
+      call self%damping%choose(self%iterations, it%gradient, merit)
+      call check_end(self, load, rejected, recorder, error)
+      if (allocated(error)) return
 
-      call system_clock(clock)
-      r = -r
-      call solve_lstsq(op, r, self%linear, da, report, error)
-      timer%solve = timer%solve + tick(clock)
+      call find_step(self, problem, op, load, a, r, g, da, predicted, it, timer, error)
       if (allocated(error)) return
       self%iterations = self%iterations + 1
+      self%left = predicted/max(0.5_wp*merit**2, tiny(1.0_wp))
 
       call system_clock(clock)
-      call search(scale)
-      timer%assemble = timer%assemble + tick(clock)
-      if (.not. scale > 0.0_wp) then
-         call fatal_error(error, err_convergence, 'no step length reduces the residual or keeps ' &
-            & //'J > 0: '//volume_text(self%state))
-         return
+      call search(problem, load, a, da, r, dot_product(g, da), self%iterations == 1, &
+         & self%damping%curved .or. self%damping%lambda > 0.0_wp, trial, new, scale, gain, &
+         & self%state)
+      if (scale > 0.0_wp) then
+         rejected = 0
+         a = trial
+         r = new
+         if (self%iterations > 1) call self%damping%learn(scale, gain, predicted)
+      else
+         ! back to where the step began, with more damping
+         rejected = rejected + 1
+         call self%damping%reject()
+         call problem%evaluate(a, load, .true., r, self%state)
       end if
-      a = trial
+      timer%assemble = timer%assemble + tick(clock)
       if (self%iterations == 1) first_norm = max(norm2(a), tiny(1.0_wp))
-      self%step_norm = scale*norm2(da)/first_norm
+      self%step_norm = norm2(da)/first_norm
+      if (scale > 0.0_wp) self%step_norm = scale*self%step_norm
       it%step = step
       it%load = load
       it%iteration = self%iterations
@@ -149,47 +158,114 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
       it%step_norm = self%step_norm
       it%min_j = self%state%min_j
       it%max_j = self%state%max_j
+      it%seconds = tick(timer%start)
+      call recorder%iteration(it)
+   end do
+end subroutine solve_step
+
+!> Step of the chosen matrix
+subroutine find_step(self, problem, op, load, a, r, g, da, predicted, it, timer, error)
+   !> Settings and choice
+   type(newton_type), intent(inout) :: self
+   !> Problem, linearised at a
+   class(problem_type), target, intent(inout) :: problem
+   !> Linearised rows
+   class(row_operator), intent(in) :: op
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> Unknowns, shape (n)
+   real(wp), contiguous, intent(in) :: a(:)
+   !> Residuals, shape (m)
+   real(wp), contiguous, intent(in) :: r(:)
+   !> A^T r, shape (n)
+   real(wp), contiguous, intent(in) :: g(:)
+   !> Step, shape (n)
+   real(wp), contiguous, intent(inout) :: da(:)
+   !> Fall of r.r/2 that the quadratic model promises
+   real(wp), intent(out) :: predicted
+   !> Record of the iteration: the solver's part
+   type(iteration_type), intent(inout) :: it
+   !> Wall times
+   type(timer_type), intent(inout) :: timer
+   !> Error handling: failed factorisation
+   type(error_type), allocatable, intent(out) :: error
+   type(lstsq_report) :: report
+   type(shifted_report) :: shifted
+   real(wp), allocatable :: matrix(:, :)
+   integer(int64) :: clock
+
+   call system_clock(clock)
+   if (.not. self%damping%curved .and. .not. self%damping%lambda > 0.0_wp) then
+      call solve_lstsq(op, -r, self%linear, da, report, error)
+      if (allocated(error)) return
+      predicted = -0.5_wp*dot_product(g, da)
       it%backward_error = report%backward_error
       it%rcond = report%rcond
       it%solver = trim(report%used)
       it%refinements = report%iterations
       it%why = report%why
-      it%seconds = tick(timer%start)
-      call recorder%iteration(it)
-   end do
+   else
+      allocate (matrix(problem%n, problem%n))
+      if (self%damping%curved) then
+         call problem%hessian(a, load, r, matrix)
+      else
+         call op%normal(matrix)
+      end if
+      call solve_shifted(matrix, g, self%damping%lambda, da, shifted, error)
+      if (allocated(error)) return
+      predicted = shifted%predicted
+      it%backward_error = shifted%backward_error
+      it%rcond = shifted%rcond
+      it%refinements = 0
+      it%solver = merge('newton', 'damped', self%damping%curved)
+      it%why = 'Gauss-Newton diverged or met a kink: normal equations damped by ' &
+         & //to_text(self%damping%lambda, 2)
+      if (self%damping%curved) it%why = 'second derivatives of the residuals make the matrix ' &
+         & //'symmetric but no product A^T A, so there is no QR: Cholesky with a shift of ' &
+         & //to_text(self%damping%lambda, 2)
+   end if
+   timer%solve = timer%solve + tick(clock)
+end subroutine find_step
 
-contains
+!> Reasons to end without convergence
+subroutine check_end(self, load, rejected, recorder, error)
+   !> Iteration
+   type(newton_type), intent(in) :: self
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> Steps rejected in a row
+   integer, intent(in) :: rejected
+   !> Receiver of iterations, which knows whether to stop
+   class(recorder_type), intent(inout) :: recorder
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   character(len=:), allocatable :: reached
 
-   !> Longest step that keeps J > 0 and does not let the merit grow. Prescribed displacements
-   !> jump in the first iteration, where a growing merit is no sign of divergence.
-   subroutine search(scale)
-      !> Accepted step length, 0 if there is none
-      real(wp), intent(out) :: scale
-      type(state_type) :: state
-      integer :: cut
+   if (recorder%stopped()) then
+      call fatal_error(error, err_stopped, 'stopped at load '//to_text(load))
+      return
+   end if
+   reached = ': relative gradient '//to_text(self%gradient, 2)//', relative step ' &
+      & //to_text(self%step_norm, 2)//', '//volume_text(self%state)
+   if (rejected == max_rejected) then
+      call fatal_error(error, err_convergence, 'no step length reduces the residual or keeps ' &
+         & //'J > 0'//reached)
+   else if (self%damping%stalled()) then
+      call fatal_error(error, err_convergence, 'the iteration stalls or cycles'//reached)
+   else if (self%iterations == self%max_iterations) then
+      call fatal_error(error, err_convergence, 'no convergence in '//to_text(self%iterations) &
+         & //' iterations'//reached)
+   end if
+end subroutine check_end
 
-      scale = 1.0_wp
-      do cut = 0, max_cuts
-         trial = a + scale*da
-         call problem%evaluate(trial, load, .true., r, state)
-         self%state = state
-         if (state%valid) then
-            if (self%iterations == 1 .or. norm2(r) <= growth*merit) return
-         end if
-         scale = 0.5_wp*scale
-      end do
-      scale = 0.0_wp
-   end subroutine search
-
-end subroutine solve_step
-
-!> Both criteria, or a step at the level of rounding
+!> Both criteria, or a step at the level of rounding, or a small step with nothing left to gain
 pure logical function converged(self)
    !> Iteration
    type(newton_type), intent(in) :: self
 
    converged = self%iterations > 0 .and. (self%step_norm < 1.0e-13_wp .or. &
-      & (self%step_norm < self%tolerance .and. self%gradient < self%tolerance))
+      & (self%step_norm < self%tolerance .and. &
+      & (self%gradient < self%tolerance .or. self%left < nothing)))
 end function converged
 
 !> Smallest volume ratio and its place

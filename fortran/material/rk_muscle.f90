@@ -96,7 +96,7 @@ pure subroutine reduced(self, state, order, w)
    !> Energy and derivatives
    type(reduced_type), intent(out) :: w
    !> Integral of the force by lambda*, the force and its derivatives [-]
-   real(wp) :: f(0:3), passive(0:3)
+   real(wp) :: f(0:4), passive(0:4)
    !> lambda*, and d lambda*/d I4r = c/lambda* [-]
    real(wp) :: stretch, c
 
@@ -121,6 +121,9 @@ pure subroutine reduced(self, state, order, w)
    w%third(kind_i4, :, :) = 0.0_wp
    w%third(kind_i4, kind_i4, kind_i4) = &
       & c**3*(f(3) - 3.0_wp*(f(2) - f(1)/stretch)/stretch)/stretch**3
+   if (order < 4) return
+   w%fourth(kind_i4, kind_i4, kind_i4, kind_i4) = c**4*(f(4) - 6.0_wp*f(3)/stretch &
+      & + 15.0_wp*(f(2) - f(1)/stretch)/stretch**2)/stretch**4
 end subroutine reduced
 
 end module rk_muscle

@@ -116,6 +116,7 @@ pure subroutine reduced(self, state, order, w)
       w%first(1) = a(1, 0) + x*(2.0_wp*a(2, 0) + x*3.0_wp*a(3, 0))
       w%second(1, 1) = 2.0_wp*a(2, 0) + x*6.0_wp*a(3, 0)
       w%third(1, 1, 1) = 6.0_wp*a(3, 0)
+      if (order > 3) w%fourth = 0.0_wp
       if (.not. self%active(kind_i2)) return
 
       w%first(1) = w%first(1) + y*(a(1, 1) + 2.0_wp*x*a(2, 1) + y*a(1, 2))

@@ -21,6 +21,7 @@
 !>             Bonet, Gil, Ortigosa, Comput. Methods Appl. Mech. Eng. 283 (2015),
 !>             doi:10.1016/j.cma.2014.10.002
 module rk_tensors
+   use rk_cross, only : cross
    use rk_precision, only : wp
    implicit none
    private
@@ -53,7 +54,7 @@ module rk_tensors
       real(wp) :: pushed(3)
    end type invariants_type
 
-   !> Derivatives of W by the invariants in use, in their order. A fourth order would follow here.
+   !> Derivatives of W by the invariants in use, in their order
    type :: derivatives_type
       !> First [stress]
       real(wp) :: first(4)
@@ -61,6 +62,8 @@ module rk_tensors
       real(wp) :: second(4, 4)
       !> Third, symmetric [stress]
       real(wp) :: third(4, 4, 4)
+      !> Fourth, symmetric [stress]
+      real(wp) :: fourth(4, 4, 4, 4)
    end type derivatives_type
 
 contains
@@ -424,25 +427,5 @@ pure integer function pairs(nd)
 
    pairs = merge(3, 1, nd == 3)
 end function pairs
-
-!> Product of two matrices (A x B)_iA = e_ijk e_ABC A_jB B_kC
-pure function cross(a, b) result(c)
-   !> Left matrix
-   real(wp), intent(in) :: a(3, 3)
-   !> Right matrix
-   real(wp), intent(in) :: b(3, 3)
-   !> Product, symmetric in a and b
-   real(wp) :: c(3, 3)
-   integer :: i, j
-
-   do j = 1, 3
-      do i = 1, 3
-         c(i, j) = a(next(i), next(j))*b(prev(i), prev(j)) &
-            & - a(next(i), prev(j))*b(prev(i), next(j)) &
-            & + a(prev(i), prev(j))*b(next(i), next(j)) &
-            & - a(prev(i), next(j))*b(next(i), prev(j))
-      end do
-   end do
-end function cross
 
 end module rk_tensors

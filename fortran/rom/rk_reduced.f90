@@ -26,6 +26,7 @@ module rk_reduced
       procedure :: start_step
       procedure :: evaluate
       procedure :: operator
+      procedure :: hessian
    end type reduced_type
 
 contains
@@ -120,5 +121,49 @@ function operator(self) result(op)
    !$omp end parallel do
    op => self%projected
 end function operator
+
+!> Second derivatives of r.r/2
+subroutine hessian(self, x, load, r, a)
+   !> Problem, its operator taken at x
+   class(reduced_type), target, intent(inout) :: self
+   !> Amplitudes, shape (r)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> Residuals, shape (m)
+   real(wp), contiguous, intent(in) :: r(:)
+   !> Upper triangle, shape (r, r)
+   real(wp), contiguous, intent(inout) :: a(:, :)
+   real(wp), allocatable :: half(:, :)
+   real(wp) :: y
+   integer :: c, i, ip, k, l, nd, q
+
+   call self%projected%normal(a)
+   call self%base%set_curvature(x, load, r)
+   nd = self%base%shape%nd
+   allocate (half(nd*nd, self%n))
+   associate (mode => self%base%mode, second => self%base%rows%second)
+      do ip = 1, self%base%shape%np
+         half = 0.0_wp
+         do k = 1, self%n
+            do q = 1, self%base%shape%nq
+               do c = 1, self%base%fields
+                  half(:, k) = half(:, k) + second(:, c, q, ip)*mode(c, q, k, ip)
+               end do
+            end do
+         end do
+         do k = 1, self%n
+            do l = 1, self%n
+               y = 0.0_wp
+               do i = 1, nd
+                  y = y + sum(mode(:nd, 1 + i, l, ip)*half(nd*(i - 1) + 1:nd*i, k))
+               end do
+               if (l <= k) a(l, k) = a(l, k) + y
+               if (l >= k) a(k, l) = a(k, l) + y
+            end do
+         end do
+      end do
+   end associate
+end subroutine hessian
 
 end module rk_reduced

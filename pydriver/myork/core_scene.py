@@ -195,6 +195,42 @@ class CoreScene:
         """Solve the reduced model through all load steps; `reduce` comes first."""
         return self._run(linear, 1, self._unknowns, None)
 
+    def hessian(
+        self, x: F64Array, load: float, *, start: F64Array | None = None, reduced: bool = False
+    ) -> tuple[F64Array, F64Array]:
+        """First and second derivatives of half the sum of squared residuals.
+
+        Parameters
+        ----------
+        x : F64Array
+            Unknowns, shape `(dofs,)`, or `(r,)` of the reduced model.
+        load : float
+            Fraction of the full load.
+        start : F64Array, optional
+            State at the start of the load step, which fixes the row weights; default `x`.
+        reduced : bool
+            Of the reduced model; `reduce` comes first.
+
+        Returns
+        -------
+        gradient, second : F64Array
+            Shapes `(n,)` and `(n, n)`.
+
+        Raises
+        ------
+        InputError
+            A wrong shape, or a state with J <= 0.
+        """
+        shape = (self._unknowns if reduced else self.dofs,)
+        given = [np.asarray(v, float) for v in (x if start is None else start, x)]
+        if any(v.shape != shape for v in given):
+            raise errors.InputError(f"states must have shape {shape}, not {given[1].shape}")
+        gradient, second, stat, message = _core.scene_hessian(
+            self._handle, int(reduced), *given, load
+        )
+        errors.check(stat, message)
+        return gradient, np.triu(second) + np.triu(second, 1).T
+
     def fields(self, x: F64Array, load: float) -> Fields:
         """Fields of a state of the full model, coefficients of shape `(dofs,)`."""
         u, f, cauchy, stat, message = _core.scene_fields(

@@ -1,0 +1,74 @@
+!> Longest step along a direction that keeps J > 0 and lowers the residual.
+!>
+!> Reference: Nocedal, Wright, Numerical Optimization, Springer (2006), section 3.1,
+!>            doi:10.1007/978-0-387-40065-5
+module rk_line_search
+   use rk_precision, only : wp
+   use rk_problem, only : problem_type, state_type
+   implicit none
+   private
+
+   public :: search
+
+   !> Step halvings
+   integer, parameter :: max_cuts = 8
+   !> A merit that grows by more than this factor after the first iteration means divergence
+   real(wp), parameter :: growth = 4.0_wp
+   !> Share of the slope's promise that a downhill step must keep
+   real(wp), parameter :: armijo = 1.0e-4_wp
+   !> Rounding of the merit, of the merit
+   real(wp), parameter :: rounding = 1.0e-12_wp
+
+contains
+
+!> Halve a step until it is acceptable. Prescribed displacements jump in the first iteration of a
+!> load step, where a growing merit is no sign of divergence.
+subroutine search(problem, load, a, da, r, slope, first, downhill, trial, new, scale, gain, state)
+   !> Problem, linearised at the trial afterwards
+   class(problem_type), target, intent(inout) :: problem
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> Unknowns and step, shape (n)
+   real(wp), contiguous, intent(in) :: a(:), da(:)
+   !> Residuals, shape (m)
+   real(wp), contiguous, intent(in) :: r(:)
+   !> Derivative of r.r/2 along the step
+   real(wp), intent(in) :: slope
+   !> First iteration of the load step: any valid state will do
+   logical, intent(in) :: first
+   !> The merit must fall; otherwise it may grow a little, as Gauss-Newton's may on its way
+   logical, intent(in) :: downhill
+   !> Unknowns reached, shape (n)
+   real(wp), contiguous, intent(inout) :: trial(:)
+   !> Their residuals, shape (m)
+   real(wp), contiguous, intent(inout) :: new(:)
+   !> Accepted step length, 0 if there is none [-]
+   real(wp), intent(out) :: scale
+   !> Fall of r.r/2
+   real(wp), intent(out) :: gain
+   !> What was seen at the trial
+   type(state_type), intent(out) :: state
+   real(wp) :: merit
+   integer :: cut
+
+   merit = 0.5_wp*dot_product(r, r)
+   scale = 1.0_wp
+   do cut = 0, max_cuts
+      trial = a + scale*da
+      call problem%evaluate(trial, load, .true., new, state)
+      ! as a product of differences, which keeps its digits where the merit hardly changes
+      gain = 0.5_wp*sum((r - new)*(r + new))
+      if (state%valid) then
+         if (first) return
+         if (downhill) then
+            if (gain >= -armijo*scale*slope - rounding*merit) return
+         else
+            if (merit - gain <= growth**2*merit) return
+         end if
+      end if
+      scale = 0.5_wp*scale
+   end do
+   scale = 0.0_wp
+end subroutine search
+
+end module rk_line_search
