@@ -4,6 +4,9 @@
 !> with constant coefficients: (L u)_i = c(i,A,k,B) u_k,AB, (B^h u)_i = c(i,A,k,B) n_A u_k,B and
 !> B^g u = u. Poisson's problem has c = 1 for A = B, elasticity its moduli. The rows are weighted as
 !> in (5.15); f, h and g follow from a known solution.
+!>
+!> Collocation points inside carry L, those on the boundary B^h or B^g only (5.10). With L on the
+!> boundary as well the errors are 3 to 7 times larger and fall more slowly.
 module rk_linear
    use rk_boundary, only : new_boundary
    use rk_collocation, only : collocation_type, determinant
@@ -25,6 +28,8 @@ module rk_linear
    type, extends(collocation_type) :: linear_type
       !> Moduli c(i, A, k, B), shape (fields, nd, fields, nd)
       real(wp), allocatable :: modulus(:, :, :, :)
+      !> Points inside; their blocks of rows come before those of the boundary points
+      integer :: inside = 0
       !> Weighted right hand side, shape (m)
       real(wp), allocatable :: b(:)
    contains
@@ -43,8 +48,8 @@ subroutine new_linear(self, scene, error)
    type(scene_type), target, intent(in) :: scene
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   integer, allocatable :: range(:, :)
-   integer :: nd, np, nb, b, d
+   integer, allocatable :: inside(:), range(:, :)
+   integer :: nd, nb, b, d
 
    self%scene => scene
    nd = scene%cloud%nd
@@ -56,15 +61,18 @@ subroutine new_linear(self, scene, error)
    call new_shape(self%shape, scene%approximation, scene%cloud%source, scene%support, &
       & scene%cloud%place, error)
    if (allocated(error)) return
-   np = self%shape%np
+   inside = [(b, b=1, self%shape%np)]
+   inside(self%boundary%point) = 0
+   inside = pack(inside, inside > 0)
+   self%inside = size(inside)
    nb = size(self%boundary%point)
-   allocate (range(2, np + nb))
-   range(1, :np) = 2 + nd
-   range(2, :np) = self%shape%nq
-   range(1, np + 1:) = 1
-   range(2, np + 1:) = 1 + nd
-   call new_rows(self%rows, self%shape, self%fields, [[(b, b=1, np)], self%boundary%point], &
-      & [(self%fields, b=1, np + nb)], range, scene%cloud%place, &
+   allocate (range(2, self%inside + nb))
+   range(1, :self%inside) = 2 + nd
+   range(2, :self%inside) = self%shape%nq
+   range(1, self%inside + 1:) = 1
+   range(2, self%inside + 1:) = 1 + nd
+   call new_rows(self%rows, self%shape, self%fields, [inside, self%boundary%point], &
+      & [(self%fields, b=1, self%inside + nb)], range, scene%cloud%place, &
       & [(minval(scene%cloud%spacing(d, :)), d=1, nd)])
    self%m = self%rows%m
    self%n = self%rows%n
@@ -163,10 +171,10 @@ subroutine start_step(self, x, load)
    domain = domain_rows(self%modulus, self%shape%nq)
    weight = essential_weight(self%scene)
    do b = 1, size(self%rows%place)
-      if (b <= self%shape%np) then
+      if (b <= self%inside) then
          self%rows%coefficient(:, :, :, b) = domain
       else
-         self%rows%coefficient(:, :, :, b) = boundary_rows(self, b - self%shape%np, weight)
+         self%rows%coefficient(:, :, :, b) = boundary_rows(self, b - self%inside, weight)
       end if
       call exact_field(self%scene%equation, self%scene%cloud%place(:, self%rows%place(b)), u)
       row = self%rows%row(b)

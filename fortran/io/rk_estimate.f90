@@ -68,6 +68,7 @@ function estimate_cost(deck, model) result(self)
    fields = merge(1, self%nd, problem == 'poisson')
    self%unknowns = fields*self%ns
    self%equations = fields*(self%nc + boundary)
+   if (problem /= '') self%equations = fields*self%nc
 
    ! neighbour lists both ways; coefficients of rows; values, at worst one stencil for each point
    entries = self%nc*self%neighbours
