@@ -6,6 +6,7 @@ module rk_session
    use rk_error, only : error_type, fatal_error, err_input
    use rk_fields, only : new_probes, probe_value, probes_type
    use rk_handles, only : close_slot, find_slot, open_slot, slot_type
+   use rk_linear_solve, only : solve_linear
    use rk_method, only : new_problem
    use rk_lstsq, only : row_operator
    use rk_newton, only : newton_type, timer_type
@@ -129,6 +130,10 @@ subroutine solve_session(handle, linear, reduced, error)
    slot%timer = timer_type()
    call system_clock(slot%timer%start)
    allocate (x(problem%n), source=0.0_wp)
+   if (allocated(slot%scene%equation%kind)) then
+      call solve_linear(problem, newton%linear, x, slot%states, slot%timer, error)
+      return
+   end if
    call solve_static(problem, newton, slot%scene%steps, slot%scene%max_halvings, x, slot%states, &
       & slot%timer, error)
 end subroutine solve_session

@@ -8,7 +8,10 @@ program main
    use rk_deck, only : deck_type, open_deck
    use rk_deck_scene, only : nearly_incompressible, new_scene
    use rk_error, only : error_type, err_convergence, err_linalg, err_stopped
+   use rk_error_norms, only : error_norms, norms_type
    use rk_explain, only : explain
+   use rk_linear, only : linear_type
+   use rk_linear_solve, only : solve_linear
    use rk_method, only : new_problem
    use rk_model_cloud, only : read_model_cloud
    use rk_newton, only : newton_type, tick, timer_type
@@ -60,6 +63,7 @@ contains
       type(timer_type) :: timer
       type(error_type), allocatable :: failure, trouble
       real(wp), allocatable :: x(:)
+      type(norms_type), allocatable :: norms
       real(wp) :: shape_s
       character(len=:), allocatable :: message
       integer(i8) :: start
@@ -81,14 +85,24 @@ contains
          & //'above the shear modulus: the displacement form may lock, compare with method ' &
          & //'"rkcm-mixed"')
 
-      newton%linear = scene%linear
-      newton%damping%method = scene%newton
-      newton%tolerance = scene%tolerance
-      newton%max_iterations = scene%max_iterations
       allocate (x(problem%n), source=0.0_wp)
-      call output%step(step_type(load=0.0_wp), x)
       call system_clock(timer%start)
-      call solve_static(problem, newton, scene%steps, scene%max_halvings, x, output, timer, failure)
+      select type (problem)
+      type is (linear_type)
+         call solve_linear(problem, scene%linear, x, output, timer, failure)
+         if (.not. allocated(failure)) then
+            allocate (norms)
+            call error_norms(problem, x, norms, failure)
+         end if
+      class default
+         newton%linear = scene%linear
+         newton%damping%method = scene%newton
+         newton%tolerance = scene%tolerance
+         newton%max_iterations = scene%max_iterations
+         call output%step(step_type(load=0.0_wp), x)
+         call solve_static(problem, newton, scene%steps, scene%max_halvings, x, output, timer, &
+            & failure)
+      end select
       message = ''
       if (output%imbalance > max_imbalance) call output%warn('the forces on all boundary sets ' &
          & //'leave '//to_text(100.0_wp*output%imbalance, 2)//' % of the largest unbalanced: do ' &
@@ -97,7 +111,7 @@ contains
       if (len(message) > 0) call output%warn(message)
       call output%close(trouble)
       call write_summary(config%out//'/summary.json', deck, problem, output, timer, shape_s, &
-         & tick(clock), omp_get_max_threads(), .not. allocated(failure), message, error)
+         & tick(clock), omp_get_max_threads(), .not. allocated(failure), message, error, norms)
       call leave_on(trouble)
       call leave_on(error)
       if (allocated(failure)) then

@@ -29,7 +29,13 @@ subroutine explain(deck, model, scene)
    cost = estimate_cost(deck, model)
    print '(a)', scene%title
    print '(a)', '  units         '//scene%force_unit//', '//scene%length_unit
-   print '(a)', '  dimension     '//merge('3              ', '2, plane strain', scene%cloud%nd == 3)
+   if (allocated(scene%equation%kind)) then
+      print '(a)', '  dimension     '//to_text(scene%cloud%nd)
+      call explain_equation(scene)
+   else
+      print '(a)', '  dimension     '//merge('3              ', '2, plane strain', &
+         & scene%cloud%nd == 3)
+   end if
    print '(a)', '  method        '//scene%method//', basis of order ' &
       & //to_text(scene%approximation%order)//', about '//to_text(nint(cost%neighbours)) &
       & //' neighbours a point'
@@ -51,13 +57,39 @@ subroutine explain(deck, model, scene)
             & //to_text(count(condition%fixed(:scene%cloud%nd)))//' components'
       end associate
    end do
-   print '(a)', '  load          '//to_text(scene%steps)//' steps, activation to ' &
-      & //to_text(scene%activation)
+   if (.not. allocated(scene%equation%kind)) print '(a)', '  load          ' &
+      & //to_text(scene%steps)//' steps, activation to '//to_text(scene%activation)
    print '(a)', '  solver        '//scene%linear//', '//to_text(1.0e-9_wp*cost%flops, 3) &
-      & //' Gflop an iteration, about '//to_text(cost%flops/rate(), 2)//' s here'
+      & //' Gflop a solution, about '//to_text(cost%flops/rate(), 2)//' s here'
    print '(a)', '  memory        '//to_text(1.0e-6_wp*cost%bytes, 3)//' MB of ' &
       & //to_text(1.0e-6_wp*available_bytes(), 3)//' MB free'
 end subroutine explain
+
+!> What a linear problem is
+subroutine explain_equation(scene)
+   !> Scene with an equation
+   type(scene_type), intent(in) :: scene
+   character(len=:), allocatable :: text
+   integer :: k
+
+   associate (equation => scene%equation)
+      text = 'linear '//equation%kind
+      if (equation%kind == 'elasticity') then
+         if (scene%cloud%nd == 2) text = text//' in plane ' &
+            & //trim(merge('stress', 'strain', equation%plane_stress))
+         text = text//', E '//to_text(equation%young)//', nu '//to_text(equation%poisson_ratio)
+      end if
+      print '(a)', '  equation      '//text//': one assembly, one least squares solve'
+      print '(a)', '  solution      '//equation%solution//', known: the summary has the L2 and H1 ' &
+         & //'errors'
+      text = ''
+      do k = 1, size(equation%essential)
+         text = text//trim(scene%cloud%set_name(equation%essential(k)))//' '
+      end do
+      print '(a)', '  boundary      values on '//text//merge('and ', '    ', text /= '') &
+         & //to_text(size(equation%pin))//' pins, flux elsewhere'
+   end associate
+end subroutine explain_equation
 
 !> What of a material is paid for
 function parts(active) result(text)

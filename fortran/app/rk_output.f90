@@ -178,13 +178,24 @@ subroutine step(self, st, x)
       call probe_value(self%problem, self%probes, i, x, st%load, grown(n + 1)%probe(:, i))
    end do
    call move_alloc(grown, self%record)
-   self%imbalance = force_imbalance(self%problem, x, st%load)
+   if (.not. allocated(self%problem%scene%equation%kind)) self%imbalance = &
+      & force_imbalance(self%problem, x, st%load)
    call compute_fields(self%problem, x, st%load, fields)
-   call self%results%add_step(st%load, st%load*self%problem%scene%activation, fields%u, fields%f, &
-      & fields%j, fields%cauchy, fields%principal, fields%pressure, x, error)
+   if (self%problem%fields == 1) then
+      call self%results%add_scalar(st%load, fields%u(1, :), x, error)
+   else
+      call self%results%add_step(st%load, st%load*self%problem%scene%activation, fields%u, &
+         & fields%f, fields%j, fields%cauchy, fields%principal, fields%pressure, x, error)
+   end if
    if (allocated(error) .and. .not. allocated(self%error)) call move_alloc(error, self%error)
    self%seconds = self%seconds + tick(clock)
    if (st%step == 0) return
+   if (allocated(self%problem%scene%equation%kind)) then
+      write (line, '("linear: one least squares solve, ", a, "  relative |A''r| ", es7.1, "  ", '// &
+         & 'f0.1, " s")') self%last%solver, st%gradient, self%last%seconds
+      call self%say(trim(line), level=0)
+      return
+   end if
    write (line, '("step ", i3, "/", i0, "  load ", f6.4, "  iterations ", i0, "  |A''r| ", '// &
       & 'es7.1, "  |da| ", es7.1, "  J ", a, "..", a, "  ", f0.1, " s")') st%step, st%steps, &
       & st%load, st%iterations, st%gradient, st%step_norm, to_text(st%min_j), to_text(st%max_j), &

@@ -3,6 +3,7 @@ module rk_summary
    use rk_collocation, only : collocation_type
    use rk_deck, only : deck_type
    use rk_error, only : error_type
+   use rk_error_norms, only : norms_type
    use rk_exact, only : exact_value
    use rk_fields, only : quantity_size
    use rk_json, only : json_type
@@ -19,7 +20,7 @@ contains
 
 !> Write the summary
 subroutine write_summary(path, deck, problem, output, timer, shape_s, total_s, threads, converged, &
-   & message, error)
+   & message, error, norms)
    !> File
    character(len=*), intent(in) :: path
    !> Deck
@@ -40,6 +41,8 @@ subroutine write_summary(path, deck, problem, output, timer, shape_s, total_s, t
    character(len=*), intent(in) :: message
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
+   !> Error of a linear problem
+   type(norms_type), intent(in), optional :: norms
    type(json_type) :: json
 
    associate (scene => problem%scene)
@@ -74,6 +77,7 @@ subroutine write_summary(path, deck, problem, output, timer, shape_s, total_s, t
       call write_steps(json, problem, output)
       if (converged) call write_exact(json, problem, output, error)
       if (allocated(error)) return
+      if (present(norms)) call write_norms(json, norms)
       call write_references(json, problem, output)
       call json%put('force_imbalance', output%imbalance)
       call json%begin_object('timings_s')
@@ -112,6 +116,21 @@ subroutine write_lines(json, text)
    end do
 end subroutine write_lines
 
+!> Error against the known solution
+subroutine write_norms(json, norms)
+   !> JSON inside the summary
+   type(json_type), intent(inout) :: json
+   !> Norms
+   type(norms_type), intent(in) :: norms
+
+   call json%begin_object('errors')
+   call json%put('L2', norms%l2)
+   call json%put('H1', norms%h1)
+   call json%put('relative_L2', norms%l2/max(norms%l2_solution, tiny(1.0_wp)))
+   call json%put('relative_H1', norms%h1/max(norms%h1_solution, tiny(1.0_wp)))
+   call json%end_object()
+end subroutine write_norms
+
 !> Load steps with probes
 subroutine write_steps(json, problem, output)
    !> JSON inside the summary
@@ -138,7 +157,7 @@ subroutine write_steps(json, problem, output)
          call json%begin_object('probes')
          do i = 1, size(problem%scene%probe)
             associate (probe => problem%scene%probe(i))
-               if (quantity_size(probe%quantity) == 1) then
+               if (quantity_size(probe%quantity) == 1 .or. problem%fields == 1) then
                   call json%put(probe%name, record%probe(1, i))
                else
                   call json%put(probe%name, record%probe(:problem%scene%cloud%nd, i))

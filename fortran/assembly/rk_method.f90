@@ -2,6 +2,7 @@
 module rk_method
    use rk_collocation, only : collocation_type, new_collocation
    use rk_error, only : error_type, fatal_error, err_input
+   use rk_linear, only : linear_type, new_linear
    use rk_mixed, only : mixed_type, new_mixed
    use rk_scene, only : scene_type
    implicit none
@@ -11,7 +12,7 @@ module rk_method
 
 contains
 
-!> Set up the problem of a scene by the scene's method
+!> Set up the problem of a scene: linear where it has an equation, otherwise by the scene's method
 subroutine new_problem(problem, scene, error)
    !> Problem
    class(collocation_type), allocatable, intent(out) :: problem
@@ -20,7 +21,14 @@ subroutine new_problem(problem, scene, error)
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
    type(mixed_type), allocatable :: mixed
+   type(linear_type), allocatable :: linear
 
+   if (allocated(scene%equation%kind)) then
+      allocate (linear)
+      call new_linear(linear, scene, error)
+      call move_alloc(linear, problem)
+      return
+   end if
    select case (scene%method)
    case ('rkcm')
       allocate (problem)

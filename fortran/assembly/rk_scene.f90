@@ -8,6 +8,7 @@ module rk_scene
    private
 
    public :: scene_type, tissue_type, condition_type, probe_type, exact_type, reference_type
+   public :: equation_type, pin_type
 
    !> A material and the label of the points it fills
    type :: tissue_type
@@ -69,6 +70,37 @@ module rk_scene
       character(len=:), allocatable :: source
    end type reference_type
 
+   !> A boundary point where components of a linear problem's solution are prescribed
+   type :: pin_type
+      !> Place [length]
+      real(wp) :: point(3) = 0.0_wp
+      !> Components
+      logical :: fixed(3) = .false.
+   end type pin_type
+
+   !> A linear problem with a known solution
+   type :: equation_type
+      !> poisson or elasticity; not allocated in nonlinear scenes
+      character(len=:), allocatable :: kind
+      !> Name of the solution
+      character(len=:), allocatable :: solution
+      !> Degree of a polynomial solution
+      integer :: degree = 0
+      !> Young's modulus [force/length^2] and Poisson's ratio [-]
+      real(wp) :: young = 1.0_wp
+      real(wp) :: poisson_ratio = 0.0_wp
+      !> Plane stress instead of plane strain
+      logical :: plane_stress = .false.
+      !> Shear force on the end of the cantilever, per thickness [force/length]
+      real(wp) :: force = 0.0_wp
+      !> Size of the body [length]
+      real(wp) :: extent(3) = 1.0_wp
+      !> Boundary sets where the solution's values are prescribed; elsewhere its flux is
+      integer, allocatable :: essential(:)
+      !> Single points where they are
+      type(pin_type), allocatable :: pin(:)
+   end type equation_type
+
    !> Everything a solve needs
    type :: scene_type
       !> What is modelled
@@ -81,6 +113,8 @@ module rk_scene
       type(approximation_type) :: approximation
       !> Support of each source point, shape (nd, ns) [length]
       real(wp), allocatable :: support(:, :)
+      !> Linear problem, instead of materials, conditions and loads
+      type(equation_type) :: equation
       !> Materials
       type(tissue_type), allocatable :: tissue(:)
       !> Material of each collocation point, shape (nc)

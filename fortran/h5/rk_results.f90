@@ -42,6 +42,8 @@ module rk_results
       procedure :: open => open_results
       !> Append a converged state
       procedure :: add_step
+      !> Append the state of a problem of one unknown, which has no other fields
+      procedure :: add_scalar
       !> Complete the file and give it its name
       procedure :: close => close_results
    end type results_type
@@ -149,12 +151,8 @@ subroutine add_step(self, load, activation, u, f, j, cauchy, principal, pressure
    integer :: np
 
    np = self%npoint
-   if (self%nstep == 0) self%ncoefficient = size(coefficients)
-   if (self%nstep > 0 .and. .not. load > self%load) then
-      call fatal_error(error, err_input, "results: the load of a step must exceed that of the "// &
-         "step before, but "//to_text(load)//" follows "//to_text(self%load))
-      return
-   end if
+   call start_step(self, load, coefficients, error)
+   if (allocated(error)) return
    call check_shape("u", shape(u), [3, np], error)
    if (allocated(error)) return
    call check_shape("F", shape(f), [3, 3, np], error)
@@ -166,8 +164,6 @@ subroutine add_step(self, load, activation, u, f, j, cauchy, principal, pressure
    call check_shape("principal_stress", shape(principal), [3, np], error)
    if (allocated(error)) return
    call check_shape("pressure", shape(pressure), [np], error)
-   if (allocated(error)) return
-   call check_shape("coefficients", shape(coefficients), [self%ncoefficient], error)
    if (allocated(error)) return
 
    call self%file%append(vtk//"/PointData/u", u, error)
@@ -182,9 +178,70 @@ subroutine add_step(self, load, activation, u, f, j, cauchy, principal, pressure
    if (allocated(error)) return
    call self%file%append(vtk//"/PointData/pressure", pressure, error)
    if (allocated(error)) return
+   call finish_step(self, load, activation, coefficients, [character(len=16) :: "u", "F", "J", &
+      "cauchy", "principal_stress", "pressure"], error)
+end subroutine add_step
+
+!> Append a state of one unknown
+subroutine add_scalar(self, load, u, coefficients, error)
+   !> Result file
+   class(results_type), intent(inout) :: self
+   !> Fraction of the full load, greater than that of the step before [-]
+   real(wp), intent(in) :: load
+   !> Unknown, shape (np)
+   real(wp), intent(in), contiguous :: u(:)
+   !> Coefficients of the approximation, shape (ndof)
+   real(wp), intent(in), contiguous :: coefficients(:)
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+
+   call start_step(self, load, coefficients, error)
+   if (allocated(error)) return
+   call check_shape("u", shape(u), [self%npoint], error)
+   if (allocated(error)) return
+   call self%file%append(vtk//"/PointData/u", u, error)
+   if (allocated(error)) return
+   call finish_step(self, load, 0.0_wp, coefficients, [character(len=16) :: "u"], error)
+end subroutine add_scalar
+
+!> Refuse what cannot follow the steps before
+subroutine start_step(self, load, coefficients, error)
+   !> Result file
+   class(results_type), intent(inout) :: self
+   !> Fraction of the full load [-]
+   real(wp), intent(in) :: load
+   !> Coefficients of the approximation, shape (ndof)
+   real(wp), intent(in), contiguous :: coefficients(:)
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+
+   if (self%nstep == 0) self%ncoefficient = size(coefficients)
+   if (self%nstep > 0 .and. .not. load > self%load) then
+      call fatal_error(error, err_input, "results: the load of a step must exceed that of the "// &
+         "step before, but "//to_text(load)//" follows "//to_text(self%load))
+      return
+   end if
+   call check_shape("coefficients", shape(coefficients), [self%ncoefficient], error)
+end subroutine start_step
+
+!> Write what stands beside the fields of a step
+subroutine finish_step(self, load, activation, coefficients, fields, error)
+   !> Result file
+   class(results_type), intent(inout) :: self
+   !> Fraction of the full load [-]
+   real(wp), intent(in) :: load
+   !> Activation of the muscle fibers [-]
+   real(wp), intent(in) :: activation
+   !> Coefficients of the approximation, shape (ndof)
+   real(wp), intent(in), contiguous :: coefficients(:)
+   !> Names of the fields that were written
+   character(len=*), intent(in) :: fields(:)
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+
    call add_state(self%file, load, activation, coefficients, error)
    if (allocated(error)) return
-   call add_offsets(self%file, load, int(self%nstep, i8)*np, error)
+   call add_offsets(self%file, load, int(self%nstep, i8)*self%npoint, fields, error)
    if (allocated(error)) return
 
    ! The number of steps comes last: a reader never sees half a step
@@ -193,7 +250,7 @@ subroutine add_step(self, load, activation, u, f, j, cauchy, principal, pressure
    call self%file%put_attribute(vtk//"/Steps", "NSteps", [self%nstep], error)
    if (allocated(error)) return
    call self%file%flush(error)
-end subroutine add_step
+end subroutine finish_step
 
 !> Complete the file and give it its name; after a failed write it keeps the name `path.part`
 subroutine close_results(self, error)
@@ -226,21 +283,21 @@ subroutine add_state(file, load, activation, coefficients, error)
 end subroutine add_state
 
 !> The row of /VTKHDF/Steps of a step: where the readers find what belongs to it
-subroutine add_offsets(file, load, first, error)
+subroutine add_offsets(file, load, first, fields, error)
    !> File being written
    type(h5_type), intent(inout) :: file
    !> Time of the step
    real(wp), intent(in) :: load
    !> Index, from 0, of the step's first value in every field
    integer(i8), intent(in) :: first
+   !> Names of the fields
+   character(len=*), intent(in) :: fields(:)
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
    character(len=*), parameter :: steps = vtk//"/Steps/"
    character(len=*), parameter :: fixed(*) = [character(len=22) :: "PartOffsets", &
       "PointOffsets", "CellOffsets", "ConnectivityIdOffsets", "PointDataOffsets/label", &
       "PointDataOffsets/fiber"]
-   character(len=*), parameter :: fields(*) = [character(len=16) :: "u", "F", "J", "cauchy", &
-      "principal_stress", "pressure"]
    integer :: i
 
    call file%append(steps//"Values", [load], error)

@@ -29,6 +29,8 @@ static double number_of(const Section *section, const std::string &key, double o
 static std::vector<std::string> sets_of(const std::string &kind, int dimension) {
    if (kind == "annulus")
       return {"inner", "outer", "x0", "y0"};
+   if (kind == "box" && dimension == 1)
+      return {"x0", "x1"};
    if (kind == "box" && dimension == 2)
       return {"x0", "x1", "y0", "y1"};
    if (kind == "box")
@@ -177,6 +179,65 @@ static void check_references(Deck &deck) {
    }
 }
 
+// A linear problem stands alone, and its solution must fit it
+static void check_linear(Deck &deck, const std::string &kind, int dimension) {
+   const Section *linear = deck.single("linear"), *scene = deck.single("scene");
+   if (!linear) {
+      for (Section *pin : deck.entries("pin"))
+         deck.complain(pin->origin, deck.address(*pin), "only for linear problems");
+      if (dimension == 1)
+         deck.complain(scene->find("dimension")->origin, "scene.dimension",
+                       "1 is only for linear problems: the table [linear] is missing");
+      return;
+   }
+   for (const char *table : {"material", "boundary", "exact", "reference"}) {
+      for (Section *section : deck.entries(table))
+         deck.complain(section->origin, deck.address(*section),
+                       "has no place in a linear problem, where [linear] says it all");
+   }
+   if (!kind.empty() && kind != "box")
+      deck.complain(deck.single("geometry")->find("kind")->origin, "geometry.kind",
+                    "must be box for a linear problem, not " + kind);
+   const Value *method = scene ? scene->find("method") : nullptr;
+   if (method && method->text != "rkcm")
+      deck.complain(method->origin, "scene.method",
+                    "must be rkcm for a linear problem, not " + method->text);
+   const std::string problem = linear->text("problem"), solution = linear->text("solution");
+   const Value *name = linear->find("solution");
+   if ((solution == "exp_x" && dimension != 1) || (solution == "exp_xy" && dimension != 2) ||
+       (solution == "cantilever" && dimension != 2))
+      deck.complain(name->origin, "linear.solution",
+                    solution + " needs scene.dimension = " + (solution == "exp_x" ? "1" : "2") +
+                        ", not " + std::to_string(dimension));
+   if (solution == "exp_x" || solution == "exp_xy" || solution == "cantilever") {
+      const std::string fits = solution == "cantilever" ? "elasticity" : "poisson";
+      if (!problem.empty() && problem != fits)
+         deck.complain(name->origin, "linear.solution",
+                       solution + " is a solution of problem = " + fits + ", not " + problem);
+   }
+   const std::vector<std::string> sets = sets_of(kind, dimension);
+   const Value *essential = linear->find("essential");
+   for (std::size_t i = 0; essential && !sets.empty() && i < essential->items.size(); ++i) {
+      const std::string &set = essential->items[i].text;
+      if (std::find(sets.begin(), sets.end(), set) == sets.end())
+         deck.complain(essential->origin, "linear.essential",
+                       quoted(set) + " is no side of this " + kind + "; there are " +
+                           join(sets, ", "));
+   }
+   for (Section *probe : deck.entries("probe")) {
+      const std::string quantity = probe->text("quantity");
+      // forces come from virtual work, which does not know the sources of the other solutions
+      const bool force = quantity.compare(0, 5, "force") == 0;
+      const bool fits = problem == "poisson" ? quantity == "u"
+                        : force              ? solution == "cantilever"
+                                             : quantity != "J";
+      if (!quantity.empty() && !fits)
+         deck.complain(probe->find("quantity")->origin, deck.address(*probe, "quantity"),
+                       quantity + " is not known in a linear problem of " + problem + " with " +
+                           solution);
+   }
+}
+
 void check_rules(Deck &deck) {
    const int dimension = static_cast<int>(number_of(deck.single("scene"), "dimension", 0.0));
    const Section *geometry = deck.single("geometry");
@@ -185,6 +246,7 @@ void check_rules(Deck &deck) {
    check_sets(deck, kind, dimension);
    check_compared(deck);
    check_references(deck);
+   check_linear(deck, kind, dimension);
    if (!geometry)
       return;
    check_geometry(deck, *geometry, dimension);

@@ -5,6 +5,7 @@
 module rk_deck_scene
    use rk_cloud, only : check_cloud, cloud_type, lattice_cells, new_annulus, new_box
    use rk_deck, only : deck_type
+   use rk_deck_linear, only : read_linear
    use rk_error, only : error_type, fatal_error, err_input, err_memory
    use rk_estimate, only : available_bytes, estimate_cost, estimate_type
    use rk_kernel, only : kernel_cubic, kernel_quintic, window_product, window_radial
@@ -34,8 +35,14 @@ subroutine new_scene(scene, deck, model, error)
    type(cloud_type), intent(in) :: model
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
+   logical :: is_linear
 
-   call deck%require('solve', error)
+   is_linear = deck%has('linear')
+   if (is_linear) then
+      call deck%require('linear solve', error)
+   else
+      call deck%require('solve', error)
+   end if
    if (allocated(error)) return
    call deck%get('title', scene%title)
    call deck%get('scene.method', scene%method)
@@ -46,6 +53,12 @@ subroutine new_scene(scene, deck, model, error)
    call read_geometry(scene%cloud, deck, model, error)
    if (allocated(error)) return
    call read_approximation(scene, deck)
+   call read_solver(scene, deck)
+   if (is_linear) then
+      call read_linear(scene, deck)
+      call read_probes(scene, deck, error)
+      return
+   end if
    call read_materials(scene, deck, error)
    if (allocated(error)) return
    if (scene%method == 'auto') then
@@ -59,7 +72,6 @@ subroutine new_scene(scene, deck, model, error)
    end if
    call read_conditions(scene, deck, error)
    if (allocated(error)) return
-   call read_solver(scene, deck)
    call read_probes(scene, deck, error)
 end subroutine new_scene
 

@@ -40,8 +40,9 @@ function estimate_cost(deck, model) result(self)
    type(estimate_type) :: self
    real(wp), allocatable :: support(:)
    integer, allocatable :: source(:), collocation(:)
+   character(len=:), allocatable :: problem
    real(wp) :: entries, boundary, width
-   integer :: d, nq
+   integer :: d, nq, fields
 
    call deck%get('scene.dimension', self%nd)
    call deck%get('solver.linear', self%solver)
@@ -63,18 +64,21 @@ function estimate_cost(deck, model) result(self)
    end do
    self%neighbours = min(self%neighbours, self%ns)
    nq = derivative_count(self%nd)
-   self%unknowns = self%nd*self%ns
-   self%equations = self%nd*(self%nc + boundary)
+   call deck%get('linear.problem', problem)
+   fields = merge(1, self%nd, problem == 'poisson')
+   self%unknowns = fields*self%ns
+   self%equations = fields*(self%nc + boundary)
+   if (problem /= '') self%equations = fields*self%nc
 
    ! neighbour lists both ways; coefficients of rows; values, at worst one stencil for each point
    entries = self%nc*self%neighbours
-   self%bytes = 20.0_wp*entries + 8.0_wp*self%nd**2*nq*(self%nc + boundary)
+   self%bytes = 20.0_wp*entries + 8.0_wp*fields**2*nq*(self%nc + boundary)
    if (.not. deck%has('geometry.source')) self%bytes = self%bytes + 8.0_wp*nq*entries
    if (self%solver == 'dgels') then
       self%bytes = self%bytes + 8.0_wp*self%equations*self%unknowns
       self%flops = 2.0_wp*self%equations*self%unknowns**2
    else
-      width = self%nd*self%neighbours
+      width = fields*self%neighbours
       self%bytes = self%bytes + 8.0_wp*self%unknowns**2 + 8.0_wp*8.0_wp*width**2
       self%flops = self%equations*width**2 + self%unknowns**3/3.0_wp
    end if

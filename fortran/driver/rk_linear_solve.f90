@@ -1,0 +1,74 @@
+!> A linear problem: one assembly, one least squares solve, no iteration and no load steps.
+module rk_linear_solve
+   use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
+   use, intrinsic :: iso_fortran_env, only : int64
+   use rk_error, only : error_type
+   use rk_lstsq, only : lstsq_report, row_operator, solve_lstsq
+   use rk_newton, only : tick, timer_type
+   use rk_precision, only : wp
+   use rk_problem, only : problem_type, state_type
+   use rk_recorder, only : iteration_type, recorder_type, step_type
+   implicit none
+   private
+
+   public :: solve_linear
+
+contains
+
+!> Solve and hand over the only state
+subroutine solve_linear(problem, method, x, recorder, timer, error)
+   !> Problem whose rows do not depend on the unknowns
+   class(problem_type), target, intent(inout) :: problem
+   !> Least squares solver, one of solver_names
+   character(len=*), intent(in) :: method
+   !> Solution, shape (n)
+   real(wp), contiguous, intent(inout) :: x(:)
+   !> Receiver of the solution
+   class(recorder_type), intent(inout) :: recorder
+   !> Wall times
+   type(timer_type), intent(inout) :: timer
+   !> Error handling: rank deficient, fewer rows than columns
+   type(error_type), allocatable, intent(out) :: error
+   class(row_operator), pointer :: op
+   type(lstsq_report) :: report
+   type(iteration_type) :: it
+   type(state_type) :: state
+   real(wp), allocatable :: r(:), g(:)
+   real(wp) :: first_gradient, none
+   integer(int64) :: clock
+
+   allocate (r(problem%m), g(problem%n))
+   x = 0.0_wp
+   call system_clock(clock)
+   call problem%start_step(x, 1.0_wp)
+   call problem%evaluate(x, 1.0_wp, .true., r, state)
+   op => problem%operator()
+   timer%assemble = tick(clock)
+   call op%apply_transposed(r, g)
+   first_gradient = max(norm2(g), tiny(1.0_wp))
+   r = -r
+   call system_clock(clock)
+   call solve_lstsq(op, r, method, x, report, error)
+   timer%solve = tick(clock)
+   if (allocated(error)) return
+   call problem%evaluate(x, 1.0_wp, .false., r, state)
+   call op%apply_transposed(r, g)
+   it%step = 1
+   it%load = 1.0_wp
+   it%iteration = 1
+   it%residual = norm2(r)
+   it%gradient = norm2(g)
+   it%backward_error = report%backward_error
+   it%rcond = report%rcond
+   it%solver = trim(report%used)
+   it%refinements = report%iterations
+   it%why = report%why
+   it%seconds = tick(timer%start)
+   call recorder%iteration(it)
+   ! small strains have no volume ratio
+   none = ieee_value(none, ieee_quiet_nan)
+   call recorder%step(step_type(step=1, steps=1, load=1.0_wp, iterations=1, &
+      & gradient=it%gradient/first_gradient, min_j=none, max_j=none), x)
+end subroutine solve_linear
+
+end module rk_linear_solve

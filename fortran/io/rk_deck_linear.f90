@@ -1,0 +1,53 @@
+!> From the table [linear] of a checked deck to the equation of a scene.
+module rk_deck_linear
+   use rk_deck, only : deck_type
+   use rk_precision, only : wp
+   use rk_scene, only : scene_type
+   use rk_text, only : to_text
+   implicit none
+   private
+
+   public :: read_linear
+
+contains
+
+!> Operators, known solution and where its values are prescribed
+subroutine read_linear(scene, deck)
+   !> Scene with points and solver
+   type(scene_type), intent(inout) :: scene
+   !> Deck
+   type(deck_type), intent(in) :: deck
+   character(len=:), allocatable :: at, word, words(:)
+   real(wp), allocatable :: point(:)
+   integer :: k
+
+   associate (equation => scene%equation)
+      call deck%get('linear.problem', equation%kind)
+      call deck%get('linear.solution', equation%solution)
+      if (equation%solution == 'polynomial') call deck%get('linear.degree', equation%degree)
+      if (equation%kind == 'elasticity') then
+         call deck%get('linear.E', equation%young)
+         call deck%get('linear.nu', equation%poisson_ratio)
+         call deck%get('linear.plane', word)
+         equation%plane_stress = word == 'stress'
+      end if
+      if (equation%solution == 'cantilever') call deck%get('linear.force', equation%force)
+      equation%extent(:scene%cloud%nd) = maxval(scene%cloud%place, dim=2)
+      call deck%get('linear.essential', words)
+      equation%essential = [(scene%cloud%find_set(trim(words(k))), k=1, size(words))]
+      allocate (equation%pin(deck%count('pin')))
+      do k = 1, size(equation%pin)
+         at = 'pin.'//to_text(k)
+         call deck%get(at//'.point', point)
+         equation%pin(k)%point(:size(point)) = point
+         call deck%get(at//'.components', words)
+         equation%pin(k)%fixed = [any(words == 'x'), any(words == 'y'), any(words == 'z')]
+      end do
+   end associate
+   ! no materials, conditions or load steps
+   allocate (scene%tissue(0), scene%tissue_of(0), scene%condition(0))
+   scene%steps = 1
+   scene%activation = 0.0_wp
+end subroutine read_linear
+
+end module rk_deck_linear
