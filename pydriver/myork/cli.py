@@ -118,6 +118,15 @@ def _rom(options: argparse.Namespace) -> None:
     print(f"reduced models in {out}")
 
 
+def _bench(options: argparse.Namespace) -> None:
+    from myork.bench import run_benches
+
+    out = options.out or Path("out", "bench")
+    with Console(options.verbosity) as console:
+        run_benches(options.names, out, quick=options.quick, progress=console)
+    print(f"benchmarks: {out / 'bench.html'}")
+
+
 def _report(options: argparse.Namespace) -> None:
     from myork.report import make_report
 
@@ -282,6 +291,18 @@ def _parser() -> argparse.ArgumentParser:
         "  myork rom inputs/muscle_block.toml\n"
         "  myork rom inputs/muscle_block.toml --set rom.modes=[1,2,10]",
     )
+    bench = add(
+        "bench",
+        _bench,
+        "the tables and speed-against-error curves of the reference problems, solved anew",
+        "  myork bench nonlinear\n  myork bench stability --quick\n"
+        "  myork bench nonlinear stability curves mms --out out/bench",
+        "folder of bench.json and bench.html; default out/bench",
+    )
+    bench.add_argument(
+        "names", nargs="+", metavar="NAME", help="nonlinear, stability, curves or mms"
+    )
+    bench.add_argument("--quick", action="store_true", help="small cases only")
     report = add(
         "report",
         _report,

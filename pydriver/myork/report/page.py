@@ -2,65 +2,22 @@
 
 from __future__ import annotations
 
-import base64
-import io
 import os
-import re
 from collections.abc import Mapping
-from html import escape, unescape
+from html import escape
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from myork.errors import FileError
-from myork.report import figures, image_figures, tables
+from myork.report import figures, frame, image_figures, tables
 from myork.report.numbers import fraction, number, unit_of
 from myork.report.sources import RunFolder, read_folder
 
 __all__ = ["make_report"]
 
 _NAME = "report.html"
-
-_STYLE = """
-:root { color-scheme: light; --ink: #1d2733; --soft: #5b6875; --line: #dfe4ea; --blue: #0b5c96; }
-* { box-sizing: border-box; }
-body { font: 16px/1.55 system-ui, "Segoe UI", "DejaVu Sans", sans-serif; color: var(--ink);
-  max-width: 72rem; margin: 0 auto; padding: 1.5rem; background: #fff; }
-h1 { font-size: 1.8rem; line-height: 1.2; margin: 0 0 .3rem; }
-h2 { font-size: 1.3rem; margin: 2.6rem 0 .8rem; padding-top: .8rem;
-  border-top: 1px solid var(--line); }
-p.about, figcaption, caption, small { color: var(--soft); }
-p.about { margin: 0; }
-nav { margin: 1rem 0; } nav a { margin-right: 1.1rem; }
-a { color: var(--blue); }
-.state { display: inline-block; padding: .1rem .7rem; border-radius: 1rem; font-size: .9rem;
-  font-weight: 600; vertical-align: middle; margin-left: .6rem; white-space: nowrap; }
-.good { background: #dcefe6; color: #0a5a3c; } .bad { background: #fbe3d6; color: #8a3200; }
-.cards { display: grid; grid-template-columns: repeat(auto-fit, minmax(10rem, 1fr)); gap: .8rem;
-  margin: 1.2rem 0; padding: 0; }
-.cards div { border: 1px solid var(--line); border-radius: .5rem; padding: .7rem .9rem; }
-.cards dt { color: var(--soft); font-size: .85rem; }
-.cards dd { margin: 0; font-size: 1.25rem; font-weight: 600; }
-.cards small { font-weight: 400; font-size: .8rem; }
-.warnings { background: #fdf3e7; border-left: .3rem solid #d55e00; padding: .7rem 1rem .7rem 2rem;
-  margin: 1rem 0; }
-figure { margin: 1rem 0; } figure img { max-width: 100%; height: auto; display: block; }
-figcaption, caption { font-size: .9rem; } caption { text-align: left; padding-bottom: .4rem; }
-.scroll { overflow-x: auto; margin: 1rem 0; }
-table { border-collapse: collapse; font-size: .92rem; font-variant-numeric: tabular-nums; }
-th, td { padding: .3rem .8rem; border-bottom: 1px solid var(--line); text-align: right;
-  vertical-align: top; }
-th:first-child, td:first-child { text-align: left; padding-left: 0; }
-thead th { border-bottom: 2px solid var(--soft); vertical-align: bottom; }
-tbody th { font-weight: 500; white-space: nowrap; }
-.facts td { text-align: left; }
-code { font-size: .85rem; overflow-wrap: anywhere; }
-footer { margin-top: 3rem; color: var(--soft); font-size: .85rem; }
-@media print { body { max-width: none; } nav { display: none; } figure, table {
-  break-inside: avoid; } }
-"""
 
 
 def make_report(folder: str | Path) -> Path:
@@ -101,36 +58,18 @@ def _page(folder: RunFolder) -> str:
     shown = [section for section in sections if section[2]]
     title = escape(str(summary.get("title") or folder.path.resolve().name))
     links = "".join(f'<a href="#{key}">{name}</a>' for key, name, _ in shown)
-    body = "\n".join(
-        f'<section id="{key}" aria-labelledby="h-{key}"><h2 id="h-{key}">{name}</h2>\n{html}\n'
-        "</section>"
-        for key, name, html in shown
-    )
+    body = "\n".join(frame.section(*section) for section in shown)
     version = escape(str(summary.get("version", "")))
-    return f"""<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>{title} – MyoRK report</title>
-<style>{_STYLE}</style>
-</head>
-<body>
-<header>
-<h1>{title}{_state(summary)}</h1>
+    header = f"""<h1>{title}{_state(summary)}</h1>
 <p class="about">{_about(summary)}</p>
 {_cards(summary)}
 {_warnings(folder)}
-<nav aria-label="Sections">{links}</nav>
-</header>
-<main>
-{body}
-</main>
-<footer>MyoRK {version} · made by <code>myork report</code> from the files in
-<code>{escape(str(folder.path))}</code></footer>
-</body>
-</html>
-"""
+<nav aria-label="Sections">{links}</nav>"""
+    footer = (
+        f"MyoRK {version} · made by <code>myork report</code> from the files in\n"
+        f"<code>{escape(str(folder.path))}</code>"
+    )
+    return frame.document(f"{title} – MyoRK report", header, body, footer)
 
 
 def _state(summary: Mapping[str, Any]) -> str:
@@ -213,12 +152,12 @@ def _images(folder: RunFolder) -> str:
             for extra in (folder.image, folder.fibers)
         )
         parts += [
-            _figure(
+            frame.figure(
                 image_figures.slice_figure(folder.labels, image, fibers),
                 "Slices of the image with the contour of each label and the fibers in the plane "
                 "of the picture; a short stroke is a fiber that leaves the plane.",
             ),
-            _figure(
+            frame.figure(
                 image_figures.area_figure(folder.labels, segmentation.get("energy") or []),
                 "Cross-sectional area of each label along the stack, and the energy of the "
                 "segmentation where it was recorded.",
@@ -236,7 +175,7 @@ def _deformation(folder: RunFolder) -> str:
         return ""
     length = folder.summary.get("units", {}).get("length", "?")
     largest = float(np.linalg.norm(deformation.displacement, axis=1).max())
-    return _figure(
+    return frame.figure(
         figures.cloud_figure(deformation, folder.summary.get("units", {})),
         f"Last step, load {fraction(float(deformation.loads[-1]))}, activation "
         f"{fraction(float(deformation.activations[-1]))}: deformed points to scale, largest "
@@ -256,7 +195,7 @@ def _probes(folder: RunFolder) -> str:
     if units and steps:
         figure = figures.probe_figure(steps, units, reference, exact)
         extra = " Open circles: reference values." if reference else ""
-        parts.append(_figure(figure, f"Probes of the deck in all converged steps.{extra}"))
+        parts.append(frame.figure(figure, f"Probes of the deck in all converged steps.{extra}"))
     if reference:
         parts.append(tables.reference_table(reference, units))
     if exact:
@@ -274,7 +213,7 @@ def _rom(summary: Mapping[str, Any]) -> str:
         return ""
     models = rom.get("models", [])
     parts = [
-        _figure(
+        frame.figure(
             figures.rom_figure(rom),
             f"Left: decay of the orthogonal values of {number(rom.get('snapshots'))} "
             "snapshots. Middle: errors of displacement (e<sub>1</sub>) and displacement "
@@ -285,7 +224,7 @@ def _rom(summary: Mapping[str, Any]) -> str:
     full, units = rom.get("full", {}), _probe_units(summary)
     if units.keys() & full.get("probes", {}).keys():
         parts.append(
-            _figure(
+            frame.figure(
                 figures.rom_probe_figure(full, models, units),
                 "Full solution (line) against the reduced models (markers).",
             )
@@ -297,7 +236,7 @@ def _convergence(folder: RunFolder) -> str:
     """Iterations of all steps."""
     if not {"step", "load"} <= set(folder.history):
         return ""
-    return _figure(
+    return frame.figure(
         figures.history_figure(folder.history),
         "Every iteration of every load step; residuals of a least squares solution do not go to "
         "zero, the gradient does.",
@@ -313,7 +252,7 @@ def _run(folder: RunFolder) -> str:
     timings = summary.get("timings_s", {})
     if timings:
         parts += [
-            _figure(figures.timing_figure(timings), "Wall time of the full solution."),
+            frame.figure(figures.timing_figure(timings), "Wall time of the full solution."),
             tables.timing_table(timings, summary.get("memory_peak_bytes")),
         ]
     return "\n".join(parts)
@@ -329,15 +268,3 @@ def _probe_units(summary: Mapping[str, Any]) -> dict[str, str]:
         name: unit_of(quantity, summary.get("units", {}), summary.get("dimension", 3))
         for name, quantity in quantities.items()
     }
-
-
-def _figure(figure: Figure, caption: str) -> str:
-    """Figure as a picture inside the page; its caption is its alternative text as well."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=130, facecolor="white", bbox_inches="tight")
-    data = base64.b64encode(buffer.getvalue()).decode("ascii")
-    plain = escape(unescape(re.sub("<[^>]*>", "", caption)))
-    return (
-        f'<figure><img alt="{plain}" src="data:image/png;base64,{data}">'
-        f"<figcaption>{caption}</figcaption></figure>"
-    )

@@ -1,0 +1,78 @@
+"""Benchmarks: tables and curves of the reference problems, solved anew in every run.
+
+Each module of the registry has one function ``run(out, progress, quick) -> dict`` (folder for
+files, callable for lines of progress, whether small cases are enough). Its result is written to
+`bench.json` as it is and drawn on `bench.html` from these keys, all optional:
+
+- ``title``, ``about``: text;
+- ``cases``: one mapping a solve, with the names of `summary.json`;
+- ``tables``: mappings with ``caption``, ``head`` (texts) and ``rows`` (texts and numbers);
+- ``plots``: mappings with ``title``, ``x``, ``y`` (axis labels with units), ``scale`` (``log-log``
+  by default, ``log-y`` or ``linear``) and ``series``: mappings with ``name``, ``x``, ``y`` and
+  optionally ``rival`` (drawn grey), ``notes`` (a text a point).
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from myork.console import ProgressCallback, silent
+from myork.errors import InputError
+
+__all__ = ["BENCHES", "run_benches"]
+
+BENCHES = {
+    "nonlinear": "myork.bench.nonlinear",
+    "stability": "myork.bench.stability",
+    "curves": "myork.bench.curves",
+    "mms": "myork.bench.mms",
+}
+
+
+def run_benches(
+    names: list[str],
+    out: Path,
+    *,
+    quick: bool = False,
+    progress: ProgressCallback = silent,
+) -> dict[str, Any]:
+    """Run benchmarks and write `bench.json` and `bench.html`.
+
+    Parameters
+    ----------
+    names : list of str
+        Keys of `BENCHES`.
+    out : Path
+        Folder of the results; made if it is missing.
+    quick : bool
+        Small cases only.
+    progress : callable
+        Called with every line of progress.
+
+    Returns
+    -------
+    dict
+        Content of `bench.json`.
+
+    Raises
+    ------
+    InputError
+        A name is unknown.
+    """
+    from myork.bench.page import write_page
+    from myork.bench.record import machine, write_record
+
+    for name in names:
+        if name not in BENCHES:
+            raise InputError(f"there is no benchmark {name!r}; there are {', '.join(BENCHES)}")
+    out.mkdir(parents=True, exist_ok=True)
+    record: dict[str, Any] = {**machine(), "quick": quick, "benches": {}}
+    for number, name in enumerate(dict.fromkeys(names)):
+        progress(f"bench {number + 1}/{len(names)}  {name}")
+        record["benches"][name] = import_module(BENCHES[name]).run(out, progress, quick)
+        # after each one: a later one that fails or is stopped costs nothing that was measured
+        write_record(out / "bench.json", record)
+        write_page(out / "bench.html", record)
+    return record

@@ -1,0 +1,202 @@
+"""Boxes of points as model files, to be bent, shaken or spoilt by a benchmark."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from myork.model.store import write_model
+from myork.records import PointCloud
+
+__all__ = ["box", "deck_text", "graded", "jittered", "write_body"]
+
+F64Array = NDArray[np.float64]
+
+_FACES = ("x0", "x1", "y0", "y1", "z0", "z1")
+
+_DECK = """\
+title = "{title}"
+[units]
+force = "N"
+length = "cm"
+[scene]
+dimension = 3
+method = "{method}"
+[geometry]
+kind = "model"
+file = "model.h5"
+[approximation]
+order = 2
+support = 3.5
+{material}
+[[boundary]]
+set = "x0"
+u_x = 0
+[[boundary]]
+set = "y0"
+u_y = 0
+[[boundary]]
+set = "z0"
+u_z = 0
+[[boundary]]
+set = "x1"
+u_x = {move}
+[load]
+steps = {steps}
+activation = {activation}
+[[probe]]
+name = "stress"
+quantity = "cauchy_xx"
+point = [0.5, 0.5, 0.5]
+"""
+_RUBBER = """\
+[[material]]
+name = "rubber"
+model = "polynomial"
+A10 = 37.3
+A20 = -3.1
+A30 = 0.5
+K = 5e3"""
+_MUSCLE = """\
+[[material]]
+name = "muscle"
+model = "muscle"
+A10 = 6.43
+A01 = -3.8
+A20 = 0.94
+A02 = 0.0005
+A11 = -0.0043
+K = 5e3
+curve = "{curve}" """
+
+
+def box(
+    size: Sequence[float],
+    source: Sequence[int],
+    places: Sequence[int],
+    fiber: Sequence[float] = (0.0, 0.0, 0.0),
+) -> PointCloud:
+    """Regular points of a box with its corner at the origin; sets x0 to z1.
+
+    Parameters
+    ----------
+    size : sequence of float
+        Edge lengths, shape `(3,)` [length].
+    source, places : sequence of int
+        Source and collocation points along each edge; a single point lies in the middle.
+    fiber : sequence of float
+        Fiber direction of all points, shape `(3,)` [-].
+    """
+    points, index = _grid(size, places)
+    sets = [(point, face) for face in range(6) for point in _on_face(index, places, face)]
+    boundary_point = np.array([point for point, _ in sets], np.int32)
+    boundary_set = np.array([face for _, face in sets], np.int32)
+    normal = np.zeros((len(sets), 3))
+    normal[np.arange(len(sets)), boundary_set // 2] = 2.0 * (boundary_set % 2) - 1.0
+    spacing = np.array(size) / np.maximum(np.array(source) - 1, 1)
+    return PointCloud(
+        source=_grid(size, source)[0],
+        spacing=spacing,
+        points=points,
+        label=np.ones(len(points), np.int32),
+        fiber=np.tile(np.asarray(fiber, float), (len(points), 1)),
+        volume=np.full(len(points), np.prod(size) / len(points)),
+        boundary_point=boundary_point,
+        boundary_set=boundary_set,
+        normal=normal,
+        area=np.ones(len(sets)),
+        set_names=_FACES,
+        label_names={1: "body"},
+        length_unit="cm",
+        source_images="none",
+    )
+
+
+def jittered(cloud: PointCloud, share: float, seed: int = 7) -> PointCloud:
+    """Points moved by up to a share of the spacing, those on faces within their faces."""
+    random = np.random.default_rng(seed)
+    low, high = cloud.source.min(axis=0), cloud.source.max(axis=0)
+
+    def shaken(x: F64Array, spacing: F64Array) -> F64Array:
+        step = share * spacing * random.uniform(-1.0, 1.0, x.shape)
+        return x + np.where((x > low + 1e-9) & (x < high - 1e-9), step, 0.0)
+
+    half = 0.5 * cloud.spacing
+    return replace(
+        cloud, source=shaken(cloud.source, cloud.spacing), points=shaken(cloud.points, half)
+    )
+
+
+def graded(cloud: PointCloud, power: float) -> PointCloud:
+    """Points drawn towards the planes x, y, z = 0: each coordinate to a power of its share."""
+    high = cloud.source.max(axis=0)
+    return replace(
+        cloud,
+        source=high * (cloud.source / high) ** power,
+        points=high * (cloud.points / high) ** power,
+    )
+
+
+def write_body(
+    folder: Path,
+    cloud: PointCloud,
+    *,
+    method: str = "rkcm",
+    move: float = 0.2,
+    steps: int = 2,
+    activation: float = 0.0,
+    curve: str = "",
+) -> Path:
+    """Write `model.h5` and a deck that stretches it along x; return the deck.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of both files.
+    cloud : PointCloud
+        Points.
+    method : str
+        `rkcm` or `rkcm-mixed`.
+    move : float
+        Displacement of the face x1 [length].
+    steps : int
+        Load steps.
+    activation : float
+        Activation at full load [-].
+    curve : str
+        Curve of the fibers, `published` or `smooth`; empty for rubber.
+    """
+    write_model(folder / "model.h5", cloud)
+    deck = folder / "body.toml"
+    deck.write_text(deck_text(method, move, steps, activation, curve), encoding="utf-8")
+    return deck
+
+
+def deck_text(method: str, move: float, steps: int, activation: float, curve: str) -> str:
+    """Deck of `write_body`."""
+    return _DECK.format(
+        title="Stretched box",
+        method=method,
+        move=move,
+        steps=steps,
+        activation=activation,
+        material=_MUSCLE.format(curve=curve) if curve else _RUBBER,
+    )
+
+
+def _grid(size: Sequence[float], n: Sequence[int]) -> tuple[F64Array, NDArray[np.int64]]:
+    """Points of a grid and their indices, last direction fastest."""
+    index = np.stack(np.meshgrid(*(np.arange(k) for k in n), indexing="ij"), axis=-1).reshape(-1, 3)
+    last = np.maximum(np.array(n) - 1, 1)
+    share = np.where(np.array(n) == 1, 0.5, index / last)
+    return np.array(size) * share, index
+
+
+def _on_face(index: NDArray[np.int64], n: Sequence[int], face: int) -> NDArray[np.int64]:
+    """Numbers of the points on a face."""
+    axis, side = divmod(face, 2)
+    return np.flatnonzero(index[:, axis] == side * (n[axis] - 1))

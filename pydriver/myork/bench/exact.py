@@ -1,0 +1,214 @@
+"""Exact solutions for any bulk modulus, up to infinity, independent of the compiled core.
+
+All problems have principal stretches that do not turn, so that an energy in the stretches is all
+that is needed. The pressure `p = K (J - 1)` is an unknown of its own: nothing is lost to rounding
+where K is large, and K = infinity needs no second formula. Equation numbers are those of Basava
+(2015).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import solve_bvp
+from scipy.optimize import brentq
+
+from myork.errors import ConvergenceError
+
+__all__ = ["Polynomial", "Tube", "dilation", "equibiaxial", "simple_shear", "tube", "uniaxial"]
+
+F64Array = NDArray[np.float64]
+
+# solve_bvp takes no stricter tolerance without a warning of its own
+_TOLERANCE = 1e-9
+
+
+class Polynomial(NamedTuple):
+    """Polynomial in the isochoric invariants (4.35), `W = sum A_ij (I1-3)^i (I2-3)^j`.
+
+    Attributes
+    ----------
+    coefficients : mapping
+        `A_ij` by `(i, j)` [stress].
+    bulk : float
+        Bulk modulus, may be infinite [stress].
+    """
+
+    coefficients: Mapping[tuple[int, int], float]
+    bulk: float
+
+    @classmethod
+    def from_deck(cls, material: Mapping[str, Any], bulk: float | None = None) -> Polynomial:
+        """Material of a `[[material]]` table, with a bulk modulus of its own where given."""
+        terms = {
+            (i, j): float(material.get(f"A{i}{j}", 0.0))
+            for i in range(4)
+            for j in range(4 - i)
+            if i + j > 0
+        }
+        return cls(terms, float(material["K"]) if bulk is None else bulk)
+
+    def slopes(self, first: Any, second: Any) -> tuple[Any, Any]:
+        """Derivatives of W by the isochoric invariants, `W_1` and `W_2` [stress]."""
+        x, y = first - 3.0, second - 3.0
+        terms = self.coefficients.items()
+        return (
+            sum(a * i * x ** (i - 1) * y**j for (i, j), a in terms if i > 0),
+            sum(a * j * x**i * y ** (j - 1) for (i, j), a in terms if j > 0),
+        )
+
+    def isochoric(self, stretches: Any) -> Any:
+        """Isochoric first Piola-Kirchhoff stresses.
+
+        Parameters
+        ----------
+        stretches : array_like
+            Principal stretches in the first axis, shape `(3, ...)` [-].
+
+        Returns
+        -------
+        array
+            Principal stresses, same shape [stress].
+        """
+        lam = np.asarray(stretches)
+        j = lam[0] * lam[1] * lam[2]
+        square = lam**2
+        i1 = square.sum(axis=0)
+        i2 = 0.5 * (i1**2 - (square**2).sum(axis=0))
+        bar1, bar2 = j ** (-2 / 3) * i1, j ** (-4 / 3) * i2
+        w1, w2 = self.slopes(bar1, bar2)
+        by_i1 = 2.0 * j ** (-2 / 3) * lam - 2 / 3 * bar1 / lam
+        by_i2 = 2.0 * j ** (-4 / 3) * lam * (i1 - square) - 4 / 3 * bar2 / lam
+        return w1 * by_i1 + w2 * by_i2
+
+
+class Tube(NamedTuple):
+    """Inflated tube in plane strain.
+
+    Attributes
+    ----------
+    place : F64Array
+        Undeformed radii, shape `(n,)` [length].
+    radius : F64Array
+        Deformed radii, shape `(n,)` [length].
+    radial : F64Array
+        Radial Cauchy stress, shape `(n,)` [stress].
+    """
+
+    place: F64Array
+    radius: F64Array
+    radial: F64Array
+
+
+def tube(
+    material: Polynomial, inner: float, outer: float, radial: float, place: Any = None
+) -> Tube:
+    """Tube whose inner surface moves outwards (5.124), outer surface free.
+
+    The equation `d(P_rr)/dR + (P_rr - P_tt)/R = 0` is solved for the radius and `P_rr`; the
+    pressure follows from these two at each place.
+
+    Parameters
+    ----------
+    material : Polynomial
+        Material.
+    inner, outer : float
+        Undeformed radii [length].
+    radial : float
+        Displacement of the inner surface [length].
+    place : array_like, optional
+        Undeformed radii at which the solution is wanted; default the inner surface.
+
+    Raises
+    ------
+    ConvergenceError
+        The boundary value problem was not solved.
+    """
+    compliance = 1.0 / material.bulk
+
+    def state(big_r: F64Array, y: F64Array) -> tuple[F64Array, F64Array, F64Array]:
+        """Radial stretch, pressure and hoop stress P_tt."""
+        hoop, wanted = y[0] / big_r, y[1]
+        p = np.zeros_like(hoop)
+        for _ in range(30):
+            # one complex step gives value and slope of the radial stress
+            step = p + 1e-30j
+            stress = material.isochoric(
+                np.array([(1.0 + compliance * step) / hoop, hoop + 0j, np.ones_like(step)])
+            )
+            miss = stress[0] + step * hoop - wanted
+            change = miss.real / (miss.imag / 1e-30)
+            p = p - change
+            if np.all(np.abs(change) <= 1e-14 * (1.0 + np.abs(p))):
+                break
+        stretch = (1.0 + compliance * p) / hoop
+        p_tt = material.isochoric(np.array([stretch, hoop, np.ones_like(hoop)]))[1] + p * stretch
+        return stretch, p, p_tt
+
+    def slope(big_r: F64Array, y: F64Array) -> F64Array:
+        stretch, _, p_tt = state(big_r, y)
+        return np.vstack([stretch, (p_tt - y[1]) / big_r])
+
+    def ends(ya: F64Array, yb: F64Array) -> F64Array:
+        return np.array([ya[0] - inner - radial, yb[1]])
+
+    mesh = np.linspace(inner, outer, 41)
+    # radius of the incompressible tube, stress from it: a start from which one call converges
+    guess = np.vstack([np.sqrt(mesh**2 + (inner + radial) ** 2 - inner**2), np.zeros_like(mesh)])
+    answer = solve_bvp(slope, ends, mesh, guess, tol=_TOLERANCE, max_nodes=20000)
+    if answer.status != 0:
+        raise ConvergenceError(f"radial boundary value problem of the tube: {answer.message}")
+    at = np.atleast_1d(np.asarray(inner if place is None else place, float))
+    y = answer.sol(at)
+    # Cauchy stress: P_rr over the hoop stretch
+    return Tube(at, y[0], y[1] * at / y[0])
+
+
+def uniaxial(material: Polynomial, stretch: float) -> float:
+    """Axial Cauchy stress of a bar with free sides; (5.114) for infinite K [stress]."""
+    return _free_stretch(material, (stretch,))
+
+
+def equibiaxial(material: Polynomial, stretch: float) -> float:
+    """In-plane Cauchy stress of a sheet with free faces; (5.118) for infinite K [stress]."""
+    return _free_stretch(material, (stretch, stretch))
+
+
+def dilation(material: Polynomial, stretch: float) -> float:
+    """Cauchy stress `K (J - 1)` (5.122) [stress]."""
+    return material.bulk * (stretch**3 - 1.0)
+
+
+def simple_shear(material: Polynomial, amount: float) -> float:
+    """Shear stress of the infinitely wide block (5.110), the same for every K [stress]."""
+    w1, w2 = material.slopes(3.0 + amount**2, 3.0 + amount**2)
+    return 2.0 * amount * (w1 + w2)
+
+
+def _free_stretch(material: Polynomial, held: tuple[float, ...]) -> float:
+    """Cauchy stress in the first axis; the axes that are not held are free of stress."""
+    compliance = 1.0 / material.bulk
+    free_axes = 3 - len(held)
+    held_product = float(np.prod(held))
+
+    def state(log_volume: float) -> tuple[F64Array, float]:
+        """Isochoric Cauchy stresses and the pressure that makes the free axes free of stress."""
+        volume = np.exp(log_volume)
+        free = (volume / held_product) ** (1.0 / free_axes)
+        lam = np.array([*held, *(free,) * free_axes])
+        sigma = material.isochoric(lam) * lam / volume
+        return sigma, float(-sigma[-1])
+
+    def miss(log_volume: float) -> float:
+        return float(np.expm1(log_volume) - compliance * state(log_volume)[1])
+
+    # the body swells under tension and shrinks under compression
+    far = 1e-12 if miss(0.0) < 0.0 else -1e-12
+    while miss(far) * far < 0.0:
+        far *= 2.0
+    log_volume = brentq(miss, 0.0, far, xtol=1e-16, rtol=1e-15)
+    sigma, pressure = state(log_volume)
+    return float(sigma[0]) + pressure

@@ -1,0 +1,191 @@
+"""All nonlinear problems of Basava (2015), section 5.3.10, in both formulations.
+
+Errors are taken against the exact solution for the bulk modulus of the deck and, where one exists,
+against the incompressible closed form with which the reference compares.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.optimize import brentq
+
+from myork import core_material
+from myork.bench import exact
+from myork.bench.runs import INPUTS, outcome_text, solve_case
+from myork.console import ProgressCallback
+from myork.deck import load_deck
+
+__all__ = ["run"]
+
+METHODS = ("rkcm", "rkcm-mixed")
+
+# Value of a problem from its deck, with a bulk modulus in place of the deck's where given
+_Solution = Callable[[dict[str, Any], float | None], float]
+
+
+class _Problem(NamedTuple):
+    """A problem: its deck, the probe that is compared, and its solution for a material."""
+
+    name: str
+    deck: str
+    probe: str
+    overrides: tuple[str, ...]
+    solution: _Solution
+    note: str = ""
+
+
+def _of(function: Callable[[exact.Polynomial, float], float], amount: float) -> _Solution:
+    """Solution of a homogeneous problem from the deck."""
+    return lambda deck, bulk: function(_rubber(deck, bulk), amount)
+
+
+def _rubber(deck: dict[str, Any], bulk: float | None) -> exact.Polynomial:
+    return exact.Polynomial.from_deck(deck["material"][0], bulk)
+
+
+def _tube(deck: dict[str, Any], bulk: float | None) -> float:
+    geometry = deck["geometry"]
+    moved = next(b["radial"] for b in deck["boundary"] if "radial" in b)
+    inside = exact.tube(
+        _rubber(deck, bulk), geometry["inner_radius"], geometry["outer_radius"], moved
+    )
+    return float(inside.radial[0])
+
+
+def _muscle(deck: dict[str, Any], bulk: float | None) -> float:
+    """Axial stress far from the ends, where the fibers keep their length."""
+    table, activation = deck["material"][0], deck["load"]["activation"]
+    if bulk is not None:
+        # no volume can change: the active stress alone, against sides free of stress
+        return float(table["sigma_max"] * activation)
+    names = core_material.Material.__dataclass_fields__
+    material = core_material.Material(**{key: table[key] for key in names if key in table})
+
+    def cauchy(free: float) -> Any:
+        f = np.diag([free, free, 1.0])
+        p = core_material.stress(
+            material, f[np.newaxis], fiber=(0.0, 0.0, 1.0), activation=activation
+        )[0]
+        return p @ f.T / np.linalg.det(f)
+
+    free = brentq(lambda stretch: cauchy(stretch)[0, 0], 0.9, 1.1, xtol=1e-15)
+    return float(cauchy(free)[2, 2])
+
+
+_PROBLEMS = (
+    _Problem(
+        "shear, gamma = 5",
+        "shear_3d",
+        "shear_stress",
+        (),
+        _of(exact.simple_shear, 5.0),
+        "exact solution of the infinitely wide block; the block has free ends",
+    ),
+    _Problem("uniaxial tension, 6", "uniaxial_tension", "stress", (), _of(exact.uniaxial, 6.0)),
+    _Problem(
+        "uniaxial compression, 0.1", "uniaxial_compression", "stress", (), _of(exact.uniaxial, 0.1)
+    ),
+    _Problem("equibiaxial, 2", "equibiaxial", "stress", (), _of(exact.equibiaxial, 2.0)),
+    _Problem("dilation, 6", "dilation", "stress", (), _of(exact.dilation, 6.0)),
+    _Problem("tube, K = 1e3", "tube", "radial_stress", (), _tube),
+    _Problem("tube, K = 1e7", "tube", "radial_stress", ("material.K=1e7",), _tube),
+    _Problem("tube, K = 1e10", "tube", "radial_stress", ("material.K=1e10",), _tube),
+    _Problem(
+        "muscle block, straight fibers",
+        "muscle_block",
+        "stress_zz",
+        (
+            "geometry.source=[5,5,9]",
+            "geometry.collocation=[9,9,17]",
+            "load.activation=0.5",
+            "load.steps=5",
+        ),
+        _muscle,
+        "exact solution far from the fixed ends",
+    ),
+)
+_QUICK = {
+    "shear_3d": ("geometry.source=[5,3,3]", "geometry.collocation=[9,5,5]"),
+    "equibiaxial": ("geometry.source=[5,5,3]", "geometry.collocation=[9,9,5]"),
+    "dilation": ("geometry.source=[4,4,4]", "geometry.collocation=[7,7,7]"),
+    "tube": ("geometry.source=[5,26]", "geometry.collocation=[9,51]", "load.steps=12"),
+    "muscle_block": ("geometry.source=[4,4,7]", "geometry.collocation=[7,7,13]", "load.steps=2"),
+}
+
+
+def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
+    """Solve all problems with both methods; see `myork.bench` for the result."""
+    cases = []
+    for number, problem in enumerate(_PROBLEMS):
+        progress(f"problem {number + 1}/{len(_PROBLEMS)}  {problem.name}")
+        for method in METHODS:
+            cases.append(_case(problem, method, quick))
+    return {
+        "title": "Nonlinear problems",
+        "about": "Problems of Basava (2015), section 5.3.10, at full load, one thread. The error "
+        "is that of the stress probe against the exact solution for the bulk modulus of the deck "
+        "and against the incompressible closed form.",
+        "cases": cases,
+        "tables": [_table(cases)],
+    }
+
+
+def _case(problem: _Problem, method: str, quick: bool) -> dict[str, Any]:
+    """One problem with one method."""
+    small = _QUICK.get(problem.deck, ()) if quick else ()
+    overrides = [*problem.overrides, *small, f"scene.method={method}"]
+    case = solve_case(problem.deck, overrides, limit=120.0 if quick else 900.0)
+    deck = load_deck(INPUTS / f"{problem.deck}.toml", overrides)
+    case["name"], case["method"], case["note"] = problem.name, method, problem.note
+    case["solution"] = problem.solution(deck, None)
+    if problem.deck != "dilation":
+        case["incompressible"] = problem.solution(deck, float("inf"))
+    if case["outcome"] == "converged":
+        case["value"] = case["probes"][problem.probe]
+        case["error"] = abs(case["value"] / case["solution"] - 1.0)
+        if "incompressible" in case:
+            case["error_incompressible"] = abs(case["value"] / case["incompressible"] - 1.0)
+    return case
+
+
+def _table(cases: list[dict[str, Any]]) -> dict[str, Any]:
+    head = [
+        "problem",
+        "method",
+        "outcome",
+        "unknowns",
+        "value [N/cm²]",
+        "exact",
+        "error",
+        "incompressible",
+        "error",
+        "iterations",
+        "J",
+        "solver",
+        "time [s]",
+    ]
+    rows = []
+    for case in cases:
+        timings = case.get("timings_s", {})
+        rows.append(
+            [
+                case["name"],
+                case["method"],
+                outcome_text(case),
+                case.get("dofs"),
+                case.get("value"),
+                case["solution"],
+                case.get("error"),
+                case.get("incompressible"),
+                case.get("error_incompressible"),
+                case.get("iterations"),
+                [case.get("min_J"), case.get("max_J")],
+                case.get("solver", {}).get("used"),
+                timings.get("total", case["seconds"]),
+            ]
+        )
+    return {"caption": "Stress at full load against exact solutions.", "head": head, "rows": rows}

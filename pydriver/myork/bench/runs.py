@@ -1,0 +1,171 @@
+"""One solve of a deck in a process of its own, under a time limit, as one record.
+
+A benchmark must survive what it measures: a crash, a hang or a refusal is an outcome like any
+other.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from myork.errors import InputError
+from myork.solve import find_executable
+
+__all__ = ["INPUTS", "Ending", "outcome_text", "run_command", "solve_case"]
+
+#: The decks that are installed with the package
+INPUTS = Path(__file__).parent.parent / "inputs"
+
+_KEPT = (
+    "title",
+    "method",
+    "dimension",
+    "solver",
+    "source_points",
+    "collocation_points",
+    "dofs",
+    "rows",
+    "threads",
+    "converged",
+    "exact",
+    "reference",
+    "timings_s",
+    "memory_peak_bytes",
+    "warnings",
+)
+
+
+class Ending(NamedTuple):
+    """How a command ended.
+
+    Attributes
+    ----------
+    outcome : str
+        `done`, `not converged`, `refused`, `failed`, `crashed` or `time limit`.
+    message : str
+        What it said on its error output, or its last lines.
+    seconds : float
+        Wall time [s].
+    """
+
+    outcome: str
+    message: str
+    seconds: float
+
+
+def run_command(words: Sequence[str | Path], limit: float, folder: Path | None = None) -> Ending:
+    """Run a command with one thread.
+
+    Parameters
+    ----------
+    words : sequence
+        Program and arguments.
+    limit : float
+        Wall time after which it is ended [s].
+    folder : Path, optional
+        Working directory.
+    """
+    one = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    started = time.perf_counter()
+    child = subprocess.Popen(
+        [str(word) for word in words],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        encoding="utf-8",
+        errors="replace",
+        cwd=folder,
+        env={**os.environ, **one},
+        start_new_session=True,
+    )
+    try:
+        said, complaint = child.communicate(timeout=limit)
+    except BaseException as reason:
+        os.killpg(child.pid, signal.SIGKILL)
+        child.communicate()
+        if not isinstance(reason, subprocess.TimeoutExpired):
+            raise
+        return Ending("time limit", f"no end within {limit:g} s", time.perf_counter() - started)
+    seconds = time.perf_counter() - started
+    outcomes = {0: "done", 1: "not converged", 2: "refused"}
+    outcome = "crashed" if child.returncode < 0 else outcomes.get(child.returncode, "failed")
+    message = complaint.strip() or "\n".join(said.strip().splitlines()[-2:])
+    if child.returncode < 0:
+        message = f"{signal.Signals(-child.returncode).name} {message}"
+    return Ending(outcome, message, seconds)
+
+
+def solve_case(
+    deck: str | Path, overrides: Sequence[str] = (), *, limit: float = 600.0
+) -> dict[str, Any]:
+    """Solve a deck with one thread and record what the summary says.
+
+    Parameters
+    ----------
+    deck : str or Path
+        Deck file, or the name of one in `INPUTS`.
+    overrides : sequence of str
+        `"table.key=value"` each.
+    limit : float
+        Wall time after which the run is ended [s].
+
+    Returns
+    -------
+    dict
+        `deck`, `overrides`, `outcome`, `message`, `seconds` (wall time of the process), and of a
+        solve that took place the sizes, solver, timings and `iterations`, `min_J`, `max_J`,
+        `load` (reached), `probes` (by name, at the load reached), `history` (probes and
+        activation in all steps).
+    """
+    path = deck if isinstance(deck, Path) else INPUTS / f"{deck}.toml"
+    if not path.is_file():
+        raise InputError(f"{path}: there is no such deck")
+    with tempfile.TemporaryDirectory(prefix="myork-bench-") as folder:
+        words: list[str | Path] = [find_executable(), path, "-o", folder, "-t", "1", "-q"]
+        for override in overrides:
+            words += ["--set", override]
+        ending = run_command(words, limit)
+        summary = _summary(Path(folder))
+    case: dict[str, Any] = {
+        "deck": path.stem,
+        "overrides": list(overrides),
+        "outcome": "converged" if ending.outcome == "done" else ending.outcome,
+        "message": ending.message,
+        "seconds": ending.seconds,
+        **{key: summary[key] for key in _KEPT if key in summary},
+    }
+    steps = summary.get("steps") or []
+    if steps:
+        case["iterations"] = sum(step["iterations"] for step in steps)
+        case["min_J"] = min(step["min_J"] for step in steps)
+        case["max_J"] = max(step["max_J"] for step in steps)
+        case["load"] = steps[-1]["load"]
+        case["probes"] = steps[-1]["probes"]
+        case["history"] = [
+            {key: step[key] for key in ("load", "activation", "iterations", "probes")}
+            for step in steps
+        ]
+    return case
+
+
+def outcome_text(case: Mapping[str, Any]) -> str:
+    """Outcome of a case; where it did not converge, how far it came."""
+    if case["outcome"] != "not converged":
+        return str(case["outcome"])
+    return f"not converged, load {case.get('load', 0.0):.3g}"
+
+
+def _summary(folder: Path) -> dict[str, Any]:
+    try:
+        content: dict[str, Any] = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return content
