@@ -27,6 +27,7 @@ BENCHES = {
     "nonlinear": "myork.bench.nonlinear",
     "stability": "myork.bench.stability",
     "curves": "myork.bench.curves",
+    "mixed": "myork.bench.mixed",
     "mms": "myork.bench.mms",
 }
 
