@@ -2,7 +2,8 @@
 !>
 !> Gauss-Newton takes A^T A, Newton adds the second derivatives of the residuals (5.59). Both may be
 !> damped by lambda times their diagonal (Levenberg, Marquardt). Gauss-Newton converges linearly
-!> where residuals remain, Newton quadratically; `auto` changes over where that shows.
+!> where residuals remain, Newton quadratically. `auto` changes over where that shows and the exact
+!> matrix is positive definite; where it is not, Gauss-Newton is the better guide.
 !>
 !> Reference: Nocedal, Wright, Numerical Optimization, Springer (2006), sections 4.1 and 10.3,
 !>            doi:10.1007/978-0-387-40065-5
@@ -48,6 +49,8 @@ module rk_damping
    integer, parameter :: patience = 6
    !> Quality of the quadratic model below which damping grows, above which it falls
    real(wp), parameter :: poor = 0.25_wp, good = 0.75_wp
+   !> Growth of the merit in an undamped Gauss-Newton step that means divergence
+   real(wp), parameter :: climb = 0.1_wp
    !> Damping where it begins, and where it ends [-]
    real(wp), parameter :: first_lambda = 1.0e-4_wp, last_lambda = 1.0e-10_wp
    !> Growth and fall of the damping
@@ -93,17 +96,25 @@ subroutine choose(self, iterations, gradient, merit)
 end subroutine choose
 
 !> Adapt the damping after an accepted step
-subroutine learn(self, scale, gain, predicted)
+subroutine learn(self, newton, scale, gain, predicted, merit)
    !> Choice
    class(damping_type), intent(inout) :: self
+   !> The step was Newton's
+   logical, intent(in) :: newton
    !> Step length, 1 for the full step [-]
    real(wp), intent(in) :: scale
    !> Fall of r.r/2
    real(wp), intent(in) :: gain
    !> Its fall by the quadratic model
    real(wp), intent(in) :: predicted
+   !> r.r/2 before
+   real(wp), intent(in) :: merit
 
-   if (scale < 1.0_wp .or. gain < poor*predicted) then
+   if (.not. newton .and. .not. self%lambda > 0.0_wp) then
+      ! Gauss-Newton may climb a little on its way
+      if (scale < 1.0_wp .or. gain < -climb*merit .or. 2*self%idle >= patience) &
+         & self%lambda = first_lambda
+   else if (scale < 1.0_wp .or. gain < poor*predicted) then
       self%lambda = max(first_lambda, growth*self%lambda)
    else if (gain > good*predicted) then
       self%lambda = fall*self%lambda

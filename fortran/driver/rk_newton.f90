@@ -46,6 +46,8 @@ module rk_newton
       !> Relative gradient and step reached [-]
       real(wp) :: gradient = 0.0_wp
       real(wp) :: step_norm = 0.0_wp
+      !> The last step was neither shortened nor damped
+      logical :: whole = .true.
       !> Fall of the merit that the last step promised, of the merit [-]
       real(wp) :: left = 0.0_wp
       !> Volume ratios of the last state
@@ -54,6 +56,8 @@ module rk_newton
 
    !> Rejected steps in a row before giving up
    integer, parameter :: max_rejected = 3
+   !> Damping that leaves a step whole, rounding of an ill-conditioned matrix [-]
+   real(wp), parameter :: slight = 1.0e-8_wp
    !> Fall of the merit that a step still promises where nothing is left to gain, of the merit
    real(wp), parameter :: nothing = 1.0e-13_wp
 
@@ -93,6 +97,7 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
    real(wp) :: merit, first_gradient, first_norm, scale, predicted, gain
    integer(int64) :: clock
    integer :: rejected
+   logical :: newton
 
    allocate (a, source=x)
    allocate (da(problem%n), g(problem%n), r(problem%m), trial(problem%n), new(problem%m))
@@ -127,20 +132,21 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
       call check_end(self, load, rejected, recorder, error)
       if (allocated(error)) return
 
-      call find_step(self, problem, op, load, a, r, g, da, predicted, it, timer, error)
+      call find_step(self, problem, op, load, a, r, g, da, newton, predicted, it, timer, error)
       if (allocated(error)) return
       self%iterations = self%iterations + 1
-      self%left = predicted/max(0.5_wp*merit**2, tiny(1.0_wp))
 
       call system_clock(clock)
       call search(problem, load, a, da, r, dot_product(g, da), self%iterations == 1, &
-         & self%damping%curved .or. self%damping%lambda > 0.0_wp, trial, new, scale, gain, &
-         & self%state)
+         & newton .or. self%damping%lambda > 0.0_wp, trial, new, scale, gain, self%state)
+      self%whole = scale >= 1.0_wp .and. self%damping%lambda < slight
+      self%left = predicted/max(0.5_wp*merit**2, tiny(1.0_wp))
       if (scale > 0.0_wp) then
          rejected = 0
          a = trial
          r = new
-         if (self%iterations > 1) call self%damping%learn(scale, gain, predicted)
+         if (self%iterations > 1) call self%damping%learn(newton, scale, gain, predicted, &
+            & 0.5_wp*merit**2)
       else
          ! back to where the step began, with more damping
          rejected = rejected + 1
@@ -164,7 +170,7 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
 end subroutine solve_step
 
 !> Step of the chosen matrix
-subroutine find_step(self, problem, op, load, a, r, g, da, predicted, it, timer, error)
+subroutine find_step(self, problem, op, load, a, r, g, da, newton, predicted, it, timer, error)
    !> Settings and choice
    type(newton_type), intent(inout) :: self
    !> Problem, linearised at a
@@ -181,6 +187,8 @@ subroutine find_step(self, problem, op, load, a, r, g, da, predicted, it, timer,
    real(wp), contiguous, intent(in) :: g(:)
    !> Step, shape (n)
    real(wp), contiguous, intent(inout) :: da(:)
+   !> The matrix has second derivatives
+   logical, intent(out) :: newton
    !> Fall of r.r/2 that the quadratic model promises
    real(wp), intent(out) :: predicted
    !> Record of the iteration: the solver's part
@@ -195,7 +203,33 @@ subroutine find_step(self, problem, op, load, a, r, g, da, predicted, it, timer,
    integer(int64) :: clock
 
    call system_clock(clock)
-   if (.not. self%damping%curved .and. .not. self%damping%lambda > 0.0_wp) then
+   newton = self%damping%curved
+   it%refinements = 0
+   if (newton .or. self%damping%lambda > 0.0_wp) then
+      allocate (matrix(problem%n, problem%n))
+      if (newton) then
+         call problem%hessian(a, load, r, matrix)
+      else
+         call op%normal(matrix)
+      end if
+      call solve_shifted(matrix, g, self%damping%method == 'full' .or. self%damping%lambda > 0.0_wp, &
+         & self%damping%lambda, da, shifted, error)
+      if (allocated(error)) return
+      predicted = shifted%predicted
+      it%backward_error = shifted%backward_error
+      it%rcond = shifted%rcond
+      if (newton) then
+         it%solver = 'newton'
+         it%why = 'second derivatives of the residuals make the matrix symmetric but no product ' &
+            & //'A^T A, so there is no QR: Cholesky with a shift of '
+      else
+         it%solver = 'damped'
+         it%why = 'Gauss-Newton diverged or met a kink: normal equations with a shift of '
+      end if
+      it%why = it%why//to_text(self%damping%lambda, 2)
+      newton = newton .and. (shifted%positive .or. self%damping%lambda > 0.0_wp)
+   end if
+   if (.not. newton .and. .not. self%damping%lambda > 0.0_wp) then
       call solve_lstsq(op, -r, self%linear, da, report, error)
       if (allocated(error)) return
       predicted = -0.5_wp*dot_product(g, da)
@@ -204,25 +238,6 @@ subroutine find_step(self, problem, op, load, a, r, g, da, predicted, it, timer,
       it%solver = trim(report%used)
       it%refinements = report%iterations
       it%why = report%why
-   else
-      allocate (matrix(problem%n, problem%n))
-      if (self%damping%curved) then
-         call problem%hessian(a, load, r, matrix)
-      else
-         call op%normal(matrix)
-      end if
-      call solve_shifted(matrix, g, self%damping%lambda, da, shifted, error)
-      if (allocated(error)) return
-      predicted = shifted%predicted
-      it%backward_error = shifted%backward_error
-      it%rcond = shifted%rcond
-      it%refinements = 0
-      it%solver = merge('newton', 'damped', self%damping%curved)
-      it%why = 'Gauss-Newton diverged or met a kink: normal equations damped by ' &
-         & //to_text(self%damping%lambda, 2)
-      if (self%damping%curved) it%why = 'second derivatives of the residuals make the matrix ' &
-         & //'symmetric but no product A^T A, so there is no QR: Cholesky with a shift of ' &
-         & //to_text(self%damping%lambda, 2)
    end if
    timer%solve = timer%solve + tick(clock)
 end subroutine find_step
@@ -263,7 +278,7 @@ pure logical function converged(self)
    !> Iteration
    type(newton_type), intent(in) :: self
 
-   converged = self%iterations > 0 .and. (self%step_norm < 1.0e-13_wp .or. &
+   converged = self%iterations > 0 .and. self%whole .and. (self%step_norm < 1.0e-13_wp .or. &
       & (self%step_norm < self%tolerance .and. &
       & (self%gradient < self%tolerance .or. self%left < nothing)))
 end function converged

@@ -18,6 +18,8 @@ module rk_shifted
 
    !> What a solve did
    type :: shifted_report
+      !> Whether the matrix, with the shift wanted, is positive definite
+      logical :: positive = .true.
       !> Fall of the quadratic model g.x + x.H x/2 along the step, > 0
       real(wp) :: predicted = 0.0_wp
       !> Reciprocal condition estimate of the scaled, shifted matrix, 1-norm [-]
@@ -34,11 +36,13 @@ module rk_shifted
 contains
 
 !> Solve (H + lambda D) x = -g with the diagonal D of H
-subroutine solve_shifted(a, g, lambda, x, report, error)
+subroutine solve_shifted(a, g, grow, lambda, x, report, error)
    !> Upper triangle of H, destroyed, shape (n, n)
    real(wp), contiguous, intent(inout) :: a(:, :)
    !> Gradient, shape (n)
    real(wp), contiguous, intent(in) :: g(:)
+   !> Grow the shift of an indefinite matrix; otherwise return without a step
+   logical, intent(in) :: grow
    !> Smallest shift wanted, shift used [-]
    real(wp), intent(inout) :: lambda
    !> Step, shape (n)
@@ -74,6 +78,11 @@ subroutine solve_shifted(a, g, lambda, x, report, error)
       end do
       call cholesky(a, error)
       if (.not. allocated(error)) exit
+      report%positive = .false.
+      if (.not. grow) then
+         deallocate (error)
+         return
+      end if
       if (.not. lambda < last_shift) then
          error%message = 'Newton equations: '//error%message//' with a shift of ' &
             & //to_text(lambda, 2)
