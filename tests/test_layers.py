@@ -37,7 +37,7 @@ PYTHON_LAYERS = [
     {"scene"},
     {"segment", "build", "solve"},
     {"rom", "report"},
-    {"demo"},
+    {"bench", "demo"},
     {"cli"},
     {"__main__"},
 ]
