@@ -80,8 +80,8 @@ subroutine explain_equation(scene)
          text = text//', E '//to_text(equation%young)//', nu '//to_text(equation%poisson_ratio)
       end if
       print '(a)', '  equation      '//text//': one assembly, one least squares solve'
-      print '(a)', '  solution      '//equation%solution//', known: the summary has the L2 ' &
-         & //'and H1 errors'
+      print '(a)', '  solution      '//equation%solution//', known: the summary has the L2 and ' &
+         & //'H1 errors'
       text = ''
       do k = 1, size(equation%essential)
          text = text//trim(scene%cloud%set_name(equation%essential(k)))//' '

@@ -357,8 +357,8 @@ subroutine add_second(self, g, node, product)
          from = s%first(s%stencil(ip)) + 1
          to = from + n - 1
          allocate (local(nd*nd*self%nc, n))
-         call matmat(reshape(self%second(:, :, :, ip), [nd*nd*self%nc, s%nq]), s%value(:, from:to), &
-            & local)
+         call matmat(reshape(self%second(:, :, :, ip), [nd*nd*self%nc, s%nq]), &
+            & s%value(:, from:to), local)
          do k = 1, n
             j = find(node, s%neighbour%index(s%neighbour%offset(ip) + k))
             first(j, at + 1:at + nd) = s%value(2:1 + nd, from + k - 1)

@@ -212,7 +212,8 @@ subroutine find_step(self, problem, op, load, a, r, g, da, newton, predicted, it
       else
          call op%normal(matrix)
       end if
-      call solve_shifted(matrix, g, self%damping%method == 'full' .or. self%damping%lambda > 0.0_wp, &
+      call solve_shifted(matrix, g, &
+         & self%damping%method == 'full' .or. self%damping%lambda > 0.0_wp, &
          & self%damping%lambda, da, shifted, error)
       if (allocated(error)) return
       predicted = shifted%predicted
