@@ -51,16 +51,15 @@ subroutine new_scene(scene, deck, model, error)
    call read_approximation(scene, deck)
    call read_solver(scene, deck)
    if (is_linear) then
+      scene%method = 'rkcm'
       call read_linear(scene, deck)
       call read_probes(scene, deck, error)
       return
    end if
    call read_materials(scene, deck, error)
    if (allocated(error)) return
-   if (scene%method == 'auto') then
-      scene%method = 'rkcm'
-      if (nearly_incompressible(scene)) scene%method = 'rkcm-mixed'
-   end if
+   if (scene%method == 'auto' .and. nearly_incompressible(scene)) scene%method = 'rkcm-mixed'
+   if (scene%method == 'auto') scene%method = 'rkcm'
    call check_cloud(scene%cloud, error)
    if (allocated(error)) then
       error%message = deck%where('geometry')//': geometry: '//error%message
