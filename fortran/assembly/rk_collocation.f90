@@ -24,6 +24,8 @@ module rk_collocation
       type(scene_type), pointer :: scene => null()
       !> Unknown fields at each source point
       integer :: fields = 0
+      !> The rows depend on the unknowns
+      logical :: nonlinear = .true.
       !> Shape functions at the collocation points
       type(shape_type), pointer :: shape => null()
       !> Conditions at boundary points
@@ -122,6 +124,10 @@ subroutine hessian(self, x, load, r, a)
    !> Upper triangle, shape (n, n)
    real(wp), contiguous, intent(inout) :: a(:, :)
 
+   if (.not. self%nonlinear) then
+      call self%rows%normal(a)
+      return
+   end if
    call self%set_curvature(x, load, r)
    call self%rows%hessian(a)
 end subroutine hessian

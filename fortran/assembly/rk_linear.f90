@@ -52,6 +52,7 @@ subroutine new_linear(self, scene, error)
    integer :: nd, nb, b, d
 
    self%scene => scene
+   self%nonlinear = .false.
    nd = scene%cloud%nd
    self%modulus = moduli(scene%equation, nd)
    self%fields = size(self%modulus, 1)

@@ -35,6 +35,8 @@ module rk_damping
       procedure :: choose
       !> Learn from its outcome
       procedure :: learn
+      !> The damped step has arrived; see whether a whole one would move
+      procedure :: release
       !> A trial failed
       procedure :: reject
       !> Nothing moves any more
@@ -121,6 +123,14 @@ subroutine learn(self, newton, scale, gain, predicted, merit)
       if (self%lambda < last_lambda) self%lambda = 0.0_wp
    end if
 end subroutine learn
+
+!> Damping is over
+subroutine release(self)
+   !> Choice
+   class(damping_type), intent(inout) :: self
+
+   self%lambda = 0.0_wp
+end subroutine release
 
 !> No step length was acceptable
 subroutine reject(self)

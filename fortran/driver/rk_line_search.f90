@@ -22,8 +22,8 @@ module rk_line_search
 contains
 
 !> Halve a step until it is acceptable. Prescribed displacements jump in the first iteration of a
-!> load step, where a growing merit is no sign of divergence.
-subroutine search(problem, load, a, da, r, slope, first, downhill, trial, new, scale, gain, state)
+!> load step, where a growing merit is no sign of divergence: that step is taken blindly.
+subroutine search(problem, load, a, da, r, slope, blind, downhill, trial, new, scale, gain, state)
    !> Problem, linearised at the trial afterwards
    class(problem_type), target, intent(inout) :: problem
    !> Load [-]
@@ -34,8 +34,8 @@ subroutine search(problem, load, a, da, r, slope, first, downhill, trial, new, s
    real(wp), contiguous, intent(in) :: r(:)
    !> Derivative of r.r/2 along the step
    real(wp), intent(in) :: slope
-   !> First iteration of the load step: any valid state will do
-   logical, intent(in) :: first
+   !> Any valid state will do
+   logical, intent(in) :: blind
    !> The merit must fall; otherwise it may grow a little, as Gauss-Newton's may on its way
    logical, intent(in) :: downhill
    !> Unknowns reached, shape (n)
@@ -59,7 +59,7 @@ subroutine search(problem, load, a, da, r, slope, first, downhill, trial, new, s
       ! as a product of differences, which keeps its digits where the merit hardly changes
       gain = 0.5_wp*sum((r - new)*(r + new))
       if (state%valid) then
-         if (first) return
+         if (blind) return
          if (downhill) then
             if (gain >= -armijo*scale*slope - rounding*merit) return
          else

@@ -46,8 +46,10 @@ module rk_newton
       !> Relative gradient and step reached [-]
       real(wp) :: gradient = 0.0_wp
       real(wp) :: step_norm = 0.0_wp
-      !> The last step was neither shortened nor damped
+      !> The last step was neither shortened nor damped; the same but for the shift that its matrix
+      !> needed to be positive definite
       logical :: whole = .true.
+      logical :: free = .true.
       !> Fall of the merit that the last step promised, of the merit [-]
       real(wp) :: left = 0.0_wp
       !> Volume ratios of the last state
@@ -58,8 +60,8 @@ module rk_newton
    integer, parameter :: max_rejected = 3
    !> Damping that leaves a step whole, rounding of an ill-conditioned matrix [-]
    real(wp), parameter :: slight = 1.0e-8_wp
-   !> Fall of the merit that a step still promises where nothing is left to gain, of the merit
-   real(wp), parameter :: nothing = 1.0e-13_wp
+   !> Fall of the merit, of the merit, that drowns in the rounding of residuals of stiff materials
+   real(wp), parameter :: nothing = 1.0e-11_wp
 
 contains
 
@@ -94,10 +96,10 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
    class(row_operator), pointer :: op
    type(iteration_type) :: it
    real(wp), allocatable :: a(:), da(:), r(:), g(:), trial(:), new(:)
-   real(wp) :: merit, first_gradient, first_norm, scale, predicted, gain
+   real(wp) :: merit, first_gradient, first_norm, scale, predicted, gain, imposed
    integer(int64) :: clock
    integer :: rejected
-   logical :: newton
+   logical :: newton, blind
 
    allocate (a, source=x)
    allocate (da(problem%n), g(problem%n), r(problem%m), trial(problem%n), new(problem%m))
@@ -132,21 +134,25 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
       call check_end(self, load, rejected, recorder, error)
       if (allocated(error)) return
 
+      imposed = self%damping%lambda
       call find_step(self, problem, op, load, a, r, g, da, newton, predicted, it, timer, error)
       if (allocated(error)) return
       self%iterations = self%iterations + 1
 
       call system_clock(clock)
-      call search(problem, load, a, da, r, dot_product(g, da), self%iterations == 1, &
+      self%left = predicted/max(0.5_wp*merit**2, tiny(1.0_wp))
+      ! neither the jump at the start of a load step nor rounding says anything about the step
+      blind = self%iterations == 1 .or. self%left < nothing
+      call search(problem, load, a, da, r, dot_product(g, da), blind, &
          & newton .or. self%damping%lambda > 0.0_wp, trial, new, scale, gain, self%state)
       self%whole = scale >= 1.0_wp .and. self%damping%lambda < slight
-      self%left = predicted/max(0.5_wp*merit**2, tiny(1.0_wp))
+      self%free = scale >= 1.0_wp .and. imposed < slight
       if (scale > 0.0_wp) then
          rejected = 0
          a = trial
          r = new
-         if (self%iterations > 1) call self%damping%learn(newton, scale, gain, predicted, &
-            & 0.5_wp*merit**2)
+         if (.not. blind) call self%damping%learn(newton, scale, gain, predicted, 0.5_wp*merit**2)
+         if (self%left < nothing) call self%damping%release()
       else
          ! back to where the step began, with more damping
          rejected = rejected + 1
@@ -279,9 +285,9 @@ pure logical function converged(self)
    !> Iteration
    type(newton_type), intent(in) :: self
 
-   converged = self%iterations > 0 .and. self%whole .and. (self%step_norm < 1.0e-13_wp .or. &
-      & (self%step_norm < self%tolerance .and. &
-      & (self%gradient < self%tolerance .or. self%left < nothing)))
+   converged = self%iterations > 0 .and. self%step_norm < self%tolerance
+   if (converged) converged = (self%whole .and. (self%step_norm < 1.0e-13_wp &
+      & .or. self%gradient < self%tolerance)) .or. (self%free .and. self%left < nothing)
 end function converged
 
 !> Smallest volume ratio and its place

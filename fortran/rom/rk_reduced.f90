@@ -139,6 +139,7 @@ subroutine hessian(self, x, load, r, a)
    integer :: c, i, ip, k, l, nd, q
 
    call self%projected%normal(a)
+   if (.not. self%base%nonlinear) return
    call self%base%set_curvature(x, load, r)
    nd = self%base%shape%nd
    allocate (half(nd*nd, self%n))
