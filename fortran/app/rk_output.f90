@@ -191,8 +191,8 @@ subroutine step(self, st, x)
    self%seconds = self%seconds + tick(clock)
    if (st%step == 0) return
    if (allocated(self%problem%scene%equation%kind)) then
-      write (line, '("linear: one least squares solve, ", a, "  relative |A''r| ", es7.1, "  ", '// &
-         & 'f0.1, " s")') self%last%solver, st%gradient, self%last%seconds
+      write (line, '("linear: one least squares solve, ", a, "  relative |A''r| ", es7.1, '// &
+         & '"  ", f0.1, " s")') self%last%solver, st%gradient, self%last%seconds
       call self%say(trim(line), level=0)
       return
    end if

@@ -112,7 +112,7 @@ contains
 
 end subroutine products
 
-!> (1 + a . x/extent)**degree with another direction a for each field: all monomials up to the degree
+!> (1 + a . x/extent)**degree with another direction a for each field
 pure subroutine polynomial(degree, x, extent, field, u)
    !> Degree
    integer, intent(in) :: degree

@@ -162,14 +162,18 @@ void rk_deck_close(void *handle) {
    delete static_cast<Flat *>(handle);
 }
 
-// Tables that a command needs, a line each
+// Tables that a command needs, a line each, followed by the table that may stand in its place
 const char *rk_deck_needed(const char *command) {
    thread_local std::string tables;
    tables.clear();
    for (const rk::TableSpec &spec : rk::schema()) {
       for (const std::string &user : spec.needed_by) {
-         if (user == command)
-            tables += spec.name + "\n";
+         if (user != command)
+            continue;
+         tables += spec.name;
+         if (user == "solve" && !spec.solve_without.empty())
+            tables += " " + spec.solve_without;
+         tables += "\n";
       }
    }
    return tables.c_str();

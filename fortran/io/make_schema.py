@@ -19,7 +19,9 @@ from typing import Any
 
 HERE = Path(__file__).resolve().parent
 TYPES = ("text", "integer", "number", "boolean", "texts", "integers", "numbers")
-TABLE_ATTRIBUTES = {"about", "many", "named_by", "required", "needed_by", "at_least", "at_most"}
+TABLE_ATTRIBUTES = {
+    "about", "many", "named_by", "required", "needed_by", "solve_without", "at_least", "at_most",
+}  # fmt: skip
 KEY_ATTRIBUTES = {
     "type", "help", "unit", "default", "required", "choices", "min", "max", "above", "below",
     "length", "or_number", "scalar", "nonzero", "refers_to", "unique", "required_if", "only_if",
@@ -64,6 +66,8 @@ def check(tables: dict[str, dict[str, Any]]) -> None:
         for word in [table.get("named_by"), *table.get("at_least", []), *table.get("at_most", [])]:
             if word and word not in table["keys"]:
                 wrong.append(f"[{name}]: no key {word}")
+        if table.get("solve_without", name) not in tables:
+            wrong.append(f"[{name}]: no table {table['solve_without']}")
         for key, spec in table["keys"].items():
             wrong += [f"[{name}.{key}]: {word}" for word in spec.keys() - KEY_ATTRIBUTES]
             if spec.get("type") not in TYPES or not spec.get("help"):
@@ -144,6 +148,7 @@ def cpp_table(tables: dict[str, dict[str, Any]]) -> str:
         # in the order of the members of TableSpec in deck.h
         head = [quoted(name), flag(table, "many"), flag(table, "required")]
         head.append(quoted(table.get("named_by", "")))
+        head.append(quoted(table.get("solve_without", "")))
         head += [texts(table.get(word, [])) for word in ("needed_by", "at_least", "at_most")]
         keys = "".join(cpp_key(key, spec) for key, spec in table["keys"].items())
         lines.append(f"      {{{', '.join(head)}, {{\n{keys}      }}}},\n")
@@ -225,6 +230,8 @@ def section(name: str, table: dict[str, Any]) -> str:
         sentences.append("Needed in every deck.")
     if "needed_by" in table:
         sentences.append(f"Needed by {code(table['needed_by'])}.")
+    if "solve_without" in table:
+        sentences.append(f"`solve` does not need it beside `[{table['solve_without']}]`.")
     if "named_by" in table:
         sentences.append(f"An entry is named by its `{table['named_by']}`.")
     some, one = table.get("at_least"), table.get("at_most")

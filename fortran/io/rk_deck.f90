@@ -445,7 +445,7 @@ subroutine require(self, command, error)
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
    character(len=:), allocatable :: tables, table, message
-   integer :: i
+   integer :: blank, i
 
    tables = to_fortran(rk_deck_needed(command//c_null_char))
    message = ''
@@ -454,7 +454,9 @@ subroutine require(self, command, error)
       table = line(tables, i)
       if (len(table) == 0) exit
       i = i + 1
-      if (self%has(table)) cycle
+      blank = index(table//' ', ' ')
+      if (self%has(table(:blank - 1)) .or. self%has(table(blank + 1:))) cycle
+      table = table(:blank - 1)
       if (len(message) > 0) message = message//new_line('a')
       message = message//self%path//':1: '//table//': missing, '//command//' needs this table'
    end do

@@ -37,13 +37,9 @@ subroutine new_scene(scene, deck, model, error)
    type(error_type), allocatable, intent(out) :: error
    logical :: is_linear
 
-   is_linear = deck%has('linear')
-   if (is_linear) then
-      call deck%require('linear solve', error)
-   else
-      call deck%require('solve', error)
-   end if
+   call deck%require('solve', error)
    if (allocated(error)) return
+   is_linear = deck%has('linear')
    call deck%get('title', scene%title)
    call deck%get('scene.method', scene%method)
    call deck%get('units.force', scene%force_unit)

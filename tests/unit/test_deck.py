@@ -321,7 +321,7 @@ def test_override_of_one_line(write: Write) -> None:
         ('weight_essential = "c4"', "weight_essential = 0", "solver.weight_essential: must be gre"),
         # choices
         ('kind = "box"', 'kind = "bix"', "geometry.kind: must be one of box, annulus, model, not "),
-        ("dimension = 3", "dimension = 4", "scene.dimension: must be one of 2, 3, not 4"),
+        ("dimension = 3", "dimension = 4", "scene.dimension: must be one of 1, 2, 3, not 4"),
         ('linear = "auto"', 'linear = "gels"', "solver.linear: must be one of auto, dgels, norma"),
         ('weight_essential = "c4"', 'weight_essential = "c5"', "solver.weight_essential: must be "),
         # lengths
