@@ -251,15 +251,19 @@ def _write_deck(folder: Path, problem: Problem, method: str, n: int) -> Path:
     fixed = "\n".join(f"u_{name} = 0" for name in names)
     held = "\n".join(f'[[boundary]]\nset = "{face}"\n{fixed}' for face in ("x0", "x1"))
     deck = folder / "manufactured.toml"
-    deck.write_text(
-        f'title = "Manufactured solution"\n[units]\nforce = "N"\nlength = "cm"\n[scene]\n'
-        f'dimension = {nd}\nmethod = "{method}"\n[geometry]\n{geometry}\n[approximation]\n'
-        f"order = {problem.order}\nsupport = {problem.support}\n"
-        + "\n".join(materials)
-        + f"\n{held}\n"
-        f"[load]\nsteps = 1\nmax_halvings = 1\nactivation = {_ACTIVATION}\n[solver]\nmax_iterations = 60\n[mixed]\nedge_exponent = 0\n",
-        encoding="utf-8",
-    )
+    lines = [
+        'title = "Manufactured solution"',
+        '[units]\nforce = "N"\nlength = "cm"',
+        f'[scene]\ndimension = {nd}\nmethod = "{method}"',
+        f"[geometry]\n{geometry}",
+        f"[approximation]\norder = {problem.order}\nsupport = {problem.support}",
+        *materials,
+        held,
+        f"[load]\nsteps = 1\nmax_halvings = 1\nactivation = {_ACTIVATION}",
+        "[solver]\nmax_iterations = 60",
+        "[mixed]\nedge_exponent = 0",
+    ]
+    deck.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return deck
 
 
