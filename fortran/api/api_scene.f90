@@ -65,8 +65,9 @@ subroutine scene_sizes(handle, sizes, stat, message)
    call find_slot(handle, slot, error)
    call pack_error(error, stat, message)
    if (stat /= 0) return
-   sizes = [slot%full%shape%nd, slot%full%shape%ns, slot%full%shape%np, slot%full%n, slot%full%m, &
-      & size(slot%scene%probe), slot%scene%steps, maxval(slot%full%shape%stencil)]
+   sizes = [slot%full%shape%nd, slot%full%shape%ns, size(slot%scene%cloud%place, 2), &
+      & slot%full%n, slot%full%m, size(slot%scene%probe), slot%scene%steps, &
+      & maxval(slot%full%shape%stencil)]
 end subroutine scene_sizes
 
 !> Project the full problem on modes
@@ -85,6 +86,42 @@ subroutine scene_reduce(handle, n, r, modes, stat, message)
    call reduce_session(handle, modes, error)
    call pack_error(error, stat, message)
 end subroutine scene_reduce
+
+!> Collocation points
+subroutine scene_points(handle, nd, nc, place, stat, message)
+   use rk_error, only : error_type
+   use rk_handles, only : find_slot, slot_type
+   use rk_pack, only : pack_error
+   implicit none
+   integer, intent(in) :: handle, nd, nc
+   double precision, intent(out) :: place(nd, nc)
+   integer, intent(out) :: stat
+   character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
+   type(slot_type), pointer :: slot
+
+   place = 0
+   call find_slot(handle, slot, error)
+   call pack_error(error, stat, message)
+   if (stat == 0) place = slot%scene%cloud%place
+end subroutine scene_points
+
+!> Body force, prescribed displacement and the stress whose traction is prescribed, all at full load
+!> and at the collocation points; the last two count where the deck has conditions of their kind
+subroutine scene_set_fields(handle, nc, body_force, displacement, stress, stat, message)
+   use rk_error, only : error_type
+   use rk_pack, only : pack_error
+   use rk_session, only : set_session_fields
+   implicit none
+   integer, intent(in) :: handle, nc
+   double precision, intent(in) :: body_force(3, nc), displacement(3, nc), stress(3, 3, nc)
+   integer, intent(out) :: stat
+   character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
+
+   call set_session_fields(handle, body_force, displacement, stress, error)
+   call pack_error(error, stat, message)
+end subroutine scene_set_fields
 
 !> Solve all load steps of the full (reduced = 0) or the reduced problem with a number of threads,
 !> 0 for all cores; threads are a matter of the calling thread, so it is set here

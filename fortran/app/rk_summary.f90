@@ -67,7 +67,7 @@ subroutine write_summary(path, deck, problem, output, timer, shape_s, total_s, t
       call json%put('reciprocal_condition', output%rcond)
       call json%end_object()
       call json%put('source_points', problem%shape%ns)
-      call json%put('collocation_points', problem%shape%np)
+      call json%put('collocation_points', size(problem%scene%cloud%place, 2))
       call json%put('stencils', maxval(problem%shape%stencil))
       call json%put('dofs', problem%n)
       call json%put('rows', problem%m)

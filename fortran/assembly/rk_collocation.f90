@@ -425,8 +425,9 @@ subroutine evaluate_place(self, ip, x, load, tangent, r, volume)
       end if
    end associate
 
+   r(row + 1:row + nd) = 0.0_wp
+   if (allocated(self%scene%body_force)) r(row + 1:row + nd) = load*self%scene%body_force(:nd, ip)
    do i = 1, nd
-      r(row + i) = 0.0_wp
       do ca = 1, nd
          do cb = 1, nd
             r(row + i) = r(row + i) + dot_product(c4(i, ca, :nd, cb), h(:nd, cb, ca))

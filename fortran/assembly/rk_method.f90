@@ -2,6 +2,7 @@
 module rk_method
    use rk_collocation, only : collocation_type, new_collocation
    use rk_error, only : error_type, fatal_error, err_input
+   use rk_islands, only : check_islands
    use rk_linear, only : linear_type, new_linear
    use rk_mixed, only : mixed_type, new_mixed
    use rk_scene, only : scene_type
@@ -22,6 +23,7 @@ subroutine new_problem(problem, scene, error)
    type(error_type), allocatable, intent(out) :: error
    type(mixed_type), allocatable :: mixed
    type(linear_type), allocatable :: linear
+   logical, allocatable :: held(:)
 
    if (allocated(scene%equation%kind)) then
       allocate (linear)
@@ -40,6 +42,10 @@ subroutine new_problem(problem, scene, error)
    case default
       call fatal_error(error, err_input, "unknown method '"//scene%method//"'")
    end select
+   if (allocated(error)) return
+   allocate (held(size(scene%cloud%place, 2)), source=.false.)
+   held(problem%boundary%point) = any(problem%boundary%essential, dim=1)
+   call check_islands(problem%shape, scene%cloud%place, held, error)
 end subroutine new_problem
 
 end module rk_method

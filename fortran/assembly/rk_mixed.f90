@@ -353,8 +353,10 @@ subroutine evaluate_place(self, ip, x, load, tangent, r, volume)
    slope = 0.0_wp
    slope(:nd) = u(nd + 1, 2:1 + nd)
    w = self%domain_weight(ip)
+   r(row + 1:row + nd) = matmul(c(:nd, :nd), slope(:nd))
+   if (allocated(self%scene%body_force)) r(row + 1:row + nd) = r(row + 1:row + nd) &
+      & + load*self%scene%body_force(:nd, ip)
    do i = 1, nd
-      r(row + i) = dot_product(c(i, :nd), slope(:nd))
       do ca = 1, nd
          do cb = 1, nd
             r(row + i) = r(row + i) + dot_product(c4(i, ca, :nd, cb), h(:nd, cb, ca))

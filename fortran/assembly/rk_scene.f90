@@ -125,6 +125,9 @@ module rk_scene
       type(condition_type), allocatable :: condition(:)
       !> Activation at full load [-]
       real(wp) :: activation = 0.0_wp
+      !> Body force at full load per undeformed volume, none unless allocated, shape (3, nc)
+      !> [force/length^3]
+      real(wp), allocatable :: body_force(:, :)
       !> Load steps
       integer :: steps = 10
       !> Halvings of a load step before giving up

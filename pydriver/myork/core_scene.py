@@ -182,6 +182,43 @@ class CoreScene:
         """
         return self._run(linear, 0, self.dofs, progress)
 
+    def points(self) -> F64Array:
+        """Collocation points, shape `(collocation_points, dimension)` [length]."""
+        x, stat, message = _core.scene_points(self._handle, self.dimension, self.collocation_points)
+        errors.check(stat, message)
+        return np.asarray(x.T)
+
+    def set_fields(self, body_force: F64Array, displacement: F64Array, stress: F64Array) -> None:
+        """Set what varies from point to point, at full load; it grows in proportion to the load.
+
+        Parameters
+        ----------
+        body_force : F64Array
+            Force per undeformed volume, shape `(collocation_points, 3)` [force/length^3].
+        displacement : F64Array
+            Taken at essential components of boundary points, same shape [length].
+        stress : F64Array
+            First Piola-Kirchhoff stress `P[point, i, A]` whose traction the other components of
+            boundary points carry, shape `(collocation_points, 3, 3)` [stress].
+        """
+        n = self.collocation_points
+        for name, array, shape in (
+            ("body_force", body_force, (n, 3)),
+            ("displacement", displacement, (n, 3)),
+            ("stress", stress, (n, 3, 3)),
+        ):
+            if array.shape != shape or not np.all(np.isfinite(array)):
+                raise errors.InputError(
+                    f"{name} must be finite and have shape {shape}, not {array.shape}"
+                )
+        stat, message = _core.scene_set_fields(
+            self._handle,
+            np.asfortranarray(body_force.T),
+            np.asfortranarray(displacement.T),
+            np.asfortranarray(np.moveaxis(stress, 0, -1)),
+        )
+        errors.check(stat, message)
+
     def reduce(self, modes: F64Array) -> None:
         """Project the model on modes, shape `(dofs, r)`, orthonormal columns."""
         modes = np.asarray(modes, float)

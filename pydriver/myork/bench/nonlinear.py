@@ -19,7 +19,7 @@ from myork.bench.runs import INPUTS, outcome_text, solve_case
 from myork.console import ProgressCallback
 from myork.deck import load_deck
 
-__all__ = ["run"]
+__all__ = ["along_fixed_fibers", "run"]
 
 METHODS = ("rkcm", "rkcm-mixed")
 
@@ -56,8 +56,16 @@ def _tube(deck: dict[str, Any], bulk: float | None) -> float:
     return float(inside.radial[0])
 
 
-def _muscle(deck: dict[str, Any], bulk: float | None) -> float:
-    """Axial stress far from the ends, where the fibers keep their length."""
+def along_fixed_fibers(deck: dict[str, Any], bulk: float | None) -> float:
+    """Axial stress of a muscle block far from its fixed ends, where fibers keep their length.
+
+    Parameters
+    ----------
+    deck : dict
+        Effective deck.
+    bulk : float or None
+        Infinite for the incompressible closed form, None for the deck's bulk modulus.
+    """
     table, activation = deck["material"][0], deck["load"]["activation"]
     if bulk is not None:
         # no volume can change: the active stress alone, against sides free of stress
@@ -104,7 +112,7 @@ _PROBLEMS = (
             "load.activation=0.5",
             "load.steps=5",
         ),
-        _muscle,
+        along_fixed_fibers,
         "exact solution far from the fixed ends",
     ),
 )

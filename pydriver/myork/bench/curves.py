@@ -1,0 +1,195 @@
+"""Speed against error: orders, supports, formulations and sizes; each point a solve in this run.
+
+The tube is compared with the exact solution and with felupe's mixed finite elements; the muscle
+blocks with converged finite elements (inclined fibers, the references of the deck) and with the
+exact state far from the ends (straight fibers).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from myork.bench import exact
+from myork.bench.nonlinear import along_fixed_fibers
+from myork.bench.rival import felupe_tube
+from myork.bench.runs import INPUTS, outcome_text, solve_case
+from myork.console import ProgressCallback
+from myork.deck import load_deck
+
+__all__ = ["run"]
+
+_STEPS = 12
+# Order, support and method of each curve on the tube
+_TUBE = (
+    (2, 4.0, "rkcm"),
+    (3, 5.0, "rkcm"),
+    (4, 6.0, "rkcm"),
+    (5, 7.0, "rkcm"),
+    (6, 8.0, "rkcm"),
+    (2, 3.0, "rkcm-mixed"),
+    (2, 4.0, "rkcm-mixed"),
+    (3, 5.0, "rkcm-mixed"),
+    (4, 6.0, "rkcm-mixed"),
+    (5, 7.0, "rkcm-mixed"),
+    (6, 8.0, "rkcm-mixed"),
+)
+# The coarsest cloud whose supports an order can fill comes first
+_TUBE_SIZES = ((5, 26), (7, 38), (9, 51), (13, 76))
+_ELEMENTS = ((1, 2), (1, 4), (2, 8), (4, 16), (6, 24))
+_BLOCK = ((2, 3.0, "rkcm"), (3, 4.0, "rkcm"), (2, 3.0, "rkcm-mixed"), (3, 4.0, "rkcm-mixed"))
+_BLOCK_SIZES = ((4, 4, 7), (5, 5, 9), (6, 6, 11))
+
+
+def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
+    """Solve all points of all curves; see `myork.bench` for the result."""
+    limit = 60.0 if quick else 600.0
+    tube = _tube(progress, _TUBE_SIZES[: 2 if quick else 4], limit)
+    tube += _felupe(progress, _ELEMENTS[: 3 if quick else 5])
+    sizes = _BLOCK_SIZES[: 1 if quick else 3]
+    straight = _blocks(progress, "muscle_block", sizes, limit)
+    inclined = _blocks(progress, "muscle_fibers", sizes, limit)
+    return {
+        "title": "Speed against error",
+        "about": "Wall time of a whole solve with one thread, set-up included and output left "
+        f"out. Points that did not converge are in the tables only. Tube: {_STEPS} load steps to "
+        "the doubled radius, K = 1000.",
+        "cases": [*tube, *straight, *inclined],
+        "plots": [
+            _plot("Tube: radial stress at the inner surface", tube),
+            _plot("Muscle block, straight fibers: axial stress in the middle", straight),
+            _plot("Muscle block, fibers inclined 30°: largest error of six probes", inclined),
+        ],
+        "tables": [
+            _table("Tube.", tube),
+            _table("Muscle block, straight fibers, activation 0.15.", straight),
+            _table("Muscle block, inclined fibers, up to activation 0.15.", inclined),
+        ],
+    }
+
+
+def _tube(
+    progress: ProgressCallback, sizes: tuple[tuple[int, int], ...], limit: float
+) -> list[dict[str, Any]]:
+    deck = load_deck(INPUTS / "tube.toml", [])
+    rubber = exact.Polynomial.from_deck(deck["material"][0])
+    solution = float(exact.tube(rubber, 6.0, 8.0, 6.0).radial[0])
+    cases = []
+    for number, (order, support, method) in enumerate(_TUBE):
+        progress(f"tube {number + 1}/{len(_TUBE)}  order {order}, {support:g} h, {method}")
+        for radial, angular in sizes:
+            case = solve_case(
+                "tube",
+                [
+                    f"geometry.source=[{radial},{angular}]",
+                    f"geometry.collocation=[{2 * radial - 1},{2 * angular - 1}]",
+                    *_choice(order, support, method),
+                    f"load.steps={_STEPS}",
+                ],
+                limit=limit,
+            )
+            case |= {"curve": f"{method}, order {order}, {support:g} h", "solution": solution}
+            case["size"] = f"{radial} x {angular}"
+            if case["outcome"] == "converged":
+                case["error"] = abs(case["probes"]["radial_stress"] / solution - 1.0)
+            cases.append(case)
+    return cases
+
+
+def _felupe(
+    progress: ProgressCallback, elements: tuple[tuple[int, int], ...]
+) -> list[dict[str, Any]]:
+    """Points of the rival; a first, unmeasured solve loads and compiles what it needs."""
+    deck = load_deck(INPUTS / "tube.toml", [])
+    table, geometry = deck["material"][0], deck["geometry"]
+    solution = float(exact.tube(exact.Polynomial.from_deck(table), 6.0, 8.0, 6.0).radial[0])
+    progress("felupe")
+    felupe_tube((1, 2), table, geometry, 2)
+    cases = []
+    for size in elements:
+        case = felupe_tube(size, table, geometry, _STEPS)
+        case |= {"curve": "felupe, mixed Q2", "size": f"{size[0]} x {size[1]} elements"}
+        case |= {"outcome": "converged", "message": "", "rival": True, "solution": solution}
+        case["error"] = abs(case["value"] / solution - 1.0)
+        cases.append(case)
+    return cases
+
+
+def _blocks(
+    progress: ProgressCallback, name: str, sizes: tuple[tuple[int, int, int], ...], limit: float
+) -> list[dict[str, Any]]:
+    cases = []
+    for number, (order, support, method) in enumerate(_BLOCK):
+        progress(f"{name} {number + 1}/{len(_BLOCK)}  order {order}, {support:g} h, {method}")
+        for size in sizes:
+            if any(n <= order + 1 for n in size):
+                continue
+            overrides = [
+                f"geometry.source=[{','.join(str(n) for n in size)}]",
+                f"geometry.collocation=[{','.join(str(2 * n - 1) for n in size)}]",
+                *_choice(order, support, method),
+                "load.activation=0.15",
+                "load.steps=6",
+            ]
+            case = solve_case(name, overrides, limit=limit)
+            case |= {"curve": f"{method}, order {order}, {support:g} h"}
+            case["size"] = " x ".join(str(n) for n in size)
+            if case["outcome"] == "converged":
+                case["error"] = _block_error(case, name, overrides)
+            cases.append(case)
+    return cases
+
+
+def _block_error(case: dict[str, Any], name: str, overrides: list[str]) -> float:
+    """Error against the exact state of straight fibers, or the largest against references."""
+    if name == "muscle_block":
+        deck = load_deck(INPUTS / f"{name}.toml", overrides)
+        return abs(case["probes"]["stress_zz"] / along_fixed_fibers(deck, None) - 1.0)
+    return max(max(entry["relative_error"]) for entry in case["reference"].values())
+
+
+def _choice(order: int, support: float, method: str) -> list[str]:
+    return [
+        f"approximation.order={order}",
+        f"approximation.support={support}",
+        f"scene.method={method}",
+    ]
+
+
+def _seconds(case: dict[str, Any]) -> float:
+    """Wall time without the output of files."""
+    timings = case.get("timings_s")
+    return float(timings["total"] - timings["output"] if timings else case["seconds"])
+
+
+def _plot(title: str, cases: list[dict[str, Any]]) -> dict[str, Any]:
+    series = []
+    for name in dict.fromkeys(case["curve"] for case in cases):
+        points = [case for case in cases if case["curve"] == name and "error" in case]
+        if points:
+            series.append(
+                {
+                    "name": name,
+                    "x": [_seconds(case) for case in points],
+                    "y": [case["error"] for case in points],
+                    "rival": points[0].get("rival", False),
+                }
+            )
+    return {"title": title, "x": "wall time [s]", "y": "relative error [-]", "series": series}
+
+
+def _table(caption: str, cases: list[dict[str, Any]]) -> dict[str, Any]:
+    head = ["curve", "size", "outcome", "unknowns", "error", "iterations", "time [s]"]
+    rows = [
+        [
+            case["curve"],
+            case["size"],
+            outcome_text(case),
+            case.get("dofs"),
+            case.get("error"),
+            case.get("iterations"),
+            _seconds(case),
+        ]
+        for case in cases
+    ]
+    return {"caption": caption, "head": head, "rows": rows}

@@ -1,0 +1,311 @@
+"""Manufactured solutions: observed orders of displacement and stress in both formulations.
+
+A large deformation is chosen; the body force that it needs, `b = -Div P`, and the boundary values
+are computed from it and prescribed. The material is active anisotropic muscle; in the last case
+its bulk modulus jumps by a factor of five at X = 1/2, where the chosen deformation keeps its
+volume, so that no force acts on the interface.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from myork import core_material
+from myork.bench.bodies import box
+from myork.console import ProgressCallback
+from myork.errors import MyorkError
+from myork.model.store import write_model
+from myork.scene import Scene
+
+__all__ = ["PROBLEMS", "Problem", "chosen_deformation", "observed_order", "run", "solve"]
+
+F64Array = NDArray[np.float64]
+
+METHODS = ("rkcm", "rkcm-mixed")
+_ACTIVATION = 0.3
+# Convex, unlike table 4.1 with its negative A01: the exact solution must be the only one
+_MUSCLE = {"A10": 6.43, "A01": 1.0, "A20": 0.94}
+_FIBER = {2: (0.6, 0.8, 0.0), 3: (0.48, 0.6, 0.64)}
+
+
+class Problem(NamedTuple):
+    """A manufactured problem on a unit square or cube.
+
+    Attributes
+    ----------
+    name : str
+        What it is.
+    dimension : int
+        2 (plane strain) or 3.
+    bulk : tuple of float
+        Bulk modulus left and right of X = 1/2 [stress].
+    order, support : int, float
+        Basis and support over spacing.
+    sizes : tuple of int
+        Source points along each edge.
+    """
+
+    name: str
+    dimension: int
+    bulk: tuple[float, float]
+    order: int
+    support: float
+    sizes: tuple[int, ...]
+
+
+PROBLEMS = (
+    Problem("2-D, order 2", 2, (500.0, 500.0), 2, 3.5, (9, 17, 33)),
+    Problem("2-D, order 3", 2, (500.0, 500.0), 3, 4.5, (9, 17, 33)),
+    Problem("2-D, order 4", 2, (500.0, 500.0), 4, 5.5, (9, 17, 33)),
+    Problem("3-D, order 2", 3, (500.0, 500.0), 2, 3.5, (5, 6, 7)),
+    Problem("3-D, order 2, K jumps", 3, (500.0, 2500.0), 2, 3.5, (5, 6, 7)),
+)
+
+
+class _Exact(NamedTuple):
+    """The chosen solution at points."""
+
+    u: F64Array
+    f: F64Array
+    p: F64Array
+    body_force: F64Array
+
+
+def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
+    """Solve all problems at all sizes with both methods; see `myork.bench` for the result."""
+    cases: list[dict[str, Any]] = []
+    for number, problem in enumerate(PROBLEMS):
+        progress(f"problem {number + 1}/{len(PROBLEMS)}  {problem.name}")
+        sizes = problem.sizes[:2] if quick else problem.sizes
+        cases += [solve(problem, method, n) for method in METHODS for n in sizes]
+    plots = [
+        {
+            "title": f"Manufactured solutions: {what}",
+            "x": "spacing of the source points h [cm]",
+            "y": f"relative error of the {what} (root mean square)",
+            "series": [
+                {"name": f"{problem.name}, {method}", "x": x, "y": y}
+                for problem in PROBLEMS
+                for method in METHODS
+                for x, y in [_curve(cases, problem, method, key)]
+                if x
+            ],
+        }
+        for what, key in (("displacement", "u_error"), ("Cauchy stress", "stress_error"))
+    ]
+    return {
+        "title": "Manufactured solutions",
+        "about": "Active muscle with oblique fibers, stretches from 0.7 to 1.4; the order is that "
+        "between the two finest sizes. Faces across x are held, the others carry tractions.",
+        "cases": cases,
+        "tables": [_table(cases)],
+        "plots": plots,
+    }
+
+
+def solve(problem: Problem, method: str, n: int) -> dict[str, Any]:
+    """Solve one problem.
+
+    Parameters
+    ----------
+    problem : Problem
+        What is solved.
+    method : str
+        `rkcm` or `rkcm-mixed`.
+    n : int
+        Source points along each edge; there are twice as many collocation points.
+
+    Returns
+    -------
+    dict
+        `u_error` and `stress_error` (relative, root mean square over the collocation points) and
+        what other benchmarks record of a case.
+    """
+    case: dict[str, Any] = {
+        "name": problem.name,
+        "method": method,
+        "source_per_edge": n,
+        "h": 1.0 / (n - 1),
+        "dimension": problem.dimension,
+        "order": problem.order,
+        "support": problem.support,
+    }
+    started = time.perf_counter()
+    with tempfile.TemporaryDirectory(prefix="myork-bench-") as folder:
+        deck = _write_deck(Path(folder), problem, method, n)
+        with Scene(deck, threads=1) as scene:
+            exact = _exact(scene.points(), problem)
+            scene.set_fields(exact.body_force, exact.u, exact.p)
+            case |= {"dofs": scene.dofs, "rows": scene.rows, "outcome": "converged", "message": ""}
+            try:
+                states = scene.solve()
+            except MyorkError as error:
+                return case | {"outcome": "not converged", "message": str(error)}
+            fields = scene.fields(states.x[-1], 1.0)
+    cauchy = exact.p @ np.swapaxes(exact.f, 1, 2) / np.linalg.det(exact.f)[:, None, None]
+    voigt = cauchy[:, [0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]]
+    return case | {
+        "u_error": _relative(fields.u, exact.u),
+        "stress_error": _relative(fields.cauchy, voigt),
+        "iterations": int(states.iterations.sum()),
+        "min_J": float(states.min_j.min()),
+        "max_J": float(states.max_j.max()),
+        "seconds": time.perf_counter() - started,
+    }
+
+
+def observed_order(cases: list[dict[str, Any]], key: str) -> float:
+    """Slope of an error between the last two of several sizes of one problem."""
+    first, last = cases[-2:]
+    return float(np.log(first[key] / last[key]) / np.log(first["h"] / last["h"]))
+
+
+def chosen_deformation(x: NDArray[Any]) -> NDArray[Any]:
+    """Deformed places of undeformed ones, shape `(n, 3)`; works with complex numbers.
+
+    A stretch along X with volume ratio `1 + 1.2 (X - 1/2)^2`, then shears along y and z, which
+    keep the volume.
+    """
+    y = np.empty(x.shape, x.dtype)
+    y[:, 0] = x[:, 0] + 0.4 * (x[:, 0] - 0.5) ** 3 + 0.05
+    y[:, 1] = x[:, 1] + 0.12 * np.sin(2.0 * y[:, 0])
+    y[:, 2] = x[:, 2]
+    y[:, 0] = y[:, 0] + 0.08 * np.cos(2.0 * y[:, 1])
+    return y
+
+
+def _chosen_3d(x: NDArray[Any]) -> NDArray[Any]:
+    """The same with a shear across the third direction."""
+    y = chosen_deformation(x)
+    y[:, 2] = y[:, 2] + 0.1 * np.sin(2.0 * y[:, 1] + y[:, 0])
+    y[:, 1] = y[:, 1] + 0.06 * np.sin(2.0 * y[:, 2])
+    return y
+
+
+def _gradient(deform: Callable[[Any], Any], x: F64Array) -> F64Array:
+    """Deformation gradient by complex steps, exact to rounding, shape `(n, 3, 3)`."""
+    f = np.empty((len(x), 3, 3))
+    for a in range(3):
+        moved = x.astype(complex)
+        moved[:, a] += 1e-30j
+        f[:, :, a] = deform(moved).imag / 1e-30
+    return f
+
+
+def _exact(points: F64Array, problem: Problem) -> _Exact:
+    """Solution, stress and body force at points."""
+    deform = chosen_deformation if problem.dimension == 2 else _chosen_3d
+    x = np.zeros((len(points), 3))
+    x[:, : problem.dimension] = points
+    right = x[:, 0] > 0.5
+
+    def stress(at: F64Array) -> F64Array:
+        f = _gradient(deform, at)
+        p = np.empty_like(f)
+        for side, bulk in zip((~right, right), problem.bulk, strict=True):
+            if not side.any():
+                continue
+            law = core_material.Material("muscle", bulk, model="muscle", curve="smooth", **_MUSCLE)
+            p[side] = core_material.stress(
+                law, f[side], fiber=_FIBER[problem.dimension], activation=_ACTIVATION
+            )
+        return p
+
+    # central differences of sixth order: error below 1e-10 with this step
+    step, weights = 2e-3, (3 / 4, -3 / 20, 1 / 60)
+    divergence = np.zeros((len(x), 3))
+    for a in range(problem.dimension):
+        for k, weight in enumerate(weights, 1):
+            shift = np.zeros(3)
+            shift[a] = k * step
+            divergence += weight * (stress(x + shift) - stress(x - shift))[:, :, a] / step
+    return _Exact(deform(x) - x, _gradient(deform, x), stress(x), -divergence)
+
+
+def _write_deck(folder: Path, problem: Problem, method: str, n: int) -> Path:
+    """Deck of a unit square or cube; in space a model file with two labels."""
+    nd = problem.dimension
+    names = "xyz"[:nd]
+    if nd == 2:
+        geometry = f'kind = "box"\nsize = [1, 1]\nsource = [{n}, {n}]\n'
+        geometry += f"collocation = [{2 * n - 1}, {2 * n - 1}]"
+    else:
+        geometry = 'kind = "model"'
+        cloud = box((1.0, 1.0, 1.0), (n, n, n), (2 * n - 1,) * 3, _FIBER[3])
+        cloud.label[cloud.points[:, 0] > 0.5] = 2
+        write_model(folder / "model.h5", cloud)
+    moduli = "\n".join(f"{key} = {value}" for key, value in _MUSCLE.items())
+    materials = [
+        f'[[material]]\nname = "muscle{label}"\nmodel = "muscle"\n{moduli}\nK = {bulk}\n'
+        f'curve = "smooth"\nfiber = {list(_FIBER[nd])}\n' + (f"label = {label}" if nd == 3 else "")
+        for label, bulk in enumerate(problem.bulk[: nd - 1], 1)
+    ]
+    # the chosen solution is smooth, so that rows near the edges count in full
+    fixed = "\n".join(f"u_{name} = 0" for name in names)
+    held = "\n".join(f'[[boundary]]\nset = "{face}"\n{fixed}' for face in ("x0", "x1"))
+    deck = folder / "manufactured.toml"
+    lines = [
+        'title = "Manufactured solution"',
+        '[units]\nforce = "N"\nlength = "cm"',
+        f'[scene]\ndimension = {nd}\nmethod = "{method}"',
+        f"[geometry]\n{geometry}",
+        f"[approximation]\norder = {problem.order}\nsupport = {problem.support}",
+        *materials,
+        held,
+        f"[load]\nsteps = 1\nmax_halvings = 1\nactivation = {_ACTIVATION}",
+        "[solver]\nmax_iterations = 60",
+        "[mixed]\nedge_exponent = 0",
+    ]
+    deck.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return deck
+
+
+def _relative(value: F64Array, exact: F64Array) -> float:
+    return float(np.linalg.norm(value - exact) / np.linalg.norm(exact))
+
+
+def _curve(
+    cases: list[dict[str, Any]], problem: Problem, method: str, key: str
+) -> tuple[list[float], list[float]]:
+    found = [
+        case
+        for case in cases
+        if case["name"] == problem.name and case["method"] == method and key in case
+    ]
+    return [case["h"] for case in found], [case[key] for case in found]
+
+
+def _table(cases: list[dict[str, Any]]) -> dict[str, Any]:
+    """A line a solve, with the order from the line before it."""
+    rows = []
+    for before, case in zip([None, *cases], cases, strict=False):
+        orders: list[float | None] = [None, None]
+        if before is not None and before["name"] == case["name"]:
+            same = before["method"] == case["method"]
+            if same and all("u_error" in entry for entry in (before, case)):
+                orders = [observed_order([before, case], k) for k in ("u_error", "stress_error")]
+        rows.append(
+            [
+                case["name"],
+                case["method"],
+                case["source_per_edge"],
+                case.get("dofs"),
+                case["outcome"],
+                case.get("u_error"),
+                orders[0],
+                case.get("stress_error"),
+                orders[1],
+                case.get("iterations"),
+                case.get("seconds"),
+            ]
+        )
+    head = ["problem", "method", "points an edge", "unknowns", "outcome", "error of u", "order"]
+    head += ["error of stress", "order", "iterations", "time [s]"]
+    return {"caption": "Relative errors and observed orders.", "head": head, "rows": rows}
