@@ -1,6 +1,8 @@
 ! Python boundary of scenes: a handle in, arrays out. Python checks shapes before it calls.
 
-!> Open the scene of a deck; the arrays are the model file's and may be empty
+!> Open the scene of a deck; the arrays are the model file's and may be empty. Not threadsafe:
+!> gfortran keeps the lengths of character function results in static storage, and keys are made
+!> of such results
 subroutine scene_open(path, nover, overrides, ns, nc, nb, nset, source, spacing, place, volume, &
    & label, fiber, point, set, normal, area, names, handle, stat, message)
    use rk_cloud, only : cloud_type
@@ -8,7 +10,6 @@ subroutine scene_open(path, nover, overrides, ns, nc, nb, nset, source, spacing,
    use rk_pack, only : pack_error
    use rk_session, only : open_session
    implicit none
-   !f2py threadsafe
    integer, intent(in) :: nover, ns, nc, nb, nset
    character(len=*), intent(in) :: path, overrides(nover), names(nset)
    double precision, intent(in) :: source(3, ns), spacing(3), place(3, nc), fiber(3, nc)
@@ -251,6 +252,27 @@ subroutine scene_hessian(handle, reduced, n, start, x, load, gradient, second, s
    call hessian_session(handle, reduced /= 0, start, x, load, gradient, second, error)
    call pack_error(error, stat, message)
 end subroutine scene_hessian
+
+!> Residual and linearised rows times a direction, of the full (reduced = 0) or the reduced problem;
+!> the row weights are those of a load step that starts at `start`
+subroutine scene_linearise(handle, reduced, n, m, start, x, load, dx, r, y, stat, message)
+   use rk_error, only : error_type
+   use rk_pack, only : pack_error
+   use rk_session, only : linearise_session
+   implicit none
+   !f2py threadsafe
+   integer, intent(in) :: handle, reduced, n, m
+   double precision, intent(in) :: start(n), x(n), load, dx(n)
+   double precision, intent(out) :: r(m), y(m)
+   integer, intent(out) :: stat
+   character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
+
+   r = 0
+   y = 0
+   call linearise_session(handle, reduced /= 0, start, x, load, dx, r, y, error)
+   call pack_error(error, stat, message)
+end subroutine scene_linearise
 
 !> Values of all probes, three numbers each, for states of the full problem
 subroutine scene_probes(handle, n, k, np, x, load, value, stat, message)

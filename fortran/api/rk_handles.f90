@@ -10,6 +10,7 @@ module rk_handles
    use rk_recorder, only : iteration_type, recorder_type, step_type
    use rk_reduced, only : reduced_type
    use rk_scene, only : scene_type
+   use rk_text, only : to_text
    implicit none
    private
 
@@ -75,7 +76,8 @@ subroutine open_slot(slot, error)
       allocate (slot%scene, slot%states)
       return
    end do
-   call fatal_error(error, err_input, 'too many open scenes: close some')
+   call fatal_error(error, err_input, 'too many open scenes, at most '//to_text(rows) &
+      & //': close some')
 end subroutine open_slot
 
 !> Give a row back

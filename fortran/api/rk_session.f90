@@ -19,7 +19,7 @@ module rk_session
    private
 
    public :: open_session, set_session_fields, reduce_session, solve_session, hessian_session
-   public :: probe_session
+   public :: linearise_session, probe_session
 
 contains
 
@@ -145,7 +145,7 @@ subroutine solve_session(handle, linear, reduced, error)
 
    call find_problem(handle, reduced, slot, problem, error)
    if (allocated(error)) return
-   newton%linear = linear
+   newton%linear = trim(linear)
    if (linear == '') newton%linear = slot%scene%linear
    newton%damping%method = slot%scene%newton
    newton%tolerance = slot%scene%tolerance
@@ -169,6 +169,67 @@ subroutine solve_session(handle, linear, reduced, error)
       & slot%timer, error)
 end subroutine solve_session
 
+!> Problem with its residual and rows at a state
+subroutine evaluate_session(handle, reduced, start, x, load, problem, r, error)
+   !> Handle
+   integer, intent(in) :: handle
+   !> Of the reduced problem
+   logical, intent(in) :: reduced
+   !> Unknowns at the start of the load step, which fix the row weights, shape (n)
+   real(wp), contiguous, intent(in) :: start(:)
+   !> Unknowns, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> Problem
+   class(problem_type), pointer, intent(out) :: problem
+   !> Residual, shape (m)
+   real(wp), allocatable, intent(out) :: r(:)
+   !> Error handling: closed scene, no reduced model, J <= 0
+   type(error_type), allocatable, intent(out) :: error
+   type(slot_type), pointer :: slot
+   type(state_type) :: state
+
+   call find_problem(handle, reduced, slot, problem, error)
+   if (allocated(error)) return
+   allocate (r(problem%m))
+   call problem%start_step(start, load)
+   call problem%evaluate(x, load, .true., r, state)
+   if (.not. state%valid) call fatal_error(error, err_input, 'the state is not valid: smallest J ' &
+      & //to_text(state%min_j, 4)//' at collocation point '//to_text(state%worst))
+end subroutine evaluate_session
+
+!> Residual and linearised rows times a direction
+subroutine linearise_session(handle, reduced, start, x, load, dx, r, y, error)
+   !> Handle
+   integer, intent(in) :: handle
+   !> Of the reduced problem
+   logical, intent(in) :: reduced
+   !> Unknowns at the start of the load step, which fix the row weights, shape (n)
+   real(wp), contiguous, intent(in) :: start(:)
+   !> Unknowns, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> Direction, shape (n)
+   real(wp), contiguous, intent(in) :: dx(:)
+   !> Residual, shape (m)
+   real(wp), contiguous, intent(inout) :: r(:)
+   !> Linearised rows times the direction, shape (m)
+   real(wp), contiguous, intent(inout) :: y(:)
+   !> Error handling: closed scene, no reduced model, J <= 0
+   type(error_type), allocatable, intent(out) :: error
+   class(problem_type), pointer :: problem
+   class(row_operator), pointer :: op
+   real(wp), allocatable :: residual(:)
+
+   call evaluate_session(handle, reduced, start, x, load, problem, residual, error)
+   if (allocated(error)) return
+   r = residual
+   op => problem%operator()
+   call op%apply(dx, y)
+end subroutine linearise_session
+
 !> Gradient and second derivatives of r.r/2
 subroutine hessian_session(handle, reduced, start, x, load, gradient, second, error)
    !> Handle
@@ -187,22 +248,12 @@ subroutine hessian_session(handle, reduced, start, x, load, gradient, second, er
    real(wp), contiguous, intent(inout) :: second(:, :)
    !> Error handling: closed scene, no reduced model, J <= 0
    type(error_type), allocatable, intent(out) :: error
-   type(slot_type), pointer :: slot
    class(problem_type), pointer :: problem
    class(row_operator), pointer :: op
-   type(state_type) :: state
    real(wp), allocatable :: r(:)
 
-   call find_problem(handle, reduced, slot, problem, error)
+   call evaluate_session(handle, reduced, start, x, load, problem, r, error)
    if (allocated(error)) return
-   allocate (r(problem%m))
-   call problem%start_step(start, load)
-   call problem%evaluate(x, load, .true., r, state)
-   if (.not. state%valid) then
-      call fatal_error(error, err_input, 'the state is not valid: smallest J ' &
-         & //to_text(state%min_j, 4)//' at collocation point '//to_text(state%worst))
-      return
-   end if
    op => problem%operator()
    call op%apply_transposed(r, gradient)
    call problem%hessian(x, load, r, second)

@@ -143,8 +143,8 @@ subroutine iteration(self, it)
    self%last = it
    self%backward_error = max(self%backward_error, it%backward_error)
    self%rcond = min(self%rcond, it%rcond)
-   write (self%history, '(i0, ",", es22.16, ",", i0, 5(",", es14.8), ",", es8.2, ",", a, ",", '// &
-      & 'f0.3)') it%step, it%load, it%iteration, it%residual, it%gradient, &
+   write (self%history, '(i0, ",", es23.16e3, ",", i0, 5(",", es15.8e3), ",", es9.2e3, '// &
+      & '",", a, ",", f0.3)') it%step, it%load, it%iteration, it%residual, it%gradient, &
       & it%step_norm, it%min_j, it%max_j, it%backward_error, it%solver, it%seconds
    flush (self%history)
    write (line, '("  iteration ", i0, "  |r| ", es8.1, "  |A''r| ", es8.1, "  |da| ", es8.1, '// &

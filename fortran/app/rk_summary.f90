@@ -1,5 +1,6 @@
 !> summary.json of a solve.
 module rk_summary
+   use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
    use rk_collocation, only : collocation_type
    use rk_deck, only : deck_type
    use rk_error, only : error_type
@@ -75,8 +76,7 @@ subroutine write_summary(path, deck, problem, output, timer, shape_s, total_s, t
       call json%put('converged', converged)
       if (.not. converged) call json%put('message', message)
       call write_steps(json, problem, output)
-      if (converged) call write_exact(json, problem, output, error)
-      if (allocated(error)) return
+      if (converged) call write_exact(json, problem, output)
       if (present(norms)) call write_norms(json, norms)
       call write_references(json, problem, output)
       call json%put('force_imbalance', output%imbalance)
@@ -172,15 +172,14 @@ subroutine write_steps(json, problem, output)
 end subroutine write_steps
 
 !> Exact solutions at full load
-subroutine write_exact(json, problem, output, error)
+subroutine write_exact(json, problem, output)
    !> JSON inside the summary
    type(json_type), intent(inout) :: json
    !> Problem
    class(collocation_type), intent(in) :: problem
    !> What was recorded
    type(output_type), intent(in) :: output
-   !> Error handling
-   type(error_type), allocatable, intent(out) :: error
+   type(error_type), allocatable :: no_root
    real(wp) :: exact, value
    integer :: k
 
@@ -188,8 +187,9 @@ subroutine write_exact(json, problem, output, error)
    call json%begin_object('exact')
    do k = 1, size(problem%scene%exact)
       associate (item => problem%scene%exact(k))
-         call exact_value(problem%scene, item, exact, error)
-         if (allocated(error)) return
+         ! without a root there is no exact value, which is no reason to lose the summary
+         call exact_value(problem%scene, item, exact, no_root)
+         if (allocated(no_root)) exact = ieee_value(exact, ieee_quiet_nan)
          value = output%record(size(output%record))%probe(1, item%probe)
          call json%begin_object(problem%scene%probe(item%probe)%name)
          call json%put('solution', item%solution)

@@ -48,8 +48,8 @@ subroutine find_neighbours(self, source, support, place, window, error)
    type(cells_type) :: cells
    integer :: ip, n
 
-   if (.not. all(support > 0.0_wp)) then
-      call fatal_error(error, err_input, 'support sizes must be positive')
+   if (.not. all(support > 0.0_wp .and. support < huge(1.0_wp))) then
+      call fatal_error(error, err_input, 'support sizes must be positive, finite numbers')
       return
    end if
    if (.not. (all(abs(source) < huge(1.0_wp)) .and. all(abs(place) < huge(1.0_wp)))) then
@@ -106,14 +106,15 @@ subroutine fill_cells(cells, source, support)
    !> Support, shape (nd, ns) [length]
    real(wp), intent(in) :: support(:, :)
    integer, allocatable :: cell(:), at(:)
-   integer :: d, is, nd
+   integer :: d, is, nd, most
 
    nd = size(source, 1)
+   ! a few wide cells are enough when supports are small or points far apart
+   most = nint(real(8*size(source, 2), wp)**(1.0_wp/nd))
    do d = 1, nd
       cells%low(d) = minval(source(d, :))
       cells%size(d) = maxval(support(d, :))
-      ! a few wide cells are enough when points are far apart
-      cells%n(d) = 1 + int(min((maxval(source(d, :)) - cells%low(d))/cells%size(d), 200.0_wp))
+      cells%n(d) = 1 + int(min((maxval(source(d, :)) - cells%low(d))/cells%size(d), real(most, wp)))
       cells%size(d) = max(cells%size(d), &
          & (maxval(source(d, :)) - cells%low(d))/cells%n(d)*(1.0_wp + 1.0e-12_wp))
    end do

@@ -68,6 +68,12 @@ subroutine new_boundary(self, cloud, condition, error)
       do c = 1, size(condition)
          if (condition(c)%set /= cloud%set(e)) cycle
          call prescribed(condition(c), cloud%place(:, cloud%point(e)), fixed, g)
+         if (.not. all(abs(g) <= huge(1.0_wp))) then
+            call fatal_error(error, err_input, 'boundary set ' &
+               & //trim(cloud%set_name(cloud%set(e)))//': a radial displacement has no direction ' &
+               & //'at '//to_text(cloud%place(:, cloud%point(e)))//' on the axis')
+            return
+         end if
          do i = 1, nd
             if (.not. fixed(i)) cycle
             if (self%essential(i, b)) then
@@ -92,7 +98,8 @@ subroutine new_boundary(self, cloud, condition, error)
       g = 0.0_wp
       do c = 1, size(condition)
          if (condition(c)%set /= cloud%set(e)) cycle
-         fixed = fixed .or. condition(c)%fixed .or. condition(c)%is_radial
+         fixed = fixed .or. condition(c)%fixed
+         fixed(:2) = fixed(:2) .or. condition(c)%is_radial
          g = g + condition(c)%traction
       end do
       self%singular(b) = self%singular(b) .or. &

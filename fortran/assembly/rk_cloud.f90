@@ -1,7 +1,9 @@
 !> Point clouds: source points, collocation points, boundary sets; and the clouds of simple bodies.
 module rk_cloud
    use rk_error, only : error_type, fatal_error, err_input
-   use rk_precision, only : pi, wp
+   use rk_kernel, only : window_product
+   use rk_neighbours, only : find_neighbours, neighbour_type
+   use rk_precision, only : i8, pi, wp
    use rk_text, only : to_text
    implicit none
    private
@@ -255,13 +257,16 @@ subroutine check_cloud(self, error)
    type(error_type), allocatable, intent(out) :: error
    integer :: i
 
+   call check_source(self, error)
+   if (allocated(error)) return
    do i = 1, size(self%place, 2)
       if (.not. all(abs(self%place(:, i)) <= huge(1.0_wp))) then
          call fatal_error(error, err_input, 'collocation point '//to_text(i)//' has coordinates ' &
             & //'that are not finite')
          return
       end if
-      if (.not. abs(norm2(self%fiber(:, i)) - 0.5_wp) <= 0.500001_wp) then
+      if (.not. (norm2(self%fiber(:, i)) <= 1.0e-6_wp .or. &
+         & abs(norm2(self%fiber(:, i)) - 1.0_wp) <= 1.0e-6_wp)) then
          call fatal_error(error, err_input, 'fiber at collocation point '//to_text(i)//' at ' &
             & //to_text(self%place(:, i))//' is '//to_text(self%fiber(:, i)) &
             & //': neither a unit vector nor zero')
@@ -282,6 +287,36 @@ subroutine check_cloud(self, error)
       end if
    end do
 end subroutine check_cloud
+
+!> Source points must be finite and all different: equal ones make the equations singular
+subroutine check_source(self, error)
+   !> Cloud
+   type(cloud_type), intent(in) :: self
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   type(neighbour_type) :: same
+   integer :: i
+   integer(i8) :: k
+
+   do i = 1, size(self%source, 2)
+      if (all(abs(self%source(:, i)) <= huge(1.0_wp)) .and. all(self%spacing(:, i) > 0.0_wp)) cycle
+      call fatal_error(error, err_input, 'source point '//to_text(i)//' at ' &
+         & //to_text(self%source(:, i))//' with spacing '//to_text(self%spacing(:, i)) &
+         & //': coordinates must be finite, spacings positive')
+      return
+   end do
+   call find_neighbours(same, self%source, 1.0e-6_wp*self%spacing, self%source, window_product, &
+      & error)
+   if (allocated(error)) return
+   do i = 1, size(self%source, 2)
+      k = same%offset(i) + 1
+      if (same%offset(i + 1) == k) cycle
+      call fatal_error(error, err_input, 'source points '//to_text(same%index(k))//' and ' &
+         & //to_text(same%index(k + 1))//' at '//to_text(self%source(:, i)) &
+         & //' are the same: remove one')
+      return
+   end do
+end subroutine check_source
 
 !> Grid counts fit the dimension and allow differences
 subroutine check_counts(nd, source, place, error)

@@ -89,6 +89,8 @@ subroutine new_collocation(self, scene, error)
       & scene%cloud%place, [(minval(scene%cloud%spacing(d, :)), d=1, nd)])
    self%m = self%rows%m
    self%n = self%rows%n
+   self%extent = sqrt(real(self%n, wp))*maxval(maxval(scene%cloud%source, dim=2) &
+      & - minval(scene%cloud%source, dim=2))
    allocate (self%weight(nb), source=1.0_wp)
    allocate (self%boundary_of(nc), source=0)
    self%boundary_of(self%boundary%point) = [(b, b=1, nb)]

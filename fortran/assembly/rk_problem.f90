@@ -26,6 +26,8 @@ module rk_problem
       integer :: m = 0
       !> Unknowns
       integer :: n = 0
+      !> Norm of unknowns that would move every point by the size of the body, 0 where it has none
+      real(wp) :: extent = 0.0_wp
    contains
       !> Fix what stays constant during a load step: row weights
       procedure(start_interface), deferred :: start_step

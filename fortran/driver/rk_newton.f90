@@ -34,7 +34,7 @@ module rk_newton
    !> Settings and outcome of the iteration
    type :: newton_type
       !> Least squares solver, one of solver_names
-      character(len=8) :: linear = 'auto'
+      character(len=:), allocatable :: linear
       !> Matrix and damping of the iteration
       type(damping_type) :: damping
       !> Tolerance of both criteria [-]
@@ -52,6 +52,8 @@ module rk_newton
       logical :: free = .true.
       !> Fall of the merit that the last step promised, of the merit [-]
       real(wp) :: left = 0.0_wp
+      !> The last step moved nothing beside the size of the body
+      logical :: still = .false.
       !> Volume ratios of the last state
       type(state_type) :: state
    end type newton_type
@@ -62,6 +64,8 @@ module rk_newton
    real(wp), parameter :: slight = 1.0e-8_wp
    !> Fall of the merit, of the merit, that drowns in the rounding of residuals of stiff materials
    real(wp), parameter :: nothing = 1.0e-11_wp
+   !> Steps below this share of the unknowns, or of the size of the body, are rounding [-]
+   real(wp), parameter :: rounding = 1.0e-13_wp
 
 contains
 
@@ -106,6 +110,7 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
    self%iterations = 0
    self%step_norm = huge(1.0_wp)
    self%left = huge(1.0_wp)
+   self%still = .false.
    rejected = 0
    call self%damping%start()
    call system_clock(clock)
@@ -163,6 +168,7 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
       if (self%iterations == 1) first_norm = max(norm2(a), tiny(1.0_wp))
       self%step_norm = norm2(da)/first_norm
       if (scale > 0.0_wp) self%step_norm = scale*self%step_norm
+      self%still = scale > 0.0_wp .and. scale*norm2(da) <= rounding*problem%extent
       it%step = step
       it%load = load
       it%iteration = self%iterations
@@ -286,8 +292,9 @@ pure logical function converged(self)
    type(newton_type), intent(in) :: self
 
    converged = self%iterations > 0 .and. self%step_norm < self%tolerance
-   if (converged) converged = (self%whole .and. (self%step_norm < 1.0e-13_wp &
+   if (converged) converged = (self%whole .and. (self%step_norm < rounding &
       & .or. self%gradient < self%tolerance)) .or. (self%free .and. self%left < nothing)
+   converged = converged .or. (self%iterations > 0 .and. self%whole .and. self%still)
 end function converged
 
 !> Smallest volume ratio and its place

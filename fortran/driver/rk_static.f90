@@ -1,6 +1,6 @@
 !> Load steps from rest to full load, halved where the iteration fails and grown again afterwards.
 module rk_static
-   use rk_error, only : error_type, err_convergence, err_linalg, err_stopped
+   use rk_error, only : error_type, err_convergence, err_linalg
    use rk_newton, only : newton_type, solve_step, timer_type
    use rk_precision, only : wp
    use rk_problem, only : problem_type
@@ -29,7 +29,8 @@ subroutine solve_static(problem, newton, steps, max_halvings, x, recorder, timer
    class(recorder_type), intent(inout) :: recorder
    !> Wall times
    type(timer_type), intent(inout) :: timer
-   !> Error handling: no convergence; x holds and the recorder saw the last converged state
+   !> Error handling: no convergence, stopped, wrong input; x holds and the recorder saw the last
+   !> converged state
    type(error_type), allocatable, intent(out) :: error
    type(step_type) :: record
    real(wp) :: load, size, target_load, done
@@ -80,7 +81,7 @@ contains
          record%planned = .false.
          call recorder%step(record, x)
       end if
-      if (error%code == err_stopped) return
+      if (.not. any(error%code == [err_convergence, err_linalg])) return
       error%message = 'did not converge at load '//to_text(load)//': '//error%message &
          & //'; last converged load '//to_text(done)
       error%code = err_convergence

@@ -8,7 +8,7 @@
 !>             doi:10.1137/1.9781611971484 (CGLS 7.4, corrected semi-normal equations 2.4.6,
 !>             backward error 1.4.3)
 module rk_lstsq
-   use rk_error, only : error_type, fatal_error, err_input, err_linalg
+   use rk_error, only : error_type, fatal_error, err_input, err_linalg, err_memory
    use rk_lapack, only : cholesky, reciprocal_condition, solve_qr, solve_triangular
    use rk_precision, only : wp
    use rk_text, only : to_text
@@ -122,13 +122,12 @@ subroutine solve_lstsq(op, b, method, x, report, error)
       call fatal_error(error, err_input, 'unknown least squares solver '//trim(method))
    end select
    if (allocated(error)) return
-   if (report%used == 'refined' .and. report%backward_error > report%attainable) then
-      call fall_back(op, b, x, report, error)
-   end if
+   if (report%used == 'refined' .and. report%backward_error > report%attainable) &
+      & call fall_back(op, b, x, report)
 end subroutine solve_lstsq
 
 !> QR where refinement did not reach its level; the better of the two answers is kept
-subroutine fall_back(op, b, x, report, error)
+subroutine fall_back(op, b, x, report)
    !> Matrix
    class(row_operator), intent(in) :: op
    !> Right hand side, shape (m)
@@ -137,14 +136,17 @@ subroutine fall_back(op, b, x, report, error)
    real(wp), contiguous, intent(inout) :: x(:)
    !> What was done
    type(lstsq_report), intent(inout) :: report
-   !> Error handling
-   type(error_type), allocatable, intent(out) :: error
+   type(error_type), allocatable :: failure
    type(lstsq_report) :: other
    real(wp), allocatable :: y(:)
 
    allocate (y(op%n))
-   call solve_dense(op, b, y, other, error)
-   if (allocated(error)) return
+   call solve_dense(op, b, y, other, failure)
+   if (allocated(failure)) then
+      report%why = 'refined reached a backward error of '//to_text(report%backward_error, 2) &
+         & //', dgels failed: '//failure%message
+      return
+   end if
    report%why = 'refined reached a backward error of '//to_text(report%backward_error, 2) &
       & //', dgels '//to_text(other%backward_error, 2)//', at a reciprocal condition of ' &
       & //to_text(report%rcond, 2)
@@ -171,7 +173,7 @@ subroutine solve_dense(op, b, x, report, error)
 
    allocate (a(op%m, op%n), stat=stat)
    if (stat /= 0) then
-      call fatal_error(error, err_linalg, 'no memory for a dense matrix of ' &
+      call fatal_error(error, err_memory, 'no memory for a dense matrix of ' &
          & //to_text(8.0e-9_wp*op%m*op%n, 3)//' GB: use solver "refined"')
       return
    end if
@@ -362,8 +364,8 @@ subroutine column_error(j, norm, error)
    type(error_type), allocatable, intent(out) :: error
 
    if (norm < 1.0_wp) then
-      call fatal_error(error, err_linalg, 'unknown '//to_text(j)//' appears in no equation: a ' &
-         & //'source point whose support holds no collocation point')
+      call fatal_error(error, err_input, 'unknown '//to_text(j)//' appears in no equation: a ' &
+         & //'source point whose support holds no collocation point; use more collocation points')
    else
       call fatal_error(error, err_linalg, 'equations contain numbers that are not finite')
    end if

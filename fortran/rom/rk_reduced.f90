@@ -51,6 +51,7 @@ subroutine new_reduced(self, full, modes, error)
    allocate (self%base, source=full)
    self%m = full%m
    self%n = size(modes, 2)
+   self%extent = full%extent
    self%projected%m = self%m
    self%projected%n = self%n
    allocate (self%projected%a(self%m, self%n))

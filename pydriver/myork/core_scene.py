@@ -224,6 +224,8 @@ class CoreScene:
         modes = np.asarray(modes, float)
         if modes.ndim != 2 or modes.shape[0] != self.dofs or modes.shape[1] == 0:
             raise errors.InputError(f"modes must have shape ({self.dofs}, r), not {modes.shape}")
+        if not np.isfinite(modes).all():
+            raise errors.InputError("modes must be finite numbers")
         stat, message = _core.scene_reduce(self._handle, modes)
         errors.check(stat, message)
         self._unknowns = modes.shape[1]
@@ -231,6 +233,47 @@ class CoreScene:
     def solve_reduced(self, linear: str) -> States:
         """Solve the reduced model through all load steps; `reduce` comes first."""
         return self._run(linear, 1, self._unknowns, None)
+
+    def linearise(
+        self,
+        x: F64Array,
+        load: float,
+        direction: F64Array,
+        *,
+        start: F64Array | None = None,
+        reduced: bool = False,
+    ) -> tuple[F64Array, F64Array]:
+        """Residual of a state, and the linearised rows times a direction.
+
+        Parameters
+        ----------
+        x, direction : F64Array
+            Unknowns and a change of them, shape `(dofs,)`, or `(r,)` of the reduced model.
+        load : float
+            Fraction of the full load.
+        start : F64Array, optional
+            State at the start of the load step, which fixes the row weights; default `x`.
+        reduced : bool
+            Of the reduced model; `reduce` comes first.
+
+        Returns
+        -------
+        residual, product : F64Array
+            Shape `(rows,)` each.
+
+        Raises
+        ------
+        InputError
+            A wrong shape, or a state with J <= 0.
+        """
+        shape = (self._unknowns if reduced else self.dofs,)
+        given = (x if start is None else start, x, direction)
+        states = [_shaped("states and directions", array, shape) for array in given]
+        r, y, stat, message = _core.scene_linearise(
+            self._handle, int(reduced), self.rows, *states[:2], load, states[2]
+        )
+        errors.check(stat, message)
+        return r, y
 
     def hessian(
         self, x: F64Array, load: float, *, start: F64Array | None = None, reduced: bool = False
@@ -259,9 +302,7 @@ class CoreScene:
             A wrong shape, or a state with J <= 0.
         """
         shape = (self._unknowns if reduced else self.dofs,)
-        given = [np.asarray(v, float) for v in (x if start is None else start, x)]
-        if any(v.shape != shape for v in given):
-            raise errors.InputError(f"states must have shape {shape}, not {given[1].shape}")
+        given = [_shaped("states", v, shape) for v in (x if start is None else start, x)]
         gradient, second, stat, message = _core.scene_hessian(
             self._handle, int(reduced), *given, load
         )
@@ -270,17 +311,18 @@ class CoreScene:
 
     def fields(self, x: F64Array, load: float) -> Fields:
         """Fields of a state of the full model, coefficients of shape `(dofs,)`."""
+        x = _shaped("x", x, (self.dofs,))
         u, f, cauchy, stat, message = _core.scene_fields(
-            self._handle, self.collocation_points, np.asarray(x, float), load
+            self._handle, self.collocation_points, x, load
         )
         errors.check(stat, message)
         return Fields(u.T, np.moveaxis(f, -1, 0), cauchy.T)
 
     def probes(self, x: F64Array, load: F64Array) -> F64Array:
         """Probe values of states of the full model, shape `(nstep, nprobe, 3)`."""
-        value, stat, message = _core.scene_probes(
-            self._handle, self._probes, np.asarray(x, float).T, np.asarray(load, float)
-        )
+        load = np.atleast_1d(np.asarray(load, float))
+        x = _shaped("x", x, (len(load), self.dofs))
+        value, stat, message = _core.scene_probes(self._handle, self._probes, x.T, load)
         errors.check(stat, message)
         return np.moveaxis(value, (0, 1, 2), (2, 1, 0))
 
@@ -339,6 +381,16 @@ def pod_basis(snapshots: F64Array) -> tuple[F64Array, F64Array]:
         Orthonormal modes in columns, shape `(n, min(n, s))`, and proper orthogonal values.
     """
     snapshots = np.asarray(snapshots, float)
+    if snapshots.ndim != 2 or snapshots.size == 0:
+        raise errors.InputError(f"snapshots must have shape (s, n), not {snapshots.shape}")
     modes, values, stat, message = _core.pod_basis(min(snapshots.shape), snapshots.T)
     errors.check(stat, message)
     return modes, values
+
+
+def _shaped(name: str, array: F64Array, shape: tuple[int, ...]) -> F64Array:
+    """An array of the wanted shape: the wrapper would flatten another one silently."""
+    array = np.asarray(array, float)
+    if array.shape != shape:
+        raise errors.InputError(f"{name} must have shape {shape}, not {array.shape}")
+    return array

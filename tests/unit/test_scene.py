@@ -1,0 +1,294 @@
+"""Scenes in memory: handles, fields, forces, and how conditions meet at edges.
+
+Where a state is homogeneous, shape functions of order 2 represent it exactly: what remains is
+rounding times the condition of the rows, about 1e-10 of the largest value.
+"""
+
+import os
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from myork.core_scene import pod_basis
+from myork.errors import InputError
+from myork.scene import Scene
+
+TABLES = {
+    "scene": {"dimension": 3, "method": "rkcm"},
+    "geometry": {"kind": "box", "size": [1, 1, 2], "source": [3, 3, 4], "collocation": [4, 4, 6]},
+    "material": [{"name": "rubber", "model": "polynomial", "A10": 37.3, "K": 100.0}],
+    "boundary": [
+        {"set": "z0", "u_x": 0, "u_y": 0, "u_z": 0},
+        {"set": "z1", "u_x": 0, "u_y": 0, "u_z": 0.2},
+    ],
+    "load": {"steps": 2},
+    "probe": [
+        {"name": "bottom", "quantity": "force", "set": "z0"},
+        {"name": "top", "quantity": "force", "set": "z1"},
+        {"name": "middle", "quantity": "u", "point": [0.5, 0.5, 1.0]},
+    ],
+}
+#: Displacement gradient of a homogeneous state
+GRADIENT = np.array([[0.1, 0.3, -0.05], [0.02, -0.1, 0.1], [0.04, 0.07, 0.2]])
+
+
+def affine(size, counts, gradient):
+    """Coefficients of u = gradient x: shape functions reproduce it with nodal values."""
+    axes = [np.linspace(0, length, n) for length, n in zip(size, counts, strict=True)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(size))
+    return (points @ gradient.T).ravel()
+
+
+def test_a_closed_scene_is_recognised(open_scene):
+    scene = open_scene(TABLES)
+    x = np.zeros(scene.dofs)
+    scene.close()
+    scene.close()
+    for use in (
+        scene.solve,
+        lambda: scene.fields(x, 1.0),
+        lambda: scene.probes(x[None], [1.0]),
+        lambda: scene.linearise(x, 1.0, x),
+        lambda: scene.reduce(np.ones((scene.dofs, 1))),
+    ):
+        with pytest.raises(InputError, match="this scene is closed"):
+            use()
+
+
+def test_a_scene_that_took_the_place_of_a_closed_one_is_another(open_scene):
+    first = open_scene(TABLES)
+    first.close()
+    second = open_scene(TABLES)
+    with pytest.raises(InputError, match="closed"):
+        first.solve()
+    assert second.solve().load[-1] == 1.0
+
+
+def test_too_many_scenes_are_refused_and_closing_makes_room(open_scene, write_deck):
+    path = write_deck(TABLES)
+    with pytest.raises(InputError, match="at most 64: close some"):
+        for _ in range(65):
+            open_scene(path)
+    with pytest.raises(InputError, match="close some"):
+        Scene(path)
+
+
+def test_the_context_manager_closes(write_deck):
+    with Scene(write_deck(TABLES)) as scene:
+        pass
+    with pytest.raises(InputError, match="closed"):
+        scene.solve()
+
+
+def test_scenes_opened_at_once_do_not_meet(write_deck):
+    """From several Python threads; every scene has its own row of the table."""
+    path = write_deck(TABLES)
+    with ThreadPoolExecutor(8) as pool:
+        scenes = list(pool.map(lambda _: Scene(path), range(40)))
+    assert len({scene.solve().x.tobytes() for scene in scenes[::8]}) == 1
+    for scene in scenes:
+        scene.close()
+
+
+def test_wrong_shapes_are_refused(open_scene):
+    scene = open_scene(TABLES)
+    x = np.zeros(scene.dofs)
+    for use in (
+        lambda: scene.fields(x[:-1], 1.0),
+        lambda: scene.fields(x.reshape(-1, 3), 1.0),
+        lambda: scene.probes(x[None], [0.5, 1.0]),
+        lambda: scene.probes(x[None, :-3], [1.0]),
+        lambda: scene.linearise(x, 1.0, x[:3]),
+        lambda: scene.reduce(x),
+        lambda: scene.reduce(np.ones((scene.dofs - 1, 2))),
+        lambda: scene.reduce(np.zeros((scene.dofs, 0))),
+        lambda: pod_basis(x),
+    ):
+        with pytest.raises(InputError, match="must have shape"):
+            use()
+    for modes in (np.full((scene.dofs, 1), np.nan), np.full((scene.dofs, 1), np.inf)):
+        with pytest.raises(InputError, match="finite"):
+            scene.reduce(modes)
+    with pytest.raises(InputError, match="no reduced model"):
+        scene.solve_reduced("dgels")
+
+
+def test_sizes(open_scene):
+    """Rows: three a collocation point and three more on the boundary, 96 - 2*2*4 points."""
+    scene = open_scene(TABLES)
+    assert (scene.dimension, scene.source_points, scene.collocation_points) == (3, 36, 96)
+    assert (scene.dofs, scene.rows, scene.steps) == (108, 3 * 96 + 3 * (96 - 16), 2)
+
+
+def test_fields_of_a_homogeneous_state(open_scene):
+    """F[point, i, A] is not its transpose: the gradient is not symmetric."""
+    scene = open_scene(TABLES)
+    fields = scene.fields(affine([1, 1, 2], [3, 3, 4], GRADIENT), 1.0)
+    f = np.eye(3) + GRADIENT
+    assert_allclose(fields.f, np.broadcast_to(f, fields.f.shape), rtol=0, atol=1e-11)
+    # neo-Hookean with K/2 (J - 1)^2, written out by hand
+    j = np.linalg.det(f)
+    b = f @ f.T
+    sigma = 2 * 37.3 * j ** (-5 / 3) * (b - np.trace(b) / 3 * np.eye(3)) + 100 * (j - 1) * np.eye(3)
+    wanted = sigma[[0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]]
+    assert_allclose(fields.cauchy, np.broadcast_to(wanted, fields.cauchy.shape), rtol=1e-9)
+
+
+def test_fields_in_the_plane(open_scene):
+    plane = {
+        **TABLES,
+        "scene": {"dimension": 2, "method": "rkcm"},
+        "geometry": {"kind": "box", "size": [1, 2], "source": [4, 5], "collocation": [6, 8]},
+        "boundary": [{"set": "y0", "u_x": 0, "u_y": 0}],
+    }
+    del plane["probe"]
+    scene = open_scene(plane)
+    fields = scene.fields(affine([1, 2], [4, 5], GRADIENT[:2, :2]), 1.0)
+    f = np.eye(3)
+    f[:2, :2] += GRADIENT[:2, :2]
+    assert_allclose(fields.f, np.broadcast_to(f, fields.f.shape), rtol=0, atol=1e-11)
+    assert not fields.u[:, 2].any()
+    assert not fields.cauchy[:, 4:].any()
+
+
+def test_forces_of_both_ends_balance(open_scene):
+    """Only up to the discretisation here: tractions at clamped edges are singular. On a bar
+    whose ends may slip the state is homogeneous and the balance is exact.
+    """
+    slip = {
+        **TABLES,
+        "boundary": [
+            {"set": "z0", "u_z": 0},
+            {"set": "x0", "u_x": 0},
+            {"set": "y0", "u_y": 0},
+            {"set": "z1", "u_z": 0.2},
+        ],
+    }
+    for tables, tolerance in ((slip, 1e-6), (TABLES, 0.1)):
+        scene = open_scene(tables)
+        states = scene.solve()
+        bottom, top, _ = scene.probes(states.x, states.load)[-1]
+        assert top[2] > 1.0
+        assert abs(bottom + top).max() < tolerance * top[2]
+
+
+def test_essential_conditions_beat_tractions_at_edges(open_scene):
+    """A dead load on one face, rollers on three others that share edges with it: the shared
+    points keep both, each for its component, and the state is homogeneous with P_xx = 5.
+    """
+    loaded = {
+        **TABLES,
+        "boundary": [
+            {"set": "x1", "traction": [5.0, 0.0, 0.0]},
+            {"set": "x0", "u_x": 0},
+            {"set": "y0", "u_y": 0},
+            {"set": "z0", "u_z": 0},
+            {"set": "y1", "u_y": 0},
+            {"set": "z1", "u_z": 0},
+        ],
+        "probe": [{"name": "side", "quantity": "force", "set": "x1"}],
+    }
+    scene = open_scene(loaded, "load.steps=1")
+    states = scene.solve()
+    fields = scene.fields(states.x[-1], 1.0)
+    assert fields.f[0, 0, 0] > 1.02
+    assert_allclose(fields.f[:, 1, 1], 1.0, rtol=0, atol=1e-6)
+    assert_allclose(fields.f[:, 2, 2], 1.0, rtol=0, atol=1e-6)
+    side = scene.probes(states.x, states.load)[-1, 0]
+    assert_allclose(side, [5.0 * 2.0, 0, 0], rtol=0, atol=1e-5)
+
+
+def test_a_free_component_of_a_condition_is_free_of_traction(open_scene):
+    """A smooth plate presses: no shear traction where only the normal component is prescribed."""
+    smooth = {
+        **TABLES,
+        "boundary": [
+            {"set": "z0", "u_x": 0, "u_y": 0, "u_z": 0},
+            {"set": "z1", "u_z": -0.1},
+        ],
+    }
+    scene = open_scene(smooth)
+    states = scene.solve()
+    top = scene.probes(states.x, states.load)[-1, 1]
+    assert top[2] < -1.0
+    assert abs(top[:2]).max() < 1e-8 * abs(top[2])
+
+
+def test_contradicting_conditions_are_refused(open_scene):
+    contradiction = {
+        **TABLES,
+        "boundary": [
+            {"set": "z0", "u_x": 0, "u_y": 0, "u_z": 0},
+            {"set": "x0", "u_x": 0.5},
+        ],
+    }
+    with pytest.raises(InputError, match=r"two displacements, .*component 1 at \(0, 0, 0\)"):
+        open_scene(contradiction)
+
+
+def test_the_same_condition_twice_is_none_too_many(open_scene):
+    agreeing = {**TABLES, "boundary": [*TABLES["boundary"], {"set": "x0", "u_x": 0}]}
+    assert open_scene(agreeing).solve().load[-1] == 1.0
+
+
+def test_a_load_of_nothing_converges_at_once(open_scene):
+    """Zero displacement has no relative change; the criteria must not divide by it."""
+    muscle = {
+        **TABLES,
+        "material": [
+            {"name": "m", "model": "muscle", "A10": 6.43, "K": 5000.0, "fiber": [0, 0.6, 0.8]}
+        ],
+        "boundary": [{"set": "z0", "u_x": 0, "u_y": 0, "u_z": 0}],
+    }
+    for activation in (0.0, 1e-12):
+        states = open_scene(muscle, f"load.activation={activation}").solve()
+        assert max(states.iterations) <= 2
+        assert abs(states.x).max() < 1e-10
+
+
+def test_every_load_is_met_exactly_also_after_halvings(open_scene):
+    """A step too large for one go: pressed to a fifth at once."""
+    hard = {
+        **TABLES,
+        "boundary": [
+            {"set": "z0", "u_z": 0},
+            {"set": "x0", "u_x": 0},
+            {"set": "y0", "u_y": 0},
+            {"set": "z1", "u_z": -1.8},
+        ],
+        "solver": {"max_iterations": 8},
+    }
+    scene = open_scene(hard, "load.steps=3")
+    states = scene.solve()
+    assert states.load.tolist() == [1 / 3, 2 / 3, 1.0]
+    assert max(states.iterations) > 4, "nothing was halved"
+    fields = scene.fields(states.x[-1], 1.0)
+    assert_allclose(fields.f[:, 2, 2], 0.1, rtol=1e-4)
+
+
+def test_rows_do_not_depend_on_the_threads(write_deck):
+    """Every point owns its rows: the same bits. (A solve also uses the threads of BLAS, which
+    promises no such thing.)
+    """
+    program = f"""
+import numpy as np
+from myork.scene import Scene
+with Scene({str(write_deck(TABLES))!r}) as scene:
+    x = 1e-2 * np.sin(np.arange(scene.dofs))
+    print([part.tobytes().hex() for part in scene.linearise(x, 1.0, x[::-1])])
+"""
+    found = [
+        subprocess.run(
+            [sys.executable, "-c", program],
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "OMP_NUM_THREADS": threads},
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        for threads in ("1", "2")
+    ]
+    assert found[0] == found[1] != ""

@@ -1,0 +1,271 @@
+"""Shape functions: reproduction, derivatives, shared stencils, refusals.
+
+Tolerances: a shape function is a moment matrix solved once, so that reproduction is exact up to
+rounding times its condition number, 1e3 to 1e5 for the supports used here. Derivatives carry one
+factor 1/spacing each; errors are measured in that unit.
+"""
+
+import itertools
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from myork import core_shape
+from myork.core_shape import shape_functions
+from myork.errors import InputError
+
+#: Points a direction, enough that supports of order 4 do not see the whole cloud
+COUNT = {1: 21, 2: 12, 3: 8}
+SECOND = {
+    1: [(0, 0)],
+    2: [(0, 0), (0, 1), (1, 1)],
+    3: [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)],
+}
+
+
+def grid(ndim, n, jitter=0.0, seed=1):
+    """Grid over the unit box, moved by up to `jitter` spacings; and its spacing."""
+    axis = np.linspace(0.0, 1.0, n)
+    points = np.array(list(itertools.product(axis, repeat=ndim)))
+    spacing = 1.0 / (n - 1)
+    moves = np.random.default_rng(seed).uniform(-1.0, 1.0, points.shape)
+    return points + jitter * spacing * moves, spacing
+
+
+def places_in(ndim, n=40, seed=2):
+    return np.random.default_rng(seed).uniform(0.0, 1.0, (n, ndim))
+
+
+def dense(shape, nsource):
+    """Values and derivatives as a full array `(nq, nplace, nsource)`."""
+    nplace = len(shape.offset) - 1
+    full = np.zeros((shape.value.shape[1], nplace, nsource))
+    rows = np.repeat(np.arange(nplace), np.diff(shape.offset))
+    full[:, rows, shape.neighbour] = shape.value.T
+    return full
+
+
+def monomials(ndim, order):
+    return [p for p in itertools.product(range(order + 1), repeat=ndim) if sum(p) <= order]
+
+
+def derivative(x, powers, along=()):
+    """Derivative of a monomial along the coordinates listed."""
+    powers = list(powers)
+    factor = 1.0
+    for d in along:
+        if powers[d] == 0:
+            return np.zeros(len(x))
+        factor *= powers[d]
+        powers[d] -= 1
+    return factor * np.prod(x ** np.array(powers), axis=1)
+
+
+def assert_reproduces(source, support, place, spacing, order, tolerance=1e-11, **choice):
+    ndim = source.shape[1]
+    full = dense(shape_functions(source, support, place, order=order, **choice), len(source))
+    kinds = [()] + [(i,) for i in range(ndim)] + SECOND[ndim]
+    for powers in monomials(ndim, order):
+        nodal = derivative(source, powers)
+        for q, along in enumerate(kinds):
+            error = (full[q] @ nodal - derivative(place, powers, along)) * spacing ** len(along)
+            assert abs(error).max() < tolerance, (powers, along)
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 4])
+@pytest.mark.parametrize("ndim", [1, 2, 3])
+def test_reproduces_polynomials_and_their_derivatives(ndim, order):
+    source, spacing = grid(ndim, COUNT[ndim], jitter=0.2)
+    assert_reproduces(source, (order + 1.6) * spacing, places_in(ndim), spacing, order)
+
+
+@pytest.mark.parametrize("order", [5, 6])
+def test_reproduces_high_orders(order):
+    """Two more digits are lost: the moment matrix of order 6 has a condition of 1e7."""
+    source, spacing = grid(2, COUNT[2], jitter=0.1)
+    assert_reproduces(source, (order + 1.6) * spacing, places_in(2), spacing, order, 1e-9)
+
+
+@pytest.mark.parametrize("kernel", core_shape.KERNELS)
+@pytest.mark.parametrize("window", core_shape.WINDOWS)
+@pytest.mark.parametrize("ndim", [1, 2, 3])
+def test_every_kernel_and_window_reproduces(ndim, window, kernel):
+    source, spacing = grid(ndim, COUNT[ndim], jitter=0.2)
+    assert_reproduces(
+        source, 4.1 * spacing, places_in(ndim), spacing, 2, kernel=kernel, window=window
+    )
+
+
+@pytest.mark.parametrize("window", core_shape.WINDOWS)
+def test_supports_may_differ_by_direction_and_point(window):
+    """Voxels of aspect ratio 1 : 20, and supports that vary from point to point."""
+    stretch = np.array([1.0, 0.05, 0.3])
+    source, spacing = grid(3, COUNT[3], jitter=0.2)
+    vary = np.random.default_rng(3).uniform(3.6, 4.4, (len(source), 1))
+    support = vary * spacing * stretch
+    place = places_in(3)
+    full = dense(
+        shape_functions(source * stretch, support, place * stretch, order=2, window=window),
+        len(source),
+    )
+    assert_allclose(full[0].sum(axis=1), 1.0, rtol=0, atol=1e-12)
+    assert_allclose(full[0] @ (source * stretch), place * stretch, rtol=0, atol=1e-11)
+    # the second derivative along the thinnest direction, in its own unit
+    thin = (full[7] @ (source[:, 1] ** 2)) * (stretch[1] * spacing) ** 2
+    assert_allclose(thin, 2 * spacing**2, rtol=0, atol=1e-11)
+
+
+def test_partition_of_unity_and_support():
+    """All derivatives of one vanish, and only points that cover a place contribute."""
+    source, spacing = grid(2, 10, jitter=0.2)
+    place = places_in(2)
+    support = 3.3 * spacing
+    shape = shape_functions(source, support, place, order=2)
+    full = dense(shape, len(source))
+    assert_allclose(full[0].sum(axis=1), 1.0, rtol=0, atol=1e-13)
+    assert_allclose(full[1:].sum(axis=2) * spacing**2, 0.0, rtol=0, atol=1e-11)
+    covered = (abs(place[:, None] - source[None]) < support).all(axis=2)
+    assert_array_equal(np.diff(shape.offset), covered.sum(axis=1))
+    assert not full[0][~covered].any()
+
+
+@pytest.mark.parametrize("kernel", core_shape.KERNELS)
+@pytest.mark.parametrize("window", core_shape.WINDOWS)
+def test_derivatives_are_those_of_the_values(window, kernel):
+    """Central differences with step e: truncation e^2 and rounding 1e-15 condition/e balance
+    near 1e-4 spacings. First derivatives against values, second against first derivatives.
+    """
+    source, spacing = grid(3, 6, jitter=0.2)
+    place = 0.1 + 0.8 * places_in(3, 15)
+    step = 1e-4 * spacing
+
+    def at(points):
+        choice = {"order": 2, "kernel": kernel, "window": window}
+        return dense(shape_functions(source, 3.2 * spacing, points, **choice), len(source))
+
+    centre = at(place)
+    for d in range(3):
+        move = step * np.eye(3)[d]
+        slope = (at(place + move) - at(place - move)) / (2 * step)
+        assert_allclose(centre[1 + d] * spacing, slope[0] * spacing, rtol=0, atol=1e-6)
+        for q, (i, j) in enumerate(SECOND[3]):
+            if i == d:
+                second = slope[1 + j] * spacing**2
+                # the cubic spline's second derivative has kinks
+                accuracy = 1e-6 if kernel == "quintic" else 1e-3
+                assert_allclose(centre[4 + q] * spacing**2, second, rtol=0, atol=accuracy)
+
+
+def test_equal_stencils_are_evaluated_once():
+    """On a grid with a support of 2.5 spacings only the two rows next to each face are special:
+    5 positions a direction, 5^3 stencils for 9^3 places.
+    """
+    source, spacing = grid(3, 9)
+    shape = shape_functions(source, 2.5 * spacing, source, order=2)
+    assert shape.stencils == 5**3
+    irregular, _ = grid(3, 9, jitter=1e-3)
+    assert shape_functions(irregular, 2.5 * spacing, irregular, order=2).stencils == 9**3
+
+
+def test_shared_stencils_do_not_change_values():
+    """A cloud moved by 1e-3 spacings shares no stencil: its values differ from the grid's to
+    first order in the move, and the difference grows tenfold with a move ten times as large.
+    """
+    source, spacing = grid(2, 9)
+    place = source
+    shared = dense(shape_functions(source, 3.3 * spacing, place, order=2), len(source))
+    difference = []
+    for jitter in (1e-3, 1e-2):
+        moved, _ = grid(2, 9, jitter=jitter)
+        own = dense(shape_functions(moved, 3.3 * spacing, place, order=2), len(source))
+        difference.append(abs(own - shared)[0].max())
+    assert 1e-5 < difference[0] < 1e-2
+    assert difference[1] == pytest.approx(10 * difference[0], rel=0.1)
+
+
+def test_neighbours_are_the_same_wherever_the_cloud_lies():
+    """Points on the rim of a support stay out whatever their rounding."""
+    source, spacing = grid(2, 11)
+    here = shape_functions(source, 3 * spacing, source, order=2)
+    far = shape_functions(source + 1000 / 3, 3 * spacing, source + 1000 / 3, order=2)
+    assert_array_equal(here.neighbour, far.neighbour)
+
+
+REFUSALS = {
+    "order 7": ({"order": 7}, "1..6, not 7"),
+    "order 0": ({"order": 0}, "1..6, not 0"),
+    "no support": ({"support": 0.0}, "positive"),
+    "negative support": ({"support": -1.0}, "positive"),
+    "NaN support": ({"support": np.nan}, "positive"),
+    "infinite support": ({"support": np.inf}, "positive"),
+    "NaN source": ({"source": "nan"}, "finite"),
+    "NaN place": ({"place": [[np.nan, 0.5]]}, "finite"),
+    "too few neighbours": ({"support": 0.11}, "point 1 at"),
+    "far away": ({"place": [[0.5, 0.5], [7.0, 7.0]]}, "point 2 at (7, 7)"),
+    "unknown kernel": ({"kernel": "sextic"}, "quintic cubic"),
+    "unknown window": ({"window": "round"}, "product radial"),
+    "three coordinates": ({"place": [[0.5, 0.5, 0.5]]}, "3 coordinates"),
+    "four coordinates": ({"place": [[0.5] * 4]}, "(1, 4)"),
+    "no places": ({"place": np.zeros((0, 2))}, "(0, 2)"),
+    "support shape": ({"support": np.ones(7)}, "(7,)"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSALS)
+def test_refusals_say_what_is_wrong(case):
+    changes, message = REFUSALS[case]
+    source, spacing = grid(2, 11)
+    arguments = {"source": source, "support": 3.2 * spacing, "place": [[0.51, 0.52]], **changes}
+    if isinstance(arguments["source"], str):
+        arguments["source"] = np.where(source == 0.5, np.nan, source)
+    with pytest.raises(InputError) as refused:
+        shape_functions(**arguments)
+    assert message in str(refused.value)
+
+
+def test_support_that_is_too_small_names_a_cure_that_works():
+    source, spacing = grid(2, 11)
+    place = [[0.51, 0.52]]
+    with pytest.raises(InputError, match="singular moment matrix with 4 neighbours") as refused:
+        shape_functions(source, 1.05 * spacing, place, order=2)
+    factor = float(str(refused.value).split("a support ")[1].split(" times")[0])
+    shape_functions(source, 1.01 * factor * 1.05 * spacing, place, order=2)
+    with pytest.raises(InputError):
+        shape_functions(source, 0.85 * factor * 1.05 * spacing, place, order=2)
+
+
+def test_flat_and_repeated_points_have_no_cure():
+    """Points in a plane, and ten copies of six points: no support makes these regular."""
+    flat, spacing = grid(3, 6)
+    flat[:, 2] = 0.5
+    with pytest.raises(InputError, match="line or plane"):
+        shape_functions(flat, 3.2 * spacing, [[0.5, 0.5, 0.5]], order=2)
+    copies = np.repeat(grid(2, 3)[0][:5], 10, axis=0)
+    with pytest.raises(InputError, match="equal"):
+        shape_functions(copies, 4.0, [[0.2, 0.5]], order=2)
+
+
+def test_same_bits_on_one_and_two_threads():
+    """Every place owns its part of the result, so nothing depends on the number of threads."""
+    program = """
+import hashlib, numpy as np
+from myork.core_shape import shape_functions
+points = np.random.default_rng(5).uniform(0, 1, (600, 3))
+shape = shape_functions(points, 0.35, points[::2], order=2)
+print(hashlib.sha256(shape.value.tobytes() + shape.neighbour.tobytes()).hexdigest())
+"""
+    found = [
+        subprocess.run(
+            [sys.executable, "-c", program],
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "OMP_NUM_THREADS": threads},
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        for threads in ("1", "2")
+    ]
+    assert found[0] == found[1] != ""
