@@ -92,7 +92,9 @@ contains
          call solve_linear(problem, scene%linear, x, output, timer, failure)
          if (.not. allocated(failure)) then
             allocate (norms)
+            call system_clock(start)
             call error_norms(problem, x, norms, failure)
+            norms%seconds = tick(start)
          end if
       class default
          newton%linear = scene%linear

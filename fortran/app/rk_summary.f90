@@ -85,6 +85,7 @@ subroutine write_summary(path, deck, problem, output, timer, shape_s, total_s, t
       call json%put('assemble', timer%assemble)
       call json%put('solve', timer%solve)
       call json%put('output', output%seconds)
+      if (present(norms)) call json%put('errors', norms%seconds)
       call json%put('total', total_s)
       call json%end_object()
       call json%put('memory_peak_bytes', peak_bytes())

@@ -22,6 +22,8 @@ module rk_error_norms
       !> H1 norm of the error and of the known solution
       real(wp) :: h1 = 0.0_wp
       real(wp) :: h1_solution = 0.0_wp
+      !> Wall time of the integration [s]
+      real(wp) :: seconds = 0.0_wp
    end type norms_type
 
    !> Gauss points at most in a slab
@@ -64,7 +66,7 @@ subroutine error_norms(problem, x, norms, error)
    end associate
    total(3:) = total(3:) + total(:2)
    total = sqrt(total)
-   norms = norms_type(total(1), total(2), total(3), total(4))
+   norms = norms_type(l2=total(1), l2_solution=total(2), h1=total(3), h1_solution=total(4))
 end subroutine error_norms
 
 !> Gauss points of boxes

@@ -1,6 +1,7 @@
 !> From the table [linear] of a checked deck to the equation of a scene.
 module rk_deck_linear
    use rk_deck, only : deck_type
+   use rk_linear, only : essential_weight
    use rk_precision, only : wp
    use rk_scene, only : scene_type
    use rk_text, only : to_text
@@ -17,7 +18,7 @@ subroutine read_linear(scene, deck)
    type(scene_type), intent(inout) :: scene
    !> Deck
    type(deck_type), intent(in) :: deck
-   character(len=:), allocatable :: at, word, words(:)
+   character(len=:), allocatable :: at, word
    real(wp), allocatable :: point(:)
    integer :: k
 
@@ -33,21 +34,25 @@ subroutine read_linear(scene, deck)
       end if
       if (equation%solution == 'cantilever') call deck%get('linear.force', equation%force)
       equation%extent(:scene%cloud%nd) = maxval(scene%cloud%place, dim=2)
-      call deck%get('linear.essential', words)
-      equation%essential = [(scene%cloud%find_set(trim(words(k))), k=1, size(words))]
+      ! an array of texts is one text here, a line each
+      call deck%get('linear.essential', word)
+      equation%essential = pack([(k, k=1, size(scene%cloud%set_name))], &
+         & [(index(word, trim(scene%cloud%set_name(k))) > 0, k=1, size(scene%cloud%set_name))])
       allocate (equation%pin(deck%count('pin')))
       do k = 1, size(equation%pin)
          at = 'pin.'//to_text(k)
          call deck%get(at//'.point', point)
          equation%pin(k)%point(:size(point)) = point
-         call deck%get(at//'.components', words)
-         equation%pin(k)%fixed = [any(words == 'x'), any(words == 'y'), any(words == 'z')]
+         call deck%get(at//'.components', word)
+         equation%pin(k)%fixed = [index(word, 'x') > 0, index(word, 'y') > 0, index(word, 'z') > 0]
       end do
    end associate
    ! no materials, conditions or load steps
    allocate (scene%tissue(0), scene%tissue_of(0), scene%condition(0))
+   scene%method = 'rkcm'
    scene%steps = 1
    scene%activation = 0.0_wp
+   scene%weight_essential = essential_weight(scene)
 end subroutine read_linear
 
 end module rk_deck_linear

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from myork.bench import linear
 from myork.errors import InputError
 from myork.results import Results
 from myork.scene import Scene
-from myork.solve import run_deck
+from myork.solve import explain_deck, run_deck
 
 SIDES = ("x0", "x1", "y0", "y1", "z0", "z1")
 
@@ -320,3 +321,26 @@ def test_one_dimension_is_for_linear_problems(tmp_path, inputs):
 def test_mixed_form_is_refused(tmp_path, inputs):
     with pytest.raises(InputError, match="must be rkcm for a linear problem"):
         solve(inputs / "poisson_1d.toml", tmp_path, "scene.method=rkcm-mixed")
+
+
+def test_explain_says_linear(inputs, tmp_path):
+    lines: list[str] = []
+    explain_deck(inputs / "cantilever.toml", progress=lines.append)
+    text = "\n".join(lines)
+    assert "linear elasticity in plane strain" in text
+    assert "one least squares solve" in text
+    assert "load steps" not in text
+
+
+def test_benchmark_returns_what_is_drawn(tmp_path):
+    """The small benchmark: rates of every study, tables and curves of the same studies."""
+    result = linear.run(tmp_path, lambda line: None, True)
+    studies = [rate["study"] for rate in result["rates"]]
+    assert len(set(studies)) == len(studies)
+    assert {case["study"] for case in result["cases"]} == set(studies)
+    for rate in result["rates"]:
+        for norm, published in rate["published"].items():
+            assert rate[norm] > published - 0.1
+    (table,) = result["tables"]
+    assert all(len(row) == len(table["head"]) for row in table["rows"])
+    assert [plot["scale"] for plot in result["plots"]] == ["log-log", "log-log"]

@@ -24,6 +24,7 @@ from myork.errors import InputError
 __all__ = ["BENCHES", "run_benches"]
 
 BENCHES = {
+    "linear": "myork.bench.linear",
     "nonlinear": "myork.bench.nonlinear",
     "stability": "myork.bench.stability",
     "curves": "myork.bench.curves",
