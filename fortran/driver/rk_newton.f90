@@ -54,6 +54,8 @@ module rk_newton
       real(wp) :: left = 0.0_wp
       !> The last step moved nothing beside the size of the body
       logical :: still = .false.
+      !> The iteration ended at a jump of the residuals, which smaller load steps do not remove
+      logical :: pinned = .false.
       !> Volume ratios of the last state
       type(state_type) :: state
    end type newton_type
@@ -258,14 +260,14 @@ end subroutine find_step
 !> Reasons to end without convergence
 subroutine check_end(self, load, rejected, recorder, error)
    !> Iteration
-   type(newton_type), intent(in) :: self
+   type(newton_type), intent(inout) :: self
    !> Load [-]
    real(wp), intent(in) :: load
    !> Steps rejected in a row
    integer, intent(in) :: rejected
    !> Receiver of iterations, which knows whether to stop
    class(recorder_type), intent(inout) :: recorder
-   !> Error handling
+   !> Error handling: stopped, no convergence
    type(error_type), allocatable, intent(out) :: error
    character(len=:), allocatable :: reached
 
@@ -275,7 +277,12 @@ subroutine check_end(self, load, rejected, recorder, error)
    end if
    reached = ': relative gradient '//to_text(self%gradient, 2)//', relative step ' &
       & //to_text(self%step_norm, 2)//', '//volume_text(self%state)
-   if (rejected == max_rejected) then
+   self%pinned = self%step_norm < self%tolerance &
+      & .and. (rejected == max_rejected .or. self%damping%stalled())
+   if (self%pinned) then
+      call fatal_error(error, err_convergence, 'the residual is least where it jumps: a material ' &
+         & //'with kinks; use curve = "smooth"'//reached)
+   else if (rejected == max_rejected) then
       call fatal_error(error, err_convergence, 'no step length reduces the residual or keeps ' &
          & //'J > 0'//reached)
    else if (self%damping%stalled()) then

@@ -51,7 +51,8 @@ subroutine solve_static(problem, newton, steps, max_halvings, x, recorder, timer
          call solve_step(newton, problem, step, load, x, recorder, timer, error)
          record%iterations = record%iterations + newton%iterations
          if (allocated(error)) then
-            if (any(error%code == [err_convergence, err_linalg]) .and. halvings < max_halvings) then
+            if (any(error%code == [err_convergence, err_linalg]) .and. halvings < max_halvings &
+               & .and. .not. newton%pinned) then
                halvings = halvings + 1
                deallocate (error)
                cycle
