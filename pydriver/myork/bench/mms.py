@@ -267,7 +267,7 @@ def _write_deck(folder: Path, problem: Problem, method: str, n: int) -> Path:
         f"[approximation]\norder = {problem.order}\nsupport = {problem.support}",
         *materials,
         held,
-        f"[load]\nsteps = 1\nmax_halvings = 1\nactivation = {_ACTIVATION}",
+        f"[load]\nsteps = 1\nmax_halvings = 0\nactivation = {_ACTIVATION}",
         "[solver]\nmax_iterations = 60",
         "[mixed]\nedge_exponent = 0",
     ]
