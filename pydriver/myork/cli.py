@@ -300,7 +300,10 @@ def _parser() -> argparse.ArgumentParser:
         "folder of bench.json and bench.html; default out/bench",
     )
     bench.add_argument(
-        "names", nargs="+", metavar="NAME", help="nonlinear, stability, curves or mms"
+        "names",
+        nargs="+",
+        metavar="NAME",
+        help="linear, nonlinear, stability, curves, mixed or mms",
     )
     bench.add_argument("--quick", action="store_true", help="small cases only")
     report = add(

@@ -24,7 +24,15 @@ from myork.errors import MyorkError
 from myork.model.store import write_model
 from myork.scene import Scene
 
-__all__ = ["PROBLEMS", "Problem", "chosen_deformation", "observed_order", "run", "solve"]
+__all__ = [
+    "PROBLEMS",
+    "Problem",
+    "chosen_deformation",
+    "deformation_gradient",
+    "observed_order",
+    "run",
+    "solve",
+]
 
 F64Array = NDArray[np.float64]
 
@@ -189,7 +197,7 @@ def _chosen_3d(x: NDArray[Any]) -> NDArray[Any]:
     return y
 
 
-def _gradient(deform: Callable[[Any], Any], x: F64Array) -> F64Array:
+def deformation_gradient(deform: Callable[[Any], Any], x: F64Array) -> F64Array:
     """Deformation gradient by complex steps, exact to rounding, shape `(n, 3, 3)`."""
     f = np.empty((len(x), 3, 3))
     for a in range(3):
@@ -207,7 +215,7 @@ def _exact(points: F64Array, problem: Problem) -> _Exact:
     right = x[:, 0] > 0.5
 
     def stress(at: F64Array) -> F64Array:
-        f = _gradient(deform, at)
+        f = deformation_gradient(deform, at)
         p = np.empty_like(f)
         for side, bulk in zip((~right, right), problem.bulk, strict=True):
             if not side.any():
@@ -226,7 +234,7 @@ def _exact(points: F64Array, problem: Problem) -> _Exact:
             shift = np.zeros(3)
             shift[a] = k * step
             divergence += weight * (stress(x + shift) - stress(x - shift))[:, :, a] / step
-    return _Exact(deform(x) - x, _gradient(deform, x), stress(x), -divergence)
+    return _Exact(deform(x) - x, deformation_gradient(deform, x), stress(x), -divergence)
 
 
 def _write_deck(folder: Path, problem: Problem, method: str, n: int) -> Path:
@@ -259,7 +267,7 @@ def _write_deck(folder: Path, problem: Problem, method: str, n: int) -> Path:
         f"[approximation]\norder = {problem.order}\nsupport = {problem.support}",
         *materials,
         held,
-        f"[load]\nsteps = 1\nmax_halvings = 1\nactivation = {_ACTIVATION}",
+        f"[load]\nsteps = 1\nmax_halvings = 0\nactivation = {_ACTIVATION}",
         "[solver]\nmax_iterations = 60",
         "[mixed]\nedge_exponent = 0",
     ]

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from matplotlib.figure import Figure
-from matplotlib.ticker import NullFormatter
 
 from myork.errors import FileError
 from myork.report import frame
@@ -101,9 +100,6 @@ def _curves(plot: Mapping[str, Any]) -> Figure:
     scale_x, scale_y = _SCALES[plot.get("scale", "log-log")]
     axes.set_xscale(scale_x)
     axes.set_yscale(scale_y)
-    for axis, scale in ((axes.xaxis, scale_x), (axes.yaxis, scale_y)):
-        if scale == "log":
-            axis.set_minor_formatter(NullFormatter())
     axes.set_xlabel(plot["x"])
     axes.set_ylabel(plot["y"])
     axes.set_title(plot["title"], fontsize=11)
