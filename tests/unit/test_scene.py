@@ -155,6 +155,18 @@ def test_fields_in_the_plane(open_scene):
     assert not fields.cauchy[:, 4:].any()
 
 
+def test_the_mixed_form_has_the_same_points(open_scene):
+    """Its shape functions also cover cell centres, which are no collocation points."""
+    mixed = open_scene(TABLES, 'scene.method="rkcm-mixed"')
+    assert mixed.collocation_points == 96
+    states = mixed.solve()
+    fields = mixed.fields(states.x[-1], 1.0)
+    assert fields.f.shape == (96, 3, 3)
+    assert (np.linalg.det(fields.f) > 0.5).all()
+    assert np.isfinite(fields.cauchy).all()
+    assert abs(fields.cauchy).max() < 1e3
+
+
 def test_forces_of_both_ends_balance(open_scene):
     """Only up to the discretisation here: tractions at clamped edges are singular. On a bar
     whose ends may slip the state is homogeneous and the balance is exact.
