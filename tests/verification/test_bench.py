@@ -44,7 +44,7 @@ def test_page_is_whole_and_escaped(tmp_path: Path) -> None:
 
 
 def test_unknown_bench_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no benchmark 'linaer'; there are nonlinear"):
+    with pytest.raises(InputError, match="no benchmark 'linaer'; there are linear"):
         run_benches(["linaer"], tmp_path)
 
 
