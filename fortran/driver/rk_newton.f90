@@ -10,11 +10,11 @@ module rk_newton
    use rk_damping, only : damping_type
    use rk_error, only : error_type, fatal_error, err_convergence, err_stopped
    use rk_line_search, only : search
-   use rk_lstsq, only : lstsq_report, row_operator, solve_lstsq
+   use rk_lstsq, only : row_operator
+   use rk_newton_step, only : find_step
    use rk_precision, only : wp
    use rk_problem, only : problem_type, state_type
    use rk_recorder, only : iteration_type, recorder_type
-   use rk_shifted, only : shifted_report, solve_shifted
    use rk_text, only : to_text
    implicit none
    private
@@ -142,7 +142,10 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
       if (allocated(error)) return
 
       imposed = self%damping%lambda
-      call find_step(self, problem, op, load, a, r, g, da, newton, predicted, it, timer, error)
+      call system_clock(clock)
+      call find_step(problem, op, self%linear, load, a, r, g, self%damping, da, newton, predicted, &
+         & it, error)
+      timer%solve = timer%solve + tick(clock)
       if (allocated(error)) return
       self%iterations = self%iterations + 1
 
@@ -182,80 +185,6 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
       call recorder%iteration(it)
    end do
 end subroutine solve_step
-
-!> Step of the chosen matrix
-subroutine find_step(self, problem, op, load, a, r, g, da, newton, predicted, it, timer, error)
-   !> Settings and choice
-   type(newton_type), intent(inout) :: self
-   !> Problem, linearised at a
-   class(problem_type), target, intent(inout) :: problem
-   !> Linearised rows
-   class(row_operator), intent(in) :: op
-   !> Load [-]
-   real(wp), intent(in) :: load
-   !> Unknowns, shape (n)
-   real(wp), contiguous, intent(in) :: a(:)
-   !> Residuals, shape (m)
-   real(wp), contiguous, intent(in) :: r(:)
-   !> A^T r, shape (n)
-   real(wp), contiguous, intent(in) :: g(:)
-   !> Step, shape (n)
-   real(wp), contiguous, intent(inout) :: da(:)
-   !> The matrix has second derivatives
-   logical, intent(out) :: newton
-   !> Fall of r.r/2 that the quadratic model promises
-   real(wp), intent(out) :: predicted
-   !> Record of the iteration: the solver's part
-   type(iteration_type), intent(inout) :: it
-   !> Wall times
-   type(timer_type), intent(inout) :: timer
-   !> Error handling: failed factorisation
-   type(error_type), allocatable, intent(out) :: error
-   type(lstsq_report) :: report
-   type(shifted_report) :: shifted
-   real(wp), allocatable :: matrix(:, :)
-   integer(int64) :: clock
-
-   call system_clock(clock)
-   newton = self%damping%curved
-   it%refinements = 0
-   if (newton .or. self%damping%lambda > 0.0_wp) then
-      allocate (matrix(problem%n, problem%n))
-      if (newton) then
-         call problem%hessian(a, load, r, matrix)
-      else
-         call op%normal(matrix)
-      end if
-      call solve_shifted(matrix, g, &
-         & self%damping%method == 'full' .or. self%damping%lambda > 0.0_wp, &
-         & self%damping%lambda, da, shifted, error)
-      if (allocated(error)) return
-      predicted = shifted%predicted
-      it%backward_error = shifted%backward_error
-      it%rcond = shifted%rcond
-      if (newton) then
-         it%solver = 'newton'
-         it%why = 'second derivatives of the residuals make the matrix symmetric but no product ' &
-            & //'A^T A, so there is no QR: Cholesky with a shift of '
-      else
-         it%solver = 'damped'
-         it%why = 'Gauss-Newton diverged or met a kink: normal equations with a shift of '
-      end if
-      it%why = it%why//to_text(self%damping%lambda, 2)
-      newton = newton .and. (shifted%positive .or. self%damping%lambda > 0.0_wp)
-   end if
-   if (.not. newton .and. .not. self%damping%lambda > 0.0_wp) then
-      call solve_lstsq(op, -r, self%linear, da, report, error)
-      if (allocated(error)) return
-      predicted = -0.5_wp*dot_product(g, da)
-      it%backward_error = report%backward_error
-      it%rcond = report%rcond
-      it%solver = trim(report%used)
-      it%refinements = report%iterations
-      it%why = report%why
-   end if
-   timer%solve = timer%solve + tick(clock)
-end subroutine find_step
 
 !> Reasons to end without convergence
 subroutine check_end(self, load, rejected, recorder, error)

@@ -1,0 +1,90 @@
+!> Step of one iteration: Gauss-Newton by least squares, Newton or a damped step by Cholesky.
+module rk_newton_step
+   use rk_damping, only : damping_type
+   use rk_error, only : error_type
+   use rk_lstsq, only : lstsq_report, row_operator, solve_lstsq
+   use rk_precision, only : wp
+   use rk_problem, only : problem_type
+   use rk_recorder, only : iteration_type
+   use rk_shifted, only : shifted_report, solve_shifted
+   use rk_text, only : to_text
+   implicit none
+   private
+
+   public :: find_step
+
+contains
+
+!> Step of the chosen matrix
+subroutine find_step(problem, op, linear, load, a, r, g, damping, da, newton, predicted, it, error)
+   !> Problem, linearised at a
+   class(problem_type), target, intent(inout) :: problem
+   !> Linearised rows
+   class(row_operator), intent(in) :: op
+   !> Least squares solver, one of solver_names
+   character(len=*), intent(in) :: linear
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> Unknowns, shape (n)
+   real(wp), contiguous, intent(in) :: a(:)
+   !> Residuals, shape (m)
+   real(wp), contiguous, intent(in) :: r(:)
+   !> A^T r, shape (n)
+   real(wp), contiguous, intent(in) :: g(:)
+   !> Choice of the matrix
+   type(damping_type), intent(inout) :: damping
+   !> Step, shape (n)
+   real(wp), contiguous, intent(inout) :: da(:)
+   !> The matrix has second derivatives
+   logical, intent(out) :: newton
+   !> Fall of r.r/2 that the quadratic model promises
+   real(wp), intent(out) :: predicted
+   !> Record of the iteration: the solver's part
+   type(iteration_type), intent(inout) :: it
+   !> Error handling: failed factorisation
+   type(error_type), allocatable, intent(out) :: error
+   type(lstsq_report) :: report
+   type(shifted_report) :: shifted
+   real(wp), allocatable :: matrix(:, :)
+
+   newton = damping%curved
+   it%refinements = 0
+   if (newton .or. damping%lambda > 0.0_wp) then
+      allocate (matrix(problem%n, problem%n))
+      if (newton) then
+         call problem%hessian(a, load, r, matrix)
+      else
+         call op%normal(matrix)
+      end if
+      call solve_shifted(matrix, g, &
+         & damping%method == 'full' .or. damping%lambda > 0.0_wp, &
+         & damping%lambda, da, shifted, error)
+      if (allocated(error)) return
+      predicted = shifted%predicted
+      it%backward_error = shifted%backward_error
+      it%rcond = shifted%rcond
+      if (newton) then
+         it%solver = 'newton'
+         it%why = 'second derivatives of the residuals make the matrix symmetric but no product ' &
+            & //'A^T A, so there is no QR: Cholesky with a shift of '
+      else
+         it%solver = 'damped'
+         it%why = 'Gauss-Newton diverged or met a kink: normal equations with a shift of '
+      end if
+      it%why = it%why//to_text(damping%lambda, 2)
+      deallocate (matrix)
+      newton = newton .and. (shifted%positive .or. damping%lambda > 0.0_wp)
+   end if
+   if (.not. newton .and. .not. damping%lambda > 0.0_wp) then
+      call solve_lstsq(op, -r, linear, da, report, error)
+      if (allocated(error)) return
+      predicted = -0.5_wp*dot_product(g, da)
+      it%backward_error = report%backward_error
+      it%rcond = report%rcond
+      it%solver = trim(report%used)
+      it%refinements = report%iterations
+      it%why = report%why
+   end if
+end subroutine find_step
+
+end module rk_newton_step

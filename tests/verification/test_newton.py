@@ -1,0 +1,182 @@
+"""Newton's method: exact second derivatives of the residuals, and what they buy.
+
+Second derivatives are checked along random directions by central differences of eighth order of
+the gradient A^T r. With the step used their truncation and rounding are below 1e-9 of the largest
+entry (measured 5e-13 to 8e-10), so 1e-7 fails on any wrong term and not on rounding.
+"""
+
+from __future__ import annotations
+
+import csv
+import os
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from myork.errors import ConvergenceError
+from myork.scene import Scene
+from myork.solve import find_executable
+
+TOLERANCE = 1e-7
+
+#: Coarse versions of two decks: muscle with inclined fibers, and the tube in plane strain
+FIBERS = ("geometry.source=[3,3,4]", "geometry.collocation=[4,4,6]", "approximation.support=2.5",
+          "approximation.order=2", "material.curve=smooth")  # fmt: skip
+TUBE = ("geometry.source=[4,5]", "geometry.collocation=[6,8]", "approximation.support=3")
+ALL_TERMS = tuple(
+    f"material.{name}={value}"
+    for name, value in {
+        "A01": 3,
+        "A30": 0.3,
+        "A11": 1,
+        "A02": 0.5,
+        "A21": 0.4,
+        "A12": 0.3,
+        "A03": 0.2,
+    }.items()
+)
+
+SCENES = {
+    "muscle, mixed": ("muscle_fibers.toml", ("scene.method=rkcm-mixed", *FIBERS)),
+    "muscle": ("muscle_fibers.toml", ("scene.method=rkcm", "material.K=50", *FIBERS)),
+    "all terms": ("muscle_fibers.toml", ("scene.method=rkcm", *FIBERS, *ALL_TERMS)),
+    "plane, mixed": ("tube.toml", ("scene.method=rkcm-mixed", *TUBE)),
+    "plane": ("tube.toml", ("scene.method=rkcm", *TUBE)),
+    "plane, all terms, mixed": ("tube.toml", ("scene.method=rkcm-mixed", *TUBE, *ALL_TERMS)),
+}  # fmt: skip
+
+#: Contraction at which the strain beside the clamped edges leaves large residuals
+EDGES = (
+    "scene.method=rkcm-mixed", "approximation.order=2", "approximation.support=3",
+    "geometry.source=[4,4,7]", "geometry.collocation=[7,7,13]", "material.curve=smooth",
+    "load.steps=4", "load.activation=0.2",
+)  # fmt: skip
+
+
+def random_state(scene: Scene, rng: np.random.Generator) -> np.ndarray:
+    """Coefficients of a state with J > 0 and pressures of the size of the moduli."""
+    x = rng.standard_normal((scene.source_points, scene.dofs // scene.source_points))
+    x[:, : scene.dimension] *= 0.005 if scene.dimension == 3 else 0.1
+    x[:, scene.dimension :] *= 2
+    return x.ravel()
+
+
+@pytest.mark.parametrize("case", SCENES)
+def test_second_derivatives(case: str, inputs: Path) -> None:
+    deck, overrides = SCENES[case]
+    rng = np.random.default_rng(1)
+    weights = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
+    step = 1e-3
+    with Scene(inputs / deck, overrides, threads=1) as scene:
+        start = np.zeros(scene.dofs)
+        x, direction = random_state(scene, rng), random_state(scene, rng)
+
+        def gradient(move: float) -> np.ndarray:
+            return scene.hessian(x + move * direction, 0.7, start=start)[0]
+
+        expected = sum(
+            weight * (gradient(m * step) - gradient(-m * step)) for m, weight in weights.items()
+        ) / np.array(step)
+        found = scene.hessian(x, 0.7, start=start)[1] @ direction
+    np.testing.assert_allclose(found, expected, rtol=0, atol=TOLERANCE * abs(expected).max())
+
+
+@pytest.mark.parametrize("case", ["muscle, mixed", "plane"])
+def test_second_derivatives_of_modes(case: str, inputs: Path) -> None:
+    """The Hessian of a reduced model is the projection of the full one, to rounding."""
+    deck, overrides = SCENES[case]
+    rng = np.random.default_rng(2)
+    with Scene(inputs / deck, overrides, threads=1) as scene:
+        modes = np.linalg.qr(np.stack([random_state(scene, rng) for _ in range(3)], axis=1))[0]
+        scene.reduce(modes)
+        amplitude = modes.T @ random_state(scene, rng)
+        gradient, second = scene.hessian(modes @ amplitude, 0.7, start=np.zeros(scene.dofs))
+        found = scene.hessian(amplitude, 0.7, start=np.zeros(3), reduced=True)
+    np.testing.assert_allclose(found[0], modes.T @ gradient, atol=1e-10 * abs(gradient).max())
+    np.testing.assert_allclose(found[1], modes.T @ second @ modes, atol=1e-10 * abs(second).max())
+
+
+def run(deck: Path, out: Path, *overrides: str) -> subprocess.CompletedProcess[str]:
+    words = [word for text in overrides for word in ("--set", text)]
+    return subprocess.run(
+        [str(find_executable()), str(deck), "-o", str(out), *words],
+        env={**os.environ},
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+
+
+def history(out: Path) -> list[dict[str, str]]:
+    with (out / "history.csv").open(encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def test_newton_converges_quadratically(inputs: Path, tmp_path: Path) -> None:
+    """Steps of the last load step: quadratic with second derivatives, linear without.
+
+    The order is the ratio of logarithms of successive contractions of the steps; 2 in the limit,
+    above 1.5 where three iterations are in the region of convergence. Gauss-Newton contracts by
+    an about constant factor: its order is 1.
+    """
+    order = {}
+    for method in ("full", "gauss-newton"):
+        out = tmp_path / method
+        done = run(
+            inputs / "muscle_fibers.toml", out, f"solver.newton={method}", *EDGES,
+            "solver.tolerance=1e-8",
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        steps = [float(row["step_norm"]) for row in history(out) if row["step"] == "4"]
+        last = np.log(steps[-3:])
+        order[method] = (last[2] - last[1]) / (last[1] - last[0])
+        if method == "full":
+            assert {row["solver"] for row in history(out)} == {"newton"}
+    assert order["full"] > 1.5
+    assert 0.7 < order["gauss-newton"] < 1.3
+
+
+def test_methods_agree(inputs: Path) -> None:
+    """One minimum, whatever the way: Gauss-Newton ends within its tolerance times 1/(1 - rate)."""
+    states = {}
+    for method in ("gauss-newton", "full", "auto"):
+        overrides = [*EDGES, f"solver.newton={method}", "solver.tolerance=1e-8"]
+        with Scene(inputs / "muscle_fibers.toml", overrides, threads=1) as scene:
+            states[method] = scene.solve()
+    x = states["full"].x[-1]
+    for method in ("gauss-newton", "auto"):
+        np.testing.assert_allclose(states[method].x[-1], x, rtol=0, atol=1e-6 * abs(x).max())
+    iterations = {method: int(found.iterations.sum()) for method, found in states.items()}
+    assert iterations["auto"] < iterations["gauss-newton"]
+    assert iterations["full"] < iterations["gauss-newton"]
+
+
+def test_newton_passes_where_gauss_newton_fails(inputs: Path, tmp_path: Path) -> None:
+    """The last steps to an activation of 0.3 at order 3, where J falls to 0.5 beside the edges."""
+    overrides = [
+        "scene.method=rkcm-mixed", "approximation.order=3", "approximation.support=4",
+        "geometry.source=[5,5,9]", "geometry.collocation=[9,9,17]", "material.curve=smooth",
+        "load.steps=6", "solver.newton=full",
+    ]  # fmt: skip
+    done = run(inputs / "muscle_fibers.toml", tmp_path, *overrides)
+    assert done.returncode == 0, done.stderr
+    assert sum(row["step"] == "6" for row in history(tmp_path)) <= 8
+
+
+@pytest.mark.parametrize("method", ["gauss-newton", "full", "auto"])
+def test_kinks_end_the_iteration(method: str, inputs: Path) -> None:
+    """At rest every fiber sits on the kink of the published passive curve: Gauss-Newton runs into
+    an exact cycle of two. It ends within one load step, and the message says what to do."""
+    overrides = [
+        "scene.method=rkcm", "approximation.order=2", "approximation.support=3",
+        "geometry.source=[5,5,9]", "geometry.collocation=[9,9,17]", "material.curve=published",
+        "solver.max_iterations=25", f"solver.newton={method}",
+    ]  # fmt: skip
+    with (
+        Scene(inputs / "muscle_fibers.toml", overrides, threads=1) as scene,
+        pytest.raises(ConvergenceError, match='curve = "smooth"') as caught,
+    ):
+        scene.solve()
+    assert "load 0.0833" in str(caught.value)
