@@ -7,7 +7,7 @@ module rk_estimate
    implicit none
    private
 
-   public :: estimate_type, estimate_cost, available_bytes
+   public :: estimate_type, estimate_cost
 
    !> Sizes and cost of a full solve
    type :: estimate_type
@@ -83,25 +83,5 @@ function estimate_cost(deck, model) result(self)
       self%flops = self%equations*width**2 + self%unknowns**3/3.0_wp
    end if
 end function estimate_cost
-
-!> Free memory as the system sees it; huge where it does not say [byte]
-real(wp) function available_bytes()
-   character(len=64) :: name, line
-   integer :: unit, stat
-   real(wp) :: kilobytes
-
-   available_bytes = huge(1.0_wp)
-   open (newunit=unit, file='/proc/meminfo', action='read', status='old', iostat=stat)
-   if (stat /= 0) return
-   do
-      read (unit, '(a)', iostat=stat) line
-      if (stat /= 0) exit
-      if (index(line, 'MemAvailable:') /= 1) cycle
-      read (line, *, iostat=stat) name, kilobytes
-      if (stat == 0) available_bytes = 1024.0_wp*kilobytes
-      exit
-   end do
-   close (unit)
-end function available_bytes
 
 end module rk_estimate
