@@ -13,6 +13,7 @@ module rk_rows
    use rk_error, only : error_type
    use rk_lapack, only : matmat, syrk
    use rk_operator, only : row_operator
+   use rk_ordering, only : envelope_order, find, gather
    use rk_precision, only : i8, wp
    use rk_shape, only : shape_type
    use rk_text, only : to_text
@@ -66,7 +67,7 @@ module rk_rows
 
    !> Groups whose products are formed before they are added: enough work for all threads, and
    !> a number that does not depend on the threads, so that sums do not either
-   integer, parameter :: batch = 8
+   integer, parameter :: batch = 4
 
 contains
 
@@ -88,7 +89,8 @@ subroutine new_rows(self, shape, nc, place, rows, range, position, spacing)
    real(wp), intent(in) :: position(:, :)
    !> Size of the boxes that gather near places, shape (nd) [length]
    real(wp), intent(in) :: spacing(:)
-   integer :: b
+   integer(i8) :: k
+   integer :: b, is
 
    self%shape => shape
    self%nc = nc
@@ -106,58 +108,17 @@ subroutine new_rows(self, shape, nc, place, rows, range, position, spacing)
       self%lead(place(b)) = b
    end do
    allocate (self%coefficient(maxval(rows), nc, shape%nq, size(place)), source=0.0_wp)
-   call group_places(self, position, spacing)
+   call gather(position, place, spacing, self%order, self%group)
    call transpose_neighbours(self)
-   call order_sources(self, position)
-end subroutine new_rows
-
-!> Gather blocks whose places lie in the same box
-subroutine group_places(self, position, spacing)
-   !> Rows
-   type(rows_type), intent(inout) :: self
-   !> Coordinates of all places, shape (nd, np) [length]
-   real(wp), intent(in) :: position(:, :)
-   !> Size of the boxes, shape (nd) [length]
-   real(wp), intent(in) :: spacing(:)
-   integer, allocatable :: box(:), start(:)
-   real(wp) :: low(size(spacing))
-   integer :: n(3), c(3), b, d, nbox, g
-
-   low = minval(position, dim=2)
-   n = 1
-   do d = 1, size(spacing)
-      n(d) = 1 + int((maxval(position(d, :)) - low(d))/spacing(d) + 1.0e-9_wp)
-   end do
-   nbox = product(n)
-   allocate (box(size(self%place)), start(nbox + 1), source=0)
-   do b = 1, size(self%place)
-      c = 0
-      do d = 1, size(spacing)
-         ! the last layer of points joins the box below it
-         c(d) = min(int((position(d, self%place(b)) - low(d))/spacing(d) + 1.0e-9_wp), &
-            & max(n(d) - 2, 0))
+   allocate (self%centre(size(position, 1), shape%ns), source=0.0_wp)
+   do is = 1, shape%ns
+      do k = self%seen(is) + 1, self%seen(is + 1)
+         self%centre(:, is) = self%centre(:, is) + position(:, self%seen_place(k))
       end do
-      box(b) = 1 + c(1) + n(1)*(c(2) + n(2)*c(3))
-      start(box(b) + 1) = start(box(b) + 1) + 1
+      self%centre(:, is) = self%centre(:, is)/max(self%seen(is + 1) - self%seen(is), 1_i8)
    end do
-   do d = 2, nbox + 1
-      start(d) = start(d) + start(d - 1)
-   end do
-   ! empty boxes make no group
-   allocate (self%group(count(start(2:) > start(:nbox)) + 1))
-   self%group(1) = 0
-   g = 1
-   do d = 1, nbox
-      if (start(d + 1) == start(d)) cycle
-      g = g + 1
-      self%group(g) = start(d + 1)
-   end do
-   allocate (self%order(size(self%place)))
-   do b = 1, size(self%place)
-      start(box(b)) = start(box(b)) + 1
-      self%order(start(box(b))) = b
-   end do
-end subroutine group_places
+   call envelope_order(shape%neighbour, self%centre, self%position, self%reach)
+end subroutine new_rows
 
 !> For every source point the places that see it
 subroutine transpose_neighbours(self)
@@ -189,102 +150,6 @@ subroutine transpose_neighbours(self)
       end do
    end associate
 end subroutine transpose_neighbours
-
-!> Order source points along the axis that gives the smallest envelope of the normal matrix
-subroutine order_sources(self, position)
-   !> Rows
-   type(rows_type), intent(inout) :: self
-   !> Coordinates of all places, shape (nd, np) [length]
-   real(wp), intent(in) :: position(:, :)
-   integer, allocatable :: order(:), reach(:)
-   real(wp) :: extent(size(position, 1)), weight(size(position, 1))
-   integer(i8) :: k, size_now, size_best
-   integer :: d, e, is, nd
-
-   nd = size(position, 1)
-   allocate (self%centre(nd, self%shape%ns), source=0.0_wp)
-   do is = 1, self%shape%ns
-      do k = self%seen(is) + 1, self%seen(is + 1)
-         self%centre(:, is) = self%centre(:, is) + position(:, self%seen_place(k))
-      end do
-      self%centre(:, is) = self%centre(:, is)/max(self%seen(is + 1) - self%seen(is), 1_i8)
-   end do
-   extent = max(maxval(position, dim=2) - minval(position, dim=2), tiny(1.0_wp))
-   size_best = huge(1_i8)
-   do d = 1, nd
-      ! source points of a layer are told apart by their other coordinates
-      weight = [(merge(1.0_wp, 1.0e-5_wp**modulo(e - d, nd), e == d), e=1, nd)]/extent
-      call sort(matmul(weight, self%centre), order)
-      call find_reach(self, order, reach)
-      size_now = sum(order - reach + 1_i8)
-      if (size_now >= size_best) cycle
-      size_best = size_now
-      call move_alloc(order, self%position)
-      call move_alloc(reach, self%reach)
-   end do
-end subroutine order_sources
-
-!> Places of numbers in ascending order
-pure subroutine sort(key, place)
-   !> Numbers, shape (n)
-   real(wp), intent(in) :: key(:)
-   !> Place of each number, shape (n)
-   integer, allocatable, intent(out) :: place(:)
-   integer :: index(size(key)), buffer(size(key))
-   integer :: width, low, middle, high, i, j, k
-
-   ! merge sort from the bottom
-   index = [(i, i=1, size(key))]
-   width = 1
-   do while (width < size(key))
-      do low = 1, size(key), 2*width
-         middle = min(low + width, size(key) + 1)
-         high = min(low + 2*width, size(key) + 1)
-         i = low
-         j = middle
-         do k = low, high - 1
-            if (j >= high) then
-               buffer(k) = index(i)
-               i = i + 1
-            else if (i >= middle) then
-               buffer(k) = index(j)
-               j = j + 1
-            else if (key(index(i)) <= key(index(j))) then
-               buffer(k) = index(i)
-               i = i + 1
-            else
-               buffer(k) = index(j)
-               j = j + 1
-            end if
-         end do
-      end do
-      index = buffer
-      width = 2*width
-   end do
-   allocate (place(size(key)))
-   place(index) = [(i, i=1, size(key))]
-end subroutine sort
-
-!> First source point in an order that shares a place with each source point
-subroutine find_reach(self, order, reach)
-   !> Rows
-   type(rows_type), intent(in) :: self
-   !> Place of each source point in the order, shape (ns)
-   integer, intent(in) :: order(:)
-   !> First place of those that share a place, shape (ns)
-   integer, allocatable, intent(out) :: reach(:)
-   integer :: ip, first
-
-   reach = order
-   associate (s => self%shape%neighbour)
-      do ip = 1, self%shape%np
-         associate (near => s%index(s%offset(ip) + 1:s%offset(ip + 1)))
-            first = minval(order(near))
-            reach(near) = min(reach(near), first)
-         end associate
-      end do
-   end associate
-end subroutine find_reach
 
 !> y = A x
 subroutine apply(self, x, y)
@@ -517,30 +382,6 @@ subroutine add_second(self, g, node, product)
    end do
 end subroutine add_second
 
-!> Position of a number in an ascending list, 0 if absent
-pure integer function find(list, number)
-   !> Ascending list
-   integer, intent(in) :: list(:)
-   !> Number
-   integer, intent(in) :: number
-   integer :: low, high, middle
-
-   low = 1
-   high = size(list)
-   find = 0
-   do while (low <= high)
-      middle = (low + high)/2
-      if (list(middle) == number) then
-         find = middle
-         return
-      else if (list(middle) < number) then
-         low = middle + 1
-      else
-         high = middle - 1
-      end if
-   end do
-end function find
-
 !> First row of each column of the normal matrix, both in elimination order
 pure function by_position(self) result(reach)
    !> Rows
@@ -689,7 +530,8 @@ subroutine compressed(self, start, column, value)
       end do
    end do
    allocate (column(start(self%m + 1)), value(start(self%m + 1)))
-   !$omp parallel default(none) private(b, c, i, k, n, rows, near) shared(self, start, column, value)
+   !$omp parallel default(none) private(b, c, i, k, n, rows, near) &
+   !$omp shared(self, start, column, value)
    allocate (near(self%shape%ns), source=0)
    allocate (rows(size(self%coefficient, 1), self%nc*self%shape%max_count()))
    !$omp do schedule(static)

@@ -85,7 +85,8 @@ subroutine check_size(deck, model, error)
    estimate = estimate_cost(deck, model)
    if (estimate%bytes < available_bytes()) return
    advice = 'use fewer source points'
-   if (estimate%solver == 'dgels') advice = advice//', or solver "refined"'
+   if (all(estimate%solver /= ['auto   ', 'normal ', 'refined'])) advice = advice &
+      & //', or solver "refined"'
    call fatal_error(error, err_memory, deck%where('geometry')//': geometry: the model needs ' &
       & //'about '//to_text(1.0e-9_wp*estimate%bytes, 3)//' GB with solver "'//estimate%solver &
       & //'", '//to_text(1.0e-9_wp*available_bytes(), 3)//' GB are free: '//advice)

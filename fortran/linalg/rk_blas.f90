@@ -7,7 +7,7 @@ module rk_blas
    implicit none
    private
 
-   public :: dgemm, dgemv, dlacn2, dpotrf, dsyrk, dtrsm, dtrsv
+   public :: dgemm, dgemv, dpotrf, dsyrk, dtrsm, dtrsv
 
    interface
       subroutine dgemm(transa, transb, m, n, k, alpha, a, lda, b, ldb, beta, c, ldc)
@@ -24,12 +24,6 @@ module rk_blas
          real(wp), intent(in) :: alpha, beta, a(lda, *), x(*)
          real(wp), intent(inout) :: y(*)
       end subroutine dgemv
-      subroutine dlacn2(n, v, x, isgn, est, kase, isave)
-         import :: wp
-         integer, intent(in) :: n
-         real(wp), intent(inout) :: v(*), x(*), est
-         integer, intent(inout) :: isgn(*), kase, isave(3)
-      end subroutine dlacn2
       subroutine dpotrf(uplo, n, a, lda, info)
          import :: wp
          character, intent(in) :: uplo

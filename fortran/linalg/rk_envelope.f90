@@ -185,34 +185,30 @@ subroutine equilibrate(self, scale)
 end subroutine equilibrate
 
 !> Cholesky factor U of U^T U in place
-subroutine factorise(self, shift, error)
+subroutine factorise(self, error)
    !> Matrix
    class(envelope_type), intent(inout) :: self
-   !> Added to the diagonal
-   real(wp), intent(in) :: shift
    !> Error handling: not positive definite
    type(error_type), allocatable, intent(out) :: error
    integer(i8) :: at, to
    integer :: i, j, k, low, ni, nj, di, dj, info
 
+   ! the threads stay together: BLAS called by one of several threads does not use more
+   info = 0
+   !$omp parallel default(none) private(i, j, k, low, ni, nj, di, dj, at, to) shared(self, info)
    do i = 1, size(self%first)
       ni = self%start(i + 1) - self%start(i)
       di = self%start(i + 1) - self%first(i)
       k = self%start(i) - self%first(i)
       at = self%offset(i) + 1 + k
-      do j = 0, ni - 1
-         self%value(at + int(j, i8)*di + j) = self%value(at + int(j, i8)*di + j) + shift
-      end do
-      if (k > 0) call dsyrk('u', 't', ni, k, -1.0_wp, self%value(self%offset(i) + 1), di, 1.0_wp, &
-         & self%value(at), di)
+      !$omp single
+      if (k > 0) call dsyrk('u', 't', ni, k, -1.0_wp, self%value(self%offset(i) + 1), di, &
+         & 1.0_wp, self%value(at), di)
       call dpotrf('u', ni, self%value(at), di, info)
-      if (info /= 0) then
-         call fatal_error(error, err_linalg, 'matrix is not positive definite, minor ' &
-            & //to_text(self%start(i) + info)//' of '//to_text(self%n))
-         return
-      end if
-      !$omp parallel do default(none) schedule(dynamic, 1) private(j, k, low, nj, dj, to) &
-      !$omp shared(self, i, ni, di, at)
+      if (info /= 0) info = self%start(i) + info
+      !$omp end single
+      if (info /= 0) exit
+      !$omp do schedule(dynamic, 1)
       do j = i + 1, size(self%first)
          if (self%first(j) > self%start(i)) cycle
          nj = self%start(j + 1) - self%start(j)
@@ -225,8 +221,11 @@ subroutine factorise(self, shift, error)
             & self%value(self%offset(j) + 1 + low - self%first(j)), dj, 1.0_wp, self%value(to), dj)
          call dtrsm('l', 'u', 't', 'n', ni, nj, 1.0_wp, self%value(at), di, self%value(to), dj)
       end do
-      !$omp end parallel do
+      !$omp end do
    end do
+   !$omp end parallel
+   if (info /= 0) call fatal_error(error, err_linalg, 'matrix is not positive definite, minor ' &
+      & //to_text(info)//' of '//to_text(self%n))
 end subroutine factorise
 
 !> Solve U^T U x = b with a factor, in place and in the order of the unknowns
@@ -241,13 +240,16 @@ subroutine solve(self, x)
 
    allocate (y(self%n))
    y(self%position) = x
+   ! as above: one thread, and BLAS with no more
+   !$omp parallel default(none) private(j, k, n, d, at) shared(self, y)
+   !$omp single
    do j = 1, size(self%first)
       n = self%start(j + 1) - self%start(j)
       d = self%start(j + 1) - self%first(j)
       k = self%start(j) - self%first(j)
       at = self%offset(j) + 1
-      if (k > 0) call dgemv('t', k, n, -1.0_wp, self%value(at), d, y(self%first(j) + 1), 1, 1.0_wp, &
-         & y(self%start(j) + 1), 1)
+      if (k > 0) call dgemv('t', k, n, -1.0_wp, self%value(at), d, y(self%first(j) + 1), 1, &
+         & 1.0_wp, y(self%start(j) + 1), 1)
       call dtrsv('u', 't', 'n', n, self%value(at + k), d, y(self%start(j) + 1), 1)
    end do
    do j = size(self%first), 1, -1
@@ -256,9 +258,11 @@ subroutine solve(self, x)
       k = self%start(j) - self%first(j)
       at = self%offset(j) + 1
       call dtrsv('u', 'n', 'n', n, self%value(at + k), d, y(self%start(j) + 1), 1)
-      if (k > 0) call dgemv('n', k, n, -1.0_wp, self%value(at), d, y(self%start(j) + 1), 1, 1.0_wp, &
-         & y(self%first(j) + 1), 1)
+      if (k > 0) call dgemv('n', k, n, -1.0_wp, self%value(at), d, y(self%start(j) + 1), 1, &
+         & 1.0_wp, y(self%first(j) + 1), 1)
    end do
+   !$omp end single
+   !$omp end parallel
    x = y(self%position)
 end subroutine solve
 

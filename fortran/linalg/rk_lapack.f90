@@ -65,17 +65,16 @@ subroutine cholesky(a, error)
 end subroutine cholesky
 
 !> Reciprocal condition number (1-norm) of the leading upper triangle of a matrix
-subroutine reciprocal_condition(r, n, rcond)
-   !> Matrix, shape (>= n, >= n)
+subroutine reciprocal_condition(r, rcond)
+   !> Matrix, shape (>= n, n)
    real(wp), contiguous, intent(in) :: r(:, :)
-   !> Rows and columns of the triangle
-   integer, intent(in) :: n
    !> Estimate of 1/(|R| |R^-1|) [-]
    real(wp), intent(out) :: rcond
    real(wp), allocatable :: work(:)
    integer, allocatable :: iwork(:)
-   integer :: info
+   integer :: info, n
 
+   n = size(r, 2)
    allocate (work(3*n), iwork(n))
    call dtrcon('1', 'u', 'n', n, r, size(r, 1), rcond, work, iwork, info)
    if (info /= 0) rcond = 0.0_wp
@@ -118,7 +117,7 @@ subroutine solve_qr(a, b, rcond, error)
          & //to_text(m)//' x '//to_text(n)//' has not full rank, column '//to_text(info))
       return
    end if
-   call reciprocal_condition(a, n, rcond)
+   call reciprocal_condition(a, rcond)
 end subroutine solve_qr
 
 !> Smallest least squares solutions by rank revealing QR (DGELSY)
@@ -152,7 +151,7 @@ subroutine solve_pivoted_qr(a, b, pivot, rank, rcond, error)
       call fatal_error(error, err_linalg, 'rank revealing QR failed, info '//to_text(info))
       return
    end if
-   if (rank > 0) call reciprocal_condition(a, rank, rcond)
+   if (rank > 0) call reciprocal_condition(a(:, :rank), rcond)
 end subroutine solve_pivoted_qr
 
 !> Thin singular value decomposition A = U S V^T

@@ -7,8 +7,8 @@
 !> backward error is not at the level of QR is not accepted: the next rung is tried.
 !>
 !> The backward error is the smallest of three upper bounds, relative to the Frobenius norm of the
-!> column-scaled matrix: |A^T r|/|r| and |r|/|x| (Stewart), and |P r|/|x| with P the projector on the
-!> range of A (Karlson, Walden), which alone tells something where r is small but not rounding.
+!> column-scaled matrix: |A^T r|/|r| and |r|/|x| (Stewart), and |P r|/|x| with P the projector on
+!> the range of A (Karlson, Walden), the one that counts where r is small but not rounding.
 !>
 !> References: Bjorck, Numerical Methods for Least Squares Problems, SIAM (1996), 1.4.3,
 !>             doi:10.1137/1.9781611971484;
@@ -20,7 +20,7 @@ module rk_lstsq
    use rk_factors, only : dense_factor, envelope_factor
    use rk_lapack, only : solve_pivoted_qr, solve_qr
    use rk_memory, only : available_bytes
-   use rk_operator, only : factor_type, inverse_norm, row_operator
+   use rk_operator, only : factor_type, row_operator, shortest
    use rk_precision, only : wp
    use rk_sparse, only : sparse_cholesky, sparse_factor, sparse_qr
    use rk_text, only : to_text
@@ -41,16 +41,14 @@ module rk_lstsq
       character(len=:), allocatable :: why
       !> Backward error: smallest relative change of A that makes x exact, upper bound [-]
       real(wp) :: backward_error = 0.0_wp
-      !> Backward error below which no method is known to be better: rounding of b counts where the
-      !> residual is much smaller [-]
-      real(wp) :: attainable = 0.0_wp
       !> Distance |A (x - x*)| to the best fit x* over the residual: what the light rows see of the
       !> errors where some rows are much heavier than others [-]
       real(wp) :: misfit = 0.0_wp
-      !> Reciprocal condition estimate of the column-scaled matrix, 1/(|A|_F |(A^T A)^-1|_1^(1/2)) [-]
+      !> Reciprocal condition estimate: smallest singular value of the column-scaled matrix over
+      !> its Frobenius norm [-]
       real(wp) :: rcond = 0.0_wp
-      !> |A^T r| in column-scaled variables
-      real(wp) :: gradient = 0.0_wp
+      !> At the level of QR
+      logical :: accepted = .false.
       !> Refinement iterations
       integer :: iterations = 0
    end type lstsq_report
@@ -58,6 +56,11 @@ module rk_lstsq
    !> A solution is accepted below this backward error: what QR reaches, with room for the
    !> growth of rounding errors with the number of rows
    real(wp), parameter :: backward_limit = 1.0e-12_wp
+   !> With rows of very different weight a small backward error says nothing of the light ones. So
+   !> the distance to the best fit must be below this part of the residual,
+   real(wp), parameter :: misfit_limit = 1.0e-8_wp
+   !> or below this part of the terms of a row, roundings that QR makes too
+   real(wp), parameter :: rounding_limit = 30*epsilon(1.0_wp)
    !> Refinement iterations at most
    integer, parameter :: max_refinement = 40
    !> Operations below which dense QR is chosen: it takes milliseconds
@@ -116,7 +119,7 @@ subroutine solve_lstsq(op, b, method, x, report, error)
    end select
    if (allocated(error)) then
       if (error%code == err_linalg) call fall_back(op, b, x, report, error)
-   else if (.not. report%backward_error <= report%attainable) then
+   else if (.not. report%accepted) then
       call fall_back(op, b, x, report, error)
    end if
 end subroutine solve_lstsq
@@ -141,29 +144,43 @@ subroutine fall_back(op, b, x, report, error)
    if (allocated(error)) then
       story = trim(report%used)//': '//error%message
    else
-      story = trim(report%used)//' reached a backward error of ' &
-         & //to_text(report%backward_error, 2)//' at a reciprocal condition of ' &
-         & //to_text(report%rcond, 2)
+      story = trim(report%used)//' '//quality(report)
    end if
    allocate (y(op%n))
    other%used = 'dgels'
    call solve_dense(op, b, y, other, failure)
    if (allocated(failure)) then
-      story = story//'; dgels: '//failure%message
-      if (allocated(error)) then
-         failure%message = story
-         call move_alloc(failure, error)
+      if (failure%code == err_memory .and. report%used /= 'spqr') then
+         other%used = 'spqr'
+         call solve_spqr(op, b, y, other, failure)
       end if
-      report%why = story
+   end if
+   if (allocated(failure)) then
+      report%why = story//'; '//trim(other%used)//': '//failure%message
+      if (.not. allocated(error)) return
+      ! QR knows better what is wrong, but not where memory was
+      if (failure%code /= err_linalg) failure%message = report%why
+      call move_alloc(failure, error)
    else
-      report%why = story//'; dgels reached '//to_text(other%backward_error, 2)
-      if (.not. allocated(error) .and. other%backward_error >= report%backward_error) return
+      report%why = story//'; '//trim(other%used)//' reached '//to_text(other%backward_error, 2)
+      if (.not. (allocated(error) .or. other%misfit < report%misfit)) return
       if (allocated(error)) deallocate (error)
       other%why = report%why
       report = other
       x = y
    end if
 end subroutine fall_back
+
+!> What a method reached
+function quality(report) result(text)
+   !> Report
+   type(lstsq_report), intent(in) :: report
+   character(len=:), allocatable :: text
+
+   text = 'reached a backward error of '//to_text(report%backward_error, 2)//', '// &
+      & to_text(report%misfit, 2)//' of the residual from the best fit, at a reciprocal ' &
+      & //'condition of '//to_text(report%rcond, 2)
+end function quality
 
 !> Householder QR of the dense, column-scaled matrix
 subroutine solve_dense(op, b, x, report, error)
@@ -189,22 +206,26 @@ subroutine solve_dense(op, b, x, report, error)
    if (allocated(error)) return
    factor%pivot = [(j, j=1, op%n)]
    call solve_qr(factor%a, y, rcond, failure)
-   if (allocated(failure) .or. .not. rcond > op%n*epsilon(1.0_wp)) then
-      ! is something undetermined?
-      deallocate (factor%a)
-      call solve_pivoted(op, b, x, other, error)
-      if (allocated(error)) return
-      if (allocated(other%why)) then
-         call fatal_error(error, err_linalg, other%why)
-      else
-         other%used = 'dgelsy'
-         other%why = 'dgels saw a reciprocal condition of '//to_text(rcond, 2)
-         report = other
-      end if
+   if (.not. allocated(failure)) then
+      x = y(:op%n)/factor%scale
+      call check_rank(op, factor, report%rcond, failure)
+   end if
+   if (.not. allocated(failure)) then
+      call judge(op, b, x, factor, report)
       return
    end if
-   x = y(:op%n)/factor%scale
-   call judge(op, b, x, factor, report)
+   ! name what is undetermined
+   deallocate (factor%a)
+   other = report
+   call solve_pivoted(op, b, x, other, error)
+   if (allocated(error)) return
+   if (other%rcond > 0.0_wp) then
+      other%used = 'dgelsy'
+      other%why = 'dgels: '//failure%message
+      report = other
+   else
+      call fatal_error(error, err_linalg, other%why)
+   end if
 end subroutine solve_dense
 
 !> Dense matrix with columns of length one and heavy rows first, b in the same order
@@ -279,7 +300,7 @@ subroutine solve_pivoted(op, b, x, report, error)
    real(wp), contiguous, intent(in) :: b(:)
    !> Solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
-   !> What was done; `why` is set where the rank is not full
+   !> What was done; where the rank is not full `why` names what is undetermined and `rcond` is 0
    type(lstsq_report), intent(inout) :: report
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
@@ -301,28 +322,30 @@ subroutine solve_pivoted(op, b, x, report, error)
    if (allocated(error)) return
    x = y(:op%n, 1)/factor%scale
    if (rank < op%n) then
-      call name_undetermined(op, abs(y(:op%n, 2) - probe), rank, report%why)
+      report%why = 'rank '//to_text(rank)//' of '//to_text(op%n)//', undetermined: ' &
+         & //names_of(op, abs(y(:op%n, 2) - probe))
       ! a triangle of lower rank is no factor
       factor%a = 0.0_wp
+      report%rcond = 0.0_wp
+   else
+      call check_rank(op, factor, report%rcond, error)
+      if (allocated(error)) return
    end if
    call judge(op, b, x, factor, report)
 end subroutine solve_pivoted
 
 !> Names of the unknowns with the largest part in the null space
-subroutine name_undetermined(op, part, rank, text)
+function names_of(op, part) result(text)
    !> Matrix
    class(row_operator), intent(in) :: op
    !> Part of each unknown in the null space, shape (n)
    real(wp), intent(in) :: part(:)
-   !> Rank
-   integer, intent(in) :: rank
-   !> Sentence
-   character(len=:), allocatable, intent(out) :: text
+   character(len=:), allocatable :: text
    real(wp) :: rest(size(part))
    integer :: j, k, total
 
    total = count(part > 1.0e-6_wp*maxval(part))
-   text = 'rank '//to_text(rank)//' of '//to_text(op%n)//', undetermined: '
+   text = ''
    rest = part
    do k = 1, min(total, max_named)
       j = maxloc(rest, dim=1)
@@ -332,7 +355,7 @@ subroutine name_undetermined(op, part, rank, text)
    end do
    if (total > max_named) text = text//' and '//to_text(total - max_named)//' more'
    text = text//'; fix rigid motions by displacements, or use more collocation points'
-end subroutine name_undetermined
+end function names_of
 
 !> Sparse QR
 subroutine solve_spqr(op, b, x, report, error)
@@ -351,6 +374,7 @@ subroutine solve_spqr(op, b, x, report, error)
 
    call sparse_qr(factor, op, b, x, rank, error)
    if (.not. allocated(error)) call check_columns(op, factor%scale, error)
+   if (.not. allocated(error)) call check_rank(op, factor, report%rcond, error)
    if (.not. allocated(error)) call judge(op, b, x, factor, report)
    call factor%free()
 end subroutine solve_spqr
@@ -371,29 +395,38 @@ subroutine solve_normal(op, b, x, report, error)
    type(envelope_factor) :: dense
    type(sparse_factor) :: sparse
 
-   call factor_normal(op, report%used == 'sparse-normal', dense, sparse, error)
-   if (.not. allocated(error)) then
-      if (report%used == 'sparse-normal') then
-         call finish(sparse)
-      else
-         report%why = report%why//', normal matrix '//to_text(100.0_wp*dense%matrix%share(), 2) &
-            & //' % filled'
-         call finish(dense)
-      end if
+   allocate (dense%scale(op%n))
+   call op%envelope(dense%matrix, error)
+   if (allocated(error)) return
+   call dense%matrix%equilibrate(dense%scale)
+   call check_columns(op, dense%scale, error)
+   if (allocated(error)) return
+   if (report%used == 'sparse-normal') then
+      sparse%scale = dense%scale
+      call sparse_cholesky(sparse, dense%matrix, error)
+      if (allocated(dense%matrix%value)) deallocate (dense%matrix%value)
+      if (.not. allocated(error)) call finish(sparse)
+      call sparse%free()
+   else
+      report%why = report%why//', normal matrix '//to_text(100.0_wp*dense%matrix%share(), 2) &
+         & //' % filled'
+      call dense%matrix%factorise(error)
+      if (.not. allocated(error)) call finish(dense)
    end if
-   call sparse%free()
 
 contains
 
    !> Solve with the factor
    subroutine finish(factor)
-      class(factor_type), intent(inout) :: factor
+      class(factor_type), intent(in) :: factor
 
+      call check_rank(op, factor, report%rcond, error)
+      if (allocated(error)) return
       call semi_normal(op, b, factor, x)
       if (report%used == 'normal') then
          call judge(op, b, x, factor, report)
-         if (report%backward_error <= report%attainable) return
-         report%why = 'normal reached a backward error of '//to_text(report%backward_error, 2)
+         if (report%accepted) return
+         report%why = 'normal '//quality(report)
          report%used = 'refined'
       end if
       call refine(op, b, factor, max_refinement, x, report%iterations)
@@ -401,44 +434,6 @@ contains
    end subroutine finish
 
 end subroutine solve_normal
-
-!> Factor of the column-scaled normal matrix. Where it is singular to rounding when squared, a small
-!> shift is added, which refinement undoes.
-subroutine factor_normal(op, use_sparse, dense, sparse, error)
-   !> Matrix
-   class(row_operator), intent(in) :: op
-   !> Factorise by CHOLMOD
-   logical, intent(in) :: use_sparse
-   !> Normal matrix or its factor
-   type(envelope_factor), intent(inout) :: dense
-   !> Sparse factor
-   type(sparse_factor), intent(inout) :: sparse
-   !> Error handling
-   type(error_type), allocatable, intent(out) :: error
-   real(wp) :: shift
-   integer :: attempt
-
-   allocate (dense%scale(op%n))
-   shift = 0.0_wp
-   do attempt = 1, 4
-      if (attempt == 1 .or. .not. use_sparse) then
-         call op%envelope(dense%matrix, error)
-         if (allocated(error)) return
-         call dense%matrix%equilibrate(dense%scale)
-         call check_columns(op, dense%scale, error)
-         if (allocated(error)) return
-      end if
-      if (use_sparse) then
-         call sparse_cholesky(sparse, dense%matrix, shift, error)
-      else
-         call dense%matrix%factorise(shift, error)
-      end if
-      if (.not. allocated(error)) exit
-      if (error%code /= err_linalg) return
-      shift = merge(op%n*epsilon(1.0_wp), 100.0_wp*shift, attempt == 1)
-   end do
-   if (use_sparse) sparse%scale = dense%scale
-end subroutine factor_normal
 
 !> Backward error of a solution in column-scaled variables, Frobenius norm of the matrix
 subroutine judge(op, b, x, factor, report)
@@ -466,20 +461,39 @@ subroutine judge(op, b, x, factor, report)
    norm = norm2(residual)
    length = max(norm2(factor%scale*x), tiny(1.0_wp))
    matrix_norm = sqrt(real(op%n, wp))
-   report%rcond = 1.0_wp/(matrix_norm*sqrt(inverse_norm(factor, op%n)))
-   report%gradient = norm2(gradient)
-   report%attainable = backward_limit + 10.0_wp*epsilon(1.0_wp)*norm2(b)/max(norm, tiny(1.0_wp))
    report%backward_error = 0.0_wp
    report%misfit = 0.0_wp
-   if (.not. norm > 0.0_wp) return
-   bound = min(report%gradient/norm, norm/length)
-   ! a comparison that fails where the factor is singular
+   report%accepted = .not. norm > 0.0_wp
+   if (report%accepted) return
+   bound = min(norm2(gradient)/norm, norm/length)
+   ! a comparison that fails where there is no factor
    if (distance <= huge(1.0_wp)) then
       bound = min(bound, distance/length)
       report%misfit = distance/norm
    end if
    report%backward_error = bound/matrix_norm
+   report%accepted = report%backward_error <= backward_limit .and. (report%misfit <= misfit_limit &
+      & .or. distance <= rounding_limit*matrix_norm*length)
 end subroutine judge
+
+!> Whether something is undetermined, seen through a factor
+subroutine check_rank(op, factor, rcond, error)
+   !> Matrix
+   class(row_operator), intent(in) :: op
+   !> Factor
+   class(factor_type), intent(in) :: factor
+   !> Smallest singular value of the column-scaled matrix over its Frobenius norm [-]
+   real(wp), intent(out) :: rcond
+   !> Error handling: rank deficient to n roundings
+   type(error_type), allocatable, intent(out) :: error
+   real(wp) :: v(op%n)
+
+   call shortest(op, factor, v, rcond)
+   rcond = rcond/sqrt(real(op%n, wp))
+   ! a comparison that a factor with zeros on its diagonal fails
+   if (.not. rcond > op%n*epsilon(1.0_wp)) call fatal_error(error, err_linalg, &
+      & 'rank below '//to_text(op%n)//', undetermined: '//names_of(op, abs(v)))
+end subroutine check_rank
 
 !> An unknown that no equation sees
 subroutine check_columns(op, scale, error)

@@ -1,6 +1,5 @@
 !> What the least squares solvers may know of a matrix, and of a factor of it.
 module rk_operator
-   use rk_blas, only : dlacn2
    use rk_envelope, only : envelope_type
    use rk_error, only : error_type
    use rk_precision, only : i8, wp
@@ -8,7 +7,7 @@ module rk_operator
    implicit none
    private
 
-   public :: row_operator, factor_type, inverse_norm
+   public :: row_operator, factor_type, shortest
 
    !> Something that solves equations with (A D)^T (A D), D the inverse column norms
    type, abstract :: factor_type
@@ -103,6 +102,11 @@ module rk_operator
       end subroutine compressed_interface
    end interface
 
+   !> Inverse iterations for the smallest singular value: each squares the ratio to the next one
+   integer, parameter :: sweeps = 3
+   !> Fractional part of the golden ratio: its multiples are spread evenly
+   real(wp), parameter :: golden = 0.6180339887498949_wp
+
 contains
 
 !> Number of nonzero entries; all, where the matrix does not know better
@@ -124,22 +128,30 @@ function unknown(self, j) result(text)
    text = 'unknown '//to_text(j)//' of '//to_text(self%n)
 end function unknown
 
-!> Estimate of the 1-norm of the inverse of a symmetric matrix
-real(wp) function inverse_norm(factor, n)
-   !> Factor of the matrix
+!> Direction that the column-scaled matrix makes shortest, by inverse iteration, and what is left of
+!> its length. The length is taken with A itself: where the factor is singular to rounding it still
+!> tells whether A is.
+subroutine shortest(op, factor, v, length)
+   !> Matrix
+   class(row_operator), intent(in) :: op
+   !> Factor
    class(factor_type), intent(in) :: factor
-   !> Rows
-   integer, intent(in) :: n
-   real(wp) :: v(n), x(n)
-   integer :: isgn(n), isave(3), kase
+   !> Direction in column-scaled variables, length one, shape (n)
+   real(wp), contiguous, intent(inout) :: v(:)
+   !> |A D v|, close to and not below the smallest singular value
+   real(wp), intent(out) :: length
+   real(wp) :: image(op%m)
+   integer :: j, k
 
-   kase = 0
-   inverse_norm = 0.0_wp
-   do
-      call dlacn2(n, v, x, isgn, inverse_norm, kase, isave)
-      if (kase == 0) return
-      call factor%solve(x)
+   ! a start with a part in every direction
+   v = [(0.5_wp + modulo(golden*j, 1.0_wp), j=1, op%n)]
+   do k = 1, sweeps
+      v = v/norm2(v)
+      call factor%solve(v)
    end do
-end function inverse_norm
+   v = v/norm2(v)
+   call op%apply(v/factor%scale, image)
+   length = norm2(image)
+end subroutine shortest
 
 end module rk_operator

@@ -1,9 +1,10 @@
 !> Sparse factorisations of SuiteSparse, where it was there at build time.
 !>
-!> References: Chen, Davis, Hager, Rajamanickam, ACM TOMS 35 (2008) 22, doi:10.1145/1391989.1391995;
+!> References: Chen et al., ACM TOMS 35 (2008) 22, doi:10.1145/1391989.1391995;
 !>             Davis, ACM TOMS 38 (2011) 8, doi:10.1145/2049662.2049670
 module rk_sparse
-   use, intrinsic :: iso_c_binding, only : c_associated, c_double, c_int, c_int64_t, c_null_ptr, c_ptr
+   use, intrinsic :: iso_c_binding, only : c_associated, c_double, c_int, c_int64_t, c_null_ptr, &
+      & c_ptr
    use rk_envelope, only : envelope_type
    use rk_error, only : error_type, fatal_error, err_input, err_linalg, err_memory
    use rk_operator, only : factor_type, row_operator
@@ -57,14 +58,12 @@ module rk_sparse
 
 contains
 
-!> Cholesky factor of a symmetric matrix with unit diagonal; exact zeros of its envelope are left out
-subroutine sparse_cholesky(self, matrix, shift, error)
+!> Cholesky factor of a symmetric matrix; zeros of its envelope are left out
+subroutine sparse_cholesky(self, matrix, error)
    !> Factor
    type(sparse_factor), intent(inout) :: self
    !> Matrix
    type(envelope_type), intent(in) :: matrix
-   !> Added to the diagonal
-   real(wp), intent(in) :: shift
    !> Error handling: not positive definite, no memory, no SuiteSparse
    type(error_type), allocatable, intent(out) :: error
    integer(i8), allocatable :: start(:), row(:)
@@ -87,7 +86,6 @@ subroutine sparse_cholesky(self, matrix, shift, error)
                if (pass == 1) cycle
                row(k) = i - 1
                value(k) = matrix%value(at + i)
-               if (i == c) value(k) = value(k) + shift
             end do
             start(c) = k
          end do
