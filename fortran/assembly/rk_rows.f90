@@ -9,10 +9,14 @@
 !> the two factors is always a first derivative of one of the leading nd fields (the displacement):
 !> value x^T S y + y^T S x, with x the first derivatives alone and y all of them.
 module rk_rows
+   use rk_envelope, only : envelope_type, new_envelope
+   use rk_error, only : error_type
    use rk_lapack, only : matmat, syrk
-   use rk_lstsq, only : row_operator
+   use rk_operator, only : row_operator
+   use rk_ordering, only : envelope_order, find, gather
    use rk_precision, only : i8, wp
    use rk_shape, only : shape_type
+   use rk_text, only : to_text
    implicit none
    private
 
@@ -24,7 +28,7 @@ module rk_rows
       type(shape_type), pointer :: shape => null()
       !> Unknown fields
       integer :: nc = 0
-      !> Place of each block, ascending, shape (nblock)
+      !> Place of each block, shape (nblock)
       integer, allocatable :: place(:)
       !> Rows of block b are row(b)+1 : row(b+1), shape (nblock + 1)
       integer, allocatable :: row(:)
@@ -43,18 +47,27 @@ module rk_rows
       integer(i8), allocatable, private :: seen(:)
       integer, allocatable, private :: seen_place(:)
       integer(i8), allocatable, private :: seen_value(:)
+      !> Mean position of the places that see each source point, shape (nd, ns) [length]
+      real(wp), allocatable, private :: centre(:, :)
+      !> Place of each source point in the elimination order, along the body, and the first source
+      !> point in that order which shares a place with it, shape (ns)
+      integer, allocatable, private :: position(:), reach(:)
    contains
       procedure :: apply
       procedure :: apply_transposed
+      procedure :: envelope
       procedure :: normal
       !> Upper triangle of A^T A and the second derivatives
       procedure :: hessian
       procedure :: dense
+      procedure :: compressed
+      procedure :: entries
+      procedure :: unknown
    end type rows_type
 
    !> Groups whose products are formed before they are added: enough work for all threads, and
    !> a number that does not depend on the threads, so that sums do not either
-   integer, parameter :: batch = 8
+   integer, parameter :: batch = 4
 
 contains
 
@@ -66,7 +79,7 @@ subroutine new_rows(self, shape, nc, place, rows, range, position, spacing)
    type(shape_type), target, intent(in) :: shape
    !> Unknown fields
    integer, intent(in) :: nc
-   !> Place of each block, ascending, shape (nblock)
+   !> Place of each block, shape (nblock)
    integer, intent(in) :: place(:)
    !> Number of rows of each block, shape (nblock)
    integer, intent(in) :: rows(:)
@@ -76,7 +89,8 @@ subroutine new_rows(self, shape, nc, place, rows, range, position, spacing)
    real(wp), intent(in) :: position(:, :)
    !> Size of the boxes that gather near places, shape (nd) [length]
    real(wp), intent(in) :: spacing(:)
-   integer :: b
+   integer(i8) :: k
+   integer :: b, is
 
    self%shape => shape
    self%nc = nc
@@ -94,57 +108,17 @@ subroutine new_rows(self, shape, nc, place, rows, range, position, spacing)
       self%lead(place(b)) = b
    end do
    allocate (self%coefficient(maxval(rows), nc, shape%nq, size(place)), source=0.0_wp)
-   call group_places(self, position, spacing)
+   call gather(position, place, spacing, self%order, self%group)
    call transpose_neighbours(self)
-end subroutine new_rows
-
-!> Gather blocks whose places lie in the same box
-subroutine group_places(self, position, spacing)
-   !> Rows
-   type(rows_type), intent(inout) :: self
-   !> Coordinates of all places, shape (nd, np) [length]
-   real(wp), intent(in) :: position(:, :)
-   !> Size of the boxes, shape (nd) [length]
-   real(wp), intent(in) :: spacing(:)
-   integer, allocatable :: box(:), start(:)
-   real(wp) :: low(size(spacing))
-   integer :: n(3), c(3), b, d, nbox, g
-
-   low = minval(position, dim=2)
-   n = 1
-   do d = 1, size(spacing)
-      n(d) = 1 + int((maxval(position(d, :)) - low(d))/spacing(d) + 1.0e-9_wp)
-   end do
-   nbox = product(n)
-   allocate (box(size(self%place)), start(nbox + 1), source=0)
-   do b = 1, size(self%place)
-      c = 0
-      do d = 1, size(spacing)
-         ! the last layer of points joins the box below it
-         c(d) = min(int((position(d, self%place(b)) - low(d))/spacing(d) + 1.0e-9_wp), &
-            & max(n(d) - 2, 0))
+   allocate (self%centre(size(position, 1), shape%ns), source=0.0_wp)
+   do is = 1, shape%ns
+      do k = self%seen(is) + 1, self%seen(is + 1)
+         self%centre(:, is) = self%centre(:, is) + position(:, self%seen_place(k))
       end do
-      box(b) = 1 + c(1) + n(1)*(c(2) + n(2)*c(3))
-      start(box(b) + 1) = start(box(b) + 1) + 1
+      self%centre(:, is) = self%centre(:, is)/max(self%seen(is + 1) - self%seen(is), 1_i8)
    end do
-   do d = 2, nbox + 1
-      start(d) = start(d) + start(d - 1)
-   end do
-   ! empty boxes make no group
-   allocate (self%group(count(start(2:) > start(:nbox)) + 1))
-   self%group(1) = 0
-   g = 1
-   do d = 1, nbox
-      if (start(d + 1) == start(d)) cycle
-      g = g + 1
-      self%group(g) = start(d + 1)
-   end do
-   allocate (self%order(size(self%place)))
-   do b = 1, size(self%place)
-      start(box(b)) = start(box(b)) + 1
-      self%order(start(box(b))) = b
-   end do
-end subroutine group_places
+   call envelope_order(shape%neighbour, self%centre, self%position, self%reach)
+end subroutine new_rows
 
 !> For every source point the places that see it
 subroutine transpose_neighbours(self)
@@ -241,14 +215,34 @@ subroutine apply_transposed(self, x, y)
    !$omp end parallel do
 end subroutine apply_transposed
 
+!> A^T A in its envelope
+subroutine envelope(self, a, error)
+   !> Rows
+   class(rows_type), intent(in) :: self
+   !> Matrix
+   type(envelope_type), intent(inout) :: a
+   !> Error handling: no memory
+   type(error_type), allocatable, intent(out) :: error
+
+   call accumulate(self, .false., a, error)
+end subroutine envelope
+
 !> Upper triangle of A^T A
 subroutine normal(self, a)
    !> Rows
    class(rows_type), intent(in) :: self
    !> Matrix, shape (n, n)
    real(wp), contiguous, intent(inout) :: a(:, :)
+   type(envelope_type) :: matrix
+   type(error_type), allocatable :: error
 
-   call accumulate(self, .false., a)
+   call accumulate(self, .false., matrix, error)
+   if (allocated(error)) then
+      ! no memory beside the larger matrix of the caller: a matrix that nothing accepts
+      a = 0.0_wp
+   else
+      call matrix%expand(a)
+   end if
 end subroutine normal
 
 !> Upper triangle of A^T A and the second derivatives
@@ -257,43 +251,53 @@ subroutine hessian(self, a)
    class(rows_type), intent(in) :: self
    !> Matrix, shape (n, n)
    real(wp), contiguous, intent(inout) :: a(:, :)
+   type(envelope_type) :: matrix
+   type(error_type), allocatable :: error
 
-   call accumulate(self, .true., a)
+   call accumulate(self, .true., matrix, error)
+   if (allocated(error)) then
+      ! no memory beside the larger matrix of the caller: a matrix that nothing accepts
+      a = 0.0_wp
+   else
+      call matrix%expand(a)
+   end if
 end subroutine hessian
 
-!> Upper triangle of a matrix summed over groups of near places
-subroutine accumulate(self, curved, a)
+!> Matrix summed over groups of near places
+subroutine accumulate(self, curved, a, error)
    !> Rows
    class(rows_type), intent(in) :: self
    !> Include second derivatives
    logical, intent(in) :: curved
-   !> Matrix, shape (n, n)
-   real(wp), contiguous, intent(inout) :: a(:, :)
+   !> Matrix
+   type(envelope_type), intent(inout) :: a
+   !> Error handling: no memory
+   type(error_type), allocatable, intent(out) :: error
    type :: piece_type
-      integer, allocatable :: node(:)
+      integer, allocatable :: node(:), row(:), run(:)
       real(wp), allocatable :: rows(:, :), product(:, :)
       integer :: m = 0
       integer :: n = 0
    end type piece_type
    type(piece_type), allocatable :: piece(:)
-   integer :: first, last, g, j, column, k, groups, node
+   integer :: first, last, c, g, is, j, groups
 
+   if (.not. allocated(a%value)) then
+      call new_envelope(a, [((self%nc*(self%position(is) - 1) + c, c=1, self%nc), is=1, &
+         & self%shape%ns)], by_position(self), error)
+      if (allocated(error)) return
+   end if
+   call a%clear()
    groups = size(self%group) - 1
    allocate (piece(min(batch, groups)))
-   !$omp parallel do default(none) schedule(static) private(j) shared(a)
-   do j = 1, size(a, 2)
-      a(:, j) = 0.0_wp
-   end do
-   !$omp end parallel do
    do first = 1, groups, batch
       last = min(first + batch - 1, groups)
-      !$omp parallel default(none) shared(self, curved, piece, first, last, a) &
-      !$omp private(g, k, j, column, node)
+      !$omp parallel default(none) shared(self, curved, piece, first, last, a) private(g, j)
       !$omp do schedule(dynamic, 1)
       do g = first, last
          associate (p => piece(g - first + 1))
-            call group_rows(self, g, p%node, p%rows, p%m)
-            p%n = self%nc*size(p%node)
+            call group_rows(self, g, p%node, p%row, p%run, p%rows, p%m)
+            p%n = size(p%row)
             if (allocated(p%product)) then
                if (size(p%product, 1) < p%n) deallocate (p%product)
             end if
@@ -303,19 +307,11 @@ subroutine accumulate(self, curved, a)
          end associate
       end do
       !$omp end do
-      ! every column is summed by one thread, in the order of the groups
-      !$omp do schedule(static, 4)
-      do node = 1, self%shape%ns
+      ! every block of columns is summed by one thread, in the order of the groups
+      !$omp do schedule(dynamic, 1)
+      do j = 1, size(a%first)
          do g = 1, last - first + 1
-            associate (p => piece(g))
-               k = find(p%node, node)
-               if (k == 0) cycle
-               do j = 1, self%nc
-                  column = self%nc*(k - 1) + j
-                  call scatter(self%nc, p%node, k, p%product(:, column), &
-                     & a(:, self%nc*(node - 1) + j), column)
-               end do
-            end associate
+            call a%add(j, piece(g)%row, piece(g)%run, piece(g)%product)
          end do
       end do
       !$omp end do
@@ -329,7 +325,7 @@ subroutine add_second(self, g, node, product)
    class(rows_type), intent(in) :: self
    !> Group
    integer, intent(in) :: g
-   !> Source points the group sees, ascending
+   !> Source points the group sees, by their place in the elimination order, ascending
    integer, intent(in) :: node(:)
    !> Upper triangle, shape (>= nc*nodes, >= nc*nodes)
    real(wp), intent(inout) :: product(:, :)
@@ -360,7 +356,7 @@ subroutine add_second(self, g, node, product)
          call matmat(reshape(self%second(:, :, :, ip), [nd*nd*self%nc, s%nq]), &
             & s%value(:, from:to), local)
          do k = 1, n
-            j = find(node, s%neighbour%index(s%neighbour%offset(ip) + k))
+            j = find(node, self%position(s%neighbour%index(s%neighbour%offset(ip) + k)))
             first(j, at + 1:at + nd) = s%value(2:1 + nd, from + k - 1)
             do c = 1, self%nc
                do a = 1, nd
@@ -386,104 +382,73 @@ subroutine add_second(self, g, node, product)
    end do
 end subroutine add_second
 
-!> Position of a number in an ascending list, 0 if absent
-pure integer function find(list, number)
-   !> Ascending list
-   integer, intent(in) :: list(:)
-   !> Number
-   integer, intent(in) :: number
-   integer :: low, high, middle
+!> First row of each column of the normal matrix, both in elimination order
+pure function by_position(self) result(reach)
+   !> Rows
+   class(rows_type), intent(in) :: self
+   integer :: reach(self%n)
+   integer :: c, is
 
-   low = 1
-   high = size(list)
-   find = 0
-   do while (low <= high)
-      middle = (low + high)/2
-      if (list(middle) == number) then
-         find = middle
-         return
-      else if (list(middle) < number) then
-         low = middle + 1
-      else
-         high = middle - 1
-      end if
-   end do
-end function find
-
-!> Add the upper part of one column of a group's product to the matrix
-pure subroutine scatter(nc, node, last, from, to, rows)
-   !> Unknown fields
-   integer, intent(in) :: nc
-   !> Source points of the group
-   integer, intent(in) :: node(:)
-   !> Position of the column's source point
-   integer, intent(in) :: last
-   !> Column of the product
-   real(wp), intent(in) :: from(:)
-   !> Column of the matrix
-   real(wp), intent(inout) :: to(:)
-   !> Rows of the column on and above the diagonal
-   integer, intent(in) :: rows
-   integer :: k, c, at
-
-   do k = 1, last - 1
-      at = nc*(node(k) - 1)
-      do c = 1, nc
-         to(at + c) = to(at + c) + from(nc*(k - 1) + c)
+   do is = 1, self%shape%ns
+      do c = 1, self%nc
+         reach(self%nc*(self%position(is) - 1) + c) = self%nc*(self%reach(is) - 1) + 1
       end do
    end do
-   at = nc*(node(last) - 1)
-   do c = 1, rows - nc*(last - 1)
-      to(at + c) = to(at + c) + from(nc*(last - 1) + c)
-   end do
-end subroutine scatter
+end function by_position
 
-!> Dense rows of a group over the source points it sees
-subroutine group_rows(self, g, node, rows, m)
+!> Dense rows of a group over the unknowns it sees
+subroutine group_rows(self, g, node, unknown, run, rows, m)
    !> Rows
    class(rows_type), intent(in) :: self
    !> Group
    integer, intent(in) :: g
-   !> Source points, ascending
+   !> Source points and unknowns by their place in the elimination order, ascending
    integer, allocatable, intent(inout) :: node(:)
-   !> Rows, shape (>= m, nc*size(node)); kept from call to call
+   integer, allocatable, intent(inout) :: unknown(:)
+   !> Where runs of consecutive unknowns begin, and the end
+   integer, allocatable, intent(inout) :: run(:)
+   !> Rows, shape (>= m, size(unknown)); kept from call to call
    real(wp), allocatable, intent(inout) :: rows(:, :)
    !> Rows in use
    integer, intent(out) :: m
    integer, allocatable :: column(:)
-   integer :: b, i, k, n, ip
+   integer :: b, c, i, k, n, ip, low, high
    integer(i8) :: e
 
    associate (s => self%shape)
       allocate (column(s%ns), source=0)
       m = 0
+      low = s%ns
+      high = 1
       do i = self%group(g) + 1, self%group(g + 1)
          b = self%order(i)
          ip = self%place(b)
          m = m + self%row(b + 1) - self%row(b)
          do e = s%neighbour%offset(ip) + 1, s%neighbour%offset(ip + 1)
-            column(s%neighbour%index(e)) = 1
+            k = self%position(s%neighbour%index(e))
+            column(k) = 1
+            low = min(low, k)
+            high = max(high, k)
          end do
       end do
-      n = sum(column)
-      if (allocated(node)) deallocate (node)
-      allocate (node(n))
+      node = pack([(k, k=low, high)], column(low:high) == 1)
       n = 0
-      do k = 1, s%ns
+      do k = low, high
          if (column(k) == 0) cycle
          n = n + 1
-         node(n) = k
          column(k) = n
       end do
+      unknown = [((self%nc*(node(k) - 1) + c, c=1, self%nc), k=1, n)]
+      run = [1, pack([(self%nc*(k - 1) + 1, k=2, n)], node(2:n) > node(:n - 1) + 1), self%nc*n + 1]
       if (allocated(rows)) then
          if (size(rows, 1) < m .or. size(rows, 2) < self%nc*n) deallocate (rows)
       end if
       if (.not. allocated(rows)) allocate (rows(m, self%nc*n))
-      rows = 0.0_wp
+      rows(:, :self%nc*n) = 0.0_wp
       m = 0
       do i = self%group(g) + 1, self%group(g + 1)
          b = self%order(i)
-         call write_block(self, b, column, rows, m)
+         call write_block(self, b, column(self%position), rows, m)
          m = m + self%row(b + 1) - self%row(b)
       end do
    end associate
@@ -541,5 +506,83 @@ subroutine dense(self, a)
    end do
    !$omp end parallel do
 end subroutine dense
+
+!> A in compressed rows
+subroutine compressed(self, start, column, value)
+   !> Rows
+   class(rows_type), intent(in) :: self
+   !> Row i has entries start(i)+1 : start(i+1), shape (m + 1)
+   integer(i8), allocatable, intent(out) :: start(:)
+   !> Column of each entry less 1, shape (entries)
+   integer(i8), allocatable, intent(out) :: column(:)
+   !> Entries
+   real(wp), allocatable, intent(out) :: value(:)
+   real(wp), allocatable :: rows(:, :)
+   integer, allocatable :: near(:)
+   integer :: b, c, i, k, n
+
+   allocate (start(self%m + 1))
+   start(1) = 0
+   do b = 1, size(self%place)
+      n = self%nc*self%shape%count(self%place(b))
+      do i = self%row(b) + 1, self%row(b + 1)
+         start(i + 1) = start(i) + n
+      end do
+   end do
+   allocate (column(start(self%m + 1)), value(start(self%m + 1)))
+   !$omp parallel default(none) private(b, c, i, k, n, rows, near) &
+   !$omp shared(self, start, column, value)
+   allocate (near(self%shape%ns), source=0)
+   allocate (rows(size(self%coefficient, 1), self%nc*self%shape%max_count()))
+   !$omp do schedule(static)
+   do b = 1, size(self%place)
+      associate (s => self%shape%neighbour, ip => self%place(b))
+         n = self%shape%count(ip)
+         near(s%index(s%offset(ip) + 1:s%offset(ip + 1))) = [(k, k=1, n)]
+         rows = 0.0_wp
+         call write_block(self, b, near, rows, 0)
+         do i = 1, self%row(b + 1) - self%row(b)
+            associate (at => start(self%row(b) + i))
+               value(at + 1:at + self%nc*n) = rows(i, :self%nc*n)
+               do k = 1, n
+                  do c = 1, self%nc
+                     column(at + self%nc*(k - 1) + c) = self%nc*(s%index(s%offset(ip) + k) - 1) &
+                        & + c - 1
+                  end do
+               end do
+            end associate
+         end do
+      end associate
+   end do
+   !$omp end do
+   !$omp end parallel
+end subroutine compressed
+
+!> Number of entries of compressed rows
+pure real(wp) function entries(self)
+   !> Rows
+   class(rows_type), intent(in) :: self
+   integer :: b
+
+   entries = 0.0_wp
+   do b = 1, size(self%place)
+      entries = entries + real(self%row(b + 1) - self%row(b), wp)*self%nc &
+         & *self%shape%count(self%place(b))
+   end do
+end function entries
+
+!> Source point and field of an unknown, and where it is
+function unknown(self, j) result(text)
+   !> Rows
+   class(rows_type), intent(in) :: self
+   !> Column
+   integer, intent(in) :: j
+   character(len=:), allocatable :: text
+   integer :: is
+
+   is = (j - 1)/self%nc + 1
+   text = 'field '//to_text(j - self%nc*(is - 1))//' of source point '//to_text(is)//' near ' &
+      & //to_text(self%centre(:, is))
+end function unknown
 
 end module rk_rows

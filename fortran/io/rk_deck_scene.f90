@@ -7,10 +7,11 @@ module rk_deck_scene
    use rk_deck, only : deck_type
    use rk_deck_linear, only : read_linear
    use rk_error, only : error_type, fatal_error, err_input, err_memory
-   use rk_estimate, only : available_bytes, estimate_cost, estimate_type
+   use rk_estimate, only : estimate_cost, estimate_type
    use rk_kernel, only : kernel_cubic, kernel_quintic, window_product, window_radial
    use rk_material, only : material_item
    use rk_material_list, only : new_material
+   use rk_memory, only : available_bytes
    use rk_muscle, only : fiber_type
    use rk_precision, only : pi, wp
    use rk_scene, only : condition_type, scene_type
@@ -84,7 +85,8 @@ subroutine check_size(deck, model, error)
    estimate = estimate_cost(deck, model)
    if (estimate%bytes < available_bytes()) return
    advice = 'use fewer source points'
-   if (estimate%solver == 'dgels') advice = advice//', or solver "refined"'
+   if (all(estimate%solver /= ['auto   ', 'normal ', 'refined'])) advice = advice &
+      & //', or solver "refined"'
    call fatal_error(error, err_memory, deck%where('geometry')//': geometry: the model needs ' &
       & //'about '//to_text(1.0e-9_wp*estimate%bytes, 3)//' GB with solver "'//estimate%solver &
       & //'", '//to_text(1.0e-9_wp*available_bytes(), 3)//' GB are free: '//advice)

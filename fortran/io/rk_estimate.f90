@@ -7,7 +7,7 @@ module rk_estimate
    implicit none
    private
 
-   public :: estimate_type, estimate_cost, available_bytes
+   public :: estimate_type, estimate_cost
 
    !> Sizes and cost of a full solve
    type :: estimate_type
@@ -40,9 +40,9 @@ function estimate_cost(deck, model) result(self)
    type(estimate_type) :: self
    real(wp), allocatable :: support(:)
    integer, allocatable :: source(:), collocation(:)
-   character(len=:), allocatable :: problem
-   real(wp) :: entries, boundary, width
-   integer :: d, nq, fields
+   character(len=:), allocatable :: method, newton, problem
+   real(wp) :: layers(3), entries, boundary, cells, width, reach, dense, envelope, normal
+   integer :: d, equations, fields, nq
 
    call deck%get('scene.dimension', self%nd)
    call deck%get('solver.linear', self%solver)
@@ -52,56 +52,68 @@ function estimate_cost(deck, model) result(self)
       call deck%get('geometry.collocation', collocation)
       self%ns = product(real(source, wp))
       self%nc = product(real(collocation, wp))
+      layers(:self%nd) = real(source, wp)
       boundary = self%nc - product(max(real(collocation, wp) - 2.0_wp, 0.0_wp))
    else
       self%ns = size(model%source, 2)
       self%nc = size(model%place, 2)
       boundary = size(model%point)
+      do d = 1, self%nd
+         layers(d) = (maxval(model%source(d, :)) - minval(model%source(d, :))) &
+            & /minval(model%spacing(d, :)) + 1.0_wp
+      end do
    end if
    self%neighbours = 1.0_wp
+   reach = 1.0_wp
    do d = 1, self%nd
-      self%neighbours = self%neighbours*(2.0_wp*support(min(d, size(support))) - 0.5_wp)
+      ! neighbours of a place, and the part of the body a source point shares places with
+      width = 2.0_wp*support(min(d, size(support)))
+      self%neighbours = self%neighbours*(width - 0.5_wp)
+      reach = min(reach, width/layers(d))
    end do
    self%neighbours = min(self%neighbours, self%ns)
    nq = derivative_count(self%nd)
+   call deck%get('scene.method', method)
+   call deck%get('solver.newton', newton)
    call deck%get('linear.problem', problem)
    fields = merge(1, self%nd, problem == 'poisson')
+   equations = fields
+   cells = 0.0_wp
+   if (method == 'rkcm-mixed') then
+      fields = self%nd + 1
+      cells = self%ns
+   end if
    self%unknowns = fields*self%ns
-   self%equations = fields*(self%nc + boundary)
-   if (problem /= '') self%equations = fields*self%nc
+   self%equations = equations*(self%nc + boundary) + cells
+   if (problem /= '') self%equations = equations*self%nc
 
    ! neighbour lists both ways; coefficients of rows; values, at worst one stencil for each point
-   entries = self%nc*self%neighbours
-   self%bytes = 20.0_wp*entries + 8.0_wp*fields**2*nq*(self%nc + boundary)
+   entries = (self%nc + cells)*self%neighbours
+   self%bytes = 32.0_wp*entries + 8.0_wp*equations*fields*nq*(self%nc + boundary + cells)
+   ! second derivatives of the residuals and the dense matrix they make
+   if (problem == '' .and. newton == 'full') self%bytes = self%bytes &
+      & + 8.0_wp*self%unknowns**2 + 8.0_wp*self%nd**2*fields*nq*(self%nc + cells)
    if (.not. deck%has('geometry.source')) self%bytes = self%bytes + 8.0_wp*nq*entries
-   if (self%solver == 'dgels') then
-      self%bytes = self%bytes + 8.0_wp*self%equations*self%unknowns
+   dense = 8.0_wp*self%equations*self%unknowns
+   envelope = 8.0_wp*self%unknowns**2*reach*(1.0_wp - 0.5_wp*reach)
+   width = fields*self%neighbours
+   normal = self%equations*width**2
+   entries = self%equations*width
+   select case (self%solver)
+   case ('dgels', 'dgelsy')
+      self%bytes = self%bytes + dense
       self%flops = 2.0_wp*self%equations*self%unknowns**2
-   else
-      width = fields*self%neighbours
-      self%bytes = self%bytes + 8.0_wp*self%unknowns**2 + 8.0_wp*8.0_wp*width**2
-      self%flops = self%equations*width**2 + self%unknowns**3/3.0_wp
-   end if
+   case ('spqr')
+      ! rows and columns, and a triangle that fills
+      self%bytes = self%bytes + 32.0_wp*entries + 2.0_wp*envelope
+      self%flops = 2.0_wp*self%equations*(self%unknowns*reach)**2
+   case ('sparse-normal')
+      self%bytes = self%bytes + 4.0_wp*envelope + 4.0_wp*8.0_wp*width**2
+      self%flops = normal + self%unknowns**3*reach**2
+   case default
+      self%bytes = self%bytes + envelope + 4.0_wp*8.0_wp*width**2
+      self%flops = normal + self%unknowns**3*reach**2*(1.0_wp - 2.0_wp/3.0_wp*reach)
+   end select
 end function estimate_cost
-
-!> Free memory as the system sees it; huge where it does not say [byte]
-real(wp) function available_bytes()
-   character(len=64) :: name, line
-   integer :: unit, stat
-   real(wp) :: kilobytes
-
-   available_bytes = huge(1.0_wp)
-   open (newunit=unit, file='/proc/meminfo', action='read', status='old', iostat=stat)
-   if (stat /= 0) return
-   do
-      read (unit, '(a)', iostat=stat) line
-      if (stat /= 0) exit
-      if (index(line, 'MemAvailable:') /= 1) cycle
-      read (line, *, iostat=stat) name, kilobytes
-      if (stat == 0) available_bytes = 1024.0_wp*kilobytes
-      exit
-   end do
-   close (unit)
-end function available_bytes
 
 end module rk_estimate

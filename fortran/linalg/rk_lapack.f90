@@ -1,32 +1,19 @@
-!> The only file that names LAPACK and BLAS routines.
+!> What the other modules need of LAPACK and BLAS, on whole arrays.
 !>
 !> Reference: Anderson et al., LAPACK Users' Guide, 3rd ed., SIAM (1999),
 !>            doi:10.1137/1.9780898719604
 module rk_lapack
+   use rk_blas, only : dgemm, dgemv, dpotrf, dsyrk, dtrsv
    use rk_error, only : error_type, fatal_error, err_linalg
    use rk_precision, only : wp
    use rk_text, only : to_text
    implicit none
    private
 
-   public :: cholesky, solve_triangular, solve_qr, svd, syrk, matvec, matmat
+   public :: cholesky, solve_triangular, solve_qr, solve_pivoted_qr, svd, syrk, matvec, matmat
    public :: reciprocal_condition
 
    interface
-      subroutine dpotrf(uplo, n, a, lda, info)
-         import :: wp
-         character, intent(in) :: uplo
-         integer, intent(in) :: n, lda
-         real(wp), intent(inout) :: a(lda, *)
-         integer, intent(out) :: info
-      end subroutine dpotrf
-      subroutine dtrsv(uplo, trans, diag, n, a, lda, x, incx)
-         import :: wp
-         character, intent(in) :: uplo, trans, diag
-         integer, intent(in) :: n, lda, incx
-         real(wp), intent(in) :: a(lda, *)
-         real(wp), intent(inout) :: x(*)
-      end subroutine dtrsv
       subroutine dgels(trans, m, n, nrhs, a, lda, b, ldb, work, lwork, info)
          import :: wp
          character, intent(in) :: trans
@@ -35,6 +22,15 @@ module rk_lapack
          real(wp), intent(out) :: work(*)
          integer, intent(out) :: info
       end subroutine dgels
+      subroutine dgelsy(m, n, nrhs, a, lda, b, ldb, jpvt, rcond, rank, work, lwork, info)
+         import :: wp
+         integer, intent(in) :: m, n, nrhs, lda, ldb, lwork
+         real(wp), intent(inout) :: a(lda, *), b(ldb, *)
+         integer, intent(inout) :: jpvt(*)
+         real(wp), intent(in) :: rcond
+         integer, intent(out) :: rank, info
+         real(wp), intent(out) :: work(*)
+      end subroutine dgelsy
       subroutine dtrcon(norm, uplo, diag, n, a, lda, rcond, work, iwork, info)
          import :: wp
          character, intent(in) :: norm, uplo, diag
@@ -51,27 +47,6 @@ module rk_lapack
          real(wp), intent(out) :: s(*), u(ldu, *), vt(ldvt, *), work(*)
          integer, intent(out) :: iwork(*), info
       end subroutine dgesdd
-      subroutine dsyrk(uplo, trans, n, k, alpha, a, lda, beta, c, ldc)
-         import :: wp
-         character, intent(in) :: uplo, trans
-         integer, intent(in) :: n, k, lda, ldc
-         real(wp), intent(in) :: alpha, beta, a(lda, *)
-         real(wp), intent(inout) :: c(ldc, *)
-      end subroutine dsyrk
-      subroutine dgemv(trans, m, n, alpha, a, lda, x, incx, beta, y, incy)
-         import :: wp
-         character, intent(in) :: trans
-         integer, intent(in) :: m, n, lda, incx, incy
-         real(wp), intent(in) :: alpha, beta, a(lda, *), x(*)
-         real(wp), intent(inout) :: y(*)
-      end subroutine dgemv
-      subroutine dgemm(transa, transb, m, n, k, alpha, a, lda, b, ldb, beta, c, ldc)
-         import :: wp
-         character, intent(in) :: transa, transb
-         integer, intent(in) :: m, n, k, lda, ldb, ldc
-         real(wp), intent(in) :: alpha, beta, a(lda, *), b(ldb, *)
-         real(wp), intent(inout) :: c(ldc, *)
-      end subroutine dgemm
    end interface
 
 contains
@@ -89,24 +64,25 @@ subroutine cholesky(a, error)
       & //to_text(info)//' of '//to_text(size(a, 1)))
 end subroutine cholesky
 
-!> Reciprocal condition number (1-norm) of an upper triangular matrix
+!> Reciprocal condition number (1-norm) of the leading upper triangle of a matrix
 subroutine reciprocal_condition(r, rcond)
-   !> Triangular matrix, shape (n, n)
+   !> Matrix, shape (>= n, n)
    real(wp), contiguous, intent(in) :: r(:, :)
    !> Estimate of 1/(|R| |R^-1|) [-]
    real(wp), intent(out) :: rcond
    real(wp), allocatable :: work(:)
    integer, allocatable :: iwork(:)
-   integer :: info
+   integer :: info, n
 
-   allocate (work(3*size(r, 2)), iwork(size(r, 2)))
-   call dtrcon('1', 'u', 'n', size(r, 2), r, size(r, 1), rcond, work, iwork, info)
+   n = size(r, 2)
+   allocate (work(3*n), iwork(n))
+   call dtrcon('1', 'u', 'n', n, r, size(r, 1), rcond, work, iwork, info)
    if (info /= 0) rcond = 0.0_wp
 end subroutine reciprocal_condition
 
 !> Solve R x = b or R^T x = b in place
 subroutine solve_triangular(r, b, transposed)
-   !> Upper triangular matrix, shape (n, n)
+   !> Matrix whose leading upper triangle is R, shape (>= n, n)
    real(wp), contiguous, intent(in) :: r(:, :)
    !> Right hand side, replaced by the solution, shape (n)
    real(wp), contiguous, intent(inout) :: b(:)
@@ -143,6 +119,40 @@ subroutine solve_qr(a, b, rcond, error)
    end if
    call reciprocal_condition(a, rcond)
 end subroutine solve_qr
+
+!> Smallest least squares solutions by rank revealing QR (DGELSY)
+subroutine solve_pivoted_qr(a, b, pivot, rank, rcond, error)
+   !> Matrix, destroyed, shape (m, n), m >= n
+   real(wp), contiguous, intent(inout) :: a(:, :)
+   !> Right hand sides, shape (m, k); their first n entries are the solutions afterwards
+   real(wp), contiguous, intent(inout) :: b(:, :)
+   !> Column order of the factor in the leading triangle, shape (n)
+   integer, intent(out) :: pivot(:)
+   !> Rank to a relative accuracy of n roundings
+   integer, intent(out) :: rank
+   !> Reciprocal condition estimate of the leading triangle of that rank [-]
+   real(wp), intent(out) :: rcond
+   !> Error handling: numbers that are not finite
+   type(error_type), allocatable, intent(out) :: error
+   real(wp), allocatable :: work(:)
+   real(wp) :: query(1), tolerance
+   integer :: m, n, k, info
+
+   m = size(a, 1)
+   n = size(a, 2)
+   k = size(b, 2)
+   tolerance = n*epsilon(1.0_wp)
+   pivot = 0
+   rcond = 0.0_wp
+   call dgelsy(m, n, k, a, m, b, m, pivot, tolerance, rank, query, -1, info)
+   allocate (work(nint(query(1))))
+   call dgelsy(m, n, k, a, m, b, m, pivot, tolerance, rank, work, size(work), info)
+   if (info /= 0) then
+      call fatal_error(error, err_linalg, 'rank revealing QR failed, info '//to_text(info))
+      return
+   end if
+   if (rank > 0) call reciprocal_condition(a(:, :rank), rcond)
+end subroutine solve_pivoted_qr
 
 !> Thin singular value decomposition A = U S V^T
 subroutine svd(a, u, s, vt, error)

@@ -1,16 +1,28 @@
 !> Weighted least squares min |A x - b| by a ladder of methods that give the same answer.
 !>
-!> `dgels` is the yardstick: Householder QR of the dense matrix. `normal` factorises A^T A, which
-!> is accumulated without A. `refined` takes that factor as preconditioner of CGLS with products
-!> by A, also without A in memory: the accuracy of QR at nearly the cost of Cholesky.
+!> `dgels` is the yardstick: Householder QR of the dense matrix, `dgelsy` its rank revealing form,
+!> which names what is undetermined. `normal` factorises A^T A, accumulated without A; `refined`
+!> takes that factor as preconditioner of CGLS with products by A: the accuracy of QR at nearly the
+!> cost of Cholesky. `sparse-normal` is the same with CHOLMOD, `spqr` sparse QR. An answer whose
+!> backward error is not at the level of QR is not accepted: the next rung is tried.
 !>
-!> References: Bjorck, Numerical Methods for Least Squares Problems, SIAM (1996),
-!>             doi:10.1137/1.9781611971484 (CGLS 7.4, corrected semi-normal equations 2.4.6,
-!>             backward error 1.4.3)
+!> The backward error is the smallest of three upper bounds, relative to the Frobenius norm of the
+!> column-scaled matrix: |A^T r|/|r| and |r|/|x| (Stewart), and |P r|/|x| with P the projector on
+!> the range of A (Karlson, Walden), the one that counts where r is small but not rounding.
+!>
+!> References: Bjorck, Numerical Methods for Least Squares Problems, SIAM (1996), 1.4.3,
+!>             doi:10.1137/1.9781611971484;
+!>             Karlson, Walden, BIT 37 (1997) 862, doi:10.1007/BF02510356;
+!>             Cox, Higham, BIT 38 (1998) 34, doi:10.1007/BF02510913 (heavy rows first)
 module rk_lstsq
+   use rk_cgls, only : refine, semi_normal
    use rk_error, only : error_type, fatal_error, err_input, err_linalg, err_memory
-   use rk_lapack, only : cholesky, reciprocal_condition, solve_qr, solve_triangular
+   use rk_factors, only : dense_factor, envelope_factor
+   use rk_lapack, only : solve_pivoted_qr, solve_qr
+   use rk_memory, only : available_bytes
+   use rk_operator, only : factor_type, row_operator, shortest
    use rk_precision, only : wp
+   use rk_sparse, only : sparse_cholesky, sparse_factor, sparse_qr
    use rk_text, only : to_text
    implicit none
    private
@@ -18,61 +30,25 @@ module rk_lstsq
    public :: row_operator, lstsq_report, solve_lstsq, solver_names
 
    !> Methods by name
-   character(len=8), parameter :: solver_names(4) = ['auto    ', 'dgels   ', 'normal  ', 'refined ']
-
-   !> A tall matrix known by what it does
-   type, abstract :: row_operator
-      !> Rows
-      integer :: m = 0
-      !> Columns
-      integer :: n = 0
-   contains
-      !> y = A x
-      procedure(apply_interface), deferred :: apply
-      !> x = A^T y
-      procedure(apply_interface), deferred :: apply_transposed
-      !> Upper triangle of A^T A
-      procedure(matrix_interface), deferred :: normal
-      !> A itself
-      procedure(matrix_interface), deferred :: dense
-   end type row_operator
-
-   abstract interface
-      !> Product with a vector
-      subroutine apply_interface(self, x, y)
-         import :: row_operator, wp
-         !> Matrix
-         class(row_operator), intent(in) :: self
-         !> Vector
-         real(wp), contiguous, intent(in) :: x(:)
-         !> Product
-         real(wp), contiguous, intent(inout) :: y(:)
-      end subroutine apply_interface
-      !> Entries of a dense matrix
-      subroutine matrix_interface(self, a)
-         import :: row_operator, wp
-         !> Matrix
-         class(row_operator), intent(in) :: self
-         !> Entries, shape (m, n) or (n, n)
-         real(wp), contiguous, intent(inout) :: a(:, :)
-      end subroutine matrix_interface
-   end interface
+   character(len=13), parameter :: solver_names(7) = ['auto         ', 'dgels        ', &
+      & 'dgelsy       ', 'normal       ', 'refined      ', 'spqr         ', 'sparse-normal']
 
    !> What a solve did
    type :: lstsq_report
       !> Method used
-      character(len=8) :: used = ''
+      character(len=13) :: used = ''
       !> Why this method, where the ladder was left or a choice was made
       character(len=:), allocatable :: why
       !> Backward error: smallest relative change of A that makes x exact, upper bound [-]
       real(wp) :: backward_error = 0.0_wp
-      !> Backward error below which no method is known to be better: rounding of b counts where the
-      !> residual is much smaller [-]
-      real(wp) :: attainable = 0.0_wp
-      !> Reciprocal condition estimate of the column-scaled matrix, 1-norm [-]
+      !> Distance |A (x - x*)| to the best fit x* over the residual: what the light rows see of the
+      !> errors where some rows are much heavier than others [-]
+      real(wp) :: misfit = 0.0_wp
+      !> Reciprocal condition estimate: smallest singular value of the column-scaled matrix over
+      !> its Frobenius norm [-]
       real(wp) :: rcond = 0.0_wp
-      !> |A^T r| in column-scaled variables
-      real(wp) :: gradient = 0.0_wp
+      !> At the level of QR
+      logical :: accepted = .false.
       !> Refinement iterations
       integer :: iterations = 0
    end type lstsq_report
@@ -80,12 +56,17 @@ module rk_lstsq
    !> A solution is accepted below this backward error: what QR reaches, with room for the
    !> growth of rounding errors with the number of rows
    real(wp), parameter :: backward_limit = 1.0e-12_wp
-   !> Where refinement stops
-   real(wp), parameter :: backward_goal = 2.0e-16_wp
+   !> With rows of very different weight a small backward error says nothing of the light ones. So
+   !> the distance to the best fit must be below this part of the residual,
+   real(wp), parameter :: misfit_limit = 1.0e-8_wp
+   !> or below this part of the terms of a row, roundings that QR makes too
+   real(wp), parameter :: rounding_limit = 30*epsilon(1.0_wp)
    !> Refinement iterations at most
    integer, parameter :: max_refinement = 40
-   !> Iterations without halving the gradient before refinement has reached what rounding allows
-   integer, parameter :: patience = 3
+   !> Operations below which dense QR is chosen: it takes milliseconds
+   real(wp), parameter :: small_work = 1.0e8_wp
+   !> Undetermined unknowns that are named
+   integer, parameter :: max_named = 4
 
 contains
 
@@ -103,31 +84,48 @@ subroutine solve_lstsq(op, b, method, x, report, error)
    type(lstsq_report), intent(out) :: report
    !> Error handling: rank deficient, fewer rows than columns
    type(error_type), allocatable, intent(out) :: error
+   real(wp) :: work
 
    report%why = 'asked for'
-   if (op%m < op%n) then
+   report%used = method
+   if (.not. any(solver_names == method)) then
+      call fatal_error(error, err_input, 'unknown least squares solver '//trim(method))
+   else if (op%m < op%n) then
       call fatal_error(error, err_input, 'fewer equations ('//to_text(op%m)//') than unknowns (' &
          & //to_text(op%n)//'): use more collocation points than source points')
-      return
    end if
-   select case (method)
+   if (allocated(error)) return
+   if (method == 'auto') then
+      work = 2.0_wp*op%m*real(op%n, wp)**2
+      if (work < small_work) then
+         report%used = 'dgels'
+         report%why = 'dense QR of '//to_text(op%m)//' x '//to_text(op%n)//' takes milliseconds'
+      else
+         report%used = 'refined'
+         report%why = 'dense QR would take '//to_text(1.0e-9_wp*work, 2)//' Gflop'
+      end if
+   end if
+   select case (report%used)
    case ('dgels')
       call solve_dense(op, b, x, report, error)
-   case ('normal', 'refined')
-      call solve_normal(op, b, method == 'refined', x, report, error)
-   case ('auto')
-      report%why = 'no matrix in memory, accuracy of QR'
-      call solve_normal(op, b, .true., x, report, error)
+      return
+   case ('dgelsy')
+      call solve_pivoted(op, b, x, report, error)
+      return
+   case ('spqr')
+      call solve_spqr(op, b, x, report, error)
    case default
-      call fatal_error(error, err_input, 'unknown least squares solver '//trim(method))
+      call solve_normal(op, b, x, report, error)
    end select
-   if (allocated(error)) return
-   if (report%used == 'refined' .and. report%backward_error > report%attainable) &
-      & call fall_back(op, b, x, report)
+   if (allocated(error)) then
+      if (error%code == err_linalg) call fall_back(op, b, x, report, error)
+   else if (.not. report%accepted) then
+      call fall_back(op, b, x, report, error)
+   end if
 end subroutine solve_lstsq
 
-!> QR where refinement did not reach its level; the better of the two answers is kept
-subroutine fall_back(op, b, x, report)
+!> QR where a method did not reach its level; the better of the two answers is kept
+subroutine fall_back(op, b, x, report, error)
    !> Matrix
    class(row_operator), intent(in) :: op
    !> Right hand side, shape (m)
@@ -136,25 +134,53 @@ subroutine fall_back(op, b, x, report)
    real(wp), contiguous, intent(inout) :: x(:)
    !> What was done
    type(lstsq_report), intent(inout) :: report
-   type(error_type), allocatable :: failure
+   !> Error handling: of the first method, and what is left of it after the second
+   type(error_type), allocatable, intent(inout) :: error
    type(lstsq_report) :: other
+   type(error_type), allocatable :: failure
    real(wp), allocatable :: y(:)
+   character(len=:), allocatable :: story
 
+   if (allocated(error)) then
+      story = trim(report%used)//': '//error%message
+   else
+      story = trim(report%used)//' '//quality(report)
+   end if
    allocate (y(op%n))
+   other%used = 'dgels'
    call solve_dense(op, b, y, other, failure)
    if (allocated(failure)) then
-      report%why = 'refined reached a backward error of '//to_text(report%backward_error, 2) &
-         & //', dgels failed: '//failure%message
-      return
+      if (failure%code == err_memory .and. report%used /= 'spqr') then
+         other%used = 'spqr'
+         call solve_spqr(op, b, y, other, failure)
+      end if
    end if
-   report%why = 'refined reached a backward error of '//to_text(report%backward_error, 2) &
-      & //', dgels '//to_text(other%backward_error, 2)//', at a reciprocal condition of ' &
-      & //to_text(report%rcond, 2)
-   if (other%backward_error >= report%backward_error) return
-   other%why = report%why
-   report = other
-   x = y
+   if (allocated(failure)) then
+      report%why = story//'; '//trim(other%used)//': '//failure%message
+      if (.not. allocated(error)) return
+      ! QR knows better what is wrong, but not where memory was
+      if (failure%code /= err_linalg) failure%message = report%why
+      call move_alloc(failure, error)
+   else
+      report%why = story//'; '//trim(other%used)//' reached '//to_text(other%backward_error, 2)
+      if (.not. (allocated(error) .or. other%misfit < report%misfit)) return
+      if (allocated(error)) deallocate (error)
+      other%why = report%why
+      report = other
+      x = y
+   end if
 end subroutine fall_back
+
+!> What a method reached
+function quality(report) result(text)
+   !> Report
+   type(lstsq_report), intent(in) :: report
+   character(len=:), allocatable :: text
+
+   text = 'reached a backward error of '//to_text(report%backward_error, 2)//', '// &
+      & to_text(report%misfit, 2)//' of the residual from the best fit, at a reciprocal ' &
+      & //'condition of '//to_text(report%rcond, 2)
+end function quality
 
 !> Householder QR of the dense, column-scaled matrix
 subroutine solve_dense(op, b, x, report, error)
@@ -168,207 +194,327 @@ subroutine solve_dense(op, b, x, report, error)
    type(lstsq_report), intent(inout) :: report
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   real(wp), allocatable :: a(:, :), y(:), scale(:)
+   type(error_type), allocatable :: failure
+   type(dense_factor) :: factor
+   type(lstsq_report) :: other
+   real(wp), allocatable :: y(:)
+   real(wp) :: rcond
+   integer :: j
+
+   allocate (y, source=b)
+   call write_dense(op, factor, y, error)
+   if (allocated(error)) return
+   factor%pivot = [(j, j=1, op%n)]
+   call solve_qr(factor%a, y, rcond, failure)
+   if (.not. allocated(failure)) then
+      x = y(:op%n)/factor%scale
+      call check_rank(op, factor, report%rcond, failure)
+   end if
+   if (.not. allocated(failure)) then
+      call judge(op, b, x, factor, report)
+      return
+   end if
+   ! name what is undetermined
+   deallocate (factor%a)
+   other = report
+   call solve_pivoted(op, b, x, other, error)
+   if (allocated(error)) return
+   if (other%rcond > 0.0_wp) then
+      other%used = 'dgelsy'
+      other%why = 'dgels: '//failure%message
+      report = other
+   else
+      call fatal_error(error, err_linalg, other%why)
+   end if
+end subroutine solve_dense
+
+!> Dense matrix with columns of length one and heavy rows first, b in the same order
+subroutine write_dense(op, factor, b, error)
+   !> Matrix
+   class(row_operator), intent(in) :: op
+   !> Its entries and column norms
+   type(dense_factor), intent(inout) :: factor
+   !> Right hand side, shape (m)
+   real(wp), contiguous, intent(inout) :: b(:)
+   !> Error handling: no memory, an empty column
+   type(error_type), allocatable, intent(out) :: error
+   integer, allocatable :: order(:)
+   real(wp), allocatable :: size_of(:)
    integer :: j, stat
 
-   allocate (a(op%m, op%n), stat=stat)
+   stat = merge(0, 1, 8.0_wp*op%m*op%n < available_bytes())
+   if (stat == 0) allocate (factor%a(op%m, op%n), stat=stat)
    if (stat /= 0) then
       call fatal_error(error, err_memory, 'no memory for a dense matrix of ' &
          & //to_text(8.0e-9_wp*op%m*op%n, 3)//' GB: use solver "refined"')
       return
    end if
-   allocate (y, source=b)
-   allocate (scale(op%n))
-   call op%dense(a)
+   allocate (factor%scale(op%n), size_of(op%m))
+   call op%dense(factor%a)
+   size_of = 0.0_wp
    do j = 1, op%n
-      scale(j) = norm2(a(:, j))
-      if (.not. scale(j) > 0.0_wp) then
-         call column_error(j, scale(j), error)
-         return
-      end if
-      a(:, j) = a(:, j)/scale(j)
+      factor%scale(j) = norm2(factor%a(:, j))
+      size_of = max(size_of, abs(factor%a(:, j)))
    end do
-   call solve_qr(a, y, report%rcond, error)
+   call check_columns(op, factor%scale, error)
    if (allocated(error)) return
-   x = y(:op%n)/scale
-   report%used = 'dgels'
-   call judge(op, b, x, scale, report)
-end subroutine solve_dense
+   call heavy_first(size_of, order)
+   do j = 1, op%n
+      factor%a(:, j) = factor%a(order, j)/factor%scale(j)
+   end do
+   b = b(order)
+end subroutine write_dense
 
-!> Cholesky of the column-scaled normal matrix, then, where wanted, CGLS with it as preconditioner
-subroutine solve_normal(op, b, refine, x, report, error)
+!> Order of rows by falling size, to a power of two
+subroutine heavy_first(size_of, order)
+   !> Largest entry of each row, shape (m)
+   real(wp), intent(in) :: size_of(:)
+   !> Rows, the heaviest first, shape (m)
+   integer, allocatable, intent(out) :: order(:)
+   integer, allocatable :: start(:)
+   integer :: level(size(size_of))
+   integer :: i, k, top
+
+   level = exponent(size_of)
+   top = maxval(level)
+   level = top - level
+   allocate (start(0:maxval(level) + 1), source=0)
+   do i = 1, size(level)
+      start(level(i) + 1) = start(level(i) + 1) + 1
+   end do
+   do k = 1, ubound(start, 1)
+      start(k) = start(k) + start(k - 1)
+   end do
+   allocate (order(size(level)))
+   do i = 1, size(level)
+      start(level(i)) = start(level(i)) + 1
+      order(start(level(i))) = i
+   end do
+end subroutine heavy_first
+
+!> Rank revealing QR: the smallest solution, and the names of what is undetermined
+subroutine solve_pivoted(op, b, x, report, error)
    !> Matrix
    class(row_operator), intent(in) :: op
    !> Right hand side, shape (m)
    real(wp), contiguous, intent(in) :: b(:)
-   !> Refine to the accuracy of QR
-   logical, intent(in) :: refine
+   !> Solution, shape (n)
+   real(wp), contiguous, intent(inout) :: x(:)
+   !> What was done; where the rank is not full `why` names what is undetermined and `rcond` is 0
+   type(lstsq_report), intent(inout) :: report
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   type(dense_factor) :: factor
+   real(wp), allocatable :: y(:, :), probe(:), image(:)
+   real(wp) :: rcond
+   integer :: j, rank
+
+   ! what a solution loses of a vector that lies everywhere is in the null space
+   allocate (y(op%m, 2), probe(op%n), image(op%m))
+   probe = [(1.0_wp + modulo(0.6180339887498949_wp*j, 1.0_wp), j=1, op%n)]
+   y(:, 1) = b
+   call write_dense(op, factor, y(:, 1), error)
+   if (allocated(error)) return
+   image = matmul(factor%a, probe)
+   y(:, 2) = image
+   allocate (factor%pivot(op%n))
+   call solve_pivoted_qr(factor%a, y, factor%pivot, rank, rcond, error)
+   if (allocated(error)) return
+   x = y(:op%n, 1)/factor%scale
+   if (rank < op%n) then
+      report%why = 'rank '//to_text(rank)//' of '//to_text(op%n)//', undetermined: ' &
+         & //names_of(op, abs(y(:op%n, 2) - probe))
+      ! a triangle of lower rank is no factor
+      factor%a = 0.0_wp
+      report%rcond = 0.0_wp
+   else
+      call check_rank(op, factor, report%rcond, error)
+      if (allocated(error)) return
+   end if
+   call judge(op, b, x, factor, report)
+end subroutine solve_pivoted
+
+!> Names of the unknowns with the largest part in the null space
+function names_of(op, part) result(text)
+   !> Matrix
+   class(row_operator), intent(in) :: op
+   !> Part of each unknown in the null space, shape (n)
+   real(wp), intent(in) :: part(:)
+   character(len=:), allocatable :: text
+   real(wp) :: rest(size(part))
+   integer :: j, k, total
+
+   total = count(part > 1.0e-6_wp*maxval(part))
+   text = ''
+   rest = part
+   do k = 1, min(total, max_named)
+      j = maxloc(rest, dim=1)
+      rest(j) = -1.0_wp
+      if (k > 1) text = text//', '
+      text = text//op%unknown(j)
+   end do
+   if (total > max_named) text = text//' and '//to_text(total - max_named)//' more'
+   text = text//'; fix rigid motions by displacements, or use more collocation points'
+end function names_of
+
+!> Sparse QR
+subroutine solve_spqr(op, b, x, report, error)
+   !> Matrix
+   class(row_operator), intent(in) :: op
+   !> Right hand side, shape (m)
+   real(wp), contiguous, intent(in) :: b(:)
    !> Solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
    !> What was done
    type(lstsq_report), intent(inout) :: report
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   real(wp), allocatable :: a(:, :), scale(:)
-   real(wp) :: shift
-   integer :: attempt, i, j
+   type(sparse_factor) :: factor
+   integer :: rank
 
-   allocate (a(op%n, op%n), scale(op%n))
-   report%used = merge('refined ', 'normal  ', refine)
-   shift = 0.0_wp
-   do attempt = 1, 4
-      call op%normal(a)
-      do j = 1, op%n
-         scale(j) = sqrt(a(j, j))
-         if (.not. scale(j) > 0.0_wp) then
-            call column_error(j, scale(j), error)
-            return
-         end if
-      end do
-      !$omp parallel do default(none) schedule(static) private(i, j) shared(a, scale, op, shift)
-      do j = 1, op%n
-         do i = 1, j
-            a(i, j) = a(i, j)/(scale(i)*scale(j))
-         end do
-         a(j, j) = 1.0_wp + shift
-      end do
-      !$omp end parallel do
-      call cholesky(a, error)
-      if (.not. allocated(error)) exit
-      ! the matrix is singular to rounding when squared; refinement undoes a small shift
-      if (.not. refine .or. attempt == 4) then
-         error%message = 'normal equations: '//error%message//'; solver "dgels" does not square ' &
-            & //'the condition number'
-         return
-      end if
-      shift = merge(op%n*epsilon(1.0_wp), 100.0_wp*shift, attempt == 1)
-   end do
-   call reciprocal_condition(a, report%rcond)
-   call refinement(op, b, a, scale, merge(max_refinement, 0, refine), x, report%iterations)
-   call judge(op, b, x, scale, report)
-end subroutine solve_normal
+   call sparse_qr(factor, op, b, x, rank, error)
+   if (.not. allocated(error)) call check_columns(op, factor%scale, error)
+   if (.not. allocated(error)) call check_rank(op, factor, report%rcond, error)
+   if (.not. allocated(error)) call judge(op, b, x, factor, report)
+   call factor%free()
+end subroutine solve_spqr
 
-!> Semi-normal equations followed by preconditioned CGLS
-subroutine refinement(op, b, r, scale, limit, x, iterations)
+!> Cholesky of the column-scaled normal matrix, then CGLS with it as preconditioner where that is
+!> wanted or needed
+subroutine solve_normal(op, b, x, report, error)
    !> Matrix
    class(row_operator), intent(in) :: op
    !> Right hand side, shape (m)
    real(wp), contiguous, intent(in) :: b(:)
-   !> Cholesky factor of the column-scaled normal matrix, shape (n, n)
-   real(wp), contiguous, intent(in) :: r(:, :)
-   !> Column norms, shape (n)
-   real(wp), intent(in) :: scale(:)
-   !> Iterations at most
-   integer, intent(in) :: limit
    !> Solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
-   !> Iterations done
-   integer, intent(out) :: iterations
-   real(wp), allocatable :: residual(:), s(:), p(:), t(:), q(:), best(:)
-   real(wp) :: gamma, gamma_old, gradient, least, matrix_norm
-   integer :: last_gain
+   !> What was done; `used` says which method is meant
+   type(lstsq_report), intent(inout) :: report
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   type(envelope_factor) :: dense
+   type(sparse_factor) :: sparse
 
-   allocate (residual(op%m), q(op%m), s(op%n), p(op%n), t(op%n))
-   iterations = 0
-   call gradient_of(b)
-   call solve_triangular(r, t, transposed=.true.)
-   call solve_triangular(r, t, transposed=.false.)
-   x = t/scale
-   if (limit == 0) return
-
-   ! restart from the true residual of the semi-normal solution
-   call op%apply(x, q)
-   residual = b - q
-   matrix_norm = sqrt(real(op%n, wp))
-   best = x
-   least = huge(1.0_wp)
-   last_gain = 0
-   do iterations = 0, limit
-      call gradient_of(residual)
-      gradient = norm2(t)
-      if (gradient < least) then
-         if (gradient < 0.5_wp*least) last_gain = iterations
-         least = gradient
-         best = x
-      end if
-      if (iterations > last_gain + patience) exit
-      if (gradient <= backward_goal*matrix_norm*norm2(residual)) exit
-      if (iterations == limit) exit
-      s = t
-      call solve_triangular(r, s, transposed=.true.)
-      gamma = dot_product(s, s)
-      if (iterations == 0) then
-         p = s
-      else
-         p = s + (gamma/gamma_old)*p
-      end if
-      gamma_old = gamma
-      t = p
-      call solve_triangular(r, t, transposed=.false.)
-      t = t/scale
-      call op%apply(t, q)
-      if (.not. dot_product(q, q) > 0.0_wp) exit
-      gamma = gamma/dot_product(q, q)
-      x = x + gamma*t
-      residual = residual - gamma*q
-   end do
-   x = best
+   allocate (dense%scale(op%n))
+   call op%envelope(dense%matrix, error)
+   if (allocated(error)) return
+   call dense%matrix%equilibrate(dense%scale)
+   call check_columns(op, dense%scale, error)
+   if (allocated(error)) return
+   if (report%used == 'sparse-normal') then
+      sparse%scale = dense%scale
+      call sparse_cholesky(sparse, dense%matrix, error)
+      if (allocated(dense%matrix%value)) deallocate (dense%matrix%value)
+      if (.not. allocated(error)) call finish(sparse)
+      call sparse%free()
+   else
+      report%why = report%why//', normal matrix '//to_text(100.0_wp*dense%matrix%share(), 2) &
+         & //' % filled'
+      call dense%matrix%factorise(error)
+      if (.not. allocated(error)) call finish(dense)
+   end if
 
 contains
 
-   !> t = D^-1 A^T v, the gradient in column-scaled variables
-   subroutine gradient_of(v)
-      real(wp), contiguous, intent(in) :: v(:)
-      call op%apply_transposed(v, t)
-      t = t/scale
-   end subroutine gradient_of
+   !> Solve with the factor
+   subroutine finish(factor)
+      class(factor_type), intent(in) :: factor
 
-end subroutine refinement
+      call check_rank(op, factor, report%rcond, error)
+      if (allocated(error)) return
+      call semi_normal(op, b, factor, x)
+      if (report%used == 'normal') then
+         call judge(op, b, x, factor, report)
+         if (report%accepted) return
+         report%why = 'normal '//quality(report)
+         report%used = 'refined'
+      end if
+      call refine(op, b, factor, max_refinement, x, report%iterations)
+      call judge(op, b, x, factor, report)
+   end subroutine finish
+
+end subroutine solve_normal
 
 !> Backward error of a solution in column-scaled variables, Frobenius norm of the matrix
-subroutine judge(op, b, x, scale, report)
+subroutine judge(op, b, x, factor, report)
    !> Matrix
    class(row_operator), intent(in) :: op
    !> Right hand side, shape (m)
    real(wp), contiguous, intent(in) :: b(:)
    !> Solution, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Column norms, shape (n)
-   real(wp), intent(in) :: scale(:)
+   !> Factor
+   class(factor_type), intent(in) :: factor
    !> Report
    type(lstsq_report), intent(inout) :: report
-   real(wp), allocatable :: residual(:), gradient(:)
-   real(wp) :: norm, matrix_norm
+   real(wp), allocatable :: residual(:), gradient(:), z(:)
+   real(wp) :: norm, matrix_norm, length, bound, distance
 
    allocate (residual(op%m), gradient(op%n))
    call op%apply(x, residual)
    residual = b - residual
    call op%apply_transposed(residual, gradient)
-   report%gradient = norm2(gradient/scale)
+   gradient = gradient/factor%scale
+   z = gradient
+   call factor%solve(z)
+   distance = sqrt(abs(dot_product(gradient, z)))
    norm = norm2(residual)
+   length = max(norm2(factor%scale*x), tiny(1.0_wp))
    matrix_norm = sqrt(real(op%n, wp))
    report%backward_error = 0.0_wp
-   report%attainable = backward_limit + 10.0_wp*epsilon(1.0_wp)*norm2(b)/max(norm, tiny(1.0_wp))
-   ! both are bounds; the second is the one that counts where the equations are consistent
-   if (norm > 0.0_wp) report%backward_error = min(report%gradient/norm, &
-      & norm/max(norm2(scale*x), tiny(1.0_wp)))/matrix_norm
+   report%misfit = 0.0_wp
+   report%accepted = .not. norm > 0.0_wp
+   if (report%accepted) return
+   bound = min(norm2(gradient)/norm, norm/length)
+   ! a comparison that fails where there is no factor
+   if (distance <= huge(1.0_wp)) then
+      bound = min(bound, distance/length)
+      report%misfit = distance/norm
+   end if
+   report%backward_error = bound/matrix_norm
+   report%accepted = report%backward_error <= backward_limit .and. (report%misfit <= misfit_limit &
+      & .or. distance <= rounding_limit*matrix_norm*length)
 end subroutine judge
 
+!> Whether something is undetermined, seen through a factor
+subroutine check_rank(op, factor, rcond, error)
+   !> Matrix
+   class(row_operator), intent(in) :: op
+   !> Factor
+   class(factor_type), intent(in) :: factor
+   !> Smallest singular value of the column-scaled matrix over its Frobenius norm [-]
+   real(wp), intent(out) :: rcond
+   !> Error handling: rank deficient to n roundings
+   type(error_type), allocatable, intent(out) :: error
+   real(wp) :: v(op%n)
+
+   call shortest(op, factor, v, rcond)
+   rcond = rcond/sqrt(real(op%n, wp))
+   ! a comparison that a factor with zeros on its diagonal fails
+   if (.not. rcond > op%n*epsilon(1.0_wp)) call fatal_error(error, err_linalg, &
+      & 'rank below '//to_text(op%n)//', undetermined: '//names_of(op, abs(v)))
+end subroutine check_rank
+
 !> An unknown that no equation sees
-subroutine column_error(j, norm, error)
-   !> Column
-   integer, intent(in) :: j
-   !> Its norm
-   real(wp), intent(in) :: norm
+subroutine check_columns(op, scale, error)
+   !> Matrix
+   class(row_operator), intent(in) :: op
+   !> Column norms, shape (n)
+   real(wp), intent(in) :: scale(:)
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
+   integer :: j
 
-   if (norm < 1.0_wp) then
-      call fatal_error(error, err_input, 'unknown '//to_text(j)//' appears in no equation: a ' &
-         & //'source point whose support holds no collocation point; use more collocation points')
-   else
-      call fatal_error(error, err_linalg, 'equations contain numbers that are not finite')
-   end if
-end subroutine column_error
+   do j = 1, size(scale)
+      if (scale(j) > 0.0_wp) cycle
+      if (scale(j) < 1.0_wp) then
+         call fatal_error(error, err_input, op%unknown(j)//' appears in no equation: its support ' &
+            & //'holds no collocation point; use more collocation points')
+      else
+         call fatal_error(error, err_linalg, 'equations contain numbers that are not finite')
+      end if
+      return
+   end do
+end subroutine check_columns
 
 end module rk_lstsq

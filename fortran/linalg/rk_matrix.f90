@@ -1,8 +1,10 @@
 !> A stored matrix as a row operator: small dense least squares of reduced models.
 module rk_matrix
+   use rk_envelope, only : envelope_type, new_envelope
+   use rk_error, only : error_type
    use rk_lapack, only : matvec, syrk
-   use rk_lstsq, only : row_operator
-   use rk_precision, only : wp
+   use rk_operator, only : row_operator
+   use rk_precision, only : i8, wp
    implicit none
    private
 
@@ -15,8 +17,10 @@ module rk_matrix
    contains
       procedure :: apply
       procedure :: apply_transposed
+      procedure :: envelope
       procedure :: normal
       procedure :: dense
+      procedure :: compressed
    end type matrix_rows
 
 contains
@@ -45,6 +49,27 @@ subroutine apply_transposed(self, x, y)
    call matvec(self%a, x, y, transposed=.true.)
 end subroutine apply_transposed
 
+!> A^T A
+subroutine envelope(self, a, error)
+   !> Matrix
+   class(matrix_rows), intent(in) :: self
+   !> Product
+   type(envelope_type), intent(inout) :: a
+   !> Error handling: no memory
+   type(error_type), allocatable, intent(out) :: error
+   real(wp), allocatable :: product(:, :)
+   integer :: j
+
+   call new_envelope(a, [(j, j=1, self%n)], [(1, j=1, self%n)], error)
+   if (allocated(error)) return
+   allocate (product(self%n, self%n))
+   call syrk(self%a, self%m, self%n, product)
+   call a%clear()
+   do j = 1, size(a%first)
+      call a%add(j, a%position, [1, self%n + 1], product)
+   end do
+end subroutine envelope
+
 !> Upper triangle of A^T A
 subroutine normal(self, a)
    !> Matrix
@@ -64,5 +89,22 @@ subroutine dense(self, a)
 
    a = self%a
 end subroutine dense
+
+!> A in compressed rows, all entries
+subroutine compressed(self, start, column, value)
+   !> Matrix
+   class(matrix_rows), intent(in) :: self
+   !> Row i has entries start(i)+1 : start(i+1), shape (m + 1)
+   integer(i8), allocatable, intent(out) :: start(:)
+   !> Column of each entry less 1, shape (m*n)
+   integer(i8), allocatable, intent(out) :: column(:)
+   !> Entries, shape (m*n)
+   real(wp), allocatable, intent(out) :: value(:)
+   integer :: i, j
+
+   start = [(int(self%n, i8)*i, i=0, self%m)]
+   column = [((int(j - 1, i8), j=1, self%n), i=1, self%m)]
+   value = reshape(transpose(self%a), [self%m*self%n])
+end subroutine compressed
 
 end module rk_matrix

@@ -1,0 +1,97 @@
+!> Conjugate gradients for least squares with the factor of the normal matrix as preconditioner.
+!>
+!> Reference: Bjorck, Numerical Methods for Least Squares Problems, SIAM (1996),
+!>            doi:10.1137/1.9781611971484 (CGLS 7.4, corrected semi-normal equations 2.4.6,
+!>            backward error 1.4.3)
+module rk_cgls
+   use rk_operator, only : factor_type, row_operator
+   use rk_precision, only : wp
+   implicit none
+   private
+
+   public :: semi_normal, refine
+
+   !> Backward error where refinement stops: a rounding
+   real(wp), parameter :: goal = 1.0e-16_wp
+   !> Iterations without halving the gradient before refinement has reached what rounding allows
+   integer, parameter :: patience = 2
+
+contains
+
+!> Solution of the normal equations
+subroutine semi_normal(op, b, factor, x)
+   !> Matrix
+   class(row_operator), intent(in) :: op
+   !> Right hand side, shape (m)
+   real(wp), contiguous, intent(in) :: b(:)
+   !> Factor of the normal matrix
+   class(factor_type), intent(in) :: factor
+   !> Solution, shape (n)
+   real(wp), contiguous, intent(inout) :: x(:)
+
+   call op%apply_transposed(b, x)
+   x = x/factor%scale
+   call factor%solve(x)
+   x = x/factor%scale
+end subroutine semi_normal
+
+!> Improve a solution until rounding stops it
+subroutine refine(op, b, factor, limit, x, iterations)
+   !> Matrix
+   class(row_operator), intent(in) :: op
+   !> Right hand side, shape (m)
+   real(wp), contiguous, intent(in) :: b(:)
+   !> Factor of a matrix near the normal matrix
+   class(factor_type), intent(in) :: factor
+   !> Iterations at most
+   integer, intent(in) :: limit
+   !> Solution, shape (n)
+   real(wp), contiguous, intent(inout) :: x(:)
+   !> Iterations done
+   integer, intent(out) :: iterations
+   real(wp), allocatable :: residual(:), g(:), p(:), z(:), q(:), best(:)
+   real(wp) :: gamma, gamma_old, gradient, least, matrix_norm, step
+   integer :: last_gain
+
+   allocate (residual(op%m), q(op%m), g(op%n), p(op%n), z(op%n))
+   ! Frobenius norm of the matrix with columns of length one
+   matrix_norm = sqrt(real(op%n, wp))
+   call op%apply(x, q)
+   residual = b - q
+   best = x
+   least = huge(1.0_wp)
+   gamma_old = 1.0_wp
+   last_gain = 0
+   do iterations = 0, limit
+      call op%apply_transposed(residual, g)
+      g = g/factor%scale
+      gradient = norm2(g)
+      if (gradient < least) then
+         if (gradient < 0.5_wp*least) last_gain = iterations
+         least = gradient
+         best = x
+      end if
+      if (iterations >= last_gain + patience) exit
+      if (gradient <= goal*matrix_norm*norm2(residual)) exit
+      if (iterations == limit) exit
+      z = g
+      call factor%solve(z)
+      gamma = dot_product(g, z)
+      if (iterations == 0) then
+         p = z
+      else
+         p = z + (gamma/gamma_old)*p
+      end if
+      gamma_old = gamma
+      z = p/factor%scale
+      call op%apply(z, q)
+      step = dot_product(q, q)
+      if (.not. step > 0.0_wp) exit
+      step = gamma/step
+      x = x + step*z
+      residual = residual - step*q
+   end do
+   x = best
+end subroutine refine
+
+end module rk_cgls

@@ -1,0 +1,157 @@
+!> What the least squares solvers may know of a matrix, and of a factor of it.
+module rk_operator
+   use rk_envelope, only : envelope_type
+   use rk_error, only : error_type
+   use rk_precision, only : i8, wp
+   use rk_text, only : to_text
+   implicit none
+   private
+
+   public :: row_operator, factor_type, shortest
+
+   !> Something that solves equations with (A D)^T (A D), D the inverse column norms
+   type, abstract :: factor_type
+      !> Column norms of A, shape (n)
+      real(wp), allocatable :: scale(:)
+   contains
+      !> Solve in place
+      procedure(solve_interface), deferred :: solve
+   end type factor_type
+
+   !> A tall matrix known by what it does
+   type, abstract :: row_operator
+      !> Rows
+      integer :: m = 0
+      !> Columns
+      integer :: n = 0
+   contains
+      !> y = A x
+      procedure(apply_interface), deferred :: apply
+      !> x = A^T y
+      procedure(apply_interface), deferred :: apply_transposed
+      !> A^T A
+      procedure(envelope_interface), deferred :: envelope
+      !> Upper triangle of A^T A as a dense matrix
+      procedure(normal_interface), deferred :: normal
+      !> A itself
+      procedure(dense_interface), deferred :: dense
+      !> A in compressed rows
+      procedure(compressed_interface), deferred :: compressed
+      !> Number of nonzero entries
+      procedure :: entries
+      !> What an unknown stands for, for messages
+      procedure :: unknown
+   end type row_operator
+
+   abstract interface
+      !> Solve in place
+      subroutine solve_interface(self, x)
+         import :: factor_type, wp
+         !> Factor
+         class(factor_type), intent(in) :: self
+         !> Right hand side, replaced by the solution, shape (n)
+         real(wp), contiguous, intent(inout) :: x(:)
+      end subroutine solve_interface
+      !> Product with a vector
+      subroutine apply_interface(self, x, y)
+         import :: row_operator, wp
+         !> Matrix
+         class(row_operator), intent(in) :: self
+         !> Vector
+         real(wp), contiguous, intent(in) :: x(:)
+         !> Product
+         real(wp), contiguous, intent(inout) :: y(:)
+      end subroutine apply_interface
+      !> Normal matrix with the envelope that suits the matrix
+      subroutine envelope_interface(self, a, error)
+         import :: envelope_type, error_type, row_operator
+         !> Matrix
+         class(row_operator), intent(in) :: self
+         !> A^T A; its storage is used again where it fits
+         type(envelope_type), intent(inout) :: a
+         !> Error handling: no memory
+         type(error_type), allocatable, intent(out) :: error
+      end subroutine envelope_interface
+      !> Upper triangle of the normal matrix
+      subroutine normal_interface(self, a)
+         import :: row_operator, wp
+         !> Matrix
+         class(row_operator), intent(in) :: self
+         !> A^T A, shape (n, n)
+         real(wp), contiguous, intent(inout) :: a(:, :)
+      end subroutine normal_interface
+      !> Entries of a dense matrix
+      subroutine dense_interface(self, a)
+         import :: row_operator, wp
+         !> Matrix
+         class(row_operator), intent(in) :: self
+         !> Entries, shape (m, n)
+         real(wp), contiguous, intent(inout) :: a(:, :)
+      end subroutine dense_interface
+      !> Entries in compressed rows
+      subroutine compressed_interface(self, start, column, value)
+         import :: i8, row_operator, wp
+         !> Matrix
+         class(row_operator), intent(in) :: self
+         !> Row i has entries start(i)+1 : start(i+1), shape (m + 1)
+         integer(i8), allocatable, intent(out) :: start(:)
+         !> Column of each entry less 1, shape (entries)
+         integer(i8), allocatable, intent(out) :: column(:)
+         !> Entries
+         real(wp), allocatable, intent(out) :: value(:)
+      end subroutine compressed_interface
+   end interface
+
+   !> Inverse iterations for the smallest singular value: each squares the ratio to the next one
+   integer, parameter :: sweeps = 3
+   !> Fractional part of the golden ratio: its multiples are spread evenly
+   real(wp), parameter :: golden = 0.6180339887498949_wp
+
+contains
+
+!> Number of nonzero entries; all, where the matrix does not know better
+pure real(wp) function entries(self)
+   !> Matrix
+   class(row_operator), intent(in) :: self
+
+   entries = real(self%m, wp)*self%n
+end function entries
+
+!> What an unknown stands for
+function unknown(self, j) result(text)
+   !> Matrix
+   class(row_operator), intent(in) :: self
+   !> Column
+   integer, intent(in) :: j
+   character(len=:), allocatable :: text
+
+   text = 'unknown '//to_text(j)//' of '//to_text(self%n)
+end function unknown
+
+!> Direction that the column-scaled matrix makes shortest, by inverse iteration, and what is left of
+!> its length. The length is taken with A itself: where the factor is singular to rounding it still
+!> tells whether A is.
+subroutine shortest(op, factor, v, length)
+   !> Matrix
+   class(row_operator), intent(in) :: op
+   !> Factor
+   class(factor_type), intent(in) :: factor
+   !> Direction in column-scaled variables, length one, shape (n)
+   real(wp), contiguous, intent(inout) :: v(:)
+   !> |A D v|, close to and not below the smallest singular value
+   real(wp), intent(out) :: length
+   real(wp) :: image(op%m)
+   integer :: j, k
+
+   ! a start with a part in every direction
+   v = [(0.5_wp + modulo(golden*j, 1.0_wp), j=1, op%n)]
+   do k = 1, sweeps
+      v = v/norm2(v)
+      call factor%solve(v)
+   end do
+   v = v/norm2(v)
+   call op%apply(v/factor%scale, image)
+   length = norm2(image)
+end subroutine shortest
+
+end module rk_operator

@@ -1,0 +1,181 @@
+!> Sparse factorisations of SuiteSparse, where it was there at build time.
+!>
+!> References: Chen et al., ACM TOMS 35 (2008) 22, doi:10.1145/1391989.1391995;
+!>             Davis, ACM TOMS 38 (2011) 8, doi:10.1145/2049662.2049670
+module rk_sparse
+   use, intrinsic :: iso_c_binding, only : c_associated, c_double, c_int, c_int64_t, c_null_ptr, &
+      & c_ptr
+   use rk_envelope, only : envelope_type
+   use rk_error, only : error_type, fatal_error, err_input, err_linalg, err_memory
+   use rk_operator, only : factor_type, row_operator
+   use rk_precision, only : i8, wp
+   use rk_text, only : to_text
+   implicit none
+   private
+
+   public :: sparse_factor, sparse_cholesky, sparse_qr
+
+   !> A factor held by SuiteSparse
+   type, extends(factor_type) :: sparse_factor
+      type(c_ptr), private :: handle = c_null_ptr
+      !> Place of each unknown in the matrix that was factorised, shape (n)
+      integer, allocatable, private :: position(:)
+   contains
+      procedure :: solve
+      !> Give the factor back
+      procedure :: free
+   end type sparse_factor
+
+   interface
+      integer(c_int) function rk_sparse_cholesky(n, start, row, value, handle) bind(c)
+         import :: c_double, c_int, c_int64_t, c_ptr
+         integer(c_int64_t), value :: n
+         integer(c_int64_t), intent(in) :: start(*), row(*)
+         real(c_double), intent(in) :: value(*)
+         type(c_ptr), intent(out) :: handle
+      end function rk_sparse_cholesky
+      integer(c_int) function rk_sparse_qr(m, n, start, column, value, b, tol, x, rank, handle) &
+         & bind(c)
+         import :: c_double, c_int, c_int64_t, c_ptr
+         integer(c_int64_t), value :: m, n
+         integer(c_int64_t), intent(in) :: start(*), column(*)
+         real(c_double), intent(in) :: value(*), b(*)
+         real(c_double), value :: tol
+         real(c_double), intent(inout) :: x(*)
+         integer(c_int64_t), intent(out) :: rank
+         type(c_ptr), intent(out) :: handle
+      end function rk_sparse_qr
+      subroutine rk_sparse_solve(handle, x) bind(c)
+         import :: c_double, c_ptr
+         type(c_ptr), value :: handle
+         real(c_double), intent(inout) :: x(*)
+      end subroutine rk_sparse_solve
+      subroutine rk_sparse_free(handle) bind(c)
+         import :: c_ptr
+         type(c_ptr), value :: handle
+      end subroutine rk_sparse_free
+   end interface
+
+contains
+
+!> Cholesky factor of a symmetric matrix; zeros of its envelope are left out
+subroutine sparse_cholesky(self, matrix, error)
+   !> Factor
+   type(sparse_factor), intent(inout) :: self
+   !> Matrix
+   type(envelope_type), intent(in) :: matrix
+   !> Error handling: not positive definite, no memory, no SuiteSparse
+   type(error_type), allocatable, intent(out) :: error
+   integer(i8), allocatable :: start(:), row(:)
+   real(wp), allocatable :: value(:)
+   integer(i8) :: at, k
+   integer :: c, i, j, pass
+
+   self%position = matrix%position
+   allocate (start(0:matrix%n))
+   start(0) = 0
+   do pass = 1, 2
+      k = 0
+      do j = 1, size(matrix%first)
+         do c = matrix%start(j) + 1, matrix%start(j + 1)
+            at = matrix%offset(j) + int(c - matrix%start(j) - 1, i8) &
+               & *(matrix%start(j + 1) - matrix%first(j)) - matrix%first(j)
+            do i = matrix%first(j) + 1, c
+               if (.not. abs(matrix%value(at + i)) > 0.0_wp) cycle
+               k = k + 1
+               if (pass == 1) cycle
+               row(k) = i - 1
+               value(k) = matrix%value(at + i)
+            end do
+            start(c) = k
+         end do
+      end do
+      if (pass == 1) allocate (row(k), value(k))
+   end do
+   call self%free()
+   call complain(rk_sparse_cholesky(int(matrix%n, i8), start, row, value, self%handle), error)
+end subroutine sparse_cholesky
+
+!> Least squares by sparse QR of the column-scaled matrix
+subroutine sparse_qr(self, op, b, x, rank, error)
+   !> Factor, R^T R
+   type(sparse_factor), intent(inout) :: self
+   !> Matrix
+   class(row_operator), intent(in) :: op
+   !> Right hand side, shape (m)
+   real(wp), contiguous, intent(in) :: b(:)
+   !> Solution, shape (n)
+   real(wp), contiguous, intent(inout) :: x(:)
+   !> Rank found
+   integer, intent(out) :: rank
+   !> Error handling: rank deficient, no memory, no SuiteSparse
+   type(error_type), allocatable, intent(out) :: error
+   integer(i8), allocatable :: start(:), column(:)
+   real(wp), allocatable :: value(:)
+   integer(i8) :: k, found
+   integer :: j
+
+   self%position = [(j, j=1, op%n)]
+   call op%compressed(start, column, value)
+   allocate (self%scale(op%n), source=0.0_wp)
+   do k = 1, size(value, kind=i8)
+      self%scale(column(k) + 1) = self%scale(column(k) + 1) + value(k)**2
+   end do
+   self%scale = sqrt(self%scale)
+   rank = 0
+   if (.not. all(self%scale > 0.0_wp)) return
+   do k = 1, size(value, kind=i8)
+      value(k) = value(k)/self%scale(column(k) + 1)
+   end do
+   call complain(rk_sparse_qr(int(op%m, i8), int(op%n, i8), start, column, value, b, &
+      & op%n*epsilon(1.0_wp), x, found, self%handle), error)
+   rank = int(found)
+   if (allocated(error)) return
+   x = x/self%scale
+end subroutine sparse_qr
+
+!> What the shim's answer means
+subroutine complain(stat, error)
+   !> Answer
+   integer(c_int), intent(in) :: stat
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+
+   select case (stat)
+   case (0)
+   case (2)
+      call fatal_error(error, err_memory, 'no memory for a sparse factor: use solver "refined"')
+   case (3)
+      call fatal_error(error, err_input, 'this build has no sparse solvers: install SuiteSparse ' &
+         & //'(Debian: libsuitesparse-dev) and build again with -Dsparse=enabled, or use solver ' &
+         & //'"auto"')
+   case default
+      call fatal_error(error, err_linalg, 'matrix is not positive definite or not of full rank')
+   end select
+end subroutine complain
+
+!> Solve in place
+subroutine solve(self, x)
+   !> Factor
+   class(sparse_factor), intent(in) :: self
+   !> Right hand side, replaced by the solution, shape (n)
+   real(wp), contiguous, intent(inout) :: x(:)
+
+   real(wp), allocatable :: y(:)
+
+   allocate (y(size(x)))
+   y(self%position) = x
+   call rk_sparse_solve(self%handle, y)
+   x = y(self%position)
+end subroutine solve
+
+!> Give the factor back
+subroutine free(self)
+   !> Factor
+   class(sparse_factor), intent(inout) :: self
+
+   if (c_associated(self%handle)) call rk_sparse_free(self%handle)
+   self%handle = c_null_ptr
+end subroutine free
+
+end module rk_sparse

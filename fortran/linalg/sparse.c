@@ -1,0 +1,206 @@
+/* Thin shim over SuiteSparse: sparse Cholesky (CHOLMOD) and sparse QR (SPQR).
+ *
+ * Matrices come in compressed form with 64-bit indices that start at 0; nothing of them is copied
+ * where the library does not need to. Without SuiteSparse every call answers rk_missing.
+ *
+ * CHOLMOD's supernodal part and SPQR are under the GPL: a binary that links them is too.
+ */
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { rk_done = 0, rk_singular = 1, rk_no_memory = 2, rk_missing = 3 };
+
+#ifdef HAVE_SUITESPARSE
+#include <suitesparse/SuiteSparseQR_C.h>
+#include <suitesparse/cholmod.h>
+
+/* A factor with everything its solves need */
+struct factor {
+    cholmod_common common;
+    int64_t n;
+    cholmod_factor *cholesky; /* or */
+    cholmod_sparse *r;        /* upper triangular, with */
+    SuiteSparse_long *order;  /* column order, NULL if none */
+    double *work;
+    cholmod_dense *x, *y, *e; /* CHOLMOD's work */
+};
+
+void rk_sparse_free(struct factor *f)
+{
+    if (!f)
+        return;
+    cholmod_l_free_factor(&f->cholesky, &f->common);
+    cholmod_l_free_sparse(&f->r, &f->common);
+    if (f->order)
+        cholmod_l_free(f->n, sizeof(SuiteSparse_long), f->order, &f->common);
+    cholmod_l_free_dense(&f->x, &f->common);
+    cholmod_l_free_dense(&f->y, &f->common);
+    cholmod_l_free_dense(&f->e, &f->common);
+    cholmod_l_finish(&f->common);
+    free(f->work);
+    free(f);
+}
+
+static struct factor *new_factor(int64_t n)
+{
+    struct factor *f = calloc(1, sizeof *f);
+    if (!f)
+        return NULL;
+    f->n = n;
+    f->work = malloc((size_t)n * sizeof *f->work);
+    cholmod_l_start(&f->common);
+    f->common.print = 0;
+    if (!f->work) {
+        rk_sparse_free(f);
+        return NULL;
+    }
+    return f;
+}
+
+static cholmod_sparse matrix(int64_t rows, int64_t columns, int64_t *start, int64_t *row,
+                             double *value, int stype)
+{
+    cholmod_sparse a;
+    memset(&a, 0, sizeof a);
+    a.nrow = (size_t)rows;
+    a.ncol = (size_t)columns;
+    a.nzmax = (size_t)start[columns];
+    a.p = start;
+    a.i = row;
+    a.x = value;
+    a.stype = stype;
+    a.itype = CHOLMOD_LONG;
+    a.xtype = CHOLMOD_REAL;
+    a.dtype = CHOLMOD_DOUBLE;
+    a.sorted = 1;
+    a.packed = 1;
+    return a;
+}
+
+static cholmod_dense vector(int64_t n, double *value)
+{
+    cholmod_dense v;
+    memset(&v, 0, sizeof v);
+    v.nrow = v.d = v.nzmax = (size_t)n;
+    v.ncol = 1;
+    v.x = value;
+    v.xtype = CHOLMOD_REAL;
+    v.dtype = CHOLMOD_DOUBLE;
+    return v;
+}
+
+static int state(const cholmod_common *c)
+{
+    if (c->status == CHOLMOD_OUT_OF_MEMORY || c->status == CHOLMOD_TOO_LARGE)
+        return rk_no_memory;
+    return c->status == CHOLMOD_OK ? rk_done : rk_singular;
+}
+
+/* Cholesky factor of a symmetric matrix given by its upper triangle in compressed columns */
+int rk_sparse_cholesky(int64_t n, int64_t *start, int64_t *row, double *value, struct factor **out)
+{
+    struct factor *f = *out = new_factor(n);
+    if (!f)
+        return rk_no_memory;
+    cholmod_sparse a = matrix(n, n, start, row, value, 1);
+    f->cholesky = cholmod_l_analyze(&a, &f->common);
+    if (f->cholesky)
+        cholmod_l_factorize(&a, f->cholesky, &f->common);
+    return state(&f->common);
+}
+
+/* Least squares solution with the R of a QR factorisation of an m x n matrix in compressed rows;
+ * columns that add less than tol count as dependent, rank tells of the others */
+int rk_sparse_qr(int64_t m, int64_t n, int64_t *start, int64_t *column, double *value, double *b,
+                 double tol, double *x, int64_t *rank, struct factor **out)
+{
+    struct factor *f = *out = new_factor(n);
+    *rank = 0;
+    if (!f)
+        return rk_no_memory;
+    cholmod_sparse at = matrix(n, m, start, column, value, 0);
+    cholmod_sparse *a = cholmod_l_transpose(&at, 1, &f->common);
+    if (!a)
+        return rk_no_memory;
+    cholmod_dense right = vector(m, b), *z = NULL;
+    *rank = SuiteSparseQR_C(SPQR_ORDERING_DEFAULT, tol, n, 0, a, NULL, &right, NULL, &z, &f->r,
+                            &f->order, NULL, NULL, NULL, &f->common);
+    cholmod_l_free_sparse(&a, &f->common);
+    int stat = state(&f->common);
+    if (stat == rk_done && *rank < n)
+        stat = rk_singular;
+    if (stat == rk_done) {
+        cholmod_l_sort(f->r, &f->common);
+        const SuiteSparse_long *p = f->r->p, *i = f->r->i;
+        const double *r = f->r->x;
+        double *y = z->x;
+        for (int64_t j = n - 1; j >= 0; j--) {
+            y[j] /= r[p[j + 1] - 1];
+            for (int64_t k = p[j]; k < p[j + 1] - 1; k++)
+                y[i[k]] -= r[k] * y[j];
+        }
+        for (int64_t j = 0; j < n; j++)
+            x[f->order ? f->order[j] : j] = y[j];
+    }
+    cholmod_l_free_dense(&z, &f->common);
+    return stat;
+}
+
+/* Solve with the matrix of a Cholesky factor, or with R^T R, in place */
+void rk_sparse_solve(struct factor *f, double *x)
+{
+    if (f->cholesky) {
+        cholmod_dense b = vector(f->n, x);
+        if (cholmod_l_solve2(CHOLMOD_A, f->cholesky, &b, NULL, &f->x, NULL, &f->y, &f->e,
+                             &f->common))
+            memcpy(x, f->x->x, (size_t)f->n * sizeof *x);
+        return;
+    }
+    const SuiteSparse_long *p = f->r->p, *i = f->r->i;
+    const double *r = f->r->x;
+    double *y = f->work;
+    for (int64_t j = 0; j < f->n; j++) {
+        double sum = x[f->order ? f->order[j] : j];
+        for (int64_t k = p[j]; k < p[j + 1] - 1; k++)
+            sum -= r[k] * y[i[k]];
+        y[j] = sum / r[p[j + 1] - 1];
+    }
+    for (int64_t j = f->n - 1; j >= 0; j--) {
+        y[j] /= r[p[j + 1] - 1];
+        for (int64_t k = p[j]; k < p[j + 1] - 1; k++)
+            y[i[k]] -= r[k] * y[j];
+    }
+    for (int64_t j = 0; j < f->n; j++)
+        x[f->order ? f->order[j] : j] = y[j];
+}
+
+#else
+
+void rk_sparse_free(void *f)
+{
+    (void)f;
+}
+
+int rk_sparse_cholesky(int64_t n, int64_t *start, int64_t *row, double *value, void **out)
+{
+    (void)n, (void)start, (void)row, (void)value;
+    *out = NULL;
+    return rk_missing;
+}
+
+int rk_sparse_qr(int64_t m, int64_t n, int64_t *start, int64_t *column, double *value, double *b,
+                 double tol, double *x, int64_t *rank, void **out)
+{
+    (void)m, (void)n, (void)start, (void)column, (void)value, (void)b, (void)tol, (void)x;
+    *rank = 0;
+    *out = NULL;
+    return rk_missing;
+}
+
+void rk_sparse_solve(void *f, double *x)
+{
+    (void)f, (void)x;
+}
+
+#endif

@@ -1,0 +1,205 @@
+!> Processor time of the kernels of one Gauss-Newton iteration against what this machine can do.
+!>
+!> Prints one line a kernel: name, seconds, operations, bytes that must move. Run with one thread:
+!> processor time then is a fair measure even where others use the machine. docs/performance.md is
+!> written from these lines by performance.py.
+program bench_kernels
+   use rk_blas, only : dgemm
+   use rk_cgls, only : refine, semi_normal
+   use rk_cloud, only : cloud_type
+   use rk_collocation, only : collocation_type
+   use rk_deck, only : deck_type, open_deck
+   use rk_deck_scene, only : new_scene
+   use rk_envelope, only : envelope_type
+   use rk_error, only : error_type
+   use rk_factors, only : envelope_factor
+   use rk_lapack, only : syrk
+   use rk_lstsq, only : lstsq_report, row_operator, solve_lstsq
+   use rk_method, only : new_problem
+   use rk_precision, only : i8, wp
+   use rk_problem, only : state_type
+   use rk_rows, only : rows_type
+   use rk_scene, only : scene_type
+   implicit none
+   character(len=1000) :: path, word
+   character(len=64), allocatable :: settings(:)
+   type(deck_type) :: deck
+   type(cloud_type) :: model
+   type(scene_type), target :: scene
+   class(collocation_type), allocatable, target :: problem
+   class(row_operator), pointer :: op
+   type(error_type), allocatable :: error
+   type(state_type) :: state
+   real(wp), allocatable :: x(:), r(:), y(:)
+   integer :: i, repeats
+
+   call get_command_argument(1, path)
+   call get_command_argument(2, word)
+   read (word, *) repeats
+   allocate (settings(command_argument_count() - 2))
+   do i = 1, size(settings)
+      call get_command_argument(i + 2, settings(i))
+   end do
+   call open_deck(deck, trim(path), settings, error)
+   call stop_on(error)
+   call new_scene(scene, deck, model, error)
+   call stop_on(error)
+   call new_problem(problem, scene, error)
+   call stop_on(error)
+   allocate (x(problem%n), source=0.0_wp)
+   allocate (r(problem%m), y(problem%n))
+   print '(a, 2(1x, i0))', 'size', problem%m, problem%n
+
+   call machine()
+   call problem%start_step(x, 0.1_wp)
+   call problem%evaluate(x, 0.1_wp, .true., r, state)
+   op => problem%operator()
+   call kernels()
+
+contains
+
+   !> Peak of matrix products and of memory
+   subroutine machine()
+      integer, parameter :: n = 1500, long = 20000000
+      real(wp), allocatable :: a(:, :), b(:, :), c(:, :), u(:), v(:), w(:)
+      real(wp) :: best, start
+      integer :: k
+
+      allocate (a(n, n), b(n, n), source=1.0_wp)
+      allocate (c(n, n), source=0.0_wp)
+      best = huge(1.0_wp)
+      do k = 1, repeats
+         start = now()
+         call dgemm('n', 'n', n, n, n, 1.0_wp, a, n, b, n, 0.0_wp, c, n)
+         best = min(best, now() - start)
+      end do
+      call say('dgemm', best, 2.0_wp*real(n, wp)**3, 32.0_wp*real(n, wp)**2)
+      allocate (u(long), v(long), w(long), source=1.0_wp)
+      best = huge(1.0_wp)
+      do k = 1, repeats
+         start = now()
+         u = v + 0.5_wp*w
+         best = min(best, now() - start)
+      end do
+      call say('triad', best, 2.0_wp*long, 32.0_wp*long)
+      if (u(long/2) < 0.0_wp) print '(a)', 'never'
+   end subroutine machine
+
+   !> Every kernel of a solve
+   subroutine kernels()
+      type(envelope_factor) :: factor
+      type(lstsq_report) :: report
+      real(wp), allocatable :: q(:), t(:), best(:)
+      character(len=13), allocatable :: name(:)
+      real(wp) :: start, width, flops, entries
+      integer :: k, its, j
+
+      allocate (q(op%m), t(op%n), factor%scale(op%n))
+      allocate (best(8), source=huge(1.0_wp))
+      do k = 1, repeats
+         start = now()
+         call problem%evaluate(x, 0.1_wp, .true., r, state)
+         best(1) = min(best(1), now() - start)
+         start = now()
+         call op%envelope(factor%matrix, error)
+         best(2) = min(best(2), now() - start)
+         call stop_on(error)
+         start = now()
+         call factor%matrix%equilibrate(factor%scale)
+         best(3) = min(best(3), now() - start)
+         start = now()
+         call factor%matrix%factorise(error)
+         best(4) = min(best(4), now() - start)
+         call stop_on(error)
+         start = now()
+         call semi_normal(op, r, factor, y)
+         call refine(op, r, factor, 40, y, its)
+         best(5) = min(best(5), now() - start)
+      end do
+      do k = 1, 5*repeats
+         start = now()
+         call op%apply(y, q)
+         best(6) = min(best(6), now() - start)
+         start = now()
+         call op%apply_transposed(r, t)
+         best(7) = min(best(7), now() - start)
+         start = now()
+         call factor%solve(t)
+         best(8) = min(best(8), now() - start)
+      end do
+      entries = op%entries()
+      width = 0.0_wp
+      select type (op)
+      class is (rows_type)
+         do k = 1, size(op%place)
+            width = width + real(op%row(k + 1) - op%row(k), wp) &
+               & *real(op%nc*op%shape%count(op%place(k)), wp)**2
+         end do
+      end select
+      flops = 0.0_wp
+      associate (m => factor%matrix)
+         do j = 1, size(m%first)
+            do k = m%start(j) + 1, m%start(j + 1)
+               flops = flops + real(k - m%first(j), wp)**2
+            end do
+         end do
+         call say('evaluate', best(1), 0.0_wp, 0.0_wp)
+         call say('normal', best(2), width, 8.0_wp*size(m%value, kind=i8))
+         call say('equilibrate', best(3), 0.0_wp, 16.0_wp*size(m%value, kind=i8))
+         call say('cholesky', best(4), flops, 16.0_wp*size(m%value, kind=i8))
+         call say('solve', best(8), 4.0_wp*size(m%value, kind=i8), 16.0_wp*size(m%value, kind=i8))
+      end associate
+      call say('apply', best(6), 2.0_wp*entries, 0.0_wp)
+      call say('apply_transposed', best(7), 2.0_wp*entries, 0.0_wp)
+      call say('cgls', best(5), real(its, wp), 0.0_wp)
+      deallocate (factor%matrix%value)
+      name = names()
+      do k = 1, size(name)
+         best(1) = huge(1.0_wp)
+         do j = 1, merge(1, repeats, index(name(k), 'dgels') + index(name(k), 'sp') > 0)
+            start = now()
+            call solve_lstsq(op, r, trim(name(k)), y, report, error)
+            best(1) = min(best(1), now() - start)
+            call stop_on(error)
+         end do
+         print '(a, 1x, a, 1x, 5(es10.3, 1x), i0)', 'solver', name(k), best(1), &
+            & report%backward_error, report%misfit, report%rcond, norm2(y), report%iterations
+      end do
+   end subroutine kernels
+
+   !> Solvers to time
+   function names() result(list)
+      character(len=13), allocatable :: list(:)
+      character(len=200) :: value
+      integer :: stat
+
+      call get_environment_variable('BENCH_SOLVERS', value, status=stat)
+      if (stat /= 0) value = 'auto normal'
+      allocate (list(count([(value(i:i) /= ' ' .and. value(i + 1:i + 1) == ' ', i=1, 199)])))
+      read (value, *) list
+   end function names
+
+   !> Processor time
+   real(wp) function now()
+      call cpu_time(now)
+   end function now
+
+   !> One line
+   subroutine say(name, seconds, flops, bytes)
+      character(len=*), intent(in) :: name
+      real(wp), intent(in) :: seconds, flops, bytes
+
+      print '(a, 1x, a, 3(1x, es12.5), 2(1x, f8.2))', 'kernel', name, seconds, flops, bytes, &
+         & 1.0e-9_wp*flops/seconds, 1.0e-9_wp*bytes/seconds
+   end subroutine say
+
+   !> Leave with a message
+   subroutine stop_on(error)
+      type(error_type), allocatable, intent(in) :: error
+
+      if (.not. allocated(error)) return
+      print '(a)', error%message
+      error stop 1
+   end subroutine stop_on
+
+end program bench_kernels

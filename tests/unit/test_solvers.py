@@ -1,0 +1,153 @@
+"""The least squares ladder on matrices with known answers."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from myork.core_lstsq import SOLVERS, least_squares
+from myork.errors import InputError, LinalgError
+
+#: Solvers whose answers are as good as QR's
+ACCURATE = [name for name in SOLVERS if name != "normal"]
+#: Enough columns for several blocks of the envelope
+SIZE = (500, 300)
+
+
+def problem(condition, *, seed=3, shape=SIZE, residual=1.0):
+    """Matrix with given condition, a right hand side that it does not meet, and the best fit.
+
+    The fit is exact to rounding: b is the image of x plus a vector across the range of a.
+    """
+    rng = np.random.default_rng(seed)
+    m, n = shape
+    q = np.linalg.qr(rng.standard_normal((m, m)))[0]
+    v = np.linalg.qr(rng.standard_normal((n, n)))[0]
+    a = q[:, :n] * np.geomspace(1.0, 1.0 / condition, n) @ v.T
+    x = rng.standard_normal(n)
+    return a, a @ x + residual * q[:, n:] @ rng.standard_normal(m - n), x
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+def test_every_solver_finds_the_answer(name):
+    """The error of x is bounded by rounding times the condition, squared where residuals count."""
+    condition = 1e3
+    a, b, x = problem(condition)
+    fit = least_squares(a, b, name)
+    assert np.linalg.norm(fit.x - x) < 100 * np.finfo(float).eps * condition**2 * np.linalg.norm(x)
+    assert 0.0 < fit.backward_error < 1e-14
+    assert fit.used in {name, "refined"} if name != "auto" else fit.used == "dgels" or fit.why
+
+
+@pytest.mark.parametrize("name", ACCURATE)
+def test_accuracy_of_qr_at_a_condition_that_cannot_be_squared(name):
+    """At 1e7 normal equations keep no digit; the others are at the level of QR."""
+    a, b, _ = problem(1e7)
+    yardstick = np.linalg.lstsq(a, b, rcond=None)[0]
+    fit = least_squares(a, b, name)
+    best = np.linalg.norm(a @ yardstick - b)
+    # the residual of a fit is longer than the best one by the square of its distance
+    assert np.linalg.norm(a @ fit.x - b) < best * (1 + 1e-12)
+    assert fit.misfit < 1e-8
+    assert fit.backward_error < 1e-12
+
+
+def test_normal_equations_that_miss_are_refined_and_say_so():
+    """They square the condition, which shows where the residual is small."""
+    a, b, _ = problem(1e6, residual=1e-6)
+    fit = least_squares(a, b, "normal")
+    assert fit.used == "refined"
+    assert "normal reached" in fit.why
+    assert fit.iterations > 0
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+def test_light_rows_count_beside_heavy_ones(name):
+    """Rows weighted 1e10 fix two combinations of the unknowns; the light rows fix the rest.
+
+    The answer is the light rows' fit within the constraints, up to the inverse of the weight. Each
+    solver may lose rounding times weight, 1e-6, of it.
+    """
+    rng = np.random.default_rng(5)
+    light, heavy = rng.standard_normal((40, 6)), rng.standard_normal((2, 6))
+    b, c = rng.standard_normal(40), rng.standard_normal(2)
+    basis = np.linalg.qr(heavy.T, mode="complete")[0][:, 2:]
+    start = np.linalg.lstsq(heavy, c, rcond=None)[0]
+    x = start + basis @ np.linalg.lstsq(light @ basis, b - light @ start, rcond=None)[0]
+    weighted, right = np.vstack([light, 1e10 * heavy]), np.concatenate([b, 1e10 * c])
+    fit = least_squares(weighted, right, name)
+    assert np.linalg.norm(fit.x - x) < 1e-4 * np.linalg.norm(x), fit.why
+
+
+@pytest.mark.parametrize("name", [name for name in SOLVERS if name != "dgelsy"])
+def test_undetermined_unknowns_are_named(name):
+    """Two columns that differ by a factor: their unknowns, and no others, are undetermined."""
+    a, b, _ = problem(10.0, shape=(60, 20))
+    a[:, 13] = 3.0 * a[:, 4]
+    with pytest.raises(LinalgError, match="rank 19 of 20") as caught:
+        least_squares(a, b, name)
+    text = str(caught.value)
+    assert "unknown 5 of 20" in text
+    assert "unknown 14 of 20" in text
+    assert text.count("unknown ") == 2
+
+
+def test_dgelsy_gives_the_smallest_solution_of_a_deficient_matrix():
+    a, b, _ = problem(10.0, shape=(60, 20))
+    a[:, 13] = a[:, 4]
+    fit = least_squares(a, b, "dgelsy")
+    # both columns have the same norm, so scaling does not change which solution is smallest
+    assert fit.x[13] == pytest.approx(fit.x[4], rel=1e-10)
+    assert np.linalg.norm(a.T @ (a @ fit.x - b)) < 1e-12 * np.linalg.norm(b)
+    assert "rank 19 of 20" in fit.why
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+def test_an_empty_column_is_named(name):
+    a, b, _ = problem(10.0, shape=(60, 20))
+    a[:, 7] = 0.0
+    with pytest.raises(InputError, match="unknown 8 of 20 appears in no equation"):
+        least_squares(a, b, name)
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+def test_numbers_that_are_not_finite_are_refused(name):
+    a, b, _ = problem(10.0, shape=(60, 20))
+    a[3, 7] = np.nan
+    with pytest.raises(LinalgError, match="not finite"):
+        least_squares(a, b, name)
+
+
+def test_condition_estimate_is_near_the_condition():
+    """Norms differ from the 2-norm by the square root of the number of columns."""
+    a, b, _ = problem(1e4)
+    a /= np.linalg.norm(a, axis=0)
+    condition = np.linalg.cond(a)
+    for name in SOLVERS:
+        assert 1.0 / least_squares(a, b, name).rcond == pytest.approx(condition, rel=30.0)
+        assert least_squares(a, b, name).rcond < 3.0 / condition
+
+
+SOLVE = """
+import sys
+from myork.scene import Scene
+small = ["load.steps=1", "geometry.source=[4,4,7]", "geometry.collocation=[7,7,13]"]
+with Scene(sys.argv[1], [*small, "load.activation=0.1"], threads=int(sys.argv[2])) as scene:
+    print(scene.solve("refined").x.tobytes().hex())
+"""
+
+
+def test_the_same_bits_with_one_and_two_threads(inputs: Path):
+    """Rows, normal matrix, factor and refinement sum in an order that does not know of threads."""
+    answers = {
+        subprocess.run(
+            [sys.executable, "-c", SOLVE, str(inputs / "muscle_block.toml"), threads],
+            capture_output=True, text=True, check=True,
+            env={**os.environ, "OMP_NUM_THREADS": threads, "OMP_WAIT_POLICY": "passive"},
+        ).stdout
+        for threads in ("1", "2")
+    }  # fmt: skip
+    assert len(answers) == 1
