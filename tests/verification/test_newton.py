@@ -153,7 +153,7 @@ def test_methods_agree(inputs: Path) -> None:
     assert iterations["full"] < iterations["gauss-newton"]
 
 
-def test_newton_passes_where_gauss_newton_fails(inputs: Path, tmp_path: Path) -> None:
+def test_newton_passes_where_gauss_newton_crawls(inputs: Path, tmp_path: Path) -> None:
     """The last steps to an activation of 0.3 at order 3, where J falls to 0.5 beside the edges."""
     overrides = [
         "scene.method=rkcm-mixed", "approximation.order=3", "approximation.support=4",
