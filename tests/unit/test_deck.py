@@ -322,7 +322,7 @@ def test_override_of_one_line(write: Write) -> None:
         # choices
         ('kind = "box"', 'kind = "bix"', "geometry.kind: must be one of box, annulus, model, not "),
         ("dimension = 3", "dimension = 4", "scene.dimension: must be one of 1, 2, 3, not 4"),
-        ('linear = "auto"', 'linear = "gels"', "solver.linear: must be one of auto, dgels, dgelsy, norma"),
+        ('linear = "auto"', 'linear = "gels"', "solver.linear: must be one of auto, dgels, dgelsy"),
         ('weight_essential = "c4"', 'weight_essential = "c5"', "solver.weight_essential: must be "),
         # lengths
         ("size = [1, 1, 2]", "size = [1, 2]", "geometry.size: must have 3 items (scene.dimension"),
