@@ -70,10 +70,7 @@ def least_squares(a: ArrayLike, b: ArrayLike, method: str = "auto") -> Fit:
         )
     x, numbers, used, why, stat, message = _core.least_squares(matrix, right, method.encode())
     errors.check(stat, message)
+    backward, misfit, rcond, iterations = (float(number) for number in numbers)
     return Fit(
-        x,
-        *(float(number) for number in numbers[:3]),
-        int(numbers[3]),
-        used.decode().strip(),
-        why.decode().strip(),
+        x, backward, misfit, rcond, int(iterations), used.decode().strip(), why.decode().strip()
     )
