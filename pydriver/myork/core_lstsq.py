@@ -70,12 +70,7 @@ def least_squares(a: ArrayLike, b: ArrayLike, method: str = "auto") -> Fit:
         )
     x, numbers, used, why, stat, message = _core.least_squares(matrix, right, method.encode())
     errors.check(stat, message)
+    backward, misfit, rcond, iterations = (float(number) for number in numbers)
     return Fit(
-        x,
-        float(numbers[0]),
-        float(numbers[1]),
-        float(numbers[2]),
-        int(numbers[3]),
-        used.decode().strip(),
-        why.decode().strip(),
+        x, backward, misfit, rcond, int(iterations), used.decode().strip(), why.decode().strip()
     )
