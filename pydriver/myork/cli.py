@@ -282,7 +282,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     solve.add_argument("--method", metavar="NAME", help="override scene.method, such as rkcm")
     solve.add_argument(
-        "--solver", metavar="NAME", help="override solver.linear: auto, dgels, normal, refined"
+        "--solver",
+        metavar="NAME",
+        help="override solver.linear: auto, dgels, dgelsy, normal, refined, spqr, sparse-normal",
     )
     add_deck(
         "rom",
