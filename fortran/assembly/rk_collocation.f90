@@ -42,6 +42,8 @@ module rk_collocation
    contains
       procedure :: start_step
       procedure :: evaluate
+      !> Residuals and rows of one place; a formulation with other rows overrides it
+      procedure :: evaluate_place
       procedure :: operator
       procedure :: hessian
       !> Second derivatives of the residuals at all places
@@ -373,7 +375,7 @@ subroutine evaluate(self, x, load, tangent, r, state)
    !$omp parallel do default(none) schedule(static) private(ip) &
    !$omp shared(self, x, load, tangent, r, volume)
    do ip = 1, self%shape%np
-      call evaluate_place(self, ip, x, load, tangent, r, volume(ip))
+      call self%evaluate_place(ip, x, load, tangent, r, volume(ip))
    end do
    !$omp end parallel do
    state%worst = minloc(volume, dim=1)

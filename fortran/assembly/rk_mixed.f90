@@ -14,7 +14,6 @@ module rk_mixed
    use rk_error, only : error_type, fatal_error, err_input
    use rk_local, only : local_type
    use rk_precision, only : wp
-   use rk_problem, only : state_type
    use rk_rows, only : new_rows
    use rk_scene, only : scene_type
    use rk_shape, only : new_shape
@@ -35,7 +34,7 @@ module rk_mixed
       real(wp), allocatable :: volume_weight(:)
    contains
       procedure :: start_step
-      procedure :: evaluate
+      procedure :: evaluate_place
       procedure :: curvature
       procedure :: local_state
    end type mixed_type
@@ -242,10 +241,12 @@ pure function cofactor_slope(f, v) result(t)
    end do
 end function cofactor_slope
 
-!> Residuals and rows
-subroutine evaluate(self, x, load, tangent, r, state)
+!> Residuals and rows of one place: a collocation point, or behind them the centre of a cell
+subroutine evaluate_place(self, ip, x, load, tangent, r, volume)
    !> Problem
-   class(mixed_type), target, intent(inout) :: self
+   class(mixed_type), intent(inout) :: self
+   !> Place among the shape functions
+   integer, intent(in) :: ip
    !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
    !> Load [-]
@@ -253,29 +254,16 @@ subroutine evaluate(self, x, load, tangent, r, state)
    !> Linearise
    logical, intent(in) :: tangent
    !> Residuals, shape (m)
-   real(wp), contiguous, intent(inout) :: r(:)
-   !> What was seen
-   type(state_type), intent(out) :: state
-   real(wp), allocatable :: volume(:)
-   integer :: ip
+   real(wp), intent(inout) :: r(:)
+   !> Volume ratio J [-]
+   real(wp), intent(out) :: volume
 
-   allocate (volume(self%shape%np))
-   !$omp parallel do default(none) schedule(static) private(ip) &
-   !$omp shared(self, x, load, tangent, r, volume)
-   do ip = 1, self%shape%np
-      if (ip <= size(self%domain_weight)) then
-         call evaluate_place(self, ip, x, load, tangent, r, volume(ip))
-      else
-         call evaluate_cell(self, ip, x, tangent, r, volume(ip))
-      end if
-   end do
-   !$omp end parallel do
-   state%worst = minloc(volume, dim=1)
-   state%min_j = volume(state%worst)
-   state%max_j = maxval(volume)
-   ! comparisons that a NaN fails
-   state%valid = all(volume > 0.0_wp) .and. all(abs(r) <= huge(1.0_wp))
-end subroutine evaluate
+   if (ip <= size(self%domain_weight)) then
+      call evaluate_point(self, ip, x, load, tangent, r, volume)
+   else
+      call evaluate_cell(self, ip, x, tangent, r, volume)
+   end if
+end subroutine evaluate_place
 
 !> Volume row of one cell
 subroutine evaluate_cell(self, ip, x, tangent, r, volume)
@@ -315,7 +303,7 @@ subroutine evaluate_cell(self, ip, x, tangent, r, volume)
 end subroutine evaluate_cell
 
 !> Momentum rows of one collocation point and, where it lies on the boundary, its conditions
-subroutine evaluate_place(self, ip, x, load, tangent, r, volume)
+subroutine evaluate_point(self, ip, x, load, tangent, r, volume)
    !> Problem
    class(mixed_type), intent(inout) :: self
    !> Collocation point
@@ -385,7 +373,7 @@ subroutine evaluate_place(self, ip, x, load, tangent, r, volume)
    end if
    if (self%boundary_of(ip) > 0) call evaluate_boundary(self, self%boundary_of(ip), u, load, f, c, &
       & p, c4, tangent, r)
-end subroutine evaluate_place
+end subroutine evaluate_point
 
 !> Rows of one boundary point
 subroutine evaluate_boundary(self, b, u, load, f, c, p, c4, tangent, r)
