@@ -164,6 +164,7 @@ def test_defaults_and_absent_keys(write: Write) -> None:
         "support": [3.0, 3.0, 3.0],
         "kernel": "quintic",
         "window": "product",
+        "interface": 4.0,
     }
     muscle, fat = deck["material"]
     assert muscle["sigma_max"] == 30.0 and muscle["curve"] == "published"
