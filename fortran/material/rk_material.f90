@@ -50,7 +50,8 @@ module rk_material
    type, abstract :: material_type
       !> Name for messages
       character(len=:), allocatable :: name
-      !> Bulk modulus K [stress]
+      !> Bulk modulus K; infinite where J = 1 and the volumetric part is a pressure of its own
+      !> [stress]
       real(wp) :: bulk = 0.0_wp
       !> Shear modulus of small deformations, without fibers [stress]
       real(wp) :: shear = 0.0_wp
@@ -59,6 +60,8 @@ module rk_material
    contains
       !> Derivatives of the reduced energy
       procedure(reduced_energy), deferred :: reduced
+      !> Infinite K
+      procedure :: incompressible
       !> W
       procedure :: energy
       !> P
@@ -96,6 +99,14 @@ module rk_material
    end interface
 
 contains
+
+!> Whether K is infinite, so that no stress follows from J
+pure logical function incompressible(self)
+   !> Material
+   class(material_type), intent(in) :: self
+
+   incompressible = self%bulk > huge(1.0_wp)
+end function incompressible
 
 !> Energy W per reference volume [stress]
 pure function energy(self, f, fiber, activation, volumetric) result(w)
