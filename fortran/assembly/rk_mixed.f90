@@ -6,7 +6,7 @@
 !>    traction   (P_iso + p cof F) N = h, displacement u = g   at the boundary points.
 !> Volume rows at all collocation points would lock: there must not be more of them than pressure
 !> unknowns. Row weights balance the parts as the least squares functional with norms of
-!> h Div P, P N and mu u/h does.
+!> h Div P, P N and mu u/h does, with the shear modulus mu of the state in which a load step begins.
 module rk_mixed
    use rk_boundary, only : new_boundary
    use rk_collocation, only : add_curvature, collocation_type, deformation, determinant
@@ -32,6 +32,10 @@ module rk_mixed
       real(wp), allocatable :: traction_weight(:)
       !> Weight of each volume row, shape (nv) [stress]
       real(wp), allocatable :: volume_weight(:)
+      !> The same in shear moduli, shape (nv) [-]
+      real(wp), allocatable, private :: volume_share(:)
+      !> Spacing of the source points [length]
+      real(wp), private :: spacing = 0.0_wp
    contains
       procedure :: start_step
       procedure :: evaluate_place
@@ -94,32 +98,31 @@ subroutine new_mixed(self, scene, error)
    call set_weights(self)
 end subroutine new_mixed
 
-!> Row weights, which do not change during a run
+!> Row weights and shares of row weights that do not change during a run
 subroutine set_weights(self)
    !> Problem
    type(mixed_type), intent(inout) :: self
-   real(wp) :: h, near, reach
+   real(wp) :: near, reach
    integer :: b, ip, iv, nc, nv
 
    associate (scene => self%scene, cloud => self%scene%cloud)
       nc = size(cloud%place, 2)
       nv = size(cloud%cell, 2)
       allocate (self%domain_weight(nc), self%traction_weight(size(self%boundary%point)), &
-         & self%weight(size(self%boundary%point)), self%volume_weight(nv))
-      h = (product(sum(cloud%spacing, dim=2)/size(cloud%spacing, 2)))**(1.0_wp/cloud%nd)
+         & self%weight(size(self%boundary%point)), self%volume_weight(nv), self%volume_share(nv))
+      self%spacing = (product(sum(cloud%spacing, dim=2)/size(cloud%spacing, 2)))**(1.0_wp/cloud%nd)
       reach = scene%edge_length
       if (.not. reach > 0.0_wp) reach = 0.5_wp*minval(maxval(cloud%place, dim=2) &
          & - minval(cloud%place, dim=2))
       do ip = 1, nc
          near = closeness(self, cloud%place(:, ip), reach)
-         self%domain_weight(ip) = h*near**scene%edge_exponent
+         self%domain_weight(ip) = self%spacing*near**scene%edge_exponent
          b = self%boundary_of(ip)
          if (b == 0) cycle
          self%traction_weight(b) = near**max(scene%edge_exponent - 0.5_wp, 0.0_wp)
-         self%weight(b) = scene%displacement_weight*self%mixture%shear(ip)/h
       end do
       do iv = 1, nv
-         self%volume_weight(iv) = scene%volume_weight*self%mixture%shear(nc + iv) &
+         self%volume_share(iv) = scene%volume_weight &
             & *closeness(self, cloud%cell(:, iv), reach)**scene%edge_exponent
       end do
    end associate
@@ -144,7 +147,8 @@ pure real(wp) function closeness(self, x, reach)
    end do
 end function closeness
 
-!> Nothing depends on the step
+!> Weights of volume and displacement rows by the stiffness at the start of the step: stresses of
+!> a material that stiffens would outweigh them
 subroutine start_step(self, x, load)
    !> Problem
    class(mixed_type), target, intent(inout) :: self
@@ -152,8 +156,25 @@ subroutine start_step(self, x, load)
    real(wp), contiguous, intent(in) :: x(:)
    !> Load at the end of the step [-]
    real(wp), intent(in) :: load
+   real(wp) :: u(self%fields, self%shape%nq), f(3, 3), h(3, 3, 3)
+   integer :: b, iv, ip, nd
 
-   if (size(x) /= self%n .or. load < 0.0_wp) return
+   ! activation changes no weight
+   associate (unused => load)
+   end associate
+   nd = self%scene%cloud%nd
+   do b = 1, size(self%boundary%point)
+      ip = self%boundary%point(b)
+      call self%field(ip, x, 1 + nd, u)
+      call deformation(nd, u, f, h)
+      self%weight(b) = self%scene%displacement_weight*self%mixture%stiffness(ip, f)/self%spacing
+   end do
+   do iv = 1, size(self%volume_share)
+      ip = size(self%domain_weight) + iv
+      call self%field(ip, x, 1 + nd, u)
+      call deformation(nd, u, f, h)
+      self%volume_weight(iv) = self%volume_share(iv)*self%mixture%stiffness(ip, f)
+   end do
 end subroutine start_step
 
 !> Stress and deformation at a place

@@ -38,8 +38,8 @@ module rk_mixture
    contains
       !> Bulk modulus
       procedure :: bulk
-      !> Shear modulus of small deformations
-      procedure :: shear
+      !> Shear modulus of a deformed state
+      procedure :: stiffness
       !> P
       procedure :: stress
       !> P and C4
@@ -175,19 +175,22 @@ pure real(wp) function bulk(self, ip)
    end do
 end function bulk
 
-!> Shear modulus of small deformations at a place, without fibers [stress]
-pure real(wp) function shear(self, ip)
+!> Shear modulus of a deformed state at a place, without fibers [stress]
+pure real(wp) function stiffness(self, ip, f)
    !> Mixture
    class(mixture_type), intent(in) :: self
    !> Place
    integer, intent(in) :: ip
+   !> Deformation gradient F(i,A) [-]
+   real(wp), intent(in) :: f(3, 3)
    integer :: e
 
-   shear = 0.0_wp
+   stiffness = 0.0_wp
    do e = self%first(ip) + 1, self%first(ip + 1)
-      shear = shear + self%fraction(e)*self%scene%tissue(self%tissue(e))%material%shear
+      stiffness = stiffness &
+         & + self%fraction(e)*self%scene%tissue(self%tissue(e))%material%stiffness(f)
    end do
-end function shear
+end function stiffness
 
 !> First Piola-Kirchhoff stress at a place
 pure subroutine stress(self, ip, f, load, p, volumetric)
