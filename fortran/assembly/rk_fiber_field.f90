@@ -10,6 +10,7 @@ module rk_fiber_field
    use rk_kernel, only : window_product
    use rk_material, only : material_type
    use rk_neighbours, only : find_neighbours, neighbour_type
+   use rk_patches, only : local_pitch
    use rk_precision, only : i8, wp
    use rk_scene, only : scene_type
    implicit none
@@ -39,23 +40,13 @@ subroutine fiber_slopes(scene, slope, error)
    type(error_type), allocatable, intent(out) :: error
    type(neighbour_type) :: near
    real(wp), allocatable :: window(:, :)
-   real(wp) :: least, d
-   integer :: ip, is, nc, nd
+   integer :: ip, nc, nd
 
    if (parallel_fibers(scene)) return
    associate (cloud => scene%cloud)
       nc = size(cloud%place, 2)
       nd = cloud%nd
-      allocate (window(nd, nc))
-      do ip = 1, nc
-         least = huge(1.0_wp)
-         do is = 1, size(cloud%source, 2)
-            d = sum((cloud%source(:, is) - cloud%place(:, ip))**2)
-            if (d >= least) cycle
-            least = d
-            window(:, ip) = reach*cloud%spacing(:, is)
-         end do
-      end do
+      allocate (window, source=reach*local_pitch(cloud))
       call find_neighbours(near, cloud%place, window, cloud%place, window_product, error)
       if (allocated(error)) return
       allocate (slope(3, nd, nc))
