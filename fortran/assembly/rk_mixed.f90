@@ -2,7 +2,7 @@
 !>
 !> With P = P_iso(F) + p cof F the unknowns are u and p in the same reproducing kernel space:
 !>    momentum   Div P_iso + cof F grad p = 0   at the collocation points (Div cof F = 0),
-!>    volume     J - 1 - p/K = 0                at one point for each cell of source points,
+!>    volume     J - 1 - p/K = 0                at one point for each cell or patch,
 !>    traction   (P_iso + p cof F) N = h, displacement u = g   at the boundary points.
 !> Volume rows at all collocation points would lock: there must not be more of them than pressure
 !> unknowns. Row weights balance the parts as the least squares functional with norms of
@@ -11,7 +11,7 @@ module rk_mixed
    use rk_boundary, only : new_boundary
    use rk_collocation, only : add_curvature, collocation_type, deformation, determinant
    use rk_cross, only : cross, cross_form
-   use rk_error, only : error_type, fatal_error, err_input
+   use rk_error, only : error_type
    use rk_local, only : local_type
    use rk_mixture, only : new_mixture
    use rk_neighbours, only : nearest_points
@@ -68,11 +68,6 @@ subroutine new_mixed(self, scene, error)
    nc = size(scene%cloud%place, 2)
    nb = size(self%boundary%point)
    nv = size(scene%cloud%cell, 2)
-   if (nv == 0) then
-      call fatal_error(error, err_input, 'the mixed form needs source points that form cells, ' &
-         & //'but no cell of the lattice has all its corners: take a finer source stride')
-      return
-   end if
    position = reshape([scene%cloud%place, scene%cloud%cell], [nd, nc + nv])
    allocate (self%shape)
    call new_shape(self%shape, scene%approximation, scene%cloud%source, scene%support, position, &

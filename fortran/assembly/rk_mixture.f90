@@ -9,6 +9,7 @@
 !> Reference: thesis section 4.2.2
 module rk_mixture
    use rk_error, only : error_type
+   use rk_fiber_field, only : fiber_pull, fiber_pull_curvature, fiber_slopes
    use rk_kernel, only : kernel_quintic, window_product
    use rk_material, only : kind_i4
    use rk_neighbours, only : nearest_points
@@ -35,6 +36,9 @@ module rk_mixture
       real(wp), allocatable :: slope(:, :)
       !> Fiber of the tissue, shape (3, entries) [-]
       real(wp), allocatable :: fiber(:, :)
+      !> Its derivatives N_k,A, shape (3, nd, entries) [1/length]; not allocated where the fibers of
+      !> each tissue are parallel
+      real(wp), allocatable :: turn(:, :, :)
    contains
       !> Bulk modulus
       procedure :: bulk
@@ -71,10 +75,13 @@ subroutine new_mixture(self, scene, position, nearest, error)
    type(error_type), allocatable, intent(out) :: error
    type(shape_type) :: shape
    real(wp) :: part(size(scene%tissue)), gradient(3, size(scene%tissue))
+   real(wp), allocatable :: turn(:, :, :)
    integer, allocatable :: owner(:)
    integer :: ip, k, n, np, round
 
    self%scene => scene
+   call fiber_slopes(scene, turn, error)
+   if (allocated(error)) return
    np = size(position, 2)
    allocate (self%first(np + 1))
    if (size(scene%tissue) > 1) then
@@ -100,12 +107,18 @@ subroutine new_mixture(self, scene, position, nearest, error)
             self%tissue(n) = k
             self%fraction(n) = part(k)
             self%slope(:, n) = gradient(:, k)
-            self%fiber(:, n) = fiber_of(scene, k, nearest(ip))
+            associate (at => fibered_point(scene, k, nearest(ip)))
+               self%fiber(:, n) = 0.0_wp
+               if (scene%tissue(k)%material%active(kind_i4)) self%fiber(:, n) = &
+                  & scene%cloud%fiber(:, at)
+               if (allocated(turn)) self%turn(:, :, n) = turn(:, :, at)
+            end associate
          end do
          self%first(ip + 1) = n
       end do
       if (round == 1) allocate (self%tissue(n), self%fraction(n), self%slope(3, n), &
          & self%fiber(3, n))
+      if (round == 1 .and. allocated(turn)) allocate (self%turn(3, size(turn, 2), n))
    end do
 end subroutine new_mixture
 
@@ -136,30 +149,28 @@ pure subroutine fractions(shape, owner, ip, part, gradient)
    where (part < nothing) part = 0.0_wp
 end subroutine fractions
 
-!> Fiber of a tissue at a collocation point, that of its nearest point where it has none itself
-pure function fiber_of(scene, k, at) result(fiber)
+!> Collocation point whose fiber a tissue has at another one: itself, or the nearest of the tissue
+pure integer function fibered_point(scene, k, at)
    !> Scene
    type(scene_type), intent(in) :: scene
    !> Tissue
    integer, intent(in) :: k
    !> Collocation point
    integer, intent(in) :: at
-   real(wp) :: fiber(3), least, d
+   real(wp) :: least, d
    integer :: ip
 
-   fiber = 0.0_wp
-   if (.not. scene%tissue(k)%material%active(kind_i4)) return
-   fiber = scene%cloud%fiber(:, at)
-   if (scene%tissue_of(at) == k) return
+   fibered_point = at
+   if (scene%tissue_of(at) == k .or. .not. scene%tissue(k)%material%active(kind_i4)) return
    least = huge(1.0_wp)
    do ip = 1, size(scene%tissue_of)
       if (scene%tissue_of(ip) /= k) cycle
       d = sum((scene%cloud%place(:, ip) - scene%cloud%place(:, at))**2)
       if (d >= least) cycle
       least = d
-      fiber = scene%cloud%fiber(:, ip)
+      fibered_point = ip
    end do
-end function fiber_of
+end function fibered_point
 
 !> Bulk modulus at a place [stress]
 pure real(wp) function bulk(self, ip)
@@ -273,7 +284,7 @@ pure subroutine strong(self, ip, nd, f, h, load, divergence, p, c4, t, volumetri
    real(wp), intent(out) :: t(3, 3, 3)
    !> Include K/2 (J-1)^2?
    logical, intent(in) :: volumetric
-   real(wp) :: part(3, 3), part4(3, 3, 3, 3), part_t(3, 3, 3)
+   real(wp) :: part(3, 3), part4(3, 3, 3, 3), part_t(3, 3, 3), pull(3)
    integer :: a, b, e
 
    e = self%first(ip) + 1
@@ -299,6 +310,16 @@ pure subroutine strong(self, ip, nd, f, h, load, divergence, p, c4, t, volumetri
             divergence = divergence + part(:, a)*self%slope(a, e)
             t = t + part4(:, a, :, :)*self%slope(a, e)
          end do
+      end do
+   end if
+   if (allocated(self%turn)) then
+      do e = self%first(ip) + 1, self%first(ip + 1)
+         associate (material => self%scene%tissue(self%tissue(e))%material)
+            call fiber_pull(material, f, self%fiber(:, e), self%turn(:, :, e), &
+               & load*self%scene%activation, pull, part_t)
+         end associate
+         divergence = divergence + self%fraction(e)*pull
+         t = t + self%fraction(e)*part_t
       end do
    end if
    do a = 1, nd
@@ -371,6 +392,11 @@ pure subroutine strong_curvature(self, ip, nd, f, h, r, load, ff, fh, volumetric
             & volumetric)
          ff = ff + self%fraction(e)*part
          fh = fh + self%fraction(e)*part_h
+         if (allocated(self%turn)) then
+            call fiber_pull_curvature(material, f, self%fiber(:, e), self%turn(:, :, e), r, &
+               & activation, part)
+            ff = ff + self%fraction(e)*part
+         end if
          if (self%first(ip + 1) - self%first(ip) == 1) cycle
          do a = 1, 3
             direction(:, a) = r*self%slope(a, e)
