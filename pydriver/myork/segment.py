@@ -2,7 +2,7 @@
 
 Files in the output folder: `anatomy.nii.gz` (the image that was segmented), `segmentation.nii.gz`
 with `segmentation.json` (names), `fibers.nii.gz` (unit vectors in the world frame; with tensors
-only), `summary.json`; from the phantom also `tensor.nii.gz` and `truth.nii.gz`.
+only), `summary.json`; from the phantom also its images and its truth (`write_phantom`).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from myork.core_image import evolve_two_phase
 from myork.errors import FileError, InputError
 from myork.imaging.geometry import check_same_grid, length_factor
 from myork.imaging.io import read_image, read_labels, write_image, write_labels
-from myork.imaging.phantom import make_phantom
+from myork.imaging.phantom import make_phantom, write_phantom
 from myork.model.fibers import fiber_field
 from myork.records import Image, Labels
 from myork.segmentation.level_sets import TwoPhase, two_phase
@@ -123,11 +123,8 @@ def _inputs(
             )
         keys = deck["phantom"]
         progress(f"phantom of {' x '.join(map(str, keys['size']))} voxels")
-        phantom = make_phantom(
-            tuple(keys["size"]), tuple(keys["spacing"]), keys["snr"], keys["bias"], keys["seed"]
-        )
-        write_image(out / "tensor.nii.gz", phantom.tensor)
-        write_labels(out / "truth.nii.gz", phantom.truth)
+        phantom = make_phantom(**keys)
+        write_phantom(out, phantom)
         return phantom.anatomy, phantom.tensor, phantom.truth
     image = read_image(folder / table["anatomy"])
     progress(f"{image.name}: {' x '.join(map(str, image.data.shape))} voxels")
