@@ -2,7 +2,7 @@
 
 Files in the output folder: `anatomy.nii.gz` (the image that was segmented), `segmentation.nii.gz`
 with `segmentation.json` (names), `fibers.nii.gz` (unit vectors in the world frame; with tensors
-only), `summary.json`; from the phantom also `tensor.nii.gz` and `truth.nii.gz`.
+only), `summary.json`; from the phantom also its images and its truth (`write_phantom`).
 """
 
 from __future__ import annotations
@@ -18,10 +18,12 @@ import myork
 from myork.console import ProgressCallback
 from myork.core_image import evolve_level_sets
 from myork.errors import FileError, InputError
+from myork.imaging.diffusion import read_tensors
 from myork.imaging.geometry import check_same_grid, length_factor
 from myork.imaging.io import read_image, read_labels, write_image, write_labels
-from myork.imaging.phantom import make_phantom
+from myork.imaging.phantom import make_phantom, write_phantom
 from myork.model.fibers import fiber_field
+from myork.model.orientation import check_orientation
 from myork.records import Image, Labels
 from myork.segmentation.channels import scaled_values
 from myork.segmentation.level_sets import LevelSets, Regions, segment_regions, wanted_phase
@@ -99,12 +101,16 @@ def segment(
             tensor, inside, table["fiber_smoothing"], table["tensor_frame"]
         )
         write_image(out / "fibers.nii.gz", fibers)
+        evidence, doubt = check_orientation(fibers, labels if truth is None else truth)
+        warnings += [doubt] if doubt else []
         if filled:
             warnings.append(
                 f"{tensor.name}: {filled} of {int(inside.sum())} tensors of the tissue are not "
                 "finite or not positive; their neighbours were used"
             )
     summary = _summary(deck, table["label"], labels, result, wanted, warnings)
+    if tensor is not None:
+        summary["segmentation"]["orientation"] = [entry.record() for entry in evidence]
     update_summary(out, summary)
     for line in (*_lines(summary), *(f"warning: {text}" for text in warnings)):
         progress(line)
@@ -127,7 +133,7 @@ def _inputs(
 ) -> tuple[Image, Image | None, Labels | None]:
     """Anatomy, tensor and truth from files, or those of the phantom, which are also written."""
     if "anatomy" not in table:
-        stray = [key for key in ("tensor", "truth") if key in table]
+        stray = [key for key in ("tensor", "dwi", "truth") if key in table]
         if stray:
             raise InputError(
                 f"image.{stray[0]} needs image.anatomy; without it the phantom and its own "
@@ -135,15 +141,12 @@ def _inputs(
             )
         keys = deck["phantom"]
         progress(f"phantom of {' x '.join(map(str, keys['size']))} voxels")
-        phantom = make_phantom(
-            tuple(keys["size"]), tuple(keys["spacing"]), keys["snr"], keys["bias"], keys["seed"]
-        )
-        write_image(out / "tensor.nii.gz", phantom.tensor)
-        write_labels(out / "truth.nii.gz", phantom.truth)
+        phantom = make_phantom(**keys)
+        write_phantom(out, phantom)
         return phantom.anatomy, phantom.tensor, phantom.truth
     image = read_image(folder / table["anatomy"])
     progress(f"{image.name}: {' x '.join(map(str, image.data.shape))} voxels")
-    tensor = read_image(folder / table["tensor"], values=6) if "tensor" in table else None
+    tensor = read_tensors(table, folder)
     truth = read_labels(folder / table["truth"]) if "truth" in table else None
     for other in (tensor, truth):
         if other is not None:
