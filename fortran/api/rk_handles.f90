@@ -3,7 +3,7 @@
 !> A handle is serial*64 + row, so that a closed or reused row is recognised. Python owns the
 !> handle and closes it. This table is the one place with module variables.
 module rk_handles
-   use rk_collocation, only : collocation_type, free_collocation
+   use rk_body, only : body_type, free_body
    use rk_error, only : error_type, fatal_error, err_input
    use rk_newton, only : timer_type
    use rk_precision, only : wp
@@ -45,7 +45,7 @@ module rk_handles
       !> Scene
       type(scene_type), pointer :: scene => null()
       !> Full problem
-      class(collocation_type), allocatable :: full
+      class(body_type), allocatable :: full
       !> Reduced problem, where one was made
       type(reduced_type), pointer :: reduced => null()
       !> States of the last solve
@@ -87,7 +87,7 @@ subroutine close_slot(slot)
 
    if (associated(slot%reduced)) deallocate (slot%reduced)
    if (allocated(slot%full)) then
-      call free_collocation(slot%full)
+      call free_body(slot%full)
       deallocate (slot%full)
    end if
    deallocate (slot%states, slot%scene)

@@ -280,6 +280,7 @@ subroutine probe_session(handle, x, load, value, error)
    call new_probes(probes, slot%scene, error)
    if (allocated(error)) return
    do k = 1, size(load)
+      call slot%full%settle(x(:, k), load(k))
       do i = 1, size(slot%scene%probe)
          call probe_value(slot%full, probes, i, x(:, k), load(k), value(:, i, k))
       end do

@@ -4,7 +4,7 @@ program main
    use omp_lib, only : omp_get_max_threads, omp_set_num_threads
    use rk_cli, only : config_type, read_arguments
    use rk_cloud, only : cloud_type
-   use rk_collocation, only : collocation_type
+   use rk_body, only : body_type
    use rk_deck, only : deck_type, open_deck
    use rk_deck_scene, only : nearly_incompressible, new_scene
    use rk_error, only : error_type, err_convergence, err_linalg, err_stopped
@@ -57,7 +57,7 @@ contains
 
    !> Solve and write
    subroutine run()
-      class(collocation_type), allocatable, target :: problem
+      class(body_type), allocatable, target :: problem
       type(output_type) :: output
       type(newton_type) :: newton
       type(timer_type) :: timer

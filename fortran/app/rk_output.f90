@@ -1,6 +1,6 @@
 !> Receives what happens in a solve: progress lines, history.csv, run.log and results.vtkhdf.
 module rk_output
-   use rk_collocation, only : collocation_type
+   use rk_body, only : body_type
    use rk_error, only : error_type, fatal_error, err_file
    use rk_fields, only : compute_fields, fields_type, new_probes, probe_value, probes_type
    use rk_force, only : force_imbalance
@@ -26,7 +26,7 @@ module rk_output
    !> Files of a run
    type, extends(recorder_type) :: output_type
       !> Problem whose states arrive
-      class(collocation_type), pointer :: problem => null()
+      class(body_type), pointer :: problem => null()
       !> Probes
       type(probes_type) :: probes
       !> Result file
@@ -71,7 +71,7 @@ subroutine open_output(self, problem, folder, deck_text, version, error)
    !> Files
    class(output_type), intent(inout) :: self
    !> Problem
-   class(collocation_type), target, intent(in) :: problem
+   class(body_type), target, intent(inout) :: problem
    !> Folder, which exists
    character(len=*), intent(in) :: folder
    !> Deck, kept with the results
@@ -169,6 +169,7 @@ subroutine step(self, st, x)
    integer :: i, n
 
    call system_clock(clock)
+   call self%problem%settle(x, st%load)
    n = size(self%record)
    allocate (grown(n + 1))
    grown(:n) = self%record

@@ -1,7 +1,7 @@
 !> summary.json of a solve.
 module rk_summary
    use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
-   use rk_collocation, only : collocation_type
+   use rk_body, only : body_type
    use rk_deck, only : deck_type
    use rk_error, only : error_type
    use rk_error_norms, only : norms_type
@@ -27,7 +27,7 @@ subroutine write_summary(path, deck, problem, output, timer, shape_s, total_s, t
    !> Deck
    type(deck_type), intent(in) :: deck
    !> Problem
-   class(collocation_type), intent(in) :: problem
+   class(body_type), intent(in) :: problem
    !> What was recorded
    type(output_type), intent(in) :: output
    !> Wall times of assembly and least squares
@@ -137,7 +137,7 @@ subroutine write_steps(json, problem, output)
    !> JSON inside the summary
    type(json_type), intent(inout) :: json
    !> Problem
-   class(collocation_type), intent(in) :: problem
+   class(body_type), intent(in) :: problem
    !> What was recorded
    type(output_type), intent(in) :: output
    integer :: i, k
@@ -177,7 +177,7 @@ subroutine write_exact(json, problem, output)
    !> JSON inside the summary
    type(json_type), intent(inout) :: json
    !> Problem
-   class(collocation_type), intent(in) :: problem
+   class(body_type), intent(in) :: problem
    !> What was recorded
    type(output_type), intent(in) :: output
    type(error_type), allocatable :: no_root
@@ -208,7 +208,7 @@ subroutine write_references(json, problem, output)
    !> JSON inside the summary
    type(json_type), intent(inout) :: json
    !> Problem
-   class(collocation_type), intent(in) :: problem
+   class(body_type), intent(in) :: problem
    !> What was recorded
    type(output_type), intent(in) :: output
    real(wp), allocatable :: load(:), value(:), reference(:)

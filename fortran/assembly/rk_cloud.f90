@@ -40,6 +40,11 @@ module rk_cloud
       real(wp), allocatable :: area(:)
       !> Names of the sets
       character(len=32), allocatable :: set_name(:)
+      !> Source points along each direction of a box or (radial, angular) an annulus, shape (nd);
+      !> not allocated for other bodies
+      integer, allocatable :: lattice(:)
+      !> The directions are radius and angle
+      logical :: polar = .false.
    contains
       !> Number of a set by its name, 0 if unknown
       procedure :: find_set
@@ -100,6 +105,7 @@ subroutine new_box(self, size_, source, place, error)
       return
    end if
    self%nd = size(size_)
+   self%lattice = source
    self%source = grid_points(source, size_)
    self%place = grid_points(place, size_)
    self%cell = grid_centres(source, size_)
@@ -167,6 +173,8 @@ subroutine new_annulus(self, inner, outer, source, place, error)
       return
    end if
    self%nd = 2
+   self%lattice = source
+   self%polar = .true.
    self%source = bend(grid_points(source, [outer - inner, 0.5_wp*pi]))
    self%place = bend(grid_points(place, [outer - inner, 0.5_wp*pi]))
    self%cell = bend(grid_centres(source, [outer - inner, 0.5_wp*pi]))

@@ -3,45 +3,31 @@
 !> All collocation points carry the equilibrium rows, boundary points carry boundary rows as well.
 !> Equation numbers are the thesis's: residuals (5.71)-(5.73), linearisation (5.66)-(5.70).
 module rk_collocation
-   use rk_boundary, only : boundary_type, new_boundary
+   use rk_body, only : body_type, deformation, determinant
+   use rk_boundary, only : new_boundary
    use rk_error, only : error_type
-   use rk_local, only : local_type
    use rk_lstsq, only : row_operator
-   use rk_mixture, only : mixture_type, new_mixture
+   use rk_mixture, only : new_mixture
    use rk_precision, only : wp
-   use rk_problem, only : problem_type, state_type
+   use rk_problem, only : state_type
    use rk_rows, only : new_rows, rows_type
    use rk_scene, only : scene_type
-   use rk_shape, only : new_shape, shape_type
+   use rk_shape, only : new_shape
    implicit none
    private
 
-   public :: collocation_type, new_collocation, free_collocation, deformation, determinant
-   public :: add_curvature
+   public :: collocation_type, new_collocation, add_curvature
 
    !> Collocation problem of a scene
-   type, extends(problem_type) :: collocation_type
-      !> What is modelled
-      type(scene_type), pointer :: scene => null()
-      !> Unknown fields at each source point
-      integer :: fields = 0
+   type, extends(body_type) :: collocation_type
       !> The rows depend on the unknowns
       logical :: nonlinear = .true.
-      !> Shape functions at the collocation points
-      type(shape_type), pointer :: shape => null()
-      !> Conditions at boundary points
-      type(boundary_type) :: boundary
       !> Linearised rows: one block for each collocation point, then one for each boundary point
       type(rows_type) :: rows
       !> Weight of the essential rows of each boundary point, shape (nb)
       real(wp), allocatable :: weight(:)
-      !> Materials of the places
-      type(mixture_type) :: mixture
       !> Boundary point of each collocation point, 0 inside, shape (nc)
       integer, allocatable :: boundary_of(:)
-      !> Fields and derivatives of modes at each place, shape (fields, nq, r, np); where they are
-      !> given the unknowns are the modes' amplitudes
-      real(wp), allocatable :: mode(:, :, :, :)
    contains
       procedure :: start_step
       procedure :: evaluate
@@ -53,10 +39,6 @@ module rk_collocation
       procedure :: set_curvature
       !> The same at one place
       procedure :: curvature
-      !> Unknown fields and derivatives at a place from the unknowns
-      procedure :: field
-      !> Stress and deformation at a place from the displacement there
-      procedure :: local_state
    end type collocation_type
 
 contains
@@ -102,14 +84,6 @@ subroutine new_collocation(self, scene, error)
    allocate (self%boundary_of(nc), source=0)
    self%boundary_of(self%boundary%point) = [(b, b=1, nb)]
 end subroutine new_collocation
-
-!> Give back the shape functions, which belong to the problem that made them
-subroutine free_collocation(self)
-   !> Problem
-   class(collocation_type), intent(inout) :: self
-
-   if (associated(self%shape)) deallocate (self%shape)
-end subroutine free_collocation
 
 !> Linearised rows
 function operator(self) result(op)
@@ -236,93 +210,6 @@ pure subroutine add_curvature(nd, ff, fh, form)
       end do
    end do
 end subroutine add_curvature
-
-!> Deformation gradient and its derivatives from the displacement's derivatives
-pure subroutine deformation(nd, u, f, h)
-   !> Space dimension
-   integer, intent(in) :: nd
-   !> Fields with derivatives, the displacement first, shape (>= nd, nq)
-   real(wp), intent(in) :: u(:, :)
-   !> F(i, A) [-]
-   real(wp), intent(out) :: f(3, 3)
-   !> u_j,BA as h(j, B, A) [1/length]
-   real(wp), intent(out) :: h(3, 3, 3)
-   integer :: a, b, q
-
-   f = 0.0_wp
-   h = 0.0_wp
-   do a = 1, 3
-      f(a, a) = 1.0_wp
-   end do
-   q = 1 + nd
-   do a = 1, nd
-      f(:nd, a) = f(:nd, a) + u(:nd, 1 + a)
-      do b = a, nd
-         q = q + 1
-         h(:nd, b, a) = u(:nd, q)
-         h(:nd, a, b) = u(:nd, q)
-      end do
-   end do
-end subroutine deformation
-
-!> Determinant
-pure real(wp) function determinant(f)
-   !> Matrix
-   real(wp), intent(in) :: f(3, 3)
-
-   determinant = f(1, 1)*(f(2, 2)*f(3, 3) - f(2, 3)*f(3, 2)) &
-      & - f(1, 2)*(f(2, 1)*f(3, 3) - f(2, 3)*f(3, 1)) &
-      & + f(1, 3)*(f(2, 1)*f(3, 2) - f(2, 2)*f(3, 1))
-end function determinant
-
-!> Unknown fields and derivatives at a place from the unknowns
-subroutine field(self, ip, x, last, u)
-   !> Problem
-   class(collocation_type), intent(in) :: self
-   !> Place
-   integer, intent(in) :: ip
-   !> Unknowns: coefficients, or amplitudes of the modes, shape (n)
-   real(wp), contiguous, intent(in) :: x(:)
-   !> Last derivative wanted
-   integer, intent(in) :: last
-   !> Fields with derivatives, shape (fields, nq); displacement [length], [-], [1/length]
-   real(wp), intent(out) :: u(:, :)
-   integer :: k
-
-   if (.not. allocated(self%mode)) then
-      call self%shape%interpolate(ip, x, 1, last, u)
-      return
-   end if
-   u = 0.0_wp
-   do k = 1, size(self%mode, 3)
-      u(:, :last) = u(:, :last) + x(k)*self%mode(:, :last, k, ip)
-   end do
-end subroutine field
-
-!> Stress and deformation at a place from the displacement there
-subroutine local_state(self, ip, x, u, load, local)
-   !> Problem
-   class(collocation_type), intent(in) :: self
-   !> Collocation point whose material and fiber hold there
-   integer, intent(in) :: ip
-   !> Undeformed place, shape (nd) [length]
-   real(wp), intent(in) :: x(:)
-   !> Unknown fields with derivatives, shape (fields, nq)
-   real(wp), intent(in) :: u(:, :)
-   !> Load [-]
-   real(wp), intent(in) :: load
-   !> State
-   type(local_type), intent(out) :: local
-   real(wp) :: h(3, 3, 3)
-
-   local%x(:size(x)) = x
-   local%u(:size(x)) = u(:size(x), 1)
-   call deformation(size(x), u, local%f, h)
-   local%j = determinant(local%f)
-   call self%mixture%stress(ip, local%f, load, local%p, volumetric=.true.)
-   ! (5.31b)
-   local%cauchy = matmul(local%p, transpose(local%f))/local%j
-end subroutine local_state
 
 !> Weights of the essential rows (5.52b), from the tangent at the start of the step
 subroutine start_step(self, x, load)

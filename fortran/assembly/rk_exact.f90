@@ -1,6 +1,6 @@
 !> Exact homogeneous solutions for finite K: the deformation gradient, whatever the material.
 module rk_exact
-   use rk_collocation, only : determinant
+   use rk_body, only : determinant
    use rk_error, only : error_type, fatal_error, err_input
    use rk_fields, only : quantity
    use rk_local, only : local_type

@@ -1,6 +1,6 @@
 !> Fields, probes and forces of a converged state.
 module rk_fields
-   use rk_collocation, only : collocation_type
+   use rk_body, only : body_type
    use rk_error, only : error_type
    use rk_force, only : reaction
    use rk_local, only : local_type
@@ -42,7 +42,7 @@ contains
 !> Fields at all collocation points
 subroutine compute_fields(problem, x, load, fields)
    !> Full problem
-   class(collocation_type), intent(in) :: problem
+   class(body_type), intent(in) :: problem
    !> Coefficients, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
    !> Load [-]
@@ -127,7 +127,7 @@ end subroutine new_probes
 !> Value of a probe, 1 or 3 numbers
 subroutine probe_value(problem, probes, i, x, load, value)
    !> Full problem
-   class(collocation_type), intent(in) :: problem
+   class(body_type), intent(in) :: problem
    !> Probes
    type(probes_type), intent(in) :: probes
    !> Number of the probe

@@ -6,7 +6,8 @@
 !> set. A component for which that motion meets other fixed points falls back to the traction
 !> integral over the set.
 module rk_force
-   use rk_collocation, only : collocation_type
+   use rk_body, only : body_type
+   use rk_galerkin, only : galerkin_type
    use rk_local, only : local_type
    use rk_precision, only : pi, wp
    implicit none
@@ -19,7 +20,7 @@ contains
 !> Force that the surroundings exert on the body through a set
 function reaction(problem, set, x, load) result(force)
    !> Full problem
-   class(collocation_type), intent(in) :: problem
+   class(body_type), intent(in) :: problem
    !> Boundary set
    integer, intent(in) :: set
    !> Coefficients, shape (n)
@@ -34,6 +35,11 @@ function reaction(problem, set, x, load) result(force)
    integer :: ip, nd
 
    nd = problem%scene%cloud%nd
+   select type (problem)
+   class is (galerkin_type)
+      force = problem%set_force(set, x, load)
+      return
+   end select
    force = traction_integral(problem, set, x, load)
    call find_reach(problem, set, normal, origin, reach, usable)
    if (.not. any(usable)) return
@@ -53,7 +59,7 @@ end function reaction
 !> Depth to which a virtual motion from a set may reach, and the components it may have
 subroutine find_reach(problem, set, normal, origin, reach, usable)
    !> Full problem
-   class(collocation_type), intent(in) :: problem
+   class(body_type), intent(in) :: problem
    !> Boundary set
    integer, intent(in) :: set
    !> Its outward normal, shape (nd)
@@ -102,7 +108,7 @@ end subroutine find_reach
 !> Integral of P N over a set
 function traction_integral(problem, set, x, load) result(force)
    !> Full problem
-   class(collocation_type), intent(in) :: problem
+   class(body_type), intent(in) :: problem
    !> Boundary set
    integer, intent(in) :: set
    !> Coefficients, shape (n)
@@ -131,7 +137,7 @@ end function traction_integral
 !> equilibrium. Forces that do not balance are the sign of a locked or too coarse solution.
 real(wp) function force_imbalance(problem, x, load)
    !> Full problem
-   class(collocation_type), intent(in) :: problem
+   class(body_type), intent(in) :: problem
    !> Coefficients, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
    !> Load [-]
@@ -142,7 +148,12 @@ real(wp) function force_imbalance(problem, x, load)
    total = 0.0_wp
    largest = 0.0_wp
    do set = 1, size(problem%scene%cloud%set_name)
-      force = traction_integral(problem, set, x, load)
+      select type (problem)
+      class is (galerkin_type)
+         force = problem%set_force(set, x, load)
+      class default
+         force = traction_integral(problem, set, x, load)
+      end select
       total = total + force
       largest = max(largest, norm2(force))
    end do

@@ -8,8 +8,9 @@
 !> Collocation points inside carry L, those on the boundary B^h or B^g only (5.10). With L on the
 !> boundary as well the L2 errors are 4 to 7 times larger and fall more slowly.
 module rk_linear
+   use rk_body, only : determinant
    use rk_boundary, only : new_boundary
-   use rk_collocation, only : collocation_type, determinant
+   use rk_collocation, only : collocation_type
    use rk_error, only : error_type, fatal_error, err_input
    use rk_local, only : local_type
    use rk_precision, only : wp

@@ -1,7 +1,9 @@
 !> From the name of a method to its problem.
 module rk_method
+   use rk_body, only : body_type
    use rk_collocation, only : collocation_type, new_collocation
    use rk_error, only : error_type, fatal_error, err_input
+   use rk_galerkin, only : galerkin_type, new_galerkin
    use rk_islands, only : check_islands
    use rk_linear, only : linear_type, new_linear
    use rk_mixed, only : mixed_type, new_mixed
@@ -16,12 +18,14 @@ contains
 !> Set up the problem of a scene: linear where it has an equation, otherwise by the scene's method
 subroutine new_problem(problem, scene, error)
    !> Problem
-   class(collocation_type), allocatable, intent(out) :: problem
+   class(body_type), allocatable, intent(out) :: problem
    !> Scene, which must outlive the problem
    type(scene_type), target, intent(in) :: scene
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
+   type(collocation_type), allocatable :: plain
    type(mixed_type), allocatable :: mixed
+   type(galerkin_type), allocatable :: galerkin
    type(linear_type), allocatable :: linear
    logical, allocatable :: held(:)
 
@@ -33,12 +37,17 @@ subroutine new_problem(problem, scene, error)
    end if
    select case (scene%method)
    case ('rkcm')
-      allocate (problem)
-      call new_collocation(problem, scene, error)
+      allocate (plain)
+      call new_collocation(plain, scene, error)
+      call move_alloc(plain, problem)
    case ('rkcm-mixed')
       allocate (mixed)
       call new_mixed(mixed, scene, error)
       call move_alloc(mixed, problem)
+   case ('rkpm', 'rkpm-gauss', 'rkpm-scni')
+      allocate (galerkin)
+      call new_galerkin(galerkin, scene, error)
+      call move_alloc(galerkin, problem)
    case default
       call fatal_error(error, err_input, "unknown method '"//scene%method//"'")
    end select

@@ -8,8 +8,9 @@
 !> unknowns. Row weights balance the parts as the least squares functional with norms of
 !> h Div P, P N and mu u/h does, with the shear modulus mu of the state in which a load step begins.
 module rk_mixed
+   use rk_body, only : deformation, determinant
    use rk_boundary, only : new_boundary
-   use rk_collocation, only : add_curvature, collocation_type, deformation, determinant
+   use rk_collocation, only : add_curvature, collocation_type
    use rk_cross, only : cross, cross_form
    use rk_error, only : error_type
    use rk_local, only : local_type

@@ -158,6 +158,12 @@ module rk_scene
       real(wp) :: edge_length = 0.0_wp
       !> Mixed form: weight of the displacement rows in shear moduli over spacing [-]
       real(wp) :: displacement_weight = 15.0_wp
+      !> Galerkin form: Gauss points in each direction of a cell
+      integer :: gauss = 3
+      !> Galerkin form: penalty of prescribed displacements in shear moduli over spacing [-]
+      real(wp) :: penalty = 100.0_wp
+      !> Galerkin form: degree of the pressure in a group of cells
+      integer :: pressure_degree = 1
       !> Probes
       type(probe_type), allocatable :: probe(:)
       !> Exact solutions

@@ -7,6 +7,7 @@ module rk_newton_step
    use rk_problem, only : problem_type
    use rk_recorder, only : iteration_type
    use rk_shifted, only : shifted_report, solve_shifted
+   use rk_symmetric, only : direct_report, solve_direct, symmetric_matrix
    use rk_text, only : to_text
    implicit none
    private
@@ -45,10 +46,25 @@ subroutine find_step(problem, op, linear, load, a, r, g, damping, da, newton, pr
    type(error_type), allocatable, intent(out) :: error
    type(lstsq_report) :: report
    type(shifted_report) :: shifted
+   type(direct_report) :: direct
    real(wp), allocatable :: matrix(:, :)
 
-   newton = damping%curved
    it%refinements = 0
+   select type (op)
+   class is (symmetric_matrix)
+      ! as many equations as unknowns: Newton's step itself
+      newton = .false.
+      call solve_direct(op, damping%lambda, -r, da, direct, error)
+      if (allocated(error)) return
+      predicted = -0.5_wp*dot_product(g, da)
+      it%backward_error = direct%backward_error
+      it%rcond = direct%rcond
+      it%solver = direct%used
+      it%why = 'the tangent is square and symmetric: Cholesky, or LU where it is not positive ' &
+         & //'definite'
+      return
+   end select
+   newton = damping%curved
    if (newton .or. damping%lambda > 0.0_wp) then
       allocate (matrix(problem%n, problem%n))
       if (newton) then

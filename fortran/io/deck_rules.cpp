@@ -208,7 +208,7 @@ static void check_linear(Deck &deck, const std::string &kind, int dimension) {
       deck.complain(deck.single("geometry")->find("kind")->origin, "geometry.kind",
                     "must be box for a linear problem, not " + kind);
    const Value *method = scene ? scene->find("method") : nullptr;
-   if (method && method->text == "rkcm-mixed")
+   if (method && method->text != "rkcm" && method->text != "auto")
       deck.complain(method->origin, "scene.method",
                     "must be rkcm for a linear problem, not " + method->text);
    const std::string problem = linear->text("problem"), solution = linear->text("solution");

@@ -62,6 +62,7 @@ subroutine new_scene(scene, deck, model, error)
    if (allocated(error)) return
    if (scene%method == 'auto' .and. nearly_incompressible(scene)) scene%method = 'rkcm-mixed'
    if (scene%method == 'auto') scene%method = 'rkcm'
+   if (scene%method == 'rkpm') scene%method = 'rkpm-scni'
    call check_cloud(scene%cloud, error)
    if (allocated(error)) then
       error%message = deck%where('geometry')//': geometry: '//error%message
@@ -397,6 +398,9 @@ subroutine read_solver(scene, deck)
    call deck%get('mixed.displacement_weight', scene%displacement_weight)
    call deck%get('mixed.edge_exponent', scene%edge_exponent)
    call deck%get('mixed.edge_length', scene%edge_length)
+   call deck%get('galerkin.gauss', scene%gauss)
+   call deck%get('galerkin.penalty', scene%penalty)
+   call deck%get('galerkin.pressure_degree', scene%pressure_degree)
    if (deck%is_text('solver.weight_essential')) then
       call deck%get('solver.weight_essential', weight)
       if (weight == 'c4') scene%weight_c4 = 1.0_wp

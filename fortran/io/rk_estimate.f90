@@ -76,6 +76,10 @@ function estimate_cost(deck, model) result(self)
    call deck%get('scene.method', method)
    call deck%get('solver.newton', newton)
    call deck%get('linear.problem', problem)
+   if (method(:min(4, len(method))) == 'rkpm') then
+      call estimate_galerkin(self, deck, method, support, layers)
+      return
+   end if
    fields = merge(1, self%nd, problem == 'poisson')
    equations = fields
    cells = 0.0_wp
@@ -115,5 +119,46 @@ function estimate_cost(deck, model) result(self)
       self%flops = normal + self%unknowns**3*reach**2*(1.0_wp - 2.0_wp/3.0_wp*reach)
    end select
 end function estimate_cost
+
+!> Sizes, memory and operations of the Galerkin form
+subroutine estimate_galerkin(self, deck, method, support, layers)
+   !> Estimate with dimension, points and neighbours
+   type(estimate_type), intent(inout) :: self
+   !> Deck
+   type(deck_type), intent(in) :: deck
+   !> Method
+   character(len=*), intent(in) :: method
+   !> Support in spacings
+   real(wp), intent(in) :: support(:)
+   !> Source points along each direction
+   real(wp), intent(in) :: layers(:)
+   real(wp) :: points, members, coupled, band, width
+   integer :: d, gauss
+
+   points = self%ns
+   gauss = 1
+   if (method == 'rkpm-gauss') then
+      call deck%get('galerkin.gauss', gauss)
+      points = self%ns*gauss**self%nd
+   end if
+   self%solver = 'direct'
+   self%unknowns = self%nd*self%ns
+   self%equations = self%unknowns
+   ! source points of a group of 2 x 2 (x 2) cells, and those coupled with one of them
+   members = 1.0_wp
+   coupled = 1.0_wp
+   do d = 1, self%nd
+      width = 2.0_wp*support(min(d, size(support)))
+      members = members*min(width + 1.0_wp, layers(d))
+      coupled = coupled*min(2.0_wp*width + 1.0_wp, layers(d))
+   end do
+   ! unknowns of the layers that couple through a section, the band of the factor at worst
+   band = self%unknowns*min(1.0_wp, 0.5_wp*(coupled**(1.0_wp/self%nd))/maxval(layers(:self%nd)))
+   ! shape functions and gradients at the points; entries with their rows, twice for the constant
+   ! part; the factor
+   self%bytes = points*members*8.0_wp*(2.0_wp*self%nd + 2.0_wp) &
+      & + 24.0_wp*0.5_wp*self%nd**2*self%ns*coupled + 8.0_wp*self%unknowns*band
+   self%flops = self%unknowns*band**2
+end subroutine estimate_galerkin
 
 end module rk_estimate

@@ -13,7 +13,7 @@ module rk_sparse
    implicit none
    private
 
-   public :: sparse_factor, sparse_cholesky, sparse_qr
+   public :: sparse_factor, sparse_cholesky, sparse_qr, solve_sparse
 
    !> A factor held by SuiteSparse
    type, extends(factor_type) :: sparse_factor
@@ -45,6 +45,15 @@ module rk_sparse
          integer(c_int64_t), intent(out) :: rank
          type(c_ptr), intent(out) :: handle
       end function rk_sparse_qr
+      integer(c_int) function rk_sparse_direct(n, start, row, value, definite, b, x, rcond) bind(c)
+         import :: c_double, c_int, c_int64_t
+         integer(c_int64_t), value :: n
+         integer(c_int64_t), intent(in) :: start(*), row(*)
+         real(c_double), intent(in) :: value(*), b(*)
+         integer(c_int), value :: definite
+         real(c_double), intent(inout) :: x(*)
+         real(c_double), intent(out) :: rcond
+      end function rk_sparse_direct
       subroutine rk_sparse_solve(handle, x) bind(c)
          import :: c_double, c_ptr
          type(c_ptr), value :: handle
@@ -133,6 +142,32 @@ subroutine sparse_qr(self, op, b, x, rank, error)
    if (allocated(error)) return
    x = x/self%scale
 end subroutine sparse_qr
+
+!> Solve equations with a square matrix
+subroutine solve_sparse(n, start, row, value, definite, b, x, rcond, error)
+   !> Unknowns
+   integer, intent(in) :: n
+   !> Column j has entries start(j)+1 : start(j+1), shape (n + 1)
+   integer(i8), contiguous, intent(in) :: start(:)
+   !> Row of each entry less 1, ascending in each column
+   integer(i8), contiguous, intent(in) :: row(:)
+   !> Entries
+   real(wp), contiguous, intent(in) :: value(:)
+   !> The entries are the upper triangle of a symmetric, positive definite matrix (Cholesky);
+   !> otherwise they are all (LU)
+   logical, intent(in) :: definite
+   !> Right hand side, shape (n)
+   real(wp), contiguous, intent(in) :: b(:)
+   !> Solution, shape (n)
+   real(wp), contiguous, intent(inout) :: x(:)
+   !> Rough reciprocal condition [-]
+   real(wp), intent(out) :: rcond
+   !> Error handling: not positive definite, singular, no memory, no SuiteSparse
+   type(error_type), allocatable, intent(out) :: error
+
+   call complain(rk_sparse_direct(int(n, i8), start, row, value, merge(1, 0, definite), b, x, &
+      & rcond), error)
+end subroutine solve_sparse
 
 !> What the shim's answer means
 subroutine complain(stat, error)

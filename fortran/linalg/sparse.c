@@ -14,6 +14,9 @@ enum { rk_done = 0, rk_singular = 1, rk_no_memory = 2, rk_missing = 3 };
 #ifdef HAVE_SUITESPARSE
 #include <suitesparse/SuiteSparseQR_C.h>
 #include <suitesparse/cholmod.h>
+#ifdef HAVE_UMFPACK
+#include <suitesparse/umfpack.h>
+#endif
 
 /* A factor with everything its solves need */
 struct factor {
@@ -175,6 +178,42 @@ void rk_sparse_solve(struct factor *f, double *x)
         x[f->order ? f->order[j] : j] = y[j];
 }
 
+/* Solve with a square matrix in compressed columns: Cholesky of an upper triangle, or LU of all */
+int rk_sparse_direct(int64_t n, int64_t *start, int64_t *row, double *value, int definite,
+                     const double *b, double *x, double *rcond)
+{
+    *rcond = 0;
+    if (definite) {
+        struct factor *f = NULL;
+        int stat = rk_sparse_cholesky(n, start, row, value, &f);
+        if (stat == rk_done) {
+            *rcond = cholmod_l_rcond(f->cholesky, &f->common);
+            memcpy(x, b, (size_t)n * sizeof *x);
+            rk_sparse_solve(f, x);
+        }
+        rk_sparse_free(f);
+        return stat;
+    }
+#ifdef HAVE_UMFPACK
+    double info[UMFPACK_INFO];
+    void *symbolic = NULL, *numeric = NULL;
+    long stat = umfpack_dl_symbolic(n, n, start, row, value, &symbolic, NULL, info);
+    if (stat == UMFPACK_OK)
+        stat = umfpack_dl_numeric(start, row, value, symbolic, &numeric, NULL, info);
+    if (stat == UMFPACK_OK) {
+        *rcond = info[UMFPACK_RCOND];
+        stat = umfpack_dl_solve(UMFPACK_A, start, row, value, x, b, numeric, NULL, info);
+    }
+    umfpack_dl_free_symbolic(&symbolic);
+    umfpack_dl_free_numeric(&numeric);
+    if (stat == UMFPACK_ERROR_out_of_memory)
+        return rk_no_memory;
+    return stat == UMFPACK_OK ? rk_done : rk_singular;
+#else
+    return rk_missing;
+#endif
+}
+
 #else
 
 void rk_sparse_free(void *f)
@@ -195,6 +234,14 @@ int rk_sparse_qr(int64_t m, int64_t n, int64_t *start, int64_t *column, double *
     (void)m, (void)n, (void)start, (void)column, (void)value, (void)b, (void)tol, (void)x;
     *rank = 0;
     *out = NULL;
+    return rk_missing;
+}
+
+int rk_sparse_direct(int64_t n, int64_t *start, int64_t *row, double *value, int definite,
+                     const double *b, double *x, double *rcond)
+{
+    (void)n, (void)start, (void)row, (void)value, (void)definite, (void)b, (void)x;
+    *rcond = 0;
     return rk_missing;
 }
 

@@ -4,6 +4,7 @@
 !> collocation point are then sums over the modes, and the rows of A'U follow from them without the
 !> full A': the same numbers to rounding, without the number of source points in the cost.
 module rk_reduced
+   use rk_body, only : body_type
    use rk_collocation, only : collocation_type
    use rk_error, only : error_type, fatal_error, err_input
    use rk_lstsq, only : row_operator
@@ -36,7 +37,7 @@ subroutine new_reduced(self, full, modes, error)
    !> Reduced problem; the full one must outlive it
    type(reduced_type), intent(inout) :: self
    !> Full problem
-   class(collocation_type), intent(in) :: full
+   class(body_type), intent(in) :: full
    !> Orthonormal modes, shape (full n, r)
    real(wp), intent(in) :: modes(:, :)
    !> Error handling
@@ -48,7 +49,14 @@ subroutine new_reduced(self, full, modes, error)
          & //' entries, the model '//to_text(full%n)//' unknowns')
       return
    end if
-   allocate (self%base, source=full)
+   select type (full)
+   class is (collocation_type)
+      allocate (self%base, source=full)
+   class default
+      call fatal_error(error, err_input, 'reduced models are made of collocation methods, not of ' &
+         & //'method "'//full%scene%method//'"')
+      return
+   end select
    self%m = full%m
    self%n = size(modes, 2)
    self%extent = full%extent

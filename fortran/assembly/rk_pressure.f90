@@ -1,0 +1,145 @@
+!> Pressure of nearly incompressible materials in weak forms: linear in each group of cells.
+!>
+!> The volume ratio J is projected on the polynomials of its group, and only the projection is
+!> resisted by the bulk modulus: K/2 times the integral of (J_p - 1)^2. Four pressures for about
+!> eight source points leave enough freedom to deform without a change of volume. For output the
+!> polynomials are blended into one continuous function.
+!>
+!> Reference: Simo, Taylor, Pister, Comput. Methods Appl. Mech. Eng. 51 (1985),
+!>            doi:10.1016/0045-7825(85)90033-7
+module rk_pressure
+   use rk_cells, only : cells_type
+   use rk_error, only : error_type
+   use rk_kernel, only : window_product
+   use rk_neighbours, only : covers, find_neighbours, neighbour_type
+   use rk_precision, only : i8, wp
+   implicit none
+   private
+
+   public :: pressure_type, new_pressure
+
+   !> Orthonormal polynomials of the groups
+   type :: pressure_type
+      !> Number of polynomials of each group, shape (groups)
+      integer, allocatable :: count(:)
+      !> Values at the points, zero beyond the count, shape (1 + nd, np) [length^(-nd/2)]
+      real(wp), allocatable :: basis(:, :)
+      !> Integrals of the polynomials, shape (1 + nd, groups) [length^(nd/2)]
+      real(wp), allocatable :: total(:, :)
+      !> Coefficients of p in the last evaluation, shape (1 + nd, groups) [stress length^(nd/2)]
+      real(wp), allocatable :: coefficient(:, :)
+      !> Centre and size of each group, shape (nd, groups) [length]
+      real(wp), allocatable :: centre(:, :)
+      real(wp), allocatable :: reach(:, :)
+      !> Polynomials by the monomials 1, (x - centre)/reach, shape (1 + nd, 1 + nd, groups)
+      real(wp), allocatable :: monomial(:, :, :)
+      !> Groups near each collocation point
+      type(neighbour_type) :: near
+   contains
+      !> Blended pressure
+      procedure :: at => pressure_at
+   end type pressure_type
+
+   !> A polynomial that the others explain up to this share of its norm is left out
+   real(wp), parameter :: dependent = 1.0e-6_wp
+   !> Supports of the blending, in sizes of a group; of the list, a little more for probes between
+   !> collocation points
+   real(wp), parameter :: blend = 1.0_wp, list = 2.0_wp
+
+contains
+
+!> Set up the polynomials
+subroutine new_pressure(self, cells, degree, place, error)
+   !> Pressure
+   type(pressure_type), intent(out) :: self
+   !> Integration points
+   type(cells_type), intent(in) :: cells
+   !> Degree of the polynomials, 0 or 1
+   integer, intent(in) :: degree
+   !> Collocation points, shape (nd, nc) [length]
+   real(wp), intent(in) :: place(:, :)
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   real(wp), allocatable :: m(:, :)
+   real(wp) :: before, c(1 + size(place, 1)), factor
+   integer :: d, g, i, j, n, nd, groups, most, trial
+
+   nd = size(place, 1)
+   groups = size(cells%first) - 1
+   most = 1 + degree*nd
+   allocate (self%count(groups), self%centre(nd, groups), self%reach(nd, groups))
+   allocate (self%basis(1 + nd, size(cells%weight)), source=0.0_wp)
+   allocate (self%total(1 + nd, groups), self%coefficient(1 + nd, groups), source=0.0_wp)
+   allocate (self%monomial(1 + nd, 1 + nd, groups), source=0.0_wp)
+   do g = 1, groups
+      associate (x => cells%point(:, cells%first(g) + 1:cells%first(g + 1)), &
+         & w => cells%weight(cells%first(g) + 1:cells%first(g + 1)))
+         self%centre(:, g) = matmul(x, w)/sum(w)
+         do d = 1, nd
+            ! a box of the same second moment has this width
+            self%reach(d, g) = sqrt(12.0_wp*sum(w*(x(d, :) - self%centre(d, g))**2)/sum(w))
+         end do
+         self%reach(:, g) = max(self%reach(:, g), sum(w)**(1.0_wp/nd))
+         if (allocated(m)) deallocate (m)
+         allocate (m(size(w), 1 + nd))
+         n = 0
+         do i = 1, most
+            c = 0.0_wp
+            c(i) = 1.0_wp
+            m(:, n + 1) = 1.0_wp
+            if (i > 1) m(:, n + 1) = (x(i - 1, :) - self%centre(i - 1, g))/self%reach(i - 1, g)
+            before = sqrt(sum(w))
+            ! twice is enough
+            do trial = 1, 2
+               do j = 1, n
+                  factor = sum(w*m(:, j)*m(:, n + 1))
+                  m(:, n + 1) = m(:, n + 1) - factor*m(:, j)
+                  c = c - factor*self%monomial(:, j, g)
+               end do
+            end do
+            factor = sqrt(sum(w*m(:, n + 1)**2))
+            if (factor <= dependent*before) cycle
+            n = n + 1
+            m(:, n) = m(:, n)/factor
+            self%monomial(:, n, g) = c/factor
+         end do
+         self%count(g) = n
+         self%total(:n, g) = matmul(w, m(:, :n))
+         self%basis(:n, cells%first(g) + 1:cells%first(g + 1)) = transpose(m(:, :n))
+      end associate
+   end do
+   call find_neighbours(self%near, self%centre, list*self%reach, place, window_product, error)
+end subroutine new_pressure
+
+!> Blended pressure at a place: a partition of unity of the groups' polynomials
+pure real(wp) function pressure_at(self, ip, x) result(p)
+   !> Pressure of the last evaluation
+   class(pressure_type), intent(in) :: self
+   !> Collocation point nearest to the place
+   integer, intent(in) :: ip
+   !> Place, shape (nd) [length]
+   real(wp), intent(in) :: x(:)
+   real(wp) :: s(size(x)), weight, total, local
+   integer(i8) :: k
+   integer :: j
+
+   p = 0.0_wp
+   total = 0.0_wp
+   do k = self%near%offset(ip) + 1, self%near%offset(ip + 1)
+      associate (g => self%near%index(k))
+         s = (x - self%centre(:, g))/self%reach(:, g)
+         if (.not. covers(s, [(blend, j=1, size(x))], window_product)) cycle
+         weight = product(1.0_wp - abs(s)/blend)
+         local = 0.0_wp
+         do j = 1, self%count(g)
+            local = local + self%coefficient(j, g) &
+               & *(self%monomial(1, j, g) + dot_product(self%monomial(2:, j, g), s))
+         end do
+         p = p + weight*local
+         total = total + weight
+      end associate
+   end do
+   if (total > 0.0_wp) p = p/total
+end function pressure_at
+
+end module rk_pressure

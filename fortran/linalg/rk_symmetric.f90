@@ -1,0 +1,377 @@
+!> A sparse symmetric matrix made of small blocks, assembled from dense parts and solved directly:
+!> Cholesky where it is positive definite, LU otherwise.
+module rk_symmetric
+   use rk_envelope, only : envelope_type
+   use rk_error, only : error_type, fatal_error, err_input, err_linalg, err_memory
+   use rk_lapack, only : solve_band
+   use rk_operator, only : row_operator
+   use rk_precision, only : i8, wp
+   use rk_sparse, only : solve_sparse
+   use rk_text, only : to_text
+   implicit none
+   private
+
+   public :: symmetric_matrix, direct_report, new_symmetric, solve_direct
+
+   !> Upper triangle in compressed columns. Unknowns come in blocks of the same size, and so do the
+   !> entries: a pair of blocks is there as a whole or not at all.
+   type, extends(row_operator) :: symmetric_matrix
+      !> Unknowns in a block
+      integer :: block = 1
+      !> Column j has entries start(j)+1 : start(j+1), shape (n + 1)
+      integer(i8), allocatable :: start(:)
+      !> Row of each entry less 1
+      integer(i8), allocatable :: row(:)
+      !> Entries
+      real(wp), allocatable :: value(:)
+      !> Column of blocks j has blocks first(j)+1 : first(j+1), shape (n/block + 1)
+      integer(i8), allocatable, private :: first(:)
+      !> Row of each block, ascending, the diagonal one last
+      integer, allocatable, private :: above(:)
+   contains
+      procedure :: apply
+      procedure :: apply_transposed => apply
+      procedure :: envelope
+      procedure :: normal
+      procedure :: dense
+      procedure :: compressed
+      procedure :: entries
+      !> Add a dense part
+      procedure :: add
+      !> Product of other entries in the same places with a vector
+      procedure :: product => product_with
+   end type symmetric_matrix
+
+   !> What a direct solve tells
+   type :: direct_report
+      !> Factorisation used
+      character(len=:), allocatable :: used
+      !> |A x - b| over |A| |x| + |b| [-]
+      real(wp) :: backward_error = 0.0_wp
+      !> Rough reciprocal condition [-]
+      real(wp) :: rcond = 0.0_wp
+   end type direct_report
+
+contains
+
+!> Places of the entries: blocks of one group are all coupled. Values are zero.
+subroutine new_symmetric(self, block, blocks, start, member)
+   !> Matrix
+   type(symmetric_matrix), intent(out) :: self
+   !> Unknowns in a block
+   integer, intent(in) :: block
+   !> Number of blocks along the diagonal
+   integer, intent(in) :: blocks
+   !> Group g has members start(g)+1 : start(g+1), shape (groups + 1)
+   integer(i8), intent(in) :: start(:)
+   !> Blocks of each group, ascending
+   integer, intent(in) :: member(:)
+   integer(i8), allocatable :: inverse_start(:), at(:)
+   integer, allocatable :: group(:), mark(:)
+   integer(i8) :: k, l
+   integer :: g, i, j, n, pass
+
+   self%block = block
+   self%n = block*blocks
+   self%m = self%n
+   ! groups of each block
+   allocate (inverse_start(blocks + 1), source=0_i8)
+   do k = 1, size(member, kind=i8)
+      inverse_start(member(k) + 1) = inverse_start(member(k) + 1) + 1
+   end do
+   do j = 1, blocks
+      inverse_start(j + 1) = inverse_start(j + 1) + inverse_start(j)
+   end do
+   at = inverse_start
+   allocate (group(size(member, kind=i8)))
+   do g = 1, size(start) - 1
+      do k = start(g) + 1, start(g + 1)
+         at(member(k)) = at(member(k)) + 1
+         group(at(member(k))) = g
+      end do
+   end do
+
+   allocate (self%first(blocks + 1), mark(blocks))
+   self%first(1) = 0
+   do pass = 1, 2
+      mark = 0
+      do j = 1, blocks
+         n = 0
+         do k = inverse_start(j) + 1, inverse_start(j + 1)
+            do l = start(group(k)) + 1, start(group(k) + 1)
+               i = member(l)
+               if (i > j) exit
+               if (mark(i) == j) cycle
+               mark(i) = j
+               n = n + 1
+               if (pass == 2) self%above(self%first(j) + n) = i
+            end do
+         end do
+         if (pass == 1) then
+            self%first(j + 1) = self%first(j) + n
+         else
+            call sort(self%above(self%first(j) + 1:self%first(j + 1)))
+         end if
+      end do
+      if (pass == 1) allocate (self%above(self%first(blocks + 1)))
+   end do
+
+   allocate (self%start(self%n + 1))
+   self%start(1) = 0
+   do j = 1, blocks
+      n = int(self%first(j + 1) - self%first(j))
+      do i = 1, block
+         k = (j - 1)*block + i
+         self%start(k + 1) = self%start(k) + block*(n - 1) + i
+      end do
+   end do
+   allocate (self%row(self%start(self%n + 1)))
+   allocate (self%value(self%start(self%n + 1)), source=0.0_wp)
+   do j = 1, blocks
+      do i = 1, block
+         k = self%start((j - 1)*block + i)
+         do l = self%first(j) + 1, self%first(j + 1)
+            do n = 1, merge(i, block, l == self%first(j + 1))
+               k = k + 1
+               self%row(k) = int(self%above(l) - 1, i8)*block + n - 1
+            end do
+         end do
+      end do
+   end do
+end subroutine new_symmetric
+
+!> Sort a short list by insertion
+pure subroutine sort(a)
+   !> Numbers
+   integer, intent(inout) :: a(:)
+   integer :: i, j, t
+
+   do i = 2, size(a)
+      t = a(i)
+      j = i - 1
+      do while (j > 0)
+         if (a(j) <= t) exit
+         a(j + 1) = a(j)
+         j = j - 1
+      end do
+      a(j + 1) = t
+   end do
+end subroutine sort
+
+!> Add a dense part; of a the upper triangle counts
+subroutine add(self, value, member, a)
+   !> Places of the entries
+   class(symmetric_matrix), intent(in) :: self
+   !> Entries, shape (entries)
+   real(wp), intent(inout) :: value(:)
+   !> Blocks of the part, ascending, shape (k)
+   integer, intent(in) :: member(:)
+   !> Part, shape (block*k, block*k)
+   real(wp), contiguous, intent(in) :: a(:, :)
+   integer(i8) :: l, to
+   integer :: b, i, j, c
+
+   b = self%block
+   do j = 1, size(member)
+      l = self%first(member(j))
+      do i = 1, j
+         l = l + 1
+         do while (self%above(l) < member(i))
+            l = l + 1
+         end do
+         do c = 1, b
+            to = self%start((member(j) - 1)*b + c) + b*(l - self%first(member(j)) - 1)
+            if (i < j) then
+               value(to + 1:to + b) = value(to + 1:to + b) + a((i - 1)*b + 1:i*b, (j - 1)*b + c)
+            else
+               value(to + 1:to + c) = value(to + 1:to + c) &
+                  & + a((i - 1)*b + 1:(i - 1)*b + c, (j - 1)*b + c)
+            end if
+         end do
+      end do
+   end do
+end subroutine add
+
+!> y = A x
+subroutine apply(self, x, y)
+   !> Matrix
+   class(symmetric_matrix), intent(in) :: self
+   !> Vector, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Product, shape (n)
+   real(wp), contiguous, intent(inout) :: y(:)
+
+   call self%product(self%value, x, y)
+end subroutine apply
+
+!> Product of other entries in the same places with a vector
+subroutine product_with(self, value, x, y)
+   !> Places of the entries
+   class(symmetric_matrix), intent(in) :: self
+   !> Entries, shape (entries)
+   real(wp), contiguous, intent(in) :: value(:)
+   !> Vector, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Product, shape (n)
+   real(wp), contiguous, intent(inout) :: y(:)
+   integer(i8) :: k, i
+   integer :: j
+   real(wp) :: sum
+
+   y = 0.0_wp
+   do j = 1, self%n
+      sum = value(self%start(j + 1))*x(j)
+      do k = self%start(j) + 1, self%start(j + 1) - 1
+         i = self%row(k) + 1
+         sum = sum + value(k)*x(i)
+         y(i) = y(i) + value(k)*x(j)
+      end do
+      y(j) = y(j) + sum
+   end do
+end subroutine product_with
+
+!> The matrix has no tall rows whose product A^T A were worth an envelope
+subroutine envelope(self, a, error)
+   !> Matrix
+   class(symmetric_matrix), intent(in) :: self
+   !> Unused
+   type(envelope_type), intent(inout) :: a
+   !> Error handling: always
+   type(error_type), allocatable, intent(out) :: error
+
+   associate (unused => a)
+   end associate
+   call fatal_error(error, err_linalg, 'a square matrix of '//to_text(self%n) &
+      & //' unknowns is solved directly, not by least squares')
+end subroutine envelope
+
+!> Upper triangle of A^T A
+subroutine normal(self, a)
+   !> Matrix
+   class(symmetric_matrix), intent(in) :: self
+   !> Product, shape (n, n)
+   real(wp), contiguous, intent(inout) :: a(:, :)
+   real(wp), allocatable :: full(:, :)
+
+   allocate (full(self%n, self%n))
+   call self%dense(full)
+   a = matmul(full, full)
+end subroutine normal
+
+!> A itself, both triangles
+subroutine dense(self, a)
+   !> Matrix
+   class(symmetric_matrix), intent(in) :: self
+   !> Entries, shape (n, n)
+   real(wp), contiguous, intent(inout) :: a(:, :)
+   integer(i8) :: k
+   integer :: j
+
+   a = 0.0_wp
+   do j = 1, self%n
+      do k = self%start(j) + 1, self%start(j + 1)
+         a(self%row(k) + 1, j) = self%value(k)
+         a(j, self%row(k) + 1) = self%value(k)
+      end do
+   end do
+end subroutine dense
+
+!> Both triangles in compressed rows, which are its columns too
+subroutine compressed(self, start, column, value)
+   !> Matrix
+   class(symmetric_matrix), intent(in) :: self
+   !> Row i has entries start(i)+1 : start(i+1), shape (m + 1)
+   integer(i8), allocatable, intent(out) :: start(:)
+   !> Column of each entry less 1, ascending in each row
+   integer(i8), allocatable, intent(out) :: column(:)
+   !> Entries
+   real(wp), allocatable, intent(out) :: value(:)
+   integer(i8), allocatable :: at(:)
+   integer(i8) :: i, k
+   integer :: j
+
+   allocate (start(self%n + 1), source=0_i8)
+   do j = 1, self%n
+      start(j + 1) = start(j + 1) + self%start(j + 1) - self%start(j)
+      do k = self%start(j) + 1, self%start(j + 1) - 1
+         start(self%row(k) + 2) = start(self%row(k) + 2) + 1
+      end do
+   end do
+   do j = 1, self%n
+      start(j + 1) = start(j + 1) + start(j)
+   end do
+   allocate (column(start(self%n + 1)), value(start(self%n + 1)))
+   ! by symmetry row j begins with the entries of column j; those of later columns follow in order
+   at = start(:self%n)
+   do j = 1, self%n
+      do k = self%start(j) + 1, self%start(j + 1)
+         at(j) = at(j) + 1
+         column(at(j)) = self%row(k)
+         value(at(j)) = self%value(k)
+         if (k == self%start(j + 1)) cycle
+         i = self%row(k) + 1
+         at(i) = at(i) + 1
+         column(at(i)) = j - 1
+         value(at(i)) = self%value(k)
+      end do
+   end do
+end subroutine compressed
+
+!> Number of entries of both triangles
+pure real(wp) function entries(self)
+   !> Matrix
+   class(symmetric_matrix), intent(in) :: self
+
+   entries = 2.0_wp*real(self%start(self%n + 1), wp) - self%n
+end function entries
+
+!> Solve (A + shift |D|) x = b with the diagonal D of A
+recursive subroutine solve_direct(self, shift, b, x, report, error)
+   !> Matrix
+   class(symmetric_matrix), intent(in) :: self
+   !> Damping in units of the diagonal, >= 0 [-]
+   real(wp), intent(in) :: shift
+   !> Right hand side, shape (n)
+   real(wp), contiguous, intent(in) :: b(:)
+   !> Solution, shape (n)
+   real(wp), contiguous, intent(inout) :: x(:)
+   !> What was used and how good it is
+   type(direct_report), intent(out) :: report
+   !> Error handling: singular matrix, no memory
+   type(error_type), allocatable, intent(out) :: error
+   integer(i8), allocatable :: start(:), column(:)
+   real(wp), allocatable :: value(:), r(:)
+   real(wp) :: norm
+   type(symmetric_matrix) :: shifted
+   integer :: j
+
+   if (shift > 0.0_wp) then
+      shifted = self
+      do j = 1, self%n
+         shifted%value(self%start(j + 1)) = self%value(self%start(j + 1)) &
+            & + shift*abs(self%value(self%start(j + 1)))
+      end do
+      call solve_direct(shifted, 0.0_wp, b, x, report, error)
+      return
+   end if
+   report%used = 'cholesky'
+   call solve_sparse(self%n, self%start, self%row, self%value, .true., b, x, report%rcond, error)
+   if (allocated(error)) then
+      if (error%code == err_memory) return
+      report%used = 'lu'
+      call self%compressed(start, column, value)
+      call solve_sparse(self%n, start, column, value, .false., b, x, report%rcond, error)
+   end if
+   if (allocated(error)) then
+      if (error%code /= err_input) return
+      report%used = 'band'
+      call solve_band(start, column, value, b, x, report%rcond, error)
+   end if
+   if (allocated(error)) return
+   allocate (r(self%n))
+   call self%apply(x, r)
+   norm = sqrt(sum(self%value**2))
+   report%backward_error = norm2(r - b)/max(norm*norm2(x) + norm2(b), tiny(1.0_wp))
+end subroutine solve_direct
+
+end module rk_symmetric
