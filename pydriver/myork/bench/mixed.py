@@ -47,7 +47,6 @@ _ORDER_3 = ("approximation.order=3", "approximation.support=4", *_COARSE)
 
 _CHOICES: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("displacement form, order 2", ("scene.method=rkcm", *_ORDER_2)),
-    ("displacement form, order 4", ("scene.method=rkcm", *_COARSE)),
     ("order 2, no edge weights", ("mixed.edge_exponent=0", *_ORDER_2)),
     ("order 2", _ORDER_2),
     ("order 3", _ORDER_3),
@@ -58,7 +57,6 @@ _CHOICES: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("order 4, edge length 0.25", ("mixed.edge_length=0.25", *_COARSE)),
     ("order 4, volume weight 3", ("mixed.volume_weight=3", *_COARSE)),
     ("order 4, volume weight 30", ("mixed.volume_weight=30", *_COARSE)),
-    ("order 4, displacement weight 60", ("mixed.displacement_weight=60", *_COARSE)),
 )
 _SIZES = (5, 6, 7)
 
