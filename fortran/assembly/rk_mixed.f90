@@ -37,7 +37,10 @@ module rk_mixed
       real(wp), allocatable, private :: volume_share(:)
       !> Spacing of the source points [length]
       real(wp), private :: spacing = 0.0_wp
+      !> Norm of pressures that are a shear modulus everywhere [stress]
+      real(wp), private :: pressure_extent = 1.0_wp
    contains
+      procedure :: measure
       procedure :: start_step
       procedure :: evaluate_place
       procedure :: curvature
@@ -89,6 +92,10 @@ subroutine new_mixed(self, scene, error)
       & [(minval(scene%cloud%spacing(d, :)), d=1, nd)])
    self%m = self%rows%m
    self%n = self%rows%n
+   self%extent = sqrt(real(nd*self%shape%ns, wp))*maxval(maxval(scene%cloud%source, dim=2) &
+      & - minval(scene%cloud%source, dim=2))
+   self%pressure_extent = sqrt(real(self%shape%ns, wp)) &
+      & *maxval([(scene%tissue(b)%material%shear, b=1, size(scene%tissue))])
    allocate (self%boundary_of(nc), source=0)
    self%boundary_of(self%boundary%point) = [(b, b=1, nb)]
    call set_weights(self)
@@ -172,6 +179,19 @@ subroutine start_step(self, x, load)
       self%volume_weight(iv) = self%volume_share(iv)*self%mixture%stiffness(ip, f)
    end do
 end subroutine start_step
+
+!> Norms of displacements in sizes of the body and of pressures in shear moduli
+pure function measure(self, x) result(norms)
+   !> Problem
+   class(mixed_type), intent(in) :: self
+   !> Unknowns or their change, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   real(wp) :: norms(2)
+
+   norms(2) = norm2(x(self%fields::self%fields))
+   norms(1) = sqrt(max(sum(x**2) - norms(2)**2, 0.0_wp))
+   norms = norms/[self%extent, self%pressure_extent]
+end function measure
 
 !> Stress and deformation at a place
 subroutine local_state(self, ip, x, u, load, local)
