@@ -106,7 +106,7 @@ subroutine set_weights(self)
       nv = size(cloud%cell, 2)
       allocate (self%domain_weight(nc), self%traction_weight(size(self%boundary%point)), &
          & self%weight(size(self%boundary%point)), self%volume_weight(nv), self%volume_share(nv))
-      self%spacing = (product(sum(cloud%spacing, dim=2)/size(cloud%spacing, 2)))**(1.0_wp/cloud%nd)
+      self%spacing = cloud%mean_spacing()
       reach = scene%edge_length
       if (.not. reach > 0.0_wp) reach = 0.5_wp*minval(maxval(cloud%place, dim=2) &
          & - minval(cloud%place, dim=2))
