@@ -8,12 +8,13 @@ module rk_galerkin
    use rk_blas, only : dgemm, dsyrk
    use rk_body, only : body_type, deformation, determinant
    use rk_boundary, only : new_boundary
-   use rk_cells, only : cells_type, gauss_cells, nodal_cells
+   use rk_cells, only : cells_type, gauss_cells
    use rk_cross, only : cross, cross_form
    use rk_error, only : error_type
    use rk_gradient, only : gradient_type, new_gradient
    use rk_local, only : local_type
    use rk_nearest, only : nearest_places
+   use rk_nodal, only : nodal_cells
    use rk_operator, only : row_operator
    use rk_precision, only : i8, wp
    use rk_pressure, only : new_pressure, pressure_type
@@ -48,6 +49,10 @@ module rk_galerkin
       integer, allocatable :: nearest(:)
       !> First Piola-Kirchhoff stress at each point in the last evaluation, shape (3, 3, np)
       real(wp), allocatable :: stress(:, :, :)
+      !> Deformation gradient at each point in the last evaluation, and in that of the tangent which
+      !> the next step takes, shape (3, 3, np) [-]
+      real(wp), allocatable :: f(:, :, :)
+      real(wp), allocatable :: base(:, :, :)
       !> Volume ratio at each point in the last evaluation, shape (np) [-]
       real(wp), allocatable :: volume(:)
       !> Tangent, and the part of it that never changes: penalty and stabilisation
@@ -58,6 +63,7 @@ module rk_galerkin
    contains
       procedure :: start_step
       procedure :: evaluate
+      procedure :: predict
       procedure :: operator
       procedure :: hessian
       procedure :: local_state
@@ -116,7 +122,7 @@ subroutine new_galerkin(self, scene, error)
    if (allocated(error)) return
    call new_symmetric(self%matrix, nd, size(scene%cloud%source, 2), self%gradient%member_start, &
       & self%gradient%member)
-   allocate (self%stress(3, 3, np), self%volume(np), self%force(self%n))
+   allocate (self%stress(3, 3, np), self%f(3, 3, np), self%volume(np), self%force(self%n))
    allocate (self%constant(size(self%matrix%value, kind=i8)))
    call set_constant(self, inside)
 end subroutine new_galerkin
@@ -225,7 +231,7 @@ subroutine set_constant(self, inside)
    end do
 end subroutine set_constant
 
-!> Nothing is fixed for a load step
+!> Forget where the last step came from
 subroutine start_step(self, x, load)
    !> Problem
    class(galerkin_type), target, intent(inout) :: self
@@ -234,8 +240,9 @@ subroutine start_step(self, x, load)
    !> Load at the end of the step [-]
    real(wp), intent(in) :: load
 
-   associate (same => self, unknowns => x, at => load)
+   associate (unknowns => x, at => load)
    end associate
+   if (allocated(self%base)) deallocate (self%base)
 end subroutine start_step
 
 !> Residual and tangent (4.31), (4.32): internal less external forces
@@ -244,6 +251,45 @@ subroutine evaluate(self, x, load, tangent, r, state)
    class(galerkin_type), target, intent(inout) :: self
    !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> Linearise
+   logical, intent(in) :: tangent
+   !> Residuals, shape (n) [force]
+   real(wp), contiguous, intent(inout) :: r(:)
+   !> What was seen
+   type(state_type), intent(out) :: state
+
+   call assemble(self, x, load, load, tangent, r, state)
+end subroutine evaluate
+
+!> The same with essential values of the last converged state: they jump at the start of a load step,
+!> and the gradients into which they are lifted might not even keep J > 0. The jump acts linearly.
+subroutine predict(self, x, done, load, r, state)
+   !> Problem
+   class(galerkin_type), target, intent(inout) :: self
+   !> Unknowns of the last converged state, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Its load [-]
+   real(wp), intent(in) :: done
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> Residuals, shape (n) [force]
+   real(wp), contiguous, intent(inout) :: r(:)
+   !> What was seen
+   type(state_type), intent(out) :: state
+
+   call assemble(self, x, done, load, .true., r, state)
+end subroutine predict
+
+!> Sum over the groups
+subroutine assemble(self, x, held, load, tangent, r, state)
+   !> Problem
+   type(galerkin_type), intent(inout) :: self
+   !> Unknowns, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Load of the essential values in the gradients [-]
+   real(wp), intent(in) :: held
    !> Load [-]
    real(wp), intent(in) :: load
    !> Linearise
@@ -261,11 +307,12 @@ subroutine evaluate(self, x, load, tangent, r, state)
    if (tangent) self%matrix%value = self%constant
    ! parts are added in the order of the groups, so that sums do not depend on the threads
    !$omp parallel do default(none) schedule(static, 1) ordered private(g, part, force) &
-   !$omp shared(self, x, load, tangent, r, nd)
+   !$omp shared(self, x, held, load, tangent, r, nd)
    do g = 1, size(self%cells%first) - 1
       associate (member => self%gradient%member(self%gradient%member_start(g) + 1: &
          & self%gradient%member_start(g + 1)))
-         call group_part(self, g, reshape(x, [nd, size(x)/nd]), load, tangent, force, part)
+         call group_part(self, g, reshape(x, [nd, size(x)/nd]), held, load, tangent, &
+            & force, part)
          !$omp ordered
          call add_force(member, force, r)
          if (tangent) call self%matrix%add(self%matrix%value, member, part)
@@ -279,7 +326,7 @@ subroutine evaluate(self, x, load, tangent, r, state)
    ! comparisons that a NaN fails
    state%valid = all(self%volume > 0.0_wp) .and. all(abs(r) <= huge(1.0_wp))
    state%worst = self%nearest(state%worst)
-end subroutine evaluate
+end subroutine assemble
 
 !> Add the forces of a group
 pure subroutine add_force(member, force, r)
@@ -298,13 +345,15 @@ pure subroutine add_force(member, force, r)
 end subroutine add_force
 
 !> Forces and stiffness of a group of points
-subroutine group_part(self, g, x, load, tangent, force, part)
+subroutine group_part(self, g, x, held, load, tangent, force, part)
    !> Problem; stress, volume ratio and pressure of the group are set
    class(galerkin_type), intent(inout) :: self
    !> Group
    integer, intent(in) :: g
    !> Unknowns, shape (nd, ns) [length]
    real(wp), intent(in) :: x(:, :)
+   !> Load of the essential values in the gradients [-]
+   real(wp), intent(in) :: held
    !> Load [-]
    real(wp), intent(in) :: load
    !> Stiffness wanted
@@ -313,9 +362,9 @@ subroutine group_part(self, g, x, load, tangent, force, part)
    real(wp), allocatable, intent(inout) :: force(:, :)
    !> Upper triangle of the stiffness, shape (nd*members, nd*members) [force/length]
    real(wp), allocatable, intent(inout) :: part(:, :)
-   real(wp), allocatable :: f(:, :, :), c4(:, :, :, :, :), local(:, :), volume(:, :)
+   real(wp), allocatable :: c4(:, :, :, :, :), local(:, :), volume(:, :)
    real(wp) :: h(self%gradient%nd, self%gradient%nd), p(3, 3), cofactor(3, 3), bulk, value(4)
-   real(wp) :: pressure
+   real(wp) :: linear(4), jump(4), pressure
    integer :: nd, n, q, o, i, k, members, b
    integer(i8) :: e
 
@@ -333,19 +382,26 @@ subroutine group_part(self, g, x, load, tangent, force, part)
    allocate (force(nd, members), source=0.0_wp)
    if (allocated(part)) deallocate (part)
    if (tangent) allocate (part(nd*members, nd*members), source=0.0_wp)
-   allocate (f(3, 3, n))
    value = 0.0_wp
+   linear = 0.0_wp
    do q = 1, n
-      call self%gradient%at(o + q, local, load, h)
-      f(:, :, q) = 0.0_wp
-      do i = 1, 3
-         f(i, i, q) = 1.0_wp
-      end do
-      f(:nd, :nd, q) = f(:nd, :nd, q) + h
-      self%volume(o + q) = determinant(f(:, :, q))
-      value(:b) = value(:b) + self%cells%weight(o + q)*self%volume(o + q) &
-         & *self%pressure%basis(:b, o + q)
+      call self%gradient%at(o + q, local, held, h)
+      associate (f => self%f(:, :, o + q), w => self%cells%weight(o + q))
+         f = 0.0_wp
+         do i = 1, 3
+            f(i, i) = 1.0_wp
+         end do
+         f(:nd, :nd) = f(:nd, :nd) + h
+         self%volume(o + q) = determinant(f)
+         value(:b) = value(:b) + w*self%volume(o + q)*self%pressure%basis(:b, o + q)
+         if (.not. allocated(self%base)) cycle
+         associate (base => self%base(:, :, o + q))
+            linear(:b) = linear(:b) + w*self%pressure%basis(:b, o + q)*(determinant(base) &
+               & + 0.5_wp*sum(cross(base, base)*(f - base)))
+         end associate
+      end associate
    end do
+   if (.not. allocated(self%base)) linear = value
    self%stress(:, :, o + 1:o + n) = 0.0_wp
    ! no stress exists; the caller rejects the state
    if (.not. all(self%volume(o + 1:o + n) > 0.0_wp)) return
@@ -353,28 +409,45 @@ subroutine group_part(self, g, x, load, tangent, force, part)
    bulk = self%scene%tissue(self%scene%tissue_of(self%nearest(o + 1)))%material%bulk
    value(:b) = bulk*(value(:b) - self%pressure%total(:b, g))
    self%pressure%coefficient(:b, g) = value(:b)
+   ! the pressure of a mixed Newton iteration, in which it is linear in the step: with K (J - 1) of
+   ! the new place instead, the stiffness suffers from every bit of volume that a step leaves
+   linear(:b) = bulk*(linear(:b) - self%pressure%total(:b, g))
+   jump = 0.0_wp
    if (tangent) then
       allocate (c4(3, 3, 3, 3, n))
       allocate (volume(nd*members, b), source=0.0_wp)
    end if
    do q = 1, n
       pressure = dot_product(value(:b), self%pressure%basis(:b, o + q))
-      cofactor = 0.5_wp*cross(f(:, :, q), f(:, :, q))
+      associate (f => self%f(:, :, o + q))
+         cofactor = 0.5_wp*cross(f, f)
+      end associate
       associate (ip => self%nearest(o + q), activation => load*self%scene%activation)
          associate (material => self%scene%tissue(self%scene%tissue_of(ip))%material, &
             & fiber => self%scene%cloud%fiber(:, ip))
             if (tangent) then
-               call material%tangent(f(:, :, q), fiber, activation, p, c4(:, :, :, :, q), &
-                  & volumetric=.false.)
+               call material%tangent(self%f(:, :, o + q), fiber, activation, p, &
+                  & c4(:, :, :, :, q), volumetric=.false.)
                c4(:, :, :, :, q) = self%cells%weight(o + q)*(c4(:, :, :, :, q) &
-                  & + pressure*reshape(cross_form(f(:, :, q)), [3, 3, 3, 3]))
+                  & + dot_product(linear(:b), self%pressure%basis(:b, o + q)) &
+                  & *reshape(cross_form(self%f(:, :, o + q)), [3, 3, 3, 3]))
             else
-               call material%stress(f(:, :, q), fiber, activation, p, volumetric=.false.)
+               call material%stress(self%f(:, :, o + q), fiber, activation, p, volumetric=.false.)
             end if
          end associate
       end associate
       p = p + pressure*cofactor
       self%stress(:, :, o + q) = p
+      if (tangent .and. held < load) then
+         do i = 1, nd
+            do k = 1, nd
+               p(:nd, :nd) = p(:nd, :nd) + (load - held)/self%cells%weight(o + q) &
+                  & *c4(:nd, :nd, i, k, q)*self%gradient%given(i, k, o + q)
+            end do
+         end do
+         jump(:b) = jump(:b) + (load - held)*self%cells%weight(o + q)*self%pressure%basis(:b, o + q) &
+            & *sum(cofactor(:nd, :nd)*self%gradient%given(:, :, o + q))
+      end if
       p = self%cells%weight(o + q)*p
       cofactor = self%cells%weight(o + q)*cofactor
       do e = self%gradient%start(o + q) + 1, self%gradient%start(o + q + 1)
@@ -390,6 +463,7 @@ subroutine group_part(self, g, x, load, tangent, force, part)
       end do
    end do
    if (.not. tangent) return
+   force = force + bulk*reshape(matmul(volume, jump(:b)), shape(force))
    call dsyrk('u', 'n', nd*members, b, bulk, volume, nd*members, 0.0_wp, part, nd*members)
    call add_stiffness(self, o, n, members, c4, part)
 end subroutine group_part
@@ -443,6 +517,8 @@ function operator(self) result(op)
    class(galerkin_type), target, intent(inout) :: self
    class(row_operator), pointer :: op
 
+   ! asked for at the places where steps begin
+   self%base = self%f
    op => self%matrix
 end function operator
 
