@@ -107,8 +107,45 @@ subroutine scene_points(handle, nd, nc, place, stat, message)
    if (stat == 0) place = slot%scene%cloud%place
 end subroutine scene_points
 
+!> Number of points where scene_set_fields wants values
+subroutine scene_count_field_points(handle, n, stat, message)
+   use rk_error, only : error_type
+   use rk_handles, only : find_slot, slot_type
+   use rk_pack, only : pack_error
+   implicit none
+   integer, intent(in) :: handle
+   integer, intent(out) :: n, stat
+   character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
+   type(slot_type), pointer :: slot
+
+   n = 0
+   call find_slot(handle, slot, error)
+   call pack_error(error, stat, message)
+   if (stat == 0) n = size(slot%full%field_points(), 2)
+end subroutine scene_count_field_points
+
+!> Points where scene_set_fields wants values
+subroutine scene_field_points(handle, nd, n, place, stat, message)
+   use rk_error, only : error_type
+   use rk_handles, only : find_slot, slot_type
+   use rk_pack, only : pack_error
+   implicit none
+   integer, intent(in) :: handle, nd, n
+   double precision, intent(out) :: place(nd, n)
+   integer, intent(out) :: stat
+   character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
+   type(slot_type), pointer :: slot
+
+   place = 0
+   call find_slot(handle, slot, error)
+   call pack_error(error, stat, message)
+   if (stat == 0) place = slot%full%field_points()
+end subroutine scene_field_points
+
 !> Body force, prescribed displacement and the stress whose traction is prescribed, all at full load
-!> and at the collocation points; the last two count where the deck has conditions of their kind
+!> and at the field points; the last two count where the deck has conditions of their kind
 subroutine scene_set_fields(handle, nc, body_force, displacement, stress, stat, message)
    use rk_error, only : error_type
    use rk_pack, only : pack_error

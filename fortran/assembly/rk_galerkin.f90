@@ -21,6 +21,8 @@ module rk_galerkin
    use rk_problem, only : state_type
    use rk_scene, only : scene_type
    use rk_shape, only : new_shape, shape_type
+   use rk_stabilisation, only : stabilise
+   use rk_surface, only : set_conditions, surface_type
    use rk_symmetric, only : new_symmetric, symmetric_matrix
    implicit none
    private
@@ -35,16 +37,10 @@ module rk_galerkin
       type(gradient_type) :: gradient
       !> Pressure
       type(pressure_type) :: pressure
-      !> Shape functions at the surface
-      type(shape_type) :: surface
-      !> Components prescribed at each surface point, shape (nd, ms)
-      logical, allocatable :: essential(:, :)
-      !> Their values at full load, shape (nd, ms) [length]
-      real(wp), allocatable :: value(:, :)
-      !> Tractions of the others at full load, shape (nd, ms) [force/area]
-      real(wp), allocatable :: traction(:, :)
-      !> Penalty times area of each surface point, shape (ms) [force/length]
-      real(wp), allocatable :: penalty(:)
+      !> Shape functions at the integration points
+      type(shape_type) :: inside
+      !> Surface
+      type(surface_type) :: surface
       !> Collocation point whose material and fiber hold at each point, shape (np)
       integer, allocatable :: nearest(:)
       !> First Piola-Kirchhoff stress at each point in the last evaluation, shape (3, 3, np)
@@ -68,6 +64,8 @@ module rk_galerkin
       procedure :: hessian
       procedure :: local_state
       procedure :: settle
+      procedure :: field_points
+      procedure :: set_fields
       !> Force through a boundary set
       procedure :: set_force
    end type galerkin_type
@@ -82,8 +80,8 @@ subroutine new_galerkin(self, scene, error)
    type(scene_type), target, intent(in) :: scene
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   type(shape_type) :: inside, facet
-   integer :: nd, np
+   type(shape_type) :: facet
+   integer :: ip, nd, np
 
    self%scene => scene
    nd = scene%cloud%nd
@@ -107,24 +105,30 @@ subroutine new_galerkin(self, scene, error)
    self%extent = sqrt(real(self%n, wp))*maxval(maxval(scene%cloud%source, dim=2) &
       & - minval(scene%cloud%source, dim=2))
 
-   call shapes_at(scene, self%cells%point, inside, error)
+   call shapes_at(scene, self%cells%point, self%inside, error)
    if (allocated(error)) return
-   call shapes_at(scene, self%cells%surface, self%surface, error)
+   call shapes_at(scene, self%cells%surface, self%surface%shape, error)
    if (allocated(error)) return
    if (self%cells%smoothed) call shapes_at(scene, self%cells%facet, facet, error)
    if (allocated(error)) return
    call nearest_places(scene%cloud%place, self%cells%point, self%nearest, error)
    if (allocated(error)) return
-   call set_conditions(self)
-   call new_gradient(self%gradient, self%cells, size(scene%cloud%source, 2), inside, facet, &
-      & self%surface, self%essential, self%value)
+   call set_conditions(self%surface, scene, self%cells, self%nearest)
+   call new_gradient(self%gradient, self%cells, size(scene%cloud%source, 2), self%inside, facet, &
+      & self%surface%shape, self%surface%essential)
+   call self%gradient%give(self%cells, self%surface%essential, self%surface%value)
    call new_pressure(self%pressure, self%cells, scene%pressure_degree, scene%cloud%place, error)
    if (allocated(error)) return
    call new_symmetric(self%matrix, nd, size(scene%cloud%source, 2), self%gradient%member_start, &
       & self%gradient%member)
    allocate (self%stress(3, 3, np), self%f(3, 3, np), self%volume(np), self%force(self%n))
-   allocate (self%constant(size(self%matrix%value, kind=i8)))
-   call set_constant(self, inside)
+   allocate (self%constant(size(self%matrix%value, kind=i8)), source=0.0_wp)
+   call self%surface%add_penalty(self%matrix, self%constant)
+   if (self%cells%smoothed) call stabilise(self%matrix, self%constant, self%cells, self%inside, &
+      & [(scene%stabilisation*scene%tissue(scene%tissue_of(self%nearest(ip)))%material%shear, &
+      & ip=1, np)])
+   self%force = 0.0_wp
+   call self%surface%add_forces(self%force)
 end subroutine new_galerkin
 
 !> Shape functions at places
@@ -142,94 +146,54 @@ subroutine shapes_at(scene, place, shape, error)
    if (allocated(error)) error%message = 'integration '//error%message
 end subroutine shapes_at
 
-!> Conditions at the surface points, from those on their sets
-subroutine set_conditions(self)
-   !> Problem with integration points
-   type(galerkin_type), intent(inout) :: self
-   real(wp) :: x(2), spacing
-   integer :: c, s, nd, ms, q
-
-   nd = self%scene%cloud%nd
-   ms = size(self%cells%set)
-   allocate (self%essential(nd, ms), source=.false.)
-   allocate (self%value(nd, ms), self%traction(nd, ms), self%penalty(ms), source=0.0_wp)
-   do s = 1, ms
-      do c = 1, size(self%scene%condition)
-         associate (condition => self%scene%condition(c))
-            if (condition%set /= self%cells%set(s)) cycle
-            self%traction(:, s) = self%traction(:, s) + condition%traction(:nd)
-            where (condition%fixed(:nd))
-               self%essential(:, s) = .true.
-               self%value(:, s) = condition%value(:nd)
-            end where
-            if (.not. condition%is_radial) cycle
-            x = self%cells%surface(:2, s)
-            self%essential(:2, s) = .true.
-            self%value(:2, s) = condition%radial*x/norm2(x)
-         end associate
-      end do
-      where (self%essential(:, s)) self%traction(:, s) = 0.0_wp
-      q = self%cells%lift_point(self%cells%lift_first(s) + 1)
-      ! the spacing of the source points, as the body's volume and their number have it
-      spacing = (sum(self%cells%weight)/size(self%scene%cloud%source, 2))**(1.0_wp/nd)
-      associate (material => self%scene%tissue(self%scene%tissue_of(self%nearest(q)))%material)
-         self%penalty(s) = self%scene%penalty*material%shear/spacing*norm2(self%cells%outward(:, s))
-      end associate
-   end do
-end subroutine set_conditions
-
-!> Penalty, tractions and body forces: linear in the unknowns and in the load
-subroutine set_constant(self, inside)
+!> Points where set_fields wants values: the integration points, then those of the surface
+function field_points(self) result(x)
    !> Problem
-   type(galerkin_type), intent(inout) :: self
-   !> Shape functions at the integration points
-   type(shape_type), intent(in) :: inside
-   real(wp), allocatable :: part(:, :)
-   integer :: nd, s, i, k, l, q
-   integer(i8) :: at, to_value
+   class(galerkin_type), intent(in) :: self
+   !> Points, shape (nd, n) [length]
+   real(wp), allocatable :: x(:, :)
+   integer :: np
+
+   np = size(self%cells%weight)
+   allocate (x(size(self%cells%point, 1), np + size(self%cells%set)))
+   x(:, :np) = self%cells%point
+   x(:, np + 1:) = self%cells%surface
+end function field_points
+
+!> Set what varies over the points and has no place in a deck, at full load
+subroutine set_fields(self, body_force, displacement, stress)
+   !> Problem
+   class(galerkin_type), intent(inout) :: self
+   !> Body force per undeformed volume, shape (3, n) [force/length^3]
+   real(wp), intent(in) :: body_force(:, :)
+   !> Displacement of the essential components, shape (3, n) [length]
+   real(wp), intent(in) :: displacement(:, :)
+   !> Stress P(i, A) whose traction the other components carry, shape (3, 3, n) [stress]
+   real(wp), intent(in) :: stress(:, :, :)
+   integer :: k, nd, np, q, s
+   integer(i8) :: at, first
 
    nd = self%scene%cloud%nd
-   self%constant = 0.0_wp
-   self%force = 0.0_wp
-   do s = 1, size(self%penalty)
-      at = self%surface%neighbour%offset(s)
-      to_value = self%surface%first(self%surface%stencil(s))
-      associate (n => self%surface%count(s))
-         associate (node => self%surface%neighbour%index(at + 1:at + n), &
-            & value => self%surface%value(1, to_value + 1:to_value + n))
-            do i = 1, nd
-               self%force(nd*(node - 1) + i) = self%force(nd*(node - 1) + i) + value &
-                  & *(merge(self%penalty(s)*self%value(i, s), 0.0_wp, self%essential(i, s)) &
-                  & + norm2(self%cells%outward(:, s))*self%traction(i, s))
-            end do
-            if (.not. any(self%essential(:, s))) cycle
-            allocate (part(nd*n, nd*n), source=0.0_wp)
-            do l = 1, n
-               do k = 1, l
-                  do i = 1, nd
-                     if (self%essential(i, s)) part(nd*(k - 1) + i, nd*(l - 1) + i) &
-                        & = self%penalty(s)*value(k)*value(l)
-                  end do
-               end do
-            end do
-            call self%matrix%add(self%constant, node, part)
-            deallocate (part)
-         end associate
-      end associate
+   np = size(self%cells%weight)
+   do s = 1, size(self%cells%set)
+      self%surface%value(:, s) = displacement(:nd, np + s)
+      self%surface%traction(:, s) = merge(0.0_wp, matmul(stress(:nd, :nd, np + s), &
+         & self%cells%outward(:, s))/self%surface%area(s), self%surface%essential(:, s))
    end do
-   if (.not. allocated(self%scene%body_force)) return
-   do q = 1, size(self%nearest)
-      at = inside%neighbour%offset(q)
-      to_value = inside%first(inside%stencil(q))
-      do k = 1, inside%count(q)
-         associate (node => inside%neighbour%index(at + k))
+   call self%gradient%give(self%cells, self%surface%essential, self%surface%value)
+   self%force = 0.0_wp
+   call self%surface%add_forces(self%force)
+   do q = 1, np
+      at = self%inside%neighbour%offset(q)
+      first = self%inside%first(self%inside%stencil(q))
+      do k = 1, self%inside%count(q)
+         associate (node => self%inside%neighbour%index(at + k))
             self%force(nd*(node - 1) + 1:nd*node) = self%force(nd*(node - 1) + 1:nd*node) &
-               & + self%cells%weight(q)*inside%value(1, to_value + k) &
-               & *self%scene%body_force(:nd, self%nearest(q))
+               & + self%cells%weight(q)*self%inside%value(1, first + k)*body_force(:nd, q)
          end associate
       end do
    end do
-end subroutine set_constant
+end subroutine set_fields
 
 !> Forget where the last step came from
 subroutine start_step(self, x, load)
@@ -263,8 +227,9 @@ subroutine evaluate(self, x, load, tangent, r, state)
    call assemble(self, x, load, load, tangent, r, state)
 end subroutine evaluate
 
-!> The same with essential values of the last converged state: they jump at the start of a load step,
-!> and the gradients into which they are lifted might not even keep J > 0. The jump acts linearly.
+!> The same with essential values of the last converged state: they jump at the start of a load
+!> step, and the gradients into which they are lifted might not even keep J > 0. The jump acts
+!> linearly.
 subroutine predict(self, x, done, load, r, state)
    !> Problem
    class(galerkin_type), target, intent(inout) :: self
@@ -439,14 +404,14 @@ subroutine group_part(self, g, x, held, load, tangent, force, part)
       p = p + pressure*cofactor
       self%stress(:, :, o + q) = p
       if (tangent .and. held < load) then
+         h = (load - held)*self%gradient%given(:, :, o + q)
          do i = 1, nd
             do k = 1, nd
-               p(:nd, :nd) = p(:nd, :nd) + (load - held)/self%cells%weight(o + q) &
-                  & *c4(:nd, :nd, i, k, q)*self%gradient%given(i, k, o + q)
+               p(:nd, :nd) = p(:nd, :nd) + c4(:nd, :nd, i, k, q)*h(i, k)/self%cells%weight(o + q)
             end do
          end do
-         jump(:b) = jump(:b) + (load - held)*self%cells%weight(o + q)*self%pressure%basis(:b, o + q) &
-            & *sum(cofactor(:nd, :nd)*self%gradient%given(:, :, o + q))
+         jump(:b) = jump(:b) + self%cells%weight(o + q)*sum(cofactor(:nd, :nd)*h) &
+            & *self%pressure%basis(:b, o + q)
       end if
       p = self%cells%weight(o + q)*p
       cofactor = self%cells%weight(o + q)*cofactor
@@ -583,8 +548,7 @@ subroutine local_state(self, ip, x, u, load, local)
    local%cauchy = matmul(local%p, transpose(local%f))/local%j
 end subroutine local_state
 
-!> Force that the surroundings exert on the body through a set, from the settled state: what does
-!> the work when the set moves
+!> Force that the surroundings exert on the body through a set, from the settled state
 function set_force(self, set, x, load) result(force)
    !> Problem
    class(galerkin_type), intent(in) :: self
@@ -595,29 +559,8 @@ function set_force(self, set, x, load) result(force)
    !> Load [-]
    real(wp), intent(in) :: load
    real(wp) :: force(3)
-   real(wp) :: u(self%fields, self%surface%nq), p(3, 3)
-   integer :: i, k, nd, s
 
-   nd = self%scene%cloud%nd
-   force = 0.0_wp
-   do s = 1, size(self%cells%set)
-      if (self%cells%set(s) /= set) cycle
-      call self%surface%interpolate(s, x, 1, 1, u)
-      p = 0.0_wp
-      do k = self%cells%lift_first(s) + 1, self%cells%lift_first(s + 1)
-         associate (q => self%cells%lift_point(k))
-            p = p + self%cells%lift(k)*self%cells%weight(q)*self%stress(:, :, q)
-         end associate
-      end do
-      do i = 1, nd
-         if (self%essential(i, s)) then
-            force(i) = force(i) + dot_product(p(i, :nd), self%cells%outward(:, s)) &
-               & - self%penalty(s)*(u(i, 1) - load*self%value(i, s))
-         else
-            force(i) = force(i) + load*self%traction(i, s)*norm2(self%cells%outward(:, s))
-         end if
-      end do
-   end do
+   force = self%surface%force(self%cells, self%stress, set, x, load)
 end function set_force
 
 end module rk_galerkin
