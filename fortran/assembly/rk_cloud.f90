@@ -8,7 +8,7 @@ module rk_cloud
    implicit none
    private
 
-   public :: cloud_type, new_box, new_annulus, lattice_cells, check_cloud
+   public :: cloud_type, new_box, new_annulus, lattice_cells, check_cloud, jitter
 
    !> Points of a body. A boundary entry is a collocation point seen as part of one boundary set; a
    !> point on an edge has one entry for each set.
@@ -42,6 +42,8 @@ module rk_cloud
       !> Source points along each direction of a box or (radial, angular) an annulus, shape (nd);
       !> not allocated for other bodies
       integer, allocatable :: lattice(:)
+      !> The source points have left the lattice
+      logical :: jittered = .false.
       !> The directions are radius and angle
       logical :: polar = .false.
    contains
@@ -217,6 +219,32 @@ contains
    end function bend
 
 end subroutine new_annulus
+
+!> Move the source points of a box off their lattice, always in the same way. Those on the surface
+!> stay on their faces, edges and corners.
+subroutine jitter(self, share)
+   !> Box
+   type(cloud_type), intent(inout) :: self
+   !> Largest move, in spacings [-]
+   real(wp), intent(in) :: share
+   real(wp) :: low, high, fraction
+   integer(i8) :: state
+   integer :: d, is
+
+   self%jittered = .true.
+   state = 1
+   do d = 1, self%nd
+      low = minval(self%source(d, :))
+      high = maxval(self%source(d, :))
+      do is = 1, size(self%source, 2)
+         ! minimal standard generator: Park, Miller, Commun. ACM 31 (1988), doi:10.1145/63039.63042
+         state = modulo(16807_i8*state, 2147483647_i8)
+         if (self%source(d, is) <= low .or. self%source(d, is) >= high) cycle
+         fraction = 2.0_wp*real(state, wp)/2147483647.0_wp - 1.0_wp
+         self%source(d, is) = self%source(d, is) + share*fraction*self%spacing(d, is)
+      end do
+   end do
+end subroutine jitter
 
 !> Centres of the cells of a cloud whose source points lie near a lattice: a cell counts where all
 !> its corners hold a source point

@@ -86,6 +86,8 @@ subroutine new_gradient(self, cells, ns, inside, facet, surface, essential)
          n = 0
          lifted = .false.
          if (cells%smoothed) then
+            ! stabilisation couples all source points that cover the middle, facets may miss some
+            call gather(inside, q, [(0.0_wp, d=1, nd)])
             do k = facet_first(q) + 1, facet_first(q + 1)
                i = (facet_list(k) + 1)/2
                call gather(facet, i, merge(1, -1, mod(facet_list(k), 2) == 1) &

@@ -3,7 +3,7 @@
 !> What the deck alone can tell was checked while it was read; here come the complaints that need
 !> the points: unknown boundary sets, labels without points, directions that are missing.
 module rk_deck_scene
-   use rk_cloud, only : check_cloud, cloud_type, lattice_cells, new_annulus, new_box
+   use rk_cloud, only : check_cloud, cloud_type, jitter, lattice_cells, new_annulus, new_box
    use rk_deck, only : deck_type
    use rk_deck_linear, only : read_linear
    use rk_error, only : error_type, fatal_error, err_input, err_memory
@@ -106,7 +106,7 @@ subroutine read_geometry(cloud, deck, model, error)
    character(len=:), allocatable :: kind
    real(wp), allocatable :: size_(:)
    integer, allocatable :: source(:), collocation(:)
-   real(wp) :: inner, outer
+   real(wp) :: inner, outer, share
 
    call deck%get('geometry.kind', kind)
    call deck%get('geometry.source', source)
@@ -115,6 +115,8 @@ subroutine read_geometry(cloud, deck, model, error)
    case ('box')
       call deck%get('geometry.size', size_)
       call new_box(cloud, size_, source, collocation, error)
+      call deck%get('geometry.jitter', share)
+      if (share > 0.0_wp .and. .not. allocated(error)) call jitter(cloud, share)
    case ('annulus')
       call deck%get('geometry.inner_radius', inner)
       call deck%get('geometry.outer_radius', outer)
