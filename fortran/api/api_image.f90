@@ -1,30 +1,34 @@
 ! Python boundary of the segmentation: plain arrays in, plain arrays out.
 
-!> Evolve the level sets of all slices; weights are mu, nu, lambda1, lambda2, epsilon, dt,
-!> tolerance, and mask is zero for pixels that take no part
-subroutine evolve_two_phase(weights, spacing, limit, ni, nj, nk, image, mask, start, phi, &
-   & energy, iterations, stat, message)
+!> Evolve level sets in blocks of `depth` slices; steering is mu, nu, epsilon, dt, tolerance, and
+!> weight is zero for voxels that take no part
+subroutine evolve_level_sets(steering, lambda, channel_weight, spacing, limit, depth, ni, nj, nk, &
+   & nchannel, nlevel, nregion, nblock, channels, weight, start, phi, energy, means, &
+   & iterations, ended, stat, message)
    use rk_error, only : error_type
-   use rk_levelset, only : evolve => evolve_two_phase, level_set_options
+   use rk_levelset, only : evolve => evolve_level_sets, level_set_options
    use rk_pack, only : pack_error
    implicit none
    !f2py threadsafe
-   integer, intent(in) :: limit, ni, nj, nk
-   double precision, intent(in) :: weights(7), spacing(2)
-   double precision, intent(in) :: image(ni, nj, nk), start(ni, nj, nk)
-   integer, intent(in) :: mask(ni, nj, nk)
-   double precision, intent(out) :: phi(ni, nj, nk), energy(limit, nk)
-   integer, intent(out) :: iterations(nk), stat
+   integer, intent(in) :: limit, depth, ni, nj, nk, nchannel, nlevel, nregion, nblock
+   double precision, intent(in) :: steering(5), lambda(nregion), channel_weight(nchannel)
+   double precision, intent(in) :: spacing(3), channels(ni, nj, nk, nchannel)
+   double precision, intent(in) :: weight(ni, nj, nk), start(ni, nj, nk, nlevel)
+   double precision, intent(out) :: phi(ni, nj, nk, nlevel), energy(limit + 1, nblock)
+   double precision, intent(out) :: means(nchannel, nregion, nblock)
+   integer, intent(out) :: iterations(nblock), ended(nblock), stat
    character(len=2048), intent(out) :: message
    type(error_type), allocatable :: error
    type(level_set_options) :: options
 
-   options = level_set_options(mu=weights(1), nu=weights(2), lambda=weights(3:4), &
-      & epsilon=weights(5), dt=weights(6), tolerance=weights(7), spacing=spacing, &
-      & iterations=limit)
+   options = level_set_options(mu=steering(1), nu=steering(2), epsilon=steering(3), &
+      & dt=steering(4), tolerance=steering(5), spacing=spacing, iterations=limit, &
+      & lambda=lambda, channel_weight=channel_weight)
    phi = start
    energy = 0.0d0
+   means = 0.0d0
    iterations = 0
-   call evolve(options, image, mask /= 0, phi, energy, iterations, error)
+   ended = 0
+   call evolve(options, depth, channels, weight, phi, energy, means, iterations, ended, error)
    call pack_error(error, stat, message)
-end subroutine evolve_two_phase
+end subroutine evolve_level_sets

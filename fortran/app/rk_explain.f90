@@ -47,7 +47,8 @@ subroutine explain(deck, model, scene)
    do k = 1, size(scene%tissue)
       associate (material => scene%tissue(k)%material)
          print '(a)', '  material      '//scene%tissue(k)%name//': '//parts(material%active) &
-            & //', K '//to_text(material%bulk)//', shear modulus '//to_text(material%shear)//', ' &
+            & //', K '//bulk_text(material%bulk)//', shear modulus ' &
+            & //to_text(material%shear)//', ' &
             & //to_text(count(scene%tissue_of == k))//' points'
       end associate
    end do
@@ -103,6 +104,16 @@ function parts(active) result(text)
    if (active(2)) text = text//', I2'
    if (active(3)) text = text//' and the fiber stretch'
 end function parts
+
+!> Bulk modulus as in a deck
+function bulk_text(bulk) result(text)
+   !> Bulk modulus [stress]
+   real(wp), intent(in) :: bulk
+   character(len=:), allocatable :: text
+
+   text = 'inf'
+   if (bulk <= huge(1.0_wp)) text = to_text(bulk)
+end function bulk_text
 
 !> Operations a second of a matrix product on this machine
 real(wp) function rate()

@@ -2,12 +2,12 @@
 !> direction.
 module rk_neighbours
    use rk_error, only : error_type, fatal_error, err_input
-   use rk_kernel, only : window_product
+   use rk_kernel, only : window_product, window_radial
    use rk_precision, only : i8, wp
    implicit none
    private
 
-   public :: neighbour_type, find_neighbours, covers
+   public :: neighbour_type, find_neighbours, nearest_points, covers
 
    !> Source points of every place in compressed rows
    type :: neighbour_type
@@ -80,6 +80,53 @@ subroutine find_neighbours(self, source, support, place, window, error)
    end do
    !$omp end parallel do
 end subroutine find_neighbours
+
+!> Number of the point nearest to each place; of equally near ones the first, shape (places)
+function nearest_points(point, place) result(nearest)
+   !> Points, at least one, shape (nd, np) [length]
+   real(wp), intent(in) :: point(:, :)
+   !> Places, shape (nd, places) [length]
+   real(wp), intent(in) :: place(:, :)
+   integer :: nearest(size(place, 2))
+   type(cells_type) :: cells
+   real(wp) :: radius(size(point, 1), size(point, 2)), distance
+   integer, allocatable :: found(:)
+   integer :: ip, k, n
+   logical :: all_in
+
+   ! of points on a lattice those of one spacing around
+   radius = maxval(maxval(point, dim=2) - minval(point, dim=2)) &
+      & /real(size(point, 2), wp)**(1.0_wp/size(point, 1))
+   radius = max(radius, tiny(1.0_wp))
+   nearest = 0
+   do
+      call fill_cells(cells, point, radius)
+      all_in = .true.
+      !$omp parallel do default(none) schedule(static) private(ip, k, n, found, distance) &
+      !$omp shared(cells, point, place, radius, nearest) reduction(.and.: all_in)
+      do ip = 1, size(place, 2)
+         if (nearest(ip) > 0) cycle
+         call search(cells, point, radius, place(:, ip), window_radial, n)
+         all_in = all_in .and. n > 0
+         if (n == 0) cycle
+         allocate (found(n))
+         call search(cells, point, radius, place(:, ip), window_radial, n, found)
+         distance = huge(1.0_wp)
+         do k = 1, n
+            associate (d => sum((point(:, found(k)) - place(:, ip))**2))
+               if (d < distance .or. (.not. d > distance .and. found(k) < nearest(ip))) then
+                  distance = d
+                  nearest(ip) = found(k)
+               end if
+            end associate
+         end do
+         deallocate (found)
+      end do
+      !$omp end parallel do
+      if (all_in) return
+      radius = 2.0_wp*radius
+   end do
+end function nearest_points
 
 !> Whether the support of a source point contains a place
 pure logical function covers(r, a, window)

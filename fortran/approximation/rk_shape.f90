@@ -20,7 +20,7 @@ module rk_shape
 
    !> Choice of the approximation
    type :: approximation_type
-      !> Order of the basis, 1..6
+      !> Order of the basis, 0..6
       integer :: order = 2
       !> One of the kernel_* constants
       integer :: kernel = 1
@@ -91,8 +91,8 @@ subroutine new_shape(self, approximation, source, support, place, error)
    logical, allocatable :: singular(:)
    integer :: ip, is, nb
 
-   if (approximation%order < 1 .or. approximation%order > max_order) then
-      call fatal_error(error, err_input, 'order of the basis must lie in 1..' &
+   if (approximation%order < 0 .or. approximation%order > max_order) then
+      call fatal_error(error, err_input, 'order of the basis must lie in 0..' &
          & //to_text(max_order)//', not '//to_text(approximation%order))
       return
    end if

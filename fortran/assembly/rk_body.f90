@@ -3,6 +3,7 @@
 module rk_body
    use rk_boundary, only : boundary_type
    use rk_local, only : local_type
+   use rk_mixture, only : mixture_type
    use rk_precision, only : wp
    use rk_problem, only : problem_type
    use rk_scene, only : scene_type
@@ -22,6 +23,8 @@ module rk_body
       type(shape_type), pointer :: shape => null()
       !> Conditions at boundary points
       type(boundary_type) :: boundary
+      !> Materials of the collocation points and of further places behind them
+      type(mixture_type) :: mixture
       !> Fields and derivatives of modes at each place, shape (fields, nq, r, np); where they are
       !> given the unknowns are the modes' amplitudes
       real(wp), allocatable :: mode(:, :, :, :)
@@ -92,10 +95,7 @@ subroutine local_state(self, ip, x, u, load, local)
    local%u(:size(x)) = u(:size(x), 1)
    call deformation(size(x), u, local%f, h)
    local%j = determinant(local%f)
-   associate (material => self%scene%tissue(self%scene%tissue_of(ip))%material)
-      call material%stress(local%f, self%scene%cloud%fiber(:, ip), load*self%scene%activation, &
-         & local%p)
-   end associate
+   call self%mixture%stress(ip, local%f, load, local%p, volumetric=.true.)
    ! (5.31b)
    local%cauchy = matmul(local%p, transpose(local%f))/local%j
 end subroutine local_state

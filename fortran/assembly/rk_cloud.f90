@@ -8,7 +8,7 @@ module rk_cloud
    implicit none
    private
 
-   public :: cloud_type, new_box, new_annulus, lattice_cells, check_cloud, jitter
+   public :: cloud_type, new_box, new_annulus, check_cloud, jitter
 
    !> Points of a body. A boundary entry is a collocation point seen as part of one boundary set; a
    !> point on an edge has one entry for each set.
@@ -21,7 +21,8 @@ module rk_cloud
       real(wp), allocatable :: spacing(:, :)
       !> Collocation points, shape (nd, nc) [length]
       real(wp), allocatable :: place(:, :)
-      !> Centres of the cells between source points, shape (nd, nv) [length]
+      !> Where volume rows stand: centres of the cells between source points or of patches, shape
+      !> (nd, nv) [length]
       real(wp), allocatable :: cell(:, :)
       !> Volume (area in 2-D) that belongs to each collocation point, shape (nc) [length^nd]
       real(wp), allocatable :: volume(:)
@@ -245,45 +246,6 @@ subroutine jitter(self, share)
       end do
    end do
 end subroutine jitter
-
-!> Centres of the cells of a cloud whose source points lie near a lattice: a cell counts where all
-!> its corners hold a source point
-subroutine lattice_cells(self)
-   !> Cloud with source points and spacing; the cells are set
-   type(cloud_type), intent(inout) :: self
-   logical, allocatable :: taken(:, :, :)
-   real(wp) :: low(3), h(3), centre(3)
-   integer :: at(3), n(3), i, j, k, is, d, cells
-
-   low = 0.0_wp
-   h = 1.0_wp
-   n = 2
-   do d = 1, self%nd
-      low(d) = minval(self%source(d, :))
-      h(d) = minval(self%spacing(d, :))
-      n(d) = 2 + nint((maxval(self%source(d, :)) - low(d))/h(d))
-   end do
-   allocate (taken(n(1), n(2), n(3)), source=.false.)
-   do is = 1, size(self%source, 2)
-      at = 1
-      at(:self%nd) = 1 + nint((self%source(:, is) - low(:self%nd))/h(:self%nd))
-      taken(at(1), at(2), at(3)) = .true.
-   end do
-   if (self%nd < 3) taken(:, :, 2) = taken(:, :, 1)
-   allocate (self%cell(self%nd, size(self%source, 2)))
-   cells = 0
-   do k = 1, n(3) - 1
-      do j = 1, n(2) - 1
-         do i = 1, n(1) - 1
-            if (.not. all(taken(i:i + 1, j:j + 1, k:k + 1))) cycle
-            cells = cells + 1
-            centre = low + h*(real([i, j, k], wp) - 0.5_wp)
-            self%cell(:, cells) = centre(:self%nd)
-         end do
-      end do
-   end do
-   self%cell = self%cell(:, :cells)
-end subroutine lattice_cells
 
 !> Refuse what no later station could make sense of
 subroutine check_cloud(self, error)

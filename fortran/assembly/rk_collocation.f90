@@ -7,6 +7,7 @@ module rk_collocation
    use rk_boundary, only : new_boundary
    use rk_error, only : error_type
    use rk_lstsq, only : row_operator
+   use rk_mixture, only : new_mixture
    use rk_precision, only : wp
    use rk_problem, only : state_type
    use rk_rows, only : new_rows, rows_type
@@ -62,8 +63,10 @@ subroutine new_collocation(self, scene, error)
    call new_shape(self%shape, scene%approximation, scene%cloud%source, scene%support, &
       & scene%cloud%place, error)
    if (allocated(error)) return
-
    nc = size(scene%cloud%place, 2)
+   call new_mixture(self%mixture, scene, scene%cloud%place, [(b, b=1, nc)], error)
+   if (allocated(error)) return
+
    nb = size(self%boundary%point)
    place = [[(b, b=1, nc)], self%boundary%point]
    allocate (range(2, nc + nb))
@@ -149,33 +152,30 @@ subroutine curvature(self, ip, x, load, r, form)
    !> Form as in rk_rows, shape (nd*nd, fields, nq)
    real(wp), contiguous, intent(inout) :: form(:, :, :)
    real(wp) :: u(self%scene%cloud%nd, self%shape%nq), f(3, 3), h(3, 3, 3), weighted(3, 3)
-   real(wp) :: ff(9, 9), fh(9, 9, 3), fiber(3), activation
+   real(wp) :: ff(9, 9), fh(9, 9, 3)
    integer :: nd, i, b, row
 
    nd = self%scene%cloud%nd
    call self%field(ip, x, self%shape%nq, u)
    call deformation(nd, u, f, h)
-   fiber = self%scene%cloud%fiber(:, ip)
-   activation = load*self%scene%activation
    weighted = 0.0_wp
    row = self%rows%row(ip)
    weighted(:nd, 1) = r(row + 1:row + nd)
    form = 0.0_wp
-   associate (material => self%scene%tissue(self%scene%tissue_of(ip))%material)
-      call material%strong_curvature(nd, f, h, weighted(:, 1), fiber, activation, ff, fh)
-      call add_curvature(nd, ff, fh, form)
-      b = self%boundary_of(ip)
-      if (b == 0) return
-      weighted = 0.0_wp
-      row = self%rows%row(self%shape%np + b)
-      do i = 1, nd
-         if (self%boundary%essential(i, b)) cycle
-         weighted(i, :nd) = self%scene%weight_traction*r(row + i)*self%boundary%normal(:, i, b)
-      end do
-      call material%stress_curvature(f, weighted, fiber, activation, ff)
-      fh = 0.0_wp
-      call add_curvature(nd, ff, fh, form)
-   end associate
+   call self%mixture%strong_curvature(ip, nd, f, h, weighted(:, 1), load, ff, fh, &
+      & volumetric=.true.)
+   call add_curvature(nd, ff, fh, form)
+   b = self%boundary_of(ip)
+   if (b == 0) return
+   weighted = 0.0_wp
+   row = self%rows%row(self%shape%np + b)
+   do i = 1, nd
+      if (self%boundary%essential(i, b)) cycle
+      weighted(i, :nd) = self%scene%weight_traction*r(row + i)*self%boundary%normal(:, i, b)
+   end do
+   call self%mixture%stress_curvature(ip, f, weighted, load, ff, volumetric=.true.)
+   fh = 0.0_wp
+   call add_curvature(nd, ff, fh, form)
 end subroutine curvature
 
 !> Add second derivatives by F and its derivatives to the form of a place
@@ -233,9 +233,7 @@ subroutine start_step(self, x, load)
       ip = self%boundary%point(b)
       call self%field(ip, x, 1 + nd, u)
       call deformation(nd, u, f, h)
-      associate (material => self%scene%tissue(self%scene%tissue_of(ip))%material)
-         call material%tangent(f, self%scene%cloud%fiber(:, ip), load*self%scene%activation, p, c4)
-      end associate
+      call self%mixture%tangent(ip, f, load, p, c4, volumetric=.true.)
       self%weight(b) = factor*maxval(abs(c4(:nd, :nd, :nd, :nd)))
    end do
 end subroutine start_step
@@ -288,7 +286,7 @@ subroutine evaluate_place(self, ip, x, load, tangent, r, volume)
    !> Volume ratio J [-]
    real(wp), intent(out) :: volume
    real(wp) :: u(self%scene%cloud%nd, self%shape%nq), f(3, 3), h(3, 3, 3), p(3, 3)
-   real(wp) :: c4(3, 3, 3, 3), t(3, 3, 3), fiber(3), activation
+   real(wp) :: c4(3, 3, 3, 3), t(3, 3, 3), divergence(3)
    integer :: nd, i, k, q, ca, cb, row
 
    nd = self%scene%cloud%nd
@@ -305,25 +303,10 @@ subroutine evaluate_place(self, ip, x, load, tangent, r, volume)
       end if
       return
    end if
-   fiber = self%scene%cloud%fiber(:, ip)
-   activation = load*self%scene%activation
-   associate (material => self%scene%tissue(self%scene%tissue_of(ip))%material)
-      if (tangent) then
-         call material%strong(nd, f, h, fiber, activation, p, c4, t)
-      else
-         call material%tangent(f, fiber, activation, p, c4)
-      end if
-   end associate
-
-   r(row + 1:row + nd) = 0.0_wp
-   if (allocated(self%scene%body_force)) r(row + 1:row + nd) = load*self%scene%body_force(:nd, ip)
-   do i = 1, nd
-      do ca = 1, nd
-         do cb = 1, nd
-            r(row + i) = r(row + i) + dot_product(c4(i, ca, :nd, cb), h(:nd, cb, ca))
-         end do
-      end do
-   end do
+   call self%mixture%strong(ip, nd, f, h, load, divergence, p, c4, t, volumetric=.true.)
+   if (allocated(self%scene%body_force)) divergence = divergence &
+      & + load*self%scene%body_force(:, ip)
+   r(row + 1:row + nd) = divergence(:nd)
    if (tangent) then
       do k = 1, nd
          do i = 1, nd

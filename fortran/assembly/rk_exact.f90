@@ -31,14 +31,40 @@ subroutine exact_value(scene, exact, value, error)
    call exact_deformation(scene%tissue(scene%tissue_of(1))%material, exact%solution, &
       & exact%amount, scene%cloud%nd, local%f, error)
    if (allocated(error)) return
-   associate (material => scene%tissue(scene%tissue_of(1))%material)
-      call material%stress(local%f, scene%cloud%fiber(:, 1), scene%activation, local%p)
-   end associate
    local%j = determinant(local%f)
+   associate (material => scene%tissue(scene%tissue_of(1))%material, nd => scene%cloud%nd)
+      call material%stress(local%f, scene%cloud%fiber(:, 1), scene%activation, local%p, &
+         & volumetric=.not. material%incompressible())
+      if (material%incompressible()) then
+         if (abs(local%j - 1.0_wp) > sqrt(epsilon(1.0_wp))) then
+            call fatal_error(error, err_input, exact%solution//' changes the volume, which an ' &
+               & //'infinite K does not allow')
+            return
+         end if
+         ! the pressure that frees the last direction, as finite K does; simple shear has none
+         if (exact%solution /= 'simple_shear') call add_pressure(-local%p(nd, nd)*local%f(nd, nd), &
+            & local%f, local%p)
+      end if
+   end associate
    local%cauchy = matmul(local%p, transpose(local%f))/local%j
    values = quantity(scene%probe(exact%probe)%quantity, local)
    value = values(1)
 end subroutine exact_value
+
+!> Add the stress of a pressure to that of a diagonal deformation
+pure subroutine add_pressure(pressure, f, p)
+   !> Pressure, positive in tension [stress]
+   real(wp), intent(in) :: pressure
+   !> Deformation gradient without shear, J = 1 [-]
+   real(wp), intent(in) :: f(3, 3)
+   !> First Piola-Kirchhoff stress
+   real(wp), intent(inout) :: p(3, 3)
+   integer :: i
+
+   do i = 1, 3
+      p(i, i) = p(i, i) + pressure/f(i, i)
+   end do
+end subroutine add_pressure
 
 !> Deformation gradient of a homogeneous solution
 subroutine exact_deformation(material, solution, amount, nd, f, error)
@@ -96,6 +122,12 @@ subroutine free_stretch(material, f, first, nd, error)
 
    ! the incompressible stretch, with room on both sides
    middle = -log(product([(f(k, k), k=1, first - 1)]))/(nd - first + 1)
+   if (material%incompressible()) then
+      do k = first, nd
+         f(k, k) = exp(middle)
+      end do
+      return
+   end if
    low = middle - 1.0_wp
    high = middle + 1.0_wp
    if (stress_at(low)*stress_at(high) > 0.0_wp) then

@@ -13,7 +13,8 @@ module rk_galerkin
    use rk_error, only : error_type
    use rk_gradient, only : gradient_type, new_gradient
    use rk_local, only : local_type
-   use rk_nearest, only : nearest_places
+   use rk_mixture, only : new_mixture
+   use rk_neighbours, only : nearest_points
    use rk_nodal, only : nodal_cells
    use rk_operator, only : row_operator
    use rk_precision, only : i8, wp
@@ -41,7 +42,7 @@ module rk_galerkin
       type(shape_type) :: inside
       !> Surface
       type(surface_type) :: surface
-      !> Collocation point whose material and fiber hold at each point, shape (np)
+      !> Nearest collocation point of each point, shape (np)
       integer, allocatable :: nearest(:)
       !> First Piola-Kirchhoff stress at each point in the last evaluation, shape (3, 3, np)
       real(wp), allocatable :: stress(:, :, :)
@@ -70,6 +71,9 @@ module rk_galerkin
       procedure :: set_force
    end type galerkin_type
 
+   real(wp), parameter :: unity(3, 3) = reshape([1.0_wp, 0.0_wp, 0.0_wp, 0.0_wp, &
+      & 1.0_wp, 0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp], [3, 3])
+
 contains
 
 !> Set up the Galerkin problem of a scene
@@ -81,10 +85,12 @@ subroutine new_galerkin(self, scene, error)
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
    type(shape_type) :: facet
-   integer :: ip, nd, np
+   real(wp), allocatable :: shear(:)
+   integer :: ip, nc, nd, np
 
    self%scene => scene
    nd = scene%cloud%nd
+   nc = size(scene%cloud%place, 2)
    self%fields = nd
    call new_boundary(self%boundary, scene%cloud, scene%condition, error)
    if (allocated(error)) return
@@ -111,9 +117,12 @@ subroutine new_galerkin(self, scene, error)
    if (allocated(error)) return
    if (self%cells%smoothed) call shapes_at(scene, self%cells%facet, facet, error)
    if (allocated(error)) return
-   call nearest_places(scene%cloud%place, self%cells%point, self%nearest, error)
+   self%nearest = nearest_points(scene%cloud%place, self%cells%point)
+   call new_mixture(self%mixture, scene, reshape([scene%cloud%place, self%cells%point], &
+      & [nd, nc + np]), [[(ip, ip=1, nc)], self%nearest], error)
    if (allocated(error)) return
-   call set_conditions(self%surface, scene, self%cells, self%nearest)
+   shear = [(self%mixture%stiffness(nc + ip, unity), ip=1, np)]
+   call set_conditions(self%surface, scene, self%cells, shear)
    call new_gradient(self%gradient, self%cells, size(scene%cloud%source, 2), self%inside, facet, &
       & self%surface%shape, self%surface%essential)
    call self%gradient%give(self%cells, self%surface%essential, self%surface%value)
@@ -125,8 +134,7 @@ subroutine new_galerkin(self, scene, error)
    allocate (self%constant(size(self%matrix%value, kind=i8)), source=0.0_wp)
    call self%surface%add_penalty(self%matrix, self%constant)
    if (self%cells%smoothed) call stabilise(self%matrix, self%constant, self%cells, self%inside, &
-      & [(scene%stabilisation*scene%tissue(scene%tissue_of(self%nearest(ip)))%material%shear, &
-      & ip=1, np)])
+      & scene%stabilisation*shear)
    self%force = 0.0_wp
    call self%surface%add_forces(self%force)
 end subroutine new_galerkin
@@ -330,7 +338,7 @@ subroutine group_part(self, g, x, held, load, tangent, force, part)
    real(wp), allocatable :: c4(:, :, :, :, :), local(:, :), volume(:, :)
    real(wp) :: h(self%gradient%nd, self%gradient%nd), p(3, 3), cofactor(3, 3), bulk, value(4)
    real(wp) :: linear(4), jump(4), pressure
-   integer :: nd, n, q, o, i, k, members, b
+   integer :: nc, nd, n, q, o, i, k, members, b
    integer(i8) :: e
 
    nd = self%gradient%nd
@@ -371,7 +379,12 @@ subroutine group_part(self, g, x, held, load, tangent, force, part)
    ! no stress exists; the caller rejects the state
    if (.not. all(self%volume(o + 1:o + n) > 0.0_wp)) return
 
-   bulk = self%scene%tissue(self%scene%tissue_of(self%nearest(o + 1)))%material%bulk
+   nc = size(self%scene%cloud%place, 2)
+   bulk = 0.0_wp
+   do q = o + 1, o + n
+      bulk = bulk + self%cells%weight(q)*self%mixture%bulk(nc + q)
+   end do
+   bulk = bulk/sum(self%cells%weight(o + 1:o + n))
    value(:b) = bulk*(value(:b) - self%pressure%total(:b, g))
    self%pressure%coefficient(:b, g) = value(:b)
    ! the pressure of a mixed Newton iteration, in which it is linear in the step: with K (J - 1) of
@@ -387,20 +400,15 @@ subroutine group_part(self, g, x, held, load, tangent, force, part)
       associate (f => self%f(:, :, o + q))
          cofactor = 0.5_wp*cross(f, f)
       end associate
-      associate (ip => self%nearest(o + q), activation => load*self%scene%activation)
-         associate (material => self%scene%tissue(self%scene%tissue_of(ip))%material, &
-            & fiber => self%scene%cloud%fiber(:, ip))
-            if (tangent) then
-               call material%tangent(self%f(:, :, o + q), fiber, activation, p, &
-                  & c4(:, :, :, :, q), volumetric=.false.)
-               c4(:, :, :, :, q) = self%cells%weight(o + q)*(c4(:, :, :, :, q) &
-                  & + dot_product(linear(:b), self%pressure%basis(:b, o + q)) &
-                  & *reshape(cross_form(self%f(:, :, o + q)), [3, 3, 3, 3]))
-            else
-               call material%stress(self%f(:, :, o + q), fiber, activation, p, volumetric=.false.)
-            end if
-         end associate
-      end associate
+      if (tangent) then
+         call self%mixture%tangent(nc + o + q, self%f(:, :, o + q), load, p, c4(:, :, :, :, q), &
+            & volumetric=.false.)
+         c4(:, :, :, :, q) = self%cells%weight(o + q)*(c4(:, :, :, :, q) &
+            & + dot_product(linear(:b), self%pressure%basis(:b, o + q)) &
+            & *reshape(cross_form(self%f(:, :, o + q)), [3, 3, 3, 3]))
+      else
+         call self%mixture%stress(nc + o + q, self%f(:, :, o + q), load, p, volumetric=.false.)
+      end if
       p = p + pressure*cofactor
       self%stress(:, :, o + q) = p
       if (tangent .and. held < load) then
@@ -540,10 +548,7 @@ subroutine local_state(self, ip, x, u, load, local)
    local%u(:size(x)) = u(:size(x), 1)
    call deformation(size(x), u, local%f, h)
    local%j = determinant(local%f)
-   associate (material => self%scene%tissue(self%scene%tissue_of(ip))%material)
-      call material%stress(local%f, self%scene%cloud%fiber(:, ip), load*self%scene%activation, &
-         & local%p, volumetric=.false.)
-   end associate
+   call self%mixture%stress(ip, local%f, load, local%p, volumetric=.false.)
    local%p = local%p + 0.5_wp*self%pressure%at(ip, x)*cross(local%f, local%f)
    local%cauchy = matmul(local%p, transpose(local%f))/local%j
 end subroutine local_state

@@ -2,18 +2,20 @@
 !>
 !> With P = P_iso(F) + p cof F the unknowns are u and p in the same reproducing kernel space:
 !>    momentum   Div P_iso + cof F grad p = 0   at the collocation points (Div cof F = 0),
-!>    volume     J - 1 - p/K = 0                at one point for each cell of source points,
+!>    volume     J - 1 - p/K = 0                at one point for each cell or patch,
 !>    traction   (P_iso + p cof F) N = h, displacement u = g   at the boundary points.
 !> Volume rows at all collocation points would lock: there must not be more of them than pressure
 !> unknowns. Row weights balance the parts as the least squares functional with norms of
-!> h Div P, P N and mu u/h does.
+!> h Div P, P N and mu u/h does, with the shear modulus mu of the state in which a load step begins.
 module rk_mixed
    use rk_body, only : deformation, determinant
    use rk_boundary, only : new_boundary
    use rk_collocation, only : add_curvature, collocation_type
    use rk_cross, only : cross, cross_form
-   use rk_error, only : error_type, fatal_error, err_input
+   use rk_error, only : error_type
    use rk_local, only : local_type
+   use rk_mixture, only : new_mixture
+   use rk_neighbours, only : nearest_points
    use rk_precision, only : wp
    use rk_rows, only : new_rows
    use rk_scene, only : scene_type
@@ -29,10 +31,12 @@ module rk_mixed
       real(wp), allocatable :: domain_weight(:)
       !> Weight of the traction rows of each boundary point, shape (nb) [-]
       real(wp), allocatable :: traction_weight(:)
-      !> Collocation point whose material holds at each volume point, shape (nv)
-      integer, allocatable :: nearest(:)
       !> Weight of each volume row, shape (nv) [stress]
       real(wp), allocatable :: volume_weight(:)
+      !> The same in shear moduli, shape (nv) [-]
+      real(wp), allocatable, private :: volume_share(:)
+      !> Spacing of the source points [length]
+      real(wp), private :: spacing = 0.0_wp
    contains
       procedure :: start_step
       procedure :: evaluate_place
@@ -65,15 +69,13 @@ subroutine new_mixed(self, scene, error)
    nc = size(scene%cloud%place, 2)
    nb = size(self%boundary%point)
    nv = size(scene%cloud%cell, 2)
-   if (nv == 0) then
-      call fatal_error(error, err_input, 'the mixed form needs source points that form cells, ' &
-         & //'but no cell of the lattice has all its corners: take a finer source stride')
-      return
-   end if
    position = reshape([scene%cloud%place, scene%cloud%cell], [nd, nc + nv])
    allocate (self%shape)
    call new_shape(self%shape, scene%approximation, scene%cloud%source, scene%support, position, &
       & error)
+   if (allocated(error)) return
+   call new_mixture(self%mixture, scene, position, &
+      & [[(b, b=1, nc)], nearest_points(scene%cloud%place, scene%cloud%cell)], error)
    if (allocated(error)) return
 
    place = [[(b, b=1, nc)], self%boundary%point, [(nc + b, b=1, nv)]]
@@ -92,58 +94,35 @@ subroutine new_mixed(self, scene, error)
    call set_weights(self)
 end subroutine new_mixed
 
-!> Row weights, which do not change during a run
+!> Row weights and shares of row weights that do not change during a run
 subroutine set_weights(self)
    !> Problem
    type(mixed_type), intent(inout) :: self
-   real(wp) :: h, shear, near, reach
+   real(wp) :: near, reach
    integer :: b, ip, iv, nc, nv
 
    associate (scene => self%scene, cloud => self%scene%cloud)
       nc = size(cloud%place, 2)
       nv = size(cloud%cell, 2)
       allocate (self%domain_weight(nc), self%traction_weight(size(self%boundary%point)), &
-         & self%weight(size(self%boundary%point)), self%nearest(nv), self%volume_weight(nv))
-      h = (product(sum(cloud%spacing, dim=2)/size(cloud%spacing, 2)))**(1.0_wp/cloud%nd)
+         & self%weight(size(self%boundary%point)), self%volume_weight(nv), self%volume_share(nv))
+      self%spacing = (product(sum(cloud%spacing, dim=2)/size(cloud%spacing, 2)))**(1.0_wp/cloud%nd)
       reach = scene%edge_length
       if (.not. reach > 0.0_wp) reach = 0.5_wp*minval(maxval(cloud%place, dim=2) &
          & - minval(cloud%place, dim=2))
       do ip = 1, nc
          near = closeness(self, cloud%place(:, ip), reach)
-         self%domain_weight(ip) = h*near**scene%edge_exponent
+         self%domain_weight(ip) = self%spacing*near**scene%edge_exponent
          b = self%boundary_of(ip)
          if (b == 0) cycle
-         shear = scene%tissue(scene%tissue_of(ip))%material%shear
          self%traction_weight(b) = near**max(scene%edge_exponent - 0.5_wp, 0.0_wp)
-         self%weight(b) = scene%displacement_weight*shear/h
       end do
       do iv = 1, nv
-         self%nearest(iv) = nearest_place(cloud%place, cloud%cell(:, iv))
-         shear = scene%tissue(scene%tissue_of(self%nearest(iv)))%material%shear
-         self%volume_weight(iv) = scene%volume_weight*shear &
+         self%volume_share(iv) = scene%volume_weight &
             & *closeness(self, cloud%cell(:, iv), reach)**scene%edge_exponent
       end do
    end associate
 end subroutine set_weights
-
-!> Number of the place nearest to a point
-pure integer function nearest_place(place, x)
-   !> Places, shape (nd, np) [length]
-   real(wp), intent(in) :: place(:, :)
-   !> Point, shape (nd) [length]
-   real(wp), intent(in) :: x(:)
-   real(wp) :: least, d
-   integer :: ip
-
-   least = huge(1.0_wp)
-   nearest_place = 0
-   do ip = 1, size(place, 2)
-      d = sum((place(:, ip) - x)**2)
-      if (d >= least) cycle
-      least = d
-      nearest_place = ip
-   end do
-end function nearest_place
 
 !> Distance to the nearest edge between a clamped and a free face over a length, at most 1
 pure real(wp) function closeness(self, x, reach)
@@ -164,7 +143,8 @@ pure real(wp) function closeness(self, x, reach)
    end do
 end function closeness
 
-!> Nothing depends on the step
+!> Weights of volume and displacement rows by the stiffness at the start of the step: stresses of
+!> a material that stiffens would outweigh them
 subroutine start_step(self, x, load)
    !> Problem
    class(mixed_type), target, intent(inout) :: self
@@ -172,8 +152,25 @@ subroutine start_step(self, x, load)
    real(wp), contiguous, intent(in) :: x(:)
    !> Load at the end of the step [-]
    real(wp), intent(in) :: load
+   real(wp) :: u(self%fields, self%shape%nq), f(3, 3), h(3, 3, 3)
+   integer :: b, iv, ip, nd
 
-   if (size(x) /= self%n .or. load < 0.0_wp) return
+   ! activation changes no weight
+   associate (unused => load)
+   end associate
+   nd = self%scene%cloud%nd
+   do b = 1, size(self%boundary%point)
+      ip = self%boundary%point(b)
+      call self%field(ip, x, 1 + nd, u)
+      call deformation(nd, u, f, h)
+      self%weight(b) = self%scene%displacement_weight*self%mixture%stiffness(ip, f)/self%spacing
+   end do
+   do iv = 1, size(self%volume_share)
+      ip = size(self%domain_weight) + iv
+      call self%field(ip, x, 1 + nd, u)
+      call deformation(nd, u, f, h)
+      self%volume_weight(iv) = self%volume_share(iv)*self%mixture%stiffness(ip, f)
+   end do
 end subroutine start_step
 
 !> Stress and deformation at a place
@@ -198,10 +195,7 @@ subroutine local_state(self, ip, x, u, load, local)
    local%u(:nd) = u(:nd, 1)
    call deformation(nd, u, local%f, h)
    local%j = determinant(local%f)
-   associate (material => self%scene%tissue(self%scene%tissue_of(ip))%material)
-      call material%stress(local%f, self%scene%cloud%fiber(:, ip), load*self%scene%activation, &
-         & local%p, volumetric=.false.)
-   end associate
+   call self%mixture%stress(ip, local%f, load, local%p, volumetric=.false.)
    local%p = local%p + u(nd + 1, 1)*cofactor(local%f)
    local%cauchy = matmul(local%p, transpose(local%f))/local%j
 end subroutine local_state
@@ -289,7 +283,7 @@ subroutine evaluate_cell(self, ip, x, tangent, r, volume)
    call self%field(ip, x, 1 + nd, u)
    call deformation(nd, u, f, h)
    volume = determinant(f)
-   compliance = 1.0_wp/self%scene%tissue(self%scene%tissue_of(self%nearest(iv)))%material%bulk
+   compliance = 1.0_wp/self%mixture%bulk(ip)
    associate (w => self%volume_weight(iv), row => self%rows%row(block) + 1)
       r(row) = w*(volume - 1.0_wp - compliance*u(nd + 1, 1))
       if (.not. tangent) return
@@ -320,7 +314,7 @@ subroutine evaluate_point(self, ip, x, load, tangent, r, volume)
    !> Volume ratio J [-]
    real(wp), intent(out) :: volume
    real(wp) :: u(self%fields, self%shape%nq), f(3, 3), h(3, 3, 3), p(3, 3), c4(3, 3, 3, 3)
-   real(wp) :: t(3, 3, 3), c(3, 3), fiber(3), slope(3), w
+   real(wp) :: t(3, 3, 3), c(3, 3), divergence(3), slope(3), w
    integer :: nd, i, k, q, ca, cb, row
 
    nd = self%scene%cloud%nd
@@ -333,26 +327,15 @@ subroutine evaluate_point(self, ip, x, load, tangent, r, volume)
       r(row + 1:row + nd) = 0.0_wp
       return
    end if
-   fiber = self%scene%cloud%fiber(:, ip)
-   associate (material => self%scene%tissue(self%scene%tissue_of(ip))%material)
-      call material%strong(nd, f, h, fiber, load*self%scene%activation, p, c4, t, &
-         & volumetric=.false.)
-   end associate
+   call self%mixture%strong(ip, nd, f, h, load, divergence, p, c4, t, volumetric=.false.)
    c = cofactor(f)
    slope = 0.0_wp
    slope(:nd) = u(nd + 1, 2:1 + nd)
    w = self%domain_weight(ip)
-   r(row + 1:row + nd) = matmul(c(:nd, :nd), slope(:nd))
-   if (allocated(self%scene%body_force)) r(row + 1:row + nd) = r(row + 1:row + nd) &
-      & + load*self%scene%body_force(:nd, ip)
-   do i = 1, nd
-      do ca = 1, nd
-         do cb = 1, nd
-            r(row + i) = r(row + i) + dot_product(c4(i, ca, :nd, cb), h(:nd, cb, ca))
-         end do
-      end do
-      r(row + i) = w*r(row + i)
-   end do
+   divergence(:nd) = divergence(:nd) + matmul(c(:nd, :nd), slope(:nd))
+   if (allocated(self%scene%body_force)) divergence = divergence &
+      & + load*self%scene%body_force(:, ip)
+   r(row + 1:row + nd) = w*divergence(:nd)
    if (tangent) then
       t = t + cofactor_slope(f, slope)
       do k = 1, nd
@@ -443,7 +426,7 @@ subroutine curvature(self, ip, x, load, r, form)
    !> Form as in rk_rows, shape (nd*nd, nd + 1, nq)
    real(wp), contiguous, intent(inout) :: form(:, :, :)
    real(wp) :: u(self%fields, self%shape%nq), f(3, 3), h(3, 3, 3), weighted(3, 3), slope(3, 3)
-   real(wp) :: ff(9, 9), fh(9, 9, 3), rho(3), fiber(3), activation
+   real(wp) :: ff(9, 9), fh(9, 9, 3), rho(3)
    integer :: nd, nc, nb, i, a, b, row
 
    nd = self%scene%cloud%nd
@@ -459,37 +442,33 @@ subroutine curvature(self, ip, x, load, r, form)
       call add_curvature(nd, self%volume_weight(ip - nc)*r(row)*cross_form(f), fh, form)
       return
    end if
-   fiber = self%scene%cloud%fiber(:, ip)
-   activation = load*self%scene%activation
-   associate (material => self%scene%tissue(self%scene%tissue_of(ip))%material)
-      row = self%rows%row(ip)
-      rho = 0.0_wp
-      rho(:nd) = self%domain_weight(ip)*r(row + 1:row + nd)
-      call material%strong_curvature(nd, f, h, rho, fiber, activation, ff, fh, volumetric=.false.)
-      ! rho_i (cof F)_iA p_,A
-      slope = 0.0_wp
-      do a = 1, nd
-         slope(:, a) = rho*u(nd + 1, 1 + a)
-         weighted = 0.0_wp
-         weighted(:, a) = rho
-         call add_pressure(nd, cross(f, weighted), 1 + a, form)
-      end do
-      call add_curvature(nd, ff + cross_form(slope), fh, form)
-
-      b = self%boundary_of(ip)
-      if (b == 0) return
-      row = self%rows%row(nc + b)
+   row = self%rows%row(ip)
+   rho = 0.0_wp
+   rho(:nd) = self%domain_weight(ip)*r(row + 1:row + nd)
+   call self%mixture%strong_curvature(ip, nd, f, h, rho, load, ff, fh, volumetric=.false.)
+   ! rho_i (cof F)_iA p_,A
+   slope = 0.0_wp
+   do a = 1, nd
+      slope(:, a) = rho*u(nd + 1, 1 + a)
       weighted = 0.0_wp
-      do i = 1, nd
-         if (self%boundary%essential(i, b)) cycle
-         weighted(i, :nd) = self%traction_weight(b)*self%scene%weight_traction*r(row + i) &
-            & *self%boundary%normal(:, i, b)
-      end do
-      call material%stress_curvature(f, weighted, fiber, activation, ff, volumetric=.false.)
-      fh = 0.0_wp
-      call add_curvature(nd, ff + u(nd + 1, 1)*cross_form(weighted), fh, form)
-      call add_pressure(nd, cross(f, weighted), 1, form)
-   end associate
+      weighted(:, a) = rho
+      call add_pressure(nd, cross(f, weighted), 1 + a, form)
+   end do
+   call add_curvature(nd, ff + cross_form(slope), fh, form)
+
+   b = self%boundary_of(ip)
+   if (b == 0) return
+   row = self%rows%row(nc + b)
+   weighted = 0.0_wp
+   do i = 1, nd
+      if (self%boundary%essential(i, b)) cycle
+      weighted(i, :nd) = self%traction_weight(b)*self%scene%weight_traction*r(row + i) &
+         & *self%boundary%normal(:, i, b)
+   end do
+   call self%mixture%stress_curvature(ip, f, weighted, load, ff, volumetric=.false.)
+   fh = 0.0_wp
+   call add_curvature(nd, ff + u(nd + 1, 1)*cross_form(weighted), fh, form)
+   call add_pressure(nd, cross(f, weighted), 1, form)
 end subroutine curvature
 
 !> Add second derivatives by F and a derivative of the pressure to the form of a place

@@ -113,6 +113,8 @@ module rk_scene
       type(approximation_type) :: approximation
       !> Support of each source point, shape (nd, ns) [length]
       real(wp), allocatable :: support(:, :)
+      !> Support of the fractions of several materials in spacings of the source points [-]
+      real(wp) :: interface = 4.0_wp
       !> Linear problem, instead of materials, conditions and loads
       type(equation_type) :: equation
       !> Materials

@@ -37,15 +37,15 @@ module rk_surface
 contains
 
 !> Conditions at the points, from those on their sets
-subroutine set_conditions(self, scene, cells, nearest)
+subroutine set_conditions(self, scene, cells, shear)
    !> Surface with shape functions
    type(surface_type), intent(inout) :: self
    !> Scene
    type(scene_type), intent(in) :: scene
    !> Integration points
    type(cells_type), intent(in) :: cells
-   !> Collocation point whose material holds at each integration point
-   integer, intent(in) :: nearest(:)
+   !> Shear modulus at each integration point [stress]
+   real(wp), intent(in) :: shear(:)
    real(wp) :: x(2), spacing
    integer :: c, s, nd, ms, q
 
@@ -73,8 +73,7 @@ subroutine set_conditions(self, scene, cells, nearest)
       end do
       where (self%essential(:, s)) self%traction(:, s) = 0.0_wp
       q = cells%lift_point(cells%lift_first(s) + 1)
-      self%penalty(s) = scene%penalty/spacing*self%area(s) &
-         & *scene%tissue(scene%tissue_of(nearest(q)))%material%shear
+      self%penalty(s) = scene%penalty/spacing*self%area(s)*shear(q)
    end do
 end subroutine set_conditions
 

@@ -3,7 +3,7 @@ module rk_voxels
    use rk_cloud, only : cloud_type
    use rk_error, only : error_type, fatal_error, err_input
    use rk_facets, only : facets_type
-   use rk_nearest, only : nearest_places
+   use rk_neighbours, only : nearest_points
    use rk_precision, only : wp
    use rk_text, only : to_text
    implicit none
@@ -48,9 +48,8 @@ subroutine voxel_facets(facets, cloud, group, error)
       return
    end if
    ! the nearest source point in source spacings
-   call nearest_places(cloud%source/spread(step(:nd), 2, size(cloud%source, 2)), &
-      & cloud%place/spread(step(:nd), 2, size(cloud%place, 2)), owner, error)
-   if (allocated(error)) return
+   owner = nearest_points(cloud%source/spread(step(:nd), 2, size(cloud%source, 2)), &
+      & cloud%place/spread(step(:nd), 2, size(cloud%place, 2)))
    allocate (first(size(cloud%source, 2)), source=0)
    do ip = size(owner), 1, -1
       first(owner(ip)) = ip

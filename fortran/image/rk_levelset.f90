@@ -1,113 +1,156 @@
-!> Two-phase active contours without edges, slice by slice.
+!> Active contours without edges for any number of level sets and channels.
 !>
-!> Every slice is an independent two-dimensional problem: a level set phi, positive inside,
-!> minimises the energy (3.12) by the semi-implicit scheme (A.1), (A.2) with the neighbours of
-!> the previous iterate, so the result knows no direction of sweeping. Pixels outside the mask
-!> take no part; the flux to a neighbour outside the mask is left out.
+!> n level sets part an image into up to 2**n regions, even in each of N channels: energy (3.29),
+!> (4.3) with the means (4.5). The steps are those of Appendix A with the neighbours of
+!> the previous iterate and with the other level sets of the previous iterate, so that the result
+!> knows no direction of sweeping and no order of the level sets. A step that would raise the
+!> energy is repeated with half the time step.
+!>
+!> Weights of voxels make the same engine serve the estimate of the bias field, whose misfits
+!> (3.43) are weighted squares as well.
 !>
 !> References: 1. Chan, Vese, IEEE Trans. Image Process. 10 (2001), doi:10.1109/83.902291;
+!> 2. Vese, Chan, Int. J. Comput. Vis. 50 (2002), doi:10.1023/A:1020874308076;
+!> 3. Chan, Sandberg, Vese, J. Vis. Commun. Image R. 11 (2000), doi:10.1006/jvci.1999.0442;
 !> equation numbers are those of the thesis named in the README.
 module rk_levelset
    use rk_error, only : error_type, fatal_error, err_input
-   use rk_precision, only : wp, pi
+   use rk_levelset_rows, only : grid_type, new_grid, advance_row, step_row, sum_row, &
+      sums_of_row
+   use rk_precision, only : wp
    use rk_text, only : to_text
    implicit none
    private
 
-   public :: level_set_options, evolve_two_phase
+   public :: level_set_options, evolve_level_sets, ended_at_limit, ended_at_rest, ended_lowest
 
    !> Weights of the energy and steering of the iteration
    type :: level_set_options
-      !> Weight of the contour's length, >= 0 [-]
+      !> Weight of the contours' length, >= 0 [-]
       real(wp) :: mu = 0.01_wp
-      !> Weight of the area inside [-]
+      !> Weight of the areas inside [-]
       real(wp) :: nu = 0.0_wp
-      !> Weights of the misfit inside and outside, > 0 [-]
-      real(wp) :: lambda(2) = 1.0_wp
       !> Width of the regularised step function, > 0 [-]
       real(wp) :: epsilon = 0.5_wp
-      !> Artificial time step, > 0 [-]
-      real(wp) :: dt = 50.0_wp
-      !> Pixel sizes, > 0 [pixel]
-      real(wp) :: spacing(2) = 1.0_wp
-      !> Largest part of the pixels that may change sides in `window` iterations [-]
+      !> Largest artificial time step, > 0 [-]
+      real(wp) :: dt = 500.0_wp
+      !> Voxel sizes, > 0 [-]
+      real(wp) :: spacing(3) = 1.0_wp
+      !> Largest part of the voxels that may change their region in `window` iterations at rest [-]
       real(wp) :: tolerance = 1.0e-4_wp
       !> Largest number of iterations
       integer :: iterations = 300
+      !> Weight of the misfit of each region, > 0, shape (regions): more than half of 2**n, up to
+      !> 2**n [-]
+      real(wp), allocatable :: lambda(:)
+      !> Weight of each channel, >= 0, shape (channels) [-]
+      real(wp), allocatable :: channel_weight(:)
    end type level_set_options
 
-   !> Iterations between two looks at the labels
+   !> Why an evolution ended: iterations used up, regions at rest, no step lowers the energy
+   integer, parameter :: ended_at_limit = 0, ended_at_rest = 1, ended_lowest = 2
+   !> Iterations between two looks at the regions
    integer, parameter :: window = 10
-   !> Smallest gradient that counts: keeps flat places from dividing by zero [1/pixel]
-   real(wp), parameter :: flat = 1.0e-4_wp
+   !> Halvings of the time step before the energy counts as lowest
+   integer, parameter :: halvings = 10
+   !> Most level sets: memory and time grow with the number of regions
+   integer, parameter :: most = 6
 
 contains
 
-!> Evolve the level sets of all slices until their labels rest
-subroutine evolve_two_phase(options, image, mask, phi, energy, iterations, error)
+!> Evolve the level sets of a stack, block by block of slices, until their regions rest
+subroutine evolve_level_sets(options, depth, channels, weight, phi, energy, means, iterations, &
+   ended, error)
    !> Weights and steering
    type(level_set_options), intent(in) :: options
-   !> Grey values, shape (columns, rows, slices) [-]
-   real(wp), intent(in) :: image(:, :, :)
-   !> Pixels that take part, same shape
-   logical, intent(in) :: mask(:, :, :)
-   !> Level sets, same shape; first guess in, result out [-]
-   real(wp), intent(inout) :: phi(:, :, :)
-   !> Energy (3.12) of the iterate before each iteration, shape (options%iterations, slices);
+   !> Slices of a block: 1 for independent slices, all of them for a volume
+   integer, intent(in) :: depth
+   !> Values, shape (columns, rows, slices, channels) [-]
+   real(wp), intent(in) :: channels(:, :, :, :)
+   !> Weights of the voxels' misfit, zero where they take no part, shape (columns, rows, slices)
+   real(wp), intent(in) :: weight(:, :, :)
+   !> Level sets, shape (columns, rows, slices, level sets); first guess in, result out [-]
+   real(wp), intent(inout) :: phi(:, :, :, :)
+   !> Energy (3.29) at the start and after each iteration, shape (options%iterations+1, blocks);
    !> entries after the last iteration repeat the last one [-]
    real(wp), intent(out) :: energy(:, :)
-   !> Iterations done, shape (slices); 0 for a slice without pixels
+   !> Mean values, shape (channels, regions, blocks); bit k of a region's number, both counted
+   !> from zero, tells whether it lies inside of level set k + 1 [-]
+   real(wp), intent(out) :: means(:, :, :)
+   !> Iterations done, shape (blocks); 0 for a block without voxels
    integer, intent(out) :: iterations(:)
+   !> Why each block ended: one of the `ended_` constants, shape (blocks)
+   integer, intent(out) :: ended(:)
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   integer :: k
+   integer :: block, first, last, n(4), blocks
 
-   call check_options(options, error)
+   call check_options(options, size(phi, 4), size(channels, 4), error)
    if (allocated(error)) return
-   if (any(shape(image) /= shape(phi)) .or. any(shape(image) /= shape(mask)) .or. &
-      size(energy, 1) /= options%iterations .or. size(energy, 2) /= size(image, 3) .or. &
-      size(iterations) /= size(image, 3)) then
-      call fatal_error(error, err_input, "Image, mask, level set and records of the "// &
+   n = shape(channels)
+   blocks = n(3)/max(depth, 1)
+   if (depth < 1 .or. blocks*depth /= n(3) .or. any(n(:3) /= shape(weight)) .or. &
+      any(n(:3) /= [size(phi, 1), size(phi, 2), size(phi, 3)]) .or. &
+      any(shape(energy) /= [options%iterations + 1, blocks]) .or. &
+      any(shape(means) /= [n(4), size(options%lambda), blocks]) .or. &
+      size(iterations) /= blocks .or. size(ended) /= blocks) then
+      call fatal_error(error, err_input, "Channels, weights, level sets and records of the "// &
          "segmentation must have matching shapes")
       return
    end if
-   do k = 1, size(image, 3)
-      if (any(mask(:, :, k) .and. .not. (abs(image(:, :, k)) <= huge(1.0_wp) .and. &
-         abs(phi(:, :, k)) <= huge(1.0_wp)))) then
-         call fatal_error(error, err_input, "Slice "//to_text(k - 1)// &
-            " has values that are not finite inside the mask")
-         return
-      end if
-   end do
+   if (.not. (all(abs(channels) <= huge(1.0_wp)) .and. all(abs(phi) <= huge(1.0_wp)) .and. &
+      all(weight >= 0.0_wp .and. weight <= huge(1.0_wp)))) then
+      call fatal_error(error, err_input, "Channels, weights and level sets of a segmentation "// &
+         "must be finite, the weights not negative")
+      return
+   end if
 
-   !$omp parallel do default(none) schedule(dynamic) private(k) &
-   !$omp shared(options, image, mask, phi, energy, iterations)
-   do k = 1, size(image, 3)
-      call evolve_slice(options, image(:, :, k), mask(:, :, k), phi(:, :, k), energy(:, k), &
-         iterations(k))
+   ! Threads share the slices of a stack, or the rows inside of a volume.
+   !$omp parallel do default(none) schedule(dynamic) private(block, first, last) if(blocks > 1) &
+   !$omp shared(options, depth, channels, weight, phi, energy, means, iterations, ended, blocks)
+   do block = 1, blocks
+      first = 1 + (block - 1)*depth
+      last = block*depth
+      call evolve_block(options, channels(:, :, first:last, :), weight(:, :, first:last), &
+         phi(:, :, first:last, :), energy(:, block), means(:, :, block), iterations(block), &
+         ended(block))
    end do
    !$omp end parallel do
-end subroutine evolve_two_phase
+end subroutine evolve_level_sets
 
 !> Refuse impossible parameters
-subroutine check_options(options, error)
+subroutine check_options(options, levels, channels, error)
    !> Weights and steering
    type(level_set_options), intent(in) :: options
+   !> Numbers of level sets and channels
+   integer, intent(in) :: levels, channels
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
 
-   if (.not. options%mu >= 0.0_wp) then
+   if (levels < 1 .or. levels > most) then
+      call fatal_error(error, err_input, "There must be 1 to "//to_text(most)// &
+         " level sets, not "//to_text(levels))
+   else if (size(options%lambda) > 2**levels .or. 2*size(options%lambda) <= 2**levels) then
+      call fatal_error(error, err_input, to_text(size(options%lambda))//" regions do not suit "// &
+         to_text(levels)//" level sets, which make up to "//to_text(2**levels))
+   else if (size(options%channel_weight) /= channels) then
+      call fatal_error(error, err_input, "There must be a weight for each of "// &
+         to_text(channels)//" channels, not "//to_text(size(options%channel_weight)))
+   else if (.not. options%mu >= 0.0_wp) then
       call fatal_error(error, err_input, "mu must not be negative, not "//to_text(options%mu))
    else if (.not. all(options%lambda > 0.0_wp)) then
-      call fatal_error(error, err_input, "lambda1 and lambda2 must be positive, not "// &
+      call fatal_error(error, err_input, "lambda must be positive, not "// &
          to_text(options%lambda))
+   else if (.not. all(options%channel_weight >= 0.0_wp)) then
+      call fatal_error(error, err_input, "Weights of channels must not be negative, not "// &
+         to_text(options%channel_weight))
    else if (.not. options%epsilon > 0.0_wp) then
       call fatal_error(error, err_input, "epsilon must be positive, not "// &
          to_text(options%epsilon))
    else if (.not. options%dt > 0.0_wp) then
       call fatal_error(error, err_input, "dt must be positive, not "//to_text(options%dt))
    else if (.not. all(options%spacing > 0.0_wp)) then
-      call fatal_error(error, err_input, "Pixel sizes must be positive, not "// &
+      call fatal_error(error, err_input, "Voxel sizes must be positive, not "// &
          to_text(options%spacing))
    else if (options%iterations < 1) then
       call fatal_error(error, err_input, "iterations must be at least 1, not "// &
@@ -115,160 +158,213 @@ subroutine check_options(options, error)
    end if
 end subroutine check_options
 
-!> Evolve the level set of one slice
-subroutine evolve_slice(options, image, mask, phi, energy, iterations)
+!> Evolve the level sets of a block
+subroutine evolve_block(options, channels, weight, phi, energy, means, iterations, ended)
    !> Weights and steering
    type(level_set_options), intent(in) :: options
-   !> Grey values, shape (columns, rows) [-]
-   real(wp), intent(in) :: image(:, :)
-   !> Pixels that take part, same shape
-   logical, intent(in) :: mask(:, :)
-   !> Level set, same shape [-]
-   real(wp), intent(inout) :: phi(:, :)
-   !> Energy before each iteration, shape (options%iterations) [-]
+   !> Values, shape (columns, rows, slices, channels) [-]
+   real(wp), intent(in), contiguous, target :: channels(:, :, :, :)
+   !> Weights of the voxels, shape (columns, rows, slices) [-]
+   real(wp), intent(in), contiguous, target :: weight(:, :, :)
+   !> Level sets, shape (columns, rows, slices, level sets) [-]
+   real(wp), intent(inout) :: phi(:, :, :, :)
+   !> Energy at the start and after each iteration, shape (options%iterations+1) [-]
    real(wp), intent(out) :: energy(:)
+   !> Mean values, shape (channels, regions) [-]
+   real(wp), intent(out) :: means(:, :)
    !> Iterations done
    integer, intent(out) :: iterations
-   real(wp), allocatable :: old(:, :)
-   logical, allocatable :: inside(:, :), looked(:, :)
-   integer :: iteration, ni, nj
-   real(wp) :: c(2)
+   !> One of the `ended_` constants
+   integer, intent(out) :: ended
+   type(grid_type) :: grid
+   !> Level sets and their step functions, shape (places, level sets), of two iterates in turn
+   real(wp), allocatable :: level(:, :, :), inside(:, :, :)
+   real(wp), pointer :: values(:, :), weights(:)
+   logical, allocatable :: looked(:, :)
+   real(wp) :: dt, next_means(size(means, 1), size(means, 2)), next_energy, lowest
+   integer :: iteration, attempt, now, next, voxels, levels
 
    energy = 0.0_wp
+   means = 0.0_wp
    iterations = 0
-   if (.not. any(mask)) return
+   ended = ended_at_rest
+   call new_grid(grid, weight, options%spacing)
+   voxels = nint(sum(grid%part))
+   if (voxels == 0) return
+   levels = size(phi, 4)
+   values(1:size(weight), 1:size(channels, 4)) => channels
+   weights(1:size(weight)) => weight
+   allocate (level(grid%places, levels, 2), inside(grid%places, levels, 2), source=0.0_wp)
+   call pad(phi, level(:, :, 1))
+   level(:, :, 2) = level(:, :, 1)
 
-   ni = size(image, 1)
-   nj = size(image, 2)
-   allocate (old(0:ni + 1, 0:nj + 1), source=0.0_wp)
-   allocate (inside(0:ni + 1, 0:nj + 1), source=.false.)
-   inside(1:ni, 1:nj) = mask
-   looked = phi > 0.0_wp
-
-   do iteration = 1, options%iterations
+   now = 1
+   next = 2
+   dt = options%dt
+   call measure(options, grid, values, weights, level(:, :, now), inside(:, :, now), means, &
+      energy(1))
+   lowest = energy(1)
+   looked = level(:, :, now) > 0.0_wp
+   ended = ended_at_limit
+   iterate: do iteration = 1, options%iterations
       iterations = iteration
-      old(1:ni, 1:nj) = phi
-      call region_means(options%epsilon, image, mask, phi, c)
-      call sweep(options, c, image, inside, old, phi, energy(iteration))
+      do attempt = 0, halvings
+         call advance(options, grid, dt, means, values, weights, level(:, :, now), &
+            inside(:, :, now), level(:, :, next))
+         call measure(options, grid, values, weights, level(:, :, next), inside(:, :, next), &
+            next_means, next_energy)
+         if (next_energy <= lowest) exit
+         dt = 0.5_wp*dt
+      end do
+      if (next_energy > lowest) then
+         energy(iteration + 1) = lowest
+         ended = ended_lowest
+         exit iterate
+      end if
+      if (attempt == 0) dt = min(2.0_wp*dt, options%dt)
+      lowest = next_energy
+      energy(iteration + 1) = lowest
+      means = next_means
+      now = next
+      next = 3 - now
       if (modulo(iteration, window) /= 0) cycle
-      if (count(mask .and. (looked .neqv. phi > 0.0_wp)) <= &
-         options%tolerance*count(mask)) exit
-      looked = phi > 0.0_wp
-   end do
-   energy(iterations + 1:) = energy(iterations)
-end subroutine evolve_slice
-
-!> Mean grey values inside and outside, (3.13) and (3.14)
-pure subroutine region_means(epsilon, image, mask, phi, c)
-   !> Width of the regularised step [-]
-   real(wp), intent(in) :: epsilon
-   !> Grey values, shape (columns, rows) [-]
-   real(wp), intent(in) :: image(:, :)
-   !> Pixels that take part, same shape
-   logical, intent(in) :: mask(:, :)
-   !> Level set, same shape [-]
-   real(wp), intent(in) :: phi(:, :)
-   !> Means inside and outside, shape (2) [-]
-   real(wp), intent(out) :: c(2)
-   integer :: i, j
-   real(wp) :: h, total(2), weight(2)
-
-   total = 0.0_wp
-   weight = 0.0_wp
-   do j = 1, size(image, 2)
-      do i = 1, size(image, 1)
-         if (.not. mask(i, j)) cycle
-         h = step(phi(i, j), epsilon)
-         total = total + [h, 1.0_wp - h]*image(i, j)
-         weight = weight + [h, 1.0_wp - h]
-      end do
-   end do
-   c = total/max(weight, tiny(1.0_wp))
-end subroutine region_means
-
-!> One iteration of (A.1) and the energy (3.12) of the old level set
-pure subroutine sweep(options, c, image, inside, old, new, energy)
-   !> Weights and steering
-   type(level_set_options), intent(in) :: options
-   !> Means inside and outside, shape (2) [-]
-   real(wp), intent(in) :: c(2)
-   !> Grey values, shape (columns, rows) [-]
-   real(wp), intent(in) :: image(:, :)
-   !> Pixels that take part with a ring of .false. around, shape (0:columns+1, 0:rows+1)
-   logical, intent(in) :: inside(0:, 0:)
-   !> Level set before, shape (0:columns+1, 0:rows+1) [-]
-   real(wp), intent(in) :: old(0:, 0:)
-   !> Level set after, shape (columns, rows); untouched outside the mask [-]
-   real(wp), intent(inout) :: new(:, :)
-   !> Energy of the old level set [-]
-   real(wp), intent(out) :: energy
-   integer :: i, j
-   real(wp) :: centre, east, west, north, south, delta, h, misfit(2), pull(4), hx, hy
-
-   hx = options%spacing(1)
-   hy = options%spacing(2)
-   energy = 0.0_wp
-   do j = 1, size(image, 2)
-      do i = 1, size(image, 1)
-         if (.not. inside(i, j)) cycle
-         centre = old(i, j)
-         east = merge(old(i + 1, j), centre, inside(i + 1, j))
-         west = merge(old(i - 1, j), centre, inside(i - 1, j))
-         north = merge(old(i, j + 1), centre, inside(i, j + 1))
-         south = merge(old(i, j - 1), centre, inside(i, j - 1))
-
-         delta = options%epsilon/(pi*(options%epsilon**2 + centre**2))
-         h = step(centre, options%epsilon)
-         misfit = options%lambda*(image(i, j) - c)**2
-         energy = energy + hx*hy*(options%nu*h + misfit(1)*h + misfit(2)*(1.0_wp - h) + &
-            options%mu*delta*hypot((east - west)/(2.0_wp*hx), (north - south)/(2.0_wp*hy)))
-
-         ! Weights of the four neighbours: mu/(h^2 A), B, C, D of (A.2)
-         pull(1) = slope((east - centre)/hx, (north - south)/(2.0_wp*hy))
-         pull(2) = slope((centre - west)/hx, (beside(i - 1, j + 1, west) - &
-            beside(i - 1, j - 1, west))/(2.0_wp*hy))
-         pull(3) = slope((east - west)/(2.0_wp*hx), (north - centre)/hy)
-         pull(4) = slope((beside(i + 1, j - 1, south) - beside(i - 1, j - 1, south))/ &
-            (2.0_wp*hx), (centre - south)/hy)
-         pull = options%dt*delta*options%mu/(pull*[hx, hx, hy, hy]**2)
-         where (.not. [inside(i + 1, j), inside(i - 1, j), inside(i, j + 1), inside(i, j - 1)]) &
-            pull = 0.0_wp
-
-         new(i, j) = (centre + pull(1)*east + pull(2)*west + pull(3)*north + pull(4)*south + &
-            options%dt*delta*(misfit(2) - misfit(1) - options%nu))/(1.0_wp + sum(pull))
-      end do
-   end do
+      if (count(any(looked .neqv. level(:, :, now) > 0.0_wp, dim=2)) <= &
+         options%tolerance*voxels) then
+         ended = ended_at_rest
+         exit iterate
+      end if
+      looked = level(:, :, now) > 0.0_wp
+   end do iterate
+   energy(iterations + 2:) = lowest
+   call unpad(level(:, :, now), phi)
 
 contains
 
-   !> Value of a diagonal neighbour, or of the side it lies beyond when it takes no part
-   pure real(wp) function beside(ip, jp, side)
-      !> Place of the neighbour
-      integer, intent(in) :: ip, jp
-      !> Value to use instead [-]
-      real(wp), intent(in) :: side
+   !> Copy level sets into padded arrays
+   subroutine pad(from, to)
+      !> Level sets, shape (columns, rows, slices, level sets) [-]
+      real(wp), intent(in) :: from(:, :, :, :)
+      !> The same, shape (places, level sets) [-]
+      real(wp), intent(inout) :: to(:, :)
+      integer :: j, k, l, first
 
-      beside = merge(old(ip, jp), side, inside(ip, jp))
-   end function beside
+      do l = 1, levels
+         do k = 1, size(from, 3)
+            do j = 1, size(from, 2)
+               first = 1 + (j - 1 + size(from, 2)*(k - 1))*size(from, 1) + &
+                  grid%rows(j + size(from, 2)*(k - 1))%shift
+               to(first:first + size(from, 1) - 1, l) = from(:, j, k, l)
+            end do
+         end do
+      end do
+   end subroutine pad
 
-   !> Length of a gradient, kept away from zero
-   pure real(wp) function slope(gx, gy)
-      !> Components [1/pixel]
-      real(wp), intent(in) :: gx, gy
+   !> Copy level sets out of padded arrays
+   subroutine unpad(from, to)
+      !> Level sets, shape (places, level sets) [-]
+      real(wp), intent(in) :: from(:, :)
+      !> The same, shape (columns, rows, slices, level sets) [-]
+      real(wp), intent(inout) :: to(:, :, :, :)
+      integer :: j, k, l, first
 
-      slope = sqrt(gx**2 + gy**2 + flat**2)
-   end function slope
+      do l = 1, levels
+         do k = 1, size(to, 3)
+            do j = 1, size(to, 2)
+               first = 1 + (j - 1 + size(to, 2)*(k - 1))*size(to, 1) + &
+                  grid%rows(j + size(to, 2)*(k - 1))%shift
+               to(:, j, k, l) = from(first:first + size(to, 1) - 1, l)
+            end do
+         end do
+      end do
+   end subroutine unpad
 
-end subroutine sweep
+end subroutine evolve_block
 
-!> Regularised step function (3.16)
-elemental real(wp) function step(z, epsilon)
-   !> Level set [-]
-   real(wp), intent(in) :: z
-   !> Width [-]
-   real(wp), intent(in) :: epsilon
+!> One step of all level sets
+subroutine advance(options, grid, dt, means, values, weights, old, inside, new)
+   !> Weights
+   type(level_set_options), intent(in) :: options
+   !> Grid
+   type(grid_type), intent(in) :: grid
+   !> Time step [-]
+   real(wp), intent(in) :: dt
+   !> Mean values, shape (channels, regions) [-]
+   real(wp), intent(in) :: means(:, :)
+   !> Values, shape (voxels, channels), and weights, shape (voxels) [-]
+   real(wp), intent(in) :: values(:, :), weights(:)
+   !> Level sets before and their step functions, shape (places, level sets) [-]
+   real(wp), intent(in) :: old(:, :), inside(:, :)
+   !> Level sets after, same shape [-]
+   real(wp), intent(inout) :: new(:, :)
+   real(wp) :: share(size(options%channel_weight))
+   integer :: row
 
-   step = 0.5_wp + atan(z/epsilon)/pi
-end function step
+   share = options%channel_weight/size(options%channel_weight)
+   !$omp parallel do default(none) schedule(static) private(row) &
+   !$omp shared(options, grid, dt, means, values, weights, old, inside, new, share)
+   do row = 1, size(grid%rows)
+      if (grid%rows(row)%last < grid%rows(row)%first) cycle
+      call advance_row(grid, grid%rows(row), options%mu, options%nu, options%epsilon, dt, &
+         options%lambda, share, means, values, weights, old, inside, new)
+   end do
+   !$omp end parallel do
+end subroutine advance
+
+!> Step functions, means (4.5) and energy (3.29) of level sets
+subroutine measure(options, grid, values, weights, phi, inside, means, energy)
+   !> Weights
+   type(level_set_options), intent(in) :: options
+   !> Grid
+   type(grid_type), intent(in) :: grid
+   !> Values, shape (voxels, channels), and weights, shape (voxels) [-]
+   real(wp), intent(in) :: values(:, :), weights(:)
+   !> Level sets, shape (places, level sets) [-]
+   real(wp), intent(in) :: phi(:, :)
+   !> Their step functions, same shape [-]
+   real(wp), intent(inout) :: inside(:, :)
+   !> Mean values, shape (channels, regions) [-]
+   real(wp), intent(out) :: means(:, :)
+   !> Energy with these means [-]
+   real(wp), intent(out) :: energy
+   real(wp) :: share(size(options%channel_weight))
+   real(wp), allocatable :: of_row(:, :)
+   real(wp) :: sums(sums_of_row(size(means, 2), size(means, 1)))
+   integer :: row, region, place, channels
+
+   channels = size(means, 1)
+   share = options%channel_weight/channels
+   allocate (of_row(size(sums), size(grid%rows)), source=0.0_wp)
+   !$omp parallel do default(none) schedule(static) private(row) &
+   !$omp shared(options, grid, phi, inside)
+   do row = 1, size(grid%rows)
+      call step_row(grid%rows(row), options%epsilon, phi, inside)
+   end do
+   !$omp end parallel do
+   !$omp parallel do default(none) schedule(static) private(row) &
+   !$omp shared(options, grid, values, weights, means, inside, share, of_row)
+   do row = 1, size(grid%rows)
+      if (grid%rows(row)%last < grid%rows(row)%first) cycle
+      call sum_row(grid, grid%rows(row), options%mu, options%nu, size(means, 2), share, values, &
+         weights, inside, of_row(:, row))
+   end do
+   !$omp end parallel do
+   ! Row by row, so that the number of threads does not show
+   sums = 0.0_wp
+   do row = 1, size(grid%rows)
+      sums = sums + of_row(:, row)
+   end do
+
+   energy = sums(1)
+   do region = 1, size(means, 2)
+      place = 1 + (region - 1)*(2 + channels)
+      associate (part => sums(place + 1), square => sums(place + 2), &
+         first => sums(place + 3:place + 2 + channels))
+         means(:, region) = first/max(part, tiny(1.0_wp))
+         ! sum of (u - c)^2 with the mean c, which makes it least
+         energy = energy + options%lambda(region)*(square - sum(share*first*means(:, region)))
+      end associate
+   end do
+   energy = energy*product(grid%spacing(:grid%axes))
+end subroutine measure
 
 end module rk_levelset

@@ -35,7 +35,7 @@ struct KeySpec {
    std::vector<std::string> choices;        // numbers as text
    std::optional<double> min, max, above, below;
    int length;
-   bool or_number, scalar, nonzero, unique;
+   bool or_number, scalar, nonzero, infinite, unique;
    std::string refers_to;
    std::vector<Condition> required_if, only_if;
 };

@@ -66,8 +66,9 @@ static std::string refusal(const KeySpec &key, const Value &value) {
    if (!number)
       return "";
    const double x = value.number();
-   if (!std::isfinite(x))
-      return "must be a finite number, not " + value.plain();
+   if (!std::isfinite(x) && !(key.infinite && x > 0.0))
+      return std::string("must be a ") + (key.infinite ? "positive number or inf" : "finite number") +
+             ", not " + value.plain();
    if (value.kind == Value::Kind::integer &&
        (key.type == Type::integer || key.type == Type::integers) &&
        std::abs(x) > std::numeric_limits<std::int32_t>::max())

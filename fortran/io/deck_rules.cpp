@@ -40,7 +40,16 @@ static std::vector<std::string> sets_of(const std::string &kind, int dimension) 
 
 static void check_materials(Deck &deck, const std::string &kind, int dimension) {
    const std::vector<Section *> materials = deck.entries("material");
+   const Section *scene = deck.single("scene");
+   const std::string method = scene ? scene->text("method") : "";
    for (Section *material : materials) {
+      const Value *bulk = material->find("K");
+      if (bulk && !std::isfinite(bulk->number()) && !method.empty() && method != "auto" &&
+          method != "rkcm-mixed")
+         deck.complain(bulk->origin, deck.address(*material, "K"),
+                       "inf is only for scene.method = rkcm-mixed, where the pressure is an "
+                       "unknown; here scene.method = " +
+                           method);
       if (materials.size() > 1 && !material->find("label") && !material->refused.count("label"))
          deck.complain(material->origin, deck.address(*material, "label"),
                        "missing, an integer is needed where there are several materials");

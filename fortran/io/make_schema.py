@@ -24,7 +24,8 @@ TABLE_ATTRIBUTES = {
 }  # fmt: skip
 KEY_ATTRIBUTES = {
     "type", "help", "unit", "default", "required", "choices", "min", "max", "above", "below",
-    "length", "or_number", "scalar", "nonzero", "refers_to", "unique", "required_if", "only_if",
+    "length", "or_number", "scalar", "nonzero", "infinite", "refers_to", "unique", "required_if",
+    "only_if",
 }  # fmt: skip
 
 
@@ -127,7 +128,7 @@ def cpp_key(name: str, spec: dict[str, Any]) -> str:
         texts(spec.get("choices", [])),
         *(number(spec, bound) for bound in ("min", "max", "above", "below")),
         "dimension_length" if length == "dimension" else str(length),
-        *(flag(spec, word) for word in ("or_number", "scalar", "nonzero", "unique")),
+        *(flag(spec, word) for word in ("or_number", "scalar", "nonzero", "infinite", "unique")),
         quoted(spec.get("refers_to", "")),
         conditions(spec, "required_if"),
         conditions(spec, "only_if"),
@@ -165,7 +166,7 @@ INTRODUCTION = """# Decks
 A deck is a TOML file that both `myork` and `myork-solve` read. Unknown keys, wrong types, missing
 keys and impossible values are errors, all told at once, each as `file:line: table.key: what`.
 Paths are relative to the deck. Numbers are in the units that `[units]` declares; a number may be
-written as an integer, never as `nan` or `inf`. A table that is absent takes its defaults.
+written as an integer, never as `nan`, and as `inf` only where the key allows it. A table that is absent takes its defaults.
 
 `--set table.key=value` replaces a value and is checked like the deck. It addresses a table, the
 first entry of an array of tables (`material.K`), or an entry by its name (`material.fat.K`,
@@ -190,6 +191,8 @@ def allowed(spec: dict[str, Any]) -> str:
         parts.append(code(spec["choices"]))
     signs = {"min": "≥", "above": ">", "max": "≤", "below": "<"}
     parts += [f"{sign} {spec[word]}" for word, sign in signs.items() if word in spec]
+    if spec.get("infinite"):
+        parts.append("or `inf`")
     if "length" in spec:
         one_each = spec["length"] == "dimension"
         parts.append("one per dimension" if one_each else f"{spec['length']} items")

@@ -518,7 +518,12 @@ subroutine write_value(entry, json)
       end do
       call json%end_array()
    case (is_number)
-      call json%put(key, entry%numbers(1))
+      ! JSON has no infinity: the word of the deck
+      if (entry%numbers(1) > huge(1.0_wp)) then
+         call json%put(key, 'inf')
+      else
+         call json%put(key, entry%numbers(1))
+      end if
    case (is_integer)
       call json%put(key, nint(entry%numbers(1)))
    case (is_logical)

@@ -3,7 +3,7 @@
 !> What the deck alone can tell was checked while it was read; here come the complaints that need
 !> the points: unknown boundary sets, labels without points, directions that are missing.
 module rk_deck_scene
-   use rk_cloud, only : check_cloud, cloud_type, jitter, lattice_cells, new_annulus, new_box
+   use rk_cloud, only : check_cloud, cloud_type, jitter, new_annulus, new_box
    use rk_deck, only : deck_type
    use rk_deck_linear, only : read_linear
    use rk_error, only : error_type, fatal_error, err_input, err_memory
@@ -13,6 +13,7 @@ module rk_deck_scene
    use rk_material_list, only : new_material
    use rk_memory, only : available_bytes
    use rk_muscle, only : fiber_type
+   use rk_patches, only : volume_patches
    use rk_precision, only : pi, wp
    use rk_scene, only : condition_type, scene_type
    use rk_text, only : to_text
@@ -67,6 +68,7 @@ subroutine new_scene(scene, deck, model, error)
       error%message = deck%where('geometry')//': geometry: '//error%message
       return
    end if
+   if (.not. allocated(scene%cloud%cell)) call volume_patches(scene%cloud)
    call read_conditions(scene, deck, error)
    if (allocated(error)) return
    call read_probes(scene, deck, error)
@@ -123,7 +125,6 @@ subroutine read_geometry(cloud, deck, model, error)
       call new_annulus(cloud, inner, outer, source, collocation, error)
    case default
       cloud = model
-      call lattice_cells(cloud)
    end select
    if (allocated(error)) error%message = deck%where('geometry')//': geometry: '//error%message
 end subroutine read_geometry
@@ -142,6 +143,7 @@ subroutine read_approximation(scene, deck)
    call deck%get('approximation.kernel', kernel)
    call deck%get('approximation.window', window)
    call deck%get('approximation.support', support)
+   call deck%get('approximation.interface', scene%interface)
    scene%approximation%kernel = merge(kernel_cubic, kernel_quintic, kernel == 'cubic')
    scene%approximation%window = merge(window_radial, window_product, window == 'radial')
    allocate (scene%support, mold=scene%cloud%spacing)

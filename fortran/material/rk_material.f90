@@ -50,7 +50,8 @@ module rk_material
    type, abstract :: material_type
       !> Name for messages
       character(len=:), allocatable :: name
-      !> Bulk modulus K [stress]
+      !> Bulk modulus K; infinite where J = 1 and the volumetric part is a pressure of its own
+      !> [stress]
       real(wp) :: bulk = 0.0_wp
       !> Shear modulus of small deformations, without fibers [stress]
       real(wp) :: shear = 0.0_wp
@@ -59,6 +60,10 @@ module rk_material
    contains
       !> Derivatives of the reduced energy
       procedure(reduced_energy), deferred :: reduced
+      !> Infinite K
+      procedure :: incompressible
+      !> Shear modulus of a deformed state
+      procedure :: stiffness
       !> W
       procedure :: energy
       !> P
@@ -96,6 +101,45 @@ module rk_material
    end interface
 
 contains
+
+!> Whether K is infinite, so that no stress follows from J
+pure logical function incompressible(self)
+   !> Material
+   class(material_type), intent(in) :: self
+
+   incompressible = self%bulk > huge(1.0_wp)
+end function incompressible
+
+!> Tangent modulus of the simple shear that has the same reduced invariants, without fibers: rubber
+!> sheared by five times its height is a hundred times as stiff as at rest. Never below the value
+!> at rest [stress]
+pure real(wp) function stiffness(self, f)
+   !> Material
+   class(material_type), intent(in) :: self
+   !> Deformation gradient F(i,A) [-]
+   real(wp), intent(in) :: f(3, 3)
+   type(invariants_type) :: inv
+   type(reduced_type) :: r
+   type(state_type) :: state
+   real(wp) :: power(3), squared, slope, bend
+   integer :: m
+
+   call set_invariants(inv, f, [0.0_wp, 0.0_wp, 0.0_wp], self%active, gradients=.false.)
+   call set_state(inv, 0.0_wp, state, power)
+   call self%reduced(state, 2, r)
+   squared = 0.0_wp
+   slope = 0.0_wp
+   bend = 0.0_wp
+   do m = 2, inv%n
+      associate (k => inv%kind(m))
+         ! I1 = I2 = 3 + gamma^2, shear stress gamma dW/d(gamma^2)
+         squared = max(squared, state%reduced(k) - 3.0_wp)
+         slope = slope + r%first(k)
+         bend = bend + sum(r%second(inv%kind(2:inv%n), k))
+      end associate
+   end do
+   stiffness = max(self%shear, 2.0_wp*slope + 4.0_wp*squared*bend)
+end function stiffness
 
 !> Energy W per reference volume [stress]
 pure function energy(self, f, fiber, activation, volumetric) result(w)

@@ -22,7 +22,7 @@ subroutine new_material(item, model, name, a, bulk, fibers, error)
    character(len=*), intent(in) :: name
    !> Coefficients A_ij of the polynomial [stress]
    real(wp), intent(in) :: a(0:3, 0:3)
-   !> Bulk modulus K, > 0 [stress]
+   !> Bulk modulus K, > 0, may be infinite [stress]
    real(wp), intent(in) :: bulk
    !> Parameters of the fibers, used by muscle
    type(fiber_type), intent(in) :: fibers

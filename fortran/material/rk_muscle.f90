@@ -55,7 +55,7 @@ subroutine new_muscle(self, name, a, bulk, fibers, error)
    character(len=*), intent(in) :: name
    !> Coefficients A_ij of the matrix, zero for i = j = 0 and for i + j > 3 [stress]
    real(wp), intent(in) :: a(0:3, 0:3)
-   !> Bulk modulus K, > 0 [stress]
+   !> Bulk modulus K, > 0, may be infinite [stress]
    real(wp), intent(in) :: bulk
    !> Parameters of the fibers
    type(fiber_type), intent(in) :: fibers

@@ -35,7 +35,7 @@ subroutine new_polynomial(self, name, a, bulk, error)
    character(len=*), intent(in) :: name
    !> Coefficients A_ij, zero for i = j = 0 and for i + j > 3 [stress]
    real(wp), intent(in) :: a(0:3, 0:3)
-   !> Bulk modulus K, > 0 [stress]
+   !> Bulk modulus K, > 0, may be infinite [stress]
    real(wp), intent(in) :: bulk
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
@@ -53,7 +53,8 @@ subroutine new_polynomial(self, name, a, bulk, error)
          end if
       end do
    end do
-   call check_parameter(name, 'K', bulk, error, above=0.0_wp)
+   ! an infinite K keeps the volume; only a NaN or what is not positive is wrong
+   if (.not. bulk > huge(1.0_wp)) call check_parameter(name, 'K', bulk, error, above=0.0_wp)
    if (allocated(error)) return
    self%name = name
    self%a = a

@@ -2,57 +2,87 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from myork import _core, errors
 
-__all__ = ["evolve_two_phase"]
+__all__ = ["evolve_level_sets"]
 
 
-def evolve_two_phase(
-    image: ArrayLike,
-    mask: ArrayLike,
+def evolve_level_sets(
+    channels: ArrayLike,
+    weight: ArrayLike,
     start: ArrayLike,
     *,
-    spacing: tuple[float, float],
+    spacing: tuple[float, float, float],
     mu: float,
     nu: float,
-    lambda1: float,
-    lambda2: float,
     epsilon: float,
     dt: float,
     tolerance: float,
     iterations: int,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]:
-    """Evolve a two-phase level set in every slice by the scheme (A.1), (A.2).
+    lambdas: ArrayLike,
+    channel_weights: ArrayLike,
+    volume: bool,
+) -> dict[str, NDArray[Any]]:
+    """Evolve level sets by the scheme of Appendix A, energy (3.29).
 
     Parameters
     ----------
-    image, mask, start : ArrayLike
-        Grey values [-], pixels that take part, first level set [-], shape `(ni, nj, nk)` each.
+    channels : ArrayLike
+        Values, shape `(ni, nj, nk, nchannel)` [-].
+    weight : ArrayLike
+        Weights of the voxels' misfit, zero for voxels that take no part (whatever values they
+        hold), shape `(ni, nj, nk)` [-].
+    start : ArrayLike
+        First level sets, shape `(ni, nj, nk, nlevel)` [-].
     spacing : tuple
-        Pixel sizes along the first two axes [pixel].
-    mu, nu, lambda1, lambda2, epsilon, dt, tolerance, iterations
-        Weights of (3.12), width of the step (3.16), time step, the part of the pixels that may
-        change sides in ten iterations at rest, and the largest number of iterations.
+        Voxel sizes along the three axes [-].
+    mu, nu, epsilon, dt, tolerance, iterations
+        Weights of length and area, width of the step (3.16), largest time step, the part of the
+        voxels that may change their region in ten iterations at rest, and the largest number of
+        iterations.
+    lambdas, channel_weights : ArrayLike
+        Weights of the misfit of each region, shape `(nregion,)`, and of each channel; there are
+        more than half of `2**nlevel` regions.
+    volume : bool
+        Whether the slices are one volume; else each is a problem of its own.
 
     Returns
     -------
-    tuple
-        Level set, shape `(ni, nj, nk)`; energy (3.12) before each iteration, shape
-        `(iterations, nk)`; iterations done in each slice, shape `(nk,)`.
+    dict
+        `phi` like `start`; `energy` at the start and after each iteration, shape
+        `(iterations + 1, nblock)`; `means`, shape `(nchannel, nregion, nblock)`; `iterations`
+        and `ended` (0 limit, 1 regions at rest, 2 no step lowers the energy), shape
+        `(nblock,)`. A block is a slice or the volume.
     """
-    arrays = [np.asfortranarray(a, dtype=float) for a in (image, start)]
-    inside = np.asfortranarray(mask, dtype=np.int32)
-    shapes = {a.shape for a in (*arrays, inside)}
-    if len(shapes) > 1 or inside.ndim != 3:
-        raise errors.InputError(f"image, mask and start must be 3-D of one shape, not {shapes}")
-    weights = (mu, nu, lambda1, lambda2, epsilon, dt, tolerance)
+    values = np.asfortranarray(channels, dtype=float)
+    part = np.asfortranarray(weight, dtype=float)
+    first = np.asfortranarray(start, dtype=float)
+    if values.ndim != 4 or first.ndim != 4 or {values.shape[:3], first.shape[:3]} != {part.shape}:
+        raise errors.InputError(
+            "channels and start must be 4-D on the grid of weight, not "
+            f"{values.shape}, {first.shape} and {part.shape}"
+        )
     if iterations < 1:
         raise errors.InputError(f"iterations must be at least 1, not {iterations}")
-    phi, energy, done, stat, message = _core.evolve_two_phase(
-        weights, spacing, iterations, arrays[0], inside, arrays[1]
+    if (part == 0).any() and not np.isfinite(values).all():
+        values = np.asfortranarray(np.where(part[..., None] > 0, values, 0.0))
+    depth = part.shape[2] if volume else 1
+    phi, energy, means, done, ended, stat, message = _core.evolve_level_sets(
+        (mu, nu, epsilon, dt, tolerance),
+        np.asarray(lambdas, float),
+        np.asarray(channel_weights, float),
+        spacing,
+        iterations,
+        depth,
+        part.shape[2] // depth,
+        values,
+        part,
+        first,
     )
     errors.check(stat, message)
-    return phi, energy, done
+    return {"phi": phi, "energy": energy, "means": means, "iterations": done, "ended": ended}

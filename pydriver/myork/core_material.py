@@ -22,7 +22,7 @@ class Material:
     name : str
         Name for messages.
     K : float
-        Bulk modulus, positive [stress].
+        Bulk modulus, positive; infinite only with `volumetric=False` below [stress].
     model : str
         `polynomial` or `muscle`.
     A10, A01, A20, A11, A02, A30, A21, A12, A03 : float
@@ -210,6 +210,10 @@ def fiber_curves(
 
 def _parameters(material: Material, volumetric: bool) -> tuple[object, ...]:
     """Arguments of the core that stand for a material."""
+    if volumetric and np.isposinf(material.K):
+        raise errors.InputError(
+            f"material '{material.name}': K = inf gives no volumetric stress: volumetric=False"
+        )
     a = np.zeros((4, 4), order="F")
     for i in range(4):
         for j in range(4 - i):

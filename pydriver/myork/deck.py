@@ -45,4 +45,8 @@ def load_deck(path: str | Path, overrides: Sequence[str] = (), command: str = ""
         if "\n" in text:
             raise InputError(f"--set {text!r}: an override is a single line")
     deck: dict[str, Any] = json.loads(deck_json(path, overrides, command))
+    for material in deck.get("material", []):
+        # JSON has no infinity and holds the word
+        if "K" in material:
+            material["K"] = float(material["K"])
     return deck

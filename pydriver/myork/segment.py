@@ -2,7 +2,7 @@
 
 Files in the output folder: `anatomy.nii.gz` (the image that was segmented), `segmentation.nii.gz`
 with `segmentation.json` (names), `fibers.nii.gz` (unit vectors in the world frame; with tensors
-only), `summary.json`; from the phantom also `tensor.nii.gz` and `truth.nii.gz`.
+only), `summary.json`; from the phantom also its images and its truth (`write_phantom`).
 """
 
 from __future__ import annotations
@@ -16,21 +16,24 @@ from numpy.typing import NDArray
 
 import myork
 from myork.console import ProgressCallback
-from myork.core_image import evolve_two_phase
+from myork.core_image import evolve_level_sets
 from myork.errors import FileError, InputError
+from myork.imaging.diffusion import read_tensors
 from myork.imaging.geometry import check_same_grid, length_factor
 from myork.imaging.io import read_image, read_labels, write_image, write_labels
-from myork.imaging.phantom import make_phantom
+from myork.imaging.phantom import make_phantom, write_phantom
 from myork.model.fibers import fiber_field
+from myork.model.orientation import check_orientation
 from myork.records import Image, Labels
-from myork.segmentation.level_sets import TwoPhase, two_phase
+from myork.segmentation.channels import scaled_values
+from myork.segmentation.level_sets import LevelSets, Regions, segment_regions, wanted_phase
 from myork.segmentation.regions import body_mask, box_mask, grown_mask, piece_with_seed
 from myork.segmentation.scores import dice, pearson
 from myork.summary import update_summary
 
 __all__ = ["segment"]
 
-_WEIGHTS = ("mu", "nu", "lambda1", "lambda2", "epsilon", "dt", "tolerance", "iterations")
+_CHOICES = ("volume", "start", "mu", "nu", "epsilon", "dt", "tolerance", "iterations")
 
 
 def segment(
@@ -63,11 +66,22 @@ def segment(
 
     region = _region(image, table, folder)
     progress(f"segmenting {int(region.sum())} pixels in {image.data.shape[2]} slices")
-    weights = {key: table[key] for key in _WEIGHTS}
-    result = two_phase(
-        image, region, evolve_two_phase, weights, phase=table["phase"], start=table["start"]
+    choice = LevelSets(
+        regions=table["regions"],
+        lambdas=table["lambda"],
+        **{key: table[key] for key in _CHOICES},
     )
-    inside = result.inside
+    grey = scaled_values(image, region)
+    result = segment_regions(
+        grey[..., np.newaxis],
+        region,
+        evolve_level_sets,
+        choice,
+        spacing=image.spacing,
+        labels=_start_labels(image, table, folder),
+        name=image.name,
+    )
+    inside = wanted_phase(result, grey, table["phase"])
     if "seed" in table:
         inside = piece_with_seed(inside, image, table["seed"])
     if not inside.any():
@@ -79,7 +93,7 @@ def segment(
     write_image(out / "anatomy.nii.gz", image)
     write_labels(out / "segmentation.nii.gz", labels)
 
-    warnings = [] if result.converged else [_unrest(result, weights["iterations"])]
+    warnings = [] if not result.unrest else [_unrest(result, choice.iterations)]
     (out / "fibers.nii.gz").unlink(missing_ok=True)
     if tensor is not None:
         progress("fibers from the diffusion tensors")
@@ -87,12 +101,16 @@ def segment(
             tensor, inside, table["fiber_smoothing"], table["tensor_frame"]
         )
         write_image(out / "fibers.nii.gz", fibers)
+        evidence, doubt = check_orientation(fibers, labels if truth is None else truth)
+        warnings += [doubt] if doubt else []
         if filled:
             warnings.append(
                 f"{tensor.name}: {filled} of {int(inside.sum())} tensors of the tissue are not "
                 "finite or not positive; their neighbours were used"
             )
     summary = _summary(deck, table["label"], labels, result, wanted, warnings)
+    if tensor is not None:
+        summary["segmentation"]["orientation"] = [entry.record() for entry in evidence]
     update_summary(out, summary)
     for line in (*_lines(summary), *(f"warning: {text}" for text in warnings)):
         progress(line)
@@ -115,7 +133,7 @@ def _inputs(
 ) -> tuple[Image, Image | None, Labels | None]:
     """Anatomy, tensor and truth from files, or those of the phantom, which are also written."""
     if "anatomy" not in table:
-        stray = [key for key in ("tensor", "truth") if key in table]
+        stray = [key for key in ("tensor", "dwi", "truth") if key in table]
         if stray:
             raise InputError(
                 f"image.{stray[0]} needs image.anatomy; without it the phantom and its own "
@@ -123,15 +141,12 @@ def _inputs(
             )
         keys = deck["phantom"]
         progress(f"phantom of {' x '.join(map(str, keys['size']))} voxels")
-        phantom = make_phantom(
-            tuple(keys["size"]), tuple(keys["spacing"]), keys["snr"], keys["bias"], keys["seed"]
-        )
-        write_image(out / "tensor.nii.gz", phantom.tensor)
-        write_labels(out / "truth.nii.gz", phantom.truth)
+        phantom = make_phantom(**keys)
+        write_phantom(out, phantom)
         return phantom.anatomy, phantom.tensor, phantom.truth
     image = read_image(folder / table["anatomy"])
     progress(f"{image.name}: {' x '.join(map(str, image.data.shape))} voxels")
-    tensor = read_image(folder / table["tensor"], values=6) if "tensor" in table else None
+    tensor = read_tensors(table, folder)
     truth = read_labels(folder / table["truth"]) if "truth" in table else None
     for other in (tensor, truth):
         if other is not None:
@@ -151,11 +166,19 @@ def _region(image: Image, table: Mapping[str, Any], folder: Path) -> NDArray[np.
     return region
 
 
-def _unrest(result: TwoPhase, limit: int) -> str:
-    count = int((result.iterations >= limit).sum())
+def _start_labels(image: Image, table: Mapping[str, Any], folder: Path) -> NDArray[np.int32] | None:
+    """Label map to start from, if the deck names one."""
+    if "start_labels" not in table:
+        return None
+    labels = read_labels(folder / table["start_labels"])
+    check_same_grid(labels, image)
+    return labels.data
+
+
+def _unrest(result: Regions, limit: int) -> str:
     return (
-        f"{count} of {len(result.iterations)} slices still changed after image.iterations = "
-        f"{limit}; raise it, or image.tolerance"
+        f"{result.unrest} of {len(result.iterations)} blocks of slices still changed after "
+        f"image.iterations = {limit}; raise it, or image.tolerance"
     )
 
 
@@ -174,7 +197,7 @@ def _summary(
     deck: Mapping[str, Any],
     name: str,
     labels: Labels,
-    result: TwoPhase,
+    result: Regions,
     wanted: NDArray[np.bool_] | None,
     warnings: list[str],
 ) -> dict[str, Any]:
@@ -194,7 +217,7 @@ def _summary(
             "labels": {name: {"pixels": pixels, "volume": pixels * voxel}},
             "scores": scores,
             "iterations": int(result.iterations.max()),
-            "converged": result.converged,
+            "converged": not result.unrest,
             "energy": result.energy.tolist(),
             "warnings": warnings,
         },

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from myork.errors import InputError
+from myork.imaging.diffusion import tensor_components
 from myork.imaging.geometry import canonical
 from myork.imaging.phantom import make_phantom
-from myork.model.fibers import fiber_field, fibers_at_points, lead_vector, tensor_components
+from myork.model.fibers import fiber_field, fibers_at_points, lead_vector
 from myork.records import Image, Labels
 
 

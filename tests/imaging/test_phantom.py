@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
-from myork.errors import InputError
-from myork.imaging.phantom import make_phantom, mg_area
+from myork.errors import FileError, InputError
+from myork.imaging.gradients import GradientTable, read_gradients, write_gradients
+from myork.imaging.phantom import make_phantom, mg_area, phantom_dwi
 
 
 @pytest.fixture(scope="module")
@@ -62,3 +64,111 @@ def test_fibers_are_unit_vectors_in_muscles_only(phantom):
 def test_field_of_view_too_small():
     with pytest.raises(InputError, match="needs 112 x 112 mm"):
         make_phantom(size=(40, 40, 5))
+
+
+@pytest.fixture(scope="module")
+def old_leg():
+    return make_phantom(imat=0.06, imct=0.3, aponeurosis=1.5, septum=0.6, growth=15.0)
+
+
+def test_materials_fill_the_asked_parts_of_every_muscle(old_leg):
+    for muscle in range(1, 7):
+        tissue = old_leg.tissue.data[old_leg.truth.data == muscle]
+        # Parts are quantiles of fields on some thousand voxels.
+        assert np.mean(tissue == 2) == pytest.approx(0.06, abs=0.002)
+        assert np.mean(tissue == 3) == pytest.approx(0.30, abs=0.002)
+        assert np.mean(tissue == 1) == pytest.approx(0.64, abs=0.004)
+
+
+def test_each_contrast_shows_its_tissue(old_leg):
+    def mean(image, tissue, where):
+        # The shading is not the subject here.
+        return (image.data / old_leg.bias.data)[(old_leg.tissue.data == tissue) & where].mean()
+
+    muscles = old_leg.truth.data > 0
+    assert mean(old_leg.fat, 2, muscles) > 2 * mean(old_leg.fat, 3, muscles)
+    assert mean(old_leg.fat, 2, muscles) > 2 * mean(old_leg.fat, 1, muscles)
+    assert mean(old_leg.connective, 3, muscles) > 2 * mean(old_leg.connective, 1, muscles)
+    assert mean(old_leg.anatomy, 2, muscles) > mean(old_leg.anatomy, 1, muscles)
+    assert mean(old_leg.anatomy, 3, muscles) < mean(old_leg.anatomy, 1, muscles)
+
+
+def test_connective_tissue_surrounds_the_medial_gastrocnemius(old_leg):
+    mg = old_leg.truth.data == 1
+    rim = ndimage.binary_dilation(mg, np.ones((3, 3, 1))) & ~mg
+    assert np.mean(old_leg.tissue.data[rim] == 3) > 0.9
+
+
+def test_muscles_grow_until_they_meet(phantom, old_leg):
+    def filled(p):
+        return np.mean(p.truth.data[p.tissue.data > 0] > 0)
+
+    assert filled(old_leg) > 1.3 * filled(phantom)
+    # The medial gastrocnemius stays as it is.
+    assert np.array_equal(old_leg.truth.data == 1, phantom.truth.data == 1)
+
+
+def test_scale_changes_the_section():
+    small = make_phantom(size=(80, 80, 5), scale=0.8, bias=0.0)
+    exact = mg_area(0.5, 0.8)
+    assert exact == pytest.approx(0.64 * mg_area(0.5))
+    assert (small.truth.data[:, :, 2] == 1).sum() * 1.25**2 == pytest.approx(exact, rel=0.03)
+
+
+def test_more_fat_and_connective_tissue_than_muscle():
+    with pytest.raises(InputError, match="leaves no muscle"):
+        make_phantom(imat=0.5, imct=0.5)
+
+
+def test_diffusion_images_decay_as_the_tensor_says(phantom):
+    dwi, table = phantom_dwi(phantom, snr=1e9, directions=12)
+    assert dwi.data.shape[-1] == len(table.b) == 13
+    assert table.still.tolist() == [True] + 12 * [False]
+    voxel = tuple(np.argwhere(phantom.truth.data == 3)[100])
+    xx, yy, zz, xy, xz, yz = phantom.clean_tensor.data[voxel]
+    full = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    for volume in (1, 7):
+        g = table.direction[volume]
+        decay = np.exp(-500.0 * g @ full @ g)
+        assert dwi.data[voxel][volume] / dwi.data[voxel][0] == pytest.approx(decay, rel=1e-6)
+    assert phantom_dwi(phantom, seed=3)[0].data[voxel][0] != phantom_dwi(phantom)[0].data[voxel][0]
+
+
+def test_gradients_come_back_in_any_orientation(tmp_path):
+    table = GradientTable(
+        np.array([0.0, 500.0, 500.0]), np.array([[0, 0, 0], [1, 0, 0], [0, 0.6, 0.8]])
+    )
+    for affine in (np.diag([2.0, 2, 6, 1]), np.diag([-2.0, 2, 6, 1]), TURNED):
+        write_gradients(tmp_path / "b", tmp_path / "v", table, affine)
+        again = read_gradients(tmp_path / "b", tmp_path / "v", affine, 3)
+        np.testing.assert_allclose(again.direction, table.direction, atol=1e-8)
+        np.testing.assert_array_equal(again.b, table.b)
+    # FSL: the first component is negated where the determinant is positive.
+    write_gradients(tmp_path / "b", tmp_path / "v", table, np.diag([2.0, 2, 6, 1]))
+    np.testing.assert_allclose(np.loadtxt(tmp_path / "v")[:, 1], [-1, 0, 0])
+    write_gradients(tmp_path / "b", tmp_path / "v", table, np.diag([-2.0, 2, 6, 1]))
+    np.testing.assert_allclose(np.loadtxt(tmp_path / "v")[:, 1], [-1, 0, 0])
+
+
+TURNED = np.array([[0, 0, -2.0, 0], [-1.0, 0, 0, 0], [0, 3.0, 0, 0], [0, 0, 0, 1]])
+
+
+@pytest.mark.parametrize(
+    ("b", "v", "message"),
+    [
+        ("0 500", "0 1\n0 0\n0 0", "has 2 values .* there are 3 diffusion images"),
+        ("0 500 500", "0 1\n0 0\n0 0", "2 directions"),
+        ("0 500 500", "0 1 1\n0 0 0", r"three rows of components are wanted, not \(2, 3\)|2 dir"),
+        ("0 -500 500", "0 1 0\n0 0 1\n0 0 0", "must not be negative"),
+        ("0 500 500", "0 1 0\n0 0 0\n0 0 0", "direction 3 has length 0 with b = 500"),
+        ("0 500 500", "0 nan 0\n0 0 0\n0 0 1", "not finite"),
+        ("0 500 x", "0 1 0\n0 0 0\n0 0 1", "rows of numbers"),
+    ],
+)
+def test_bad_gradients_are_named(tmp_path, b, v, message):
+    (tmp_path / "dwi.bval").write_text(b)
+    (tmp_path / "dwi.bvec").write_text(v)
+    with pytest.raises(InputError, match=message):
+        read_gradients(tmp_path / "dwi.bval", tmp_path / "dwi.bvec", np.eye(4), 3)
+    with pytest.raises(FileError, match="there is no such file"):
+        read_gradients(tmp_path / "no.bval", tmp_path / "dwi.bvec", np.eye(4), 3)

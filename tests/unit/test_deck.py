@@ -164,6 +164,7 @@ def test_defaults_and_absent_keys(write: Write) -> None:
         "support": [3.0, 3.0, 3.0],
         "kernel": "quintic",
         "window": "product",
+        "interface": 4.0,
     }
     muscle, fat = deck["material"]
     assert muscle["sigma_max"] == 30.0 and muscle["curve"] == "published"
@@ -229,6 +230,7 @@ def test_long_answers_are_complete(write: Write, monkeypatch: pytest.MonkeyPatch
         ("boundary.z1.u_z=-0.5", ("boundary", 1, "u_z"), -0.5),
         ("probe.mid.point=[0,0,0]", ("probe", 0, "point"), [0.0, 0.0, 0.0]),
         ("rom.modes=[3]", ("rom", "modes"), [3]),
+        ("material.fat.K=inf", ("material", 1, "K"), float("inf")),
     ],
 )
 def test_override(write: Write, override: str, place: tuple[Any, ...], value: object) -> None:
@@ -282,6 +284,14 @@ def test_wrong_override(write: Write, override: str, message: str) -> None:
     assert lines[0].startswith(f"--set {override}: {message}")
 
 
+def test_infinite_bulk_modulus_needs_the_mixed_form(write: Write) -> None:
+    lines = complaints(write(BLOCK), "material.fat.K=inf", "scene.method=rkcm")
+    assert lines == [
+        "--set material.fat.K=inf: material.fat.K: inf is only for scene.method = rkcm-mixed, "
+        "where the pressure is an unknown; here scene.method = rkcm"
+    ]
+
+
 def test_override_of_one_line(write: Write) -> None:
     with pytest.raises(InputError, match="a single line"):
         load_deck(write(BLOCK), ["title=a\nload.steps=3"])
@@ -313,8 +323,8 @@ def test_override_of_one_line(write: Write) -> None:
         ("source = [5, 5, 9]", "source = [5, 5, 9.5]", "geometry.source: item 3 must be an intege"),
         # ranges
         ("K = 5000", "K = 0", "material.muscle.K: must be greater than 0, not 0"),
-        ("K = 5000", "K = nan", "material.muscle.K: must be a finite number, not nan"),
-        ("K = 5000", "K = -inf", "material.muscle.K: must be a finite number, not -inf"),
+        ("K = 5000", "K = nan", "material.muscle.K: must be a positive number or inf, not nan"),
+        ("K = 5000", "K = -inf", "material.muscle.K: must be a positive number or inf, not -inf"),
         ("activation = 0.5", "activation = 1.5", "load.activation: must be at least 0 and at most"),
         ("source = [5, 5, 9]", "source = [5, 5, 1]", "geometry.source: item 3 must be at least 2"),
         ("label = 2", "label = 3000000000", "material.fat.label: must be below 2147483648 in size"),

@@ -196,8 +196,8 @@ def test_neighbours_are_the_same_wherever_the_cloud_lies():
 
 
 REFUSALS = {
-    "order 7": ({"order": 7}, "1..6, not 7"),
-    "order 0": ({"order": 0}, "1..6, not 0"),
+    "order 7": ({"order": 7}, "0..6, not 7"),
+    "order -1": ({"order": -1}, "0..6, not -1"),
     "no support": ({"support": 0.0}, "positive"),
     "negative support": ({"support": -1.0}, "positive"),
     "NaN support": ({"support": np.nan}, "positive"),

@@ -75,6 +75,27 @@ def test_uniaxial(open_scene, stretch, bulk):
     assert_allclose(fields.cauchy[:, XX], wanted, rtol=1e-4)
 
 
+@pytest.mark.parametrize("method", ["auto", "rkcm-mixed"])
+def test_infinite_bulk_modulus(open_scene, write_deck, method):
+    """K = inf keeps the volume; nothing but the boundary conditions sets the pressure."""
+    stretch = 2.5
+    tables = {
+        "scene": {"dimension": 3, "method": method},
+        "geometry": box(3, 3, 3),
+        "material": [rubber(1e8)],
+        "boundary": [*symmetry(), {"set": "x1", "u_x": stretch - 1}],
+        "load": {"steps": 5},
+    }
+    scene = open_scene(write_deck(tables), "material.K=inf")
+    assert scene.deck["material"][0]["K"] == np.inf
+    fields = last_fields(scene)
+    i1 = stretch**2 + 2 / stretch
+    slope = A10 + 2 * A20 * (i1 - 3) + 3 * A30 * (i1 - 3) ** 2
+    # (5.114); Newton's last step was below 1e-6
+    assert_allclose(np.linalg.det(fields.f), 1.0, rtol=1e-9)
+    assert_allclose(fields.cauchy[:, XX], 2 * slope * (stretch**2 - 1 / stretch), rtol=1e-8)
+
+
 def test_equibiaxial(open_scene):
     stretch, bulk = 1.6, 1e4
     scene = open_scene(

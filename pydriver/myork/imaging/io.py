@@ -20,16 +20,17 @@ __all__ = ["read_image", "read_labels", "write_image", "write_labels"]
 _TO_MM = {"meter": 1000.0, "micron": 0.001}
 
 
-def read_image(path: Path, values: int = 1) -> Image:
+def read_image(path: Path, values: int | None = 1) -> Image:
     """Read an image.
 
     Parameters
     ----------
     path : Path
         NIfTI file.
-    values : int
+    values : int or None
         Values per voxel: 1 for a 3-D image, whose values must be finite; more for the last axis
-        of a 4-D one, where a voxel may be not a number (the user of a tensor decides).
+        of a 4-D one, where a voxel may be not a number (the user of a tensor decides); None for
+        any number of them.
 
     Returns
     -------
@@ -103,7 +104,7 @@ def _open(path: Path) -> tuple[nibabel.Nifti1Image, np.ndarray]:
     return file, affine
 
 
-def _grid(path: Path, data: np.ndarray, values: int) -> np.ndarray:
+def _grid(path: Path, data: np.ndarray, values: int | None) -> np.ndarray:
     """Array of shape `(ni, nj, nk)`, or `(ni, nj, nk, values)`."""
     shape = data.shape
     if values == 1:
@@ -116,9 +117,10 @@ def _grid(path: Path, data: np.ndarray, values: int) -> np.ndarray:
                 f"{path}: a 3-D image is wanted, this one has shape {shape}; "
                 "extract one of its volumes"
             )
-    elif data.ndim != 4 or data.shape[-1] != values:
+    elif data.ndim != 4 or values not in (None, data.shape[-1]):
         raise InputError(
-            f"{path}: a 4-D image with {values} volumes is wanted, this one has shape {shape}"
+            f"{path}: a 4-D image with {values or 'some'} volumes is wanted, this one has shape "
+            f"{shape}"
         )
     if 0 in data.shape:
         raise InputError(f"{path}: the image is empty, its shape is {shape}")

@@ -1,25 +1,35 @@
-"""A calf with a known answer: anatomy, diffusion tensors and true labels, from formulas.
+"""A calf with a known answer: images, diffusion tensors and true labels, from formulas.
 
 The stack is a left calf cut across: x points to the medial side, y forwards, z upwards. Muscles
 are ellipses whose axes change along z; the medial gastrocnemius is a spindle that never yields
 to a neighbour, so that its cross-section is known in closed form. Fat fills the rest inside the
-skin; two bones have a dark cortex and bright marrow.
+skin; two bones have a dark cortex and bright marrow. On request muscles hold streaks of fat and
+sheets of connective tissue in exact parts of their volume, and the medial gastrocnemius has an
+aponeurosis around it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from myork.errors import InputError
+from myork.imaging.gradients import GradientTable, even_directions
+from myork.imaging.io import write_image, write_labels
 from myork.records import Image, Labels
 
-__all__ = ["Phantom", "make_phantom", "mg_area"]
+__all__ = ["TISSUES", "Phantom", "make_phantom", "mg_area", "phantom_dwi", "write_phantom"]
 
 F64 = NDArray[np.float64]
+I32 = NDArray[np.int32]
+
+#: Labels of the materials a leg is made of
+TISSUES = {1: "muscle", 2: "fat", 3: "connective_tissue", 4: "bone"}
 
 
 class _Muscle(NamedTuple):
@@ -47,12 +57,37 @@ _MUSCLES = (
 _CALF = (54.0, 52.0)  # semi-axes of the skin [mm]
 _SKIN = 1.6  # thickness [mm]
 _FAT = 5.5  # thickness under the skin [mm]
-_SEPTUM = 2.6  # fat and fascia between muscles [mm]
+_SEPTUM = 2.6  # fat and fascia between muscles, unless asked for otherwise [mm]
 _BONES = (((15.0, 21.0), 11.0, 3.2), ((-21.0, 13.0), 5.5, 1.8))  # centre, radius, cortex [mm]
-_SIGNAL = {"skin": 400.0, "fat": 1000.0, "septum": 850.0, "cortex": 60.0, "marrow": 930.0}
-_MUSCLE_SIGNAL = 400.0
 _DIFFUSIVITY = (2.1e-3, 1.5e-3, 1.3e-3)  # along and across the fibers [mm^2/s]
 _FREE = 0.2e-3  # of everything else inside the skin [mm^2/s]
+
+# Substances behind the muscles 1 to 6, from 7
+_SKIN_ID, _FAT_ID, _SEPTUM_ID, _CORTEX_ID, _MARROW_ID, _IMAT_ID, _IMCT_ID = range(7, 14)
+_MUSCLE_SIGNAL = 400.0
+
+
+class _Substance(NamedTuple):
+    """Signals of a substance in the four kinds of images, and its label in `TISSUES`."""
+
+    anatomy: float  # T1-like
+    fat: float  # a fat image of chemical shift encoding
+    connective: float  # the difference of an ultrashort and a longer echo
+    diffusion: float  # fat-saturated echo planar image without gradient
+    tissue: int
+
+
+_SUBSTANCES = (
+    _Substance(0.0, 0.0, 0.0, 0.0, 0),
+    *(_Substance(_MUSCLE_SIGNAL * (0.97 + 0.012 * i), 40, 250, 400, 1) for i in range(1, 7)),
+    _Substance(400.0, 100.0, 300.0, 120.0, 2),  # skin
+    _Substance(1000.0, 1000.0, 120.0, 48.0, 2),  # fat
+    _Substance(850.0, 850.0, 200.0, 48.0, 2),  # septum
+    _Substance(60.0, 20.0, 700.0, 8.0, 4),  # cortex
+    _Substance(930.0, 930.0, 120.0, 48.0, 4),  # marrow
+    _Substance(900.0, 950.0, 120.0, 48.0, 2),  # fat in a muscle
+    _Substance(150.0, 60.0, 1000.0, 40.0, 3),  # connective tissue
+)
 
 
 @dataclass(frozen=True)
@@ -63,38 +98,59 @@ class Phantom:
     ----------
     anatomy : Image
         T1-like MR image with shading and Rician noise, shape `(ni, nj, nk)` [-].
+    fat, connective : Image
+        Images of special sequences in which fat, or connective tissue (and cortex), is bright;
+        shading and noise as in `anatomy`.
     tensor : Image
         Diffusion tensors with noise, xx, yy, zz, xy, xz, yz in the world frame, shape
         `(ni, nj, nk, 6)` [mm^2/s].
     truth : Labels
-        The six muscles, 1 to 6.
+        The six muscles, 1 to 6, with the fat and the connective tissue in them.
+    tissue : Labels
+        Materials, as in `TISSUES`.
     fiber : Image
         True fiber directions, zero outside muscles, shape `(ni, nj, nk, 3)` [-].
     bias : Image
         Factor of the shading, shape `(ni, nj, nk)` [-].
+    still : Image
+        Signal of a diffusion image without gradient and without noise, shape `(ni, nj, nk)` [-].
+    clean_tensor : Image
+        Tensors without noise.
     """
 
     anatomy: Image
+    fat: Image
+    connective: Image
     tensor: Image
     truth: Labels
+    tissue: Labels
     fiber: Image
     bias: Image
+    still: Image
+    clean_tensor: Image
 
 
 def make_phantom(
-    size: tuple[int, int, int] = (96, 96, 15),
-    spacing: tuple[float, float, float] = (1.25, 1.25, 6.0),
+    size: Sequence[int] = (96, 96, 15),
+    spacing: Sequence[float] = (1.25, 1.25, 6.0),
     snr: float = 25.0,
     bias: float = 0.3,
     seed: int = 1,
+    *,
+    scale: float = 1.0,
+    septum: float = _SEPTUM,
+    growth: float = 0.0,
+    aponeurosis: float = 0.0,
+    imat: float = 0.0,
+    imct: float = 0.0,
 ) -> Phantom:
     """Make the images of the phantom; equal arguments give equal images.
 
     Parameters
     ----------
-    size : tuple
+    size : sequence
         Columns, rows and slices.
-    spacing : tuple
+    spacing : sequence
         Voxel size [mm].
     snr : float
         Signal of muscle over the standard deviation of the noise [-]; the tensors' noise has the
@@ -103,106 +159,251 @@ def make_phantom(
         Amplitude of the multiplicative shading, 0 to 0.9 [-].
     seed : int
         Start of the random numbers.
+    scale : float
+        Size of the calf across, 1 for semi-axes of 54 and 52 mm [-].
+    septum : float
+        Thickness of the fat and fascia between muscles; 0 lets muscles touch [mm].
+    growth : float
+        Growth of all muscles but the medial gastrocnemius into the fat between them, until they
+        meet; 15 packs the calf full [mm].
+    aponeurosis : float
+        Thickness of the connective tissue around the medial gastrocnemius [mm].
+    imat, imct : float
+        Part of each muscle's volume that is fat, or connective tissue, 0 to 0.5 [-].
     """
-    need = 2 * max(_CALF) + 4.0
+    if not imat + imct < 1.0:
+        raise InputError(f"phantom: imat + imct = {imat + imct:g} leaves no muscle; lower one")
+    need = 2 * scale * max(_CALF) + 4.0
     field = size[0] * spacing[0], size[1] * spacing[1]
     if min(field) < need or size[2] < 3:
         raise InputError(
-            f"phantom: size {size} with spacing {spacing} mm gives a field of {field[0]:g} x "
-            f"{field[1]:g} mm and {size[2]} slices; it needs {need:g} x {need:g} mm and 3 slices"
+            f"phantom: size {tuple(size)} with spacing {tuple(spacing)} mm gives a field of "
+            f"{field[0]:g} x {field[1]:g} mm and {size[2]} slices; it needs {need:g} x {need:g} mm "
+            "and 3 slices"
         )
     affine = np.diag([*spacing, 1.0])
     affine[:2, 3] = [-0.5 * (n - 1) * h for n, h in zip(size[:2], spacing[:2], strict=True)]
+    calf = _Calf(scale, (size[2] - 1) * spacing[2], septum, growth, aponeurosis)
     x, y, t = _coordinates(size, affine)
+    label = calf.muscles(x, y, t)
+    levels = calf.inclusion_levels(label, x, y, t, imat, imct)
+    substance = calf.substances(x, y, t, levels)
 
-    label, signal = _section(x, y, t)
     # Partial volume: the signal of a voxel is the mean of four places in its slice.
     shifts = [(a * spacing[0] / 4, b * spacing[1] / 4) for a in (-1, 1) for b in (-1, 1)]
-    signal = np.mean([_section(x + dx, y + dy, t)[1] for dx, dy in shifts], axis=0)
+    parts = [calf.substances(x + dx, y + dy, t, levels) for dx, dy in shifts]
+    table = np.array(_SUBSTANCES)
+    signals = [np.mean([table[part, kind] for part in parts], axis=0) for kind in range(4)]
 
-    shading = _shading(x, y, t)
+    shading = _shading(x / scale, y / scale, t)
     factor = 1.0 + bias * shading / np.abs(shading).max()
     random = np.random.default_rng(seed)
     sigma = _MUSCLE_SIGNAL / snr
-    real, imaginary = random.normal(0.0, sigma, (2, *size))
-    anatomy = np.hypot(signal * factor + real, imaginary)
-
-    fiber = _fibers(label, x, y, t)
-    tensor = _tensors(label, fiber, signal > 0)
+    anatomy = _rician(signals[0] * factor, sigma, random)
+    fiber = _fibers(label, x / scale, y / scale, t)
+    body = signals[0] > 0
+    clean = _tensors(table[substance, -1] == 1, fiber, body)
     noise = np.mean(_DIFFUSIVITY) / snr
-    tensor += random.normal(0.0, noise, tensor.shape) * (signal > 0)[..., np.newaxis]
+    tensor = clean + random.normal(0.0, noise, clean.shape) * body[..., np.newaxis]
+    fat, connective = (_rician(signals[kind] * factor, sigma, random) for kind in (1, 2))
 
     names = {i: muscle.name for i, muscle in enumerate(_MUSCLES, start=1)}
+    tissue = table[substance, -1].astype(np.int32)
     return Phantom(
         anatomy=Image(anatomy, affine, "phantom anatomy"),
+        fat=Image(fat, affine, "phantom fat image"),
+        connective=Image(connective, affine, "phantom connective tissue image"),
         tensor=Image(tensor, affine, "phantom tensor"),
         truth=Labels(label, affine, names, "phantom truth"),
+        tissue=Labels(tissue, affine, TISSUES, "phantom tissue"),
         fiber=Image(fiber, affine, "phantom fibers"),
         bias=Image(factor, affine, "phantom bias"),
+        still=Image(signals[3], affine, "phantom diffusion image"),
+        clean_tensor=Image(clean, affine, "phantom tensor without noise"),
     )
 
 
-def mg_area(height: float) -> float:
+def phantom_dwi(
+    phantom: Phantom, snr: float = 25.0, directions: int = 30, b: float = 500.0, seed: int = 1
+) -> tuple[Image, GradientTable]:
+    """Diffusion-weighted images of a phantom with Rician noise.
+
+    Parameters
+    ----------
+    phantom : Phantom
+        Whose tensors and signal are taken.
+    snr : float
+        Signal of muscle without gradient over the standard deviation of the noise [-].
+    directions : int
+        Number of gradient directions; a tenth as many images have no gradient.
+    b : float
+        Diffusion weighting [s/mm^2].
+    seed : int
+        Start of the random numbers.
+
+    Returns
+    -------
+    tuple
+        Images, shape `(ni, nj, nk, nvolume)`, and their gradients in the world frame.
+    """
+    still = max(1, directions // 10)
+    direction = np.vstack([np.zeros((still, 3)), even_directions(directions)])
+    table = GradientTable(np.repeat([0.0, b], [still, directions]), direction)
+    attenuation = np.exp(-phantom.clean_tensor.data @ table.design().T)
+    signal = phantom.still.data[..., np.newaxis] * attenuation
+    random = np.random.default_rng(seed)
+    dwi = _rician(signal, _MUSCLE_SIGNAL / snr, random)
+    return Image(dwi, phantom.still.affine, "phantom diffusion images"), table
+
+
+def mg_area(height: float, scale: float = 1.0) -> float:
     """Cross-section of the medial gastrocnemius [mm^2].
 
     Parameters
     ----------
     height : float
         Place along z: 0 the first, 1 the last slice of the stack.
+    scale : float
+        Size of the calf across [-].
     """
     mg = _MUSCLES[0]
-    return float(np.pi * np.prod(mg.semi_axes) * _scale(mg, np.array(height)) ** 2)
+    return float(np.pi * np.prod(mg.semi_axes) * (scale * _taper(mg, np.array(height))) ** 2)
 
 
-def _coordinates(size: tuple[int, int, int], affine: F64) -> tuple[F64, F64, F64]:
+def write_phantom(folder: Path, phantom: Phantom) -> None:
+    """Write the images of a phantom and its truth as NIfTI files.
+
+    `tensor`, `fat`, `connective`; the truth in `truth` (muscles), `true_tissue`, `true_fibers`
+    and `true_bias`. The anatomy is left to whoever prepares it.
+    """
+    for name, image in (
+        ("tensor", phantom.tensor),
+        ("fat", phantom.fat),
+        ("connective", phantom.connective),
+        ("true_fibers", phantom.fiber),
+        ("true_bias", phantom.bias),
+    ):
+        write_image(folder / f"{name}.nii.gz", image)
+    write_labels(folder / "truth.nii.gz", phantom.truth)
+    write_labels(folder / "true_tissue.nii.gz", phantom.tissue)
+
+
+def _coordinates(size: Sequence[int], affine: F64) -> tuple[F64, F64, F64]:
     """World x and y [mm] and the height as a part of the stack [-] of all voxels."""
     i, j, k = np.meshgrid(*(np.arange(n, dtype=float) for n in size), indexing="ij")
     return i * affine[0, 0] + affine[0, 3], j * affine[1, 1] + affine[1, 3], k / (size[2] - 1)
 
 
-def _scale(muscle: _Muscle, t: F64) -> F64:
+def _rician(signal: F64, sigma: float, random: np.random.Generator) -> F64:
+    """Magnitude of a signal with normal noise in both of its parts."""
+    real, imaginary = random.normal(0.0, sigma, (2, *signal.shape))
+    return np.hypot(signal + real, imaginary)
+
+
+def _taper(muscle: _Muscle, t: F64) -> F64:
     """Size of a muscle's section relative to its belly [-]."""
     reach = max(muscle.belly, 1.0 - muscle.belly)
     return 1.0 - muscle.taper * ((t - muscle.belly) / reach) ** 2
 
 
-def _depth(centre: tuple[float, float], a: F64, b: F64, angle: float, x: F64, y: F64) -> F64:
+def _turned(muscle: _Muscle, x: F64, y: F64) -> tuple[F64, F64]:
+    """Coordinates along the axes of a muscle's section [mm]."""
+    c, s = np.cos(np.radians(muscle.angle)), np.sin(np.radians(muscle.angle))
+    dx, dy = x - muscle.centre[0], y - muscle.centre[1]
+    return c * dx + s * dy, c * dy - s * dx
+
+
+def _depth(u: F64, v: F64, a: F64, b: F64) -> F64:
     """Distance to the edge of an ellipse, positive inside, to first order [mm]."""
-    c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
-    u, v = c * (x - centre[0]) + s * (y - centre[1]), c * (y - centre[1]) - s * (x - centre[0])
     q = np.sqrt((u / a) ** 2 + (v / b) ** 2) + 1e-12
     return (1.0 - q) * q / np.sqrt((u / a**2) ** 2 + (v / b**2) ** 2 + 1e-18)
 
 
-def _section(x: F64, y: F64, t: F64) -> tuple[NDArray[np.int32], F64]:
-    """Muscle label and noise-free signal at places."""
-    body = 1.0 - 0.1 * (t - 0.6) ** 2
-    skin = _depth((0.0, 0.0), _CALF[0] * body, _CALF[1] * body, 0.0, x, y)
-    signal = np.zeros(x.shape)
-    signal[skin > 0] = _SIGNAL["skin"]
-    signal[skin > _SKIN] = _SIGNAL["fat"]
+class _Calf(NamedTuple):
+    """Anatomy by formulas: what is at a place; lengths are those of a calf of scale 1."""
 
-    bone = np.max([r - np.hypot(x - c[0], y - c[1]) for c, r, _ in _BONES], axis=0)
-    inside = np.empty((len(_MUSCLES), *x.shape))
-    for number, muscle in enumerate(_MUSCLES):
-        a, b = (axis * _scale(muscle, t) for axis in muscle.semi_axes)
-        inside[number] = _depth(muscle.centre, a, b, muscle.angle, x, y)
-    # The others keep off the medial gastrocnemius, the bones and the fat under the skin.
-    room = np.minimum(skin - _SKIN - _FAT, np.minimum(-bone, -inside[0]) - _SEPTUM)
-    inside[1:] = np.minimum(inside[1:], room)
-    order = np.sort(inside, axis=0)
-    best = np.argmax(inside, axis=0)
-    alone = (best == 0) | (order[-1] - np.maximum(order[-2], 0.0) > 0.5 * _SEPTUM)
-    label = np.where((order[-1] > 0) & alone, best + 1, 0).astype(np.int32)
+    scale: float
+    length: float  # of the stack [mm]
+    septum: float  # [mm]
+    growth: float  # [mm]
+    aponeurosis: float  # [mm]
 
-    signal[(order[-1] > 0) & ~alone] = _SIGNAL["septum"]
-    tissue = label > 0
-    signal[tissue] = _MUSCLE_SIGNAL * (0.97 + 0.012 * label[tissue])
-    for centre, radius, cortex in _BONES:
-        distance = np.hypot(x - centre[0], y - centre[1])
-        signal[distance < radius] = _SIGNAL["cortex"]
-        signal[distance < radius - cortex] = _SIGNAL["marrow"]
-    return label, signal
+    def muscles(self, x: F64, y: F64, t: F64) -> I32:
+        """Label of the muscle at places, 0 between muscles."""
+        return self._sorted(x / self.scale, y / self.scale, t)[0]
+
+    def inclusion_levels(self, label: I32, x: F64, y: F64, t: F64, imat: float, imct: float) -> F64:
+        """Levels of both inclusion fields beyond which a muscle is not muscle, shape `(6, 2)`."""
+        levels = np.tile([np.inf, -np.inf], (len(_MUSCLES), 1))
+        for number in range(len(_MUSCLES)):
+            here = label == number + 1
+            streaks, sheets = self._inclusions(number, x[here], y[here], t[here])
+            if imct > 0:
+                levels[number, 1] = np.quantile(sheets, imct)
+            if imat > 0:
+                rest = streaks[sheets >= levels[number, 1]]
+                levels[number, 0] = np.quantile(rest, 1.0 - imat / (1.0 - imct))
+        return levels
+
+    def substances(self, x: F64, y: F64, t: F64, levels: F64) -> I32:
+        """Index into `_SUBSTANCES` at places."""
+        xs, ys = x / self.scale, y / self.scale
+        label, between, beside_mg = self._sorted(xs, ys, t)
+        skin = self._skin(xs, ys, t)
+        found = np.select([skin > _SKIN, skin > 0], [_FAT_ID, _SKIN_ID], 0).astype(np.int32)
+        found[between] = _SEPTUM_ID
+        found[label > 0] = label[label > 0]
+        found[(beside_mg > 0) & (beside_mg < self.aponeurosis) & (skin > _SKIN)] = _IMCT_ID
+        for number, (streak, sheet) in enumerate(levels):
+            if not (np.isfinite(streak) or np.isfinite(sheet)):
+                continue
+            here = np.flatnonzero(label == number + 1)
+            streaks, sheets = self._inclusions(number, x.flat[here], y.flat[here], t.flat[here])
+            found.flat[here[streaks > streak]] = _IMAT_ID
+            found.flat[here[sheets < sheet]] = _IMCT_ID
+        for centre, radius, cortex in _BONES:
+            distance = np.hypot(xs - centre[0], ys - centre[1])
+            found[distance < radius] = _CORTEX_ID
+            found[distance < radius - cortex] = _MARROW_ID
+        return found
+
+    def _skin(self, x: F64, y: F64, t: F64) -> F64:
+        """Depth below the skin [mm]."""
+        body = 1.0 - 0.1 * (t - 0.6) ** 2
+        return _depth(x, y, _CALF[0] * body, _CALF[1] * body)
+
+    def _sorted(self, x: F64, y: F64, t: F64) -> tuple[I32, NDArray[np.bool_], F64]:
+        """Muscle at places, whether they lie between two, distance from the first muscle [mm]."""
+        bone = np.max([r - np.hypot(x - c[0], y - c[1]) for c, r, _ in _BONES], axis=0)
+        inside = np.empty((len(_MUSCLES), *x.shape))
+        for number, muscle in enumerate(_MUSCLES):
+            a, b = (axis * _taper(muscle, t) for axis in muscle.semi_axes)
+            inside[number] = _depth(*_turned(muscle, x, y), a, b)
+        # The others keep off the medial gastrocnemius, the bones and the fat under the skin.
+        apart = max(self.septum, self.aponeurosis)
+        room = np.minimum.reduce(
+            [self._skin(x, y, t) - _SKIN - _FAT, -bone - self.septum, -inside[0] - apart]
+        )
+        inside[1:] += self.growth
+        inside[1:] = np.where(room > 0, inside[1:], np.minimum(inside[1:], room))
+        order = np.sort(inside, axis=0)
+        best = np.argmax(inside, axis=0)
+        alone = (best == 0) | (order[-1] - np.maximum(order[-2], 0.0) > 0.5 * self.septum)
+        label = np.where((order[-1] > 0) & alone, best + 1, 0).astype(np.int32)
+        return label, (order[-1] > 0) & ~alone, -inside[0]
+
+    def _inclusions(self, number: int, x: F64, y: F64, t: F64) -> tuple[F64, F64]:
+        """Fields whose high places are streaks of fat and whose low ones are sheets [-].
+
+        Both change little along z; wave lengths are millimetres whatever the scale.
+        """
+        u, v = _turned(_MUSCLES[number], x / self.scale, y / self.scale)
+        u, v, z = u * self.scale, v * self.scale, t * self.length
+        streaks = np.cos(0.9 * u + 0.02 * z + number) * np.cos(0.75 * v - 0.015 * z)
+        streaks += 0.3 * np.sin(0.11 * z + 0.3 * u)
+        sheets = np.abs(np.sin(0.42 * (v + 1.2 * np.sin(0.25 * u) + 0.02 * z) + 0.7 * number))
+        sheets += 0.15 * (1.0 + np.sin(0.3 * u) * np.cos(0.1 * z))
+        return streaks, sheets
 
 
 def _shading(x: F64, y: F64, t: F64) -> F64:
@@ -216,8 +417,7 @@ def _fibers(label: NDArray[np.int32], x: F64, y: F64, t: F64) -> F64:
     fiber = np.zeros((*label.shape, 3))
     for number, muscle in enumerate(_MUSCLES, start=1):
         here = label == number
-        c, s = np.cos(np.radians(muscle.angle)), np.sin(np.radians(muscle.angle))
-        across = (c * (x - muscle.centre[0]) + s * (y - muscle.centre[1])) / muscle.semi_axes[0]
+        across = _turned(muscle, x, y)[0] / muscle.semi_axes[0]
         slope = np.radians(muscle.pennation * (1.15 - 0.3 * t[here]))
         azimuth = np.radians(muscle.azimuth + 12.0 * across[here])
         fiber[here] = np.stack(
@@ -226,15 +426,16 @@ def _fibers(label: NDArray[np.int32], x: F64, y: F64, t: F64) -> F64:
     return fiber
 
 
-def _tensors(label: NDArray[np.int32], fiber: F64, body: NDArray[np.bool_]) -> F64:
+def _tensors(muscle: NDArray[np.bool_], fiber: F64, body: NDArray[np.bool_]) -> F64:
     """Diffusion tensors without noise, xx, yy, zz, xy, xz, yz [mm^2/s]."""
     # Second direction: perpendicular to the fiber, in the section.
-    second = np.stack([-fiber[..., 1], fiber[..., 0], np.zeros(label.shape)], -1)
+    second = np.stack([-fiber[..., 1], fiber[..., 0], np.zeros(muscle.shape)], -1)
     second /= np.maximum(np.linalg.norm(second, axis=-1, keepdims=True), 1e-12)
     along, middle, least = _DIFFUSIVITY
     full = (along - least) * fiber[..., :, None] * fiber[..., None, :]
     full += (middle - least) * second[..., :, None] * second[..., None, :]
-    base = np.where(label > 0, least, np.where(body, _FREE, 0.0))
+    full *= muscle[..., None, None]
+    base = np.where(muscle, least, np.where(body, _FREE, 0.0))
     full += base[..., None, None] * np.eye(3)
     pairs = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
     return np.stack([full[..., i, j] for i, j in pairs], -1)

@@ -18,23 +18,17 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from myork.errors import InputError
+from myork.imaging.diffusion import full_tensors, tensor_components
 from myork.imaging.geometry import frame
 from myork.records import Image, Labels
 
-__all__ = ["fiber_field", "fibers_at_points", "lead_vector", "tensor_components"]
+__all__ = ["fiber_field", "fibers_at_points", "lead_vector"]
 
 F64 = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 # Gaussian weight below which a place counts as having no usable neighbour [-]
 LEAST_WEIGHT = 1e-8
-# Order of the components xx, yy, zz, xy, xz, yz
-_PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-
-
-def tensor_components(full: F64) -> F64:
-    """Components xx, yy, zz, xy, xz, yz, shape `(..., 6)`, of tensors of shape `(..., 3, 3)`."""
-    return np.stack([full[..., i, j] for i, j in _PAIRS], axis=-1)
 
 
 def lead_vector(components: F64) -> F64:
@@ -45,7 +39,7 @@ def lead_vector(components: F64) -> F64:
     components : NDArray
         Symmetric tensors xx, yy, zz, xy, xz, yz, shape `(n, 6)`.
     """
-    vector = np.linalg.eigh(_full(components))[1][..., -1]
+    vector = np.linalg.eigh(full_tensors(components))[1][..., -1]
     z_y_x = vector[..., ::-1]
     first = np.argmax(np.abs(z_y_x) > 1e-9, axis=-1)
     sign = np.sign(np.take_along_axis(z_y_x, first[..., np.newaxis], axis=-1))
@@ -75,7 +69,7 @@ def fiber_field(
         own tensor was unusable (not finite or not positive) and came from its neighbours.
     """
     usable = inside & np.isfinite(tensor.data).all(-1)
-    full = _full(tensor.data[usable])
+    full = full_tensors(tensor.data[usable])
     if tensor_frame == "voxel":
         columns = tensor.affine[:3, :3] / tensor.spacing
         full = columns @ full @ columns.T
@@ -157,14 +151,6 @@ def fibers_at_points(
         ]
         result[here] = lead_vector(np.stack(components, axis=-1))
     return result @ frame(fibers.affine)
-
-
-def _full(components: F64) -> F64:
-    """Symmetric tensors of shape `(..., 3, 3)` from `(..., 6)`."""
-    full = np.empty((*components.shape[:-1], 3, 3))
-    for place, (i, j) in enumerate(_PAIRS):
-        full[..., i, j] = full[..., j, i] = components[..., place]
-    return full
 
 
 def _gathered(components: F64, usable: Mask, sigma: F64) -> tuple[F64, F64]:

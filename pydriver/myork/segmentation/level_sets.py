@@ -1,119 +1,243 @@
-"""Two-phase segmentation by active contours without edges, slice by slice.
+"""Regions of an image by active contours without edges: any number of regions and channels.
 
-Not here: more phases, more channels, bias of the coil's field. The evolution itself is handed in
-(the compiled core's, in the pipeline), so this file needs no compiler.
+n level sets make up to 2**n regions; bit k of a region's number tells whether it lies inside of
+level set k. Regions from clusters or a threshold are in ascending order of the first channel at
+the start. The evolution itself is handed in (the compiled core's, in the
+pipeline), so this file needs no compiler.
 
 References
 ----------
-Chan, Vese, IEEE Trans. Image Process. 10 (2001), doi:10.1109/83.902291
+Chan, Vese, IEEE Trans. Image Process. 10 (2001), doi:10.1109/83.902291; Vese, Chan, Int. J.
+Comput. Vis. 50 (2002), doi:10.1023/A:1020874308076
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from myork.errors import InputError
-from myork.records import Image
-from myork.segmentation.regions import otsu
+from myork.segmentation.starts import (
+    circle_regions,
+    kmeans,
+    level_sets_of,
+    regions_of,
+    threshold_regions,
+)
 
-__all__ = ["TwoPhase", "two_phase"]
+__all__ = ["Evolve", "LevelSets", "Regions", "segment_regions", "wanted_phase"]
 
-Evolve = Callable[..., tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]]
+F64 = NDArray[np.float64]
+I32 = NDArray[np.int32]
+Evolve = Callable[..., dict[str, NDArray[Any]]]
 
 
 @dataclass(frozen=True)
-class TwoPhase:
-    """Result of a two-phase segmentation.
+class LevelSets:
+    """What to segment with.
 
     Attributes
     ----------
-    inside : NDArray
-        Wanted phase, shape `(ni, nj, nk)`.
-    iterations : NDArray
-        Iterations of each slice, shape `(nk,)`.
-    energy : NDArray
-        Energy (3.12) of all slices together before each iteration, shape `(iterations,)` [-].
-    converged : bool
-        Whether the labels of every slice came to rest.
+    regions : int
+        Number of regions, 2 to 64.
+    volume : bool
+        Whether the slices are one volume; else each is a problem of its own.
+    start : str
+        `otsu` (threshold of the first channel, two regions), `kmeans`, `circles`, or `labels`.
+    mu, nu : float
+        Weights of the contours' length and of the areas inside [-].
+    lambdas : sequence of float
+        Weight of the misfit of each region, or one for all [-].
+    epsilon : float
+        Width of the step function (3.16) [-].
+    dt : float
+        Largest time step [-].
+    tolerance : float
+        At rest, this part of the voxels changes its region in ten iterations at most.
+    iterations : int
+        Largest number of iterations.
     """
 
-    inside: NDArray[np.bool_]
-    iterations: NDArray[np.int32]
-    energy: NDArray[np.float64]
-    converged: bool
+    regions: int = 2
+    volume: bool = False
+    start: str = "kmeans"
+    mu: float = 0.01
+    nu: float = 0.0
+    lambdas: Sequence[float] = (1.0,)
+    epsilon: float = 0.5
+    dt: float = 500.0
+    tolerance: float = 1e-4
+    iterations: int = 300
 
 
-def two_phase(
-    image: Image,
+@dataclass(frozen=True)
+class Regions:
+    """Result of a segmentation into regions.
+
+    Attributes
+    ----------
+    region : NDArray
+        Number of the region, -1 where the image takes no part, shape `(ni, nj, nk)`.
+    phi : NDArray
+        Level sets, shape `(ni, nj, nk, nlevel)` [-].
+    iterations : NDArray
+        Iterations of each slice, or of the volume, shape `(nblock,)`.
+    energy : NDArray
+        Energy (3.29) of all slices together after each iteration, shape `(iterations,)` [-].
+    unrest : int
+        Slices (or volumes) whose regions still changed at the last iteration.
+    """
+
+    region: I32
+    phi: F64
+    iterations: I32
+    energy: F64
+    unrest: int
+
+
+def segment_regions(
+    channels: F64,
     region: NDArray[np.bool_],
     evolve: Evolve,
-    weights: Mapping[str, Any],
+    choice: LevelSets,
     *,
-    phase: str = "dark",
-    start: str = "otsu",
-) -> TwoPhase:
-    """Part a region into a dark and a bright phase.
+    spacing: ArrayLike,
+    channel_weights: Sequence[float] | None = None,
+    labels: I32 | None = None,
+    name: str = "image",
+) -> Regions:
+    """Part a region of an image into regions that are even in every channel.
 
     Parameters
     ----------
-    image : Image
-        MR image, shape `(ni, nj, nk)`; slices lie along the last axis.
+    channels : NDArray
+        Values of about the size of one, shape `(ni, nj, nk, nchannel)`; slices along the third
+        axis [-].
     region : NDArray
-        Pixels that take part, same shape.
+        Voxels that take part, shape `(ni, nj, nk)`.
     evolve : callable
-        Evolution of the level sets, as `myork.core_image.evolve_two_phase`.
-    weights : mapping
-        mu, nu, lambda1, lambda2, epsilon, dt, tolerance and iterations for `evolve`.
-    phase : str
-        `dark` or `bright`: the wanted phase, where the level set is positive.
-    start : str
-        `otsu` (threshold of the whole region) or `circles`.
+        Evolution of the level sets, as `myork.core_image.evolve_level_sets`.
+    choice : LevelSets
+        What to segment with.
+    spacing : ArrayLike
+        Voxel sizes, shape `(3,)` [any length].
+    channel_weights : sequence, optional
+        Weight of each channel [-]; ones if absent.
+    labels : NDArray, optional
+        Map to start from, for `choice.start == "labels"`, shape `(ni, nj, nk)`.
+    name : str
+        Of the image, for messages.
     """
     if not region.any():
         raise InputError(
-            f"{image.name}: the region to segment is empty; check image.box and image.region"
+            f"{name}: the region to segment is empty; check image.box and image.region"
         )
-    low, high = np.percentile(image.data[region], (1.0, 99.0))
-    if not high > low:
-        raise InputError(f"{image.name}: the region to segment has one grey value only, {low:g}")
-    grey = (image.data - low) / (high - low)
-    sign = -1.0 if phase == "dark" else 1.0
-    first = sign * (grey - otsu(grey[region])) if start == "otsu" else _circles(grey.shape)
-    pixel = image.spacing[:2] / image.spacing[:2].min()
-    phi, energy, iterations = evolve(grey, region, first, spacing=tuple(pixel.tolist()), **weights)
-    inside = (phi > 0) & region
-    if start == "circles":
-        inside = _wanted_side(grey, region, inside, sign)
-    return TwoPhase(
-        inside=inside,
-        iterations=iterations,
-        energy=energy[: iterations.max()].sum(axis=1),
-        converged=bool((iterations < weights["iterations"]).all()),
+    inside = np.where(region[..., None], channels, 0.0)
+    if not np.isfinite(inside).all():
+        bad = np.argwhere(~np.isfinite(inside))[0]
+        raise InputError(
+            f"{name}: channel {bad[3]} is not finite at voxel {tuple(bad[:3].tolist())}, inside "
+            "of the region to segment; replace the value or leave it out by image.region"
+        )
+    if not (np.ptp(channels[region], axis=0) > 0).any():
+        raise InputError(f"{name}: the region to segment has one grey value only")
+    weights = np.ones(channels.shape[3]) if channel_weights is None else np.array(channel_weights)
+    first = _first_level_sets(inside, region, choice, weights, labels)
+    result = evolve(
+        inside,
+        region,
+        first,
+        spacing=tuple((np.asarray(spacing) / np.min(spacing)).tolist()),
+        mu=choice.mu,
+        nu=choice.nu,
+        epsilon=choice.epsilon,
+        dt=choice.dt,
+        tolerance=choice.tolerance,
+        iterations=choice.iterations,
+        lambdas=_one_for_each(choice),
+        channel_weights=weights,
+        volume=choice.volume,
+    )
+    found = np.where(region, regions_of(result["phi"], choice.regions), -1).astype(np.int32)
+    if choice.start == "circles":
+        found = _in_order_of_values(found, inside[..., 0], choice)
+    done = result["iterations"]
+    return Regions(
+        region=found,
+        phi=result["phi"],
+        iterations=done,
+        energy=result["energy"][1 : 1 + done.max()].sum(axis=1),
+        unrest=int((result["ended"] == 0).sum()),
     )
 
 
-def _circles(shape: tuple[int, ...], pitch: float = 16.0) -> NDArray[np.float64]:
-    """Cones with zero on circles in a square grid of a pitch [pixel], positive inside."""
-    i, j = (np.abs((np.arange(n) + 0.5) % pitch - 0.5 * pitch) for n in shape[:2])
-    cone = 0.35 * pitch - np.hypot(i[:, None], j[None, :])
-    return np.repeat(cone[:, :, None], shape[2], axis=2)
+def wanted_phase(result: Regions, values: F64, phase: str) -> NDArray[np.bool_]:
+    """Voxels of the darker or the brighter one of two regions.
+
+    Parameters
+    ----------
+    result : Regions
+        With two regions.
+    values : NDArray
+        Grey values, shape `(ni, nj, nk)` [-].
+    phase : str
+        `dark` or `bright`.
+    """
+    one, two = result.region == 0, result.region == 1
+    if one.any() and two.any() and values[one].mean() > values[two].mean():
+        one, two = two, one
+    return one if phase == "dark" else two
 
 
-def _wanted_side(
-    grey: NDArray[np.float64],
+def _one_for_each(choice: LevelSets) -> F64:
+    """Weights of the regions' misfits, shape `(regions,)`."""
+    given = np.atleast_1d(np.asarray(choice.lambdas, float))
+    if given.size not in (1, choice.regions):
+        raise InputError(
+            f"image.lambda has {given.size} weights; give one for all or {choice.regions}, one a "
+            "region"
+        )
+    return np.broadcast_to(given, choice.regions).copy()
+
+
+def _first_level_sets(
+    channels: F64,
     region: NDArray[np.bool_],
-    inside: NDArray[np.bool_],
-    sign: float,
-) -> NDArray[np.bool_]:
-    """Turn the slices in which a start from circles ended with the phases swapped."""
-    inside = inside.copy()
-    for k in range(grey.shape[2]):
-        a, b = inside[:, :, k], region[:, :, k] & ~inside[:, :, k]
-        if a.any() and b.any() and sign * (grey[a, k].mean() - grey[b, k].mean()) < 0:
-            inside[:, :, k] = b
-    return inside
+    choice: LevelSets,
+    weights: F64,
+    labels: I32 | None,
+) -> F64:
+    """Level sets to start from."""
+    if choice.start == "circles":
+        first = circle_regions(region.shape, choice.regions)
+    elif choice.start == "otsu":
+        if choice.regions > 2:
+            raise InputError(
+                f"image.start = 'otsu' makes two regions, image.regions is {choice.regions}; "
+                "take 'kmeans'"
+            )
+        first = threshold_regions(channels[..., 0], region)
+    elif choice.start == "kmeans":
+        first = np.zeros(region.shape, np.int32)
+        first[region] = kmeans(channels[region] * np.sqrt(weights), choice.regions)[0]
+    elif labels is None:
+        raise InputError("image.start = 'labels' needs a label map in image.start_labels")
+    else:
+        first = np.unique(labels, return_inverse=True)[1].reshape(labels.shape).astype(np.int32)
+    return level_sets_of(first, choice.regions, choice.volume)
+
+
+def _in_order_of_values(found: I32, values: F64, choice: LevelSets) -> I32:
+    """Number regions by their mean values, block by block: circles give them no meaning."""
+    ordered = found.copy()
+    depth = found.shape[2] if choice.volume else 1
+    for first in range(0, found.shape[2], depth):
+        cut = np.s_[:, :, first : first + depth]
+        means = {p: values[cut][found[cut] == p].mean() for p in np.unique(found[cut]) if p >= 0}
+        for number, p in enumerate(sorted(means, key=means.__getitem__)):
+            ordered[cut][found[cut] == p] = number
+    return ordered

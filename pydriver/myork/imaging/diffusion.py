@@ -1,0 +1,206 @@
+"""Diffusion tensors from diffusion-weighted images, and numbers of tensors.
+
+Tensors are stored as xx, yy, zz, xy, xz, yz.
+
+References
+----------
+1. Basser, Mattiello, Le Bihan, J. Magn. Reson. B 103 (1994), doi:10.1006/jmrb.1994.1037
+2. Salvador et al., Hum. Brain Mapp. 24 (2005), doi:10.1002/hbm.20076 (weights from the fit)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from myork.errors import InputError
+from myork.imaging.geometry import frame
+from myork.imaging.gradients import GradientTable, read_gradients
+from myork.imaging.io import read_image
+from myork.records import Image
+
+__all__ = [
+    "fit_tensors",
+    "fractional_anisotropy",
+    "full_tensors",
+    "mean_diffusivity",
+    "parse_axes",
+    "read_tensors",
+    "tensor_components",
+    "turn_tensors",
+]
+
+F64 = NDArray[np.float64]
+
+# Order of the components
+_PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+# Voxels solved at a time: 33 images of them take some tens of megabytes.
+_CHUNK = 20000
+# A design with a larger condition number does not determine all six components.
+_WORST_CONDITION = 1e4
+
+
+def tensor_components(full: F64) -> F64:
+    """Components xx, yy, zz, xy, xz, yz, shape `(..., 6)`, of tensors of shape `(..., 3, 3)`."""
+    return np.stack([full[..., i, j] for i, j in _PAIRS], axis=-1)
+
+
+def full_tensors(components: F64) -> F64:
+    """Symmetric tensors of shape `(..., 3, 3)` from `(..., 6)`."""
+    full = np.empty((*components.shape[:-1], 3, 3))
+    for place, (i, j) in enumerate(_PAIRS):
+        full[..., i, j] = full[..., j, i] = components[..., place]
+    return full
+
+
+def mean_diffusivity(components: F64) -> F64:
+    """Third of the trace, shape `(...)`, unit of the tensors."""
+    return components[..., :3].mean(axis=-1)
+
+
+def fractional_anisotropy(components: F64) -> F64:
+    """Fractional anisotropy, 0 for equal eigenvalues to 1 for a stick, shape `(...)` [-]."""
+    mean = mean_diffusivity(components)[..., np.newaxis]
+    squares = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
+    shift = components - mean * [1, 1, 1, 0, 0, 0]
+    norm = (squares * components**2).sum(axis=-1)
+    ratio = np.divide(
+        (squares * shift**2).sum(axis=-1), norm, out=np.zeros(norm.shape), where=norm > 0
+    )
+    return np.sqrt(1.5 * ratio)
+
+
+def fit_tensors(dwi: Image, table: GradientTable) -> Image:
+    """Fit a tensor to every voxel by weighted least squares of the logarithms.
+
+    A fit with equal weights gives signals whose squares are the weights of the second fit: the
+    variance of the logarithm of a signal goes with one over its square [2].
+
+    Parameters
+    ----------
+    dwi : Image
+        Diffusion-weighted images, shape `(ni, nj, nk, nvolume)`.
+    table : GradientTable
+        Their gradients in the world frame.
+
+    Returns
+    -------
+    Image
+        Tensors in the world frame, shape `(ni, nj, nk, 6)` [mm^2/s]; not a number where a signal
+        is not finite or no image without gradient shows one.
+    """
+    unit = max(float(table.b.max()), 1.0)
+    design = np.column_stack([np.ones(len(table.b)), -table.design() / unit])
+    condition = np.linalg.cond(design)
+    if len(design) < 7 or not condition < _WORST_CONDITION:
+        raise InputError(
+            f"{dwi.name}: its {len(table.b)} gradients do not determine a tensor (condition number "
+            f"{condition:.3g}); six directions in general position and an image without gradient, "
+            "or a second b value, are needed"
+        )
+    signal = dwi.data.reshape(-1, len(design))
+    still = signal[:, table.still] if table.still.any() else signal
+    usable = np.flatnonzero(np.isfinite(signal).all(axis=1) & (still.mean(axis=1) > 0))
+    tensor = np.full((len(signal), 6), np.nan)
+    if len(usable):
+        floor = 1e-4 * still[usable].mean()
+        inverse = np.linalg.pinv(design)
+        for first in range(0, len(usable), _CHUNK):
+            rows = usable[first : first + _CHUNK]
+            logarithm = np.log(np.maximum(signal[rows], floor))
+            weight = np.exp(2.0 * (logarithm @ inverse.T) @ design.T)
+            normal = np.einsum("vn,ni,nj->vij", weight, design, design, optimize=True)
+            right = np.einsum("vn,ni->vi", weight * logarithm, design, optimize=True)
+            tensor[rows] = np.linalg.solve(normal, right[..., np.newaxis])[:, 1:, 0] / unit
+    return Image(tensor.reshape(*dwi.data.shape[:3], 6), dwi.affine, dwi.name)
+
+
+def parse_axes(text: str) -> F64:
+    """Signed permutation of axes: `"x -z y"` takes x, minus z and y as first, second, third.
+
+    Returns
+    -------
+    NDArray
+        Matrix with one entry of 1 or -1 in each row and column, shape `(3, 3)`.
+    """
+    words = text.split()
+    letters = [word.removeprefix("-") for word in words]
+    if sorted(letters) != ["x", "y", "z"]:
+        raise InputError(
+            f"image.gradient_axes = '{text}': x, y and z are wanted in some order, each with a "
+            "minus sign or without, such as 'x -y z'"
+        )
+    matrix = np.zeros((3, 3))
+    for row, (word, letter) in enumerate(zip(words, letters, strict=True)):
+        matrix[row, "xyz".index(letter)] = -1.0 if word.startswith("-") else 1.0
+    return matrix
+
+
+def read_tensors(table: Mapping[str, Any], folder: Path) -> Image | None:
+    """Tensors of a deck: from a file of tensors, or fitted to diffusion-weighted images.
+
+    Parameters
+    ----------
+    table : mapping
+        Table `image` of the deck: `tensor` with `tensor_frame`, or `dwi` with `bval` and `bvec`
+        (by default beside it under the same name); `gradient_axes`.
+    folder : Path
+        Where the deck's relative paths start.
+
+    Returns
+    -------
+    Image or None
+        Shape `(ni, nj, nk, 6)`; None where the deck names neither.
+    """
+    if "dwi" not in table:
+        stray = [key for key in ("bval", "bvec") if key in table]
+        if stray:
+            raise InputError(f"image.{stray[0]} needs image.dwi, the images it belongs to")
+        if "tensor" not in table:
+            return None
+        tensor = read_image(folder / table["tensor"], values=6)
+        return _turned(tensor, table["gradient_axes"], table["tensor_frame"])
+    if "tensor" in table or table["tensor_frame"] != "world":
+        raise InputError(
+            "image.dwi gives tensors in the world frame; leave image.tensor and image.tensor_frame "
+            "out of the deck"
+        )
+    path = folder / table["dwi"]
+    dwi = read_image(path, values=None)
+    stem = path.name.removesuffix(".gz").removesuffix(".nii")
+    files = [
+        folder / table[key] if key in table else path.with_name(f"{stem}.{key}")
+        for key in ("bval", "bvec")
+    ]
+    gradients = read_gradients(files[0], files[1], dwi.affine, dwi.data.shape[3])
+    return _turned(fit_tensors(dwi, gradients), table["gradient_axes"], "world")
+
+
+def turn_tensors(tensor: Image, axes: F64, tensor_frame: str = "world") -> Image:
+    """Tensors as they would be with the voxel axes of the gradients exchanged or flipped.
+
+    Parameters
+    ----------
+    tensor : Image
+        Shape `(ni, nj, nk, 6)`.
+    axes : NDArray
+        Signed permutation of the voxel axes, shape `(3, 3)`.
+    tensor_frame : str
+        Axes of the components: `world` or `voxel`.
+    """
+    columns = frame(tensor.affine) if tensor_frame == "world" else np.eye(3)
+    turn = columns @ axes @ columns.T
+    full = turn @ full_tensors(tensor.data) @ turn.T
+    return Image(tensor_components(full), tensor.affine, tensor.name)
+
+
+def _turned(tensor: Image, axes: str, tensor_frame: str) -> Image:
+    """Tensors with the gradient axes of the deck."""
+    matrix = parse_axes(axes)
+    if np.array_equal(matrix, np.eye(3)):
+        return tensor
+    return turn_tensors(tensor, matrix, tensor_frame)

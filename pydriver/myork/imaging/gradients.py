@@ -1,0 +1,126 @@
+"""Diffusion gradients: files of b values and directions, and the frames they are given in.
+
+The convention of FSL's files: directions are components along the voxel axes of the image, and
+the first component has the other sign where the affine has a positive determinant. Inside this
+package directions are in the world frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from myork.errors import FileError, InputError
+from myork.imaging.geometry import frame
+
+__all__ = ["GradientTable", "even_directions", "read_gradients", "write_gradients"]
+
+F64 = NDArray[np.float64]
+
+# Below this an image counts as one without gradient, whose direction may be zero [s/mm^2]
+STILL = 50.0
+
+
+@dataclass(frozen=True)
+class GradientTable:
+    """Diffusion weighting of each image of a series.
+
+    Attributes
+    ----------
+    b : NDArray
+        Weighting, shape `(n,)` [s/mm^2].
+    direction : NDArray
+        Unit vectors in the world frame, zero without gradient, shape `(n, 3)` [-].
+    """
+
+    b: F64
+    direction: F64
+
+    @property
+    def still(self) -> NDArray[np.bool_]:
+        """Which images have no gradient, shape `(n,)`."""
+        return self.b <= STILL
+
+    def design(self) -> F64:
+        """Factors of xx, yy, zz, xy, xz, yz in the exponent b g.D g, shape `(n, 6)` [s/mm^2]."""
+        x, y, z = self.direction.T
+        terms = np.stack([x * x, y * y, z * z, 2 * x * y, 2 * x * z, 2 * y * z], axis=1)
+        return self.b[:, np.newaxis] * terms
+
+
+def even_directions(n: int) -> F64:
+    """Directions spread evenly over a half sphere along a spiral, shape `(n, 3)` [-]."""
+    height = (np.arange(n) + 0.5) / n
+    angle = np.arange(n) * np.pi * (3.0 - np.sqrt(5.0))
+    across = np.sqrt(1.0 - height**2)
+    return np.stack([across * np.cos(angle), across * np.sin(angle), height], axis=1)
+
+
+def read_gradients(bval: Path, bvec: Path, affine: F64, volumes: int) -> GradientTable:
+    """Read b values and directions in FSL's convention.
+
+    Parameters
+    ----------
+    bval, bvec : Path
+        Text files: a row of values; three rows of components (or a row per image).
+    affine : NDArray
+        Affine of the diffusion images, shape `(4, 4)` [mm].
+    volumes : int
+        Number of diffusion images.
+    """
+    b = _numbers(bval).ravel()
+    vector = _numbers(bvec)
+    if vector.ndim != 2 or 3 not in vector.shape:
+        raise InputError(f"{bvec}: three rows of components are wanted, not {vector.shape}")
+    if vector.shape[0] == 3:
+        vector = vector.T
+    if not len(b) == len(vector) == volumes:
+        raise InputError(
+            f"{bval} has {len(b)} values and {bvec} {len(vector)} directions, but there are "
+            f"{volumes} diffusion images; use the files that were written with the images"
+        )
+    if (b < 0).any():
+        raise InputError(f"{bval}: b values must not be negative, the lowest is {b.min():g}")
+    length = np.linalg.norm(vector, axis=1)
+    lost = np.flatnonzero((b > STILL) & (np.abs(length - 1.0) > 0.05))
+    if len(lost):
+        raise InputError(
+            f"{bvec}: direction {lost[0] + 1} has length {length[lost[0]]:.3g} with b = "
+            f"{b[lost[0]]:g}; directions must be unit vectors (for scaled ones, scale b instead)"
+        )
+    vector = vector / np.maximum(length, 1e-9)[:, np.newaxis] * (b > STILL)[:, np.newaxis]
+    return GradientTable(b, vector @ _fsl_axes(affine).T)
+
+
+def write_gradients(bval: Path, bvec: Path, table: GradientTable, affine: F64) -> None:
+    """Write b values and directions in FSL's convention for images with this affine."""
+    vector = table.direction @ _fsl_axes(affine)
+    try:
+        np.savetxt(bval, table.b[np.newaxis], fmt="%g")
+        np.savetxt(bvec, vector.T, fmt="%.9f")
+    except OSError as reason:
+        raise FileError(f"{bval}, {bvec}: cannot be written: {reason}") from None
+
+
+def _fsl_axes(affine: F64) -> F64:
+    """World directions of the axes of FSL's directions, as columns, shape `(3, 3)` [-]."""
+    axes = frame(affine)
+    if np.linalg.det(affine[:3, :3]) > 0:
+        axes = axes * [-1.0, 1.0, 1.0]
+    return axes
+
+
+def _numbers(path: Path) -> F64:
+    """Numbers of a text file as rows."""
+    try:
+        found = np.loadtxt(path, dtype=float, ndmin=2)
+    except OSError:
+        raise FileError(f"{path}: there is no such file") from None
+    except ValueError as reason:
+        raise InputError(f"{path}: rows of numbers are wanted: {reason}") from None
+    if not np.isfinite(found).all():
+        raise InputError(f"{path}: a number is not finite")
+    return found

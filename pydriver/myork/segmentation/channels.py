@@ -1,0 +1,69 @@
+"""Channels of a segmentation: grey values and fiber directions on one scale."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from myork.errors import InputError
+from myork.records import Image
+
+__all__ = ["fiber_channels", "scaled_values"]
+
+F64 = NDArray[np.float64]
+
+# Places of xx, yy, zz, xy, xz, yz in a tensor
+_ROWS, _COLUMNS = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)
+
+
+def scaled_values(image: Image, region: NDArray[np.bool_]) -> F64:
+    """Grey values with the 1st and 99th percentile of a region at zero and one.
+
+    Parameters
+    ----------
+    image : Image
+        MR image, shape `(ni, nj, nk)`.
+    region : NDArray
+        Voxels that count, same shape.
+    """
+    if not region.any():
+        raise InputError(
+            f"{image.name}: the region to segment is empty; check image.box and image.region"
+        )
+    low, high = np.percentile(image.data[region], (1.0, 99.0))
+    if not high > low:
+        raise InputError(f"{image.name}: the region to segment has one grey value only, {low:g}")
+    return (image.data - low) / (high - low)
+
+
+def fiber_channels(tensor: Image, kind: str) -> F64:
+    """Channels of the lead eigenvectors of diffusion tensors; v and -v are the same fiber.
+
+    Parameters
+    ----------
+    tensor : Image
+        xx, yy, zz, xy, xz, yz, shape `(ni, nj, nk, 6)`; a tensor that is not finite counts as
+        having no direction.
+    kind : str
+        `dyad`: the six components of v v^T, those off the diagonal times the square root of
+        two, so that squared differences are 2 sin^2 of the angle; `absolute`: |v_x|, |v_y|,
+        |v_z|; `aligned`: v turned to point up, (4.2).
+
+    Returns
+    -------
+    NDArray
+        Shape `(ni, nj, nk, 6)` or `(ni, nj, nk, 3)` [-].
+    """
+    grid = tensor.data.shape[:3]
+    full = np.zeros((*grid, 3, 3))
+    full[..., _ROWS, _COLUMNS] = full[..., _COLUMNS, _ROWS] = np.where(
+        np.isfinite(tensor.data).all(axis=-1, keepdims=True), tensor.data, 0.0
+    )
+    lead = np.linalg.eigh(full)[1][..., :, 2]
+    lead[~full.any(axis=(-2, -1))] = 0.0
+    if kind == "absolute":
+        return np.abs(lead)
+    if kind == "aligned":
+        return np.where(lead[..., 2:] < 0, -lead, lead)
+    scale = np.where(np.equal(_ROWS, _COLUMNS), 1.0, np.sqrt(2.0))
+    return scale * lead[..., _ROWS] * lead[..., _COLUMNS]

@@ -1,0 +1,163 @@
+"""Tensors from diffusion-weighted images: against DIPY, against truth, in any frame."""
+
+import numpy as np
+import pytest
+from dipy.core.gradients import gradient_table
+from dipy.reconst.dti import TensorModel
+
+from myork.errors import InputError
+from myork.imaging.diffusion import (
+    fit_tensors,
+    fractional_anisotropy,
+    full_tensors,
+    mean_diffusivity,
+    parse_axes,
+    read_tensors,
+    tensor_components,
+    turn_tensors,
+)
+from myork.imaging.gradients import GradientTable, even_directions, write_gradients
+from myork.imaging.io import write_image
+from myork.imaging.phantom import make_phantom, phantom_dwi
+from myork.model.fibers import fiber_field
+from myork.records import Image
+
+
+def angle(a, b):
+    return np.degrees(np.arccos(np.clip(np.abs((a * b).sum(-1)), 0, 1)))
+
+
+@pytest.fixture(scope="module")
+def phantom():
+    return make_phantom(size=(76, 76, 9), spacing=(1.5, 1.5, 6.0))
+
+
+@pytest.fixture(scope="module")
+def series(phantom):
+    return phantom_dwi(phantom, snr=25.0)
+
+
+@pytest.fixture(scope="module")
+def tensor(series):
+    return fit_tensors(*series)
+
+
+def test_same_tensors_as_dipy(phantom, series, tensor):
+    dwi, table = series
+    some = tuple(np.argwhere(phantom.tissue.data == 1)[::100].T)
+    model = TensorModel(gradient_table(table.b, bvecs=table.direction), fit_method="WLS")
+    theirs = model.fit(dwi.data[some])
+    ours = tensor.data[some]
+    # Both solve the same normal equations of condition 1e3 in double precision.
+    np.testing.assert_allclose(ours, tensor_components(theirs.quadratic_form), atol=1e-10 * 2e-3)
+    np.testing.assert_allclose(fractional_anisotropy(ours), theirs.fa, atol=1e-9)
+    np.testing.assert_allclose(mean_diffusivity(ours), theirs.md, rtol=1e-9)
+
+
+def test_without_noise_the_tensors_come_back(phantom):
+    dwi, table = phantom_dwi(phantom, snr=1e12)
+    found = fit_tensors(dwi, table).data
+    muscle = phantom.tissue.data == 1
+    exact = phantom.clean_tensor.data[muscle]
+    np.testing.assert_allclose(found[muscle], exact, atol=1e-9 * 2e-3)
+
+
+def test_fibers_of_noisy_images_are_within_three_degrees(phantom, tensor):
+    muscle = phantom.tissue.data == 1
+    fibers, _ = fiber_field(tensor, muscle, smoothing=3.0)
+    error = angle(fibers.data[muscle], phantom.fiber.data[muscle])
+    assert np.median(error) < 1.5  # asked for: 3 degrees at SNR 25
+    raw, _ = fiber_field(tensor, muscle, smoothing=0.0)
+    assert np.median(angle(raw.data[muscle], phantom.fiber.data[muscle])) > 4.0
+
+
+def test_anisotropy_of_known_tensors():
+    stick = tensor_components(np.diag([0.0, 0.0, 2.0]))
+    ball = tensor_components(np.eye(3))
+    plate = tensor_components(np.diag([1.0, 1.0, 0.0]))
+    found = fractional_anisotropy(np.stack([stick, ball, plate, np.zeros(6)]))
+    np.testing.assert_allclose(found, [1.0, 0.0, np.sqrt(0.5), 0.0], atol=1e-12)
+
+
+def test_bad_signals_give_no_tensor_and_spoil_no_other(series):
+    dwi, table = series
+    data = dwi.data[34:38, 34:38, 4:5].copy()
+    clean = fit_tensors(Image(data, dwi.affine), table).data
+    data[0, 0, 0, 5] = np.nan
+    data[1, 1, 0] = 0.0
+    found = fit_tensors(Image(data, dwi.affine), table).data
+    bad = np.isnan(found).any(axis=-1)
+    assert np.argwhere(bad).tolist() == [[0, 0, 0], [1, 1, 0]]
+    np.testing.assert_allclose(found[~bad], clean[~bad], rtol=1e-9)
+
+
+@pytest.mark.parametrize("directions", [even_directions(5), np.tile([[0, 0, 1.0]], (8, 1))])
+def test_too_few_directions(directions):
+    n = len(directions)
+    table = GradientTable(np.r_[0.0, np.full(n, 500.0)], np.vstack([[0, 0, 0], directions]))
+    with pytest.raises(InputError, match="gradients do not determine a tensor"):
+        fit_tensors(Image(np.ones((2, 2, 2, n + 1)), np.eye(4), "dwi.nii"), table)
+
+
+def turned_grid(image, affine):
+    """The same world image with its voxel axes exchanged and flipped as in `affine`."""
+    data = np.flip(np.moveaxis(image.data, (0, 1, 2), (1, 2, 0)), (1,))
+    return Image(np.ascontiguousarray(data), affine, image.name)
+
+
+def test_axes_of_the_file_do_not_change_the_fibers(phantom, series, tmp_path):
+    dwi, table = series
+    keys = {"dwi": "a.nii.gz", "tensor_frame": "world", "gradient_axes": "x y z"}
+    ni = dwi.data.shape[0]
+    # New voxel axes (k, -i, j): x goes down with the second.
+    turned = np.zeros((4, 4))
+    turned[:3, 0], turned[:3, 1], turned[:3, 2] = (
+        dwi.affine[:3, 2],
+        -dwi.affine[:3, 0],
+        dwi.affine[:3, 1],
+    )
+    turned[:3, 3] = dwi.affine[:3, 3] + (ni - 1) * dwi.affine[:3, 0]
+    turned[3, 3] = 1.0
+    found = []
+    for image in (dwi, turned_grid(dwi, turned)):
+        write_image(tmp_path / "a.nii.gz", image)
+        write_gradients(tmp_path / "a.bval", tmp_path / "a.bvec", table, image.affine)
+        found.append(read_tensors(keys, tmp_path))
+    again = turned_grid(found[0], turned).data
+    inside = turned_grid(phantom.tissue, turned).data == 1
+    # Files hold single precision; tensors are of the size 2e-3.
+    np.testing.assert_allclose(found[1].data[inside], again[inside], atol=1e-5 * 2e-3)
+
+
+def test_gradient_axes_mend_a_wrong_table(phantom, series, tensor):
+    dwi, table = series
+    wrong = GradientTable(table.b, table.direction * [1.0, -1.0, 1.0])
+    mended = turn_tensors(fit_tensors(dwi, wrong), parse_axes("x -y z"))
+    inside = phantom.tissue.data == 1
+    np.testing.assert_allclose(mended.data[inside], tensor.data[inside], atol=1e-9 * 2e-3)
+
+
+def test_turning_in_the_voxel_frame_is_that_of_the_axes():
+    components = np.random.default_rng(1).random((1, 1, 1, 6))
+    image = Image(
+        components, np.array([[0, -2.0, 0, 0], [2.0, 0, 0, 0], [0, 0, 2, 0], [0, 0, 0, 1]])
+    )
+    axes = parse_axes("y -x z")
+    full = axes @ full_tensors(components) @ axes.T
+    turned = turn_tensors(image, axes, "voxel").data
+    np.testing.assert_allclose(turned, tensor_components(full))
+
+
+@pytest.mark.parametrize("text", ["x y", "x y y", "x y w", "x y z -x", ""])
+def test_bad_axes(text):
+    with pytest.raises(InputError, match="image.gradient_axes = .* x, y and z are wanted"):
+        parse_axes(text)
+
+
+def test_decks_that_contradict_themselves(tmp_path):
+    common = {"tensor_frame": "world", "gradient_axes": "x y z"}
+    assert read_tensors(common, tmp_path) is None
+    with pytest.raises(InputError, match="image.bval needs image.dwi"):
+        read_tensors({**common, "bval": "a"}, tmp_path)
+    with pytest.raises(InputError, match="leave image.tensor"):
+        read_tensors({**common, "dwi": "a", "tensor": "b"}, tmp_path)

@@ -1,0 +1,102 @@
+"""Clouds that are no regular boxes, and fields that vary over them."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from myork import Scene, core_material
+from myork.bench.bodies import box, write_body
+from myork.records import PointCloud
+
+MUSCLE = core_material.Material(
+    name="muscle",
+    model="muscle",
+    A10=6.43,
+    A01=-3.8,
+    A20=0.94,
+    A02=0.0005,
+    A11=-0.0043,
+    K=5e3,
+    curve="smooth",
+)
+
+
+def bent(cloud: PointCloud, rate: float = 0.8) -> PointCloud:
+    """Fibers that turn in the x-z plane, with random signs."""
+    signs = np.random.default_rng(2).choice([-1.0, 1.0], (len(cloud.points), 1))
+    return replace(cloud, fiber=signs * direction(cloud.points, rate))
+
+
+def direction(x: NDArray[Any], rate: float) -> NDArray[Any]:
+    angle = rate * (x[:, 0] + 0.5 * x[:, 2])
+    return np.stack([np.sin(angle), 0.0 * angle, np.cos(angle)], axis=1)
+
+
+def pull(cloud: PointCloud, rate: float, activation: float) -> NDArray[Any]:
+    """Div P of the undeformed body by central differences of P along exact fibers."""
+    rest = np.tile(np.eye(3), (len(cloud.points), 1, 1))
+    total = np.zeros((len(cloud.points), 3))
+    for axis in range(3):
+        step = 1e-5 * np.eye(3)[axis]
+        p = [
+            core_material.stress(
+                MUSCLE,
+                rest,
+                fiber=direction(cloud.points + side * step, rate),
+                activation=activation,
+            )
+            for side in (-1, 1)
+        ]
+        total += (p[1] - p[0])[:, :, axis] / 2e-5
+    return total
+
+
+def test_turning_fibers_pull(tmp_path: Path) -> None:
+    """The residual of the undeformed body is the divergence of the active stress, to the order of
+    the linear fit over neighbours: 4 times better with half the spacing, 1 % at 9 sources.
+    """
+    errors = []
+    for n in (5, 9):
+        cloud = bent(box((1.0, 1.0, 1.0), (n, n, n), (2 * n - 1,) * 3))
+        deck = write_body(tmp_path, cloud, activation=0.5, curve="smooth")
+        with Scene(deck) as scene:
+            x = np.zeros(scene.dofs)
+            residual, _ = scene.linearise(x, 1.0, x)
+        found = residual[: 3 * len(cloud.points)].reshape(-1, 3)
+        right = pull(cloud, 0.8, 0.5)
+        inside = np.all((cloud.points > 0.3) & (cloud.points < 0.7), axis=1)
+        errors.append(np.linalg.norm((found - right)[inside]) / np.linalg.norm(right[inside]))
+    assert errors[1] < 0.01
+    assert errors[1] < 0.35 * errors[0]
+
+
+@pytest.mark.parametrize("method", ["rkcm", "rkcm-mixed"])
+def test_turning_fibers_in_the_rows(method: str, tmp_path: Path) -> None:
+    """Rows and second derivatives against fourth-order differences of residual and gradient; the
+    differences along the fibers inside the core leave 1e-9.
+    """
+    cloud = bent(box((1.0, 1.0, 1.0), (4, 4, 4), (5, 5, 5)))
+    deck = write_body(tmp_path, cloud, method=method, activation=0.5, curve="smooth")
+    random = np.random.default_rng(5)
+    with Scene(deck, ["material.K=500"]) as scene:
+        x = 0.02 * random.standard_normal(scene.dofs)
+        move = random.standard_normal(scene.dofs)
+        move /= np.linalg.norm(move)
+        _, product = scene.linearise(x, 0.6, move)
+        gradient, second = scene.hessian(x, 0.6)
+        assert np.isfinite(gradient).all()
+        rate = difference(lambda step: scene.linearise(x + step * move, 0.6, move, start=x)[0])
+        turn = difference(lambda step: scene.hessian(x + step * move, 0.6, start=x)[0])
+    assert np.linalg.norm(rate - product) < 1e-7 * np.linalg.norm(product)
+    assert np.linalg.norm(turn - second @ move) < 1e-6 * np.linalg.norm(second @ move)
+
+
+def difference(value: Callable[[float], NDArray[Any]], step: float = 1e-3) -> NDArray[Any]:
+    return np.asarray(
+        (8 * (value(step) - value(-step)) - value(2 * step) + value(-2 * step)) / (12 * step)
+    )

@@ -1,0 +1,132 @@
+"""Two tissues in one body: interfaces of smooth moduli, thesis section 4.2.2."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from myork.model.store import write_model
+from myork.records import PointCloud
+
+SOFT = {"name": "soft", "label": 1, "model": "polynomial", "A10": 5.0, "K": 20.0}
+STIFF = {"name": "stiff", "label": 2, "model": "polynomial", "A10": 30.0, "A20": 80.0, "K": 120.0}
+MUSCLE = {
+    "name": "muscle",
+    "label": 2,
+    "model": "muscle",
+    "A10": 6.43,
+    "A01": -3.8,
+    "A20": 0.94,
+    "A11": -0.0043,
+    "A02": 0.0005,
+    "K": 500.0,
+    "curve": "smooth",
+    "fiber": [0.3, -0.5, 0.8],
+}
+SIDES = [
+    {"set": "x0", "u_x": 0},
+    {"set": "x1", "u_x": 0.3},
+    {"set": "sides", "u_y": 0, "u_z": 0},
+]
+
+
+def bar(cells, length, interface, spacing_ratio=2):
+    """Points of a bar along x; label 2 beyond the interface."""
+    size = np.array([length, 0.5, 0.5])
+    source = [np.linspace(0, s, n + 1) for s, n in zip(size, cells, strict=True)]
+    fine = [np.linspace(0, s, spacing_ratio * n + 1) for s, n in zip(size, cells, strict=True)]
+    points = np.array(list(itertools.product(*fine)))
+    sets = {"x0": [], "x1": [], "sides": []}
+    for number, (x, *across) in enumerate(points):
+        if x == 0.0:
+            sets["x0"].append((number, [-1.0, 0, 0]))
+        if x == length:
+            sets["x1"].append((number, [1.0, 0, 0]))
+        outward = [np.sign(a - 0.25) if a in (0.0, 0.5) else 0.0 for a in across]
+        if any(outward):
+            sets["sides"].append((number, np.array([0, *outward]) / np.linalg.norm(outward)))
+    rows = [(p, s, n) for s, members in enumerate(sets.values()) for p, n in members]
+    return PointCloud(
+        source=np.array(list(itertools.product(*source))),
+        spacing=size / np.array(cells),
+        points=points,
+        label=np.where(points[:, 0] > interface, 2, 1).astype(np.int32),
+        fiber=np.zeros_like(points),
+        volume=np.full(len(points), 1.0 / len(points)),
+        boundary_point=np.array([row[0] for row in rows], np.int32),
+        boundary_set=np.array([row[1] for row in rows], np.int32),
+        normal=np.array([row[2] for row in rows], float),
+        area=np.full(len(rows), 1.0 / len(rows)),
+        set_names=tuple(sets),
+        label_names={1: "soft", 2: "stiff"},
+        length_unit="cm",
+        source_images="",
+    )
+
+
+@pytest.fixture
+def open_bar(tmp_path, write_deck, open_scene):
+    """Open a scene of a bar from materials and cells."""
+
+    def open_(materials, cells=(8, 2, 2), method="rkcm", width=4, **tables):
+        path = write_deck(
+            {
+                "scene": {"dimension": 3, "method": method},
+                "geometry": {"kind": "model"},
+                "approximation": {"order": 2, "support": 3, "interface": width},
+                "material": materials,
+                "boundary": SIDES,
+                "load": {"steps": 3},
+                **tables,
+            }
+        )
+        write_model(path.parent / "model.h5", bar(cells, 2.0, 0.97))
+        return open_scene(path)
+
+    return open_
+
+
+@pytest.mark.parametrize("method", ["rkcm", "rkcm-mixed"])
+def test_two_tissues_of_one_law_are_one_tissue(open_bar, method):
+    """The fractions add up to one, their gradients to zero: both to rounding."""
+    whole = {key: SOFT[key] for key in SOFT if key != "label"}
+    x = 0.02 * np.random.default_rng(5).standard_normal(open_bar([whole], method=method).dofs)
+    one, two = (
+        open_bar(materials, method=method).linearise(x, 0.6, x)
+        for materials in ([whole], [SOFT, {**SOFT, "name": "same", "label": 2}])
+    )
+    for expected, found in zip(one, two, strict=True):
+        assert np.linalg.norm(found - expected) < 1e-12 * np.linalg.norm(expected)
+
+
+@pytest.mark.parametrize("method", ["rkcm", "rkcm-mixed"])
+def test_rows_of_mixed_tissues_are_the_derivative_of_their_residuals(open_bar, method):
+    """As in test_jacobian.py: truncation 1e-12, rounding 1e-9 of a strong form's terms."""
+    scene = open_bar([SOFT, MUSCLE], method=method, load={"activation": 0.7})
+    random = np.random.default_rng(11)
+    x = 0.02 * random.standard_normal(scene.dofs)
+    direction = random.standard_normal(scene.dofs)
+    _, product = scene.linearise(x, 0.6, direction)
+    step = 2e-5
+
+    def residual(factor):
+        return scene.linearise(x + factor * step * direction, 0.6, direction, start=x)[0]
+
+    difference = (8 * (residual(1) - residual(-1)) - residual(2) + residual(-2)) / (12 * step)
+    assert np.linalg.norm(difference - product) < 1e-7 * np.linalg.norm(product)
+
+
+@pytest.mark.parametrize("method", ["rkcm", "rkcm-mixed"])
+def test_layers_in_series_carry_the_same_force(open_bar, method):
+    """Confined sides make the bar one-dimensional: P_xx is the same everywhere. Without the
+    gradient of the moduli in the strong form it would jump by their ratio, 6. The interface is
+    a whole unit wide and resolved by 4, then by 8 spacings: of second order, an error of some
+    per cent falls to a quarter of it.
+    """
+    errors = []
+    for cells, width in ((8, 4), (16, 8)):
+        scene = open_bar([SOFT, STIFF], cells=(cells, 2, 2), method=method, width=width)
+        states = scene.solve()
+        stress = scene.fields(states.x[-1], 1.0).cauchy[:, 0]
+        errors.append(np.ptp(stress) / abs(stress.mean()))
+    assert errors[1] < min(0.03, 0.4 * errors[0])
