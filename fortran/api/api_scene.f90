@@ -3,8 +3,8 @@
 !> Open the scene of a deck; the arrays are the model file's and may be empty. Not threadsafe:
 !> gfortran keeps the lengths of character function results in static storage, and keys are made
 !> of such results
-subroutine scene_open(path, nover, overrides, ns, nc, nb, nset, source, spacing, place, volume, &
-   & label, fiber, point, set, normal, area, names, handle, stat, message)
+subroutine scene_open(path, nover, overrides, ns, nc, nb, nset, source, spacing, place, centre, &
+   & volume, label, fiber, point, set, normal, area, names, handle, stat, message)
    use rk_cloud, only : cloud_type
    use rk_error, only : error_type
    use rk_pack, only : pack_error
@@ -13,7 +13,7 @@ subroutine scene_open(path, nover, overrides, ns, nc, nb, nset, source, spacing,
    integer, intent(in) :: nover, ns, nc, nb, nset
    character(len=*), intent(in) :: path, overrides(nover), names(nset)
    double precision, intent(in) :: source(3, ns), spacing(3, ns), place(3, nc), fiber(3, nc)
-   double precision, intent(in) :: normal(3, nb), area(nb), volume(nc)
+   double precision, intent(in) :: centre(3, nc), normal(3, nb), area(nb), volume(nc)
    integer, intent(in) :: label(nc), point(nb), set(nb)
    integer, intent(out) :: handle, stat
    character(len=2048), intent(out) :: message
@@ -24,6 +24,7 @@ subroutine scene_open(path, nover, overrides, ns, nc, nb, nset, source, spacing,
    model%source = source
    model%spacing = spacing
    model%place = place
+   model%centre = centre
    model%volume = volume
    model%label = label
    model%fiber = fiber
@@ -107,8 +108,45 @@ subroutine scene_points(handle, nd, nc, place, stat, message)
    if (stat == 0) place = slot%scene%cloud%place
 end subroutine scene_points
 
+!> Number of points where scene_set_fields wants values
+subroutine scene_count_field_points(handle, n, stat, message)
+   use rk_error, only : error_type
+   use rk_handles, only : find_slot, slot_type
+   use rk_pack, only : pack_error
+   implicit none
+   integer, intent(in) :: handle
+   integer, intent(out) :: n, stat
+   character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
+   type(slot_type), pointer :: slot
+
+   n = 0
+   call find_slot(handle, slot, error)
+   call pack_error(error, stat, message)
+   if (stat == 0) n = size(slot%full%field_points(), 2)
+end subroutine scene_count_field_points
+
+!> Points where scene_set_fields wants values
+subroutine scene_field_points(handle, nd, n, place, stat, message)
+   use rk_error, only : error_type
+   use rk_handles, only : find_slot, slot_type
+   use rk_pack, only : pack_error
+   implicit none
+   integer, intent(in) :: handle, nd, n
+   double precision, intent(out) :: place(nd, n)
+   integer, intent(out) :: stat
+   character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
+   type(slot_type), pointer :: slot
+
+   place = 0
+   call find_slot(handle, slot, error)
+   call pack_error(error, stat, message)
+   if (stat == 0) place = slot%full%field_points()
+end subroutine scene_field_points
+
 !> Body force, prescribed displacement and the stress whose traction is prescribed, all at full load
-!> and at the collocation points; the last two count where the deck has conditions of their kind
+!> and at the field points; the last two count where the deck has conditions of their kind
 subroutine scene_set_fields(handle, nc, body_force, displacement, stress, stat, message)
    use rk_error, only : error_type
    use rk_pack, only : pack_error

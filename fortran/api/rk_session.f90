@@ -59,30 +59,19 @@ end subroutine open_session
 subroutine set_session_fields(handle, body_force, displacement, stress, error)
    !> Handle
    integer, intent(in) :: handle
-   !> Body force per undeformed volume, shape (3, nc) [force/length^3]
+   !> Body force per undeformed volume, shape (3, n) [force/length^3]
    real(wp), intent(in) :: body_force(:, :)
-   !> Displacement of the essential components, shape (3, nc) [length]
+   !> Displacement of the essential components, shape (3, n) [length]
    real(wp), intent(in) :: displacement(:, :)
-   !> Stress P(i, A) whose traction the other components carry, shape (3, 3, nc) [stress]
+   !> Stress P(i, A) whose traction the other components carry, shape (3, 3, n) [stress]
    real(wp), intent(in) :: stress(:, :, :)
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
    type(slot_type), pointer :: slot
-   integer :: b, i, nd
 
    call find_slot(handle, slot, error)
    if (allocated(error)) return
-   nd = slot%scene%cloud%nd
-   slot%scene%body_force = body_force
-   associate (boundary => slot%full%boundary)
-      do b = 1, size(boundary%point)
-         do i = 1, nd
-            boundary%value(i, b) = displacement(i, boundary%point(b))
-            boundary%traction(i, b) = dot_product(stress(i, :nd, boundary%point(b)), &
-               & boundary%normal(:, i, b))
-         end do
-      end do
-   end associate
+   call slot%full%set_fields(body_force, displacement, stress)
 end subroutine set_session_fields
 
 !> Make the reduced problem of a scene

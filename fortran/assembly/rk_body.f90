@@ -35,6 +35,10 @@ module rk_body
       procedure :: local_state
       !> Prepare for questions about a state
       procedure :: settle
+      !> Points where set_fields wants values
+      procedure :: field_points
+      !> Set what varies over the points and has no place in a deck
+      procedure :: set_fields
    end type body_type
 
 contains
@@ -108,6 +112,41 @@ subroutine settle(self, x, load)
    associate (same => self, unknowns => x, at => load)
    end associate
 end subroutine settle
+
+!> Points where set_fields wants values: the collocation points
+function field_points(self) result(x)
+   !> Problem
+   class(body_type), intent(in) :: self
+   !> Points, shape (nd, n) [length]
+   real(wp), allocatable :: x(:, :)
+
+   x = self%scene%cloud%place
+end function field_points
+
+!> Set what varies over the points and has no place in a deck, at full load
+subroutine set_fields(self, body_force, displacement, stress)
+   !> Problem
+   class(body_type), intent(inout) :: self
+   !> Body force per undeformed volume, shape (3, n) [force/length^3]
+   real(wp), intent(in) :: body_force(:, :)
+   !> Displacement of the essential components, shape (3, n) [length]
+   real(wp), intent(in) :: displacement(:, :)
+   !> Stress P(i, A) whose traction the other components carry, shape (3, 3, n) [stress]
+   real(wp), intent(in) :: stress(:, :, :)
+   integer :: b, i, nd
+
+   nd = self%scene%cloud%nd
+   self%scene%body_force = body_force
+   associate (boundary => self%boundary)
+      do b = 1, size(boundary%point)
+         do i = 1, nd
+            boundary%value(i, b) = displacement(i, boundary%point(b))
+            boundary%traction(i, b) = dot_product(stress(i, :nd, boundary%point(b)), &
+               & boundary%normal(:, i, b))
+         end do
+      end do
+   end associate
+end subroutine set_fields
 
 !> Deformation gradient and its derivatives from the displacement's derivatives
 pure subroutine deformation(nd, u, f, h)

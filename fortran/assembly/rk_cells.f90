@@ -15,7 +15,7 @@ module rk_cells
    implicit none
    private
 
-   public :: cells_type, gauss_cells, nodal_cells
+   public :: cells_type, gauss_cells, lattice_frame, lattice_group, set_number, digits_of
 
    !> Integration points and surface of a body
    type :: cells_type
@@ -217,6 +217,22 @@ pure subroutine lattice_frame(cloud, low, step)
    end if
 end subroutine lattice_frame
 
+!> Group of a cell of a lattice
+pure integer function lattice_group(index, cells)
+   !> Place of the cell, from 0
+   integer, intent(in) :: index(3)
+   !> Cells in each direction
+   integer, intent(in) :: cells(3)
+   integer :: d, groups
+
+   lattice_group = 0
+   do d = 1, 3
+      groups = max(1, cells(d)/group_size)
+      lattice_group = lattice_group*groups + (index(d)*groups + groups - 1)/cells(d)
+   end do
+   lattice_group = lattice_group + 1
+end function lattice_group
+
 !> Boundary set of a face of a lattice, as rk_cloud numbers them
 pure integer function set_number(polar, axis, end)
    !> Radius and angle
@@ -245,20 +261,5 @@ pure function digits_of(number, base) result(digit)
       rest = rest/base(d)
    end do
 end function digits_of
-
-!> Cells around the source points of a lattice
-subroutine nodal_cells(self, cloud, error)
-   !> Points
-   type(cells_type), intent(out) :: self
-   !> Cloud
-   type(cloud_type), intent(in) :: cloud
-   !> Error handling: no lattice
-   type(error_type), allocatable, intent(out) :: error
-
-   self%smoothed = .true.
-   call fatal_error(error, err_input, 'nodal cells are not there yet')
-   associate (unused => cloud)
-   end associate
-end subroutine nodal_cells
 
 end module rk_cells

@@ -8,7 +8,7 @@ module rk_cloud
    implicit none
    private
 
-   public :: cloud_type, new_box, new_annulus, check_cloud
+   public :: cloud_type, new_box, new_annulus, check_cloud, jitter
 
    !> Points of a body. A boundary entry is a collocation point seen as part of one boundary set; a
    !> point on an edge has one entry for each set.
@@ -21,6 +21,9 @@ module rk_cloud
       real(wp), allocatable :: spacing(:, :)
       !> Collocation points, shape (nd, nc) [length]
       real(wp), allocatable :: place(:, :)
+      !> Centres of the voxels of a model that belong to the collocation points, shape (nd, nc)
+      !> [length]; not allocated for other bodies
+      real(wp), allocatable :: centre(:, :)
       !> Where volume rows stand: centres of the cells between source points or of patches, shape
       !> (nd, nv) [length]
       real(wp), allocatable :: cell(:, :)
@@ -43,6 +46,8 @@ module rk_cloud
       !> Source points along each direction of a box or (radial, angular) an annulus, shape (nd);
       !> not allocated for other bodies
       integer, allocatable :: lattice(:)
+      !> The source points have left the lattice
+      logical :: jittered = .false.
       !> The directions are radius and angle
       logical :: polar = .false.
    contains
@@ -228,6 +233,32 @@ contains
    end function bend
 
 end subroutine new_annulus
+
+!> Move the source points of a box off their lattice, always in the same way. Those on the surface
+!> stay on their faces, edges and corners.
+subroutine jitter(self, share)
+   !> Box
+   type(cloud_type), intent(inout) :: self
+   !> Largest move, in spacings [-]
+   real(wp), intent(in) :: share
+   real(wp) :: low, high, fraction
+   integer(i8) :: state
+   integer :: d, is
+
+   self%jittered = .true.
+   state = 1
+   do d = 1, self%nd
+      low = minval(self%source(d, :))
+      high = maxval(self%source(d, :))
+      do is = 1, size(self%source, 2)
+         ! minimal standard generator: Park, Miller, Commun. ACM 31 (1988), doi:10.1145/63039.63042
+         state = modulo(16807_i8*state, 2147483647_i8)
+         if (self%source(d, is) <= low .or. self%source(d, is) >= high) cycle
+         fraction = 2.0_wp*real(state, wp)/2147483647.0_wp - 1.0_wp
+         self%source(d, is) = self%source(d, is) + share*fraction*self%spacing(d, is)
+      end do
+   end do
+end subroutine jitter
 
 !> Refuse what no later station could make sense of
 subroutine check_cloud(self, error)

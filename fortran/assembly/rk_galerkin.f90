@@ -8,19 +8,22 @@ module rk_galerkin
    use rk_blas, only : dgemm, dsyrk
    use rk_body, only : body_type, deformation, determinant
    use rk_boundary, only : new_boundary
-   use rk_cells, only : cells_type, gauss_cells, nodal_cells
+   use rk_cells, only : cells_type, gauss_cells
    use rk_cross, only : cross, cross_form
    use rk_error, only : error_type
    use rk_gradient, only : gradient_type, new_gradient
    use rk_local, only : local_type
    use rk_mixture, only : new_mixture
    use rk_neighbours, only : nearest_points
+   use rk_nodal, only : nodal_cells
    use rk_operator, only : row_operator
    use rk_precision, only : i8, wp
    use rk_pressure, only : new_pressure, pressure_type
    use rk_problem, only : state_type
    use rk_scene, only : scene_type
    use rk_shape, only : new_shape, shape_type
+   use rk_stabilisation, only : stabilise
+   use rk_surface, only : set_conditions, surface_type
    use rk_symmetric, only : new_symmetric, symmetric_matrix
    implicit none
    private
@@ -35,20 +38,18 @@ module rk_galerkin
       type(gradient_type) :: gradient
       !> Pressure
       type(pressure_type) :: pressure
-      !> Shape functions at the surface
-      type(shape_type) :: surface
-      !> Components prescribed at each surface point, shape (nd, ms)
-      logical, allocatable :: essential(:, :)
-      !> Their values at full load, shape (nd, ms) [length]
-      real(wp), allocatable :: value(:, :)
-      !> Tractions of the others at full load, shape (nd, ms) [force/area]
-      real(wp), allocatable :: traction(:, :)
-      !> Penalty times area of each surface point, shape (ms) [force/length]
-      real(wp), allocatable :: penalty(:)
+      !> Shape functions at the integration points
+      type(shape_type) :: inside
+      !> Surface
+      type(surface_type) :: surface
       !> Nearest collocation point of each point, shape (np)
       integer, allocatable :: nearest(:)
       !> First Piola-Kirchhoff stress at each point in the last evaluation, shape (3, 3, np)
       real(wp), allocatable :: stress(:, :, :)
+      !> Deformation gradient at each point in the last evaluation, and in that of the tangent which
+      !> the next step takes, shape (3, 3, np) [-]
+      real(wp), allocatable :: f(:, :, :)
+      real(wp), allocatable :: base(:, :, :)
       !> Volume ratio at each point in the last evaluation, shape (np) [-]
       real(wp), allocatable :: volume(:)
       !> Tangent, and the part of it that never changes: penalty and stabilisation
@@ -59,13 +60,19 @@ module rk_galerkin
    contains
       procedure :: start_step
       procedure :: evaluate
+      procedure :: predict
       procedure :: operator
       procedure :: hessian
       procedure :: local_state
       procedure :: settle
+      procedure :: field_points
+      procedure :: set_fields
       !> Force through a boundary set
       procedure :: set_force
    end type galerkin_type
+
+   real(wp), parameter :: unity(3, 3) = reshape([1.0_wp, 0.0_wp, 0.0_wp, 0.0_wp, &
+      & 1.0_wp, 0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp], [3, 3])
 
 contains
 
@@ -77,8 +84,9 @@ subroutine new_galerkin(self, scene, error)
    type(scene_type), target, intent(in) :: scene
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   type(shape_type) :: inside, facet
-   integer :: nd, nc, np, ip
+   type(shape_type) :: facet
+   real(wp), allocatable :: shear(:)
+   integer :: ip, nc, nd, np
 
    self%scene => scene
    nd = scene%cloud%nd
@@ -103,9 +111,9 @@ subroutine new_galerkin(self, scene, error)
    self%extent = sqrt(real(self%n, wp))*maxval(maxval(scene%cloud%source, dim=2) &
       & - minval(scene%cloud%source, dim=2))
 
-   call shapes_at(scene, self%cells%point, inside, error)
+   call shapes_at(scene, self%cells%point, self%inside, error)
    if (allocated(error)) return
-   call shapes_at(scene, self%cells%surface, self%surface, error)
+   call shapes_at(scene, self%cells%surface, self%surface%shape, error)
    if (allocated(error)) return
    if (self%cells%smoothed) call shapes_at(scene, self%cells%facet, facet, error)
    if (allocated(error)) return
@@ -113,16 +121,22 @@ subroutine new_galerkin(self, scene, error)
    call new_mixture(self%mixture, scene, reshape([scene%cloud%place, self%cells%point], &
       & [nd, nc + np]), [[(ip, ip=1, nc)], self%nearest], error)
    if (allocated(error)) return
-   call set_conditions(self)
-   call new_gradient(self%gradient, self%cells, size(scene%cloud%source, 2), inside, facet, &
-      & self%surface, self%essential, self%value)
+   shear = [(self%mixture%stiffness(nc + ip, unity), ip=1, np)]
+   call set_conditions(self%surface, scene, self%cells, shear)
+   call new_gradient(self%gradient, self%cells, size(scene%cloud%source, 2), self%inside, facet, &
+      & self%surface%shape, self%surface%essential)
+   call self%gradient%give(self%cells, self%surface%essential, self%surface%value)
    call new_pressure(self%pressure, self%cells, scene%pressure_degree, scene%cloud%place, error)
    if (allocated(error)) return
    call new_symmetric(self%matrix, nd, size(scene%cloud%source, 2), self%gradient%member_start, &
       & self%gradient%member)
-   allocate (self%stress(3, 3, np), self%volume(np), self%force(self%n))
-   allocate (self%constant(size(self%matrix%value, kind=i8)))
-   call set_constant(self, inside)
+   allocate (self%stress(3, 3, np), self%f(3, 3, np), self%volume(np), self%force(self%n))
+   allocate (self%constant(size(self%matrix%value, kind=i8)), source=0.0_wp)
+   call self%surface%add_penalty(self%matrix, self%constant)
+   if (self%cells%smoothed) call stabilise(self%matrix, self%constant, self%cells, self%inside, &
+      & scene%stabilisation*shear)
+   self%force = 0.0_wp
+   call self%surface%add_forces(self%force)
 end subroutine new_galerkin
 
 !> Shape functions at places
@@ -140,97 +154,56 @@ subroutine shapes_at(scene, place, shape, error)
    if (allocated(error)) error%message = 'integration '//error%message
 end subroutine shapes_at
 
-!> Conditions at the surface points, from those on their sets
-subroutine set_conditions(self)
-   !> Problem with integration points
-   type(galerkin_type), intent(inout) :: self
-   real(wp), parameter :: unity(3, 3) = reshape([1.0_wp, 0.0_wp, 0.0_wp, 0.0_wp, &
-      & 1.0_wp, 0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp], [3, 3])
-   real(wp) :: x(2), spacing
-   integer :: c, s, nd, ms, q
-
-   nd = self%scene%cloud%nd
-   ms = size(self%cells%set)
-   allocate (self%essential(nd, ms), source=.false.)
-   allocate (self%value(nd, ms), self%traction(nd, ms), self%penalty(ms), source=0.0_wp)
-   do s = 1, ms
-      do c = 1, size(self%scene%condition)
-         associate (condition => self%scene%condition(c))
-            if (condition%set /= self%cells%set(s)) cycle
-            self%traction(:, s) = self%traction(:, s) + condition%traction(:nd)
-            where (condition%fixed(:nd))
-               self%essential(:, s) = .true.
-               self%value(:, s) = condition%value(:nd)
-            end where
-            if (.not. condition%is_radial) cycle
-            x = self%cells%surface(:2, s)
-            self%essential(:2, s) = .true.
-            self%value(:2, s) = condition%radial*x/norm2(x)
-         end associate
-      end do
-      where (self%essential(:, s)) self%traction(:, s) = 0.0_wp
-      q = self%cells%lift_point(self%cells%lift_first(s) + 1)
-      ! the spacing of the source points, as the body's volume and their number have it
-      spacing = (sum(self%cells%weight)/size(self%scene%cloud%source, 2))**(1.0_wp/nd)
-      self%penalty(s) = self%scene%penalty*self%mixture%stiffness(self%nearest(q), unity)/spacing &
-         & *norm2(self%cells%outward(:, s))
-   end do
-end subroutine set_conditions
-
-!> Penalty, tractions and body forces: linear in the unknowns and in the load
-subroutine set_constant(self, inside)
+!> Points where set_fields wants values: the integration points, then those of the surface
+function field_points(self) result(x)
    !> Problem
-   type(galerkin_type), intent(inout) :: self
-   !> Shape functions at the integration points
-   type(shape_type), intent(in) :: inside
-   real(wp), allocatable :: part(:, :)
-   integer :: nd, s, i, k, l, q
-   integer(i8) :: at, to_value
+   class(galerkin_type), intent(in) :: self
+   !> Points, shape (nd, n) [length]
+   real(wp), allocatable :: x(:, :)
+   integer :: np
+
+   np = size(self%cells%weight)
+   allocate (x(size(self%cells%point, 1), np + size(self%cells%set)))
+   x(:, :np) = self%cells%point
+   x(:, np + 1:) = self%cells%surface
+end function field_points
+
+!> Set what varies over the points and has no place in a deck, at full load
+subroutine set_fields(self, body_force, displacement, stress)
+   !> Problem
+   class(galerkin_type), intent(inout) :: self
+   !> Body force per undeformed volume, shape (3, n) [force/length^3]
+   real(wp), intent(in) :: body_force(:, :)
+   !> Displacement of the essential components, shape (3, n) [length]
+   real(wp), intent(in) :: displacement(:, :)
+   !> Stress P(i, A) whose traction the other components carry, shape (3, 3, n) [stress]
+   real(wp), intent(in) :: stress(:, :, :)
+   integer :: k, nd, np, q, s
+   integer(i8) :: at, first
 
    nd = self%scene%cloud%nd
-   self%constant = 0.0_wp
-   self%force = 0.0_wp
-   do s = 1, size(self%penalty)
-      at = self%surface%neighbour%offset(s)
-      to_value = self%surface%first(self%surface%stencil(s))
-      associate (n => self%surface%count(s))
-         associate (node => self%surface%neighbour%index(at + 1:at + n), &
-            & value => self%surface%value(1, to_value + 1:to_value + n))
-            do i = 1, nd
-               self%force(nd*(node - 1) + i) = self%force(nd*(node - 1) + i) + value &
-                  & *(merge(self%penalty(s)*self%value(i, s), 0.0_wp, self%essential(i, s)) &
-                  & + norm2(self%cells%outward(:, s))*self%traction(i, s))
-            end do
-            if (.not. any(self%essential(:, s))) cycle
-            allocate (part(nd*n, nd*n), source=0.0_wp)
-            do l = 1, n
-               do k = 1, l
-                  do i = 1, nd
-                     if (self%essential(i, s)) part(nd*(k - 1) + i, nd*(l - 1) + i) &
-                        & = self%penalty(s)*value(k)*value(l)
-                  end do
-               end do
-            end do
-            call self%matrix%add(self%constant, node, part)
-            deallocate (part)
-         end associate
-      end associate
+   np = size(self%cells%weight)
+   do s = 1, size(self%cells%set)
+      self%surface%value(:, s) = displacement(:nd, np + s)
+      self%surface%traction(:, s) = merge(0.0_wp, matmul(stress(:nd, :nd, np + s), &
+         & self%cells%outward(:, s))/self%surface%area(s), self%surface%essential(:, s))
    end do
-   if (.not. allocated(self%scene%body_force)) return
-   do q = 1, size(self%nearest)
-      at = inside%neighbour%offset(q)
-      to_value = inside%first(inside%stencil(q))
-      do k = 1, inside%count(q)
-         associate (node => inside%neighbour%index(at + k))
+   call self%gradient%give(self%cells, self%surface%essential, self%surface%value)
+   self%force = 0.0_wp
+   call self%surface%add_forces(self%force)
+   do q = 1, np
+      at = self%inside%neighbour%offset(q)
+      first = self%inside%first(self%inside%stencil(q))
+      do k = 1, self%inside%count(q)
+         associate (node => self%inside%neighbour%index(at + k))
             self%force(nd*(node - 1) + 1:nd*node) = self%force(nd*(node - 1) + 1:nd*node) &
-               & + self%cells%weight(q)*inside%value(1, to_value + k) &
-               & *self%scene%body_force(:nd, self%nearest(q))
+               & + self%cells%weight(q)*self%inside%value(1, first + k)*body_force(:nd, q)
          end associate
       end do
    end do
-end subroutine set_constant
+end subroutine set_fields
 
-!> Nothing is fixed for a load step
+!> Forget where the last step came from
 subroutine start_step(self, x, load)
    !> Problem
    class(galerkin_type), target, intent(inout) :: self
@@ -239,8 +212,9 @@ subroutine start_step(self, x, load)
    !> Load at the end of the step [-]
    real(wp), intent(in) :: load
 
-   associate (same => self, unknowns => x, at => load)
+   associate (unknowns => x, at => load)
    end associate
+   if (allocated(self%base)) deallocate (self%base)
 end subroutine start_step
 
 !> Residual and tangent (4.31), (4.32): internal less external forces
@@ -249,6 +223,46 @@ subroutine evaluate(self, x, load, tangent, r, state)
    class(galerkin_type), target, intent(inout) :: self
    !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> Linearise
+   logical, intent(in) :: tangent
+   !> Residuals, shape (n) [force]
+   real(wp), contiguous, intent(inout) :: r(:)
+   !> What was seen
+   type(state_type), intent(out) :: state
+
+   call assemble(self, x, load, load, tangent, r, state)
+end subroutine evaluate
+
+!> The same with essential values of the last converged state: they jump at the start of a load
+!> step, and the gradients into which they are lifted might not even keep J > 0. The jump acts
+!> linearly.
+subroutine predict(self, x, done, load, r, state)
+   !> Problem
+   class(galerkin_type), target, intent(inout) :: self
+   !> Unknowns of the last converged state, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Its load [-]
+   real(wp), intent(in) :: done
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> Residuals, shape (n) [force]
+   real(wp), contiguous, intent(inout) :: r(:)
+   !> What was seen
+   type(state_type), intent(out) :: state
+
+   call assemble(self, x, done, load, .true., r, state)
+end subroutine predict
+
+!> Sum over the groups
+subroutine assemble(self, x, held, load, tangent, r, state)
+   !> Problem
+   type(galerkin_type), intent(inout) :: self
+   !> Unknowns, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Load of the essential values in the gradients [-]
+   real(wp), intent(in) :: held
    !> Load [-]
    real(wp), intent(in) :: load
    !> Linearise
@@ -266,11 +280,12 @@ subroutine evaluate(self, x, load, tangent, r, state)
    if (tangent) self%matrix%value = self%constant
    ! parts are added in the order of the groups, so that sums do not depend on the threads
    !$omp parallel do default(none) schedule(static, 1) ordered private(g, part, force) &
-   !$omp shared(self, x, load, tangent, r, nd)
+   !$omp shared(self, x, held, load, tangent, r, nd)
    do g = 1, size(self%cells%first) - 1
       associate (member => self%gradient%member(self%gradient%member_start(g) + 1: &
          & self%gradient%member_start(g + 1)))
-         call group_part(self, g, reshape(x, [nd, size(x)/nd]), load, tangent, force, part)
+         call group_part(self, g, reshape(x, [nd, size(x)/nd]), held, load, tangent, &
+            & force, part)
          !$omp ordered
          call add_force(member, force, r)
          if (tangent) call self%matrix%add(self%matrix%value, member, part)
@@ -284,7 +299,7 @@ subroutine evaluate(self, x, load, tangent, r, state)
    ! comparisons that a NaN fails
    state%valid = all(self%volume > 0.0_wp) .and. all(abs(r) <= huge(1.0_wp))
    state%worst = self%nearest(state%worst)
-end subroutine evaluate
+end subroutine assemble
 
 !> Add the forces of a group
 pure subroutine add_force(member, force, r)
@@ -303,13 +318,15 @@ pure subroutine add_force(member, force, r)
 end subroutine add_force
 
 !> Forces and stiffness of a group of points
-subroutine group_part(self, g, x, load, tangent, force, part)
+subroutine group_part(self, g, x, held, load, tangent, force, part)
    !> Problem; stress, volume ratio and pressure of the group are set
    class(galerkin_type), intent(inout) :: self
    !> Group
    integer, intent(in) :: g
    !> Unknowns, shape (nd, ns) [length]
    real(wp), intent(in) :: x(:, :)
+   !> Load of the essential values in the gradients [-]
+   real(wp), intent(in) :: held
    !> Load [-]
    real(wp), intent(in) :: load
    !> Stiffness wanted
@@ -318,10 +335,10 @@ subroutine group_part(self, g, x, load, tangent, force, part)
    real(wp), allocatable, intent(inout) :: force(:, :)
    !> Upper triangle of the stiffness, shape (nd*members, nd*members) [force/length]
    real(wp), allocatable, intent(inout) :: part(:, :)
-   real(wp), allocatable :: f(:, :, :), c4(:, :, :, :, :), local(:, :), volume(:, :)
+   real(wp), allocatable :: c4(:, :, :, :, :), local(:, :), volume(:, :)
    real(wp) :: h(self%gradient%nd, self%gradient%nd), p(3, 3), cofactor(3, 3), bulk, value(4)
-   real(wp) :: pressure
-   integer :: nd, nc, n, q, o, i, k, members, b
+   real(wp) :: linear(4), jump(4), pressure
+   integer :: nc, nd, n, q, o, i, k, members, b
    integer(i8) :: e
 
    nd = self%gradient%nd
@@ -338,19 +355,26 @@ subroutine group_part(self, g, x, load, tangent, force, part)
    allocate (force(nd, members), source=0.0_wp)
    if (allocated(part)) deallocate (part)
    if (tangent) allocate (part(nd*members, nd*members), source=0.0_wp)
-   allocate (f(3, 3, n))
    value = 0.0_wp
+   linear = 0.0_wp
    do q = 1, n
-      call self%gradient%at(o + q, local, load, h)
-      f(:, :, q) = 0.0_wp
-      do i = 1, 3
-         f(i, i, q) = 1.0_wp
-      end do
-      f(:nd, :nd, q) = f(:nd, :nd, q) + h
-      self%volume(o + q) = determinant(f(:, :, q))
-      value(:b) = value(:b) + self%cells%weight(o + q)*self%volume(o + q) &
-         & *self%pressure%basis(:b, o + q)
+      call self%gradient%at(o + q, local, held, h)
+      associate (f => self%f(:, :, o + q), w => self%cells%weight(o + q))
+         f = 0.0_wp
+         do i = 1, 3
+            f(i, i) = 1.0_wp
+         end do
+         f(:nd, :nd) = f(:nd, :nd) + h
+         self%volume(o + q) = determinant(f)
+         value(:b) = value(:b) + w*self%volume(o + q)*self%pressure%basis(:b, o + q)
+         if (.not. allocated(self%base)) cycle
+         associate (base => self%base(:, :, o + q))
+            linear(:b) = linear(:b) + w*self%pressure%basis(:b, o + q)*(determinant(base) &
+               & + 0.5_wp*sum(cross(base, base)*(f - base)))
+         end associate
+      end associate
    end do
+   if (.not. allocated(self%base)) linear = value
    self%stress(:, :, o + 1:o + n) = 0.0_wp
    ! no stress exists; the caller rejects the state
    if (.not. all(self%volume(o + 1:o + n) > 0.0_wp)) return
@@ -363,23 +387,40 @@ subroutine group_part(self, g, x, load, tangent, force, part)
    bulk = bulk/sum(self%cells%weight(o + 1:o + n))
    value(:b) = bulk*(value(:b) - self%pressure%total(:b, g))
    self%pressure%coefficient(:b, g) = value(:b)
+   ! the pressure of a mixed Newton iteration, in which it is linear in the step: with K (J - 1) of
+   ! the new place instead, the stiffness suffers from every bit of volume that a step leaves
+   linear(:b) = bulk*(linear(:b) - self%pressure%total(:b, g))
+   jump = 0.0_wp
    if (tangent) then
       allocate (c4(3, 3, 3, 3, n))
       allocate (volume(nd*members, b), source=0.0_wp)
    end if
    do q = 1, n
       pressure = dot_product(value(:b), self%pressure%basis(:b, o + q))
-      cofactor = 0.5_wp*cross(f(:, :, q), f(:, :, q))
+      associate (f => self%f(:, :, o + q))
+         cofactor = 0.5_wp*cross(f, f)
+      end associate
       if (tangent) then
-         call self%mixture%tangent(nc + o + q, f(:, :, q), load, p, c4(:, :, :, :, q), &
+         call self%mixture%tangent(nc + o + q, self%f(:, :, o + q), load, p, c4(:, :, :, :, q), &
             & volumetric=.false.)
          c4(:, :, :, :, q) = self%cells%weight(o + q)*(c4(:, :, :, :, q) &
-            & + pressure*reshape(cross_form(f(:, :, q)), [3, 3, 3, 3]))
+            & + dot_product(linear(:b), self%pressure%basis(:b, o + q)) &
+            & *reshape(cross_form(self%f(:, :, o + q)), [3, 3, 3, 3]))
       else
-         call self%mixture%stress(nc + o + q, f(:, :, q), load, p, volumetric=.false.)
+         call self%mixture%stress(nc + o + q, self%f(:, :, o + q), load, p, volumetric=.false.)
       end if
       p = p + pressure*cofactor
       self%stress(:, :, o + q) = p
+      if (tangent .and. held < load) then
+         h = (load - held)*self%gradient%given(:, :, o + q)
+         do i = 1, nd
+            do k = 1, nd
+               p(:nd, :nd) = p(:nd, :nd) + c4(:nd, :nd, i, k, q)*h(i, k)/self%cells%weight(o + q)
+            end do
+         end do
+         jump(:b) = jump(:b) + self%cells%weight(o + q)*sum(cofactor(:nd, :nd)*h) &
+            & *self%pressure%basis(:b, o + q)
+      end if
       p = self%cells%weight(o + q)*p
       cofactor = self%cells%weight(o + q)*cofactor
       do e = self%gradient%start(o + q) + 1, self%gradient%start(o + q + 1)
@@ -395,6 +436,7 @@ subroutine group_part(self, g, x, load, tangent, force, part)
       end do
    end do
    if (.not. tangent) return
+   force = force + bulk*reshape(matmul(volume, jump(:b)), shape(force))
    call dsyrk('u', 'n', nd*members, b, bulk, volume, nd*members, 0.0_wp, part, nd*members)
    call add_stiffness(self, o, n, members, c4, part)
 end subroutine group_part
@@ -448,6 +490,8 @@ function operator(self) result(op)
    class(galerkin_type), target, intent(inout) :: self
    class(row_operator), pointer :: op
 
+   ! asked for at the places where steps begin
+   self%base = self%f
    op => self%matrix
 end function operator
 
@@ -509,8 +553,7 @@ subroutine local_state(self, ip, x, u, load, local)
    local%cauchy = matmul(local%p, transpose(local%f))/local%j
 end subroutine local_state
 
-!> Force that the surroundings exert on the body through a set, from the settled state: what does
-!> the work when the set moves
+!> Force that the surroundings exert on the body through a set, from the settled state
 function set_force(self, set, x, load) result(force)
    !> Problem
    class(galerkin_type), intent(in) :: self
@@ -521,29 +564,8 @@ function set_force(self, set, x, load) result(force)
    !> Load [-]
    real(wp), intent(in) :: load
    real(wp) :: force(3)
-   real(wp) :: u(self%fields, self%surface%nq), p(3, 3)
-   integer :: i, k, nd, s
 
-   nd = self%scene%cloud%nd
-   force = 0.0_wp
-   do s = 1, size(self%cells%set)
-      if (self%cells%set(s) /= set) cycle
-      call self%surface%interpolate(s, x, 1, 1, u)
-      p = 0.0_wp
-      do k = self%cells%lift_first(s) + 1, self%cells%lift_first(s + 1)
-         associate (q => self%cells%lift_point(k))
-            p = p + self%cells%lift(k)*self%cells%weight(q)*self%stress(:, :, q)
-         end associate
-      end do
-      do i = 1, nd
-         if (self%essential(i, s)) then
-            force(i) = force(i) + dot_product(p(i, :nd), self%cells%outward(:, s)) &
-               & - self%penalty(s)*(u(i, 1) - load*self%value(i, s))
-         else
-            force(i) = force(i) + load*self%traction(i, s)*norm2(self%cells%outward(:, s))
-         end if
-      end do
-   end do
+   force = self%surface%force(self%cells, self%stress, set, x, load)
 end function set_force
 
 end module rk_galerkin

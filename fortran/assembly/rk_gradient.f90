@@ -38,12 +38,14 @@ module rk_gradient
    contains
       !> Displacement gradient at a point
       procedure :: at => gradient_at
+      !> Set the essential values
+      procedure :: give
    end type gradient_type
 
 contains
 
 !> Set up the gradients
-subroutine new_gradient(self, cells, ns, inside, facet, surface, essential, value)
+subroutine new_gradient(self, cells, ns, inside, facet, surface, essential)
    !> Gradients
    type(gradient_type), intent(out) :: self
    !> Integration points
@@ -54,8 +56,6 @@ subroutine new_gradient(self, cells, ns, inside, facet, surface, essential, valu
    type(shape_type), intent(in) :: inside, facet, surface
    !> Components prescribed at each surface point, shape (nd, ms)
    logical, intent(in) :: essential(:, :)
-   !> Their values at full load, shape (nd, ms) [length]
-   real(wp), intent(in) :: value(:, :)
    integer, allocatable :: facet_first(:), facet_list(:), lift_first(:), lift_list(:), touched(:)
    integer, allocatable :: surface_of(:)
    real(wp), allocatable :: plain(:, :), taken(:, :, :)
@@ -76,7 +76,6 @@ subroutine new_gradient(self, cells, ns, inside, facet, surface, essential, valu
       & facet_list)
    allocate (self%start(np + 1), self%first(nd, np), self%given(nd, nd, np))
    allocate (plain(nd, ns), taken(nd, nd, ns), touched(ns), seen(ns))
-   self%given = 0.0_wp
    seen = .false.
    plain = 0.0_wp
    taken = 0.0_wp
@@ -87,6 +86,8 @@ subroutine new_gradient(self, cells, ns, inside, facet, surface, essential, valu
          n = 0
          lifted = .false.
          if (cells%smoothed) then
+            ! stabilisation couples all source points that cover the middle, facets may miss some
+            call gather(inside, q, [(0.0_wp, d=1, nd)])
             do k = facet_first(q) + 1, facet_first(q + 1)
                i = (facet_list(k) + 1)/2
                call gather(facet, i, merge(1, -1, mod(facet_list(k), 2) == 1) &
@@ -225,14 +226,34 @@ contains
             end do
          end associate
       end do
-      if (pass == 1) return
-      do c = 1, nd
-         if (essential(c, ip)) self%given(c, :, q) = self%given(c, :, q) &
-            & + factor*value(c, ip)*cells%outward(:, ip)
-      end do
    end subroutine gather_lift
 
 end subroutine new_gradient
+
+!> Lift the essential values
+subroutine give(self, cells, essential, value)
+   !> Gradients
+   class(gradient_type), intent(inout) :: self
+   !> Integration points
+   type(cells_type), intent(in) :: cells
+   !> Components prescribed at each surface point, shape (nd, ms)
+   logical, intent(in) :: essential(:, :)
+   !> Their values at full load, shape (nd, ms) [length]
+   real(wp), intent(in) :: value(:, :)
+   integer :: c, k, s
+
+   self%given = 0.0_wp
+   do s = 1, size(cells%set)
+      do k = cells%lift_first(s) + 1, cells%lift_first(s + 1)
+         associate (given => self%given(:, :, cells%lift_point(k)))
+            do c = 1, self%nd
+               if (essential(c, s)) given(c, :) = given(c, :) &
+                  & + cells%lift(k)*value(c, s)*cells%outward(:, s)
+            end do
+         end associate
+      end do
+   end do
+end subroutine give
 
 !> Places of each number in a list
 pure subroutine invert(n, number, first, list)

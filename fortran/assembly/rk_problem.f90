@@ -39,6 +39,8 @@ module rk_problem
       procedure(start_interface), deferred :: start_step
       !> Residuals and, where wanted, their linearisation
       procedure(evaluate_interface), deferred :: evaluate
+      !> The same at the start of a load step
+      procedure :: predict
       !> The linearisation of the last evaluation
       procedure(operator_interface), deferred :: operator
       !> Second derivatives of r.r/2 at the last evaluation
@@ -107,5 +109,26 @@ pure function measure(self, x) result(norms)
    norms = [norm2(x), 0.0_wp]
    if (self%extent > 0.0_wp) norms(1) = norms(1)/self%extent
 end function measure
+
+!> Residuals and linearisation at the start of a load step. Where the load enters in a way that
+!> makes the start no good state, a problem may linearise in the load as well.
+subroutine predict(self, x, done, load, r, state)
+   !> Problem
+   class(problem_type), target, intent(inout) :: self
+   !> Unknowns of the last converged state, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Its load, 0..1 [-]
+   real(wp), intent(in) :: done
+   !> Load, 0..1 [-]
+   real(wp), intent(in) :: load
+   !> Residuals, shape (m)
+   real(wp), contiguous, intent(inout) :: r(:)
+   !> What was seen
+   type(state_type), intent(out) :: state
+
+   associate (unused => done)
+   end associate
+   call self%evaluate(x, load, .true., r, state)
+end subroutine predict
 
 end module rk_problem

@@ -162,6 +162,8 @@ module rk_scene
       integer :: gauss = 3
       !> Galerkin form: penalty of prescribed displacements in shear moduli over spacing [-]
       real(wp) :: penalty = 100.0_wp
+      !> Galerkin form: resistance of nodal cells to gradients that vary, in shear moduli [-]
+      real(wp) :: stabilisation = 1.0_wp
       !> Galerkin form: degree of the pressure in a group of cells
       integer :: pressure_degree = 1
       !> Probes

@@ -41,6 +41,8 @@ module rk_newton
       real(wp) :: tolerance = 1.0e-6_wp
       !> Iterations at most
       integer :: max_iterations = 25
+      !> Load of the state at which a step starts [-]
+      real(wp) :: done = 0.0_wp
       !> Iterations done
       integer :: iterations = 0
       !> Relative gradient and step reached [-]
@@ -118,7 +120,7 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
    call self%damping%start()
    call system_clock(clock)
    call problem%start_step(a, load)
-   call problem%evaluate(a, load, .true., r, self%state)
+   call problem%predict(a, self%done, load, r, self%state)
    timer%assemble = timer%assemble + tick(clock)
    if (.not. self%state%valid) then
       call fatal_error(error, err_convergence, 'the start of the step is not a valid state: ' &

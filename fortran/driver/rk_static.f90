@@ -48,6 +48,7 @@ subroutine solve_static(problem, newton, steps, max_halvings, x, recorder, timer
          size = 1.0_wp/real(steps, wp)/2.0_wp**halvings
          load = min(done + size, target_load)
          if (target_load - load < 1.0e-9_wp*size) load = target_load
+         newton%done = done
          call solve_step(newton, problem, step, load, x, recorder, timer, error)
          record%iterations = record%iterations + newton%iterations
          if (allocated(error)) then

@@ -23,6 +23,8 @@ module rk_model_file
       real(wp), allocatable :: spacing(:, :)
       !> Collocation points, shape (3,np) [length]
       real(wp), allocatable :: points(:, :)
+      !> Centres of the voxels that belong to them, shape (3,np) [length]
+      real(wp), allocatable :: centre(:, :)
       !> Label of each collocation point, shape (np)
       integer, allocatable :: label(:)
       !> Unit fiber direction, zero where the label has none, shape (3,np) [-]
@@ -92,6 +94,8 @@ subroutine read_parts(model, file, path, error)
    if (allocated(error)) return
    call file%read("collocation/points", model%points, error)
    if (allocated(error)) return
+   call file%read("collocation/centre", model%centre, error)
+   if (allocated(error)) return
    call file%read("collocation/label", model%label, error)
    if (allocated(error)) return
    call file%read("collocation/fiber", model%fiber, error)
@@ -130,6 +134,7 @@ subroutine check_model(model, path, error)
    nb = size(model%boundary_point)
    call check_columns("source/points", model%source, size(model%source, 2))
    call check_columns("collocation/points", model%points, np)
+   call check_columns("collocation/centre", model%centre, np)
    call check_columns("collocation/fiber", model%fiber, np)
    call check_columns("boundary/normal", model%boundary_normal, nb)
    call check_columns("source/spacing", model%spacing, size(model%source, 2))

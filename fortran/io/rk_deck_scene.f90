@@ -3,7 +3,7 @@
 !> What the deck alone can tell was checked while it was read; here come the complaints that need
 !> the points: unknown boundary sets, labels without points, directions that are missing.
 module rk_deck_scene
-   use rk_cloud, only : check_cloud, cloud_type, new_annulus, new_box
+   use rk_cloud, only : check_cloud, cloud_type, jitter, new_annulus, new_box
    use rk_deck, only : deck_type
    use rk_deck_linear, only : read_linear
    use rk_error, only : error_type, fatal_error, err_input, err_memory
@@ -111,7 +111,7 @@ subroutine read_geometry(cloud, deck, model, error)
    character(len=:), allocatable :: kind
    real(wp), allocatable :: size_(:)
    integer, allocatable :: source(:), collocation(:)
-   real(wp) :: inner, outer
+   real(wp) :: inner, outer, share
 
    call deck%get('geometry.kind', kind)
    call deck%get('geometry.source', source)
@@ -120,6 +120,8 @@ subroutine read_geometry(cloud, deck, model, error)
    case ('box')
       call deck%get('geometry.size', size_)
       call new_box(cloud, size_, source, collocation, error)
+      call deck%get('geometry.jitter', share)
+      if (share > 0.0_wp .and. .not. allocated(error)) call jitter(cloud, share)
    case ('annulus')
       call deck%get('geometry.inner_radius', inner)
       call deck%get('geometry.outer_radius', outer)
@@ -401,6 +403,7 @@ subroutine read_solver(scene, deck)
    call deck%get('mixed.edge_length', scene%edge_length)
    call deck%get('galerkin.gauss', scene%gauss)
    call deck%get('galerkin.penalty', scene%penalty)
+   call deck%get('galerkin.stabilisation', scene%stabilisation)
    call deck%get('galerkin.pressure_degree', scene%pressure_degree)
 end subroutine read_solver
 

@@ -127,7 +127,8 @@ def build_cloud(
     source = points.source_voxels(body, step)
     boundary = points.boundary_sets(coarse)
     label = coarse.data[body]
-    place = points.positions(coarse, voxels)
+    centre = points.positions(coarse, voxels)
+    place = centre.copy()
     skin = boundary.set == boundary.names.index("surface")
     place[boundary.point[skin]] += surface_offsets(
         body, coarse.spacing, voxels[boundary.point[skin]], boundary.normal[skin]
@@ -146,6 +147,7 @@ def build_cloud(
         source=points.positions(coarse, source) * factor,
         spacing=size * step,
         points=place * factor,
+        centre=centre * factor,
         label=label,
         fiber=fiber,
         volume=np.full(len(voxels), size.prod()),

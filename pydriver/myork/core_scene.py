@@ -26,6 +26,7 @@ _NO_MODEL = PointCloud(
     source=np.zeros((1, 3)),
     spacing=np.ones(3),
     points=np.zeros((1, 3)),
+    centre=np.zeros((1, 3)),
     label=np.zeros(1, np.int32),
     fiber=np.zeros((1, 3)),
     volume=np.zeros(1),
@@ -123,6 +124,7 @@ class CoreScene:
             cloud.source.T,
             np.broadcast_to(cloud.spacing, cloud.source.shape).T,
             cloud.points.T,
+            cloud.centre.T,
             cloud.volume,
             cloud.label,
             cloud.fiber.T,
@@ -188,20 +190,31 @@ class CoreScene:
         errors.check(stat, message)
         return np.asarray(x.T)
 
+    def field_points(self) -> F64Array:
+        """Points where `set_fields` wants values, shape `(field_points, dimension)` [length].
+
+        Collocation points; in weak forms the integration points, then those of the surface.
+        """
+        n, stat, message = _core.scene_count_field_points(self._handle)
+        errors.check(stat, message)
+        x, stat, message = _core.scene_field_points(self._handle, self.dimension, n)
+        errors.check(stat, message)
+        return np.asarray(x.T)
+
     def set_fields(self, body_force: F64Array, displacement: F64Array, stress: F64Array) -> None:
         """Set what varies from point to point, at full load; it grows in proportion to the load.
 
         Parameters
         ----------
         body_force : F64Array
-            Force per undeformed volume, shape `(collocation_points, 3)` [force/length^3].
+            Force per undeformed volume, shape `(field_points, 3)` [force/length^3].
         displacement : F64Array
             Taken at essential components of boundary points, same shape [length].
         stress : F64Array
             First Piola-Kirchhoff stress `P[point, i, A]` whose traction the other components of
-            boundary points carry, shape `(collocation_points, 3, 3)` [stress].
+            boundary points carry, shape `(field_points, 3, 3)` [stress].
         """
-        n = self.collocation_points
+        n = len(self.field_points())
         for name, array, shape in (
             ("body_force", body_force, (n, 3)),
             ("displacement", displacement, (n, 3)),

@@ -85,6 +85,9 @@ class PointCloud:
     points : NDArray
         Collocation points, those from voxels in lexicographic order of these, shape `(npoint, 3)`
         [length].
+    centre : NDArray
+        Centres of the voxels that belong to the collocation points; those of surface voxels are not
+        the points themselves, which lie on the surface, shape `(npoint, 3)` [length].
     label : NDArray
         Label of each collocation point, shape `(npoint,)`.
     fiber : NDArray
@@ -113,6 +116,7 @@ class PointCloud:
     source: F64
     spacing: F64
     points: F64
+    centre: F64
     label: I32
     fiber: F64
     volume: F64

@@ -103,6 +103,7 @@ def box(
         source=_grid(size, source)[0],
         spacing=spacing,
         points=points,
+        centre=points,
         label=np.ones(len(points), np.int32),
         fiber=np.tile(np.asarray(fiber, float), (len(points), 1)),
         volume=np.full(len(points), np.prod(size) / len(points)),

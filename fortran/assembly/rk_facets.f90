@@ -1,0 +1,152 @@
+!> Facets of nodal cells, collected one by one, and the integration points that they enclose.
+module rk_facets
+   use rk_cells, only : cells_type
+   use rk_precision, only : wp
+   implicit none
+   private
+
+   public :: facets_type, close_cells
+
+   !> Points of facets, grown as they come
+   type :: facets_type
+      integer :: n = 0
+      !> Place, area times normal, cells on both sides (the second 0 on the surface), boundary set
+      real(wp), allocatable :: x(:, :)
+      real(wp), allocatable :: area(:, :)
+      integer, allocatable :: side(:, :)
+      integer, allocatable :: set(:)
+   contains
+      !> Add a point
+      procedure :: add
+   end type facets_type
+
+contains
+
+!> Add a point
+subroutine add(self, x, area, cell, other, set)
+   !> Facets
+   class(facets_type), intent(inout) :: self
+   !> Place, shape (nd) [length]
+   real(wp), intent(in) :: x(:)
+   !> Area times normal, out of the cell, shape (nd) [length^(nd-1)]
+   real(wp), intent(in) :: area(:)
+   !> Cell, and the one on the other side, 0 on the surface
+   integer, intent(in) :: cell, other
+   !> Boundary set on the surface
+   integer, intent(in) :: set
+   integer :: room
+
+   if (.not. allocated(self%x)) allocate (self%x(size(x), 64), self%area(size(x), 64), &
+      & self%side(2, 64), self%set(64))
+   if (self%n == size(self%set)) then
+      room = 2*self%n
+      call grow(self%x, room)
+      call grow(self%area, room)
+      self%side = reshape(self%side, [2, room], pad=[0])
+      self%set = reshape(self%set, [room], pad=[0])
+   end if
+   self%n = self%n + 1
+   self%x(:, self%n) = x
+   self%area(:, self%n) = area
+   self%side(:, self%n) = [cell, other]
+   self%set(self%n) = set
+end subroutine add
+
+!> More columns
+subroutine grow(a, columns)
+   !> Array
+   real(wp), allocatable, intent(inout) :: a(:, :)
+   !> Columns wanted
+   integer, intent(in) :: columns
+   real(wp), allocatable :: wide(:, :)
+
+   allocate (wide(size(a, 1), columns), source=0.0_wp)
+   wide(:, :size(a, 2)) = a
+   call move_alloc(wide, a)
+end subroutine grow
+
+!> Integration points from facets: volumes, centres and moments by the divergence theorem
+subroutine close_cells(self, cells, facets, group)
+   !> Points
+   type(cells_type), intent(inout) :: self
+   !> Cells
+   integer, intent(in) :: cells
+   !> Facets
+   type(facets_type), intent(in) :: facets
+   !> Group of each cell, from 1; groups without cells are left out, shape (cells)
+   integer, intent(in) :: group(:)
+   integer :: number(cells), members(0:maxval(group)), i, k, g, nd, side, ms, d
+   real(wp) :: area(size(facets%x, 1)), x(size(facets%x, 1))
+
+   nd = size(facets%x, 1)
+   members = 0
+   do i = 1, cells
+      members(group(i)) = members(group(i)) + 1
+   end do
+   self%smoothed = .true.
+   allocate (self%first(1), source=0)
+   do g = 1, maxval(group)
+      if (members(g) > 0) self%first = [self%first, self%first(size(self%first)) + members(g)]
+      members(g) = members(g) + members(g - 1)
+   end do
+   do i = cells, 1, -1
+      number(i) = members(group(i))
+      members(group(i)) = members(group(i)) - 1
+   end do
+
+   allocate (self%point(nd, cells), self%weight(cells), self%moment(nd, nd, cells), source=0.0_wp)
+   do k = 1, facets%n
+      do side = 1, merge(1, 2, facets%side(2, k) == 0)
+         i = number(facets%side(side, k))
+         area = merge(1, -1, side == 1)*facets%area(:, k)
+         self%weight(i) = self%weight(i) + dot_product(facets%x(:, k), area)/nd
+         self%point(:, i) = self%point(:, i) + 0.5_wp*facets%x(:, k)**2*area
+      end do
+   end do
+   do i = 1, cells
+      self%point(:, i) = self%point(:, i)/self%weight(i)
+   end do
+   do k = 1, facets%n
+      do side = 1, merge(1, 2, facets%side(2, k) == 0)
+         i = number(facets%side(side, k))
+         area = merge(1, -1, side == 1)*facets%area(:, k)
+         x = facets%x(:, k) - self%point(:, i)
+         do d = 1, nd
+            self%moment(:, d, i) = self%moment(:, d, i) + 0.5_wp*x**2*x(d)*area
+            self%moment(d, d, i) = self%moment(d, d, i) - x(d)**3*area(d)/6.0_wp
+         end do
+      end do
+   end do
+
+   ! the quadrature of oblique facets is exact for linear functions only
+   do i = 1, cells
+      self%moment(:, :, i) = 0.5_wp*(self%moment(:, :, i) + transpose(self%moment(:, :, i)))
+   end do
+
+   ms = count(facets%side(2, :facets%n) == 0)
+   allocate (self%facet(nd, facets%n - ms), self%area(nd, facets%n - ms), &
+      & self%side(2, facets%n - ms))
+   allocate (self%surface(nd, ms), self%outward(nd, ms), self%set(ms))
+   allocate (self%lift_first(ms + 1), self%lift_point(ms), self%lift(ms))
+   i = 0
+   ms = 0
+   self%lift_first(1) = 0
+   do k = 1, facets%n
+      if (facets%side(2, k) > 0) then
+         i = i + 1
+         self%facet(:, i) = facets%x(:, k)
+         self%area(:, i) = facets%area(:, k)
+         self%side(:, i) = number(facets%side(:, k))
+      else
+         ms = ms + 1
+         self%surface(:, ms) = facets%x(:, k)
+         self%outward(:, ms) = facets%area(:, k)
+         self%set(ms) = facets%set(k)
+         self%lift_first(ms + 1) = ms
+         self%lift_point(ms) = number(facets%side(1, k))
+         self%lift(ms) = 1.0_wp/self%weight(self%lift_point(ms))
+      end if
+   end do
+end subroutine close_cells
+
+end module rk_facets
