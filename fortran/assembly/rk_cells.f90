@@ -3,7 +3,8 @@
 !> Gauss points lie in the cells between the source points of a lattice. Nodal cells belong to one
 !> source point each; their gradients are smoothed over the cell's facets, which neighbours share:
 !> the integral of a gradient over the body is then exactly the integral of values over the surface.
-!> Gauss points get the mean of their cell corrected to the same end. Points come in groups, within which the volume change is averaged.
+!> Gauss points get the mean gradient of their cell corrected to the same end. Points come in
+!> groups, within which the volume change is projected.
 !>
 !> Reference: Chen, Wu, Yoon, You, Int. J. Numer. Meth. Engng 50 (2001),
 !>            doi:10.1002/1097-0207(20010120)50:2<435::AID-NME32>3.0.CO;2-A

@@ -99,7 +99,8 @@ subroutine new_gradient(self, cells, ns, inside, facet, surface, essential)
          if (cells%closed) then
             do k = facet_first(cell) + 1, facet_first(cell + 1)
                i = (facet_list(k) + 1)/2
-               call gather(facet, i, merge(1, -1, mod(facet_list(k), 2) == 1)*cells%area(:, i)/size_)
+               call gather(facet, i, merge(1, -1, mod(facet_list(k), 2) == 1) &
+                  & *cells%area(:, i)/size_)
             end do
             do k = surface_first(cell) + 1, surface_first(cell + 1)
                call gather(surface, surface_list(k), cells%outward(:, surface_list(k))/size_)
