@@ -3,7 +3,8 @@
 !> Gauss points lie in the cells between the source points of a lattice. Nodal cells belong to one
 !> source point each; their gradients are smoothed over the cell's facets, which neighbours share:
 !> the integral of a gradient over the body is then exactly the integral of values over the surface.
-!> Points come in groups, within which the volume change is averaged.
+!> Gauss points get the mean gradient of their cell corrected to the same end. Points come in
+!> groups, within which the volume change is projected.
 !>
 !> Reference: Chen, Wu, Yoon, You, Int. J. Numer. Meth. Engng 50 (2001),
 !>            doi:10.1002/1097-0207(20010120)50:2<435::AID-NME32>3.0.CO;2-A
@@ -21,13 +22,17 @@ module rk_cells
    type :: cells_type
       !> Gradients are smoothed over facets
       logical :: smoothed = .false.
+      !> The facets of each cell close around it to rounding
+      logical :: closed = .true.
+      !> Points of a cell, which follow each other
+      integer :: per_cell = 1
       !> Points, those of a group together, shape (nd, np) [length]
       real(wp), allocatable :: point(:, :)
       !> Volume of each point, shape (np) [length^nd]
       real(wp), allocatable :: weight(:)
       !> Group g has points first(g)+1 : first(g+1), shape (groups + 1)
       integer, allocatable :: first(:)
-      !> Points of facets inside the body, shape (nd, facets) [length]
+      !> Points of facets between cells, shape (nd, facets) [length]
       real(wp), allocatable :: facet(:, :)
       !> Area times normal of each, shape (nd, facets) [length^(nd-1)]
       real(wp), allocatable :: area(:, :)
@@ -69,7 +74,8 @@ subroutine gauss_cells(self, cloud, count, degree, error)
    real(wp) :: rule(count), share(count), low(3), step(3), map(3, 3), jacobian
    real(wp) :: outer(3)
    integer :: cells(3), groups(3), at(3), cell(3), sub(3), from(3), to(3), g(3)
-   integer :: nd, np, ng, i, j, d, k, side, faces, ms, nl, own
+   integer, allocatable :: number(:)
+   integer :: nd, np, ng, i, j, d, k, side, faces, ms, mf, nl, own
 
    if (.not. allocated(cloud%lattice)) then
       call fatal_error(error, err_input, 'Gauss cells need the lattice of a box or an annulus: ' &
@@ -86,16 +92,34 @@ subroutine gauss_cells(self, cloud, count, degree, error)
    own = count**nd
    np = product(cells)*own
    faces = 0
+   mf = 0
    do d = 1, nd
       faces = faces + 2*product(cells)/cells(d)*count**(nd - 1)
+      mf = mf + (product(cells) - product(cells)/cells(d))*count**(nd - 1)
    end do
+   ! arcs do not close around a cell to rounding: polar cells keep their plain gradients
+   self%closed = .not. cloud%polar
+   if (cloud%polar) mf = 0
+   self%per_cell = own
+   allocate (self%facet(nd, mf), self%area(nd, mf), self%side(2, mf), number(product(cells)))
    allocate (self%point(nd, np), self%weight(np), self%first(ng + 1))
    allocate (self%surface(nd, faces), self%outward(nd, faces), self%set(faces))
    allocate (self%lift_first(faces + 1), self%lift_point(faces*own), self%lift(faces*own))
    self%first(1) = 0
    self%lift_first(1) = 0
    np = 0
+   do i = 1, ng
+      g = digits_of(i - 1, groups)
+      from = (g*cells)/groups
+      to = ((g + 1)*cells)/groups - 1
+      do j = 1, product(to - from + 1)
+         np = np + 1
+         number(place_of(from + digits_of(j - 1, to - from + 1), cells)) = np
+      end do
+   end do
+   np = 0
    ms = 0
+   mf = 0
    nl = 0
    do i = 1, ng
       g = digits_of(i - 1, groups)
@@ -111,10 +135,13 @@ subroutine gauss_cells(self, cloud, count, degree, error)
          end do
          do d = 1, nd
             do side = 0, 1
-               if (cell(d) /= side*(cells(d) - 1)) cycle
                do k = 1, count**(nd - 1)
                   sub = digits_of(k - 1, [count, merge(count, 1, nd == 3), 1])
-                  call add_surface(cell, d, side, sub)
+                  if (cell(d) == side*(cells(d) - 1)) then
+                     call add_surface(cell, d, side, sub)
+                  else if (side == 1 .and. .not. cloud%polar) then
+                     call add_facet(cell, d, sub)
+                  end if
                end do
             end do
          end do
@@ -151,11 +178,12 @@ contains
       end if
    end subroutine place
 
-   !> A Gauss point of a face on the surface
-   subroutine add_surface(index, axis, end, sub)
+   !> A Gauss point of a face of a cell
+   subroutine face_point(index, axis, end, sub, xi, area)
       integer, intent(in) :: index(3), axis, end, sub(3)
-      real(wp) :: xi(nd), eta(nd), normal(3), length
-      integer :: e, n, digit(3), q
+      real(wp), intent(out) :: xi(:), area(:)
+      real(wp) :: length
+      integer :: e, n
 
       n = 0
       length = 1.0_wp
@@ -170,10 +198,32 @@ contains
       end do
       call place(index, xi)
       ! columns of the map are orthogonal: the face's area is the product of the others' lengths
-      normal = map(:, axis)/norm2(map(:, axis))
+      area = xi(axis)*length*jacobian*map(:nd, axis)/sum(map(:, axis)**2)
+   end subroutine face_point
+
+   !> A Gauss point of a face between two cells, at the upper end of the first
+   subroutine add_facet(index, axis, sub)
+      integer, intent(in) :: index(3), axis, sub(3)
+      real(wp) :: xi(nd)
+      integer :: next(3)
+
+      mf = mf + 1
+      call face_point(index, axis, 1, sub, xi, self%area(:, mf))
+      self%facet(:, mf) = outer(:nd)
+      next = index
+      next(axis) = index(axis) + 1
+      self%side(:, mf) = [number(place_of(index, cells)), number(place_of(next, cells))]
+   end subroutine add_facet
+
+   !> A Gauss point of a face on the surface
+   subroutine add_surface(index, axis, end, sub)
+      integer, intent(in) :: index(3), axis, end, sub(3)
+      real(wp) :: xi(nd), eta(nd)
+      integer :: digit(3), q
+
       ms = ms + 1
+      call face_point(index, axis, end, sub, xi, self%outward(:, ms))
       self%surface(:, ms) = outer(:nd)
-      self%outward(:, ms) = xi(axis)*normal(:nd)*length*jacobian/norm2(map(:, axis))
       self%set(ms) = set_number(cloud%polar, axis, end)
       do q = 1, own
          digit = digits_of(q - 1, [count, count, merge(count, 1, nd == 3)])
@@ -245,6 +295,16 @@ pure integer function set_number(polar, axis, end)
    set_number = 2*axis - 1 + end
    if (polar .and. axis == 2) set_number = 4 - end
 end function set_number
+
+!> Number, from 1, of digits
+pure integer function place_of(digit, base)
+   !> Digits, the last one fastest
+   integer, intent(in) :: digit(3)
+   !> Values of each digit
+   integer, intent(in) :: base(3)
+
+   place_of = 1 + digit(3) + base(3)*(digit(2) + base(2)*digit(1))
+end function place_of
 
 !> Digits of a number, the last one fastest
 pure function digits_of(number, base) result(digit)

@@ -115,7 +115,7 @@ subroutine new_galerkin(self, scene, error)
    if (allocated(error)) return
    call shapes_at(scene, self%cells%surface, self%surface%shape, error)
    if (allocated(error)) return
-   if (self%cells%smoothed) call shapes_at(scene, self%cells%facet, facet, error)
+   call shapes_at(scene, self%cells%facet, facet, error)
    if (allocated(error)) return
    self%nearest = nearest_points(scene%cloud%place, self%cells%point)
    call new_mixture(self%mixture, scene, reshape([scene%cloud%place, self%cells%point], &

@@ -57,10 +57,11 @@ subroutine new_gradient(self, cells, ns, inside, facet, surface, essential)
    !> Components prescribed at each surface point, shape (nd, ms)
    logical, intent(in) :: essential(:, :)
    integer, allocatable :: facet_first(:), facet_list(:), lift_first(:), lift_list(:), touched(:)
-   integer, allocatable :: surface_of(:)
+   integer, allocatable :: surface_of(:), surface_first(:), surface_list(:)
    real(wp), allocatable :: plain(:, :), taken(:, :, :)
    logical, allocatable :: seen(:)
-   integer :: nd, np, q, n, pass, i, k, s, g, d
+   real(wp) :: size_
+   integer :: nd, np, q, n, pass, i, k, s, g, d, cell, o
    integer(i8) :: entries, values, e
    logical :: lifted
 
@@ -72,8 +73,9 @@ subroutine new_gradient(self, cells, ns, inside, facet, surface, essential)
       surface_of(cells%lift_first(s) + 1:cells%lift_first(s + 1)) = s
    end do
    call invert(np, cells%lift_point, lift_first, lift_list)
-   if (cells%smoothed) call invert(np, reshape(cells%side, [size(cells%side)]), facet_first, &
-      & facet_list)
+   call invert(np/cells%per_cell, reshape(cells%side, [size(cells%side)]), facet_first, facet_list)
+   call invert(np/cells%per_cell, [(1 + (cells%lift_point(cells%lift_first(s) + 1) - 1) &
+      & /cells%per_cell, s=1, size(cells%set))], surface_first, surface_list)
    allocate (self%start(np + 1), self%first(nd, np), self%given(nd, nd, np))
    allocate (plain(nd, ns), taken(nd, nd, ns), touched(ns), seen(ns))
    seen = .false.
@@ -85,21 +87,33 @@ subroutine new_gradient(self, cells, ns, inside, facet, surface, essential)
       do q = 1, np
          n = 0
          lifted = .false.
+         cell = 1 + (q - 1)/cells%per_cell
+         o = (cell - 1)*cells%per_cell
+         size_ = sum(cells%weight(o + 1:o + cells%per_cell))
          if (cells%smoothed) then
             ! stabilisation couples all source points that cover the middle, facets may miss some
             call gather(inside, q, [(0.0_wp, d=1, nd)])
-            do k = facet_first(q) + 1, facet_first(q + 1)
+         else
+            call gather_gradient(inside, q, 1.0_wp)
+         end if
+         if (cells%closed) then
+            do k = facet_first(cell) + 1, facet_first(cell + 1)
                i = (facet_list(k) + 1)/2
                call gather(facet, i, merge(1, -1, mod(facet_list(k), 2) == 1) &
-                  & *cells%area(:, i)/cells%weight(q))
+                  & *cells%area(:, i)/size_)
             end do
-         else
-            call gather_gradient(inside, q)
+            do k = surface_first(cell) + 1, surface_first(cell + 1)
+               call gather(surface, surface_list(k), cells%outward(:, surface_list(k))/size_)
+            end do
+            ! the mean by quadrature gives way to the mean by the divergence theorem
+            if (.not. cells%smoothed) then
+               do k = o + 1, o + cells%per_cell
+                  call gather_gradient(inside, k, -cells%weight(k)/size_)
+               end do
+            end if
          end if
          do k = lift_first(q) + 1, lift_first(q + 1)
             s = surface_of(lift_list(k))
-            if (cells%smoothed) call gather(surface, s, cells%lift(lift_list(k)) &
-               & *cells%outward(:, s))
             if (any(essential(:, s))) call gather_lift(s, cells%lift(lift_list(k)))
          end do
          self%start(q) = entries
@@ -192,17 +206,18 @@ contains
       end do
    end subroutine gather
 
-   !> Gradients at a place
-   subroutine gather_gradient(shape, ip)
+   !> Gradients at a place times a factor
+   subroutine gather_gradient(shape, ip, factor)
       type(shape_type), intent(in) :: shape
       integer, intent(in) :: ip
+      real(wp), intent(in) :: factor
       integer(i8) :: at, to_value
 
       to_value = shape%first(shape%stencil(ip)) - shape%neighbour%offset(ip)
       do at = shape%neighbour%offset(ip) + 1, shape%neighbour%offset(ip + 1)
          associate (node => shape%neighbour%index(at))
             call touch(node)
-            plain(:, node) = plain(:, node) + shape%value(2:1 + nd, at + to_value)
+            plain(:, node) = plain(:, node) + factor*shape%value(2:1 + nd, at + to_value)
          end associate
       end do
    end subroutine gather_gradient

@@ -62,13 +62,15 @@ ANNULUS = {
     "collocation": [5, 9],
 }
 PATCHES = {
-    "plane": (2, box(2, 6), LINEAR),
-    "plane, jittered": (2, box(2, 7, jitter=0.3), LINEAR),
-    "plane, strongly jittered, quadratic": (2, box(2, 7, jitter=0.4), QUADRATIC),
-    "annulus": (2, ANNULUS, LINEAR),
-    "space": (3, box(3, 4), LINEAR),
-    "space, jittered": (3, box(3, 5, jitter=0.3), LINEAR),
-    "space, strongly jittered": (3, box(3, 4, jitter=0.4), {**LINEAR, "support": 2.5}),
+    "plane": ("rkpm", 2, box(2, 6), LINEAR),
+    "plane, jittered": ("rkpm", 2, box(2, 7, jitter=0.3), LINEAR),
+    "plane, strongly jittered, quadratic": ("rkpm", 2, box(2, 7, jitter=0.4), QUADRATIC),
+    "annulus": ("rkpm", 2, ANNULUS, LINEAR),
+    "space": ("rkpm", 3, box(3, 4), LINEAR),
+    "space, jittered": ("rkpm", 3, box(3, 5, jitter=0.3), LINEAR),
+    "space, strongly jittered": ("rkpm", 3, box(3, 4, jitter=0.4), {**LINEAR, "support": 2.5}),
+    "plane, Gauss points": ("rkpm-gauss", 2, box(2, 6), QUADRATIC),
+    "space, Gauss points": ("rkpm-gauss", 3, box(3, 4, jitter=0.2), LINEAR),
 }
 
 
@@ -95,9 +97,9 @@ def check_patch(scene):
 
 @pytest.mark.parametrize("name", PATCHES)
 def test_patch(open_scene, name):
-    nd, geometry, approximation = PATCHES[name]
+    method, nd, geometry, approximation = PATCHES[name]
     sets = BOX_SETS[: 2 * nd] if geometry["kind"] == "box" else ["inner", "outer", "x0", "y0"]
-    scene = open_scene(body(nd, "rkpm", geometry, approximation, sets))
+    scene = open_scene(body(nd, method, geometry, approximation, sets))
     deform(scene)
     check_patch(scene)
 
@@ -180,12 +182,14 @@ HOMOGENEOUS = {
 CUBIC = ["approximation.order=1", "approximation.support=1.65", "approximation.kernel=cubic"]
 
 
-@pytest.mark.parametrize("name", HOMOGENEOUS)
-def test_homogeneous_deformations_are_exact(inputs, name):
-    """Exact for nodal cells: what is left is Newton's tolerance of 1e-6 squared, times K over the
-    shear modulus of 1e6.
-    """
-    overrides = ["scene.method=rkpm", *CUBIC]
+@pytest.mark.parametrize(
+    ("name", "method"),
+    [(name, "rkpm-scni") for name in HOMOGENEOUS]
+    + [(name, "rkpm-gauss") for name in ("uniaxial_compression", "dilation")],
+)
+def test_homogeneous_deformations_are_exact(inputs, name, method):
+    """What is left is Newton's tolerance of 1e-6 squared, times K over the shear modulus of 1e6."""
+    overrides = [f"scene.method={method}", "galerkin.gauss=2", *CUBIC]
     with Scene(inputs / f"{name}.toml", overrides, threads=1) as scene:
         states = scene.solve()
         value = scene.probes(states.x[-1:], np.ones(1))[0, 0, 0]
