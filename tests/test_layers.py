@@ -33,7 +33,7 @@ PYTHON_LAYERS = [
     {"core", "summary"},
     {"deck", "imaging"},
     {"segmentation"},
-    {"model", "results"},
+    {"model", "results", "tissue"},
     {"scene"},
     {"segment", "build", "solve"},
     {"rom", "report"},

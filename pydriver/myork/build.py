@@ -116,7 +116,7 @@ def build_cloud(
             f"= {list(block)} in each direction"
         )
     whole = canonical(labels)
-    part = points.select(whole, table["ids"], table.get("slices"))
+    part = points.select(whole, table["ids"], table.get("slices"), table["bone"])
     if part.data.shape[2] == 1:
         block, stride = [*block[:2], 1], [*stride[:2], 1]
     coarse = points.coarsen(part, block)
@@ -125,7 +125,7 @@ def build_cloud(
     voxels = np.argwhere(body)
     step = [s // b for s, b in zip(stride, block, strict=True)]
     source = points.source_voxels(body, step)
-    boundary = points.boundary_sets(coarse)
+    boundary = points.boundary_sets(coarse, table["normals"])
     label = coarse.data[body]
     place = points.positions(coarse, voxels)
     skin = boundary.set == boundary.names.index("surface")

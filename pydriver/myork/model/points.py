@@ -20,6 +20,7 @@ from myork.model.normals import surface_normals
 from myork.records import Labels
 
 __all__ = [
+    "BONE",
     "Boundary",
     "boundary_sets",
     "coarsen",
@@ -33,6 +34,9 @@ __all__ = [
 F64 = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Voxels = NDArray[np.intp]
+
+# Label of voxels outside the model that are bone
+BONE = -1
 
 
 @dataclass(frozen=True)
@@ -60,7 +64,12 @@ class Boundary:
     area: F64
 
 
-def select(labels: Labels, ids: Sequence[int], slices: Sequence[int] | None) -> Labels:
+def select(
+    labels: Labels,
+    ids: Sequence[int],
+    slices: Sequence[int] | None,
+    bone: Sequence[int] = (),
+) -> Labels:
     """Keep some labels and the box of voxels around them.
 
     Parameters
@@ -71,8 +80,10 @@ def select(labels: Labels, ids: Sequence[int], slices: Sequence[int] | None) -> 
         Labels to keep; empty keeps all above zero.
     slices : sequence or None
         First and last slice to keep, counted from 0 at the lower end.
+    bone : sequence
+        Labels of bone, which is no part of the model but bounds it; they become `BONE`.
     """
-    data = labels.data
+    data = np.where(np.isin(labels.data, bone), BONE, labels.data).astype(np.int32)
     present = np.unique(data[data > 0])
     missing = sorted(set(ids) - set(present.tolist()))
     if missing or not len(present):
@@ -81,7 +92,7 @@ def select(labels: Labels, ids: Sequence[int], slices: Sequence[int] | None) -> 
             + (f"no voxel has label {missing}" if missing else "no voxel has a label above zero")
             + f"; the labels there are: {', '.join(map(str, present)) or 'none'}"
         )
-    data = np.where(np.isin(data, ids), data, 0) if len(ids) else data
+    data = np.where(np.isin(data, [*ids, BONE]), data, 0) if len(ids) else data
     low, high = (0, data.shape[2] - 1) if slices is None else slices
     if not 0 <= low <= high < data.shape[2]:
         raise InputError(
@@ -89,7 +100,7 @@ def select(labels: Labels, ids: Sequence[int], slices: Sequence[int] | None) -> 
             f"{labels.name} (counted from 0)"
         )
     part = data[:, :, low : high + 1]
-    if not part.any():
+    if not (part > 0).any():
         raise InputError(f"{labels.name}: slices {low} to {high} hold none of the model's labels")
     return _trimmed(_moved(labels, part, np.array([0, 0, low]), np.ones(3)))
 
@@ -121,7 +132,7 @@ def coarsen(labels: Labels, block: Sequence[int]) -> Labels:
         share = share.reshape(n[0], size[0], n[1], size[1], n[2], size[2]).sum(axis=(1, 3, 5))
         best = np.where(share > votes, label, best)
         votes = np.maximum(votes, share)
-    if not best.any():
+    if not (best > 0).any():
         raise InputError(
             f"{labels.name}: nothing is left of the labels in blocks of {tuple(block)} voxels; "
             "lower build.collocation_stride"
@@ -223,11 +234,18 @@ def source_voxels(body: Mask, step: Sequence[int]) -> Voxels:
     return np.argwhere(chosen)
 
 
-def boundary_sets(labels: Labels) -> Boundary:
-    """Boundary points of a body: `bottom` and `top` (end slices) and `surface` (all the rest).
+def boundary_sets(labels: Labels, normals: str = "distance") -> Boundary:
+    """Boundary points of a body: `bottom` and `top` (end slices), `bone` and `surface` (the rest).
 
-    A voxel of an end slice at the rim belongs to its end and to the surface. A single slice has
-    the surface only.
+    A voxel at the rim of an end slice belongs to its end and to the surface, one between bone and
+    skin to both. A single slice has no ends; without bone there is no such set.
+
+    Parameters
+    ----------
+    labels : Labels
+        Labels above zero are the body, `BONE` bounds it.
+    normals : str
+        Method of `surface_normals`.
     """
     body = labels.data > 0
     spacing = labels.spacing
@@ -235,30 +253,30 @@ def boundary_sets(labels: Labels) -> Boundary:
     index[body] = np.arange(int(body.sum()))
     flat = body.shape[2] == 1
 
-    facets = _facet_areas(body, spacing)
+    # Beyond the end slices lies a cut, neither surface nor bone.
+    around = np.pad(labels.data, [(1, 1), (1, 1), (0, 0)])
+    around = np.pad(around, [(0, 0), (0, 0), (1, 1)], mode="edge")
+    free = _facet_areas(body, around == 0, spacing)
+    bone = _facet_areas(body, around == BONE, spacing)
+    both = free + bone
+    at_wall = body & (both.sum(axis=(-1, -2)) > 0)
+    normal = np.zeros((*body.shape, 3))
+    normal[at_wall] = _wall_normals(body, spacing, np.argwhere(at_wall), both[at_wall], normals)
+    parts = []
+    for name, facets in (("bone", bone), ("surface", free)):
+        here = body & (facets.sum(axis=(-1, -2)) > 0)
+        if here.any() or name == "surface":
+            area = _projected(facets[here], normal[here])
+            # A facet of a set may look away from the mean normal of both sets.
+            away = area <= 0
+            area[away] = facets[here][away].sum(axis=(-1, -2))
+            parts.append((name, index[here], normal[here], area))
     if not flat:
-        ends = facets[:, :, 0, 2, 0].copy(), facets[:, :, -1, 2, 1].copy()
-    # What shows at the end slices towards the outside is a cut, not a surface.
-    facets[:, :, 0, 2, 0] = 0.0
-    facets[:, :, -1, 2, 1] = 0.0
-    on_surface = body & (facets.sum(axis=(-1, -2)) > 0)
-    voxels = np.argwhere(on_surface)
-    normal = surface_normals(body, spacing, voxels)
-    areas = facets[on_surface]
-    # In a sheet one voxel thick the distance has no slope across it: its facets decide there, the
-    # upper ones where both sides are equal.
-    lost = _projected(areas, normal) <= 0
-    sides = areas[lost, :, 1] - areas[lost, :, 0]
-    sides = np.where(sides.any(axis=1, keepdims=True), sides, areas[lost, :, 1])
-    normal[lost] = sides / np.linalg.norm(sides, axis=1, keepdims=True)
-
-    parts = [("surface", index[on_surface], normal, _projected(areas, normal))]
-    if not flat:
-        for name, k, sign, end in (("top", -1, 1.0, ends[1]), ("bottom", 0, -1.0, ends[0])):
-            here = body[:, :, k]
-            points = index[:, :, k][here]
+        area = spacing[0] * spacing[1]
+        for name, k, sign in (("top", -1, 1.0), ("bottom", 0, -1.0)):
+            points = index[:, :, k][body[:, :, k]]
             up = np.tile([0.0, 0.0, sign], (len(points), 1))
-            parts.insert(0, (name, points, up, end[here]))
+            parts.insert(0, (name, points, up, np.full(len(points), area)))
     return Boundary(
         names=tuple(part[0] for part in parts),
         point=np.concatenate([part[1] for part in parts]),
@@ -266,6 +284,18 @@ def boundary_sets(labels: Labels) -> Boundary:
         normal=np.concatenate([part[2] for part in parts]),
         area=np.concatenate([part[3] for part in parts]),
     )
+
+
+def _wall_normals(body: Mask, spacing: F64, voxels: Voxels, facets: F64, method: str) -> F64:
+    """Outward normals at voxels of the wall, from their facets where the level set has none."""
+    normal = surface_normals(body, spacing, voxels, method)
+    # In a sheet one voxel thick the distance has no slope across it: its facets decide there, the
+    # upper ones where both sides are equal.
+    lost = _projected(facets, normal) <= 0
+    sides = facets[lost, :, 1] - facets[lost, :, 0]
+    sides = np.where(sides.any(axis=1, keepdims=True), sides, facets[lost, :, 1])
+    normal[lost] = sides / np.linalg.norm(sides, axis=1, keepdims=True)
+    return normal
 
 
 def positions(labels: Labels, voxels: Voxels) -> F64:
@@ -302,14 +332,22 @@ def _projected(areas: F64, normal: F64) -> F64:
     return (upper + lower).sum(axis=1)
 
 
-def _facet_areas(body: Mask, spacing: F64) -> F64:
-    """Area of the facets to the outside: direction, lower and upper side, `(..., 3, 2)` [mm^2]."""
-    padded = np.pad(body, 1)
+def _facet_areas(body: Mask, beyond: Mask, spacing: F64) -> F64:
+    """Area of the facets of a body to other voxels, `(..., 3, 2)`: direction, lower and upper side.
+
+    Parameters
+    ----------
+    body : NDArray
+        Shape `(ni, nj, nk)`.
+    beyond : NDArray
+        The other voxels, with a layer more on all sides.
+    spacing : NDArray
+        Voxel size, shape `(3,)` [mm].
+    """
     facets = np.zeros((*body.shape, 3, 2))
     middle = (slice(1, -1),) * 3
     for d in range(3):
         area = spacing.prod() / spacing[d]
         for side, shift in enumerate((1, -1)):
-            outside = ~np.roll(padded, shift, axis=d)[middle]
-            facets[..., d, side] = area * (body & outside)
+            facets[..., d, side] = area * (body & np.roll(beyond, shift, axis=d)[middle])
     return facets
