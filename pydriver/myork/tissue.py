@@ -1,4 +1,4 @@
-"""Part of station one: the materials of a whole leg, `tissue.nii.gz`."""
+"""Part of station one: materials of a whole leg, `tissue.nii.gz`, and the fibers of its muscle."""
 
 from __future__ import annotations
 
@@ -8,23 +8,24 @@ from typing import Any
 
 import numpy as np
 
-from myork.core_image import evolve_two_phase
+from myork.core_image import evolve_level_sets
 from myork.errors import InputError
 from myork.imaging.geometry import length_factor
-from myork.imaging.io import read_image, read_labels, write_labels
+from myork.imaging.io import read_image, read_labels, write_image, write_labels
+from myork.model.fibers import fiber_field
 from myork.records import Image
 from myork.segmentation.leg import LegImages, leg_tissues
 from myork.segmentation.scores import dice
 
 __all__ = ["find_tissues"]
 
-_WEIGHTS = ("mu", "nu", "lambda1", "lambda2", "epsilon", "dt", "tolerance", "iterations")
+_MUSCLE = 1
 
 
 def find_tissues(
     deck: Mapping[str, Any], folder: Path, out: Path, anatomy: Image, tensor: Image | None
 ) -> dict[str, Any]:
-    """Label the materials of a leg and write them to `tissue.nii.gz`.
+    """Label the materials of a leg and write them and the muscle's fibers.
 
     Parameters
     ----------
@@ -53,9 +54,17 @@ def find_tissues(
         elif name in table:
             special[name] = read_image(folder / table[name])
     images = LegImages(anatomy, special["fat"], special["connective"], tensor)
-    weights = {key: deck["image"][key] for key in _WEIGHTS}
-    found = leg_tissues(images, evolve_two_phase, weights, table)
+    found = leg_tissues(images, evolve_level_sets, table)
+    if not (found.data == _MUSCLE).any():
+        raise InputError(f"{anatomy.name}: no muscle was found; check the images of [tissue]")
     write_labels(out / "tissue.nii.gz", found)
+    (out / "tissue_fibers.nii.gz").unlink(missing_ok=True)
+    if tensor is not None:
+        keys = deck["image"]
+        fibers, _ = fiber_field(
+            tensor, found.data == _MUSCLE, keys["fiber_smoothing"], keys["tensor_frame"]
+        )
+        write_image(out / "tissue_fibers.nii.gz", fibers)
     voxel = float(np.prod(found.spacing * length_factor(deck["units"]["length"])))
     count = {name: int((found.data == label).sum()) for label, name in found.names.items()}
     record: dict[str, Any] = {
@@ -67,6 +76,4 @@ def find_tissues(
             name: {"dice": dice(found.data == label, truth == label)}
             for label, name in found.names.items()
         }
-    if not count["muscle"]:
-        raise InputError(f"{anatomy.name}: no muscle was found; check the images of [tissue]")
     return record

@@ -18,6 +18,7 @@ TABLE = {
     "islands": "error",
     "bone": [],
     "normals": "distance",
+    "merge": "majority",
 }
 MG = {**TABLE, "ids": [1], "collocation_stride": [2, 2, 1], "source_stride": [4, 4, 1]}
 

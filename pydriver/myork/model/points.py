@@ -23,6 +23,7 @@ __all__ = [
     "BONE",
     "Boundary",
     "boundary_sets",
+    "changed_volumes",
     "coarsen",
     "connected_body",
     "positions",
@@ -105,12 +106,24 @@ def select(
     return _trimmed(_moved(labels, part, np.array([0, 0, low]), np.ones(3)))
 
 
-def coarsen(labels: Labels, block: Sequence[int]) -> Labels:
-    """Merge blocks of voxels; a block gets the label (or nothing) that fills most of it.
+def coarsen(labels: Labels, block: Sequence[int], merge: str = "majority") -> Labels:
+    """Merge blocks of voxels into one.
 
-    The labels are blurred a little before, so that a block that is half full is decided by the
-    voxels around it: that keeps the volume. Blocks are laid symmetrically about the middle; those
-    that reach beyond the map are filled up with nothing, along z with the end slices.
+    Blocks are laid symmetrically about the middle; those that reach beyond the map are filled up
+    with nothing, along z with the end slices.
+
+    Parameters
+    ----------
+    labels : Labels
+        Label map.
+    block : sequence
+        Voxels per block in each direction.
+    merge : str
+        `majority`: a block gets the label (or nothing) that fills most of it, after a little
+        blur, so that a block that is half full is decided by the voxels around it: that keeps
+        the volume of bodies, but sheets thinner than half a block vanish. `sample`: a block gets
+        the label of the voxel in its middle (thesis section 4.1.2), which keeps the volume of
+        scattered tissue, too.
     """
     if max(block) == 1:
         return labels
@@ -123,6 +136,20 @@ def coarsen(labels: Labels, block: Sequence[int]) -> Labels:
     pad = list(zip(before.tolist(), after.tolist(), strict=True))
     data = np.pad(labels.data, [*pad[:2], (0, 0)])
     data = np.pad(data, [(0, 0), (0, 0), pad[2]], mode="edge")
+    if merge == "sample":
+        best = data[tuple(slice((s - 1) // 2, None, s) for s in block)]
+    else:
+        best = _majority(data, size)
+    if not (best > 0).any():
+        raise InputError(
+            f"{labels.name}: nothing is left of the labels in blocks of {tuple(block)} voxels; "
+            "lower build.collocation_stride"
+        )
+    return _trimmed(_moved(labels, best.astype(np.int32), -before + 0.5 * (size - 1), size))
+
+
+def _majority(data: NDArray[np.int32], size: NDArray[np.intp]) -> NDArray[np.int32]:
+    """Label that fills most of each block."""
     n = np.array(data.shape) // size
     sigma = np.where(size > 1, 0.5, 0.0)
     best = np.zeros(n, dtype=np.int32)
@@ -132,12 +159,23 @@ def coarsen(labels: Labels, block: Sequence[int]) -> Labels:
         share = share.reshape(n[0], size[0], n[1], size[1], n[2], size[2]).sum(axis=(1, 3, 5))
         best = np.where(share > votes, label, best)
         votes = np.maximum(votes, share)
-    if not (best > 0).any():
-        raise InputError(
-            f"{labels.name}: nothing is left of the labels in blocks of {tuple(block)} voxels; "
-            "lower build.collocation_stride"
+    return best
+
+
+def changed_volumes(fine: Labels, coarse: Labels, part: float = 0.1) -> list[str]:
+    """A sentence for each label whose volume the merging of voxels changed by more than a part."""
+    sentences = []
+    for label in np.unique(fine.data[fine.data > 0]).tolist():
+        before, after = (
+            float((grid.data == label).sum() * grid.spacing.prod()) for grid in (fine, coarse)
         )
-    return _trimmed(_moved(labels, best.astype(np.int32), -before + 0.5 * (size - 1), size))
+        if abs(after - before) > part * before:
+            sentences.append(
+                f"{fine.label_name(label)} has {after / 1000:.4g} cm^3 in the model and "
+                f"{before / 1000:.4g} cm^3 in the label map: its sheets or gaps are thinner than "
+                'the blocks of build.collocation_stride; lower it, or set build.merge = "sample"'
+            )
+    return sentences
 
 
 def connected_body(labels: Labels, islands: str) -> tuple[Labels, list[str]]:

@@ -7,7 +7,7 @@ tensor are muscle and all others fat.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,13 +20,13 @@ from myork.imaging.diffusion import mean_diffusivity
 from myork.imaging.geometry import check_same_grid
 from myork.imaging.phantom import TISSUES
 from myork.records import Image, Labels
+from myork.segmentation.channels import scaled_values
 from myork.segmentation.fuzzy import fuzzy_c_means
-from myork.segmentation.level_sets import two_phase
+from myork.segmentation.level_sets import Evolve, LevelSets, segment_regions, wanted_phase
 
 __all__ = ["LegImages", "check_disjoint", "find_bones", "leg_tissues", "outer_boundary"]
 
 Mask = NDArray[Any]
-Evolve = Callable[..., Any]
 
 # Pieces of the body smaller than a tenth of the largest are no leg.
 _LEAST_PIECE = 0.1
@@ -59,9 +59,7 @@ class LegImages:
     tensor: Image | None = None
 
 
-def leg_tissues(
-    images: LegImages, evolve: Evolve, weights: Mapping[str, Any], table: Mapping[str, Any]
-) -> Labels:
+def leg_tissues(images: LegImages, evolve: Evolve, table: Mapping[str, Any]) -> Labels:
     """Label every voxel of a leg with its material.
 
     Parameters
@@ -69,9 +67,7 @@ def leg_tissues(
     images : LegImages
         What there is.
     evolve : callable
-        Evolution of the level sets, as `myork.core_image.evolve_two_phase`.
-    weights : mapping
-        Its parameters, as for `two_phase`.
+        Evolution of the level sets, as `myork.core_image.evolve_level_sets`.
     table : mapping
         Table `tissue` of the deck: `least_diffusivity`, `spatial` and `seed`.
 
@@ -83,8 +79,8 @@ def leg_tissues(
     for other in (images.fat, images.connective, images.tensor):
         if other is not None:
             check_same_grid(other, images.anatomy)
-    body = outer_boundary(images.anatomy, evolve, weights)
-    bone = find_bones(images.anatomy, body, evolve, weights)
+    body = outer_boundary(images.anatomy, evolve)
+    bone = find_bones(images.anatomy, body, evolve)
     soft = body & ~bone
 
     def clustered(image: Image, clusters: int) -> Mask:
@@ -109,8 +105,8 @@ def leg_tissues(
     muscle = rest
     if images.tensor is not None:
         components = images.tensor.data
-        usable: Mask = np.isfinite(components).all(axis=-1)
-        mean = mean_diffusivity(np.where(usable[..., np.newaxis], components, 0.0))
+        usable = np.asarray(np.isfinite(components).all(axis=-1, keepdims=True))
+        mean = mean_diffusivity(np.where(usable, components, 0.0))
         muscle = rest & (mean > table["least_diffusivity"])
         if not muscle.any():
             raise InputError(
@@ -126,12 +122,10 @@ def leg_tissues(
     return Labels(data, images.anatomy.affine, TISSUES, "tissue")
 
 
-def outer_boundary(anatomy: Image, evolve: Evolve, weights: Mapping[str, Any]) -> Mask:
+def outer_boundary(anatomy: Image, evolve: Evolve) -> Mask:
     """Voxels inside the skin: the bright phase of the whole image with its holes filled."""
-    found = two_phase(
-        _even(anatomy), np.ones(anatomy.data.shape, bool), evolve, weights, phase="bright"
-    )
-    slices = np.moveaxis(found.inside, -1, 0)
+    inside = _phase(_even(anatomy), np.ones(anatomy.data.shape, bool), evolve, "bright")
+    slices = np.moveaxis(inside, -1, 0)
     body = np.stack([ndimage.binary_fill_holes(section) for section in slices], axis=-1)
     pieces, n = ndimage.label(body)
     if not n:
@@ -140,17 +134,17 @@ def outer_boundary(anatomy: Image, evolve: Evolve, weights: Mapping[str, Any]) -
     return np.isin(pieces, 1 + np.flatnonzero(size >= _LEAST_PIECE * size.max()))
 
 
-def find_bones(anatomy: Image, body: Mask, evolve: Evolve, weights: Mapping[str, Any]) -> Mask:
+def find_bones(anatomy: Image, body: Mask, evolve: Evolve) -> Mask:
     """Bones: bright marrow that a ring of very dark cortex closes off in every slice.
 
     Two level sets one after the other: bright (fat, marrow) against dark, and of the dark phase
     muscle against what is darker still.
     """
-    bright = two_phase(anatomy, body, evolve, weights, phase="bright").inside
+    bright = _phase(anatomy, body, evolve, "bright")
     dark = body & ~bright
     if not dark.any():
         return np.zeros(body.shape, dtype=bool)
-    darkest = two_phase(anatomy, dark, evolve, weights, phase="dark").inside
+    darkest = _phase(anatomy, dark, evolve, "dark")
     pixel = float(anatomy.spacing[:2].prod())
     bone = np.zeros(body.shape, dtype=bool)
     for k in range(body.shape[2]):
@@ -205,3 +199,17 @@ def check_disjoint(masks: Mapping[str, Mask], body: Mask) -> None:
 def _even(anatomy: Image) -> Image:
     """Grey values by their square roots, so that muscle is nearer to fat than to air."""
     return Image(np.sqrt(np.maximum(anatomy.data, 0.0)), anatomy.affine, anatomy.name)
+
+
+def _phase(image: Image, region: Mask, evolve: Evolve, phase: str) -> Mask:
+    """Dark or bright phase of a region, by a level set in every slice."""
+    grey = scaled_values(image, region)
+    found = segment_regions(
+        grey[..., np.newaxis],
+        region,
+        evolve,
+        LevelSets(regions=2, start="otsu"),
+        spacing=image.spacing,
+        name=image.name,
+    )
+    return wanted_phase(found, grey, phase)
