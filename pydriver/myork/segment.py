@@ -30,6 +30,7 @@ from myork.segmentation.level_sets import LevelSets, Regions, segment_regions, w
 from myork.segmentation.regions import body_mask, box_mask, grown_mask, piece_with_seed
 from myork.segmentation.scores import dice, pearson
 from myork.summary import update_summary
+from myork.tissue import find_tissues
 
 __all__ = ["segment"]
 
@@ -111,6 +112,9 @@ def segment(
     summary = _summary(deck, table["label"], labels, result, wanted, warnings)
     if tensor is not None:
         summary["segmentation"]["orientation"] = [entry.record() for entry in evidence]
+    if deck["tissue"]["find"]:
+        progress("materials of the leg")
+        summary["tissue"] = find_tissues(deck, folder, out, image, tensor)
     update_summary(out, summary)
     for line in (*_lines(summary), *(f"warning: {text}" for text in warnings)):
         progress(line)

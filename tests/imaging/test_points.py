@@ -16,6 +16,9 @@ TABLE = {
     "collocation_stride": [1, 1, 1],
     "source_stride": [2, 2, 2],
     "islands": "error",
+    "bone": [],
+    "normals": "distance",
+    "merge": "majority",
 }
 MG = {**TABLE, "ids": [1], "collocation_stride": [2, 2, 1], "source_stride": [4, 4, 1]}
 
