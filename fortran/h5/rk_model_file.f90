@@ -132,6 +132,7 @@ subroutine check_model(model, path, error)
 
    np = size(model%label)
    nb = size(model%boundary_point)
+   if (size(model%source, 2) == 0) call complain("it has no source points")
    call check_columns("source/points", model%source, size(model%source, 2))
    call check_columns("collocation/points", model%points, np)
    call check_columns("collocation/centre", model%centre, np)
@@ -145,7 +146,6 @@ subroutine check_model(model, path, error)
    call check_range("boundary/point", model%boundary_point, np)
    call check_range("boundary/set", model%boundary_set, size(model%set_names))
    if (np == 0) call complain("it has no collocation points")
-   if (size(model%source, 2) == 0) call complain("it has no source points")
 
 contains
 

@@ -127,25 +127,22 @@ def jittered(cloud: PointCloud, share: float, seed: int = 7) -> PointCloud:
         step = share * spacing * random.uniform(-1.0, 1.0, x.shape)
         return x + np.where((x > low + 1e-9) & (x < high - 1e-9), step, 0.0)
 
-    source = shaken(cloud.source, cloud.spacing)
-    return replace(
-        cloud,
-        source=source,
-        spacing=source_spacing(source, cloud.spacing),
-        points=shaken(cloud.points, 0.5 * cloud.spacing),
+    return _moved(
+        cloud, shaken(cloud.source, cloud.spacing), shaken(cloud.points, 0.5 * cloud.spacing)
     )
 
 
 def graded(cloud: PointCloud, power: float) -> PointCloud:
     """Points drawn towards the planes x, y, z = 0: each coordinate to a power of its share."""
     high = cloud.source.max(axis=0)
-    source = high * (cloud.source / high) ** power
-    return replace(
-        cloud,
-        source=source,
-        spacing=source_spacing(source, cloud.spacing),
-        points=high * (cloud.points / high) ** power,
+    return _moved(
+        cloud, high * (cloud.source / high) ** power, high * (cloud.points / high) ** power
     )
+
+
+def _moved(cloud: PointCloud, source: F64Array, points: F64Array) -> PointCloud:
+    spacing = source_spacing(source, cloud.spacing)
+    return replace(cloud, source=source, spacing=spacing, points=points, centre=points)
 
 
 def write_body(

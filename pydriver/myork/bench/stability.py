@@ -277,9 +277,11 @@ def _bad_points() -> list[Case]:
     """Points that cannot carry an approximation, or a body that nothing holds."""
     cube = box((1.0, 1.0, 1.0), (4, 4, 4), (7, 7, 7))
     twice = replace(cube, source=np.vstack([cube.source, cube.source[10:11]]))
+    points = np.vstack([cube.points, cube.points[100:101]])
     place = replace(
         cube,
-        points=np.vstack([cube.points, cube.points[100:101]]),
+        points=points,
+        centre=points,
         label=np.append(cube.label, 1).astype(np.int32),
         fiber=np.vstack([cube.fiber, cube.fiber[:1]]),
         volume=np.append(cube.volume, 1.0),
@@ -418,6 +420,7 @@ def _with_island(cloud: PointCloud) -> PointCloud:
         cloud,
         source=np.vstack([cloud.source, cloud.source + far]),
         points=np.vstack([cloud.points, cloud.points + far]),
+        centre=np.vstack([cloud.centre, cloud.centre + far]),
         label=np.tile(cloud.label, 2),
         fiber=np.tile(cloud.fiber, (2, 1)),
         volume=np.tile(cloud.volume, 2),
