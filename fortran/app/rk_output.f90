@@ -1,6 +1,7 @@
 !> Receives what happens in a solve: progress lines, history.csv, run.log and results.vtkhdf.
 module rk_output
    use rk_body, only : body_type
+   use rk_ellipticity, only : ellipticity_type, find_ellipticity
    use rk_error, only : error_type, fatal_error, err_file
    use rk_fields, only : compute_fields, fields_type, new_probes, probe_value, probes_type
    use rk_force, only : force_imbalance
@@ -21,6 +22,8 @@ module rk_output
       type(step_type) :: step
       !> Probe values, shape (3, probes)
       real(wp), allocatable :: probe(:, :)
+      !> Where the material is nearest to losing its ellipticity
+      type(ellipticity_type) :: ellipticity
    end type step_record
 
    !> Files of a run
@@ -44,6 +47,8 @@ module rk_output
       integer :: verbosity = 0
       !> Imbalance of the forces on all sets in the last state [-]
       real(wp) :: imbalance = 0.0_wp
+      !> A state without ellipticity was met
+      logical, private :: warned = .false.
       !> Wall time of writing [s]
       real(wp) :: seconds = 0.0_wp
       !> First error of writing
@@ -179,8 +184,10 @@ subroutine step(self, st, x)
       call probe_value(self%problem, self%probes, i, x, st%load, grown(n + 1)%probe(:, i))
    end do
    call move_alloc(grown, self%record)
-   if (.not. allocated(self%problem%scene%equation%kind)) self%imbalance = &
-      & force_imbalance(self%problem, x, st%load)
+   if (.not. allocated(self%problem%scene%equation%kind)) then
+      self%imbalance = force_imbalance(self%problem, x, st%load)
+      call find_ellipticity(self%problem, x, st%load, self%record(n + 1)%ellipticity)
+   end if
    call compute_fields(self%problem, x, st%load, fields)
    if (self%problem%fields == 1) then
       call self%results%add_scalar(st%load, fields%u(1, :), x, error)
@@ -202,6 +209,14 @@ subroutine step(self, st, x)
       & st%load, st%iterations, st%gradient, st%step_norm, to_text(st%min_j), to_text(st%max_j), &
       & self%last%seconds
    call self%say(trim(line), level=0)
+   associate (worst => self%record(n + 1)%ellipticity)
+      if (worst%value > 0.0_wp .or. self%warned) return
+      self%warned = .true.
+      call self%warn('the material loses ellipticity at ' &
+         & //to_text(self%problem%scene%cloud%place(:, worst%point))//' (collocation point ' &
+         & //to_text(worst%point)//') from load '//to_text(st%load)//': the answer is no longer ' &
+         & //'unique there')
+   end associate
 end subroutine step
 
 !> Stop on Ctrl-C, and where results cannot be written any more

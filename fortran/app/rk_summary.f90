@@ -155,6 +155,12 @@ subroutine write_steps(json, problem, output)
          call json%put('min_J', record%step%min_j)
          call json%put('max_J', record%step%max_j)
          if (.not. record%step%planned) call json%put('planned', .false.)
+         if (record%ellipticity%point > 0) then
+            call json%begin_object('min_acoustic')
+            call json%put('value', record%ellipticity%value)
+            call json%put('point', problem%scene%cloud%place(:, record%ellipticity%point))
+            call json%end_object()
+         end if
          call json%begin_object('probes')
          do i = 1, size(problem%scene%probe)
             associate (probe => problem%scene%probe(i))
