@@ -120,7 +120,7 @@ pure real(wp) function smallest(nd, c4, n, m, rigid)
    real(wp), intent(in) :: m(3)
    !> There are no such motions
    logical, intent(in) :: rigid
-   real(wp) :: q(3, 3), side(3, 2), mixed(2), across(3), a, b, c, stiff
+   real(wp) :: q(3, 3), side(3, 2), coupling(2), share(2), across(3), a, b, c, stiff
    integer :: i, k, trial
 
    q = 0.0_wp
@@ -140,14 +140,14 @@ pure real(wp) function smallest(nd, c4, n, m, rigid)
    if (rigid) return
    ! elimination keeps the digits of shear beside a bulk modulus 1e8 times as large
    stiff = dot_product(across, matmul(q, across))
-   mixed = [(dot_product(across, matmul(q, side(:, i))), i=1, 2)]
+   coupling = [(dot_product(across, matmul(q, side(:, i))), i=1, 2)]
    do trial = 1, 3
       if (.not. stiff > smallest) then
          smallest = min(stiff, smallest)
          return
       end if
-      smallest = lower(a - mixed(1)**2/(stiff - smallest), b - mixed(1)*mixed(2)/(stiff - smallest), &
-         & c - mixed(2)**2/(stiff - smallest))
+      share = coupling/sqrt(stiff - smallest)
+      smallest = lower(a - share(1)**2, b - share(1)*share(2), c - share(2)**2)
    end do
 end function smallest
 
