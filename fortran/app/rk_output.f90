@@ -38,8 +38,9 @@ module rk_output
       type(step_record), allocatable :: record(:)
       !> Last iteration
       type(iteration_type) :: last
-      !> Worst backward error and condition of the run [-]
+      !> Worst backward error, distance from the best fit and condition of the run [-]
       real(wp) :: backward_error = 0.0_wp
+      real(wp) :: misfit = 0.0_wp
       real(wp) :: rcond = 1.0_wp
       !> Lines that deserve attention
       character(len=:), allocatable :: warnings
@@ -147,6 +148,7 @@ subroutine iteration(self, it)
 
    self%last = it
    self%backward_error = max(self%backward_error, it%backward_error)
+   self%misfit = max(self%misfit, it%misfit)
    self%rcond = min(self%rcond, it%rcond)
    write (self%history, '(i0, ",", es23.16e3, ",", i0, 5(",", es15.8e3), ",", es9.2e3, '// &
       & '",", a, ",", f0.3)') it%step, it%load, it%iteration, it%residual, it%gradient, &

@@ -65,6 +65,7 @@ subroutine write_summary(path, deck, problem, output, timer, shape_s, total_s, t
          call json%put('why', output%last%why)
       end if
       call json%put('backward_error', output%backward_error)
+      call json%put('misfit', output%misfit)
       call json%put('reciprocal_condition', output%rcond)
       call json%end_object()
       call json%put('source_points', problem%shape%ns)
