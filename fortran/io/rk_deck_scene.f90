@@ -70,6 +70,7 @@ subroutine new_scene(scene, deck, model, error)
       error%message = deck%where('geometry')//': geometry: '//error%message
       return
    end if
+   call read_weights(scene, deck)
    if (.not. allocated(scene%cloud%cell)) call volume_patches(scene%cloud)
    call read_conditions(scene, deck, error)
    if (allocated(error)) return
