@@ -12,7 +12,7 @@ subroutine scene_open(path, nover, overrides, ns, nc, nb, nset, source, spacing,
    implicit none
    integer, intent(in) :: nover, ns, nc, nb, nset
    character(len=*), intent(in) :: path, overrides(nover), names(nset)
-   double precision, intent(in) :: source(3, ns), spacing(3), place(3, nc), fiber(3, nc)
+   double precision, intent(in) :: source(3, ns), spacing(3, ns), place(3, nc), fiber(3, nc)
    double precision, intent(in) :: normal(3, nb), area(nb), volume(nc)
    integer, intent(in) :: label(nc), point(nb), set(nb)
    integer, intent(out) :: handle, stat
@@ -22,7 +22,7 @@ subroutine scene_open(path, nover, overrides, ns, nc, nb, nset, source, spacing,
 
    model%nd = 3
    model%source = source
-   allocate (model%spacing, source=spread(spacing, 2, ns))
+   model%spacing = spacing
    model%place = place
    model%volume = volume
    model%label = label

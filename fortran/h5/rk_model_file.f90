@@ -13,14 +13,14 @@ module rk_model_file
    public :: model_type, read_model
 
    !> Mark of the files this module reads
-   character(len=*), parameter :: format = "myork-model 1"
+   character(len=*), parameter :: format = "myork-model 2"
 
    !> A cloud with labels, fibers and boundary sets; np collocation and ns source points
    type :: model_type
       !> Source points, shape (3,ns) [length]
       real(wp), allocatable :: source(:, :)
-      !> Distance of the source points in each direction, shape (3) [length]
-      real(wp), allocatable :: spacing(:)
+      !> Distance of neighbouring source points in each direction, shape (3,ns) [length]
+      real(wp), allocatable :: spacing(:, :)
       !> Collocation points, shape (3,np) [length]
       real(wp), allocatable :: points(:, :)
       !> Label of each collocation point, shape (np)
@@ -132,7 +132,7 @@ subroutine check_model(model, path, error)
    call check_columns("collocation/points", model%points, np)
    call check_columns("collocation/fiber", model%fiber, np)
    call check_columns("boundary/normal", model%boundary_normal, nb)
-   call check_length("source/spacing", model%spacing, 3)
+   call check_columns("source/spacing", model%spacing, size(model%source, 2))
    call check_length("collocation/volume", model%volume, np)
    call check_length("boundary/area", model%boundary_area, nb)
    if (size(model%boundary_set) /= nb) call complain("'boundary/set' has "// &

@@ -121,7 +121,7 @@ class CoreScene:
             path.encode(),
             np.char.ljust(items, items.itemsize),
             cloud.source.T,
-            cloud.spacing,
+            np.broadcast_to(cloud.spacing, cloud.source.shape).T,
             cloud.points.T,
             cloud.volume,
             cloud.label,

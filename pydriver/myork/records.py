@@ -80,7 +80,8 @@ class PointCloud:
     source : NDArray
         Source points, shape `(nsource, 3)` [length].
     spacing : NDArray
-        Distance of neighbouring source points per direction, shape `(3,)` [length].
+        Distance of neighbouring source points per direction, the unit of their supports, shape
+        `(3,)`, or `(nsource, 3)` where it varies [length].
     points : NDArray
         Collocation points, those from voxels in lexicographic order of these, shape `(npoint, 3)`
         [length].

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from myork.model.spacing import source_spacing
 from myork.model.store import write_model
 from myork.records import PointCloud
 
@@ -125,18 +126,23 @@ def jittered(cloud: PointCloud, share: float, seed: int = 7) -> PointCloud:
         step = share * spacing * random.uniform(-1.0, 1.0, x.shape)
         return x + np.where((x > low + 1e-9) & (x < high - 1e-9), step, 0.0)
 
-    half = 0.5 * cloud.spacing
+    source = shaken(cloud.source, cloud.spacing)
     return replace(
-        cloud, source=shaken(cloud.source, cloud.spacing), points=shaken(cloud.points, half)
+        cloud,
+        source=source,
+        spacing=source_spacing(source, cloud.spacing),
+        points=shaken(cloud.points, 0.5 * cloud.spacing),
     )
 
 
 def graded(cloud: PointCloud, power: float) -> PointCloud:
     """Points drawn towards the planes x, y, z = 0: each coordinate to a power of its share."""
     high = cloud.source.max(axis=0)
+    source = high * (cloud.source / high) ** power
     return replace(
         cloud,
-        source=high * (cloud.source / high) ** power,
+        source=source,
+        spacing=source_spacing(source, cloud.spacing),
         points=high * (cloud.points / high) ** power,
     )
 
