@@ -64,7 +64,6 @@ subroutine new_scene(scene, deck, model, error)
    if (scene%method == 'auto' .and. nearly_incompressible(scene)) scene%method = 'rkcm-mixed'
    if (scene%method == 'auto') scene%method = 'rkcm'
    if (scene%method == 'rkpm') scene%method = 'rkpm-scni'
-   call read_weights(scene, deck)
    call check_cloud(scene%cloud, error)
    if (allocated(error)) then
       error%message = deck%where('geometry')//': geometry: '//error%message
