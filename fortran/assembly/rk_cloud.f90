@@ -50,6 +50,8 @@ module rk_cloud
    contains
       !> Number of a set by its name, 0 if unknown
       procedure :: find_set
+      !> Distance of neighbouring source points, mean over points and directions
+      procedure :: mean_spacing
    end type cloud_type
 
 contains
@@ -67,6 +69,14 @@ pure integer function find_set(self, name)
       if (self%set_name(i) == name) find_set = i
    end do
 end function find_set
+
+!> Distance of neighbouring source points: the edge of a cube as large as the mean cell [length]
+pure real(wp) function mean_spacing(self)
+   !> Cloud
+   class(cloud_type), intent(in) :: self
+
+   mean_spacing = product(sum(self%spacing, dim=2)/size(self%spacing, 2))**(1.0_wp/self%nd)
+end function mean_spacing
 
 !> Regular grid of places, last direction fastest
 pure function grid(n) result(index)

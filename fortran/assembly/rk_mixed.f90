@@ -7,6 +7,8 @@
 !> Volume rows at all collocation points would lock: there must not be more of them than pressure
 !> unknowns. Row weights balance the parts as the least squares functional with norms of
 !> h Div P, P N and mu u/h does, with the shear modulus mu of the state in which a load step begins.
+!> They fade towards edges between clamped and free faces, where the solution is singular, and are
+!> lower on faces, edges and corners, where a point stands for less.
 module rk_mixed
    use rk_body, only : deformation, determinant
    use rk_boundary, only : new_boundary
@@ -37,7 +39,10 @@ module rk_mixed
       real(wp), allocatable, private :: volume_share(:)
       !> Spacing of the source points [length]
       real(wp), private :: spacing = 0.0_wp
+      !> Norm of pressures that are a shear modulus everywhere [stress]
+      real(wp), private :: pressure_extent = 1.0_wp
    contains
+      procedure :: measure
       procedure :: start_step
       procedure :: evaluate_place
       procedure :: curvature
@@ -46,6 +51,10 @@ module rk_mixed
 
    !> Smallest share of a row's weight, on the edge itself
    real(wp), parameter :: edge_floor = 0.01_wp
+   !> Factor of a row's weight for each face its point lies on, one less for traction rows: there
+   !> is less body, or less face, around it. Quadrature would have sqrt(1/2); docs/mixed.md has
+   !> the measurements behind 1/2
+   real(wp), parameter :: face_share = 0.5_wp
 
 contains
 
@@ -89,6 +98,10 @@ subroutine new_mixed(self, scene, error)
       & [(minval(scene%cloud%spacing(d, :)), d=1, nd)])
    self%m = self%rows%m
    self%n = self%rows%n
+   self%extent = sqrt(real(nd*self%shape%ns, wp))*maxval(maxval(scene%cloud%source, dim=2) &
+      & - minval(scene%cloud%source, dim=2))
+   self%pressure_extent = sqrt(real(self%shape%ns, wp)) &
+      & *maxval([(scene%tissue(b)%material%shear, b=1, size(scene%tissue))])
    allocate (self%boundary_of(nc), source=0)
    self%boundary_of(self%boundary%point) = [(b, b=1, nb)]
    call set_weights(self)
@@ -99,23 +112,29 @@ subroutine set_weights(self)
    !> Problem
    type(mixed_type), intent(inout) :: self
    real(wp) :: near, reach
-   integer :: b, ip, iv, nc, nv
+   integer, allocatable :: faces(:)
+   integer :: b, e, ip, iv, nc, nv
 
    associate (scene => self%scene, cloud => self%scene%cloud)
       nc = size(cloud%place, 2)
       nv = size(cloud%cell, 2)
       allocate (self%domain_weight(nc), self%traction_weight(size(self%boundary%point)), &
          & self%weight(size(self%boundary%point)), self%volume_weight(nv), self%volume_share(nv))
-      self%spacing = (product(sum(cloud%spacing, dim=2)/size(cloud%spacing, 2)))**(1.0_wp/cloud%nd)
+      self%spacing = cloud%mean_spacing()
       reach = scene%edge_length
       if (.not. reach > 0.0_wp) reach = 0.5_wp*minval(maxval(cloud%place, dim=2) &
          & - minval(cloud%place, dim=2))
+      allocate (faces(nc), source=0)
+      do e = 1, size(cloud%point)
+         faces(cloud%point(e)) = faces(cloud%point(e)) + 1
+      end do
       do ip = 1, nc
          near = closeness(self, cloud%place(:, ip), reach)
-         self%domain_weight(ip) = self%spacing*near**scene%edge_exponent
+         self%domain_weight(ip) = self%spacing*near**scene%edge_exponent*face_share**faces(ip)
          b = self%boundary_of(ip)
          if (b == 0) cycle
-         self%traction_weight(b) = near**max(scene%edge_exponent - 0.5_wp, 0.0_wp)
+         self%traction_weight(b) = near**max(scene%edge_exponent - 0.5_wp, 0.0_wp) &
+            & *face_share**(faces(ip) - 1)
       end do
       do iv = 1, nv
          self%volume_share(iv) = scene%volume_weight &
@@ -172,6 +191,19 @@ subroutine start_step(self, x, load)
       self%volume_weight(iv) = self%volume_share(iv)*self%mixture%stiffness(ip, f)
    end do
 end subroutine start_step
+
+!> Norms of displacements in sizes of the body and of pressures in shear moduli
+pure function measure(self, x) result(norms)
+   !> Problem
+   class(mixed_type), intent(in) :: self
+   !> Unknowns or their change, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   real(wp) :: norms(2)
+
+   norms(2) = norm2(x(self%fields::self%fields))
+   norms(1) = sqrt(max(sum(x**2) - norms(2)**2, 0.0_wp))
+   norms = norms/[self%extent, self%pressure_extent]
+end function measure
 
 !> Stress and deformation at a place
 subroutine local_state(self, ip, x, u, load, local)

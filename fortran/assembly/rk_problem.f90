@@ -6,7 +6,11 @@ module rk_problem
    implicit none
    private
 
-   public :: problem_type, state_type
+   public :: problem_type, state_type, dense_limit
+
+   !> Unknowns up to which the dense matrix of second derivatives pays: beyond, its factorisation
+   !> takes longer than the iterations that it saves
+   integer, parameter :: dense_limit = 8000
 
    !> What was seen while residuals were evaluated
    type :: state_type
@@ -29,6 +33,8 @@ module rk_problem
       !> Norm of unknowns that would move every point by the size of the body, 0 where it has none
       real(wp) :: extent = 0.0_wp
    contains
+      !> Size of a change of the unknowns
+      procedure :: measure
       !> Fix what stays constant during a load step: row weights
       procedure(start_interface), deferred :: start_step
       !> Residuals and, where wanted, their linearisation
@@ -110,5 +116,19 @@ subroutine predict(self, x, done, load, r, state)
    end associate
    call self%evaluate(x, load, .true., r, state)
 end subroutine predict
+
+!> Norms of the kinds of unknowns in a vector, each in units of its own: displacements in sizes of
+!> the body, pressures, where there are any, in shear moduli. Pressures may be 1e8 times as large as
+!> displacements; one norm of both would not see these.
+pure function measure(self, x) result(norms)
+   !> Problem
+   class(problem_type), intent(in) :: self
+   !> Unknowns or their change, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   real(wp) :: norms(2)
+
+   norms = [norm2(x), 0.0_wp]
+   if (self%extent > 0.0_wp) norms(1) = norms(1)/self%extent
+end function measure
 
 end module rk_problem

@@ -2,8 +2,12 @@
 !>
 !> Gauss-Newton takes A^T A, Newton adds the second derivatives of the residuals (5.59). Both may be
 !> damped by lambda times their diagonal (Levenberg, Marquardt). Gauss-Newton converges linearly
-!> where residuals remain, Newton quadratically. `auto` changes over where that shows and the exact
-!> matrix is positive definite; where it is not, Gauss-Newton is the better guide.
+!> where residuals remain, Newton quadratically, but its matrix is no product A^T A and has half the
+!> digits of a QR of A. `auto` begins with Gauss-Newton. It changes over where residuals remain, the
+!> steps shrink too slowly and the matrix has digits to spare, and keeps to Newton in the next load
+!> step from the second iteration on. A Newton step that is cut, gains less than promised or is no
+!> shorter than the one before sends it back, and large problems keep to Gauss-Newton. Where the
+!> exact matrix is not positive definite, Gauss-Newton takes the step.
 !>
 !> Reference: Nocedal, Wright, Numerical Optimization, Springer (2006), sections 4.1 and 10.3,
 !>            doi:10.1007/978-0-387-40065-5
@@ -22,12 +26,21 @@ module rk_damping
       logical :: curved = .false.
       !> Damping in units of the diagonal [-]
       real(wp) :: lambda = 0.0_wp
-      !> Gradient of the last iteration; least gradient and merit so far
+      !> The problem is small enough for a dense matrix of second derivatives
+      logical :: affordable = .true.
+      !> Reciprocal condition of A in the last Gauss-Newton step [-]
+      real(wp) :: rcond = 0.0_wp
+      !> Relative step of the last iteration [-]
       real(wp), private :: last = 0.0_wp
+      !> Least gradient and merit so far
       real(wp), private :: least_gradient = 0.0_wp
       real(wp), private :: least_merit = 0.0_wp
       !> Iterations without progress
       integer, private :: idle = 0
+      !> Iterations for which `auto` keeps away from Newton
+      integer, private :: barred = 0
+      !> Newton ended the last load step
+      logical, private :: trusted = .false.
    contains
       !> Begin a load step
       procedure :: start
@@ -35,6 +48,8 @@ module rk_damping
       procedure :: choose
       !> Learn from its outcome
       procedure :: learn
+      !> End a load step that converged
+      procedure :: finish
       !> The damped step has arrived; see whether a whole one would move
       procedure :: release
       !> A trial failed
@@ -43,8 +58,14 @@ module rk_damping
       procedure :: stalled
    end type damping_type
 
-   !> Gauss-Newton is fast where the gradient falls by this factor in an iteration
-   real(wp), parameter :: fast = 0.2_wp
+   !> Gauss-Newton is linear where a step promises less than this share of the merit
+   real(wp), parameter :: remains = 0.1_wp
+   !> It is slow where more iterations than this are left at its present rate
+   real(wp), parameter :: slow = 0.3_wp
+   !> A^T A has no digits left below the square of this reciprocal condition of A
+   real(wp), parameter :: least_rcond = 1.0e-7_wp
+   !> Iterations without Newton after a bad step of his
+   integer, parameter :: rest = 3
    !> Progress: the least gradient falls below this share, or the least merit by the other one
    real(wp), parameter :: gradient_share = 0.9_wp, merit_share = 1.0e-6_wp
    !> Iterations without progress that make a stall
@@ -60,21 +81,33 @@ module rk_damping
 
 contains
 
-!> Begin a load step. `auto` keeps to Newton where the last step needed it.
+!> Begin a load step
 subroutine start(self)
    !> Choice
    class(damping_type), intent(inout) :: self
 
-   self%curved = self%method == 'full' .or. (self%method == 'auto' .and. self%curved)
+   ! the last load step failed
+   if (self%last < huge(1.0_wp)) self%trusted = .false.
+   self%curved = self%method == 'full'
    self%lambda = 0.0_wp
    self%idle = 0
+   self%barred = 0
    self%last = huge(1.0_wp)
    self%least_gradient = huge(1.0_wp)
    self%least_merit = huge(1.0_wp)
 end subroutine start
 
+!> End a load step that converged
+subroutine finish(self)
+   !> Choice
+   class(damping_type), intent(inout) :: self
+
+   self%trusted = self%curved
+   self%last = huge(1.0_wp)
+end subroutine finish
+
 !> Choose the matrix of the next iteration
-subroutine choose(self, iterations, gradient, merit)
+subroutine choose(self, iterations, gradient, merit, step_norm, tolerance, left)
    !> Choice
    class(damping_type), intent(inout) :: self
    !> Iterations done in this load step
@@ -83,6 +116,10 @@ subroutine choose(self, iterations, gradient, merit)
    real(wp), intent(in) :: gradient
    !> |r| now
    real(wp), intent(in) :: merit
+   !> Relative step of the last iteration, and where it shall end [-]
+   real(wp), intent(in) :: step_norm, tolerance
+   !> Fall of the merit that it promised, of the merit [-]
+   real(wp), intent(in) :: left
 
    self%idle = self%idle + 1
    ! the start of a load step lies off the path and is no measure
@@ -92,10 +129,29 @@ subroutine choose(self, iterations, gradient, merit)
       self%least_gradient = min(self%least_gradient, gradient)
       self%least_merit = min(self%least_merit, merit)
    end if
-   if (iterations > 1 .and. self%method == 'auto' .and. gradient > fast*self%last) &
-      & self%curved = .true.
-   self%last = gradient
+   if (self%method == 'auto') then
+      if (self%curved .and. .not. step_norm < self%last) call bar(self)
+      self%curved = iterations > 0 .and. self%barred == 0 .and. self%affordable &
+         & .and. self%rcond > least_rcond
+      ! the first step of a load step is a jump and says nothing about the rate
+      if (self%curved .and. .not. self%trusted) self%curved = iterations > 2 &
+         & .and. left < remains .and. step_norm > tolerance &
+         & .and. log(tolerance/step_norm) < slow*log(min(step_norm/self%last, 1.0_wp))
+      if (self%curved) self%trusted = .true.
+      self%barred = max(self%barred - 1, 0)
+   end if
+   self%last = step_norm
 end subroutine choose
+
+!> Keep away from Newton for a while
+subroutine bar(self)
+   !> Choice
+   type(damping_type), intent(inout) :: self
+
+   self%trusted = .false.
+   self%curved = .false.
+   self%barred = rest
+end subroutine bar
 
 !> Adapt the damping after an accepted step
 subroutine learn(self, newton, scale, gain, predicted, merit)
@@ -112,7 +168,9 @@ subroutine learn(self, newton, scale, gain, predicted, merit)
    !> r.r/2 before
    real(wp), intent(in) :: merit
 
-   if (.not. newton .and. .not. self%lambda > 0.0_wp) then
+   if (newton .and. self%method == 'auto' .and. .not. self%lambda > 0.0_wp) then
+      if (scale < 1.0_wp .or. gain < poor*predicted) call bar(self)
+   else if (.not. newton .and. .not. self%lambda > 0.0_wp) then
       ! Gauss-Newton may climb a little on its way
       if (scale < 1.0_wp .or. gain < -climb*merit .or. 2*self%idle >= patience) &
          & self%lambda = first_lambda
@@ -137,7 +195,11 @@ subroutine reject(self)
    !> Choice
    class(damping_type), intent(inout) :: self
 
-   self%lambda = max(first_lambda, growth**2*self%lambda)
+   if (self%method == 'auto' .and. self%curved .and. .not. self%lambda > 0.0_wp) then
+      call bar(self)
+   else
+      self%lambda = max(first_lambda, growth**2*self%lambda)
+   end if
 end subroutine reject
 
 !> Whether neither gradient nor merit have fallen for a while, as in a cycle

@@ -13,7 +13,7 @@ module rk_newton
    use rk_lstsq, only : row_operator
    use rk_newton_step, only : find_step
    use rk_precision, only : wp
-   use rk_problem, only : problem_type, state_type
+   use rk_problem, only : dense_limit, problem_type, state_type
    use rk_recorder, only : iteration_type, recorder_type
    use rk_text, only : to_text
    implicit none
@@ -104,7 +104,7 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
    class(row_operator), pointer :: op
    type(iteration_type) :: it
    real(wp), allocatable :: a(:), da(:), r(:), g(:), trial(:), new(:)
-   real(wp) :: merit, first_gradient, first_norm, scale, predicted, gain, imposed
+   real(wp) :: merit, first_gradient, first(2), moved(2), scale, predicted, gain, imposed
    integer(int64) :: clock
    integer :: rejected
    logical :: newton, blind
@@ -115,6 +115,7 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
    self%step_norm = huge(1.0_wp)
    self%left = huge(1.0_wp)
    self%still = .false.
+   self%damping%affordable = problem%n <= dense_limit
    rejected = 0
    call self%damping%start()
    call system_clock(clock)
@@ -137,9 +138,11 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
       self%gradient = it%gradient/max(first_gradient, tiny(1.0_wp))
       if (converged(self)) then
          x = a
+         call self%damping%finish()
          return
       end if
-      call self%damping%choose(self%iterations, it%gradient, merit)
+      call self%damping%choose(self%iterations, it%gradient, merit, self%step_norm, &
+         & self%tolerance, self%left)
       call check_end(self, load, rejected, recorder, error)
       if (allocated(error)) return
 
@@ -155,7 +158,7 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
       self%left = predicted/max(0.5_wp*merit**2, tiny(1.0_wp))
       ! neither the jump at the start of a load step nor rounding says anything about the step
       blind = self%iterations == 1 .or. self%left < nothing &
-         & .or. norm2(da) <= rounding*problem%extent
+         & .or. (problem%extent > 0.0_wp .and. all(problem%measure(da) <= rounding))
       call search(problem, load, a, da, r, dot_product(g, da), blind, &
          & newton .or. self%damping%lambda > 0.0_wp, trial, new, scale, gain, self%state)
       self%whole = scale >= 1.0_wp .and. self%damping%lambda < slight
@@ -173,10 +176,15 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
          call problem%evaluate(a, load, .true., r, self%state)
       end if
       timer%assemble = timer%assemble + tick(clock)
-      if (self%iterations == 1) first_norm = max(norm2(a), tiny(1.0_wp))
-      self%step_norm = norm2(da)/first_norm
-      if (scale > 0.0_wp) self%step_norm = scale*self%step_norm
-      self%still = scale > 0.0_wp .and. scale*norm2(da) <= rounding*problem%extent
+      if (self%iterations == 1) then
+         first = problem%measure(a)
+         ! a pressure may be none; then strain times the shear modulus is what it is small against
+         first = max(first, first(1), tiny(1.0_wp))
+      end if
+      moved = problem%measure(da)
+      if (scale > 0.0_wp) moved = scale*moved
+      self%step_norm = maxval(moved/first)
+      self%still = scale > 0.0_wp .and. problem%extent > 0.0_wp .and. all(moved <= rounding)
       it%step = step
       it%load = load
       it%iteration = self%iterations

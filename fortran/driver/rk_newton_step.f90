@@ -97,6 +97,7 @@ subroutine find_step(problem, op, linear, load, a, r, g, damping, da, newton, pr
       predicted = -0.5_wp*dot_product(g, da)
       it%backward_error = report%backward_error
       it%rcond = report%rcond
+      damping%rcond = report%rcond
       it%solver = trim(report%used)
       it%refinements = report%iterations
       it%why = report%why

@@ -18,7 +18,7 @@ module rk_recorder
       real(wp) :: residual = 0.0_wp
       !> |A^T r| (5.78a)
       real(wp) :: gradient = 0.0_wp
-      !> |da|/|a| (5.78b) [-]
+      !> |da|/|a| (5.78b), the greater one of displacements and pressures [-]
       real(wp) :: step_norm = 0.0_wp
       !> Smallest and largest volume ratio [-]
       real(wp) :: min_j = 1.0_wp

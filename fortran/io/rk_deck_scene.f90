@@ -54,6 +54,7 @@ subroutine new_scene(scene, deck, model, error)
    call read_solver(scene, deck)
    if (is_linear) then
       scene%method = 'rkcm'
+      call read_weights(scene, deck)
       call read_linear(scene, deck)
       call read_probes(scene, deck, error)
       return
@@ -63,6 +64,7 @@ subroutine new_scene(scene, deck, model, error)
    if (scene%method == 'auto' .and. nearly_incompressible(scene)) scene%method = 'rkcm-mixed'
    if (scene%method == 'auto') scene%method = 'rkcm'
    if (scene%method == 'rkpm') scene%method = 'rkpm-scni'
+   call read_weights(scene, deck)
    call check_cloud(scene%cloud, error)
    if (allocated(error)) then
       error%message = deck%where('geometry')//': geometry: '//error%message
@@ -386,7 +388,6 @@ subroutine read_solver(scene, deck)
    type(scene_type), intent(inout) :: scene
    !> Deck
    type(deck_type), intent(in) :: deck
-   character(len=:), allocatable :: weight
 
    call deck%get('load.steps', scene%steps)
    call deck%get('load.activation', scene%activation)
@@ -395,7 +396,6 @@ subroutine read_solver(scene, deck)
    call deck%get('solver.newton', scene%newton)
    call deck%get('solver.tolerance', scene%tolerance)
    call deck%get('solver.max_iterations', scene%max_iterations)
-   call deck%get('solver.weight_traction', scene%weight_traction)
    call deck%get('mixed.volume_weight', scene%volume_weight)
    call deck%get('mixed.displacement_weight', scene%displacement_weight)
    call deck%get('mixed.edge_exponent', scene%edge_exponent)
@@ -404,13 +404,35 @@ subroutine read_solver(scene, deck)
    call deck%get('galerkin.penalty', scene%penalty)
    call deck%get('galerkin.stabilisation', scene%stabilisation)
    call deck%get('galerkin.pressure_degree', scene%pressure_degree)
-   if (deck%is_text('solver.weight_essential')) then
-      call deck%get('solver.weight_essential', weight)
-      if (weight == 'c4') scene%weight_c4 = 1.0_wp
-   else
-      call deck%get('solver.weight_essential', scene%weight_essential)
-   end if
 end subroutine read_solver
+
+!> Weights of boundary rows beside equilibrium rows of weight 1. The residuals are stress over
+!> length, stress and length: balanced weights have the units that make the sum one of equals, so
+!> that no unit counts
+subroutine read_weights(scene, deck)
+   !> Scene with points and method
+   type(scene_type), intent(inout) :: scene
+   !> Deck
+   type(deck_type), intent(in) :: deck
+   character(len=:), allocatable :: weight
+   real(wp) :: h
+
+   h = scene%cloud%mean_spacing()
+   if (.not. deck%is_text('solver.weight_traction')) then
+      call deck%get('solver.weight_traction', scene%weight_traction)
+   else if (scene%method == 'rkcm-mixed') then
+      scene%weight_traction = 1.0_wp
+   else
+      scene%weight_traction = 1.0_wp/h
+   end if
+   if (.not. deck%is_text('solver.weight_essential')) then
+      call deck%get('solver.weight_essential', scene%weight_essential)
+      return
+   end if
+   call deck%get('solver.weight_essential', weight)
+   if (weight == 'c4') scene%weight_c4 = 1.0_wp
+   if (weight == 'balanced') scene%weight_c4 = scene%displacement_weight/h**2
+end subroutine read_weights
 
 !> Probes with exact and reference values
 subroutine read_probes(scene, deck, error)

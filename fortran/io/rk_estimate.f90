@@ -3,6 +3,7 @@ module rk_estimate
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type
    use rk_precision, only : wp
+   use rk_problem, only : dense_limit
    use rk_shape, only : derivative_count
    implicit none
    private
@@ -95,7 +96,8 @@ function estimate_cost(deck, model) result(self)
    entries = (self%nc + cells)*self%neighbours
    self%bytes = 32.0_wp*entries + 8.0_wp*equations*fields*nq*(self%nc + boundary + cells)
    ! second derivatives of the residuals and the dense matrix they make
-   if (problem == '' .and. newton == 'full') self%bytes = self%bytes &
+   if (problem == '' .and. (newton == 'full' &
+      & .or. (newton == 'auto' .and. self%unknowns <= dense_limit))) self%bytes = self%bytes &
       & + 8.0_wp*self%unknowns**2 + 8.0_wp*self%nd**2*fields*nq*(self%nc + cells)
    if (.not. deck%has('geometry.source')) self%bytes = self%bytes + 8.0_wp*nq*entries
    dense = 8.0_wp*self%equations*self%unknowns

@@ -17,6 +17,7 @@ from myork.imaging.io import read_image, read_labels
 from myork.model import points
 from myork.model.fibers import fibers_at_points
 from myork.model.store import write_model
+from myork.model.surface import surface_offsets
 from myork.records import Image, Labels, PointCloud
 from myork.summary import update_summary
 
@@ -126,6 +127,11 @@ def build_cloud(
     source = points.source_voxels(body, step)
     boundary = points.boundary_sets(coarse)
     label = coarse.data[body]
+    place = points.positions(coarse, voxels)
+    skin = boundary.set == boundary.names.index("surface")
+    place[boundary.point[skin]] += surface_offsets(
+        body, coarse.spacing, voxels[boundary.point[skin]], boundary.normal[skin]
+    )
 
     fiber = np.zeros((len(voxels), 3))
     if fibers is not None:
@@ -139,7 +145,7 @@ def build_cloud(
     cloud = PointCloud(
         source=points.positions(coarse, source) * factor,
         spacing=size * step,
-        points=points.positions(coarse, voxels) * factor,
+        points=place * factor,
         label=label,
         fiber=fiber,
         volume=np.full(len(voxels), size.prod()),

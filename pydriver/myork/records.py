@@ -82,7 +82,8 @@ class PointCloud:
     spacing : NDArray
         Distance of neighbouring source points per direction, shape `(3,)` [length].
     points : NDArray
-        Collocation points in lexicographic order, shape `(npoint, 3)` [length].
+        Collocation points, those from voxels in lexicographic order of these, shape `(npoint, 3)`
+        [length].
     label : NDArray
         Label of each collocation point, shape `(npoint,)`.
     fiber : NDArray

@@ -30,6 +30,15 @@ RECORD = {
                     ],
                 }
             ],
+            "maps": [
+                {
+                    "title": "plane",
+                    "label": "J [-]",
+                    "x": [0.0, 1.0, 0.0, 1.0],
+                    "y": [0.0, 0.0, 2.0, 2.0],
+                    "value": [1.0, 0.9, 1.1, 1.0],
+                }
+            ],
             "tables": [{"caption": "c", "head": ["a", "b"], "rows": [["x<y", None], ["z", 1.5]]}],
         }
     },
@@ -40,7 +49,7 @@ def test_page_is_whole_and_escaped(tmp_path: Path) -> None:
     write_page(tmp_path / "bench.html", RECORD)
     html = (tmp_path / "bench.html").read_text(encoding="utf-8")
     assert "Toy &amp; more" in html and "x&lt;y" in html and "&lt;chip&gt;" in html
-    assert html.count("<img alt=") == 1 and "myork bench toy --quick" in html
+    assert html.count("<img alt=") == 2 and "myork bench toy --quick" in html
 
 
 def test_unknown_bench_is_refused(tmp_path: Path) -> None:

@@ -100,3 +100,52 @@ def difference(value: Callable[[float], NDArray[Any]], step: float = 1e-3) -> ND
     return np.asarray(
         (8 * (value(step) - value(-step)) - value(2 * step) + value(-2 * step)) / (12 * step)
     )
+
+
+def in_units(method: str, length: float, stress: float) -> dict[str, Any]:
+    """A clamped block of active muscle, sheared and pulled, in other units."""
+    return {
+        "scene": {"dimension": 3, "method": method},
+        "geometry": {
+            "kind": "box",
+            "size": [length, length, 2 * length],
+            "source": [4, 4, 6],
+            "collocation": [7, 7, 11],
+        },
+        "material": [
+            {
+                "name": "muscle",
+                "model": "muscle",
+                "A10": 6.43 * stress,
+                "A01": -3.8 * stress,
+                "A20": 0.94 * stress,
+                "K": 60.0 * stress,
+                "sigma_max": 30.0 * stress,
+                "curve": "smooth",
+                "fiber": [0.3, 0.0, 1.0],
+            }
+        ],
+        "boundary": [
+            {"set": "z0", "u_x": 0, "u_y": 0, "u_z": 0},
+            {"set": "z1", "u_z": 0.05 * length, "traction": [0.2 * stress, 0.1 * stress, 0.0]},
+        ],
+        "load": {"activation": 0.1, "steps": 2},
+        "solver": {"tolerance": 1e-11},
+    }
+
+
+@pytest.mark.parametrize("method", ["rkcm", "rkcm-mixed"])
+def test_units_do_not_matter(method: str, open_scene: Any) -> None:
+    """In mm and MPa, and in m and kPa, the block moves as in cm and N/cm^2. Rounding of 1e-16 is
+    amplified by the condition of the rows, at most 1e7. The iteration is driven to its end: when it
+    stops is judged by unknowns of two units, displacement and pressure.
+    """
+    found = []
+    for length, stress in ((1.0, 1.0), (10.0, 0.01), (0.01, 10.0)):
+        with open_scene(in_units(method, length, stress)) as scene:
+            x = scene.solve().x[-1]
+            fields = scene.fields(x, 1.0)
+            found.append((fields.u / length, fields.cauchy / stress))
+    for u, cauchy in found[1:]:
+        assert abs(u - found[0][0]).max() < 1e-8 * abs(found[0][0]).max()
+        assert abs(cauchy - found[0][1]).max() < 1e-8 * abs(found[0][1]).max()

@@ -225,6 +225,7 @@ FEBIO = [-0.0111034, -0.0501774, 0.912853, 0.42675, -0.3146, -0.935328]
 def test_inclined_block_does_not_lock(inputs, method):
     overrides = [
         f"scene.method={method}", "load.activation=0.05", "load.steps=1", "galerkin.gauss=2",
+        "geometry.source=[5,5,9]", "geometry.collocation=[9,9,17]",
         "material.curve=published", *CUBIC, "approximation.support=2",
     ]  # fmt: skip
     with Scene(inputs / "muscle_fibers.toml", overrides, threads=1) as scene:

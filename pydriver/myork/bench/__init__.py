@@ -9,7 +9,8 @@ files, callable for lines of progress, whether small cases are enough). Its resu
 - ``tables``: mappings with ``caption``, ``head`` (texts) and ``rows`` (texts and numbers);
 - ``plots``: mappings with ``title``, ``x``, ``y`` (axis labels with units), ``scale`` (``log-log``
   by default, ``log-y`` or ``linear``) and ``series``: mappings with ``name``, ``x``, ``y`` and
-  optionally ``rival`` (drawn grey), ``notes`` (a text a point).
+  optionally ``rival`` (drawn grey), ``notes`` (a text a point);
+- ``maps``: mappings with ``title``, ``x``, ``y``, ``value`` (a number a point) and ``label``.
 """
 
 from __future__ import annotations

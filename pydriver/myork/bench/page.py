@@ -60,6 +60,8 @@ def _bench(bench: Mapping[str, Any]) -> str:
     parts = [f"<p>{escape(bench['about'])}</p>"] if "about" in bench else []
     for plot in bench.get("plots", []):
         parts.append(frame.figure(_curves(plot), escape(plot.get("caption", plot["title"]))))
+    for entry in bench.get("maps", []):
+        parts.append(frame.figure(_map(entry), escape(entry["title"])))
     for entry in bench.get("tables", []):
         rows = [[_cell(value) for value in row] for row in entry["rows"]]
         head = [escape(text) for text in entry["head"]]
@@ -107,4 +109,18 @@ def _curves(plot: Mapping[str, Any]) -> Figure:
     axes.grid(which="minor", color="#eeeeee", linewidth=0.5)
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False, fontsize=8.5)
+    return figure
+
+
+def _map(entry: Mapping[str, Any]) -> Figure:
+    """Values at points of a plane, in its shape."""
+    x, y = entry["x"], entry["y"]
+    tall = (max(y) - min(y)) / (max(x) - min(x))
+    figure = Figure(figsize=(5.0, 1.0 + 3.0 * tall), layout="constrained")
+    axes = figure.add_subplot()
+    drawn = axes.tripcolor(x, y, entry["value"], shading="gouraud", cmap="viridis")
+    axes.plot(x, y, ".", markersize=1.5, color="#444444")
+    axes.set_aspect("equal")
+    axes.set_title(entry["title"], fontsize=9)
+    figure.colorbar(drawn, ax=axes, label=entry["label"])
     return figure

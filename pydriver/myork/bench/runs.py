@@ -12,7 +12,7 @@ import signal
 import subprocess
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -104,7 +104,11 @@ def run_command(words: Sequence[str | Path], limit: float, folder: Path | None =
 
 
 def solve_case(
-    deck: str | Path, overrides: Sequence[str] = (), *, limit: float = 600.0
+    deck: str | Path,
+    overrides: Sequence[str] = (),
+    *,
+    limit: float = 600.0,
+    look: Callable[[Path], Mapping[str, Any]] | None = None,
 ) -> dict[str, Any]:
     """Solve a deck with one thread and record what the summary says.
 
@@ -116,6 +120,9 @@ def solve_case(
         `"table.key=value"` each.
     limit : float
         Wall time after which the run is ended [s].
+    look : callable, optional
+        Called with the folder of the results before it is removed, if a step converged; what it
+        returns joins the record.
 
     Returns
     -------
@@ -134,6 +141,7 @@ def solve_case(
             words += ["--set", override]
         ending = run_command(words, limit)
         summary = _summary(Path(folder))
+        seen = look(Path(folder)) if look and summary.get("steps") else {}
     case: dict[str, Any] = {
         "deck": path.stem,
         "overrides": list(overrides),
@@ -142,6 +150,7 @@ def solve_case(
         "seconds": ending.seconds,
         **{key: summary[key] for key in _KEPT if key in summary},
     }
+    case.update(seen)
     steps = summary.get("steps") or []
     if steps:
         case["iterations"] = sum(step["iterations"] for step in steps)

@@ -1,7 +1,8 @@
 """From labels to points: collocation points, source points and boundary sets.
 
-The model lives in the frame of the voxel axes nearest to the world axes, so that points form
-lattices along x, y and z; for an image without rotation this is the world frame.
+The model lives in the frame of the voxel axes nearest to the world axes, so that source points and
+collocation points below the surface form lattices along x, y and z; for an image without rotation
+this is the world frame.
 """
 
 from __future__ import annotations

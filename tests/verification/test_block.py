@@ -1,0 +1,71 @@
+"""The muscle block between fixed ends at the smallest size that is of use, 5 x 5 x 9 at order 4."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from myork.bench import mixed
+from myork.bench.nonlinear import along_fixed_fibers
+from myork.bench.rival import felupe_block
+from myork.bench.runs import solve_case
+from myork.deck import load_deck
+
+SIZE = ("geometry.source=[5,5,9]", "geometry.collocation=[9,9,17]")
+
+
+def test_inclined_fibers_meet_finite_elements(inputs: Path) -> None:
+    """Within 1.5 % of the deck's references to activation 0.15 in all six quantities.
+
+    Measured: 1.2 %. With full weight of the rows on faces it is 2.1 %, with weights that do not
+    fade towards the edges 3 % and more: the bound holds the row weights where the study put them.
+    """
+    case = solve_case(
+        inputs / "muscle_fibers.toml", (*SIZE, "load.steps=3", "load.activation=0.15")
+    )
+    assert case["outcome"] == "converged"
+    for probe, entry in case["reference"].items():
+        assert len(entry["relative_error"]) == 3, probe
+        assert max(entry["relative_error"]) < 0.015, probe
+
+
+def test_straight_fibers_keep_their_length_and_volume(inputs: Path) -> None:
+    """Nearly uniform: the middle as the exact state far from the ends, J within 1e-3 everywhere.
+
+    The ends' influence on the stress in the middle is 3e-4, on the force 1e-4 (felupe).
+    """
+    overrides = (
+        *SIZE, "material.muscle.fiber_angle=0", "load.steps=1", "load.activation=0.15",
+    )  # fmt: skip
+    case = solve_case(inputs / "muscle_fibers.toml", overrides)
+    assert case["outcome"] == "converged"
+    exact = along_fixed_fibers(load_deck(inputs / "muscle_fibers.toml", overrides), None)
+    assert case["probes"]["stress_zz"] == pytest.approx(exact, rel=5e-4)
+    assert -case["probes"]["reaction_z"] == pytest.approx(exact, rel=5e-4)
+    assert case["min_J"] > 0.999 and case["max_J"] < 1.001
+
+
+def test_rival_block_agrees_with_the_references(inputs: Path) -> None:
+    """Another code and another element give the same block, 4 x 2 x 8 elements on its half.
+
+    Measured: 0.6 % in displacements and axial values, 2 % in reaction_x, 3 % in the shear stress,
+    which is taken at a node, where it converges slowest.
+    """
+    pytest.importorskip("felupe")
+    deck = load_deck(inputs / "muscle_fibers.toml", [])
+    found = felupe_block((4, 2, 8), deck["material"][0], deck["geometry"], [0.05])
+    for entry in deck["reference"]:
+        wanted = entry["value"][entry["activation"].index(0.05)]
+        rel = 0.04 if entry["probe"] in ("stress_xz", "reaction_x") else 0.01
+        assert found[entry["probe"]][0] == pytest.approx(wanted, rel=rel), entry["probe"]
+
+
+def test_study_has_all_its_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tables have as many columns as heads, and the maps the points of the middle plane."""
+    monkeypatch.setattr(mixed, "_CHOICES", mixed._CHOICES[3:4])
+    record = mixed.run(tmp_path, lambda line: None, quick=True)
+    for table in record["tables"]:
+        assert table["rows"], table["caption"]
+        assert {len(row) for row in table["rows"]} == {len(table["head"])}, table["caption"]
+    assert [len(entry["value"]) for entry in record["maps"]] == [9 * 17] * 2
