@@ -87,7 +87,7 @@ subroutine gauss_cells(self, cloud, count, degree, error)
    call lattice_frame(cloud, low, step)
    cells = 1
    cells(:nd) = cloud%lattice - 1
-   groups = max(1, cells/group_size)
+   groups = group_count(cells)
    ng = product(groups)
    own = count**nd
    np = product(cells)*own
@@ -110,8 +110,8 @@ subroutine gauss_cells(self, cloud, count, degree, error)
    np = 0
    do i = 1, ng
       g = digits_of(i - 1, groups)
-      from = (g*cells)/groups
-      to = ((g + 1)*cells)/groups - 1
+      from = group_start(g, cells)
+      to = group_start(g + 1, cells) - 1
       do j = 1, product(to - from + 1)
          np = np + 1
          number(place_of(from + digits_of(j - 1, to - from + 1), cells)) = np
@@ -123,8 +123,8 @@ subroutine gauss_cells(self, cloud, count, degree, error)
    nl = 0
    do i = 1, ng
       g = digits_of(i - 1, groups)
-      from = (g*cells)/groups
-      to = ((g + 1)*cells)/groups - 1
+      from = group_start(g, cells)
+      to = group_start(g + 1, cells) - 1
       do j = 1, product(to - from + 1)
          cell = from + digits_of(j - 1, to - from + 1)
          do k = 1, own
@@ -267,20 +267,43 @@ pure subroutine lattice_frame(cloud, low, step)
    end if
 end subroutine lattice_frame
 
+!> Groups of cells in one direction: so many that they can lie symmetrically
+elemental integer function group_count(cells)
+   !> Cells in this direction
+   integer, intent(in) :: cells
+
+   group_count = max(1, cells/group_size)
+   ! an odd cell is in the middle of a symmetric row of groups, or there is no such row; groups of
+   ! one cell would make the pressure oscillate
+   if (mod(cells, 2) == 1 .and. mod(group_count, 2) == 0 .and. group_count > 2) &
+      & group_count = group_count - 1
+end function group_count
+
+!> First cell of a group, from 0
+elemental integer function group_start(group, cells)
+   !> Group, from 0
+   integer, intent(in) :: group
+   !> Cells in this direction
+   integer, intent(in) :: cells
+
+   group_start = nint(real(group*cells, wp)/group_count(cells))
+end function group_start
+
 !> Group of a cell of a lattice
 pure integer function lattice_group(index, cells)
    !> Place of the cell, from 0
    integer, intent(in) :: index(3)
    !> Cells in each direction
    integer, intent(in) :: cells(3)
-   integer :: d, groups
+   integer :: d, group(3)
 
-   lattice_group = 0
+   group = 0
    do d = 1, 3
-      groups = max(1, cells(d)/group_size)
-      lattice_group = lattice_group*groups + (index(d)*groups + groups - 1)/cells(d)
+      do while (group_start(group(d) + 1, cells(d)) <= index(d))
+         group(d) = group(d) + 1
+      end do
    end do
-   lattice_group = lattice_group + 1
+   lattice_group = place_of(group, group_count(cells))
 end function lattice_group
 
 !> Boundary set of a face of a lattice, as rk_cloud numbers them

@@ -64,7 +64,14 @@ subroutine voxel_facets(facets, cloud, group, error)
    allocate (voxel(0:n(1) + 1, 0:n(2) + 1, 0:n(3) + 1), source=0)
    do ip = 1, size(owner)
       at(:nd, ip) = 1 + nint((cloud%centre(:, ip) - low(:nd))/size_(:nd))
-      voxel(at(1, ip), at(2, ip), at(3, ip)) = ip
+      associate (taken => voxel(at(1, ip), at(2, ip), at(3, ip)))
+         if (taken > 0) then
+            call fatal_error(error, err_input, 'collocation points '//to_text(taken)//' and ' &
+               & //to_text(ip)//' stand for the same voxel, run `myork build` again')
+            return
+         end if
+         taken = ip
+      end associate
    end do
    do ip = 1, size(owner)
       do d = 1, nd

@@ -158,7 +158,7 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
       self%left = predicted/max(0.5_wp*merit**2, tiny(1.0_wp))
       ! neither the jump at the start of a load step nor rounding says anything about the step
       blind = self%iterations == 1 .or. self%left < nothing &
-         & .or. norm2(da) <= rounding*problem%extent
+         & .or. (problem%extent > 0.0_wp .and. all(problem%measure(da) <= rounding))
       call search(problem, load, a, da, r, dot_product(g, da), blind, &
          & newton .or. self%damping%lambda > 0.0_wp, trial, new, scale, gain, self%state)
       self%whole = scale >= 1.0_wp .and. self%damping%lambda < slight

@@ -222,10 +222,10 @@ def test_optimal_orders(method, order, support, least_u, least_stress):
 
 #: Largest deviation of (side u_x, side u_z, stress zz, stress xz, reaction x, reaction z) from the
 #: finite elements at activation 0.05 with 5 x 5 x 9 points; a little above what was measured
-#: (0.075, 0.019, 0.015, 0.020, 0.025, 0.001; 0.001, 0.019, 0.008, 0.040, 0.013, 0.002), where the
+#: (0.006, 0.008, 0.008, 0.046, 0.010, 0.001; 0.001, 0.019, 0.008, 0.040, 0.013, 0.002), where the
 #: displacement form of the collocation misses u_x by 0.96
 INCLINED = {
-    "rkpm-scni": (0.09, 0.03, 0.03, 0.03, 0.04, 0.01),
+    "rkpm-scni": (0.02, 0.02, 0.02, 0.06, 0.02, 0.01),
     "rkpm-gauss": (0.02, 0.03, 0.02, 0.05, 0.02, 0.01),
 }
 FEBIO = [-0.0111034, -0.0501774, 0.912853, 0.42675, -0.3146, -0.935328]
@@ -235,6 +235,7 @@ FEBIO = [-0.0111034, -0.0501774, 0.912853, 0.42675, -0.3146, -0.935328]
 def test_inclined_block_does_not_lock(inputs, method):
     overrides = [
         f"scene.method={method}", "load.activation=0.05", "load.steps=1", "galerkin.gauss=2",
+        "geometry.source=[5,5,9]", "geometry.collocation=[9,9,17]",
         "material.curve=published", *CUBIC, "approximation.support=2",
         "geometry.source=[5,5,9]", "geometry.collocation=[9,9,17]",
     ]  # fmt: skip
