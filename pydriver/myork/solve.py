@@ -28,7 +28,7 @@ __all__ = ["explain_deck", "find_executable", "run_deck"]
 
 _NAME = "myork-solve"
 # Parts of summary.json that come from earlier stations; the executable writes the file anew.
-_EARLIER = ("segmentation", "model")
+_EARLIER = ("segmentation", "tissue", "model")
 
 
 def find_executable() -> Path:

@@ -25,7 +25,7 @@ from myork.report.figures import (
 from myork.report.image_figures import area_figure, slice_figure
 from myork.report.numbers import fraction, number, unit_of
 from myork.report.sources import Deformation, read_folder
-from myork.report.tables import rom_table
+from myork.report.tables import orientation_table, rom_table
 
 SECTIONS = ("images", "deformation", "probes", "rom", "convergence", "run")
 VOID = {"meta", "img", "br"}
@@ -336,3 +336,23 @@ def test_axes_in_another_order() -> None:
     strokes = slice_figure(Labels(data, affine), None, Image(vectors, affine)).axes[3]
     assert_allclose(strokes.collections[-1].U, 0.6)
     assert_allclose(strokes.collections[-1].V, 0.8)
+
+
+def test_a_single_slice_is_one_picture() -> None:
+    label = np.zeros((12, 10, 1), np.int32)
+    label[3:8, 2:7] = 1
+    flat = slice_figure(Labels(label, np.eye(4)), None, None)
+    assert len(flat.axes) == 1
+    stack = slice_figure(Labels(np.repeat(label, 4, axis=2), np.eye(4)), None, None)
+    assert len(stack.axes) == 4
+
+
+def test_gradient_axes_of_the_files_stand_first() -> None:
+    evidence = [
+        {"axes": "x y z", "tract_length_mm": 30.0, "agreement": 0.1},
+        {"axes": "y x z", "tract_length_mm": 50.0, "agreement": -0.5},
+        {"axes": "x -y z", "tract_length_mm": 31.0, "agreement": 0.9},
+    ]
+    text = orientation_table(evidence, shown=1)
+    assert text.index("x y z") < text.index("x -y z")
+    assert "y x z" not in text.replace("x y z", "")

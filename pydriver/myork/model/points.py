@@ -173,7 +173,8 @@ def changed_volumes(fine: Labels, coarse: Labels, part: float = 0.1) -> list[str
             sentences.append(
                 f"{fine.label_name(label)} has {after / 1000:.4g} cm^3 in the model and "
                 f"{before / 1000:.4g} cm^3 in the label map: its sheets or gaps are thinner than "
-                'the blocks of build.collocation_stride; lower it, or set build.merge = "sample"'
+                "the blocks of build.collocation_stride, or as far apart; lower it, or set "
+                'build.merge = "sample"'
             )
     return sentences
 

@@ -42,7 +42,7 @@ def slice_figure(labels: Labels, image: Image | None, fibers: Image | None) -> F
     Returns
     -------
     Figure
-        Four panels, lengths in mm from the corner of the image.
+        Four panels, one for a single slice; lengths in mm from the corner of the image.
     """
     frame = _Frame(labels)
     where = frame.canonical(labels.data)
@@ -58,7 +58,11 @@ def slice_figure(labels: Labels, image: Image | None, fibers: Image | None) -> F
     width, depth, height = np.array(where.shape) * frame.spacing
     figure = Figure(figsize=(11.0, 3.9), layout="constrained")
     shape = width / depth
-    panels = figure.subplots(1, 4, width_ratios=(shape, shape, shape, max(width / height, 0.5)))
+    flat = where.shape[2] == 1
+    if flat:
+        panels = np.array([figure.subplots()])
+    else:
+        panels = figure.subplots(1, 4, width_ratios=(shape, shape, shape, max(width / height, 0.5)))
     colours = {
         label: COLOURS[number % len(COLOURS)]
         for number, label in enumerate(np.unique(where[where > 0]).tolist(), start=1)
@@ -71,13 +75,16 @@ def slice_figure(labels: Labels, image: Image | None, fibers: Image | None) -> F
             xlabel="right → [mm]",
             ylabel="anterior → [mm]" if axes is panels[0] else "",
         )
-    cut = (slice(None), coronal, slice(None))
-    _draw_slice(panels[3], frame.spacing[[0, 2]], where[cut], grey, cut, vectors, (0, 2), colours)
-    panels[3].set(
-        title=f"coronal, y = {(coronal + 0.5) * frame.spacing[1]:.0f} mm",
-        xlabel="right → [mm]",
-        ylabel="superior → [mm]",
-    )
+    if not flat:
+        cut = (slice(None), coronal, slice(None))
+        _draw_slice(
+            panels[3], frame.spacing[[0, 2]], where[cut], grey, cut, vectors, (0, 2), colours
+        )
+        panels[3].set(
+            title=f"coronal, y = {(coronal + 0.5) * frame.spacing[1]:.0f} mm",
+            xlabel="right → [mm]",
+            ylabel="superior → [mm]",
+        )
     handles = [
         Line2D([], [], color=colour, linewidth=2, label=labels.label_name(label))
         for label, colour in colours.items()

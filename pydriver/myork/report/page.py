@@ -165,6 +165,20 @@ def _images(folder: RunFolder) -> str:
         ]
     if segmentation:
         parts.append(tables.label_table(segmentation, folder.summary.get("units", {})))
+    if segmentation.get("orientation"):
+        parts.append(tables.orientation_table(segmentation["orientation"]))
+    if folder.tissue is not None:
+        image = folder.image
+        if image is not None and image.data.shape != folder.tissue.data.shape:
+            image = None
+        parts.append(
+            frame.figure(
+                image_figures.slice_figure(folder.tissue, image, None),
+                "Materials of the leg: contour of each on the image.",
+            )
+        )
+        record = folder.summary.get("tissue", {})
+        parts.append(tables.label_table(record, folder.summary.get("units", {})))
     return "\n".join(parts)
 
 

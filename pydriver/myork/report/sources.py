@@ -64,8 +64,9 @@ class RunFolder:
         text. Empty without the file.
     deformation : Deformation or None
         From `results.vtkhdf`.
-    labels, image, fibers : Labels, Image or None
-        Output of `segment`: label map, image and fiber vectors (three values a voxel).
+    labels, tissue, image, fibers : Labels, Image or None
+        Output of `segment`: label map, materials of a leg, image and fiber vectors (three values
+        a voxel).
     problems : tuple of str
         Files that are there and cannot be read, and why.
     """
@@ -75,6 +76,7 @@ class RunFolder:
     history: dict[str, NDArray[Any]] = field(default_factory=dict)
     deformation: Deformation | None = None
     labels: Labels | None = None
+    tissue: Labels | None = None
     image: Image | None = None
     fibers: Image | None = None
     problems: tuple[str, ...] = ()
@@ -112,6 +114,7 @@ def read_folder(path: Path) -> RunFolder:
         history=read("history.csv", _read_history) or {},
         deformation=read("results.vtkhdf", _read_deformation),
         labels=read("segmentation.nii.gz", read_labels),
+        tissue=read("tissue.nii.gz", read_labels),
         image=read("anatomy.nii.gz", read_image),
         fibers=read("fibers.nii.gz", lambda file: read_image(file, values=3)),
         problems=tuple(problems),

@@ -12,6 +12,7 @@ __all__ = [
     "MODEL_KINDS",
     "exact_table",
     "label_table",
+    "orientation_table",
     "probe_table",
     "reference_table",
     "rom_table",
@@ -181,6 +182,18 @@ def rom_table(models: Sequence[Mapping[str, Any]]) -> str:
         [[row[place] for place in shown] for row in rows],
         "Reduced models against the full solution",
     )
+
+
+def orientation_table(evidence: Sequence[Mapping[str, Any]], shown: int = 4) -> str:
+    """Evidence for the order of the gradient axes: that of the files and the best others."""
+    given, *others = evidence
+    others.sort(key=lambda o: (o.get("agreement") or 0.0, o["tract_length_mm"]), reverse=True)
+    rows = [
+        (escape(entry["axes"]), number(entry["tract_length_mm"]), number(entry.get("agreement"), 2))
+        for entry in (given, *others[:shown])
+    ]
+    head = ("gradient axes", "median tract [mm]", "agreement with anatomy [-]")
+    return table(head, rows, "Order of the gradient axes: of the files, and the best others")
 
 
 def label_table(segmentation: Mapping[str, Any], units: Mapping[str, str]) -> str:

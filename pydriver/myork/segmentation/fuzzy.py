@@ -22,6 +22,9 @@ __all__ = ["Clusters", "fuzzy_c_means"]
 
 F64 = NDArray[np.float64]
 
+# The best of so many starts: where one cluster is small, a start may end with it in another.
+_STARTS = 6
+
 
 @dataclass(frozen=True)
 class Clusters:
@@ -79,7 +82,8 @@ def fuzzy_c_means(
         Power with which the memberships of the eight neighbours in the slice count; 0 leaves
         them out, 1 removes single voxels of noise (and thins sheets).
     seed : int
-        Start of the random numbers that pick the first centres.
+        Start of the random numbers that pick the first centres, of six starts; the one with the
+        smallest misfit is the result.
     tolerance : float
         Part of the range of the values by which centres may still move at rest.
     iterations : int
@@ -97,23 +101,30 @@ def fuzzy_c_means(
         raise InputError(
             f"fuzzy clustering: the region has fewer different grey values than {clusters} clusters"
         )
-    centre = _first_centres(values, clusters, seed)
-    converged, done = False, 0
-    while not converged and done < iterations:
-        membership = _membership(values, centre, exponent)
-        if spatial > 0:
-            membership = _with_neighbours(membership, region, spatial)
-        weight = membership**exponent
-        moved = weight.T @ values / weight.sum(axis=0)[:, np.newaxis]
-        converged = bool(np.abs(moved - centre).max() < tolerance)
-        centre, done = moved, done + 1
-    order = np.argsort(centre[:, 0], kind="stable")
-    return Clusters(membership[:, order], (centre * scale)[order], done, converged)
-
-
-def _first_centres(values: F64, clusters: int, seed: int) -> F64:
-    """Centres picked one after the other, far places more likely [2]."""
     random = np.random.default_rng(seed)
+    best, least = None, np.inf
+    for _ in range(_STARTS):
+        centre = _first_centres(values, clusters, random)
+        converged, done = False, 0
+        while not converged and done < iterations:
+            membership = _membership(values, centre, exponent)
+            if spatial > 0:
+                membership = _with_neighbours(membership, region, spatial)
+            weight = membership**exponent
+            moved = weight.T @ values / weight.sum(axis=0)[:, np.newaxis]
+            converged = bool(np.abs(moved - centre).max() < tolerance)
+            centre, done = moved, done + 1
+        misfit = float((weight * _squared_distances(values, centre)).sum())
+        if misfit < least:
+            least = misfit
+            order = np.argsort(centre[:, 0], kind="stable")
+            best = Clusters(membership[:, order], (centre * scale)[order], done, converged)
+    assert best is not None
+    return best
+
+
+def _first_centres(values: F64, clusters: int, random: np.random.Generator) -> F64:
+    """Centres picked one after the other, far places more likely [2]."""
     centres = [values[random.integers(len(values))]]
     nearest = np.full(len(values), np.inf)
     while len(centres) < clusters:
@@ -122,10 +133,14 @@ def _first_centres(values: F64, clusters: int, seed: int) -> F64:
     return np.array(centres)
 
 
+def _squared_distances(values: F64, centre: F64) -> F64:
+    """Of each value to each centre, shape `(n, clusters)`."""
+    return ((values[:, np.newaxis, :] - centre) ** 2).sum(axis=-1)
+
+
 def _membership(values: F64, centre: F64, exponent: float) -> F64:
     """Memberships that minimise the objective for given centres."""
-    squared = ((values[:, np.newaxis, :] - centre) ** 2).sum(axis=-1)
-    closeness = np.maximum(squared, 1e-30) ** (-1.0 / (exponent - 1.0))
+    closeness = np.maximum(_squared_distances(values, centre), 1e-30) ** (-1.0 / (exponent - 1.0))
     return closeness / closeness.sum(axis=1, keepdims=True)
 
 

@@ -34,8 +34,9 @@ _LEAST_PIECE = 0.1
 _LEAST_MARROW = 15.0
 _CORTEX = 6.0
 _COVERED = 0.6
-# The brightest cluster of a special sequence is its tissue only if it stands out that much.
-_STANDS_OUT = 1.5
+# The bright cluster of the special sequence is connective tissue only if it is so many times as
+# bright as the other: without any, the two would be muscle and fat.
+_STANDS_OUT = 2.5
 
 
 @dataclass(frozen=True)
@@ -83,17 +84,17 @@ def leg_tissues(images: LegImages, evolve: Evolve, table: Mapping[str, Any]) -> 
     bone = find_bones(images.anatomy, body, evolve)
     soft = body & ~bone
 
-    def clustered(image: Image, clusters: int) -> Mask:
+    def clustered(image: Image, clusters: int, contrast: float = 0.0) -> Mask:
         found = fuzzy_c_means(
             image.data, soft, clusters, spatial=table["spatial"], seed=table["seed"]
         )
-        if found.centre[-1, 0] < _STANDS_OUT * found.centre[-2, 0]:
+        if found.centre[-1, 0] < contrast * found.centre[-2, 0]:
             return np.zeros(soft.shape, dtype=bool)
         return found.place(soft, -1)
 
     connective = np.zeros(body.shape, dtype=bool)
     if images.connective is not None:
-        connective = clustered(images.connective, 3)
+        connective = clustered(images.connective, 2, _STANDS_OUT)
     # Fat, muscle and what is darker still stand apart in the anatomy; in a fat image there are two.
     if images.fat is not None:
         fat = clustered(images.fat, 2)
