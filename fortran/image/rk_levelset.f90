@@ -52,7 +52,7 @@ module rk_levelset
    !> Iterations between two looks at the regions
    integer, parameter :: window = 10
    !> Halvings of the time step before the energy counts as lowest
-   integer, parameter :: halvings = 10
+   integer, parameter :: halvings = 20
    !> Most level sets: memory and time grow with the number of regions
    integer, parameter :: most = 6
 

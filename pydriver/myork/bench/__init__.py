@@ -5,6 +5,7 @@ files, callable for lines of progress, whether small cases are enough). Its resu
 `bench.json` as it is and drawn on `bench.html` from these keys, all optional:
 
 - ``title``, ``about``: text;
+- ``pictures``: mappings with ``file`` (beside the page) and ``caption``;
 - ``cases``: one mapping a solve, with the names of `summary.json`;
 - ``tables``: mappings with ``caption``, ``head`` (texts) and ``rows`` (texts and numbers);
 - ``plots``: mappings with ``title``, ``x``, ``y`` (axis labels with units), ``scale`` (``log-log``
@@ -32,6 +33,7 @@ BENCHES = {
     "mixed": "myork.bench.mixed",
     "mms": "myork.bench.mms",
     "clouds": "myork.bench.clouds",
+    "gallery": "myork.bench.gallery",
 }
 
 

@@ -62,6 +62,12 @@ def _bench(bench: Mapping[str, Any]) -> str:
         parts.append(frame.figure(_curves(plot), escape(plot.get("caption", plot["title"]))))
     for entry in bench.get("maps", []):
         parts.append(frame.figure(_map(entry), escape(entry["title"])))
+    for entry in bench.get("pictures", []):
+        caption = escape(entry["caption"])
+        parts.append(
+            f'<figure><img alt="{caption}" src="{escape(entry["file"])}">'
+            f"<figcaption>{caption}</figcaption></figure>"
+        )
     for entry in bench.get("tables", []):
         rows = [[_cell(value) for value in row] for row in entry["rows"]]
         head = [escape(text) for text in entry["head"]]

@@ -105,7 +105,11 @@ def group_by_reference(region: I32, reference: Labels) -> Labels:
         winner = votes.argmax(axis=1).astype(np.int32)
         winner[0] = 0
         found += winner[pieces]
-    return Labels(found, reference.affine, dict(reference.names), "segmentation")
+    names = {
+        number: reference.label_name(number)
+        for number in np.unique(reference.data[reference.data > 0]).tolist()
+    }
+    return Labels(found, reference.affine, names, "segmentation")
 
 
 def _claim(region: I32, image: Image, muscle: Muscle) -> NDArray[np.bool_]:

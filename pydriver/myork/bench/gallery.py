@@ -1,0 +1,300 @@
+"""Segmentation examples of the thesis' third chapter on synthetic images with a known answer.
+
+Two regions, the weights of length and area, five regions with triple junctions, colours, the
+bias field; and the time of two regions against `chan_vese` of scikit-image.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib import import_module
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from myork.console import ProgressCallback
+from myork.core_image import evolve_level_sets
+from myork.imaging.phantom import make_phantom
+from myork.records import Image
+from myork.segmentation.bias import clustered_bias, n4_bias
+from myork.segmentation.channels import scaled_values
+from myork.segmentation.level_sets import LevelSets, Regions, segment_regions
+from myork.segmentation.regions import body_mask
+from myork.segmentation.scores import dice
+
+__all__ = ["chan_vese_energy", "run"]
+
+F64 = NDArray[np.float64]
+
+
+def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
+    """Run the examples; see `myork.bench` for the result."""
+    n = 96 if quick else 192
+    cases, pictures = [], []
+    for example in (_two_regions, _length, _area, _five_regions, _colours, _bias):
+        progress(f"example {example.__name__[1:]}")
+        found, figure, caption = example(n)
+        cases += found
+        file = f"gallery_{example.__name__[1:]}.png"
+        figure.savefig(out / file, dpi=110, facecolor="white")
+        pictures.append({"file": file, "caption": caption})
+    progress("time against scikit-image")
+    timing = _timing(128 if quick else 256)
+    head = ["example", "Dice", "correlation", "iterations", "energy at the start", "at the end"]
+    keys = ("name", "dice", "correlation", "iterations", "first_energy", "last_energy")
+    tables = [
+        {
+            "caption": "Agreement with the truth; Dice is the mean over the regions.",
+            "head": head,
+            "rows": [[case.get(key) for key in keys] for case in cases],
+        },
+        {
+            "caption": f"Two regions on a slice of {timing['size']} x {timing['size']} pixels; "
+            "energy: length of the contour and squared differences from the two means, of the "
+            "labels; all start from a threshold.",
+            "head": ["program", "s", "energy", "Dice", "times faster"],
+            "rows": [
+                [r["name"], r["seconds"], r["energy"], r["dice"], r["ratio"]]
+                for r in timing["runs"]
+            ],
+        },
+    ]
+    return {
+        "title": "Segmentation",
+        "about": __doc__.splitlines()[0] if __doc__ else "",
+        "pictures": pictures,
+        "cases": cases,
+        "timing": timing,
+        "tables": tables,
+    }
+
+
+def chan_vese_energy(values: F64, inside: NDArray[np.bool_], mu: float) -> float:
+    """Energy (3.11) of labels: length as sum of |grad| of the mask, misfit to the two means."""
+    rise = np.gradient(inside.astype(float))
+    length = float(np.sqrt(rise[0] ** 2 + rise[1] ** 2).sum())
+    misfit = sum(
+        float(((values[part] - values[part].mean()) ** 2).sum())
+        for part in (inside, ~inside)
+        if part.any()
+    )
+    return mu * length + misfit
+
+
+def _grid(n: int) -> tuple[F64, F64]:
+    """Coordinates from -1 to 1."""
+    line = (np.arange(n) + 0.5) / n * 2.0 - 1.0
+    x, y = np.meshgrid(line, line, indexing="ij")
+    return x, y
+
+
+def _noisy(values: NDArray[np.floating[Any]], sigma: float, seed: int = 1) -> F64:
+    return values + np.random.default_rng(seed).normal(0.0, sigma, values.shape)
+
+
+def _segment(values: F64, choice: LevelSets, labels: NDArray[Any] | None = None) -> Regions:
+    """Segment a picture of shape `(n, n)` or `(n, n, nchannel)`, maybe from labels."""
+    channels = values[:, :, None, None] if values.ndim == 2 else values[:, :, None]
+    region = np.ones(channels.shape[:3], bool)
+    first = None if labels is None else labels.astype(np.int32)[..., None]
+    return segment_regions(
+        channels, region, evolve_level_sets, choice, spacing=(1, 1, 1), labels=first
+    )
+
+
+def _score(name: str, result: Regions, truth: NDArray[np.int32]) -> dict[str, Any]:
+    """Mean Dice of the true regions, each with the region found in most of it."""
+    label = result.region[..., 0]
+    scores = []
+    for number in np.unique(truth):
+        major = np.bincount(label[truth == number]).argmax()
+        scores.append(dice(label == major, truth == number))
+    return {
+        "name": name,
+        "dice": float(np.mean(scores)),
+        "iterations": int(result.iterations.max()),
+        "first_energy": float(result.energy[0]),
+        "last_energy": float(result.energy[-1]),
+    }
+
+
+def _panels(
+    pictures: Sequence[tuple[str, F64, NDArray[Any] | None]],
+) -> Figure:
+    """Pictures side by side; a third entry is a map whose borders are drawn in red."""
+    figure = Figure(figsize=(2.7 * len(pictures), 3.0), layout="constrained")
+    row = figure.subplots(1, len(pictures), squeeze=False)[0]
+    for axes, (title, picture, border) in zip(row, pictures, strict=True):
+        shown = np.clip(picture, 0, 1) if picture.ndim == 3 else picture
+        axes.imshow(np.swapaxes(shown, 0, 1), origin="lower", cmap="gray")
+        if border is not None:
+            for number in np.unique(border):
+                axes.contour((border == number).T, levels=[0.5], colors="#D55E00", linewidths=1.1)
+        axes.set_title(title, fontsize=10)
+        axes.set_axis_off()
+    return figure
+
+
+def _blob(n: int) -> NDArray[np.int32]:
+    x, y = _grid(n)
+    angle = np.arctan2(y, x)
+    return (np.hypot(x, y) < 0.55 + 0.15 * np.cos(3 * angle)).astype(np.int32)
+
+
+def _two_regions(n: int) -> tuple[list[dict[str, Any]], Figure, str]:
+    truth = _blob(n)
+    image = _noisy(0.25 + 0.5 * truth, 0.15)
+    start = _segment(image, LevelSets(start="circles", mu=0.1, iterations=1))
+    result = _segment(image, LevelSets(start="circles", mu=0.1))
+    figure = _panels(
+        [
+            ("circles at the start", image, start.region[..., 0]),
+            ("contour at the end", image, result.region[..., 0]),
+        ]
+    )
+    text = "Two regions from a grid of circles, as in figure 3.2; noise of 0.3 of the contrast."
+    return [_score("two regions", result, truth)], figure, text
+
+
+def _length(n: int) -> tuple[list[dict[str, Any]], Figure, str]:
+    x, y = _grid(n)
+    dots = np.zeros((n, n), bool)
+    for a in np.linspace(-0.4, 0.4, 4):
+        for b in np.linspace(-0.4, 0.4, 4):
+            dots |= np.hypot(x - a, y - b) < 0.045
+    large = (np.hypot(x, y) < 0.8).astype(np.int32)
+    detail = np.where(dots, 0, large).astype(np.int32)
+    image = _noisy(0.2 + 0.6 * detail, 0.08)
+    cases, panels = [], []
+    for mu, truth, name in ((0.01, detail, "small"), (1.0, large, "large")):
+        result = _segment(image, LevelSets(start="labels", mu=mu), np.hypot(x, y) < 0.9)
+        cases.append(_score(f"{name} length weight, mu = {mu:g}", result, truth))
+        panels.append((f"μ = {mu:g}", image, result.region[..., 0]))
+    text = (
+        "Weight of the length, as in figure 3.3, from a circle around everything: with the larger "
+        "one the dots are left out."
+    )
+    return cases, _panels(panels), text
+
+
+def _area(n: int) -> tuple[list[dict[str, Any]], Figure, str]:
+    x, y = _grid(n)
+    truth = (np.hypot(x, y) < 0.5).astype(np.int32)
+    image = _noisy(np.clip(1.2 - np.hypot(x, y), 0.0, 1.0), 0.05)
+    cases, panels = [], []
+    for nu in (-0.1, 0.0, 0.1):
+        result = _segment(image, LevelSets(mu=0.02, nu=nu))
+        label = result.region[..., 0]
+        case = _score(f"area weight, nu = {nu:g}", result, truth)
+        case["area"] = int((label == 1).sum())
+        del case["dice"]  # a gradient has no true contour
+        cases.append(case)
+        panels.append((f"ν = {nu:g}: {case['area']} pixels", image, label))
+    text = "Weight of the area inside, as in figure 3.4, on a disc that fades outwards."
+    return cases, _panels(panels), text
+
+
+def _five_regions(n: int) -> tuple[list[dict[str, Any]], Figure, str]:
+    x, y = _grid(n)
+    sector = 1 + (x > 0) + 2 * (y > 0.2 * x)
+    truth = np.where(np.hypot(x, y) < 0.75, sector, 0).astype(np.int32)
+    image = _noisy(truth / 4.0, 0.06)
+    result = _segment(image, LevelSets(regions=5, mu=0.02))
+    panels = [("contours", image, result.region[..., 0])]
+    panels += [
+        (f"level set {k + 1}", image, (result.phi[..., 0, k] > 0).astype(int))
+        for k in range(result.phi.shape[3])
+    ]
+    text = "Five regions with triple junctions by three level sets, as in figure 3.6."
+    return [_score("five regions", result, truth)], _panels(panels), text
+
+
+def _colours(n: int) -> tuple[list[dict[str, Any]], Figure, str]:
+    x, y = _grid(n)
+    truth = np.where(np.hypot(x + 0.2, y) < 0.5, 1, 0)
+    truth = np.where((np.abs(x - 0.4) < 0.35) & (np.abs(y) < 0.6), 2, truth).astype(np.int32)
+    colours = np.array([[0.2, 0.25, 0.65], [0.75, 0.25, 0.2], [0.2, 0.65, 0.2]])
+    image = _noisy(colours[truth], 0.1)
+    result = _segment(image, LevelSets(regions=3, mu=0.02))
+    figure = _panels(
+        [("image", image, None), ("contours", image, result.region[..., 0])]
+        + [(f"channel {name}", image[..., k], None) for k, name in enumerate("RGB")]
+    )
+    text = "Three regions by two level sets on three channels, as in figure 3.8."
+    return [_score("three regions in colours", result, truth)], figure, text
+
+
+def _bias(n: int) -> tuple[list[dict[str, Any]], Figure, str]:
+    del n  # the phantom has its own size
+    phantom = make_phantom(bias=0.6)
+    image, mask = phantom.anatomy, body_mask(phantom.anatomy)
+    found = clustered_bias(image.data, mask, evolve_level_sets, spacing=image.spacing)
+    truth = phantom.bias.data
+    cases: list[dict[str, Any]] = [
+        {
+            "name": "bias field by level sets",
+            "correlation": float(np.corrcoef(found.field[mask], truth[mask])[0, 1]),
+            "iterations": len(found.energy),
+            "first_energy": float(found.energy[0]),
+            "last_energy": float(found.energy[-1]),
+        }
+    ]
+    try:
+        import_module("SimpleITK")
+    except ImportError:
+        pass
+    else:
+        other = n4_bias(image.data, mask, spacing=image.spacing, shrink=2).field
+        correlation = float(np.corrcoef(other[mask], truth[mask])[0, 1])
+        cases.append({"name": "bias field by N4 of SimpleITK", "correlation": correlation})
+    k = mask.shape[2] // 2
+    body = np.where(mask, 1.0, np.nan)
+    figure = _panels(
+        [
+            ("image", image.data[..., k], None),
+            ("true field", (truth * body)[..., k], None),
+            ("field found", (found.field * body)[..., k], None),
+            ("image corrected", (image.data / found.field)[..., k], None),
+        ]
+    )
+    return cases, figure, "Bias field of the phantom, as in figure 3.9."
+
+
+def _timing(size: int) -> dict[str, Any]:
+    """Two regions on a phantom's slice: time and energy of ours and of scikit-image."""
+    field = 120.0 / size
+    phantom = make_phantom((size, size, 3), (field, field, 6.0), bias=0.0)
+    image = Image(phantom.anatomy.data[:, :, [1]], phantom.anatomy.affine)
+    values = np.clip(scaled_values(image, np.ones(image.data.shape, bool)), 0.0, 1.0)[..., 0]
+    truth = (phantom.truth.data[:, :, 1] == 0) & (values > 0.6)
+    mu = 0.05
+    runs: list[dict[str, Any]] = []
+
+    def note(name: str, seconds: float, inside: NDArray[np.bool_]) -> None:
+        energy = chan_vese_energy(values, inside, mu)
+        runs.append(
+            {"name": name, "seconds": seconds, "energy": energy, "dice": dice(inside, truth)}
+        )
+
+    start = perf_counter()
+    result = _segment(values, LevelSets(mu=mu, start="otsu", dt=50_000.0))
+    note("MyoRK", perf_counter() - start, result.region[..., 0] == 1)
+    try:
+        rival = import_module("skimage.segmentation").chan_vese
+    except ImportError:
+        pass
+    else:
+        for limit in (50, 100, 500):
+            start = perf_counter()
+            inside = rival(values, mu=mu, tol=0.0, max_num_iter=limit, init_level_set=values - 0.5)
+            seconds = perf_counter() - start
+            if (inside & truth).sum() < (~inside & truth).sum():
+                inside = ~inside
+            note(f"scikit-image chan_vese, {limit} iterations", seconds, inside)
+    for entry in runs:
+        entry["ratio"] = entry["seconds"] / runs[0]["seconds"]
+    return {"size": size, "mu": mu, "runs": runs}
