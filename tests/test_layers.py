@@ -34,7 +34,7 @@ PYTHON_LAYERS = [
     {"deck", "imaging"},
     {"segmentation"},
     {"model", "results"},
-    {"scene"},
+    {"scene", "tissue"},
     {"segment", "build", "solve"},
     {"rom", "report"},
     {"bench", "demo"},

@@ -3,8 +3,8 @@
 !> Open the scene of a deck; the arrays are the model file's and may be empty. Not threadsafe:
 !> gfortran keeps the lengths of character function results in static storage, and keys are made
 !> of such results
-subroutine scene_open(path, nover, overrides, ns, nc, nb, nset, source, spacing, place, volume, &
-   & label, fiber, point, set, normal, area, names, handle, stat, message)
+subroutine scene_open(path, nover, overrides, ns, nc, nb, nset, source, spacing, place, centre, &
+   & volume, label, fiber, point, set, normal, area, names, handle, stat, message)
    use rk_cloud, only : cloud_type
    use rk_error, only : error_type
    use rk_pack, only : pack_error
@@ -12,8 +12,8 @@ subroutine scene_open(path, nover, overrides, ns, nc, nb, nset, source, spacing,
    implicit none
    integer, intent(in) :: nover, ns, nc, nb, nset
    character(len=*), intent(in) :: path, overrides(nover), names(nset)
-   double precision, intent(in) :: source(3, ns), spacing(3), place(3, nc), fiber(3, nc)
-   double precision, intent(in) :: normal(3, nb), area(nb), volume(nc)
+   double precision, intent(in) :: source(3, ns), spacing(3, ns), place(3, nc), fiber(3, nc)
+   double precision, intent(in) :: centre(3, nc), normal(3, nb), area(nb), volume(nc)
    integer, intent(in) :: label(nc), point(nb), set(nb)
    integer, intent(out) :: handle, stat
    character(len=2048), intent(out) :: message
@@ -22,8 +22,9 @@ subroutine scene_open(path, nover, overrides, ns, nc, nb, nset, source, spacing,
 
    model%nd = 3
    model%source = source
-   allocate (model%spacing, source=spread(spacing, 2, ns))
+   model%spacing = spacing
    model%place = place
+   model%centre = centre
    model%volume = volume
    model%label = label
    model%fiber = fiber

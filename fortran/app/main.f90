@@ -108,7 +108,8 @@ contains
       message = ''
       if (output%imbalance > max_imbalance) call output%warn('the forces on all boundary sets ' &
          & //'leave '//to_text(100.0_wp*output%imbalance, 2)//' % of the largest unbalanced: do ' &
-         & //'not trust them; refine, raise the order or use method "rkcm-mixed"')
+         & //'not trust them; refine, raise the order'//trim(merge(' or use method "rkcm-mixed"', &
+         & '                           ', scene%method == 'rkcm')))
       if (allocated(failure)) message = failure%message
       if (len(message) > 0) call output%warn(message)
       call output%close(trouble)

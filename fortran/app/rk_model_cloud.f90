@@ -45,8 +45,9 @@ subroutine read_model_cloud(cloud, deck, out, error)
    if (allocated(error)) return
    cloud%nd = 3
    call move_alloc(model%source, cloud%source)
-   allocate (cloud%spacing, source=spread(model%spacing, 2, size(cloud%source, 2)))
+   call move_alloc(model%spacing, cloud%spacing)
    call move_alloc(model%points, cloud%place)
+   call move_alloc(model%centre, cloud%centre)
    call move_alloc(model%volume, cloud%volume)
    call move_alloc(model%label, cloud%label)
    call move_alloc(model%fiber, cloud%fiber)

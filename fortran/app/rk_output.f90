@@ -1,6 +1,7 @@
 !> Receives what happens in a solve: progress lines, history.csv, run.log and results.vtkhdf.
 module rk_output
    use rk_body, only : body_type
+   use rk_ellipticity, only : ellipticity_type, find_ellipticity
    use rk_error, only : error_type, fatal_error, err_file
    use rk_fields, only : compute_fields, fields_type, new_probes, probe_value, probes_type
    use rk_force, only : force_imbalance
@@ -21,6 +22,8 @@ module rk_output
       type(step_type) :: step
       !> Probe values, shape (3, probes)
       real(wp), allocatable :: probe(:, :)
+      !> Where the material is nearest to losing its ellipticity
+      type(ellipticity_type) :: ellipticity
    end type step_record
 
    !> Files of a run
@@ -35,8 +38,9 @@ module rk_output
       type(step_record), allocatable :: record(:)
       !> Last iteration
       type(iteration_type) :: last
-      !> Worst backward error and condition of the run [-]
+      !> Worst backward error, distance from the best fit and condition of the run [-]
       real(wp) :: backward_error = 0.0_wp
+      real(wp) :: misfit = 0.0_wp
       real(wp) :: rcond = 1.0_wp
       !> Lines that deserve attention
       character(len=:), allocatable :: warnings
@@ -44,6 +48,8 @@ module rk_output
       integer :: verbosity = 0
       !> Imbalance of the forces on all sets in the last state [-]
       real(wp) :: imbalance = 0.0_wp
+      !> A state without ellipticity was met
+      logical, private :: warned = .false.
       !> Wall time of writing [s]
       real(wp) :: seconds = 0.0_wp
       !> First error of writing
@@ -142,6 +148,7 @@ subroutine iteration(self, it)
 
    self%last = it
    self%backward_error = max(self%backward_error, it%backward_error)
+   self%misfit = max(self%misfit, it%misfit)
    self%rcond = min(self%rcond, it%rcond)
    write (self%history, '(i0, ",", es23.16e3, ",", i0, 5(",", es15.8e3), ",", es9.2e3, '// &
       & '",", a, ",", f0.3)') it%step, it%load, it%iteration, it%residual, it%gradient, &
@@ -179,8 +186,10 @@ subroutine step(self, st, x)
       call probe_value(self%problem, self%probes, i, x, st%load, grown(n + 1)%probe(:, i))
    end do
    call move_alloc(grown, self%record)
-   if (.not. allocated(self%problem%scene%equation%kind)) self%imbalance = &
-      & force_imbalance(self%problem, x, st%load)
+   if (.not. allocated(self%problem%scene%equation%kind)) then
+      self%imbalance = force_imbalance(self%problem, x, st%load)
+      call find_ellipticity(self%problem, x, st%load, self%record(n + 1)%ellipticity)
+   end if
    call compute_fields(self%problem, x, st%load, fields)
    if (self%problem%fields == 1) then
       call self%results%add_scalar(st%load, fields%u(1, :), x, error)
@@ -202,6 +211,14 @@ subroutine step(self, st, x)
       & st%load, st%iterations, st%gradient, st%step_norm, to_text(st%min_j), to_text(st%max_j), &
       & self%last%seconds
    call self%say(trim(line), level=0)
+   associate (worst => self%record(n + 1)%ellipticity)
+      if (worst%value > 0.0_wp .or. self%warned) return
+      self%warned = .true.
+      call self%warn('the material loses ellipticity at ' &
+         & //to_text(self%problem%scene%cloud%place(:, worst%point))//' (collocation point ' &
+         & //to_text(worst%point)//') from load '//to_text(st%load)//': the answer is no longer ' &
+         & //'unique there')
+   end associate
 end subroutine step
 
 !> Stop on Ctrl-C, and where results cannot be written any more

@@ -65,6 +65,7 @@ subroutine write_summary(path, deck, problem, output, timer, shape_s, total_s, t
          call json%put('why', output%last%why)
       end if
       call json%put('backward_error', output%backward_error)
+      call json%put('misfit', output%misfit)
       call json%put('reciprocal_condition', output%rcond)
       call json%end_object()
       call json%put('source_points', problem%shape%ns)
@@ -155,6 +156,12 @@ subroutine write_steps(json, problem, output)
          call json%put('min_J', record%step%min_j)
          call json%put('max_J', record%step%max_j)
          if (.not. record%step%planned) call json%put('planned', .false.)
+         if (record%ellipticity%point > 0) then
+            call json%begin_object('min_acoustic')
+            call json%put('value', record%ellipticity%value)
+            call json%put('point', problem%scene%cloud%place(:, record%ellipticity%point))
+            call json%end_object()
+         end if
          call json%begin_object('probes')
          do i = 1, size(problem%scene%probe)
             associate (probe => problem%scene%probe(i))

@@ -21,6 +21,9 @@ module rk_cloud
       real(wp), allocatable :: spacing(:, :)
       !> Collocation points, shape (nd, nc) [length]
       real(wp), allocatable :: place(:, :)
+      !> Centres of the voxels of a model that belong to the collocation points, shape (nd, nc)
+      !> [length]; not allocated for other bodies
+      real(wp), allocatable :: centre(:, :)
       !> Where volume rows stand: centres of the cells between source points or of patches, shape
       !> (nd, nv) [length]
       real(wp), allocatable :: cell(:, :)

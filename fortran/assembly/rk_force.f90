@@ -27,6 +27,28 @@ function reaction(problem, set, x, load) result(force)
    real(wp), contiguous, intent(in) :: x(:)
    !> Load [-]
    real(wp), intent(in) :: load
+   real(wp) :: force(3)
+
+   select type (problem)
+   class is (galerkin_type)
+      force = problem%set_force(set, x, load)
+   class default
+      force = section_force(problem, set, x, load, 1.0_wp)
+   end select
+end function reaction
+
+!> Force through the sections below a set
+function section_force(problem, set, x, load, share) result(force)
+   !> Full problem
+   class(body_type), intent(in) :: problem
+   !> Boundary set
+   integer, intent(in) :: set
+   !> Coefficients, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> Part of the way to the next fixed set that is looked at [-]
+   real(wp), intent(in) :: share
    real(wp) :: force(3), work(3), depth, reach
    real(wp) :: normal(problem%scene%cloud%nd), origin(problem%scene%cloud%nd)
    logical :: usable(3)
@@ -35,14 +57,14 @@ function reaction(problem, set, x, load) result(force)
    integer :: ip, nd
 
    nd = problem%scene%cloud%nd
-   select type (problem)
-   class is (galerkin_type)
-      force = problem%set_force(set, x, load)
-      return
-   end select
    force = traction_integral(problem, set, x, load)
    call find_reach(problem, set, normal, origin, reach, usable)
    if (.not. any(usable)) return
+   ! half a way makes sense between the ends of a body only
+   depth = maxval(-matmul(normal, problem%scene%cloud%place &
+      & - spread(origin, 2, size(problem%scene%cloud%place, 2))))
+   if (share < 1.0_wp .and. reach < depth*(1.0_wp - 1.0e-6_wp)) return
+   reach = share*reach
    work = 0.0_wp
    do ip = 1, size(problem%scene%cloud%place, 2)
       depth = -dot_product(normal, problem%scene%cloud%place(:, ip) - origin)
@@ -54,7 +76,7 @@ function reaction(problem, set, x, load) result(force)
          & *(1.0_wp - cos(2.0_wp*pi*depth/reach))/reach
    end do
    where (usable) force = work
-end function reaction
+end function section_force
 
 !> Depth to which a virtual motion from a set may reach, and the components it may have
 subroutine find_reach(problem, set, normal, origin, reach, usable)
@@ -133,8 +155,10 @@ function traction_integral(problem, set, x, load) result(force)
    end associate
 end function traction_integral
 
-!> Sum of the tractions on all boundary sets over the largest of them: 0 for a body in
-!> equilibrium. Forces that do not balance are the sign of a locked or too coarse solution.
+!> Sum of the forces on all boundary sets with conditions over the largest of them: 0 for a body in
+!> equilibrium. Forces that do not balance are the sign of a locked or too coarse solution. Each is
+!> taken from the nearer half of the body: over the whole length between two fixed sets both would
+!> be the same mean of all sections, however these differ.
 real(wp) function force_imbalance(problem, x, load)
    !> Full problem
    class(body_type), intent(in) :: problem
@@ -148,11 +172,12 @@ real(wp) function force_imbalance(problem, x, load)
    total = 0.0_wp
    largest = 0.0_wp
    do set = 1, size(problem%scene%cloud%set_name)
+      if (.not. any(problem%scene%condition%set == set)) cycle
       select type (problem)
       class is (galerkin_type)
          force = problem%set_force(set, x, load)
       class default
-         force = traction_integral(problem, set, x, load)
+         force = section_force(problem, set, x, load, 0.5_wp)
       end select
       total = total + force
       largest = max(largest, norm2(force))

@@ -96,6 +96,20 @@ module rk_problem
 
 contains
 
+!> Norms of the kinds of unknowns in a vector, each in units of its own: displacements in sizes of
+!> the body, pressures, where there are any, in shear moduli. Pressures may be 1e8 times as large as
+!> displacements; one norm of both would not see these.
+pure function measure(self, x) result(norms)
+   !> Problem
+   class(problem_type), intent(in) :: self
+   !> Unknowns or their change, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   real(wp) :: norms(2)
+
+   norms = [norm2(x), 0.0_wp]
+   if (self%extent > 0.0_wp) norms(1) = norms(1)/self%extent
+end function measure
+
 !> Residuals and linearisation at the start of a load step. Where the load enters in a way that
 !> makes the start no good state, a problem may linearise in the load as well.
 subroutine predict(self, x, done, load, r, state)
@@ -116,19 +130,5 @@ subroutine predict(self, x, done, load, r, state)
    end associate
    call self%evaluate(x, load, .true., r, state)
 end subroutine predict
-
-!> Norms of the kinds of unknowns in a vector, each in units of its own: displacements in sizes of
-!> the body, pressures, where there are any, in shear moduli. Pressures may be 1e8 times as large as
-!> displacements; one norm of both would not see these.
-pure function measure(self, x) result(norms)
-   !> Problem
-   class(problem_type), intent(in) :: self
-   !> Unknowns or their change, shape (n)
-   real(wp), contiguous, intent(in) :: x(:)
-   real(wp) :: norms(2)
-
-   norms = [norm2(x), 0.0_wp]
-   if (self%extent > 0.0_wp) norms(1) = norms(1)/self%extent
-end function measure
 
 end module rk_problem

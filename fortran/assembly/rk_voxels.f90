@@ -20,15 +20,13 @@ contains
 subroutine voxel_facets(facets, cloud, group, error)
    !> Facets
    type(facets_type), intent(inout) :: facets
-   !> Cloud whose collocation points stand for equal voxels
+   !> Cloud of a model
    type(cloud_type), intent(in) :: cloud
    !> Group of each cell, shape (ns)
    integer, allocatable, intent(out) :: group(:)
    !> Error handling: no voxels, a source point without voxels
    type(error_type), allocatable, intent(out) :: error
    real(wp) :: low(3), size_(3), step(3), area(3)
-   real(wp), allocatable :: centre(:, :)
-   logical :: moved(size(cloud%place, 2))
    integer, allocatable :: owner(:), at(:, :), voxel(:, :, :), first(:), label(:)
    integer :: n(3), blocks(3), ip, other, d, side, next(3), nd, set
 
@@ -37,38 +35,21 @@ subroutine voxel_facets(facets, cloud, group, error)
    size_ = 1.0_wp
    step = 1.0_wp
    n = 1
-   moved = .false.
-   moved(cloud%point) = .true.
    do d = 1, nd
+      low(d) = minval(cloud%centre(d, :))
+      size_(d) = least_gap(cloud%centre(d, :), 1.0e-6_wp*minval(cloud%spacing(d, :)))
       step(d) = minval(cloud%spacing(d, :))
-      low(d) = minval(cloud%source(d, :))
-      size_(d) = least_gap([cloud%source(d, :), pack(cloud%place(d, :), .not. moved)], &
-         & 1.0e-6_wp*step(d))
+      if (size_(d) > 0.0_wp) n(d) = 1 + nint((maxval(cloud%centre(d, :)) - low(d))/size_(d))
       if (.not. size_(d) > 0.0_wp) size_(d) = step(d)
    end do
    if (.not. all(abs(cloud%volume - product(size_)) < 1.0e-6_wp*product(size_))) then
-      call fatal_error(error, err_input, 'nodal cells need points that stand for equal voxels, ' &
-         & //'or a box, or an annulus')
+      call fatal_error(error, err_input, 'nodal cells need a model of equal voxels, or a box, ' &
+         & //'or an annulus')
       return
    end if
-   call find_voxels(cloud, moved, low, size_, at, ip)
-   if (ip > 0) then
-      call fatal_error(error, err_input, 'collocation point '//to_text(ip)//' at ' &
-         & //to_text(cloud%place(:, ip))//' belongs to no voxel of the model')
-      return
-   end if
-   do d = 1, nd
-      low(d) = low(d) + size_(d)*(minval(at(d, :)) - 1)
-      at(d, :) = at(d, :) - minval(at(d, :)) + 1
-      n(d) = maxval(at(d, :))
-   end do
-   allocate (centre(nd, size(cloud%place, 2)))
-   do ip = 1, size(centre, 2)
-      centre(:, ip) = low(:nd) + size_(:nd)*(at(:nd, ip) - 1)
-   end do
    ! the nearest source point in source spacings
    owner = nearest_points(cloud%source/spread(step(:nd), 2, size(cloud%source, 2)), &
-      & centre/spread(step(:nd), 2, size(centre, 2)))
+      & cloud%centre/spread(step(:nd), 2, size(cloud%centre, 2)))
    allocate (first(size(cloud%source, 2)), source=0)
    do ip = size(owner), 1, -1
       first(owner(ip)) = ip
@@ -79,12 +60,14 @@ subroutine voxel_facets(facets, cloud, group, error)
          & //to_text(cloud%source(:, ip))//' has no voxel of its own')
       return
    end if
+   allocate (at(3, size(owner)), source=1)
    allocate (voxel(0:n(1) + 1, 0:n(2) + 1, 0:n(3) + 1), source=0)
    do ip = 1, size(owner)
+      at(:nd, ip) = 1 + nint((cloud%centre(:, ip) - low(:nd))/size_(:nd))
       associate (taken => voxel(at(1, ip), at(2, ip), at(3, ip)))
          if (taken > 0) then
             call fatal_error(error, err_input, 'collocation points '//to_text(taken)//' and ' &
-               & //to_text(ip)//' at '//to_text(cloud%place(:, ip))//' stand for the same voxel')
+               & //to_text(ip)//' stand for the same voxel, run `myork build` again')
             return
          end if
          taken = ip
@@ -98,7 +81,7 @@ subroutine voxel_facets(facets, cloud, group, error)
             other = voxel(next(1), next(2), next(3))
             area = 0.0_wp
             area(d) = side*product(size_(:nd))/size_(d)
-            associate (x => centre(:, ip) + 0.5_wp*side*size_(d)*unit(nd, d))
+            associate (x => cloud%centre(:, ip) + 0.5_wp*side*size_(d)*unit(nd, d))
                if (other == 0) then
                   set = face_set(cloud, ip, area(:nd))
                   call facets%add(x, area(:nd), owner(ip), 0, set)
@@ -128,60 +111,6 @@ subroutine voxel_facets(facets, cloud, group, error)
          & *(label(ip) - minval(label))))
    end do
 end subroutine voxel_facets
-
-!> Voxel of each collocation point. Those on the boundary may have been moved from the centre along
-!> their normal, by a voxel at most, or along its horizontal part at the ends.
-subroutine find_voxels(cloud, moved, low, size_, at, lost)
-   !> Cloud
-   type(cloud_type), intent(in) :: cloud
-   !> Points on the boundary, shape (nc)
-   logical, intent(in) :: moved(:)
-   !> Centre of voxel (1, 1, 1) and size of voxels [length]
-   real(wp), intent(in) :: low(3), size_(3)
-   !> Voxels, shape (3, nc)
-   integer, allocatable, intent(out) :: at(:, :)
-   !> A point without voxel, 0 if there is none
-   integer, intent(out) :: lost
-   real(wp) :: best(size(moved)), away(size(low)), normal(size(low)), along
-   integer :: i, j, k, e, ip, nd, near(3), guess(3), level
-
-   nd = cloud%nd
-   allocate (at(3, size(moved)), source=1)
-   do ip = 1, size(moved)
-      at(:nd, ip) = 1 + nint((cloud%place(:, ip) - low(:nd))/size_(:nd))
-   end do
-   best = huge(1.0_wp)
-   where (.not. moved) best = 0.0_wp
-   do e = 1, size(cloud%point)
-      ip = cloud%point(e)
-      near = 1
-      near(:nd) = 1 + nint((cloud%place(:, ip) - low(:nd))/size_(:nd))
-      do level = 0, 1
-         normal = 0.0_wp
-         normal(:nd) = cloud%normal(:, e)
-         if (level == 1) normal(3) = 0.0_wp
-         if (norm2(normal) < 1.0e-6_wp) cycle
-         normal = normal/norm2(normal)
-         do k = -1, 1
-            do j = -1, 1
-               do i = -1, 1
-                  guess = near + [i, j, k]
-                  if (nd == 2 .and. k /= 0) cycle
-                  away = 0.0_wp
-                  away(:nd) = cloud%place(:, ip) - low(:nd) - size_(:nd)*(guess(:nd) - 1)
-                  along = dot_product(away, normal)
-                  if (norm2(away - along*normal) > 1.0e-6_wp*minval(size_(:nd))) cycle
-                  ! the centre lies inwards; the nearest one that does
-                  if (along < -1.0e-6_wp*minval(size_(:nd)) .or. along >= best(ip)) cycle
-                  best(ip) = along
-                  at(:, ip) = guess
-               end do
-            end do
-         end do
-      end do
-   end do
-   lost = findloc(best >= huge(1.0_wp), .true., dim=1)
-end subroutine find_voxels
 
 !> Smallest distance of different numbers, 0 if all are the same
 pure real(wp) function least_gap(x, tolerance)

@@ -134,9 +134,11 @@ subroutine choose(self, iterations, gradient, merit, step_norm, tolerance, left)
       self%curved = iterations > 0 .and. self%barred == 0 .and. self%affordable &
          & .and. self%rcond > least_rcond
       ! the first step of a load step is a jump and says nothing about the rate
-      if (self%curved .and. .not. self%trusted) self%curved = iterations > 2 &
-         & .and. left < remains .and. step_norm > tolerance &
-         & .and. log(tolerance/step_norm) < slow*log(min(step_norm/self%last, 1.0_wp))
+      if (self%curved .and. .not. self%trusted) then
+         self%curved = iterations > 2 .and. left < remains .and. step_norm > tolerance
+         if (self%curved) self%curved = log(tolerance/step_norm) &
+            & < slow*log(min(step_norm/self%last, 1.0_wp))
+      end if
       if (self%curved) self%trusted = .true.
       self%barred = max(self%barred - 1, 0)
    end if

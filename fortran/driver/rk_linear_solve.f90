@@ -59,6 +59,7 @@ subroutine solve_linear(problem, method, x, recorder, timer, error)
    it%residual = norm2(r)
    it%gradient = norm2(g)
    it%backward_error = report%backward_error
+   it%misfit = report%misfit
    it%rcond = report%rcond
    it%solver = trim(report%used)
    it%refinements = report%iterations

@@ -220,8 +220,9 @@ subroutine check_end(self, load, rejected, recorder, error)
    self%pinned = self%step_norm < self%tolerance &
       & .and. (rejected == max_rejected .or. self%damping%stalled())
    if (self%pinned) then
-      call fatal_error(error, err_convergence, 'the residual is least where it jumps: a material ' &
-         & //'with kinks; use curve = "smooth"'//reached)
+      call fatal_error(error, err_convergence, 'steps vanish, the gradient does not: a material ' &
+         & //'with kinks, then use curve = "smooth", or a K whose rounding outweighs the rest, ' &
+         & //'then use method "rkcm-mixed"'//reached)
    else if (rejected == max_rejected) then
       call fatal_error(error, err_convergence, 'no step length reduces the residual or keeps ' &
          & //'J > 0'//reached)

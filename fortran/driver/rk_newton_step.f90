@@ -50,6 +50,7 @@ subroutine find_step(problem, op, linear, load, a, r, g, damping, da, newton, pr
    real(wp), allocatable :: matrix(:, :)
 
    it%refinements = 0
+   it%misfit = 0.0_wp
    select type (op)
    class is (symmetric_matrix)
       ! as many equations as unknowns: Newton's step itself
@@ -96,6 +97,7 @@ subroutine find_step(problem, op, linear, load, a, r, g, damping, da, newton, pr
       if (allocated(error)) return
       predicted = -0.5_wp*dot_product(g, da)
       it%backward_error = report%backward_error
+      it%misfit = report%misfit
       it%rcond = report%rcond
       damping%rcond = report%rcond
       it%solver = trim(report%used)

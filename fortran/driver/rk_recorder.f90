@@ -25,6 +25,8 @@ module rk_recorder
       real(wp) :: max_j = 1.0_wp
       !> Backward error of the least squares solution [-]
       real(wp) :: backward_error = 0.0_wp
+      !> Distance of its rows from the best fit, of the residual [-]
+      real(wp) :: misfit = 0.0_wp
       !> Reciprocal condition estimate [-]
       real(wp) :: rcond = 0.0_wp
       !> Refinement iterations of the least squares solver

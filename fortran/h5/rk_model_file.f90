@@ -13,16 +13,18 @@ module rk_model_file
    public :: model_type, read_model
 
    !> Mark of the files this module reads
-   character(len=*), parameter :: format = "myork-model 1"
+   character(len=*), parameter :: format = "myork-model 2"
 
    !> A cloud with labels, fibers and boundary sets; np collocation and ns source points
    type :: model_type
       !> Source points, shape (3,ns) [length]
       real(wp), allocatable :: source(:, :)
-      !> Distance of the source points in each direction, shape (3) [length]
-      real(wp), allocatable :: spacing(:)
+      !> Distance of neighbouring source points in each direction, shape (3,ns) [length]
+      real(wp), allocatable :: spacing(:, :)
       !> Collocation points, shape (3,np) [length]
       real(wp), allocatable :: points(:, :)
+      !> Centres of the voxels that belong to them, shape (3,np) [length]
+      real(wp), allocatable :: centre(:, :)
       !> Label of each collocation point, shape (np)
       integer, allocatable :: label(:)
       !> Unit fiber direction, zero where the label has none, shape (3,np) [-]
@@ -92,6 +94,8 @@ subroutine read_parts(model, file, path, error)
    if (allocated(error)) return
    call file%read("collocation/points", model%points, error)
    if (allocated(error)) return
+   call file%read("collocation/centre", model%centre, error)
+   if (allocated(error)) return
    call file%read("collocation/label", model%label, error)
    if (allocated(error)) return
    call file%read("collocation/fiber", model%fiber, error)
@@ -128,11 +132,13 @@ subroutine check_model(model, path, error)
 
    np = size(model%label)
    nb = size(model%boundary_point)
+   if (size(model%source, 2) == 0) call complain("it has no source points")
    call check_columns("source/points", model%source, size(model%source, 2))
    call check_columns("collocation/points", model%points, np)
+   call check_columns("collocation/centre", model%centre, np)
    call check_columns("collocation/fiber", model%fiber, np)
    call check_columns("boundary/normal", model%boundary_normal, nb)
-   call check_length("source/spacing", model%spacing, 3)
+   call check_columns("source/spacing", model%spacing, size(model%source, 2))
    call check_length("collocation/volume", model%volume, np)
    call check_length("boundary/area", model%boundary_area, nb)
    if (size(model%boundary_set) /= nb) call complain("'boundary/set' has "// &
@@ -140,7 +146,6 @@ subroutine check_model(model, path, error)
    call check_range("boundary/point", model%boundary_point, np)
    call check_range("boundary/set", model%boundary_set, size(model%set_names))
    if (np == 0) call complain("it has no collocation points")
-   if (size(model%source, 2) == 0) call complain("it has no source points")
 
 contains
 

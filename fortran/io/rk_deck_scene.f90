@@ -64,12 +64,12 @@ subroutine new_scene(scene, deck, model, error)
    if (scene%method == 'auto' .and. nearly_incompressible(scene)) scene%method = 'rkcm-mixed'
    if (scene%method == 'auto') scene%method = 'rkcm'
    if (scene%method == 'rkpm') scene%method = 'rkpm-scni'
-   call read_weights(scene, deck)
    call check_cloud(scene%cloud, error)
    if (allocated(error)) then
       error%message = deck%where('geometry')//': geometry: '//error%message
       return
    end if
+   call read_weights(scene, deck)
    if (.not. allocated(scene%cloud%cell)) call volume_patches(scene%cloud)
    call read_conditions(scene, deck, error)
    if (allocated(error)) return

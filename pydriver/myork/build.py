@@ -16,6 +16,7 @@ from myork.imaging.geometry import canonical, check_same_grid, frame, length_fac
 from myork.imaging.io import read_image, read_labels
 from myork.model import points
 from myork.model.fibers import fibers_at_points
+from myork.model.mesh import read_tracts, tract_fibers, voxelise
 from myork.model.store import write_model
 from myork.model.surface import surface_offsets
 from myork.records import Image, Labels, PointCloud
@@ -51,18 +52,7 @@ def build(
     table = deck.get("build")
     if table is None:
         raise InputError("the deck has no table [build]; `build` needs one")
-    paths = [folder / table["labels"] if "labels" in table else out / "segmentation.nii.gz"]
-    if "labels" not in table and not paths[0].is_file():
-        raise FileError(
-            f"{paths[0]}: there is no label map; run `myork segment` into the same folder first, "
-            "or name one in build.labels"
-        )
-    labels = read_labels(paths[0])
-    fibers = None
-    if "fibers" in table or (out / "fibers.nii.gz").is_file() and "labels" not in table:
-        paths.append(folder / table["fibers"] if "fibers" in table else out / "fibers.nii.gz")
-        fibers = read_image(paths[1], values=3)
-        check_same_grid(fibers, labels)
+    labels, fibers, paths = _inputs(deck, table, folder, out)
     progress(f"points from {', '.join(path.name for path in paths)}")
     source_images = "\n".join(
         f"{path.name} {hashlib.sha256(path.read_bytes()).hexdigest()}" for path in paths
@@ -80,6 +70,37 @@ def build(
     for text in warnings:
         progress(f"warning: {text}")
     return summary
+
+
+def _inputs(
+    deck: Mapping[str, Any], table: Mapping[str, Any], folder: Path, out: Path
+) -> tuple[Labels, Image | None, list[Path]]:
+    """Labels, fibers and the files they come from: a surface and tracts, or images."""
+    if "surface" in table:
+        unit = 1.0 / length_factor(table["surface_unit"], "build.surface_unit")
+        paths = [folder / table["surface"]]
+        labels = voxelise(paths[0], unit, table["voxel"], table["surface_label"])
+        if "tracts" not in table:
+            return labels, None, paths
+        paths.append(folder / table["tracts"])
+        return labels, tract_fibers(read_tracts(paths[1], unit), labels), paths
+    if "tracts" in table:
+        raise InputError("build.tracts needs build.surface; for images give build.fibers")
+    stem = "tissue" if deck["tissue"]["find"] else "segmentation"
+    paths = [folder / table["labels"] if "labels" in table else out / f"{stem}.nii.gz"]
+    if "labels" not in table and not paths[0].is_file():
+        raise FileError(
+            f"{paths[0]}: there is no label map; run `myork segment` into the same folder first, "
+            "or name one in build.labels"
+        )
+    labels = read_labels(paths[0])
+    own = out / ("tissue_fibers.nii.gz" if stem == "tissue" else "fibers.nii.gz")
+    if "fibers" not in table and ("labels" in table or not own.is_file()):
+        return labels, None, paths
+    paths.append(folder / table["fibers"] if "fibers" in table else own)
+    fibers = read_image(paths[1], values=3)
+    check_same_grid(fibers, labels)
+    return labels, fibers, paths
 
 
 def build_cloud(
@@ -116,21 +137,26 @@ def build_cloud(
             f"= {list(block)} in each direction"
         )
     whole = canonical(labels)
-    part = points.select(whole, table["ids"], table.get("slices"))
+    part = points.select(whole, table["ids"], table.get("slices"), table["bone"])
     if part.data.shape[2] == 1:
         block, stride = [*block[:2], 1], [*stride[:2], 1]
-    coarse = points.coarsen(part, block)
-    coarse, warnings = points.connected_body(coarse, table["islands"])
+    coarse = points.coarsen(part, block, table["merge"])
+    warnings = points.changed_volumes(part, coarse)
+    coarse, islands = points.connected_body(coarse, table["islands"])
+    warnings += islands
     body = coarse.data > 0
     voxels = np.argwhere(body)
     step = [s // b for s, b in zip(stride, block, strict=True)]
     source = points.source_voxels(body, step)
-    boundary = points.boundary_sets(coarse)
+    boundary = points.boundary_sets(coarse, table["normals"])
     label = coarse.data[body]
-    place = points.positions(coarse, voxels)
-    skin = boundary.set == boundary.names.index("surface")
-    place[boundary.point[skin]] += surface_offsets(
-        body, coarse.spacing, voxels[boundary.point[skin]], boundary.normal[skin]
+    centre = points.positions(coarse, voxels)
+    place = centre.copy()
+    wall = np.flatnonzero(np.isin(np.array(boundary.names)[boundary.set], ("surface", "bone")))
+    # A point between skin and bone stands in both sets, with one normal.
+    point, first = np.unique(boundary.point[wall], return_index=True)
+    place[point] += surface_offsets(
+        body, coarse.spacing, voxels[point], boundary.normal[wall[first]]
     )
 
     fiber = np.zeros((len(voxels), 3))
@@ -146,6 +172,7 @@ def build_cloud(
         source=points.positions(coarse, source) * factor,
         spacing=size * step,
         points=place * factor,
+        centre=centre * factor,
         label=label,
         fiber=fiber,
         volume=np.full(len(voxels), size.prod()),

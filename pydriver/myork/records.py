@@ -80,10 +80,14 @@ class PointCloud:
     source : NDArray
         Source points, shape `(nsource, 3)` [length].
     spacing : NDArray
-        Distance of neighbouring source points per direction, shape `(3,)` [length].
+        Distance of neighbouring source points per direction, the unit of their supports, shape
+        `(3,)`, or `(nsource, 3)` where it varies [length].
     points : NDArray
         Collocation points, those from voxels in lexicographic order of these, shape `(npoint, 3)`
         [length].
+    centre : NDArray
+        Centres of the voxels that belong to the collocation points; those of surface voxels are not
+        the points themselves, which lie on the surface, shape `(npoint, 3)` [length].
     label : NDArray
         Label of each collocation point, shape `(npoint,)`.
     fiber : NDArray
@@ -112,6 +116,7 @@ class PointCloud:
     source: F64
     spacing: F64
     points: F64
+    centre: F64
     label: I32
     fiber: F64
     volume: F64

@@ -1,13 +1,16 @@
 """Station one: images to a label map and fibers.
 
-Files in the output folder: `anatomy.nii.gz` (the image that was segmented), `segmentation.nii.gz`
-with `segmentation.json` (names), `fibers.nii.gz` (unit vectors in the world frame; with tensors
-only), `summary.json`; from the phantom also its images and its truth (`write_phantom`).
+Files in the output folder: `anatomy.nii.gz` (the image that was segmented: bias corrected),
+`bias.nii.gz` (the factor taken out), `regions.nii.gz` (numbers of the regions plus one),
+`segmentation.nii.gz` with `segmentation.json` (names), `fibers.nii.gz` (unit vectors in the world
+frame; with tensors only), `summary.json`; from the phantom also its images and its truth
+(`write_phantom`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,11 +28,14 @@ from myork.imaging.phantom import make_phantom, write_phantom
 from myork.model.fibers import fiber_field
 from myork.model.orientation import check_orientation
 from myork.records import Image, Labels
-from myork.segmentation.channels import scaled_values
+from myork.segmentation.bias import clustered_bias, n4_bias
+from myork.segmentation.channels import fiber_channels, scaled_values
+from myork.segmentation.grouping import Muscle, group_by_reference, group_by_rules
 from myork.segmentation.level_sets import LevelSets, Regions, segment_regions, wanted_phase
 from myork.segmentation.regions import body_mask, box_mask, grown_mask, piece_with_seed
-from myork.segmentation.scores import dice, pearson
+from myork.segmentation.scores import label_scores
 from myork.summary import update_summary
+from myork.tissue import find_tissues
 
 __all__ = ["segment"]
 
@@ -44,7 +50,8 @@ def segment(
     Parameters
     ----------
     deck : mapping
-        Effective deck; the tables `image`, `phantom` and `units` are read.
+        Effective deck; the tables `image`, `bias`, `muscle`, `phantom` and `units`
+        are read.
     folder : Path
         Where the deck's relative paths start.
     out : Path
@@ -62,38 +69,40 @@ def segment(
         raise InputError("the deck has no table [image]; `segment` needs one")
     _make(out)
     image, tensor, truth = _inputs(deck, table, folder, out, progress)
-    wanted = None if truth is None else _wanted(truth, table["truth_labels"])
-
+    if truth is not None:
+        _check_truth(truth, table["truth_labels"])
+    image, shading = _corrected(image, deck["bias"], out, progress)
     region = _region(image, table, folder)
-    progress(f"segmenting {int(region.sum())} pixels in {image.data.shape[2]} slices")
+    grey = scaled_values(image, region)
+    channels, weights = [grey[..., np.newaxis]], [1.0]
+    if table["fiber_channels"] != "none":
+        if tensor is None:
+            raise InputError("image.fiber_channels needs image.tensor or image.dwi")
+        channels.append(fiber_channels(tensor, region, table["fiber_channels"]))
+        weights += [table["fiber_weight"]] * channels[1].shape[3]
     choice = LevelSets(
         regions=table["regions"],
         lambdas=table["lambda"],
         **{key: table[key] for key in _CHOICES},
     )
-    grey = scaled_values(image, region)
+    progress(f"segmenting {int(region.sum())} pixels in {image.data.shape[2]} slices")
     result = segment_regions(
-        grey[..., np.newaxis],
+        np.concatenate(channels, axis=3),
         region,
         evolve_level_sets,
         choice,
         spacing=image.spacing,
+        channel_weights=weights,
         labels=_start_labels(image, table, folder),
         name=image.name,
     )
-    inside = wanted_phase(result, grey, table["phase"])
-    if "seed" in table:
-        inside = piece_with_seed(inside, image, table["seed"])
-    if not inside.any():
-        raise InputError(
-            f"{image.name}: the segmentation of the {table['phase']} phase is empty; check "
-            "image.phase, image.box and image.mu"
-        )
-    labels = Labels(inside.astype(np.int32), image.affine, {1: table["label"]}, "segmentation")
+    labels, warnings = _labels(deck, table, folder, image, grey, result)
+    inside = labels.data > 0
     write_image(out / "anatomy.nii.gz", image)
+    write_labels(out / "regions.nii.gz", Labels(result.region + 1, image.affine))
     write_labels(out / "segmentation.nii.gz", labels)
 
-    warnings = [] if not result.unrest else [_unrest(result, choice.iterations)]
+    warnings += [] if not result.unrest else [_unrest(result, choice.iterations)]
     (out / "fibers.nii.gz").unlink(missing_ok=True)
     if tensor is not None:
         progress("fibers from the diffusion tensors")
@@ -108,9 +117,14 @@ def segment(
                 f"{tensor.name}: {filled} of {int(inside.sum())} tensors of the tissue are not "
                 "finite or not positive; their neighbours were used"
             )
-    summary = _summary(deck, table["label"], labels, result, wanted, warnings)
+    scores = {} if truth is None else _scores(deck, table, labels, truth)
+    summary = _summary(deck, labels, result, scores, warnings)
+    summary["segmentation"]["bias"] = shading
     if tensor is not None:
         summary["segmentation"]["orientation"] = [entry.record() for entry in evidence]
+    if deck["tissue"]["find"]:
+        progress("materials of the leg")
+        summary["tissue"] = find_tissues(deck, folder, out, image, tensor)
     update_summary(out, summary)
     for line in (*_lines(summary), *(f"warning: {text}" for text in warnings)):
         progress(line)
@@ -182,40 +196,127 @@ def _unrest(result: Regions, limit: int) -> str:
     )
 
 
-def _wanted(truth: Labels, numbers: list[int]) -> NDArray[np.bool_]:
-    """Voxels of the truth that should be found."""
-    wanted = np.isin(truth.data, numbers) if numbers else truth.data > 0
-    if not wanted.any():
+def _corrected(
+    image: Image, keys: Mapping[str, Any], out: Path, progress: ProgressCallback
+) -> tuple[Image, dict[str, Any]]:
+    """Image without shading, and what to say about it; the field is written."""
+    path = out / "bias.nii.gz"
+    if keys["method"] == "none":
+        path.unlink(missing_ok=True)
+        return image, {"method": "none"}
+    progress(f"bias field by {keys['method']}")
+    mask = body_mask(image)
+    if keys["method"] == "n4":
+        found = n4_bias(image.data, mask, spacing=image.spacing, shrink=keys["shrink"])
+    else:
+        found = clustered_bias(
+            image.data,
+            mask,
+            evolve_level_sets,
+            spacing=image.spacing,
+            **{key: keys[key] for key in ("regions", "sigma", "mu", "shrink")},
+        )
+    write_image(path, replace(image, data=found.field))
+    inside = found.field[mask]
+    record = {
+        "method": keys["method"],
+        "range": [float(inside.min()), float(inside.max())],
+        "converged": found.converged,
+        "energy": found.energy.tolist(),
+    }
+    return replace(image, data=image.data / found.field), record
+
+
+def _labels(
+    deck: Mapping[str, Any],
+    table: Mapping[str, Any],
+    folder: Path,
+    image: Image,
+    grey: NDArray[np.float64],
+    result: Regions,
+) -> tuple[Labels, list[str]]:
+    """Regions grouped to labels by the deck's rules, and warnings."""
+    rules = deck.get("muscle", [])
+    if rules and "reference" in table:
+        raise InputError("image.reference and [[muscle]] both group the regions; take one out")
+    if "reference" in table:
+        reference = read_labels(folder / table["reference"])
+        check_same_grid(reference, image)
+        return group_by_reference(result.region, reference), []
+    if rules:
+        muscles = [Muscle(rule["name"], tuple(rule["regions"]), _points(rule)) for rule in rules]
+        label, warnings = group_by_rules(result.region, image, muscles)
+        names = {number: muscle.name for number, muscle in enumerate(muscles, start=1)}
+        return Labels(label, image.affine, names, "segmentation"), warnings
+    if table["regions"] > 2:
+        names = {number + 1: f"region_{number}" for number in range(table["regions"])}
+        return Labels(result.region + 1, image.affine, names, "segmentation"), []
+    inside = wanted_phase(result, grey, table["phase"])
+    if "seed" in table:
+        inside = piece_with_seed(inside, image, table["seed"])
+    if not inside.any():
+        raise InputError(
+            f"{image.name}: the segmentation of the {table['phase']} phase is empty; check "
+            "image.phase, image.box and image.mu"
+        )
+    return Labels(inside.astype(np.int32), image.affine, {1: table["label"]}, "segmentation"), []
+
+
+def _points(rule: Mapping[str, Any]) -> NDArray[np.float64]:
+    """Seeds of a rule, shape `(nseed, 3)` [mm]."""
+    if len(rule["seeds"]) % 3:
+        raise InputError(
+            f"muscle.{rule['name']}.seeds: three coordinates a point, not {len(rule['seeds'])}"
+        )
+    return np.reshape(np.asarray(rule["seeds"], float), (-1, 3))
+
+
+def _check_truth(truth: Labels, numbers: list[int]) -> None:
+    """Refuse a truth without a voxel of what should be found."""
+    there = np.unique(truth.data[truth.data > 0]).tolist()
+    if not there or (numbers and not set(numbers) & set(there)):
         raise InputError(
             f"{truth.name}: no voxel has one of image.truth_labels = {list(numbers)}; "
-            f"the labels there are: {np.unique(truth.data).tolist()}"
+            f"the labels there are: {there}"
         )
-    return wanted
+
+
+def _scores(
+    deck: Mapping[str, Any], table: Mapping[str, Any], labels: Labels, truth: Labels
+) -> dict[str, Any]:
+    """Scores of the labels that the truth has as well."""
+    there = np.unique(truth.data[truth.data > 0]).tolist()
+    by_name = {truth.label_name(number): [number] for number in there}
+    pairs: dict[str, tuple[int, list[int]]] = {}
+    if set(labels.names.values()) == {table["label"]}:
+        pairs[table["label"]] = (1, table["truth_labels"] or there)
+    else:
+        rules = {rule["name"]: rule["truth_labels"] for rule in deck.get("muscle", [])}
+        for number, name in labels.names.items():
+            wanted = rules.get(name) or by_name.get(name, [])
+            if wanted:
+                pairs[name] = (number, wanted)
+    return label_scores(labels.data, truth.data, pairs)
 
 
 def _summary(
     deck: Mapping[str, Any],
-    name: str,
     labels: Labels,
     result: Regions,
-    wanted: NDArray[np.bool_] | None,
+    scores: Mapping[str, Any],
     warnings: list[str],
 ) -> dict[str, Any]:
     """Entries for `summary.json`; volumes in the deck's unit of length, cubed."""
-    inside = labels.data > 0
-    pixels = int(inside.sum())
     voxel = float(np.prod(labels.spacing * length_factor(deck["units"]["length"])))
-    scores = {}
-    if wanted is not None:
-        scores[name] = {"dice": dice(inside, wanted), "pcc": pearson(inside, wanted)}
+    pixels = {name: int((labels.data == number).sum()) for number, name in labels.names.items()}
     return {
         "title": deck["title"],
         "deck_sha256": deck["sha256"],
         "version": myork.__version__,
         "units": dict(deck["units"]),
         "segmentation": {
-            "labels": {name: {"pixels": pixels, "volume": pixels * voxel}},
-            "scores": scores,
+            "labels": {name: {"pixels": n, "volume": n * voxel} for name, n in pixels.items()},
+            "scores": dict(scores),
             "iterations": int(result.iterations.max()),
             "converged": not result.unrest,
             "energy": result.energy.tolist(),

@@ -119,6 +119,7 @@ subroutine print_model(path, error)
    write (output_unit, '(a, *(1x, es23.16))') "source", model%source
    write (output_unit, '(a, *(1x, es23.16))') "spacing", model%spacing
    write (output_unit, '(a, *(1x, es23.16))') "points", model%points
+   write (output_unit, '(a, *(1x, es23.16))') "centre", model%centre
    write (output_unit, '(a, *(1x, i0))') "label", model%label
    write (output_unit, '(a, *(1x, es23.16))') "fiber", model%fiber
    write (output_unit, '(a, *(1x, es23.16))') "volume", model%volume

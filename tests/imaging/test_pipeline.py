@@ -71,9 +71,28 @@ def test_fibers_of_the_model_lean_as_the_phantoms_do(mg):
     assert np.median(lean[high]) == pytest.approx(19.0, abs=1.0)
 
 
+DECK = """title = "All muscles by two regions"
+[units]
+force = "N"
+length = "cm"
+[scene]
+dimension = 3
+[image]
+label = "muscle"
+phase = "dark"
+[bias]
+method = "none"
+[build]
+collocation_stride = [4, 4, 1]
+source_stride = [8, 8, 1]
+islands = "drop"
+"""
+
+
 @pytest.fixture
-def own(tmp_path, inputs):
+def own(tmp_path):
     """A deck on files of one's own, and the folder they lie in."""
+    (tmp_path / "deck.toml").write_text(DECK)
     phantom = make_phantom()
     write_image(tmp_path / "t1.nii.gz", phantom.anatomy)
     write_image(tmp_path / "dti.nii.gz", phantom.tensor)
@@ -81,7 +100,7 @@ def own(tmp_path, inputs):
 
     def run(*overrides, station=segment, names=("anatomy=t1", "truth=truth")):
         options = [f"image.{name}.nii.gz" for name in names]
-        deck = load_deck(inputs / "leg_muscles.toml", [*options, *overrides])
+        deck = load_deck(tmp_path / "deck.toml", [*options, *overrides])
         return station(deck, tmp_path, tmp_path / "out", quiet)
 
     return run, tmp_path
@@ -118,6 +137,28 @@ def test_region_of_a_label_map(own):
         names=("anatomy=t1", "truth=truth", "region=near"),
     )
     assert summary["segmentation"]["scores"]["muscle"]["dice"] > 0.95
+
+
+def test_bias_corrected_image_and_grouping_by_a_reference(own):
+    run, folder = own
+    summary = run(
+        "bias.method=level-sets",
+        "image.reference=truth.nii.gz",
+        "image.regions=3",
+        "image.volume=true",
+        "image.tolerance=0.001",
+    )
+    found = summary["segmentation"]
+    # Fat parts the muscles of this phantom, so that each is a piece of a region; the third region
+    # is cortex, which would connect them.
+    assert len(found["scores"]) == 6
+    assert all(score["dice"] > 0.9 for score in found["scores"].values())
+    assert len(found["scores"]["soleus"]["dice_by_slice"]) == 15
+    image, field = (
+        read_image(folder / "out" / f"{name}.nii.gz").data for name in ("anatomy", "bias")
+    )
+    np.testing.assert_allclose(image * field, read_image(folder / "t1.nii.gz").data, rtol=1e-5)
+    assert (np.diff(found["energy"]) <= 0).all() and (np.diff(found["bias"]["energy"]) <= 0).all()
 
 
 def moved(folder, name, labels):

@@ -221,10 +221,11 @@ def model(tmp_path: Path) -> Path:
     """A small model as `myork build` writes it."""
     path = tmp_path / "model.h5"
     with h5py.File(path, "w") as file:
-        file.attrs.update(format="myork-model 1", length_unit="mm", source_images="phantom")
+        file.attrs.update(format="myork-model 2", length_unit="mm", source_images="phantom")
         file["source/points"] = np.arange(6.0).reshape(2, 3)
-        file["source/spacing"] = [1.0, 2.0, 3.0]
+        file["source/spacing"] = [[1.0, 2.0, 3.0], [1.0, 2.0, 4.0]]
         file["collocation/points"] = np.arange(9.0).reshape(3, 3) / 7
+        file["collocation/centre"] = np.arange(9.0).reshape(3, 3) / 8
         file["collocation/label"] = np.array([1, 2, 2], dtype=np.int32)
         file["collocation/fiber"] = [[0.0, 0.6, 0.8], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]
         file["collocation/volume"] = [0.5, 0.25, 0.125]
@@ -253,6 +254,7 @@ def test_model_round_trip(test_h5: Path, model: Path) -> None:
             "source": "source/points",
             "spacing": "source/spacing",
             "points": "collocation/points",
+            "centre": "collocation/centre",
             "label": "collocation/label",
             "fiber": "collocation/fiber",
             "volume": "collocation/volume",

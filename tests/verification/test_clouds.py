@@ -10,7 +10,10 @@ import pytest
 from numpy.typing import NDArray
 
 from myork import Scene, core_material
-from myork.bench.bodies import box, write_body
+from myork.bench import exact
+from myork.bench.bodies import box, graded, jittered, write_body
+from myork.errors import InputError
+from myork.model.spacing import source_spacing
 from myork.records import PointCloud
 
 MUSCLE = core_material.Material(
@@ -130,15 +133,13 @@ def in_units(method: str, length: float, stress: float) -> dict[str, Any]:
             {"set": "z1", "u_z": 0.05 * length, "traction": [0.2 * stress, 0.1 * stress, 0.0]},
         ],
         "load": {"activation": 0.1, "steps": 2},
-        "solver": {"tolerance": 1e-11},
     }
 
 
 @pytest.mark.parametrize("method", ["rkcm", "rkcm-mixed"])
 def test_units_do_not_matter(method: str, open_scene: Any) -> None:
     """In mm and MPa, and in m and kPa, the block moves as in cm and N/cm^2. Rounding of 1e-16 is
-    amplified by the condition of the rows, at most 1e7. The iteration is driven to its end: when it
-    stops is judged by unknowns of two units, displacement and pressure.
+    amplified by the condition of the rows, at most 1e7, and iterations end at the same places.
     """
     found = []
     for length, stress in ((1.0, 1.0), (10.0, 0.01), (0.01, 10.0)):
@@ -149,3 +150,44 @@ def test_units_do_not_matter(method: str, open_scene: Any) -> None:
     for u, cauchy in found[1:]:
         assert abs(u - found[0][0]).max() < 1e-8 * abs(found[0][0]).max()
         assert abs(cauchy - found[0][1]).max() < 1e-8 * abs(found[0][1]).max()
+
+
+@pytest.mark.parametrize("method", ["rkcm", "rkcm-mixed"])
+@pytest.mark.parametrize("order", [2, 3])
+@pytest.mark.parametrize(
+    "body",
+    [
+        jittered(box((1.0, 1.0, 1.0), (5, 5, 5), (9, 9, 9)), 0.3),
+        jittered(box((1.0, 1.0, 1.0), (5, 5, 5), (9, 9, 9)), 0.9),
+        jittered(box((1.0, 2.0, 10.0), (5, 5, 5), (9, 9, 9)), 0.3),
+        graded(box((1.0, 1.0, 1.0), (5, 5, 5), (9, 9, 9)), 3.0),
+    ],
+    ids=["jittered", "random", "long and jittered", "graded 1 : 37"],
+)
+def test_homogeneous_tension_on_any_cloud(
+    body: PointCloud, order: int, method: str, tmp_path: Path
+) -> None:
+    """Linear fields are in the space of any cloud: the stress is that of finite K at all points, to
+    rounding times the condition of the rows.
+    """
+    rubber = exact.Polynomial({(1, 0): 37.3, (2, 0): -3.1, (3, 0): 0.5}, 5e3)
+    deck = write_body(tmp_path, body, method=method)
+    with Scene(deck, [f"approximation.order={order}"]) as scene:
+        stress = scene.fields(scene.solve().x[-1], 1.0).cauchy
+    strain = 0.2 / np.ptp(body.points[:, 0])
+    right = exact.uniaxial(rubber, 1.0 + strain)
+    assert abs(stress[:, 0] / right - 1.0).max() < 1e-7
+    assert abs(stress[:, 1:]).max() < 1e-7 * right
+
+
+def test_spacing_of_scattered_points() -> None:
+    lattice = box((2.0, 2.0, 2.0), (5, 5, 5), (5, 5, 5)).source
+    spacing = source_spacing(lattice)
+    inside = np.all((lattice > 0) & (lattice < 2), axis=1)
+    np.testing.assert_allclose(spacing[inside], 0.5)
+    # a corner has three neighbours at one spacing, its next ones are across the faces
+    np.testing.assert_allclose(spacing[0], 0.5 * np.sqrt(2))
+    drawn = source_spacing(lattice * [1.0, 1.0, 20.0], np.array([0.5, 0.5, 10.0]))
+    np.testing.assert_allclose(drawn[inside], np.tile([0.5, 0.5, 10.0], (inside.sum(), 1)))
+    with pytest.raises(InputError, match="too few"):
+        source_spacing(lattice[:2])

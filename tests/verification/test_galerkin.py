@@ -27,6 +27,16 @@ MUSCLE = {
     "K": 500.0,
     "curve": "smooth",
 }
+#: Table [build] of a deck
+BUILD = {
+    "ids": [],
+    "islands": "error",
+    "collocation_stride": [1] * 3,
+    "source_stride": [1] * 3,
+    "bone": [],
+    "normals": "distance",
+    "merge": "majority",
+}
 LINEAR = {"order": 1, "support": 2.0, "kernel": "cubic"}
 QUADRATIC = {"order": 2, "support": 3.5, "kernel": "quintic"}
 #: A displacement gradient without symmetry, J = 1.096 in space
@@ -110,7 +120,7 @@ def test_patch_of_voxels_with_two_materials_apart(open_scene, tmp_path):
     data[:2, :2, :3] = 0
     data[4:, 3:, 4:] = 0
     labels = Labels(data, np.diag([10.0, 8.0, 12.0, 1.0]), {1: "muscle"})
-    table = {"ids": [], "islands": "error", "collocation_stride": [1] * 3, "source_stride": [2] * 3}
+    table = {**BUILD, "source_stride": [2] * 3}
     cloud, _ = build_cloud(labels, None, table, "cm")
     write_model(tmp_path / "model.h5", cloud)
     tables = body(3, "rkpm", {"kind": "model"}, LINEAR, ["surface", "bottom", "top"])
@@ -227,6 +237,7 @@ def test_inclined_block_does_not_lock(inputs, method):
         f"scene.method={method}", "load.activation=0.05", "load.steps=1", "galerkin.gauss=2",
         "geometry.source=[5,5,9]", "geometry.collocation=[9,9,17]",
         "material.curve=published", *CUBIC, "approximation.support=2",
+        "geometry.source=[5,5,9]", "geometry.collocation=[9,9,17]",
     ]  # fmt: skip
     with Scene(inputs / "muscle_fibers.toml", overrides, threads=1) as scene:
         states = scene.solve()
@@ -251,8 +262,7 @@ def test_reactions_balance(open_scene):
 
 def test_gauss_points_need_a_lattice(open_scene, tmp_path):
     labels = Labels(np.ones((3, 3, 3), np.int32), np.eye(4), {1: "muscle"})
-    table = {"ids": [], "islands": "error", "collocation_stride": [1] * 3, "source_stride": [1] * 3}
-    write_model(tmp_path / "model.h5", build_cloud(labels, None, table, "mm")[0])
+    write_model(tmp_path / "model.h5", build_cloud(labels, None, BUILD, "mm")[0])
     tables = body(3, "rkpm-gauss", {"kind": "model"}, LINEAR, ["bottom"])
     with pytest.raises(InputError, match="lattice of a box or an annulus.*rkpm-scni"):
         open_scene(tables)

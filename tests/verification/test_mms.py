@@ -42,6 +42,16 @@ def test_mixed_form_in_space() -> None:
     assert cases[-1]["u_error"] < 1e-2
 
 
+def test_modulus_that_varies() -> None:
+    """K along X from 500 to 2500: its gradient makes a body force of its own. Without that the
+    errors stay above 0.1."""
+    cases = [mms.solve(problem("3-D, order 2, K varies"), "rkcm-mixed", n) for n in (5, 6)]
+    assert [case["outcome"] for case in cases] == ["converged"] * 2, cases
+    assert mms.observed_order(cases, "u_error") > 2.0
+    assert mms.observed_order(cases, "stress_error") > 2.0
+    assert cases[-1]["u_error"] < 5e-2
+
+
 def test_deformation_is_large_and_keeps_the_volume_in_the_middle() -> None:
     x = np.random.default_rng(5).uniform(size=(200, 3))
     x[0] = 0.5

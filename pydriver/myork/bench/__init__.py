@@ -31,6 +31,7 @@ BENCHES = {
     "curves": "myork.bench.curves",
     "mixed": "myork.bench.mixed",
     "mms": "myork.bench.mms",
+    "clouds": "myork.bench.clouds",
 }
 
 

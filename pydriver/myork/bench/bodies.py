@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from myork.model.spacing import source_spacing
 from myork.model.store import write_model
 from myork.records import PointCloud
 
@@ -102,6 +103,7 @@ def box(
         source=_grid(size, source)[0],
         spacing=spacing,
         points=points,
+        centre=points,
         label=np.ones(len(points), np.int32),
         fiber=np.tile(np.asarray(fiber, float), (len(points), 1)),
         volume=np.full(len(points), np.prod(size) / len(points)),
@@ -125,20 +127,22 @@ def jittered(cloud: PointCloud, share: float, seed: int = 7) -> PointCloud:
         step = share * spacing * random.uniform(-1.0, 1.0, x.shape)
         return x + np.where((x > low + 1e-9) & (x < high - 1e-9), step, 0.0)
 
-    half = 0.5 * cloud.spacing
-    return replace(
-        cloud, source=shaken(cloud.source, cloud.spacing), points=shaken(cloud.points, half)
+    return _moved(
+        cloud, shaken(cloud.source, cloud.spacing), shaken(cloud.points, 0.5 * cloud.spacing)
     )
 
 
 def graded(cloud: PointCloud, power: float) -> PointCloud:
     """Points drawn towards the planes x, y, z = 0: each coordinate to a power of its share."""
     high = cloud.source.max(axis=0)
-    return replace(
-        cloud,
-        source=high * (cloud.source / high) ** power,
-        points=high * (cloud.points / high) ** power,
+    return _moved(
+        cloud, high * (cloud.source / high) ** power, high * (cloud.points / high) ** power
     )
+
+
+def _moved(cloud: PointCloud, source: F64Array, points: F64Array) -> PointCloud:
+    spacing = source_spacing(source, cloud.spacing)
+    return replace(cloud, source=source, spacing=spacing, points=points, centre=points)
 
 
 def write_body(

@@ -235,10 +235,14 @@ def _node(points: NDArray[np.float64], place: Any) -> int:
 
 
 def _gradient(element: Any, mesh: Any, u: NDArray[np.float64], node: int) -> NDArray[np.float64]:
-    """Deformation gradient at a node, the mean of the elements that meet there."""
+    """Deformation gradient at a node: the mean over the elements that meet there.
+
+    Each counts with the nearest Gauss point of second order, where the slopes of quadratic
+    elements are best.
+    """
     found = []
     for cell in mesh.cells[(mesh.cells == node).any(axis=1)]:
-        slope = element.gradient(element.points[int(np.argmax(cell == node))])
+        slope = element.gradient(element.points[int(np.argmax(cell == node))] / np.sqrt(3.0))
         slope = slope @ np.linalg.inv(mesh.points[cell].T @ slope)
         found.append(np.eye(3) + u[cell].T @ slope)
     return np.mean(found, axis=0)

@@ -36,6 +36,7 @@ _KEPT = (
     "threads",
     "converged",
     "exact",
+    "errors",
     "reference",
     "timings_s",
     "memory_peak_bytes",

@@ -247,10 +247,14 @@ def _fiber_curves() -> list[Case]:
 def _clouds() -> list[Case]:
     """Clouds that are not regular grids of cubes, under homogeneous tension."""
     cube = box((1.0, 1.0, 1.0), (5, 5, 5), (9, 9, 9))
+    long = box((1.0, 1.0, 20.0), (5, 5, 5), (9, 9, 9))
     bodies = {
-        "voxels of 1 : 20": box((1.0, 1.0, 20.0), (5, 5, 5), (9, 9, 9)),
+        "voxels of 1 : 20": long,
+        "voxels of 1 : 20, jittered by 0.3 h": jittered(long, 0.3),
         "points jittered by 0.3 h": jittered(cube, 0.3),
+        "points jittered by 0.9 h": jittered(cube, 0.9),
         "points graded 1 : 6": graded(cube, 1.6),
+        "points graded 1 : 37": graded(cube, 3.0),
         "sheet of two layers": box((1.0, 1.0, 0.2), (5, 5, 2), (9, 9, 3)),
     }
     solution = _rubber_tension(1.2)
@@ -258,6 +262,14 @@ def _clouds() -> list[Case]:
         Case(f"{name}, {method}", _body(body, method=method), solution, 1e-4, words=("point",))
         for name, body in bodies.items()
         for method in METHODS
+    ] + [
+        Case(
+            "points graded 1 : 37, supports all alike",
+            _body(replace(graded(cube, 3.0), spacing=cube.spacing)),
+            solution,
+            1e-4,
+            words=("point", "support"),
+        )
     ]
 
 
@@ -265,9 +277,11 @@ def _bad_points() -> list[Case]:
     """Points that cannot carry an approximation, or a body that nothing holds."""
     cube = box((1.0, 1.0, 1.0), (4, 4, 4), (7, 7, 7))
     twice = replace(cube, source=np.vstack([cube.source, cube.source[10:11]]))
+    points = np.vstack([cube.points, cube.points[100:101]])
     place = replace(
         cube,
-        points=np.vstack([cube.points, cube.points[100:101]]),
+        points=points,
+        centre=points,
         label=np.append(cube.label, 1).astype(np.int32),
         fiber=np.vstack([cube.fiber, cube.fiber[:1]]),
         volume=np.append(cube.volume, 1.0),
@@ -406,6 +420,7 @@ def _with_island(cloud: PointCloud) -> PointCloud:
         cloud,
         source=np.vstack([cloud.source, cloud.source + far]),
         points=np.vstack([cloud.points, cloud.points + far]),
+        centre=np.vstack([cloud.centre, cloud.centre + far]),
         label=np.tile(cloud.label, 2),
         fiber=np.tile(cloud.fiber, (2, 1)),
         volume=np.tile(cloud.volume, 2),

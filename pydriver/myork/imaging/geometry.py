@@ -105,11 +105,11 @@ def to_voxels(affine: NDArray[np.float64], world: NDArray[np.float64]) -> NDArra
     return (world - affine[:3, 3]) @ np.linalg.inv(affine[:3, :3]).T
 
 
-def length_factor(unit: str) -> float:
-    """Factor from millimetres to the deck's unit of length."""
+def length_factor(unit: str, key: str = "units.length") -> float:
+    """Factor from millimetres to a unit of length that a key of the deck names."""
     factors = {"mm": 1.0, "cm": 0.1, "m": 0.001}
     if unit not in factors:
         raise InputError(
-            f"units.length = '{unit}': images need one of {', '.join(factors)} to be converted to"
+            f"{key} = '{unit}': images need one of {', '.join(factors)} to be converted to"
         )
     return factors[unit]

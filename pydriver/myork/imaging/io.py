@@ -1,4 +1,7 @@
-"""NIfTI files in and out. Everything a file can have wrong is found here and named."""
+"""Images and label maps in and out. Everything a file can have wrong is found here and named.
+
+NIfTI is read and written here; NRRD, MetaImage and DICOM series need extras (`formats`).
+"""
 
 from __future__ import annotations
 
@@ -12,6 +15,7 @@ from nibabel.arrayproxy import ArrayProxy
 from nibabel.filebasedimages import ImageFileError
 
 from myork.errors import FileError, InputError
+from myork.imaging.formats import ITK_SUFFIXES, load_dicom, load_itk, save_itk
 from myork.imaging.geometry import check_affine
 from myork.records import Image, Labels
 
@@ -26,7 +30,7 @@ def read_image(path: Path, values: int | None = 1) -> Image:
     Parameters
     ----------
     path : Path
-        NIfTI file.
+        NIfTI, NRRD or MetaImage file, or folder of a DICOM series.
     values : int or None
         Values per voxel: 1 for a 3-D image, whose values must be finite; more for the last axis
         of a 4-D one, where a voxel may be not a number (the user of a tensor decides); None for
@@ -37,12 +41,8 @@ def read_image(path: Path, values: int | None = 1) -> Image:
     Image
         Values as floating point numbers; a single slice has shape `(ni, nj, 1)`.
     """
-    file, affine = _open(path)
-    try:
-        data = np.asarray(file.get_fdata(dtype=np.float64))
-    except (OSError, EOFError, ValueError) as reason:
-        raise FileError(f"{path}: cannot be read: {reason}") from None
-    data = _grid(path, data, values)
+    data, affine = _load(path, raw=False)
+    data = _grid(path, data.astype(np.float64, copy=False), values)
     if values == 1:
         bad = np.argwhere(~np.isfinite(data))
         if len(bad):
@@ -59,16 +59,12 @@ def read_labels(path: Path) -> Labels:
     Names come from a file beside it with the same stem, `{"name": label}` (`legs.nii.gz` and
     `legs.json`), where there is one.
     """
-    file, affine = _open(path)
-    if not np.issubdtype(file.get_data_dtype(), np.integer):
+    data, affine = _load(path, raw=True)
+    if not np.issubdtype(data.dtype, np.integer):
         raise InputError(
-            f"{path}: a label map must hold integers, not {file.get_data_dtype()}; save it "
+            f"{path}: a label map must hold integers, not {data.dtype}; save it "
             "with an integer data type (a probability map must be thresholded first)"
         )
-    try:
-        data = np.asarray(cast(ArrayProxy, file.dataobj).get_unscaled())
-    except (OSError, EOFError, ValueError) as reason:
-        raise FileError(f"{path}: cannot be read: {reason}") from None
     data = _grid(path, data, 1)
     if data.size and (data.min() < 0 or data.max() > np.iinfo(np.int32).max):
         raise InputError(f"{path}: labels must not be negative, the lowest is {data.min()}")
@@ -76,7 +72,7 @@ def read_labels(path: Path) -> Labels:
 
 
 def write_image(path: Path, image: Image) -> None:
-    """Write an image in single precision, lengths in mm."""
+    """Write an image in single precision, lengths in mm; the suffix tells the format."""
     _write(path, image.data.astype(np.float32), image.affine)
 
 
@@ -88,10 +84,21 @@ def write_labels(path: Path, labels: Labels) -> None:
     _names_path(path).write_text(json.dumps(names, indent=1) + "\n", encoding="utf-8")
 
 
-def _open(path: Path) -> tuple[nibabel.Nifti1Image, np.ndarray]:
-    """File and its affine in mm."""
-    if not path.is_file():
+def _load(path: Path, raw: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Values (as stored, or scaled as the header says) and affine in mm."""
+    if path.is_dir():
+        data, affine = load_dicom(path)
+    elif not path.is_file():
         raise FileError(f"{path}: there is no such file")
+    elif path.suffix in ITK_SUFFIXES:
+        data, affine = load_itk(path)
+    else:
+        data, affine = _load_nifti(path, raw)
+    check_affine(affine, str(path))
+    return data, affine
+
+
+def _load_nifti(path: Path, raw: bool) -> tuple[np.ndarray, np.ndarray]:
     try:
         file = nibabel.load(path)
     except (ImageFileError, OSError, EOFError, ValueError) as reason:
@@ -101,7 +108,12 @@ def _open(path: Path) -> tuple[nibabel.Nifti1Image, np.ndarray]:
     affine = np.array(file.affine, dtype=float)
     affine[:3] *= _TO_MM.get(file.header.get_xyzt_units()[0], 1.0)
     check_affine(affine, str(path))
-    return file, affine
+    try:
+        if raw:
+            return np.asarray(cast(ArrayProxy, file.dataobj).get_unscaled()), affine
+        return np.asarray(file.get_fdata(dtype=np.float64)), affine
+    except (OSError, EOFError, ValueError) as reason:
+        raise FileError(f"{path}: cannot be read: {reason}") from None
 
 
 def _grid(path: Path, data: np.ndarray, values: int | None) -> np.ndarray:
@@ -129,7 +141,7 @@ def _grid(path: Path, data: np.ndarray, values: int | None) -> np.ndarray:
 
 def _names_path(path: Path) -> Path:
     """`legs.json` for `legs.nii.gz`."""
-    return path.with_name(path.name.removesuffix(".gz").removesuffix(".nii") + ".json")
+    return path.with_name(path.name.removesuffix(".gz")).with_suffix(".json")
 
 
 def _read_names(path: Path) -> dict[int, str]:
@@ -143,6 +155,9 @@ def _read_names(path: Path) -> dict[int, str]:
 
 
 def _write(path: Path, data: np.ndarray, affine: np.ndarray) -> None:
+    if path.suffix in ITK_SUFFIXES:
+        save_itk(path, data, affine)
+        return
     file = nibabel.Nifti1Image(data, affine)
     file.header.set_xyzt_units("mm")
     file.set_sform(affine, code=1)

@@ -20,8 +20,10 @@ from myork.model.normals import surface_normals
 from myork.records import Labels
 
 __all__ = [
+    "BONE",
     "Boundary",
     "boundary_sets",
+    "changed_volumes",
     "coarsen",
     "connected_body",
     "positions",
@@ -33,6 +35,9 @@ __all__ = [
 F64 = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Voxels = NDArray[np.intp]
+
+# Label of voxels outside the model that are bone
+BONE = -1
 
 
 @dataclass(frozen=True)
@@ -60,7 +65,12 @@ class Boundary:
     area: F64
 
 
-def select(labels: Labels, ids: Sequence[int], slices: Sequence[int] | None) -> Labels:
+def select(
+    labels: Labels,
+    ids: Sequence[int],
+    slices: Sequence[int] | None,
+    bone: Sequence[int] = (),
+) -> Labels:
     """Keep some labels and the box of voxels around them.
 
     Parameters
@@ -71,8 +81,10 @@ def select(labels: Labels, ids: Sequence[int], slices: Sequence[int] | None) -> 
         Labels to keep; empty keeps all above zero.
     slices : sequence or None
         First and last slice to keep, counted from 0 at the lower end.
+    bone : sequence
+        Labels of bone, which is no part of the model but bounds it; they become `BONE`.
     """
-    data = labels.data
+    data = np.where(np.isin(labels.data, bone), BONE, labels.data).astype(np.int32)
     present = np.unique(data[data > 0])
     missing = sorted(set(ids) - set(present.tolist()))
     if missing or not len(present):
@@ -81,7 +93,7 @@ def select(labels: Labels, ids: Sequence[int], slices: Sequence[int] | None) -> 
             + (f"no voxel has label {missing}" if missing else "no voxel has a label above zero")
             + f"; the labels there are: {', '.join(map(str, present)) or 'none'}"
         )
-    data = np.where(np.isin(data, ids), data, 0) if len(ids) else data
+    data = np.where(np.isin(data, [*ids, BONE]), data, 0) if len(ids) else data
     low, high = (0, data.shape[2] - 1) if slices is None else slices
     if not 0 <= low <= high < data.shape[2]:
         raise InputError(
@@ -89,17 +101,29 @@ def select(labels: Labels, ids: Sequence[int], slices: Sequence[int] | None) -> 
             f"{labels.name} (counted from 0)"
         )
     part = data[:, :, low : high + 1]
-    if not part.any():
+    if not (part > 0).any():
         raise InputError(f"{labels.name}: slices {low} to {high} hold none of the model's labels")
     return _trimmed(_moved(labels, part, np.array([0, 0, low]), np.ones(3)))
 
 
-def coarsen(labels: Labels, block: Sequence[int]) -> Labels:
-    """Merge blocks of voxels; a block gets the label (or nothing) that fills most of it.
+def coarsen(labels: Labels, block: Sequence[int], merge: str = "majority") -> Labels:
+    """Merge blocks of voxels into one.
 
-    The labels are blurred a little before, so that a block that is half full is decided by the
-    voxels around it: that keeps the volume. Blocks are laid symmetrically about the middle; those
-    that reach beyond the map are filled up with nothing, along z with the end slices.
+    Blocks are laid symmetrically about the middle; those that reach beyond the map are filled up
+    with nothing, along z with the end slices.
+
+    Parameters
+    ----------
+    labels : Labels
+        Label map.
+    block : sequence
+        Voxels per block in each direction.
+    merge : str
+        `majority`: a block gets the label (or nothing) that fills most of it, after a little
+        blur, so that a block that is half full is decided by the voxels around it: that keeps
+        the volume of bodies, but sheets thinner than half a block vanish. `sample`: a block gets
+        the label of the voxel in its middle (thesis section 4.1.2), which keeps the volume of
+        scattered tissue, too.
     """
     if max(block) == 1:
         return labels
@@ -112,6 +136,20 @@ def coarsen(labels: Labels, block: Sequence[int]) -> Labels:
     pad = list(zip(before.tolist(), after.tolist(), strict=True))
     data = np.pad(labels.data, [*pad[:2], (0, 0)])
     data = np.pad(data, [(0, 0), (0, 0), pad[2]], mode="edge")
+    if merge == "sample":
+        best = data[tuple(slice((s - 1) // 2, None, s) for s in block)]
+    else:
+        best = _majority(data, size)
+    if not (best > 0).any():
+        raise InputError(
+            f"{labels.name}: nothing is left of the labels in blocks of {tuple(block)} voxels; "
+            "lower build.collocation_stride"
+        )
+    return _trimmed(_moved(labels, best.astype(np.int32), -before + 0.5 * (size - 1), size))
+
+
+def _majority(data: NDArray[np.int32], size: NDArray[np.intp]) -> NDArray[np.int32]:
+    """Label that fills most of each block."""
     n = np.array(data.shape) // size
     sigma = np.where(size > 1, 0.5, 0.0)
     best = np.zeros(n, dtype=np.int32)
@@ -121,12 +159,23 @@ def coarsen(labels: Labels, block: Sequence[int]) -> Labels:
         share = share.reshape(n[0], size[0], n[1], size[1], n[2], size[2]).sum(axis=(1, 3, 5))
         best = np.where(share > votes, label, best)
         votes = np.maximum(votes, share)
-    if not best.any():
-        raise InputError(
-            f"{labels.name}: nothing is left of the labels in blocks of {tuple(block)} voxels; "
-            "lower build.collocation_stride"
+    return best
+
+
+def changed_volumes(fine: Labels, coarse: Labels, part: float = 0.1) -> list[str]:
+    """A sentence for each label whose volume the merging of voxels changed by more than a part."""
+    sentences = []
+    for label in np.unique(fine.data[fine.data > 0]).tolist():
+        before, after = (
+            float((grid.data == label).sum() * grid.spacing.prod()) for grid in (fine, coarse)
         )
-    return _trimmed(_moved(labels, best.astype(np.int32), -before + 0.5 * (size - 1), size))
+        if abs(after - before) > part * before:
+            sentences.append(
+                f"{fine.label_name(label)} has {after / 1000:.4g} cm^3 in the model and "
+                f"{before / 1000:.4g} cm^3 in the label map: its sheets or gaps are thinner than "
+                'the blocks of build.collocation_stride; lower it, or set build.merge = "sample"'
+            )
+    return sentences
 
 
 def connected_body(labels: Labels, islands: str) -> tuple[Labels, list[str]]:
@@ -223,11 +272,18 @@ def source_voxels(body: Mask, step: Sequence[int]) -> Voxels:
     return np.argwhere(chosen)
 
 
-def boundary_sets(labels: Labels) -> Boundary:
-    """Boundary points of a body: `bottom` and `top` (end slices) and `surface` (all the rest).
+def boundary_sets(labels: Labels, normals: str = "distance") -> Boundary:
+    """Boundary points of a body: `bottom` and `top` (end slices), `bone` and `surface` (the rest).
 
-    A voxel of an end slice at the rim belongs to its end and to the surface. A single slice has
-    the surface only.
+    A voxel at the rim of an end slice belongs to its end and to the surface, one between bone and
+    skin to both. A single slice has no ends; without bone there is no such set.
+
+    Parameters
+    ----------
+    labels : Labels
+        Labels above zero are the body, `BONE` bounds it.
+    normals : str
+        Method of `surface_normals`.
     """
     body = labels.data > 0
     spacing = labels.spacing
@@ -235,30 +291,30 @@ def boundary_sets(labels: Labels) -> Boundary:
     index[body] = np.arange(int(body.sum()))
     flat = body.shape[2] == 1
 
-    facets = _facet_areas(body, spacing)
+    # Beyond the end slices lies a cut, neither surface nor bone.
+    around = np.pad(labels.data, [(1, 1), (1, 1), (0, 0)])
+    around = np.pad(around, [(0, 0), (0, 0), (1, 1)], mode="edge")
+    free = _facet_areas(body, around == 0, spacing)
+    bone = _facet_areas(body, around == BONE, spacing)
+    both = free + bone
+    at_wall = body & (both.sum(axis=(-1, -2)) > 0)
+    normal = np.zeros((*body.shape, 3))
+    normal[at_wall] = _wall_normals(body, spacing, np.argwhere(at_wall), both[at_wall], normals)
+    parts = []
+    for name, facets in (("bone", bone), ("surface", free)):
+        here = body & (facets.sum(axis=(-1, -2)) > 0)
+        if here.any() or name == "surface":
+            area = _projected(facets[here], normal[here])
+            # A facet of a set may look away from the mean normal of both sets.
+            away = area <= 0
+            area[away] = facets[here][away].sum(axis=(-1, -2))
+            parts.append((name, index[here], normal[here], area))
     if not flat:
-        ends = facets[:, :, 0, 2, 0].copy(), facets[:, :, -1, 2, 1].copy()
-    # What shows at the end slices towards the outside is a cut, not a surface.
-    facets[:, :, 0, 2, 0] = 0.0
-    facets[:, :, -1, 2, 1] = 0.0
-    on_surface = body & (facets.sum(axis=(-1, -2)) > 0)
-    voxels = np.argwhere(on_surface)
-    normal = surface_normals(body, spacing, voxels)
-    areas = facets[on_surface]
-    # In a sheet one voxel thick the distance has no slope across it: its facets decide there, the
-    # upper ones where both sides are equal.
-    lost = _projected(areas, normal) <= 0
-    sides = areas[lost, :, 1] - areas[lost, :, 0]
-    sides = np.where(sides.any(axis=1, keepdims=True), sides, areas[lost, :, 1])
-    normal[lost] = sides / np.linalg.norm(sides, axis=1, keepdims=True)
-
-    parts = [("surface", index[on_surface], normal, _projected(areas, normal))]
-    if not flat:
-        for name, k, sign, end in (("top", -1, 1.0, ends[1]), ("bottom", 0, -1.0, ends[0])):
-            here = body[:, :, k]
-            points = index[:, :, k][here]
+        area = spacing[0] * spacing[1]
+        for name, k, sign in (("top", -1, 1.0), ("bottom", 0, -1.0)):
+            points = index[:, :, k][body[:, :, k]]
             up = np.tile([0.0, 0.0, sign], (len(points), 1))
-            parts.insert(0, (name, points, up, end[here]))
+            parts.insert(0, (name, points, up, np.full(len(points), area)))
     return Boundary(
         names=tuple(part[0] for part in parts),
         point=np.concatenate([part[1] for part in parts]),
@@ -266,6 +322,18 @@ def boundary_sets(labels: Labels) -> Boundary:
         normal=np.concatenate([part[2] for part in parts]),
         area=np.concatenate([part[3] for part in parts]),
     )
+
+
+def _wall_normals(body: Mask, spacing: F64, voxels: Voxels, facets: F64, method: str) -> F64:
+    """Outward normals at voxels of the wall, from their facets where the level set has none."""
+    normal = surface_normals(body, spacing, voxels, method)
+    # In a sheet one voxel thick the distance has no slope across it: its facets decide there, the
+    # upper ones where both sides are equal.
+    lost = _projected(facets, normal) <= 0
+    sides = facets[lost, :, 1] - facets[lost, :, 0]
+    sides = np.where(sides.any(axis=1, keepdims=True), sides, facets[lost, :, 1])
+    normal[lost] = sides / np.linalg.norm(sides, axis=1, keepdims=True)
+    return normal
 
 
 def positions(labels: Labels, voxels: Voxels) -> F64:
@@ -302,14 +370,22 @@ def _projected(areas: F64, normal: F64) -> F64:
     return (upper + lower).sum(axis=1)
 
 
-def _facet_areas(body: Mask, spacing: F64) -> F64:
-    """Area of the facets to the outside: direction, lower and upper side, `(..., 3, 2)` [mm^2]."""
-    padded = np.pad(body, 1)
+def _facet_areas(body: Mask, beyond: Mask, spacing: F64) -> F64:
+    """Area of the facets of a body to other voxels, `(..., 3, 2)`: direction, lower and upper side.
+
+    Parameters
+    ----------
+    body : NDArray
+        Shape `(ni, nj, nk)`.
+    beyond : NDArray
+        The other voxels, with a layer more on all sides.
+    spacing : NDArray
+        Voxel size, shape `(3,)` [mm].
+    """
     facets = np.zeros((*body.shape, 3, 2))
     middle = (slice(1, -1),) * 3
     for d in range(3):
         area = spacing.prod() / spacing[d]
         for side, shift in enumerate((1, -1)):
-            outside = ~np.roll(padded, shift, axis=d)[middle]
-            facets[..., d, side] = area * (body & outside)
+            facets[..., d, side] = area * (body & np.roll(beyond, shift, axis=d)[middle])
     return facets

@@ -13,7 +13,7 @@ from myork.records import PointCloud
 
 __all__ = ["read_model", "write_model"]
 
-FORMAT = "myork-model 1"
+FORMAT = "myork-model 2"
 
 
 def write_model(path: Path, cloud: PointCloud) -> None:
@@ -21,8 +21,9 @@ def write_model(path: Path, cloud: PointCloud) -> None:
     labels = "\n".join(f"{label} {name}" for label, name in sorted(cloud.label_names.items()))
     arrays = {
         "source/points": cloud.source,
-        "source/spacing": cloud.spacing,
+        "source/spacing": np.broadcast_to(cloud.spacing, cloud.source.shape),
         "collocation/points": cloud.points,
+        "collocation/centre": cloud.centre,
         "collocation/label": cloud.label.astype(np.int32),
         "collocation/fiber": cloud.fiber,
         "collocation/volume": cloud.volume,
@@ -62,6 +63,7 @@ def read_model(path: Path) -> PointCloud:
                 source=file["source/points"][:],
                 spacing=file["source/spacing"][:],
                 points=file["collocation/points"][:],
+                centre=file["collocation/centre"][:],
                 label=file["collocation/label"][:],
                 fiber=file["collocation/fiber"][:],
                 volume=file["collocation/volume"][:],

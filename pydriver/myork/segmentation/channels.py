@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from myork.errors import InputError
 from myork.records import Image
+from myork.segmentation.regions import otsu
 
 __all__ = ["fiber_channels", "scaled_values"]
 
@@ -36,14 +37,19 @@ def scaled_values(image: Image, region: NDArray[np.bool_]) -> F64:
     return (image.data - low) / (high - low)
 
 
-def fiber_channels(tensor: Image, kind: str) -> F64:
+def fiber_channels(tensor: Image, region: NDArray[np.bool_], kind: str) -> F64:
     """Channels of the lead eigenvectors of diffusion tensors; v and -v are the same fiber.
+
+    Where water moves alike in all directions (fat, bone) the lead eigenvector is noise; so
+    channels fade with the difference of the largest and the smallest eigenvalue.
 
     Parameters
     ----------
     tensor : Image
         xx, yy, zz, xy, xz, yz, shape `(ni, nj, nk, 6)`; a tensor that is not finite counts as
         having no direction.
+    region : NDArray
+        Voxels that count, shape `(ni, nj, nk)`.
     kind : str
         `dyad`: the six components of v v^T, those off the diagonal times the square root of
         two, so that squared differences are 2 sin^2 of the angle; `absolute`: |v_x|, |v_y|,
@@ -54,16 +60,19 @@ def fiber_channels(tensor: Image, kind: str) -> F64:
     NDArray
         Shape `(ni, nj, nk, 6)` or `(ni, nj, nk, 3)` [-].
     """
-    grid = tensor.data.shape[:3]
-    full = np.zeros((*grid, 3, 3))
+    full = np.zeros((*tensor.data.shape[:3], 3, 3))
     full[..., _ROWS, _COLUMNS] = full[..., _COLUMNS, _ROWS] = np.where(
         np.isfinite(tensor.data).all(axis=-1, keepdims=True), tensor.data, 0.0
     )
-    lead = np.linalg.eigh(full)[1][..., :, 2]
-    lead[~full.any(axis=(-2, -1))] = 0.0
+    values, vectors = np.linalg.eigh(full)
+    lead, spread = vectors[..., :, 2], values[..., 2] - values[..., 0]
+    if not np.ptp(spread[region]) > 0:
+        raise InputError(f"{tensor.name}: no direction of diffusion differs from another")
+    typical = np.median(spread[region & (spread > otsu(spread[region]))])
+    strength = np.clip(spread / typical, 0.0, 1.0)[..., np.newaxis]
     if kind == "absolute":
-        return np.abs(lead)
+        return strength * np.abs(lead)
     if kind == "aligned":
-        return np.where(lead[..., 2:] < 0, -lead, lead)
+        return strength * np.where(lead[..., 2:] < 0, -lead, lead)
     scale = np.where(np.equal(_ROWS, _COLUMNS), 1.0, np.sqrt(2.0))
-    return scale * lead[..., _ROWS] * lead[..., _COLUMNS]
+    return strength * scale * lead[..., _ROWS] * lead[..., _COLUMNS]

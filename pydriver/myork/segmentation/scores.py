@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike
 
-__all__ = ["dice", "pearson"]
+__all__ = ["dice", "label_scores", "pearson"]
 
 
 def dice(found: ArrayLike, truth: ArrayLike) -> float:
@@ -27,3 +30,35 @@ def pearson(found: ArrayLike, truth: ArrayLike) -> float:
     f, g = f - f.mean(), g - g.mean()
     scale = float(np.sqrt((f @ f) * (g @ g)))
     return float(f @ g) / scale if scale > 0 else float("nan")
+
+
+def label_scores(
+    found: ArrayLike, truth: ArrayLike, pairs: Mapping[str, tuple[int, Sequence[int]]]
+) -> dict[str, dict[str, Any]]:
+    """Dice and Pearson's coefficient of labels, of all slices and of each.
+
+    Parameters
+    ----------
+    found, truth : ArrayLike
+        Label maps, shape `(ni, nj, nk)`; slices along the last axis.
+    pairs : mapping
+        Name to the label found and the labels of the truth that it should be.
+
+    Returns
+    -------
+    dict
+        Name to `dice`, `pcc`, `dice_by_slice` and `pcc_by_slice`; not a number for a slice where
+        both are empty.
+    """
+    a, m = np.asarray(found), np.asarray(truth)
+    scores: dict[str, dict[str, Any]] = {}
+    for name, (label, wanted) in pairs.items():
+        one, two = a == label, np.isin(m, wanted)
+        slices = [(one[..., k], two[..., k]) for k in range(a.shape[2])]
+        scores[name] = {
+            "dice": dice(one, two),
+            "pcc": pearson(one, two),
+            "dice_by_slice": [dice(*pair) for pair in slices],
+            "pcc_by_slice": [pearson(*pair) for pair in slices],
+        }
+    return scores

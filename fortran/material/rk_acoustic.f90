@@ -1,0 +1,166 @@
+!> Strong ellipticity of a material at one state: the smallest eigenvalue of the acoustic tensor.
+!>
+!> For a direction N of the undeformed body Q_ik = C4_iAkB N_A N_B. Where one of its eigenvalues is
+!> not positive for some N, the equations of equilibrium lose their ellipticity: bands of
+!> localised strain cost nothing and the answer depends on the discretisation. A body that keeps
+!> its volume allows only motions across cof F N; there the eigenvalues of Q in that plane count.
+!>
+!> Reference: Ogden, Non-Linear Elastic Deformations, Dover (1997), chapter 6;
+!>            Swinbank, Purser, Q. J. R. Meteorol. Soc. 132 (2006) 1769, doi:10.1256/qj.05.227,
+!>            for the directions
+module rk_acoustic
+   use rk_precision, only : pi, wp
+   implicit none
+   private
+
+   public :: least_acoustic
+
+   !> Directions of the first search, about 0.3 apart on the half sphere
+   integer, parameter :: directions = 60
+   !> Refinements, each of four tries by a turn that is halved where none is better
+   integer, parameter :: refinements = 10
+   !> First turn of the refinement
+   real(wp), parameter :: first_turn = 0.15_wp
+
+contains
+
+!> Smallest eigenvalue of the acoustic tensor over all directions [stress]
+pure real(wp) function least_acoustic(nd, c4, cofactor, rigid) result(least)
+   !> Space dimension; in the plane directions and motions stay in it
+   integer, intent(in) :: nd
+   !> Tangent C4(i, A, k, B) [stress]
+   real(wp), intent(in) :: c4(3, 3, 3, 3)
+   !> Cofactors of F [-]
+   real(wp), intent(in) :: cofactor(3, 3)
+   !> The volume is kept
+   logical, intent(in) :: rigid
+   real(wp) :: n(3), best(3), centre(3), side(3, 2), angle, height, turn, value
+   integer :: i, k
+
+   least = huge(1.0_wp)
+   best = 0.0_wp
+   do k = 1, directions
+      if (nd == 2) then
+         angle = pi*(k - 1)/directions
+         n = [cos(angle), sin(angle), 0.0_wp]
+      else
+         ! Fibonacci spiral over the half sphere
+         height = (k - 0.5_wp)/directions
+         angle = pi*(3.0_wp - sqrt(5.0_wp))*k
+         n = [sqrt(1.0_wp - height**2)*[cos(angle), sin(angle)], height]
+      end if
+      call keep_better(n, least, best)
+   end do
+   turn = first_turn
+   do k = 1, refinements
+      centre = best
+      call sides_of(centre, nd, side)
+      value = least
+      do i = 1, nd - 1
+         n = cos(turn)*centre + sin(turn)*side(:, i)
+         call keep_better(n, least, best)
+         n = cos(turn)*centre - sin(turn)*side(:, i)
+         call keep_better(n, least, best)
+      end do
+      if (.not. least < value) turn = 0.5_wp*turn
+   end do
+
+contains
+
+   !> Keep a direction that is better
+   pure subroutine keep_better(direction, least_value, its_direction)
+      real(wp), intent(in) :: direction(3)
+      real(wp), intent(inout) :: least_value, its_direction(3)
+      real(wp) :: found
+      found = smallest(nd, c4, direction, matmul(cofactor, direction), rigid)
+      if (found >= least_value) return
+      least_value = found
+      its_direction = direction
+   end subroutine keep_better
+
+end function least_acoustic
+
+!> Two unit vectors across a direction
+pure subroutine sides_of(n, nd, side)
+   !> Unit vector
+   real(wp), intent(in) :: n(3)
+   !> Space dimension
+   integer, intent(in) :: nd
+   !> Unit vectors; in the plane only the first counts
+   real(wp), intent(out) :: side(3, 2)
+
+   if (nd == 2) then
+      side(:, 1) = [-n(2), n(1), 0.0_wp]
+   else if (abs(n(3)) < 0.9_wp) then
+      side(:, 1) = [-n(2), n(1), 0.0_wp]/norm2(n(:2))
+   else
+      side(:, 1) = [0.0_wp, -n(3), n(2)]/norm2(n(2:))
+   end if
+   side(:, 2) = product_across(n, side(:, 1))
+end subroutine sides_of
+
+!> Vector product
+pure function product_across(a, b) result(c)
+   !> Vectors
+   real(wp), intent(in) :: a(3), b(3)
+   real(wp) :: c(3)
+
+   c = [a(2)*b(3) - a(3)*b(2), a(3)*b(1) - a(1)*b(3), a(1)*b(2) - a(2)*b(1)]
+end function product_across
+
+!> Smallest eigenvalue of the acoustic tensor of one direction [stress]
+pure real(wp) function smallest(nd, c4, n, m, rigid)
+   !> Space dimension
+   integer, intent(in) :: nd
+   !> Tangent [stress]
+   real(wp), intent(in) :: c4(3, 3, 3, 3)
+   !> Direction, unit vector
+   real(wp), intent(in) :: n(3)
+   !> Direction of the motions that change the volume, of any length
+   real(wp), intent(in) :: m(3)
+   !> There are no such motions
+   logical, intent(in) :: rigid
+   real(wp) :: q(3, 3), side(3, 2), coupling(2), share(2), across(3), a, b, c, stiff
+   integer :: i, k, trial
+
+   q = 0.0_wp
+   do k = 1, nd
+      do i = 1, nd
+         q(i, k) = dot_product(n(:nd), matmul(c4(i, :nd, k, :nd), n(:nd)))
+      end do
+   end do
+   across = m/norm2(m)
+   call sides_of(across, nd, side)
+   if (nd == 2) side(:, 2) = 0.0_wp
+   a = dot_product(side(:, 1), matmul(q, side(:, 1)))
+   b = dot_product(side(:, 1), matmul(q, side(:, 2)))
+   c = dot_product(side(:, 2), matmul(q, side(:, 2)))
+   if (nd == 2) c = huge(1.0_wp)
+   smallest = lower(a, b, c)
+   if (rigid) return
+   ! elimination keeps the digits of shear beside a bulk modulus 1e8 times as large
+   stiff = dot_product(across, matmul(q, across))
+   coupling = [(dot_product(across, matmul(q, side(:, i))), i=1, 2)]
+   do trial = 1, 3
+      if (.not. stiff > smallest) then
+         smallest = min(stiff, smallest)
+         return
+      end if
+      share = coupling/sqrt(stiff - smallest)
+      smallest = lower(a - share(1)**2, b - share(1)*share(2), c - share(2)**2)
+   end do
+end function smallest
+
+!> Smaller eigenvalue of a symmetric 2x2 matrix
+pure real(wp) function lower(a, b, c)
+   !> Entries 11, 12, 22; an infinite 22 leaves the first
+   real(wp), intent(in) :: a, b, c
+
+   if (c >= 0.5_wp*huge(1.0_wp)) then
+      lower = a
+   else
+      lower = 0.5_wp*(a + c) - hypot(0.5_wp*(a - c), b)
+   end if
+end function lower
+
+end module rk_acoustic

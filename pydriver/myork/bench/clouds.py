@@ -1,0 +1,251 @@
+"""Bodies from voxels in the mixed form: a bar with known answers, and the phantom muscle refined.
+
+The bar is the block of `muscle_fibers.toml` cut out of a voxel lattice that is turned about its
+axis, so that its sides are stairs; its answers are the deck's finite element values. The muscle
+has no known answer: its force must not depend on the strides, and must be the same in all sections.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from myork.bench.runs import INPUTS
+from myork.build import build_cloud
+from myork.console import ProgressCallback
+from myork.deck import load_deck
+from myork.imaging.phantom import make_phantom
+from myork.model.store import write_model
+from myork.records import Image, Labels, PointCloud
+from myork.scene import Scene
+
+__all__ = ["bar", "run", "solve_bar"]
+
+_HEAD = """\
+title = "{title}"
+[units]
+force = "N"
+length = "cm"
+[scene]
+dimension = 3
+method = "rkcm-mixed"
+[geometry]
+kind = "model"
+[approximation]
+order = {order}
+support = {support}
+[[material]]
+name = "muscle"
+model = "muscle"
+A10 = 6.43
+A01 = -3.8
+A20 = 0.94
+A02 = 0.0005
+A11 = -0.0043
+K = 5000
+curve = "smooth"
+[[boundary]]
+set = "bottom"
+u_x = 0
+u_y = 0
+u_z = 0
+[[boundary]]
+set = "top"
+u_x = 0
+u_y = 0
+u_z = 0
+[load]
+steps = 1
+activation = 0.05
+"""
+_PROBE = """\
+[[probe]]
+name = "{name}"
+quantity = "{quantity}"
+{where}
+"""
+_SUPPORT = {2: 3, 3: 4}
+#: Numbers compared: the deck's probes
+_NAMES = ("side_u_x", "side_u_z", "stress_zz", "stress_xz", "reaction_x", "reaction_z")
+
+
+def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
+    """Run the study; see `myork.bench` for the result."""
+    bars = []
+    for voxel, angle in ((1 / 8, 20.0), (1 / 8, 33.0)) if quick else _BARS:
+        for order in (2, 3):
+            progress(f"bar of voxels of {voxel:.3f}, turned {angle:g} degrees, order {order}")
+            bars.append(solve_bar(voxel, angle, order))
+    muscles = []
+    for collocation, source in _STRIDES[:1] if quick else _STRIDES:
+        for order in (2, 3):
+            progress(f"muscle, strides {collocation} and {source}, order {order}")
+            muscles.append(_solve_muscle(collocation, source, order))
+    return {
+        "title": "Clouds from voxels",
+        "about": "Mixed form on bodies with ragged surfaces, activation 0.05.",
+        "cases": [*bars, *muscles],
+        "tables": [
+            {
+                "caption": "Turned bar: relative difference from finite elements.",
+                "head": ["voxel", "angle", "order", "sources", *_NAMES, "J"],
+                "rows": [
+                    [c["voxel"], c["angle"], c["order"], c["sources"]]
+                    + [c["error"][name] for name in _NAMES]
+                    + [c["J"]]
+                    for c in bars
+                ],
+            },
+            {
+                "caption": "Phantom muscle: force, spread of section forces over the middle, J "
+                "farther from the rims than half a radius.",
+                "head": ["collocation", "source", "order", "sources", "force", "spread", "J"],
+                "rows": [
+                    [str(c["collocation"]), str(c["source"]), c["order"], c["sources"]]
+                    + [c["force"], c["spread"], c["J"]]
+                    for c in muscles
+                ],
+            },
+        ],
+    }
+
+
+_BARS = ((1 / 8, 20.0), (1 / 8, 33.0), (1 / 12, 20.0), (1 / 12, 33.0))
+_STRIDES = (
+    ((2, 2, 1), (4, 4, 1)),
+    ((2, 2, 1), (4, 4, 2)),
+    ((1, 1, 1), (4, 4, 1)),
+    ((1, 1, 1), (4, 4, 2)),
+)
+
+
+def bar(voxel: float, angle: float) -> PointCloud:
+    """The block 1 x 1 x 2 cut out of cubic voxels turned about z, its axis at x = y = 0.
+
+    The lattice is shifted so that as many voxels are kept as fill the block; a source point stands
+    at every second one.
+    """
+    reach = int(1.0 / voxel) + 2
+    axis = voxel * np.arange(-reach, reach + 1)
+    turn = np.radians(angle)
+    best = None
+    for shift in np.ndindex(8, 8):
+        x, y = np.meshgrid(*(axis + voxel * s / 8 for s in shift), indexing="ij")
+        along = np.cos(turn) * x + np.sin(turn) * y, -np.sin(turn) * x + np.cos(turn) * y
+        body = (abs(along[0]) <= 0.5) & (abs(along[1]) <= 0.5)
+        missing = abs(body.sum() * voxel**2 - 1.0)
+        if best is None or missing < best[0] - 1e-12:
+            best = missing, body, np.array(shift) * voxel / 8
+    assert best is not None
+    layers = round(2.0 / voxel) + 1
+    data = np.repeat(best[1][:, :, np.newaxis], layers, axis=2).astype(np.int32)
+    affine = np.diag([10 * voxel, 10 * voxel, 10 * voxel, 1.0])
+    affine[:2, 3] = 10 * (axis[0] + best[2])
+    fiber = np.zeros((*data.shape, 3))
+    lean = np.radians(30.0)
+    fiber[data > 0] = [
+        np.sin(lean) * np.cos(turn),
+        np.sin(lean) * np.sin(turn),
+        np.cos(lean),
+    ]
+    table = {"collocation_stride": [1, 1, 1], "source_stride": [2, 2, 2], "ids": []}
+    return build_cloud(
+        Labels(data, affine), Image(fiber, affine), {**table, "islands": "error"}, "cm"
+    )[0]
+
+
+def solve_bar(voxel: float, angle: float, order: int) -> dict[str, Any]:
+    """Solve the turned bar and compare it with the reference of the block."""
+    deck = load_deck(INPUTS / "muscle_fibers.toml", [])
+    right = {
+        table["probe"]: np.interp(0.05, table["activation"], table["value"])
+        for table in deck["reference"]
+    }
+    cosine, sine = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+    side = f"point = [{0.5 * cosine}, {0.5 * sine}, 1]"
+    places = {
+        **{f"u_{a}": (f"u_{a}", side) for a in "xyz"},
+        **{f"s_{a}z": (f"cauchy_{a}z", "point = [0, 0, 1]") for a in "xyz"},
+        **{f"r_{a}": (f"force_{a}", 'set = "bottom"') for a in "xyz"},
+    }
+    value, _, volume = _solve(bar(voxel, angle), order, places)
+    # along the bar's own x
+    found = {
+        "side_u_x": cosine * value["u_x"] + sine * value["u_y"],
+        "side_u_z": value["u_z"],
+        "stress_zz": value["s_zz"],
+        "stress_xz": cosine * value["s_xz"] + sine * value["s_yz"],
+        "reaction_x": cosine * value["r_x"] + sine * value["r_y"],
+        "reaction_z": value["r_z"],
+    }
+    return {
+        "voxel": voxel,
+        "angle": angle,
+        "order": order,
+        "sources": volume["sources"],
+        "error": {name: found[name] / right[name] - 1.0 for name in _NAMES},
+        "J": volume["J"],
+    }
+
+
+def _solve_muscle(
+    collocation: tuple[int, ...], source: tuple[int, ...], order: int
+) -> dict[str, Any]:
+    """Solve the medial gastrocnemius of the phantom with some strides."""
+    phantom = make_phantom()
+    table = {
+        "collocation_stride": list(collocation),
+        "source_stride": list(source),
+        "ids": [1],
+        "islands": "error",
+    }
+    cloud, _ = build_cloud(phantom.truth, phantom.fiber, table, "cm")
+    places = {"force": ("force_z", 'set = "bottom"')}
+    value, sections, volume = _solve(cloud, order, places)
+    middle = sections[2:-2]
+    return {
+        "collocation": collocation,
+        "source": source,
+        "order": order,
+        "sources": volume["sources"],
+        "force": -value["force"],
+        "spread": float(np.ptp(middle) / abs(middle.mean())),
+        "J": volume["J"],
+    }
+
+
+def _solve(
+    cloud: PointCloud, order: int, places: dict[str, tuple[str, str]]
+) -> tuple[dict[str, float], NDArray[Any], dict[str, Any]]:
+    """Probe values, force along z through each slice, and the range of J away from the rims."""
+    text = _HEAD.format(title="Body from voxels", order=order, support=_SUPPORT[order])
+    for name, (quantity, where) in places.items():
+        text += _PROBE.format(name=name, quantity=quantity, where=where)
+    with tempfile.TemporaryDirectory(prefix="myork-bench-") as folder:
+        write_model(Path(folder) / "model.h5", cloud)
+        deck = Path(folder) / "body.toml"
+        deck.write_text(text, encoding="utf-8")
+        with Scene(deck) as scene:
+            states = scene.solve()
+            value = scene.probes(states.x, states.load)[-1, :, 0]
+            fields = scene.fields(states.x[-1], states.load[-1])
+    volume = np.linalg.det(fields.f)
+    # P e_z with the Cauchy stress's components zz, yz, xz: P = J sigma F^-T
+    row = fields.cauchy[:, [5, 4, 2]]
+    nominal = volume * np.einsum("na,na->n", np.linalg.inv(fields.f)[:, 2], row)
+    skin = cloud.boundary_point[cloud.boundary_set == cloud.set_names.index("surface")]
+    below = np.delete(cloud.points, skin, axis=0)
+    ends = [cloud.points[:, 2].min(), cloud.points[:, 2].max()]
+    thickness = (ends[1] - ends[0]) / (len(np.unique(below[:, 2].round(6))) - 1)
+    layer = np.rint((cloud.points[:, 2] - ends[0]) / thickness).astype(int)
+    sections = np.bincount(layer, nominal * cloud.volume) / thickness
+    radius = np.sqrt(cloud.volume.sum() / (ends[1] - ends[0]) / np.pi)
+    rim = cloud.points[skin][np.isin(cloud.points[skin, 2], ends)]
+    near = np.linalg.norm(cloud.points[:, np.newaxis] - rim[np.newaxis], axis=2).min(axis=1)
+    away = volume[near > 0.5 * radius]
+    found = {"sources": len(cloud.source), "J": [float(away.min()), float(away.max())]}
+    return dict(zip(places, value.tolist(), strict=True)), sections, found

@@ -1,0 +1,215 @@
+"""The materials of a whole leg from its images (thesis section 4.1.2).
+
+The outer boundary and the bones come from the anatomy by two-phase level sets; fat and connective
+tissue are clustered in images of their own sequences; of what is left, voxels with a diffusion
+tensor are muscle and all others fat.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from myork.errors import InputError
+from myork.imaging.diffusion import mean_diffusivity
+from myork.imaging.geometry import check_same_grid
+from myork.imaging.phantom import TISSUES
+from myork.records import Image, Labels
+from myork.segmentation.channels import scaled_values
+from myork.segmentation.fuzzy import fuzzy_c_means
+from myork.segmentation.level_sets import Evolve, LevelSets, segment_regions, wanted_phase
+
+__all__ = ["LegImages", "check_disjoint", "find_bones", "leg_tissues", "outer_boundary"]
+
+Mask = NDArray[Any]
+
+# Pieces of the body smaller than a tenth of the largest are no leg.
+_LEAST_PIECE = 0.1
+# Marrow: at least this large in the slice [mm^2]; cortex is as thick as this at most [mm].
+_LEAST_MARROW = 15.0
+_CORTEX = 6.0
+_COVERED = 0.6
+# The brightest cluster of a special sequence is its tissue only if it stands out that much.
+_STANDS_OUT = 1.5
+
+
+@dataclass(frozen=True)
+class LegImages:
+    """Images of a leg, all on the grid of the anatomy; those that are missing are None.
+
+    Attributes
+    ----------
+    anatomy : Image
+        T1-like MR image, shape `(ni, nj, nk)`.
+    fat, connective : Image or None
+        Images in which fat, or connective tissue, is bright; without the first the anatomy shows
+        fat, without the second no connective tissue is found.
+    tensor : Image or None
+        Diffusion tensors; without them all that is left is muscle.
+    """
+
+    anatomy: Image
+    fat: Image | None = None
+    connective: Image | None = None
+    tensor: Image | None = None
+
+
+def leg_tissues(images: LegImages, evolve: Evolve, table: Mapping[str, Any]) -> Labels:
+    """Label every voxel of a leg with its material.
+
+    Parameters
+    ----------
+    images : LegImages
+        What there is.
+    evolve : callable
+        Evolution of the level sets, as `myork.core_image.evolve_level_sets`.
+    table : mapping
+        Table `tissue` of the deck: `least_diffusivity`, `spatial` and `seed`.
+
+    Returns
+    -------
+    Labels
+        Materials as in `TISSUES`.
+    """
+    for other in (images.fat, images.connective, images.tensor):
+        if other is not None:
+            check_same_grid(other, images.anatomy)
+    body = outer_boundary(images.anatomy, evolve)
+    bone = find_bones(images.anatomy, body, evolve)
+    soft = body & ~bone
+
+    def clustered(image: Image, clusters: int) -> Mask:
+        found = fuzzy_c_means(
+            image.data, soft, clusters, spatial=table["spatial"], seed=table["seed"]
+        )
+        if found.centre[-1, 0] < _STANDS_OUT * found.centre[-2, 0]:
+            return np.zeros(soft.shape, dtype=bool)
+        return found.place(soft, -1)
+
+    connective = np.zeros(body.shape, dtype=bool)
+    if images.connective is not None:
+        connective = clustered(images.connective, 3)
+    # Fat, muscle and what is darker still stand apart in the anatomy; in a fat image there are two.
+    if images.fat is not None:
+        fat = clustered(images.fat, 2)
+    else:
+        fat = clustered(images.anatomy, 3)
+    # A voxel that is bright in both images lies between fat and connective tissue.
+    connective &= ~fat
+    rest = soft & ~fat & ~connective
+    muscle = rest
+    if images.tensor is not None:
+        components = images.tensor.data
+        usable = np.asarray(np.isfinite(components).all(axis=-1, keepdims=True))
+        mean = mean_diffusivity(np.where(usable, components, 0.0))
+        muscle = rest & (mean > table["least_diffusivity"])
+        if not muscle.any():
+            raise InputError(
+                f"{images.tensor.name}: no voxel has a mean diffusivity above "
+                f"tissue.least_diffusivity = {table['least_diffusivity']:g}; check its unit"
+            )
+    masks = {"muscle": muscle, "fat": fat | (rest & ~muscle), "connective_tissue": connective,
+             "bone": bone}  # fmt: skip
+    check_disjoint(masks, body)
+    data = np.zeros(body.shape, dtype=np.int32)
+    for label, name in TISSUES.items():
+        data[masks[name]] = label
+    return Labels(data, images.anatomy.affine, TISSUES, "tissue")
+
+
+def outer_boundary(anatomy: Image, evolve: Evolve) -> Mask:
+    """Voxels inside the skin: the bright phase of the whole image with its holes filled."""
+    inside = _phase(_even(anatomy), np.ones(anatomy.data.shape, bool), evolve, "bright")
+    slices = np.moveaxis(inside, -1, 0)
+    body = np.stack([ndimage.binary_fill_holes(section) for section in slices], axis=-1)
+    pieces, n = ndimage.label(body)
+    if not n:
+        raise InputError(f"{anatomy.name}: no body found, the image has next to no contrast")
+    size = np.bincount(pieces.ravel())[1:]
+    return np.isin(pieces, 1 + np.flatnonzero(size >= _LEAST_PIECE * size.max()))
+
+
+def find_bones(anatomy: Image, body: Mask, evolve: Evolve) -> Mask:
+    """Bones: bright marrow that a ring of very dark cortex closes off in every slice.
+
+    Two level sets one after the other: bright (fat, marrow) against dark, and of the dark phase
+    muscle against what is darker still.
+    """
+    bright = _phase(anatomy, body, evolve, "bright")
+    dark = body & ~bright
+    if not dark.any():
+        return np.zeros(body.shape, dtype=bool)
+    darkest = _phase(anatomy, dark, evolve, "dark")
+    pixel = float(anatomy.spacing[:2].prod())
+    bone = np.zeros(body.shape, dtype=bool)
+    for k in range(body.shape[2]):
+        cortex = darkest[:, :, k]
+        # One pixel of cortex and fat mixed may look like muscle: the ring is closed over it.
+        ring = (
+            ndimage.binary_closing(np.pad(cortex, 2), np.ones((3, 3)))[2:-2, 2:-2] & body[:, :, k]
+        )
+        pieces, n = ndimage.label(ndimage.binary_fill_holes(ring) & ~ring)
+        for piece in range(1, n + 1):
+            marrow = pieces == piece
+            large = marrow.sum() * pixel >= _LEAST_MARROW
+            if large and bright[:, :, k][marrow].mean() > 0.5:
+                bone[:, :, k] |= marrow | _wall(marrow, ring, anatomy.spacing[:2])
+    return bone
+
+
+def _wall(marrow: Mask, ring: Mask, pixel: NDArray[np.float64]) -> Mask:
+    """Cortex around marrow, shell by shell while most of a shell is dark.
+
+    Fascia that touches the bone is as dark, but covers little of a shell.
+    """
+    away = ndimage.distance_transform_edt(~marrow, sampling=pixel)
+    shell = np.ceil(away / pixel.max()).astype(int)
+    wall = np.zeros(ring.shape, dtype=bool)
+    for number in range(1, int(_CORTEX / pixel.max()) + 1):
+        here = shell == number
+        if ring[here].mean() < _COVERED:
+            break
+        wall |= here & ring
+    return wall
+
+
+def check_disjoint(masks: Mapping[str, Mask], body: Mask) -> None:
+    """Refuse materials that share a voxel or leave one of the body without any."""
+    count = np.sum(list(masks.values()), axis=0, dtype=np.int32)
+    shared = np.argwhere(count > 1)
+    if len(shared):
+        first = tuple(shared[0].tolist())
+        both = [name for name, mask in masks.items() if mask[first]]
+        raise InputError(
+            f"materials overlap in {len(shared)} voxels, the first is {first}: {' and '.join(both)}"
+        )
+    lost = np.argwhere((count == 1) != body)
+    if len(lost):
+        raise InputError(
+            f"{len(lost)} voxels are in the body or in a material but not in both, the first is "
+            f"{tuple(lost[0].tolist())}"
+        )
+
+
+def _even(anatomy: Image) -> Image:
+    """Grey values by their square roots, so that muscle is nearer to fat than to air."""
+    return Image(np.sqrt(np.maximum(anatomy.data, 0.0)), anatomy.affine, anatomy.name)
+
+
+def _phase(image: Image, region: Mask, evolve: Evolve, phase: str) -> Mask:
+    """Dark or bright phase of a region, by a level set in every slice."""
+    grey = scaled_values(image, region)
+    found = segment_regions(
+        grey[..., np.newaxis],
+        region,
+        evolve,
+        LevelSets(regions=2, start="otsu"),
+        spacing=image.spacing,
+        name=image.name,
+    )
+    return wanted_phase(found, grey, phase)

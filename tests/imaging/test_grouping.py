@@ -1,0 +1,131 @@
+"""From regions to muscles; fiber channels; the six muscles of the phantom."""
+
+import numpy as np
+import pytest
+
+from myork.deck import load_deck
+from myork.errors import InputError
+from myork.imaging.phantom import make_phantom
+from myork.records import Image, Labels
+from myork.segment import segment
+from myork.segmentation.channels import fiber_channels
+from myork.segmentation.grouping import Muscle, group_by_reference, group_by_rules
+from myork.segmentation.scores import label_scores
+
+GRID = Image(np.zeros((8, 4, 1)), np.diag([2.0, 1.0, 1.0, 1.0]), "grid")
+
+
+def muscle(name, regions=(), seeds=()):
+    return Muscle(name, tuple(regions), np.reshape(np.array(seeds, float), (-1, 3)))
+
+
+def stripes(*numbers):
+    """Columns of regions, each two voxels wide."""
+    return np.repeat(np.repeat(numbers, 2)[:, None], 4, axis=1)[..., None].astype(np.int32)
+
+
+def test_whole_regions_and_pieces_with_seeds():
+    region = stripes(1, 0, 1, 2)
+    label, warnings = group_by_rules(
+        region, GRID, [muscle("a", seeds=[0, 1, 0]), muscle("b", regions=[0, 2])]
+    )
+    assert np.array_equal(label, stripes(1, 2, 0, 2)) and not warnings
+    both = group_by_rules(region, GRID, [muscle("a", seeds=[0, 1, 0, 8, 1, 0])])[0]
+    assert np.array_equal(both, stripes(1, 0, 1, 0))
+
+
+def test_a_shared_piece_is_split_by_the_nearest_seed_with_a_warning():
+    label, warnings = group_by_rules(
+        stripes(1, 1, 1, 0), GRID, [muscle("a", seeds=[0, 1, 0]), muscle("b", seeds=[10, 1, 0])]
+    )
+    assert (label[:3] == 1).all() and (label[3:6] == 2).all() and not label[6:].any()
+    assert "a, b share pieces of regions (24 voxels)" in warnings[0]
+
+
+def test_pieces_take_the_label_most_of_their_voxels_have():
+    reference = Labels(stripes(4, 4, 0, 5), GRID.affine, {4: "four", 5: "five"})
+    found = group_by_reference(stripes(1, 0, 0, 1), reference)
+    assert np.array_equal(found.data[:2], stripes(4)) and np.array_equal(found.data[6:], stripes(5))
+    assert found.names == {4: "four", 5: "five"}
+
+
+@pytest.mark.parametrize(
+    ("rules", "message"),
+    [
+        ([dict(name="a", seeds=[90, 0, 0])], "muscle.a: the seed .* lies outside of grid"),
+        ([dict(name="a", regions=[9])], "muscle.a: there is no region 9; the regions are 0 to 2"),
+        ([dict(name="a", regions=[2], seeds=[0, 0, 0])], "lies in region 1, not in one of"),
+        ([dict(name="a", regions=[1]), dict(name="b", regions=[1])], "give both seeds"),
+    ],
+)
+def test_rules_that_cannot_be(rules, message):
+    with pytest.raises(InputError, match=message):
+        group_by_rules(stripes(1, 0, 1, 2), GRID, [muscle(**rule) for rule in rules])
+    with pytest.raises(InputError, match="needs regions or seeds"):
+        muscle("c")
+
+
+def test_scores_of_labels_and_slices():
+    found = np.zeros((4, 4, 2), int)
+    truth = found.copy()
+    found[:2, :, 0], truth[1:3, :, 0] = 1, 7
+    scores = label_scores(found, truth, {"a": (1, [7])})["a"]
+    assert scores["dice"] == pytest.approx(0.5) and scores["dice_by_slice"][0] == pytest.approx(0.5)
+    assert np.isnan(scores["dice_by_slice"][1])
+
+
+def test_fiber_channels_do_not_know_the_sign_and_fade_without_direction():
+    random = np.random.default_rng(0)
+    v = random.normal(size=(5, 4, 3, 3))
+    v /= np.linalg.norm(v, axis=-1, keepdims=True)
+    full = 1e-3 * np.eye(3) + 1e-3 * v[..., :, None] * v[..., None, :]
+    full[0] = 1e-3 * np.eye(3)
+    rows, columns = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)
+    tensor = Image(full[..., rows, columns], np.eye(4), "tensor")
+    there = np.ones((5, 4, 3), bool)
+    dyads = fiber_channels(tensor, there, "dyad")
+    assert np.abs(dyads[0]).max() < 1e-9
+    a, b = dyads[1:, :2], dyads[1:, 2:]
+    sine = 1 - (v[1:, :2] * v[1:, 2:]).sum(-1) ** 2
+    np.testing.assert_allclose(((a - b) ** 2).sum(-1), 2 * sine, atol=1e-9)
+    np.testing.assert_allclose(fiber_channels(tensor, there, "absolute")[1:], np.abs(v[1:]))
+    assert (fiber_channels(tensor, there, "aligned")[..., 2] >= 0).all()
+    with pytest.raises(InputError, match="no direction of diffusion"):
+        fiber_channels(Image(0 * tensor.data, np.eye(4), "flat"), there, "dyad")
+
+
+def test_six_muscles_by_fibers_and_without(tmp_path, inputs):
+    """The fibers part what has one grey value; five slices to be quick."""
+    few = ["phantom.size=[96, 96, 5]", "phantom.spacing=[1.25, 1.25, 21]", "image.iterations=100"]
+    seeds_of = "muscle.{}.seeds=[{}]"
+    names = {
+        name: ", ".join(f"{x}, {y}, {z}" for z in (0, 42, 84))
+        for name, x, y in (
+            ("medial_gastrocnemius", 19, -27),
+            ("lateral_gastrocnemius", -20, -27),
+            ("tibialis_anterior", -11, 29),
+            ("peroneus", -34, 7),
+            ("tibialis_posterior", -3, 9),
+        )
+    }
+    few += [seeds_of.format(name, seeds) for name, seeds in names.items()]
+    points = [(x, y, z) for x, y in ((0, -10), (20, -8), (-20, -8)) for z in (0, 42, 84)]
+    few.append(seeds_of.format("soleus", ", ".join(f"{x}, {y}, {z}" for x, y, z in points)))
+    means = {}
+    for kind in ("dyad", "none"):
+        deck = load_deck(inputs / "leg_muscles.toml", [*few, f"image.fiber_channels={kind}"])
+        found = segment(deck, inputs, tmp_path / kind, lambda line: None)["segmentation"]
+        scores = [score["dice"] for score in found["scores"].values()]
+        assert len(scores) == 6 and (np.diff(found["energy"]) <= 0).all()
+        means[kind] = np.mean(scores)
+        if kind == "dyad":
+            assert found["scores"]["medial_gastrocnemius"]["dice"] > 0.9
+    assert means["dyad"] > 0.9
+    # Without fibers the muscles are one region, split by the nearest seed.
+    assert means["none"] < means["dyad"] - 0.08
+
+
+def test_muscles_of_the_phantom_touch():
+    truth = make_phantom(septum=0.0, growth=15.0).truth.data
+    touching = (truth[1:] > 0) & (truth[:-1] > 0) & (truth[1:] != truth[:-1])
+    assert touching.sum() > 500

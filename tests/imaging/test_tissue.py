@@ -1,0 +1,158 @@
+"""Tissues: fuzzy clusters, the materials of a leg, bone as a boundary."""
+
+import numpy as np
+import pytest
+
+from myork.core_image import evolve_level_sets
+from myork.errors import InputError
+from myork.imaging.phantom import TISSUES, make_phantom
+from myork.model.points import BONE, boundary_sets, changed_volumes, coarsen, select
+from myork.records import Image, Labels
+from myork.segmentation.fuzzy import fuzzy_c_means
+from myork.segmentation.leg import LegImages, check_disjoint, find_bones, leg_tissues
+from myork.segmentation.scores import dice
+
+KEYS = {"least_diffusivity": 0.8e-3, "spatial": 0.0, "seed": 1}
+
+
+def two_greys(noise):
+    data = np.where(np.arange(40)[:, None, None] < 25, 1.0, 3.0) * np.ones((40, 30, 2))
+    truth = data > 2
+    return data + np.random.default_rng(1).normal(0.0, noise, data.shape), truth
+
+
+def test_centres_and_memberships_of_two_greys():
+    data, truth = two_greys(0.2)
+    region = np.ones(data.shape, bool)
+    found = fuzzy_c_means(data, region, 2)
+    assert found.converged
+    # The mean of some hundred values; fuzzy weights pull centres towards each other a little.
+    np.testing.assert_allclose(found.centre[:, 0], [1.0, 3.0], atol=0.05)
+    np.testing.assert_allclose(found.membership.sum(axis=1), 1.0)
+    assert np.array_equal(found.place(region, -1), truth)
+    again = fuzzy_c_means(data, region, 2)
+    assert np.array_equal(found.membership, again.membership)
+
+
+def test_neighbours_remove_noise():
+    data, truth = two_greys(0.6)
+    region = np.ones(data.shape, bool)
+    plain = fuzzy_c_means(data, region, 2).place(region, -1)
+    spatial = fuzzy_c_means(data, region, 2, spatial=1.0).place(region, -1)
+    assert np.mean(plain != truth) > 0.04
+    assert np.mean(spatial != truth) < 0.3 * np.mean(plain != truth)
+
+
+def test_channels_and_a_region_of_any_shape():
+    data, truth = two_greys(0.0)
+    both = np.stack([np.ones(data.shape) + 1e-3 * data, data], axis=-1)
+    region = np.arange(30)[None, :, None] % 3 > 0
+    region = np.broadcast_to(region, data.shape)
+    found = fuzzy_c_means(both, region, 2)
+    assert np.array_equal(found.place(region, -1), truth & region)
+
+
+def test_bad_regions_are_named():
+    data, _ = two_greys(0.1)
+    with pytest.raises(InputError, match="the region is empty"):
+        fuzzy_c_means(data, np.zeros(data.shape, bool), 2)
+    with pytest.raises(InputError, match="fewer different grey values than 3 clusters"):
+        fuzzy_c_means(two_greys(0.0)[0], np.ones(data.shape, bool), 3)
+    data[0, 0, 0] = np.nan
+    with pytest.raises(InputError, match="not finite"):
+        fuzzy_c_means(data, np.ones(data.shape, bool), 2)
+
+
+@pytest.fixture(scope="module")
+def leg():
+    return make_phantom(
+        (90, 90, 3), (1.25, 1.25, 20.0), septum=0.6, growth=15.0, imat=0.05, imct=0.2
+    )
+
+
+def images(leg, **parts):
+    return LegImages(leg.anatomy, **{"fat": leg.fat, "connective": leg.connective,
+                                     "tensor": leg.tensor, **parts})  # fmt: skip
+
+
+def test_materials_of_a_leg(leg):
+    found = leg_tissues(images(leg), evolve_level_sets, KEYS)
+    assert found.names == TISSUES
+    scores = {name: dice(found.data == i, leg.tissue.data == i) for i, name in TISSUES.items()}
+    # Sheets and streaks are a pixel or two wide: half of their pixels are rim.
+    assert scores["muscle"] > 0.95 and scores["fat"] > 0.9 and scores["bone"] > 0.95
+    assert scores["connective_tissue"] > 0.7
+    assert dice(found.data > 0, leg.tissue.data > 0) > 0.99
+
+
+def test_fewer_images_give_fewer_materials(leg):
+    found = leg_tissues(
+        images(leg, fat=None, connective=None, tensor=None), evolve_level_sets, KEYS
+    )
+    assert not (found.data == 3).any()
+    assert dice(found.data == 4, leg.tissue.data == 4) > 0.95
+    # The skin, as grey as muscle, is not told from it without tensors.
+    assert dice(found.data == 2, leg.tissue.data == 2) > 0.8
+
+
+def test_no_connective_tissue_where_there_is_none():
+    plain = make_phantom((90, 90, 3), (1.25, 1.25, 20.0))
+    found = leg_tissues(images(plain), evolve_level_sets, KEYS)
+    assert not (found.data == 3).any()
+    assert dice(found.data == 1, plain.tissue.data == 1) > 0.98
+
+
+def test_no_bones_in_an_image_without(leg):
+    plain = np.where(leg.tissue.data == 4, 1000.0, leg.anatomy.data)
+    body = leg.tissue.data > 0
+    assert not find_bones(Image(plain, leg.anatomy.affine), body, evolve_level_sets).any()
+
+
+def test_tensors_in_another_unit_are_named(leg):
+    with pytest.raises(InputError, match="tissue.least_diffusivity = 0.8; check its unit"):
+        leg_tissues(images(leg), evolve_level_sets, {**KEYS, "least_diffusivity": 0.8})
+
+
+def test_shared_and_lost_voxels_are_named():
+    body = np.ones((2, 2, 1), bool)
+    half = np.array([[[True], [True]], [[False], [False]]])
+    check_disjoint({"muscle": half, "fat": ~half}, body)
+    with pytest.raises(InputError, match=r"overlap in 2 voxels, the first is \(0, 0, 0\): mus"):
+        check_disjoint({"muscle": half, "fat": body}, body)
+    with pytest.raises(InputError, match=r"2 voxels are in the body or .* first is \(1, 0, 0\)"):
+        check_disjoint({"muscle": half}, body)
+
+
+def test_bone_bounds_the_model():
+    i, j = np.mgrid[:41, :41] - 20.0
+    away = np.hypot(i, j)
+    data = np.select([away < 6, away < 16], [4, 1], 0).astype(np.int32)
+    data = np.repeat(data[..., None], 4, axis=2)
+    labels = select(Labels(data, np.diag([1.0, 1.0, 5.0, 1.0])), [1], None, [4])
+    assert set(np.unique(labels.data)) == {BONE, 0, 1}
+    sets = boundary_sets(labels, "multiquadric")
+    assert sets.names == ("bottom", "top", "bone", "surface")
+    voxels = np.argwhere(labels.data > 0)[sets.point]
+    radial = voxels[:, :2] - 15.0
+    radial /= np.linalg.norm(radial, axis=1, keepdims=True)
+    outward = (sets.normal[:, :2] * radial).sum(axis=1)
+    bone, skin = sets.set == 2, sets.set == 3
+    # Out of the muscle is into the bone.
+    assert outward[bone].max() < -0.95 and outward[skin].min() > 0.95
+    # A circle of pixels has its true length where facets are projected on the normal.
+    assert sets.area[bone].sum() == pytest.approx(2 * np.pi * 6 * 20, rel=0.1)
+    assert sets.area[skin].sum() == pytest.approx(2 * np.pi * 16 * 20, rel=0.1)
+
+
+def test_thin_sheets_vanish_by_majority_and_stay_as_samples():
+    data = np.ones((40, 40, 2), np.int32)
+    data[::8] = 3
+    labels = Labels(data, np.eye(4), {1: "muscle", 3: "sheet"})
+    coarse = coarsen(labels, (4, 4, 1))
+    assert not (coarse.data == 3).any()
+    told = changed_volumes(labels, coarse)
+    assert any("sheet has 0 cm^3" in text and "build.merge" in text for text in told)
+    data[:] = np.where(np.random.default_rng(1).random(data.shape) < 0.3, 3, 1)
+    sampled = coarsen(Labels(data, np.eye(4)), (2, 2, 1), "sample")
+    assert np.mean(sampled.data == 3) == pytest.approx(0.3, abs=0.05)
+    assert changed_volumes(labels, labels) == []
