@@ -28,6 +28,8 @@ module rk_cells
       integer :: per_cell = 1
       !> Points, those of a group together, shape (nd, np) [length]
       real(wp), allocatable :: point(:, :)
+      !> Source point of each nodal cell, shape (np); not allocated for Gauss points
+      integer, allocatable :: node(:)
       !> Volume of each point, shape (np) [length^nd]
       real(wp), allocatable :: weight(:)
       !> Group g has points first(g)+1 : first(g+1), shape (groups + 1)

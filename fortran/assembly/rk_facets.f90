@@ -94,6 +94,8 @@ subroutine close_cells(self, cells, facets, group)
       members(group(i)) = members(group(i)) - 1
    end do
 
+   allocate (self%node(cells))
+   self%node(number) = [(i, i=1, cells)]
    allocate (self%point(nd, cells), self%weight(cells), self%moment(nd, nd, cells), source=0.0_wp)
    do k = 1, facets%n
       do side = 1, merge(1, 2, facets%side(2, k) == 0)

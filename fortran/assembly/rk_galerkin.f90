@@ -24,7 +24,7 @@ module rk_galerkin
    use rk_shape, only : new_shape, shape_type
    use rk_stabilisation, only : stabilise
    use rk_surface, only : set_conditions, surface_type
-   use rk_symmetric, only : new_symmetric, symmetric_matrix
+   use rk_tangent, only : new_tangent, tangent_type
    implicit none
    private
 
@@ -53,7 +53,7 @@ module rk_galerkin
       !> Volume ratio at each point in the last evaluation, shape (np) [-]
       real(wp), allocatable :: volume(:)
       !> Tangent, and the part of it that never changes: penalty and stabilisation
-      type(symmetric_matrix) :: matrix
+      type(tangent_type) :: matrix
       real(wp), allocatable :: constant(:)
       !> Forces at full load: tractions, body forces, penalty of the prescribed values, shape (n)
       real(wp), allocatable :: force(:)
@@ -128,12 +128,13 @@ subroutine new_galerkin(self, scene, error)
    call self%gradient%give(self%cells, self%surface%essential, self%surface%value)
    call new_pressure(self%pressure, self%cells, scene%pressure_degree, scene%cloud%place, error)
    if (allocated(error)) return
-   call new_symmetric(self%matrix, nd, size(scene%cloud%source, 2), self%gradient%member_start, &
-      & self%gradient%member)
+   call new_tangent(self%matrix, size(scene%cloud%source, 2), self%cells, self%gradient, &
+      & self%surface, self%inside%neighbour, shear, scene%direct_limit, error)
+   if (allocated(error)) return
    allocate (self%stress(3, 3, np), self%f(3, 3, np), self%volume(np), self%force(self%n))
    allocate (self%constant(size(self%matrix%value, kind=i8)), source=0.0_wp)
-   call self%surface%add_penalty(self%matrix, self%constant)
-   if (self%cells%smoothed) call stabilise(self%matrix, self%constant, self%cells, self%inside, &
+   call self%surface%add_penalty(self%matrix%symmetric_matrix, self%constant)
+   if (self%cells%smoothed) call stabilise(self%matrix%symmetric_matrix, self%constant, self%cells, self%inside, &
       & scene%stabilisation*shear)
    self%force = 0.0_wp
    call self%surface%add_forces(self%force)
@@ -288,7 +289,7 @@ subroutine assemble(self, x, held, load, tangent, r, state)
             & force, part)
          !$omp ordered
          call add_force(member, force, r)
-         if (tangent) call self%matrix%add(self%matrix%value, member, part)
+         if (tangent .and. self%matrix%formed) call self%matrix%add(self%matrix%value, member, part)
          !$omp end ordered
       end associate
    end do
@@ -340,7 +341,9 @@ subroutine group_part(self, g, x, held, load, tangent, force, part)
    real(wp) :: linear(4), jump(4), pressure
    integer :: nc, nd, n, q, o, i, k, members, b
    integer(i8) :: e
+   logical :: formed
 
+   formed = tangent .and. self%matrix%formed
    nd = self%gradient%nd
    o = self%cells%first(g)
    n = self%cells%first(g + 1) - o
@@ -354,7 +357,7 @@ subroutine group_part(self, g, x, held, load, tangent, force, part)
    if (allocated(force)) deallocate (force)
    allocate (force(nd, members), source=0.0_wp)
    if (allocated(part)) deallocate (part)
-   if (tangent) allocate (part(nd*members, nd*members), source=0.0_wp)
+   if (formed) allocate (part(nd*members, nd*members), source=0.0_wp)
    value = 0.0_wp
    linear = 0.0_wp
    do q = 1, n
@@ -423,6 +426,7 @@ subroutine group_part(self, g, x, held, load, tangent, force, part)
       end if
       p = self%cells%weight(o + q)*p
       cofactor = self%cells%weight(o + q)*cofactor
+      if (tangent .and. .not. formed) self%matrix%cofactor(:, :, o + q) = cofactor
       do e = self%gradient%start(o + q) + 1, self%gradient%start(o + q + 1)
          k = int(e - self%gradient%start(o + q))
          do i = 1, nd
@@ -437,6 +441,11 @@ subroutine group_part(self, g, x, held, load, tangent, force, part)
    end do
    if (.not. tangent) return
    force = force + bulk*reshape(matmul(volume, jump(:b)), shape(force))
+   if (.not. formed) then
+      self%matrix%bulk(g) = bulk
+      self%matrix%moduli(:, :, :, :, o + 1:o + n) = c4
+      return
+   end if
    call dsyrk('u', 'n', nd*members, b, bulk, volume, nd*members, 0.0_wp, part, nd*members)
    call add_stiffness(self, o, n, members, c4, part)
 end subroutine group_part
@@ -492,6 +501,9 @@ function operator(self) result(op)
 
    ! asked for at the places where steps begin
    self%base = self%f
+   self%matrix%cells => self%cells
+   self%matrix%gradient => self%gradient
+   self%matrix%pressure => self%pressure
    op => self%matrix
 end function operator
 

@@ -149,6 +149,8 @@ module rk_scene
       real(wp) :: weight_essential = 0.0_wp
       !> Natural weight
       real(wp) :: weight_traction = 1.0_wp
+      !> Galerkin form: unknowns up to which the tangent is factorised
+      integer :: direct_limit = 60000
       !> Mixed form: weight of the volume rows in shear moduli [-]
       real(wp) :: volume_weight = 10.0_wp
       !> Mixed form: power of the distance to singular edges in the row weights [-]

@@ -3,11 +3,11 @@ module rk_newton_step
    use rk_damping, only : damping_type
    use rk_error, only : error_type
    use rk_lstsq, only : lstsq_report, row_operator, solve_lstsq
+   use rk_operator, only : square_operator, square_report
    use rk_precision, only : wp
    use rk_problem, only : problem_type
    use rk_recorder, only : iteration_type
    use rk_shifted, only : shifted_report, solve_shifted
-   use rk_symmetric, only : direct_report, solve_direct, symmetric_matrix
    use rk_text, only : to_text
    implicit none
    private
@@ -46,23 +46,23 @@ subroutine find_step(problem, op, linear, load, a, r, g, damping, da, newton, pr
    type(error_type), allocatable, intent(out) :: error
    type(lstsq_report) :: report
    type(shifted_report) :: shifted
-   type(direct_report) :: direct
+   type(square_report) :: square
    real(wp), allocatable :: matrix(:, :)
 
    it%refinements = 0
    it%misfit = 0.0_wp
    select type (op)
-   class is (symmetric_matrix)
+   class is (square_operator)
       ! as many equations as unknowns: Newton's step itself
       newton = .false.
-      call solve_direct(op, damping%lambda, -r, da, direct, error)
+      call op%solve_square(damping%lambda, -r, da, square, error)
       if (allocated(error)) return
       predicted = -0.5_wp*dot_product(g, da)
-      it%backward_error = direct%backward_error
-      it%rcond = direct%rcond
-      it%solver = direct%used
-      it%why = 'the tangent is square and symmetric: Cholesky, or LU where it is not positive ' &
-         & //'definite'
+      it%backward_error = square%backward_error
+      it%rcond = square%rcond
+      it%solver = square%used
+      it%refinements = square%iterations
+      it%why = square%why
       return
    end select
    newton = damping%curved

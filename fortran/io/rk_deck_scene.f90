@@ -402,6 +402,7 @@ subroutine read_solver(scene, deck)
    call deck%get('mixed.edge_length', scene%edge_length)
    call deck%get('galerkin.gauss', scene%gauss)
    call deck%get('galerkin.penalty', scene%penalty)
+   call deck%get('galerkin.direct_limit', scene%direct_limit)
    call deck%get('galerkin.stabilisation', scene%stabilisation)
    call deck%get('galerkin.pressure_degree', scene%pressure_degree)
 end subroutine read_solver

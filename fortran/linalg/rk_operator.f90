@@ -7,7 +7,7 @@ module rk_operator
    implicit none
    private
 
-   public :: row_operator, factor_type, shortest
+   public :: row_operator, square_operator, square_report, factor_type, shortest
 
    !> Something that solves equations with (A D)^T (A D), D the inverse column norms
    type, abstract :: factor_type
@@ -43,7 +43,42 @@ module rk_operator
       procedure :: unknown
    end type row_operator
 
+   !> What a solve with a square matrix tells
+   type :: square_report
+      !> Method used, and why
+      character(len=:), allocatable :: used, why
+      !> Iterations, 0 of a direct solve
+      integer :: iterations = 0
+      !> |A x - b| over |A| |x| + |b|; of an iteration the preconditioned residual it reached [-]
+      real(wp) :: backward_error = 0.0_wp
+      !> Rough reciprocal condition, 0 where it is not known [-]
+      real(wp) :: rcond = 0.0_wp
+   end type square_report
+
+   !> A symmetric matrix that solves its equations
+   type, abstract, extends(row_operator) :: square_operator
+   contains
+      !> Solve (A + shift |D|) x = b with a diagonal D like that of A
+      procedure(square_interface), deferred :: solve_square
+   end type square_operator
+
    abstract interface
+      !> Solve (A + shift |D|) x = b
+      recursive subroutine square_interface(self, shift, b, x, report, error)
+         import :: error_type, square_operator, square_report, wp
+         !> Matrix
+         class(square_operator), target, intent(in) :: self
+         !> Damping in units of the diagonal, >= 0 [-]
+         real(wp), intent(in) :: shift
+         !> Right hand side, shape (n)
+         real(wp), contiguous, intent(in) :: b(:)
+         !> Solution, shape (n)
+         real(wp), contiguous, intent(inout) :: x(:)
+         !> What was used and how good it is
+         type(square_report), intent(out) :: report
+         !> Error handling: singular matrix, no memory, no convergence
+         type(error_type), allocatable, intent(out) :: error
+      end subroutine square_interface
       !> Solve in place
       subroutine solve_interface(self, x)
          import :: factor_type, wp

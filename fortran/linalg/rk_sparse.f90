@@ -13,7 +13,7 @@ module rk_sparse
    implicit none
    private
 
-   public :: sparse_factor, sparse_cholesky, sparse_qr, solve_sparse
+   public :: sparse_factor, sparse_cholesky, sparse_qr, solve_sparse, factor_upper
 
    !> A factor held by SuiteSparse
    type, extends(factor_type) :: sparse_factor
@@ -142,6 +142,27 @@ subroutine sparse_qr(self, op, b, x, rank, error)
    if (allocated(error)) return
    x = x/self%scale
 end subroutine sparse_qr
+
+!> Cholesky factor of a symmetric matrix
+subroutine factor_upper(self, n, start, row, value, error)
+   !> Factor
+   type(sparse_factor), intent(inout) :: self
+   !> Unknowns
+   integer, intent(in) :: n
+   !> Column j of the upper triangle has entries start(j)+1 : start(j+1), shape (n + 1)
+   integer(i8), contiguous, intent(in) :: start(:)
+   !> Row of each entry less 1, ascending in each column
+   integer(i8), contiguous, intent(in) :: row(:)
+   !> Entries
+   real(wp), contiguous, intent(in) :: value(:)
+   !> Error handling: not positive definite, no memory, no SuiteSparse
+   type(error_type), allocatable, intent(out) :: error
+   integer :: j
+
+   self%position = [(j, j=1, n)]
+   call self%free()
+   call complain(rk_sparse_cholesky(int(n, i8), start, row, value, self%handle), error)
+end subroutine factor_upper
 
 !> Solve equations with a square matrix
 subroutine solve_sparse(n, start, row, value, definite, b, x, rcond, error)

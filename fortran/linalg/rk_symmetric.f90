@@ -4,18 +4,18 @@ module rk_symmetric
    use rk_envelope, only : envelope_type
    use rk_error, only : error_type, fatal_error, err_input, err_linalg, err_memory
    use rk_lapack, only : solve_band
-   use rk_operator, only : row_operator
+   use rk_operator, only : square_operator, square_report
    use rk_precision, only : i8, wp
    use rk_sparse, only : solve_sparse
    use rk_text, only : to_text
    implicit none
    private
 
-   public :: symmetric_matrix, direct_report, new_symmetric, solve_direct
+   public :: symmetric_matrix, new_symmetric
 
    !> Upper triangle in compressed columns. Unknowns come in blocks of the same size, and so do the
    !> entries: a pair of blocks is there as a whole or not at all.
-   type, extends(row_operator) :: symmetric_matrix
+   type, extends(square_operator) :: symmetric_matrix
       !> Unknowns in a block
       integer :: block = 1
       !> Column j has entries start(j)+1 : start(j+1), shape (n + 1)
@@ -36,21 +36,12 @@ module rk_symmetric
       procedure :: dense
       procedure :: compressed
       procedure :: entries
+      procedure :: solve_square
       !> Add a dense part
       procedure :: add
       !> Product of other entries in the same places with a vector
       procedure :: product => product_with
    end type symmetric_matrix
-
-   !> What a direct solve tells
-   type :: direct_report
-      !> Factorisation used
-      character(len=:), allocatable :: used
-      !> |A x - b| over |A| |x| + |b| [-]
-      real(wp) :: backward_error = 0.0_wp
-      !> Rough reciprocal condition [-]
-      real(wp) :: rcond = 0.0_wp
-   end type direct_report
 
 contains
 
@@ -326,9 +317,9 @@ pure real(wp) function entries(self)
 end function entries
 
 !> Solve (A + shift |D|) x = b with the diagonal D of A
-recursive subroutine solve_direct(self, shift, b, x, report, error)
+recursive subroutine solve_square(self, shift, b, x, report, error)
    !> Matrix
-   class(symmetric_matrix), intent(in) :: self
+   class(symmetric_matrix), target, intent(in) :: self
    !> Damping in units of the diagonal, >= 0 [-]
    real(wp), intent(in) :: shift
    !> Right hand side, shape (n)
@@ -336,7 +327,7 @@ recursive subroutine solve_direct(self, shift, b, x, report, error)
    !> Solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
    !> What was used and how good it is
-   type(direct_report), intent(out) :: report
+   type(square_report), intent(out) :: report
    !> Error handling: singular matrix, no memory
    type(error_type), allocatable, intent(out) :: error
    integer(i8), allocatable :: start(:), column(:)
@@ -351,10 +342,12 @@ recursive subroutine solve_direct(self, shift, b, x, report, error)
          shifted%value(self%start(j + 1)) = self%value(self%start(j + 1)) &
             & + shift*abs(self%value(self%start(j + 1)))
       end do
-      call solve_direct(shifted, 0.0_wp, b, x, report, error)
+      call shifted%solve_square(0.0_wp, b, x, report, error)
       return
    end if
    report%used = 'cholesky'
+   report%why = 'the tangent is square and symmetric: Cholesky, or LU where it is not positive ' &
+      & //'definite'
    call solve_sparse(self%n, self%start, self%row, self%value, .true., b, x, report%rcond, error)
    if (allocated(error)) then
       if (error%code == err_memory) return
@@ -372,6 +365,6 @@ recursive subroutine solve_direct(self, shift, b, x, report, error)
    call self%apply(x, r)
    norm = sqrt(sum(self%value**2))
    report%backward_error = norm2(r - b)/max(norm*norm2(x) + norm2(b), tiny(1.0_wp))
-end subroutine solve_direct
+end subroutine solve_square
 
 end module rk_symmetric

@@ -1,0 +1,106 @@
+!> Minimal residuals for symmetric systems, definite or not, with a positive definite
+!> preconditioner.
+!>
+!> Reference: Elman, Silvester, Wathen, Finite Elements and Fast Iterative Solvers, Oxford (2014),
+!>            algorithm 4.1, doi:10.1093/acprof:oso/9780199678792.001.0001
+module rk_minres
+   use rk_precision, only : wp
+   implicit none
+   private
+
+   public :: symmetric_system, minres
+
+   !> A symmetric matrix and its preconditioner, known by what they do
+   type, abstract :: symmetric_system
+      !> Unknowns
+      integer :: size = 0
+   contains
+      !> y = A x
+      procedure(product_interface), deferred :: multiply
+      !> y = P^-1 x
+      procedure(product_interface), deferred :: precondition
+   end type symmetric_system
+
+   abstract interface
+      subroutine product_interface(self, x, y)
+         import :: symmetric_system, wp
+         !> System
+         class(symmetric_system), intent(in) :: self
+         !> Vector, shape (size)
+         real(wp), contiguous, intent(in) :: x(:)
+         !> Product, shape (size)
+         real(wp), contiguous, intent(inout) :: y(:)
+      end subroutine product_interface
+   end interface
+
+contains
+
+!> Solve A x = b
+subroutine minres(system, b, tolerance, limit, x, iterations, reached)
+   !> System
+   class(symmetric_system), intent(in) :: system
+   !> Right hand side, shape (size)
+   real(wp), contiguous, intent(in) :: b(:)
+   !> Residual wanted, of that of x = 0, in the norm of P^-1 [-]
+   real(wp), intent(in) :: tolerance
+   !> Iterations at most
+   integer, intent(in) :: limit
+   !> Solution, shape (size)
+   real(wp), contiguous, intent(inout) :: x(:)
+   !> Iterations done
+   integer, intent(out) :: iterations
+   !> Residual reached [-]
+   real(wp), intent(out) :: reached
+   real(wp), allocatable :: v(:), v_old(:), w(:), w_old(:), z(:), image(:), new(:)
+   real(wp) :: gamma, gamma_old, delta, eta, first, c, c_old, s, s_old, a0, a1, a2, a3
+
+   x = 0.0_wp
+   iterations = 0
+   reached = 0.0_wp
+   v = b
+   allocate (v_old, w, w_old, z, image, new, mold=b)
+   v_old = 0.0_wp
+   w = 0.0_wp
+   w_old = 0.0_wp
+   call system%precondition(v, z)
+   gamma = sqrt(max(dot_product(z, v), 0.0_wp))
+   gamma_old = 1.0_wp
+   first = gamma
+   eta = gamma
+   c = 1.0_wp
+   c_old = 1.0_wp
+   s = 0.0_wp
+   s_old = 0.0_wp
+   if (.not. first > 0.0_wp) return
+   do iterations = 1, limit
+      z = z/gamma
+      call system%multiply(z, image)
+      delta = dot_product(image, z)
+      new = image - (delta/gamma)*v - (gamma/gamma_old)*v_old
+      v_old = v
+      v = new
+      a2 = s*delta + c_old*c*gamma
+      a3 = s_old*gamma
+      a0 = c*delta - c_old*s*gamma
+      new = z - a3*w_old - a2*w
+      call system%precondition(v, z)
+      gamma_old = gamma
+      gamma = sqrt(max(dot_product(z, v), 0.0_wp))
+      a1 = hypot(a0, gamma)
+      ! an invariant subspace without the solution: the matrix is singular
+      if (.not. a1 > 0.0_wp) exit
+      c_old = c
+      s_old = s
+      c = a0/a1
+      s = gamma/a1
+      w_old = w
+      w = new/a1
+      x = x + c*eta*w
+      eta = -s*eta
+      reached = abs(eta)/first
+      if (reached <= tolerance .or. .not. gamma > 0.0_wp) exit
+   end do
+   iterations = min(iterations, limit)
+end subroutine minres
+
+end module rk_minres
