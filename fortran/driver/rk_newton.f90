@@ -109,6 +109,7 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
    real(wp) :: merit, first_gradient, first(2), moved(2), scale, predicted, gain, imposed
    integer(int64) :: clock
    integer :: rejected
+   character(len=:), allocatable :: reason
    logical :: newton, blind
 
    allocate (a, source=x)
@@ -137,6 +138,11 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
       merit = norm2(r)
       self%gradient = it%gradient/max(first_gradient, tiny(1.0_wp))
       if (converged(self)) then
+         reason = problem%doubt(a)
+         if (len(reason) > 0) then
+            call fatal_error(error, err_convergence, reason)
+            return
+         end if
          x = a
          call self%damping%finish()
          return
