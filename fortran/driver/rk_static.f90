@@ -58,6 +58,8 @@ subroutine solve_static(problem, newton, steps, max_halvings, x, recorder, timer
                & .and. .not. newton%pinned) then
                halvings = halvings + 1
                deallocate (error)
+               ! the secant may have led astray
+               if (allocated(newton%slope)) deallocate (newton%slope)
                cycle
             end if
             call give_up()
