@@ -22,6 +22,7 @@ module rk_mixed
    use rk_rows, only : new_rows
    use rk_scene, only : scene_type
    use rk_shape, only : new_shape
+   use rk_text, only : to_text
    implicit none
    private
 
@@ -41,9 +42,12 @@ module rk_mixed
       real(wp), private :: spacing = 0.0_wp
       !> Norm of pressures that are a shear modulus everywhere [stress]
       real(wp), private :: pressure_extent = 1.0_wp
+      !> Collocation points farther from rims than a spacing of source points, shape (nc)
+      logical, allocatable, private :: regular(:)
    contains
       procedure :: measure
       procedure :: start_step
+      procedure :: doubt
       procedure :: evaluate_place
       procedure :: curvature
       procedure :: local_state
@@ -55,6 +59,11 @@ module rk_mixed
    !> is less body, or less face, around it. Quadrature would have sqrt(1/2); docs/mixed.md has
    !> the measurements behind 1/2
    real(wp), parameter :: face_share = 0.5_wp
+   !> Distance of J from 1 + p/K beyond which a state is none, docs/mixed.md: right ones have 0.2
+   !> at most, where they are farther from rims than a spacing; a wrong one has 1.3
+   real(wp), parameter :: far_off = 0.5_wp
+   !> A spacing less rounding [-]
+   real(wp), parameter :: one_spacing = 1.0_wp - 1.0e-6_wp
 
 contains
 
@@ -124,6 +133,8 @@ subroutine set_weights(self)
       reach = scene%edge_length
       if (.not. reach > 0.0_wp) reach = 0.5_wp*minval(maxval(cloud%place, dim=2) &
          & - minval(cloud%place, dim=2))
+      self%regular = [(rim_distance(self, cloud%place(:, ip)) >= one_spacing*self%spacing, &
+         & ip=1, nc)]
       allocate (faces(nc), source=0)
       do e = 1, size(cloud%point)
          faces(cloud%point(e)) = faces(cloud%point(e)) + 1
@@ -151,16 +162,25 @@ pure real(wp) function closeness(self, x, reach)
    real(wp), intent(in) :: x(:)
    !> Length [length]
    real(wp), intent(in) :: reach
-   real(wp) :: d
+
+   closeness = min(max(rim_distance(self, x)/reach, edge_floor), 1.0_wp)
+end function closeness
+
+!> Distance to the nearest edge between a clamped and a free face, huge where there is none
+pure real(wp) function rim_distance(self, x)
+   !> Problem
+   class(mixed_type), intent(in) :: self
+   !> Place, shape (nd) [length]
+   real(wp), intent(in) :: x(:)
    integer :: b
 
-   closeness = 1.0_wp
+   rim_distance = sqrt(huge(1.0_wp))
    do b = 1, size(self%boundary%point)
       if (.not. self%boundary%singular(b)) cycle
-      d = norm2(x - self%scene%cloud%place(:, self%boundary%point(b)))
-      closeness = min(closeness, max(d/reach, edge_floor))
+      rim_distance = min(rim_distance, &
+         & norm2(x - self%scene%cloud%place(:, self%boundary%point(b))))
    end do
-end function closeness
+end function rim_distance
 
 !> Weights of volume and displacement rows by the stiffness at the start of the step: stresses of
 !> a material that stiffens would outweigh them
@@ -191,6 +211,34 @@ subroutine start_step(self, x, load)
       self%volume_weight(iv) = self%volume_share(iv)*self%mixture%stiffness(ip, f)
    end do
 end subroutine start_step
+
+!> Where the volume is far from that of the pressure, away from rims. Rows may balance at such a
+!> state, which keeps the volume at the centres of cells but not between them.
+function doubt(self, x) result(reason)
+   !> Problem
+   class(mixed_type), intent(in) :: self
+   !> Unknowns, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   character(len=:), allocatable :: reason
+   real(wp) :: u(self%fields, self%shape%nq), f(3, 3), h(3, 3, 3), volume, given, stray
+   integer :: ip, nd
+
+   reason = ''
+   nd = self%scene%cloud%nd
+   stray = far_off
+   do ip = 1, size(self%regular)
+      if (.not. self%regular(ip)) cycle
+      call self%field(ip, x, 1 + nd, u)
+      call deformation(nd, u, f, h)
+      volume = determinant(f)
+      given = 1.0_wp + u(nd + 1, 1)/self%mixture%bulk(ip)
+      if (abs(volume - given) <= stray) cycle
+      stray = abs(volume - given)
+      reason = 'the iteration ended at a state that no body takes: away from rims, at ' &
+         & //'collocation point '//to_text(ip)//', J is '//to_text(volume, 4) &
+         & //', by its pressure '//to_text(given, 4)//'; take smaller load steps or more points'
+   end do
+end function doubt
 
 !> Norms of displacements in sizes of the body and of pressures in shear moduli
 pure function measure(self, x) result(norms)

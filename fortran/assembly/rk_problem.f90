@@ -41,6 +41,8 @@ module rk_problem
       procedure(evaluate_interface), deferred :: evaluate
       !> The same at the start of a load step
       procedure :: predict
+      !> What speaks against a converged state
+      procedure :: doubt
       !> The linearisation of the last evaluation
       procedure(operator_interface), deferred :: operator
       !> Second derivatives of r.r/2 at the last evaluation
@@ -130,5 +132,19 @@ subroutine predict(self, x, done, load, r, state)
    end associate
    call self%evaluate(x, load, .true., r, state)
 end subroutine predict
+
+!> Why a converged state is no answer of the equations that stand behind the rows, empty where
+!> nothing speaks against it: a least squares functional may have several stationary points
+function doubt(self, x) result(reason)
+   !> Problem
+   class(problem_type), intent(in) :: self
+   !> Unknowns, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   character(len=:), allocatable :: reason
+
+   associate (unused => self, unused_x => x)
+   end associate
+   reason = ''
+end function doubt
 
 end module rk_problem

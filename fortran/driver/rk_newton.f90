@@ -43,6 +43,8 @@ module rk_newton
       integer :: max_iterations = 25
       !> Load of the state at which a step starts [-]
       real(wp) :: done = 0.0_wp
+      !> Change of the unknowns with the load in the last step, not allocated before the second one
+      real(wp), allocatable :: slope(:)
       !> Iterations done
       integer :: iterations = 0
       !> Relative gradient and step reached [-]
@@ -107,6 +109,7 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
    real(wp) :: merit, first_gradient, first(2), moved(2), scale, predicted, gain, imposed
    integer(int64) :: clock
    integer :: rejected
+   character(len=:), allocatable :: reason
    logical :: newton, blind
 
    allocate (a, source=x)
@@ -119,8 +122,7 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
    rejected = 0
    call self%damping%start()
    call system_clock(clock)
-   call problem%start_step(a, load)
-   call problem%predict(a, self%done, load, r, self%state)
+   call begin(self, problem, load, a, r, g, first_gradient)
    timer%assemble = timer%assemble + tick(clock)
    if (.not. self%state%valid) then
       call fatal_error(error, err_convergence, 'the start of the step is not a valid state: ' &
@@ -134,9 +136,13 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
       call op%apply_transposed(r, g)
       it%gradient = norm2(g)
       merit = norm2(r)
-      if (self%iterations == 0) first_gradient = it%gradient
       self%gradient = it%gradient/max(first_gradient, tiny(1.0_wp))
       if (converged(self)) then
+         reason = problem%doubt(a)
+         if (len(reason) > 0) then
+            call fatal_error(error, err_convergence, reason)
+            return
+         end if
          x = a
          call self%damping%finish()
          return
@@ -196,6 +202,46 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
       call recorder%iteration(it)
    end do
 end subroutine solve_step
+
+!> Start of a load step: the last converged state, or the secant through the last two of them where
+!> that has less residual. The gradient that ends the iteration is relative to that of the last
+!> converged state either way: a good start must not ask for a better end.
+subroutine begin(self, problem, load, a, r, g, first_gradient)
+   !> Settings; the state that is seen
+   type(newton_type), intent(inout) :: self
+   !> Problem, linearised at the start
+   class(problem_type), target, intent(inout) :: problem
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> Unknowns, last converged state and start, shape (n)
+   real(wp), contiguous, intent(inout) :: a(:)
+   !> Residuals at the start, shape (m)
+   real(wp), contiguous, intent(inout) :: r(:)
+   !> A^T r at the last converged state, shape (n)
+   real(wp), contiguous, intent(inout) :: g(:)
+   !> Its norm
+   real(wp), intent(out) :: first_gradient
+   class(row_operator), pointer :: op
+   type(state_type) :: state
+   real(wp), allocatable :: ahead(:), new(:)
+
+   call problem%start_step(a, load)
+   call problem%predict(a, self%done, load, r, self%state)
+   op => problem%operator()
+   call op%apply_transposed(r, g)
+   first_gradient = norm2(g)
+   if (.not. allocated(self%slope)) return
+   ahead = a + (load - self%done)*self%slope
+   allocate (new, mold=r)
+   call problem%evaluate(ahead, load, .true., new, state)
+   if (state%valid .and. norm2(new) < norm2(r)) then
+      a = ahead
+      r = new
+      self%state = state
+   else
+      call problem%predict(a, self%done, load, r, self%state)
+   end if
+end subroutine begin
 
 !> Reasons to end without convergence
 subroutine check_end(self, load, rejected, recorder, error)

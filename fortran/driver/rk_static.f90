@@ -33,6 +33,7 @@ subroutine solve_static(problem, newton, steps, max_halvings, x, recorder, timer
    !> converged state
    type(error_type), allocatable, intent(out) :: error
    type(step_type) :: record
+   real(wp), allocatable :: before(:)
    real(wp) :: load, size, target_load, done
    integer :: step, halvings
 
@@ -49,6 +50,7 @@ subroutine solve_static(problem, newton, steps, max_halvings, x, recorder, timer
          load = min(done + size, target_load)
          if (target_load - load < 1.0e-9_wp*size) load = target_load
          newton%done = done
+         before = x
          call solve_step(newton, problem, step, load, x, recorder, timer, error)
          record%iterations = record%iterations + newton%iterations
          if (allocated(error)) then
@@ -56,11 +58,14 @@ subroutine solve_static(problem, newton, steps, max_halvings, x, recorder, timer
                & .and. .not. newton%pinned) then
                halvings = halvings + 1
                deallocate (error)
+               ! the secant may have led astray
+               if (allocated(newton%slope)) deallocate (newton%slope)
                cycle
             end if
             call give_up()
             return
          end if
+         newton%slope = (x - before)/(load - done)
          done = load
          record%load = load
          record%gradient = newton%gradient

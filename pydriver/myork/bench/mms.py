@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -121,7 +121,7 @@ def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
     }
 
 
-def solve(problem: Problem, method: str, n: int) -> dict[str, Any]:
+def solve(problem: Problem, method: str, n: int, overrides: Sequence[str] = ()) -> dict[str, Any]:
     """Solve one problem.
 
     Parameters
@@ -132,6 +132,8 @@ def solve(problem: Problem, method: str, n: int) -> dict[str, Any]:
         `rkcm` or `rkcm-mixed`.
     n : int
         Source points along each edge; there are twice as many collocation points.
+    overrides : sequence of str
+        `"table.key=value"` each.
 
     Returns
     -------
@@ -151,7 +153,7 @@ def solve(problem: Problem, method: str, n: int) -> dict[str, Any]:
     started = time.perf_counter()
     with tempfile.TemporaryDirectory(prefix="myork-bench-") as folder:
         deck = _write_deck(Path(folder), problem, method, n)
-        with Scene(deck, threads=1) as scene:
+        with Scene(deck, overrides, threads=1) as scene:
             given = _exact(scene.field_points(), problem, n)
             scene.set_fields(given.body_force, given.u, given.p)
             exact = _exact(scene.points(), problem, n)
