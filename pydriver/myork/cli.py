@@ -305,7 +305,7 @@ def _parser() -> argparse.ArgumentParser:
         "names",
         nargs="+",
         metavar="NAME",
-        help="linear, nonlinear, stability, curves, mixed or mms",
+        help="linear, nonlinear, stability, curves, methods, mixed or mms",
     )
     bench.add_argument("--quick", action="store_true", help="small cases only")
     report = add(

@@ -30,6 +30,7 @@ BENCHES = {
     "nonlinear": "myork.bench.nonlinear",
     "stability": "myork.bench.stability",
     "curves": "myork.bench.curves",
+    "methods": "myork.bench.methods",
     "mixed": "myork.bench.mixed",
     "mms": "myork.bench.mms",
     "clouds": "myork.bench.clouds",

@@ -7,6 +7,7 @@ exact state far from the ends (straight fibers).
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +18,12 @@ from myork.bench.runs import INPUTS, outcome_text, solve_case
 from myork.console import ProgressCallback
 from myork.deck import load_deck
 
-__all__ = ["run"]
+__all__ = ["Choice", "block_cases", "choice", "plot", "run", "seconds", "table", "tube_cases"]
+
+#: Order, support and method of a curve
+Choice = tuple[int, float, str]
 
 _STEPS = 12
-# Order, support and method of each curve on the tube
 _TUBE = (
     (2, 4.0, "rkcm"),
     (3, 5.0, "rkcm"),
@@ -44,11 +47,11 @@ _BLOCK_SIZES = ((4, 4, 7), (5, 5, 9), (6, 6, 11))
 def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
     """Solve all points of all curves; see `myork.bench` for the result."""
     limit = 60.0 if quick else 600.0
-    tube = _tube(progress, _TUBE_SIZES[: 2 if quick else 4], limit)
+    tube = tube_cases(progress, _TUBE, _TUBE_SIZES[: 2 if quick else 4], limit)
     tube += _felupe(progress, _ELEMENTS[: 3 if quick else 5])
     sizes = _BLOCK_SIZES[: 1 if quick else 3]
-    straight = _blocks(progress, "muscle_block", sizes, limit)
-    inclined = _blocks(progress, "muscle_fibers", sizes, limit)
+    straight = block_cases(progress, "muscle_block", _BLOCK, sizes, limit)
+    inclined = block_cases(progress, "muscle_fibers", _BLOCK, sizes, limit)
     return {
         "title": "Speed against error",
         "about": "Wall time of a whole solve with one thread, set-up included and output left "
@@ -56,34 +59,50 @@ def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
         "the doubled radius, K = 1000.",
         "cases": [*tube, *straight, *inclined],
         "plots": [
-            _plot("Tube: radial stress at the inner surface", tube),
-            _plot("Muscle block, straight fibers: axial stress in the middle", straight),
-            _plot("Muscle block, fibers inclined 30°: largest error of six probes", inclined),
+            plot("Tube: radial stress at the inner surface", tube),
+            plot("Muscle block, straight fibers: axial stress in the middle", straight),
+            plot("Muscle block, fibers inclined 30°: largest error of six probes", inclined),
         ],
         "tables": [
-            _table("Tube.", tube),
-            _table("Muscle block, straight fibers, activation 0.15.", straight),
-            _table("Muscle block, inclined fibers, up to activation 0.15.", inclined),
+            table("Tube.", tube),
+            table("Muscle block, straight fibers, activation 0.15.", straight),
+            table("Muscle block, inclined fibers, up to activation 0.15.", inclined),
         ],
     }
 
 
-def _tube(
-    progress: ProgressCallback, sizes: tuple[tuple[int, int], ...], limit: float
+def tube_cases(
+    progress: ProgressCallback,
+    choices: Sequence[Choice],
+    sizes: Sequence[tuple[int, int]],
+    limit: float,
 ) -> list[dict[str, Any]]:
+    """Inflate the tube with each choice at each size; `error` is that of the inner radial stress.
+
+    Parameters
+    ----------
+    progress : callable
+        Called with every line of progress.
+    choices : sequence of Choice
+        One curve each.
+    sizes : sequence of tuple of int
+        Radial and angular source points.
+    limit : float
+        Wall time after which a solve is ended [s].
+    """
     deck = load_deck(INPUTS / "tube.toml", [])
     rubber = exact.Polynomial.from_deck(deck["material"][0])
     solution = float(exact.tube(rubber, 6.0, 8.0, 6.0).radial[0])
     cases = []
-    for number, (order, support, method) in enumerate(_TUBE):
-        progress(f"tube {number + 1}/{len(_TUBE)}  order {order}, {support:g} h, {method}")
+    for number, (order, support, method) in enumerate(choices):
+        progress(f"tube {number + 1}/{len(choices)}  order {order}, {support:g} h, {method}")
         for radial, angular in sizes:
             case = solve_case(
                 "tube",
                 [
                     f"geometry.source=[{radial},{angular}]",
                     f"geometry.collocation=[{2 * radial - 1},{2 * angular - 1}]",
-                    *_choice(order, support, method),
+                    *choice((order, support, method)),
                     f"load.steps={_STEPS}",
                 ],
                 limit=limit,
@@ -101,13 +120,13 @@ def _felupe(
 ) -> list[dict[str, Any]]:
     """Points of the rival; a first, unmeasured solve loads and compiles what it needs."""
     deck = load_deck(INPUTS / "tube.toml", [])
-    table, geometry = deck["material"][0], deck["geometry"]
-    solution = float(exact.tube(exact.Polynomial.from_deck(table), 6.0, 8.0, 6.0).radial[0])
+    material, geometry = deck["material"][0], deck["geometry"]
+    solution = float(exact.tube(exact.Polynomial.from_deck(material), 6.0, 8.0, 6.0).radial[0])
     progress("felupe")
-    felupe_tube((1, 2), table, geometry, 2)
+    felupe_tube((1, 2), material, geometry, 2)
     cases = []
     for size in elements:
-        case = felupe_tube(size, table, geometry, _STEPS)
+        case = felupe_tube(size, material, geometry, _STEPS)
         case |= {"curve": "felupe, mixed Q2", "size": f"{size[0]} x {size[1]} elements"}
         case |= {"outcome": "converged", "message": "", "rival": True, "solution": solution}
         case["error"] = abs(case["value"] / solution - 1.0)
@@ -115,19 +134,39 @@ def _felupe(
     return cases
 
 
-def _blocks(
-    progress: ProgressCallback, name: str, sizes: tuple[tuple[int, int, int], ...], limit: float
+def block_cases(
+    progress: ProgressCallback,
+    name: str,
+    choices: Sequence[Choice],
+    sizes: Sequence[tuple[int, int, int]],
+    limit: float,
 ) -> list[dict[str, Any]]:
+    """Contract a block to activation 0.15 with each choice at each size that its order can fill.
+
+    Parameters
+    ----------
+    progress : callable
+        Called with every line of progress.
+    name : str
+        `muscle_block` (`error` against the exact state far from the ends) or `muscle_fibers`
+        (the largest against the references of the deck).
+    choices : sequence of Choice
+        One curve each.
+    sizes : sequence of tuple of int
+        Source points.
+    limit : float
+        Wall time after which a solve is ended [s].
+    """
     cases = []
-    for number, (order, support, method) in enumerate(_BLOCK):
-        progress(f"{name} {number + 1}/{len(_BLOCK)}  order {order}, {support:g} h, {method}")
+    for number, (order, support, method) in enumerate(choices):
+        progress(f"{name} {number + 1}/{len(choices)}  order {order}, {support:g} h, {method}")
         for size in sizes:
             if any(n <= order + 1 for n in size):
                 continue
             overrides = [
                 f"geometry.source=[{','.join(str(n) for n in size)}]",
                 f"geometry.collocation=[{','.join(str(2 * n - 1) for n in size)}]",
-                *_choice(order, support, method),
+                *choice((order, support, method)),
                 "load.activation=0.15",
                 "load.steps=6",
             ]
@@ -148,21 +187,30 @@ def _block_error(case: dict[str, Any], name: str, overrides: list[str]) -> float
     return max(max(entry["relative_error"]) for entry in case["reference"].values())
 
 
-def _choice(order: int, support: float, method: str) -> list[str]:
+def choice(wanted: Choice) -> list[str]:
+    """Overrides for a choice.
+
+    A linear basis gets the cubic spline, as in section 4.2 of Basava (2015), and the two Gauss
+    points a direction that are enough for it.
+    """
+    order, support, method = wanted
+    linear = ["approximation.kernel=cubic", "galerkin.gauss=2"] if order == 1 else []
     return [
         f"approximation.order={order}",
         f"approximation.support={support}",
         f"scene.method={method}",
+        *linear,
     ]
 
 
-def _seconds(case: dict[str, Any]) -> float:
+def seconds(case: Mapping[str, Any]) -> float:
     """Wall time without the output of files."""
     timings = case.get("timings_s")
     return float(timings["total"] - timings["output"] if timings else case["seconds"])
 
 
-def _plot(title: str, cases: list[dict[str, Any]]) -> dict[str, Any]:
+def plot(title: str, cases: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Curves of error over time, one for each `curve` of the cases."""
     series = []
     for name in dict.fromkeys(case["curve"] for case in cases):
         points = [case for case in cases if case["curve"] == name and "error" in case]
@@ -170,7 +218,7 @@ def _plot(title: str, cases: list[dict[str, Any]]) -> dict[str, Any]:
             series.append(
                 {
                     "name": name,
-                    "x": [_seconds(case) for case in points],
+                    "x": [seconds(case) for case in points],
                     "y": [case["error"] for case in points],
                     "rival": points[0].get("rival", False),
                 }
@@ -178,7 +226,8 @@ def _plot(title: str, cases: list[dict[str, Any]]) -> dict[str, Any]:
     return {"title": title, "x": "wall time [s]", "y": "relative error [-]", "series": series}
 
 
-def _table(caption: str, cases: list[dict[str, Any]]) -> dict[str, Any]:
+def table(caption: str, cases: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """All cases with outcome, error and time."""
     head = ["curve", "size", "outcome", "unknowns", "error", "iterations", "time [s]"]
     rows = [
         [
@@ -188,7 +237,7 @@ def _table(caption: str, cases: list[dict[str, Any]]) -> dict[str, Any]:
             case.get("dofs"),
             case.get("error"),
             case.get("iterations"),
-            _seconds(case),
+            seconds(case),
         ]
         for case in cases
     ]

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from myork.core_material import Material, strong
+from myork.core_material import Material, stress, strong
 from myork.errors import InstallationError
 
-__all__ = ["felupe_block", "felupe_tube"]
+__all__ = ["felupe_block", "felupe_sheet", "felupe_tube"]
 
 
 def felupe_tube(
@@ -71,10 +71,7 @@ def felupe_tube(
     bounds = {
         name: fem.Boundary(field[0], mask=mask, skip=skip) for name, (mask, skip) in masks.items()
     }
-    rubber = law.Hyperelastic(
-        law.models.hyperelastic.yeoh, C10=table["A10"], C20=table["A20"], C30=table["A30"]
-    )
-    solid = fem.SolidBody(fem.NearlyIncompressible(rubber, bulk=float(table["K"])), field)
+    solid = _rubber(fem, law, table, field)
     normal = mesh.points[inside] / inner
     iterations = 0
     for step in range(1, steps + 1):
@@ -95,6 +92,72 @@ def felupe_tube(
         "value": float(-(force[inside] * normal).sum() / (0.5 * np.pi * 2.0 * inner)),
         "dofs": int(sum(part.values.size for part in field.fields)),
         "iterations": iterations,
+        "seconds": time.perf_counter() - started,
+    }
+
+
+def felupe_sheet(
+    elements: tuple[int, int], table: dict[str, Any], geometry: dict[str, Any], steps: int
+) -> dict[str, Any]:
+    """Shear a sheet in plane strain by its height between two held edges.
+
+    Parameters
+    ----------
+    elements : tuple of int
+        Elements along and across, even numbers.
+    table : dict
+        Table `[[material]]` of the deck.
+    geometry : dict
+        Table `[geometry]` of the deck.
+    steps : int
+        Load steps.
+
+    Returns
+    -------
+    dict
+        `shear_stress` in the middle [stress], `top_force` [force/length], `dofs`, `seconds`.
+
+    Raises
+    ------
+    InstallationError
+        felupe is missing.
+    """
+    try:
+        import felupe as fem
+        from felupe.constitution import tensortrax as law
+    except ImportError as error:
+        raise InstallationError(
+            f"the rival needs felupe: {error}; pip install 'myork[bench]'"
+        ) from error
+    started = time.perf_counter()
+    size = np.asarray(geometry["size"], float)
+    mesh = fem.Rectangle(b=tuple(size), n=(elements[0] + 1, elements[1] + 1))
+    mesh = mesh.add_midpoints_edges().add_midpoints_faces()
+    points = mesh.points
+    field = fem.FieldsMixed(fem.RegionBiQuadraticQuad(mesh), n=3, planestrain=True)
+    top = np.isclose(points[:, 1], size[1])
+    bounds = {
+        "bottom": fem.Boundary(field[0], mask=np.isclose(points[:, 1], 0.0)),
+        "top_x": fem.Boundary(field[0], mask=top, skip=(0, 1)),
+        "top_y": fem.Boundary(field[0], mask=top, skip=(1, 0)),
+    }
+    solid = _rubber(fem, law, table, field)
+    for step in range(1, steps + 1):
+        bounds["top_x"].value = size[1] * step / steps
+        dof0, dof1 = fem.dof.partition(field, bounds)
+        prescribed = fem.dof.apply(field, bounds, dof0)
+        fem.newtonraphson(items=[solid], dof0=dof0, dof1=dof1, ext0=prescribed, verbose=0, tol=1e-9)
+    force = solid.assemble.vector(field).toarray().ravel()[: points.size].reshape(-1, 2)
+    gradient = np.eye(3)
+    middle = _node(points, 0.5 * size)
+    gradient[:2, :2] = _gradient(fem.BiQuadraticQuad(), mesh, field[0].values, middle)
+    known = Material.__dataclass_fields__
+    material = Material(**{key: table[key] for key in table if key in known})
+    cauchy = stress(material, gradient[np.newaxis])[0] @ gradient.T / np.linalg.det(gradient)
+    return {
+        "shear_stress": float(cauchy[0, 1]),
+        "top_force": float(force[top, 0].sum()),
+        "dofs": int(sum(part.values.size for part in field.fields)),
         "seconds": time.perf_counter() - started,
     }
 
@@ -187,6 +250,14 @@ def felupe_block(
 _PROBES = ("side_u_x", "side_u_z", "stress_zz", "stress_xz", "reaction_x", "reaction_z")
 
 
+def _rubber(fem: Any, law: Any, table: dict[str, Any], field: Any) -> Any:
+    """Body of the polynomial material of a deck."""
+    model = law.Hyperelastic(
+        law.models.hyperelastic.yeoh, C10=table["A10"], C20=table["A20"], C30=table["A30"]
+    )
+    return fem.SolidBody(fem.NearlyIncompressible(model, bulk=float(table["K"])), field)
+
+
 class _Law:
     """Isochoric part of a deck's material in the form that felupe calls."""
 
@@ -244,5 +315,5 @@ def _gradient(element: Any, mesh: Any, u: NDArray[np.float64], node: int) -> NDA
     for cell in mesh.cells[(mesh.cells == node).any(axis=1)]:
         slope = element.gradient(element.points[int(np.argmax(cell == node))] / np.sqrt(3.0))
         slope = slope @ np.linalg.inv(mesh.points[cell].T @ slope)
-        found.append(np.eye(3) + u[cell].T @ slope)
+        found.append(np.eye(mesh.dim) + u[cell].T @ slope)
     return np.mean(found, axis=0)

@@ -1,0 +1,361 @@
+"""Collocation (RKCM) beside the Galerkin form (RKPM): the same decks, both discretisations.
+
+Tables 5.2 and 5.3 of Basava (2015) again with the error of each method, the stress fields of
+figures 5.13 and 5.17, the muscle block of figure 5.30, and speed against error. Errors on the
+sheet are differences from felupe's finite elements, solved in this run, so that neither of the
+two methods is judged by itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from myork.bench.curves import Choice, block_cases, choice, plot, seconds, table, tube_cases
+from myork.bench.nonlinear import along_fixed_fibers
+from myork.bench.rival import felupe_sheet
+from myork.bench.runs import INPUTS, outcome_text, solve_case
+from myork.console import ProgressCallback
+from myork.deck import load_deck
+from myork.results import Results
+
+__all__ = ["oscillation", "run"]
+
+_LIMIT = 120.0
+_SHEET = "shear_2d"
+# As many as the slowest method needs; the reference stops after two iterations
+_SHEET_STEPS = 2
+_ELEMENTS = ((16, 4), (32, 8), (64, 16))
+#: Source points of tables 5.2 and 5.3 and their unknowns, as the published numbers are keyed
+_TABLES = {"5.2": (17, 5), "5.3": (65, 17)}
+#: CPU seconds of these tables: total, shape functions, assembly, solution
+_PUBLISHED = {
+    ("5.2", "rkcm"): (0.517, 0.216, 0.1439, 0.1319),
+    ("5.2", "rkpm"): (5.247, 0.4579, 4.675, 0.009997),
+    ("5.3", "rkcm"): (86.5, 1.797, 1.455, 82.79),
+    ("5.3", "rkpm"): (1148.0, 5.063, 1027.0, 7.597),
+}
+
+
+class _Method(NamedTuple):
+    """A row of the tables."""
+
+    name: str
+    choice: Choice
+    overrides: tuple[str, ...] = ()
+
+
+_BALANCED = ("solver.weight_essential=balanced", "solver.weight_traction=balanced")
+_AS_PUBLISHED = ("solver.linear=dgels", "solver.newton=gauss-newton")
+_ROWS = (
+    _Method("RKCM as published: QR", (2, 3.0, "rkcm"), _AS_PUBLISHED),
+    _Method("RKCM, published weights", (2, 3.0, "rkcm")),
+    _Method("RKCM, weights of MyoRK", (2, 3.0, "rkcm"), _BALANCED),
+    _Method("RKCM-mixed", (2, 3.0, "rkcm-mixed")),
+    _Method("RKPM, 5 Gauss points, quadratic", (2, 3.0, "rkpm-gauss"), ("galerkin.gauss=5",)),
+    _Method("RKPM, 5 Gauss points, linear", (1, 2.0, "rkpm-gauss"), ("galerkin.gauss=5",)),
+    _Method("RKPM, 2 Gauss points, linear", (1, 2.0, "rkpm-gauss")),
+    _Method("RKPM-SCNI, linear", (1, 2.0, "rkpm-scni")),
+)
+_FIELDS = (
+    _Method("RKCM", (2, 3.0, "rkcm")),
+    _Method("RKCM-mixed", (2, 3.0, "rkcm-mixed")),
+    _Method("RKPM, Gauss, quadratic", (2, 3.0, "rkpm-gauss")),
+    _Method("RKPM, Gauss, linear", (1, 2.0, "rkpm-gauss")),
+    _Method("RKPM-SCNI, linear", (1, 2.0, "rkpm-scni")),
+)
+#: Deck of a figure, component of the stress that it shows, and source points: those of the
+#: reference, and more where a refined solution is another one
+_FIGURES = {
+    "5.13": ("shear_3d", (0, 1), ((9, 3, 3), (17, 5, 3))),
+    "5.17": ("uniaxial_compression", (0, 0), ((9, 3, 3),)),
+}
+# Without kinks of the passive curve, on which every fiber of the straight block sits
+_SMOOTH = ("load.steps=4", 'material.curve="smooth"')
+#: Methods with source points on an edge; the mixed form's matrix is the largest by far
+_BLOCKS = (
+    (_FIELDS[0], (5, 7, 9)),
+    (_FIELDS[1], (5, 6, 7)),
+    (_FIELDS[3], (5, 7, 9)),
+    (_FIELDS[4], (5, 7, 9)),
+)
+
+_COMMON: tuple[Choice, ...] = ((2, 3.0, "rkcm"), (2, 3.0, "rkcm-mixed"))
+_LINEAR: tuple[Choice, ...] = ((1, 2.0, "rkpm-gauss"), (1, 2.0, "rkpm-scni"))
+_QUADRATIC: tuple[Choice, ...] = ((2, 3.0, "rkpm-gauss"), (2, 3.0, "rkpm-scni"))
+_TUBE: tuple[Choice, ...] = (*_COMMON, (4, 6.0, "rkcm"), (4, 6.0, "rkcm-mixed"), *_QUADRATIC)
+_TUBE_SIZES = ((5, 26), (9, 51))
+_SHEAR: tuple[Choice, ...] = (*_COMMON, *_LINEAR, (2, 3.0, "rkpm-gauss"))
+_SHEAR_SIZES = ((9, 3), (17, 5), (33, 9), (65, 17))
+_INCLINED: tuple[Choice, ...] = (*_COMMON, (4, 5.0, "rkcm-mixed"))
+_SIZES = ((5, 5, 9), (6, 6, 11))
+_GALERKIN_SIZES = ((5, 5, 9), (7, 7, 13))
+
+
+def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
+    """Solve everything; see `myork.bench` for the result."""
+    deck = load_deck(INPUTS / f"{_SHEET}.toml", [])
+    progress("felupe, sheet")
+    sheets = [
+        felupe_sheet(n, deck["material"][0], deck["geometry"], _SHEET_STEPS) for n in _ELEMENTS
+    ]
+    finest = sheets[-1]["shear_stress"]
+    wanted = _limit([sheet["shear_stress"] for sheet in sheets])
+    tables = {"5.2": _TABLES["5.2"]} if quick else _TABLES
+    performance = {name: _performance(progress, name, n, wanted) for name, n in tables.items()}
+    fields = {name: _figure(progress, name, quick) for name in _FIGURES}
+    agreement = [
+        _block(progress, method, n)
+        for method, edges in _BLOCKS
+        for n in edges[: 1 if quick else None]
+    ]
+    shear = _shear(progress, _SHEAR_SIZES[: 2 if quick else None], wanted)
+    # the collocation's points on these bodies are in small in the benchmark `curves`
+    count = 1 if quick else None
+    tube = tube_cases(progress, _QUADRATIC if quick else _TUBE, _TUBE_SIZES[:count], _LIMIT)
+    straight, inclined = [], []
+    if not quick:
+        straight = block_cases(progress, "muscle_block", _COMMON, _SIZES, _LIMIT)
+        inclined = block_cases(progress, "muscle_fibers", _INCLINED, _SIZES, _LIMIT)
+    sizes = _GALERKIN_SIZES[:count]
+    straight += block_cases(progress, "muscle_block", _LINEAR, sizes, _LIMIT)
+    inclined += block_cases(progress, "muscle_fibers", _LINEAR, sizes, _LIMIT)
+    curves = {
+        "Sheared sheet: shear stress in the middle": shear,
+        "Tube: radial stress at the inner surface": tube,
+        "Muscle block, straight fibers: axial stress in the middle": straight,
+        "Muscle block, fibers inclined 30°: largest error of six probes": inclined,
+    }
+    return {
+        "title": "Collocation beside the Galerkin form",
+        "about": "The same decks by both discretisations, one thread. Published CPU times are of "
+        "another machine and two iterations; ours are of a whole solve in "
+        f"{_SHEET_STEPS} load steps, and of two of its iterations. Errors on the sheet are against "
+        f"the limit {wanted:.6g} of felupe's quadratic elements on three meshes, the finest "
+        f"of which is {abs(finest / wanted - 1.0):.1e} from it; errors below that say nothing.",
+        "rival": sheets,
+        "cases": [
+            *(case for cases in performance.values() for case in cases),
+            *(case for cases in fields.values() for case in cases),
+            *agreement,
+            *(case for cases in curves.values() for case in cases),
+        ],
+        "plots": [plot(title, cases) for title, cases in curves.items()],
+        "maps": [entry for cases in fields.values() for case in cases for entry in case["maps"]],
+        "tables": [
+            *(_performance_table(name, cases) for name, cases in performance.items()),
+            *(_figure_table(name, cases) for name, cases in fields.items()),
+            _block_table(agreement),
+            *(table(title, cases) for title, cases in curves.items()),
+        ],
+    }
+
+
+def oscillation(values: NDArray[np.float64]) -> float:
+    """Largest second difference of neighbours relative to the mean: zero for a straight line.
+
+    Parameters
+    ----------
+    values : NDArray
+        Values at equal distances along a line, at least three.
+    """
+    return float(np.abs(np.diff(values, 2)).max() / abs(np.mean(values)))
+
+
+def _limit(values: Sequence[float]) -> float:
+    """Limit of three values that approach it geometrically (Aitken)."""
+    first, second = np.diff(values)
+    return float(values[2] + second**2 / (first - second))
+
+
+def _lattice(source: Sequence[int]) -> list[str]:
+    """Source points, and collocation points at half their spacing as the reference has them."""
+    return [
+        f"geometry.source=[{','.join(str(n) for n in source)}]",
+        f"geometry.collocation=[{','.join(str(2 * n - 1) for n in source)}]",
+    ]
+
+
+def _performance(
+    progress: ProgressCallback, name: str, source: tuple[int, int], wanted: float
+) -> list[dict[str, Any]]:
+    """The rows of table 5.2 or 5.3."""
+    cases = []
+    for method in _ROWS:
+        progress(f"table {name}  {method.name}")
+        overrides = (*choice(method.choice), *method.overrides)
+        case = _sheared(source, overrides, wanted)
+        cases.append(case | {"name": method.name})
+    return cases
+
+
+def _sheared(source: tuple[int, int], overrides: Sequence[str], wanted: float) -> dict[str, Any]:
+    """The sheet at 100 % shear, with the error of the stress in its middle."""
+    words = [*_lattice(source), *overrides, f"load.steps={_SHEET_STEPS}"]
+    case = solve_case(_SHEET, words, limit=_LIMIT)
+    if case["outcome"] == "converged":
+        case["error"] = abs(case["probes"]["shear_stress"] / wanted - 1.0)
+    return case
+
+
+def _shear(
+    progress: ProgressCallback, sizes: Sequence[tuple[int, int]], wanted: float
+) -> list[dict[str, Any]]:
+    """Curves of the sheet."""
+    cases = []
+    for wish in _SHEAR:
+        order, support, method = wish
+        progress(f"sheet  order {order}, {support:g} h, {method}")
+        for size in sizes:
+            if min(size) > order + 1:
+                case = _sheared(size, choice(wish), wanted)
+                case["curve"] = f"{method}, order {order}, {support:g} h"
+                cases.append(case | {"size": f"{size[0]} x {size[1]}"})
+    return cases
+
+
+def _performance_table(name: str, cases: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    head = ["method", "unknowns", "shape [s]", "assembly [s]", "solution [s]", "total [s]"]
+    head += ["iterations", "two iterations [s]", "error", "outcome"]
+    rows: list[list[Any]] = []
+    for published, label in (("rkcm", "RKCM"), ("rkpm", "RKPM, 5 Gauss points")):
+        total, shape, assembly, solution = _PUBLISHED[name, published]
+        source = _TABLES[name]
+        rows.append(
+            [f"{label}, Basava (2015)", 2 * source[0] * source[1], shape, assembly, solution]
+            + [total, 2, total, None, "published"]
+        )
+    for case in cases:
+        spent = case.get("timings_s", {})
+        iterations = case.get("iterations")
+        two = None
+        if spent and iterations:
+            two = spent["shape"] + 2 * (spent["assemble"] + spent["solve"]) / iterations
+        rows.append(
+            [case["name"], case.get("dofs")]
+            + [spent.get(key) for key in ("shape", "assemble", "solve")]
+            + [seconds(case), iterations, two, case.get("error"), outcome_text(case)]
+        )
+    source = _TABLES[name]
+    return {
+        "caption": f"Table {name}: sheet of {source[0]} x {source[1]} source points to 100 % "
+        "shear; error of the shear stress in the middle",
+        "head": head,
+        "rows": rows,
+    }
+
+
+def _figure(progress: ProgressCallback, name: str, quick: bool) -> list[dict[str, Any]]:
+    """Stress fields of figure 5.13 or 5.17."""
+    deck, component, sizes = _FIGURES[name]
+    cases = []
+    for source in sizes[: 1 if quick else None]:
+        size = " x ".join(str(n) for n in source)
+        for method in _FIELDS:
+            progress(f"figure {name}  {method.name}, {size}")
+            look = _look(component, f"Figure {name}, {method.name}, {size}")
+            words = [*_lattice(source), *choice(method.choice)]
+            case = solve_case(deck, words, limit=_LIMIT, look=look)
+            cases.append({"maps": [], **case, "name": method.name, "size": size})
+    return cases
+
+
+def _look(component: tuple[int, int], title: str) -> Callable[[Path], dict[str, Any]]:
+    """Reader of a stress on the middle line along x and on the middle plane across z."""
+
+    def look(folder: Path) -> dict[str, Any]:
+        with Results(folder) as results:
+            x = results.points
+            stress = results.field("cauchy")[:, component[0], component[1]]
+        low, high = x.min(axis=0), x.max(axis=0)
+        middle = 0.5 * (low + high)
+        plane = np.isclose(x[:, 2], middle[2])
+        line = np.flatnonzero(plane & np.isclose(x[:, 1], middle[1]))
+        line = line[np.argsort(x[line, 0])]
+        inner = line[abs(x[line, 0] - middle[0]) <= 0.2501 * (high[0] - low[0])]
+        axes = "xyz"[component[0]] + "xyz"[component[1]]
+        return {
+            "line": stress[line].tolist(),
+            "oscillation": oscillation(stress[line]),
+            "oscillation_inner": oscillation(stress[inner]),
+            "range": [float(stress.min()), float(stress.max())],
+            "maps": [
+                {
+                    "title": title,
+                    "label": f"Cauchy stress {axes} [N/cm2]",
+                    "x": x[plane, 0].tolist(),
+                    "y": x[plane, 1].tolist(),
+                    "value": stress[plane].tolist(),
+                }
+            ],
+        }
+
+    return look
+
+
+def _figure_table(name: str, cases: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    rows = []
+    for case in cases:
+        exact: Mapping[str, float] = next(iter(case.get("exact", {}).values()), {})
+        rows.append(
+            [
+                case["name"],
+                case["size"],
+                exact.get("value"),
+                exact.get("relative_error"),
+                *case.get("range", (None, None)),
+                case.get("oscillation"),
+                case.get("oscillation_inner"),
+                outcome_text(case),
+            ]
+        )
+    head = ["method", "source points", "middle [N/cm²]", "error", "least in the body", "largest"]
+    head += ["oscillation", "oscillation, middle half", "outcome"]
+    return {
+        "caption": f"Figure {name}: stress in the middle against the exact solution of an endless "
+        "body, and its largest second difference along the middle line over its mean",
+        "head": head,
+        "rows": rows,
+    }
+
+
+def _block(progress: ProgressCallback, method: _Method, edge: int) -> dict[str, Any]:
+    """The block of figure 5.30 with straight fibers at full activation."""
+    source = (edge, edge, 2 * edge - 1)
+    progress(f"figure 5.30  {method.name}, {edge}")
+    words = [*_lattice(source), *choice(method.choice), *_SMOOTH]
+    case = solve_case("muscle_block", words, limit=_LIMIT)
+    case |= {"name": method.name, "size": " x ".join(str(n) for n in source)}
+    case["solution"] = along_fixed_fibers(load_deck(INPUTS / "muscle_block.toml", words), None)
+    return case
+
+
+def _block_table(cases: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Stress and reaction, and how far they are from those of RKPM at the largest size."""
+    probes = ("stress_zz", "reaction")
+    known = [case for case in cases if case["outcome"] == "converged"]
+    last = known[-1]["probes"] if known else {}
+    rows = []
+    for case in cases:
+        values = [case.get("probes", {}).get(probe) for probe in probes]
+        apart = [
+            None if value is None else value / last[probe] - 1.0
+            for probe, value in zip(probes, values, strict=True)
+        ]
+        rows.append(
+            [case["name"], case["size"], case.get("dofs"), *values, *apart]
+            + [seconds(case), outcome_text(case)]
+        )
+    head = ["method", "source points", "unknowns", "stress zz [N/cm²]", "reaction [N]"]
+    head += ["stress from the last row", "reaction from the last row", "time [s]", "outcome"]
+    return {
+        "caption": "Figure 5.30: muscle block with straight fibers at full activation, smooth "
+        "curves; far from the ends the stress is "
+        f"{cases[0]['solution']:.6g} N/cm²",
+        "head": head,
+        "rows": rows,
+    }
