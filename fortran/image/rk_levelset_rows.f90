@@ -107,8 +107,10 @@ subroutine advance_row(grid, row, mu, nu, epsilon, dt, lambda, share, means, cha
    real(wp), dimension(row%first:row%last) :: force, pull, drawn, part
    ! One face more than voxels, so that the one behind a voxel is the one ahead of the last
    real(wp) :: ahead(row%first - 1:row%last), behind(row%first - 1:row%last)
-   real(wp) :: misfit(row%first:row%last, 0:size(lambda) - 1), rate, sign, scale
-   integer :: a, b, p, r, channel, level, axis, i, s, shift
+   real(wp) :: misfit(row%first:row%last, 0:size(lambda) - 1), rate, scale
+   ! Working space
+   real(wp) :: tree(row%first:row%last, 0:2**size(old, 2) - 1)
+   integer :: a, b, p, channel, level, axis, i, s, shift
 
    a = row%first
    b = row%last
@@ -129,15 +131,8 @@ subroutine advance_row(grid, row, mu, nu, epsilon, dt, lambda, share, means, cha
    scale = dt*epsilon/pi
    do level = 1, size(old, 2)
       ! (B.1), (B.2): what the regions outside cost more than those inside
-      force = -nu*grid%part(a:b)
-      do p = 0, 2**size(old, 2) - 1
-         r = region_of(p, size(lambda))
-         sign = merge(-1.0_wp, 1.0_wp, btest(p, level - 1))
-         call membership(p, a, b, inside, level, part)
-         do i = a, b
-            force(i) = force(i) + sign*misfit(i, r)*part(i)
-         end do
-      end do
+      call contract(a, b, inside, level, misfit, tree, force)
+      force = force - nu*grid%part(a:b)
 
       pull = 0.0_wp
       drawn = 0.0_wp
@@ -213,7 +208,7 @@ subroutine sum_row(grid, row, mu, nu, regions, share, channels, weight, inside, 
    !> shape (sums_of_row) [-]
    real(wp), intent(out) :: sums(:)
    real(wp), dimension(row%first:row%last) :: square, part, slope
-   real(wp) :: member(row%first:row%last, 0:regions - 1), rate, ahead, behind
+   real(wp) :: member(row%first:row%last, 0:2**size(inside, 2) - 1), rate, ahead, behind
    integer :: a, b, p, r, channel, level, axis, i, place, s, shift
 
    sums = 0.0_wp
@@ -248,12 +243,11 @@ subroutine sum_row(grid, row, mu, nu, regions, share, channels, weight, inside, 
          square(i) = square(i) + share(channel)*channels(i - shift, channel)**2
       end do
    end do
-   member = 0.0_wp
-   do p = 0, 2**size(inside, 2) - 1
+   call memberships(a, b, inside, member)
+   do p = regions, 2**size(inside, 2) - 1
       r = region_of(p, regions)
-      call membership(p, a, b, inside, 0, part)
       do i = a, b
-         member(i, r) = member(i, r) + part(i)
+         member(i, r) = member(i, r) + member(i, p)
       end do
    end do
    place = 1
@@ -284,31 +278,63 @@ pure integer function region_of(combination, regions)
    region_of = ibclr(combination, highest)
 end function region_of
 
-!> Membership in a combination of signs, or its derivative without the sign
-pure subroutine membership(combination, a, b, inside, without, part)
-   !> Number of the combination: bit k - 1 tells whether it lies inside of level set k
-   integer, intent(in) :: combination
+!> Memberships in all combinations of signs, (3.19), each level set doubling their number
+pure subroutine memberships(a, b, inside, member)
    !> First and last place
    integer, intent(in) :: a, b
    !> Step functions, shape (places, level sets) [-]
    real(wp), intent(in), contiguous :: inside(:, :)
-   !> Level set whose factor is left out; zero for none
-   integer, intent(in) :: without
-   !> Product, shape (b - a + 1) [-]
-   real(wp), intent(out) :: part(a:b)
-   real(wp) :: base, slope
-   integer :: level, i
+   !> Products, shape (b - a + 1, 0:2**level sets - 1) [-]
+   real(wp), intent(out) :: member(a:b, 0:2**size(inside, 2) - 1)
+   integer :: level, p, i, known
 
-   part = 1.0_wp
+   member(:, 0) = 1.0_wp
    do level = 1, size(inside, 2)
-      if (level == without) cycle
-      base = merge(0.0_wp, 1.0_wp, btest(combination, level - 1))
-      slope = merge(1.0_wp, -1.0_wp, btest(combination, level - 1))
-      do i = a, b
-         part(i) = part(i)*(base + slope*inside(i, level))
+      known = 2**(level - 1)
+      do p = 0, known - 1
+         do i = a, b
+            member(i, p + known) = member(i, p)*inside(i, level)
+            member(i, p) = member(i, p) - member(i, p + known)
+         end do
       end do
    end do
-end subroutine membership
+end subroutine memberships
+
+!> What the regions outside of a level set cost more than those inside: the misfits averaged over
+!> the other level sets, each of which halves their number
+pure subroutine contract(a, b, inside, level, misfit, tree, force)
+   !> First and last place
+   integer, intent(in) :: a, b
+   !> Step functions, shape (places, level sets) [-]
+   real(wp), intent(in), contiguous :: inside(:, :)
+   !> The level set
+   integer, intent(in) :: level
+   !> Misfits of the regions, shape (b - a + 1, 0:regions - 1) [-]
+   real(wp), intent(in), contiguous :: misfit(a:, 0:)
+   !> Working space, shape (b - a + 1, 0:2**level sets - 1) [-]
+   real(wp), intent(inout) :: tree(a:b, 0:2**size(inside, 2) - 1)
+   !> Difference, shape (b - a + 1) [-]
+   real(wp), intent(out) :: force(a:b)
+   integer :: other, p, i, from, bit, left
+
+   do p = 0, 2**size(inside, 2) - 1
+      tree(:, p) = misfit(:, region_of(p, size(misfit, 2)))
+   end do
+   ! From the highest bit down; bits above the one that goes move down by one.
+   left = size(inside, 2)
+   do other = size(inside, 2), 1, -1
+      if (other == level) cycle
+      left = left - 1
+      bit = 2**(other - 1)
+      do p = 0, 2**left - 1
+         from = modulo(p, bit) + 2*bit*(p/bit)
+         do i = a, b
+            tree(i, p) = tree(i, from) + inside(i, other)*(tree(i, from + bit) - tree(i, from))
+         end do
+      end do
+   end do
+   force = tree(:, 0) - tree(:, 1)
+end subroutine contract
 
 !> Inverse lengths of the gradient at faces, (A.2): A for the face ahead of a voxel along the
 !> first axis, B for the same face seen from the voxel ahead; no flux to voxels outside
