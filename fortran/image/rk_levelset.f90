@@ -291,11 +291,11 @@ subroutine advance(options, grid, dt, means, values, weights, old, inside, new)
    !> Mean values, shape (channels, regions) [-]
    real(wp), intent(in) :: means(:, :)
    !> Values, shape (voxels, channels), and weights, shape (voxels) [-]
-   real(wp), intent(in) :: values(:, :), weights(:)
+   real(wp), intent(in), contiguous :: values(:, :), weights(:)
    !> Level sets before and their step functions, shape (places, level sets) [-]
-   real(wp), intent(in) :: old(:, :), inside(:, :)
+   real(wp), intent(in), contiguous :: old(:, :), inside(:, :)
    !> Level sets after, same shape [-]
-   real(wp), intent(inout) :: new(:, :)
+   real(wp), intent(inout), contiguous :: new(:, :)
    real(wp) :: share(size(options%channel_weight))
    integer :: row
 
@@ -317,11 +317,11 @@ subroutine measure(options, grid, values, weights, phi, inside, means, energy)
    !> Grid
    type(grid_type), intent(in) :: grid
    !> Values, shape (voxels, channels), and weights, shape (voxels) [-]
-   real(wp), intent(in) :: values(:, :), weights(:)
+   real(wp), intent(in), contiguous :: values(:, :), weights(:)
    !> Level sets, shape (places, level sets) [-]
-   real(wp), intent(in) :: phi(:, :)
+   real(wp), intent(in), contiguous :: phi(:, :)
    !> Their step functions, same shape [-]
-   real(wp), intent(inout) :: inside(:, :)
+   real(wp), intent(inout), contiguous :: inside(:, :)
    !> Mean values, shape (channels, regions) [-]
    real(wp), intent(out) :: means(:, :)
    !> Energy with these means [-]

@@ -11,6 +11,7 @@
 !> 3. Li et al., IEEE Trans. Image Process. 20 (2011), doi:10.1109/TIP.2011.2146190;
 !> equation numbers are those of the thesis named in the README.
 module rk_levelset_rows
+   use, intrinsic :: iso_fortran_env, only : real32
    use rk_precision, only : wp, pi
    implicit none
    private
@@ -43,6 +44,8 @@ module rk_levelset_rows
 
    !> Smallest gradient that counts: keeps flat places from dividing by zero [1/length]
    real(wp), parameter :: flat = 1.0e-4_wp
+   !> Bounds of what is rooted in single precision: its squares stay normal numbers
+   real(wp), parameter :: least = 1.0e-30_wp, most = 1.0e30_wp
 
 contains
 
@@ -96,52 +99,64 @@ subroutine advance_row(grid, row, mu, nu, epsilon, dt, lambda, share, means, cha
    !> Mean values, shape (channels, 0:regions-1) [-]
    real(wp), intent(in) :: means(:, 0:)
    !> Values, shape (voxels, channels), and weights, shape (voxels) [-]
-   real(wp), intent(in) :: channels(:, :), weight(:)
+   real(wp), intent(in), contiguous :: channels(:, :), weight(:)
    !> Level sets before and their step functions, shape (places, level sets) [-]
-   real(wp), intent(in) :: old(:, :), inside(:, :)
+   real(wp), intent(in), contiguous :: old(:, :), inside(:, :)
    !> Level sets after, same shape; only the row is written [-]
-   real(wp), intent(inout) :: new(:, :)
-   real(wp), dimension(row%last - row%first + 1) :: force, pull, drawn, ahead, behind, delta
-   real(wp) :: misfit(row%last - row%first + 1, 0:size(lambda) - 1), rate
-   integer :: a, b, p, channel, level, axis, x, y, s
+   real(wp), intent(inout), contiguous :: new(:, :)
+   real(wp), dimension(row%first:row%last) :: force, pull, drawn, part
+   ! One face more than voxels, so that the one behind a voxel is the one ahead of the last
+   real(wp) :: ahead(row%first - 1:row%last), behind(row%first - 1:row%last)
+   real(wp) :: misfit(row%first:row%last, 0:size(lambda) - 1), rate, scale
+   ! Working space
+   real(wp) :: tree(row%first:row%last, 0:2**size(old, 2) - 1)
+   integer :: a, b, p, channel, level, axis, i, s, shift
 
    a = row%first
    b = row%last
-   x = a - row%shift
-   y = b - row%shift
+   shift = row%shift
    do p = 0, size(lambda) - 1
       misfit(:, p) = 0.0_wp
       do channel = 1, size(share)
-         misfit(:, p) = misfit(:, p) + &
-            share(channel)*(channels(x:y, channel) - means(channel, p))**2
+         do i = a, b
+            misfit(i, p) = misfit(i, p) + &
+               share(channel)*(channels(i - shift, channel) - means(channel, p))**2
+         end do
       end do
-      misfit(:, p) = lambda(p)*weight(x:y)*misfit(:, p)
+      do i = a, b
+         misfit(i, p) = lambda(p)*weight(i - shift)*misfit(i, p)
+      end do
    end do
 
+   scale = dt*epsilon/pi
    do level = 1, size(old, 2)
       ! (B.1), (B.2): what the regions outside cost more than those inside
-      force = -nu*grid%part(a:b)
-      do p = 0, 2**size(old, 2) - 1
-         call membership(p, inside(a:b, :), level, delta)
-         if (btest(p, level - 1)) then
-            force = force - misfit(:, region_of(p, size(lambda)))*delta
-         else
-            force = force + misfit(:, region_of(p, size(lambda)))*delta
-         end if
-      end do
+      call contract(a, b, inside, level, misfit, tree, force)
+      force = force - nu*grid%part(a:b)
 
-      delta = dt*epsilon/(pi*(epsilon**2 + old(a:b, level)**2))
       pull = 0.0_wp
       drawn = 0.0_wp
       do axis = 1, grid%axes
          s = grid%step(axis)
          rate = mu/grid%spacing(axis)**2
-         call faces(grid, axis, a, b, old(:, level), ahead)
-         call faces(grid, axis, a - s, b - s, old(:, level), behind)
-         pull = pull + rate*(ahead + behind)
-         drawn = drawn + rate*(ahead*old(a + s:b + s, level) + behind*old(a - s:b - s, level))
+         if (axis == 1) then
+            call faces(grid, axis, a - 1, b, old(:, level), ahead)
+            behind(a:b) = ahead(a - 1:b - 1)
+         else
+            call faces(grid, axis, a, b, old(:, level), ahead(a:))
+            call faces(grid, axis, a - s, b - s, old(:, level), behind(a:))
+         end if
+         do i = a, b
+            pull(i) = pull(i) + rate*(ahead(i) + behind(i))
+            drawn(i) = drawn(i) + rate*(ahead(i)*old(i + s, level) + behind(i)*old(i - s, level))
+         end do
       end do
-      new(a:b, level) = (old(a:b, level) + delta*(drawn + force))/(1.0_wp + delta*pull)
+      ! (A.1) times 1/delta, which saves a division
+      do i = a, b
+         part(i) = epsilon**2 + old(i, level)**2
+         new(i, level) = (old(i, level)*part(i) + scale*(drawn(i) + force(i)))/ &
+            (part(i) + scale*pull(i))
+      end do
    end do
 end subroutine advance_row
 
@@ -160,11 +175,16 @@ subroutine step_row(row, epsilon, phi, inside)
    !> Width of the step function [-]
    real(wp), intent(in) :: epsilon
    !> Level sets, shape (places, level sets) [-]
-   real(wp), intent(in) :: phi(:, :)
+   real(wp), intent(in), contiguous :: phi(:, :)
    !> Step functions, same shape; only the row is written [-]
-   real(wp), intent(inout) :: inside(:, :)
+   real(wp), intent(inout), contiguous :: inside(:, :)
+   integer :: i, level
 
-   inside(row%first:row%last, :) = 0.5_wp + atan(phi(row%first:row%last, :)/epsilon)/pi
+   do level = 1, size(phi, 2)
+      do i = row%first, row%last
+         inside(i, level) = 0.5_wp + atan(phi(i, level)/epsilon)/pi
+      end do
+   end do
 end subroutine step_row
 
 !> A row's part of the integrals behind means and energy
@@ -180,51 +200,65 @@ subroutine sum_row(grid, row, mu, nu, regions, share, channels, weight, inside, 
    !> Weights of the channels over their number, shape (channels) [-]
    real(wp), intent(in) :: share(:)
    !> Values, shape (voxels, channels), and weights, shape (voxels) [-]
-   real(wp), intent(in) :: channels(:, :), weight(:)
+   real(wp), intent(in), contiguous :: channels(:, :), weight(:)
    !> Step functions of the level sets, shape (places, level sets) [-]
-   real(wp), intent(in) :: inside(:, :)
+   real(wp), intent(in), contiguous :: inside(:, :)
    !> Energy of contours and areas; then for each region the integrals of its membership, of
    !> membership times squared values, and of membership times values per channel;
    !> shape (sums_of_row) [-]
    real(wp), intent(out) :: sums(:)
-   real(wp), dimension(row%last - row%first + 1) :: square, part, slope, ahead, behind
-   real(wp) :: member(row%last - row%first + 1, 0:regions - 1)
-   integer :: a, b, p, channel, level, axis, x, y, place, s
+   real(wp), dimension(row%first:row%last) :: square, part, slope
+   real(wp) :: member(row%first:row%last, 0:2**size(inside, 2) - 1), rate, ahead, behind
+   integer :: a, b, p, r, channel, level, axis, i, place, s, shift
 
    sums = 0.0_wp
    a = row%first
    b = row%last
-   x = a - row%shift
-   y = b - row%shift
+   shift = row%shift
    do level = 1, size(inside, 2)
       ! Length as integral of |grad H|, (3.39): delta |grad phi| is the same, but delta is narrower
       ! than a voxel where the level set is steep, and its sum would depend on the grid
       slope = 0.0_wp
       do axis = 1, grid%axes
          s = grid%step(axis)
-         ahead = grid%part(a + s:b + s)*(inside(a + s:b + s, level) - inside(a:b, level))
-         behind = grid%part(a - s:b - s)*(inside(a:b, level) - inside(a - s:b - s, level))
-         slope = slope + 0.5_wp*(ahead**2 + behind**2)/grid%spacing(axis)**2
+         rate = 0.5_wp/grid%spacing(axis)**2
+         associate (takes => grid%part)
+            do i = a, b
+               ahead = takes(i + s)*(inside(i + s, level) - inside(i, level))
+               behind = takes(i - s)*(inside(i, level) - inside(i - s, level))
+               slope(i) = slope(i) + rate*(ahead**2 + behind**2)
+            end do
+         end associate
       end do
-      sums(1) = sums(1) + total(grid%part(a:b), mu*sqrt(slope) + nu*inside(a:b, level))
+      call inverse_roots(slope, part)
+      do i = a, b
+         part(i) = mu*slope(i)*part(i) + nu*inside(i, level)
+      end do
+      sums(1) = sums(1) + total(grid%part(a:b), part)
    end do
 
    square = 0.0_wp
    do channel = 1, size(share)
-      square = square + share(channel)*channels(x:y, channel)**2
+      do i = a, b
+         square(i) = square(i) + share(channel)*channels(i - shift, channel)**2
+      end do
    end do
-   member = 0.0_wp
-   do p = 0, 2**size(inside, 2) - 1
-      call membership(p, inside(a:b, :), 0, part)
-      member(:, region_of(p, regions)) = member(:, region_of(p, regions)) + part
+   call memberships(a, b, inside, member)
+   do p = regions, 2**size(inside, 2) - 1
+      r = region_of(p, regions)
+      do i = a, b
+         member(i, r) = member(i, r) + member(i, p)
+      end do
    end do
    place = 1
-   do p = 0, regions - 1
-      part = member(:, p)*weight(x:y)
+   do r = 0, regions - 1
+      do i = a, b
+         part(i) = member(i, r)*weight(i - shift)
+      end do
       sums(place + 1) = total(part, grid%part(a:b))
       sums(place + 2) = total(part, square)
       do channel = 1, size(share)
-         sums(place + 2 + channel) = total(part, channels(x:y, channel))
+         sums(place + 2 + channel) = total(part, channels(a - shift:b - shift, channel))
       end do
       place = place + 2 + size(share)
    end do
@@ -244,28 +278,63 @@ pure integer function region_of(combination, regions)
    region_of = ibclr(combination, highest)
 end function region_of
 
-!> Membership in a combination of signs, or its derivative without the sign
-pure subroutine membership(combination, inside, without, part)
-   !> Number of the combination: bit k - 1 tells whether it lies inside of level set k
-   integer, intent(in) :: combination
-   !> Step functions, shape (voxels, level sets) [-]
-   real(wp), intent(in) :: inside(:, :)
-   !> Level set whose factor is left out; zero for none
-   integer, intent(in) :: without
-   !> Product, shape (voxels) [-]
-   real(wp), intent(out) :: part(:)
-   integer :: level
+!> Memberships in all combinations of signs, (3.19), each level set doubling their number
+pure subroutine memberships(a, b, inside, member)
+   !> First and last place
+   integer, intent(in) :: a, b
+   !> Step functions, shape (places, level sets) [-]
+   real(wp), intent(in), contiguous :: inside(:, :)
+   !> Products, shape (b - a + 1, 0:2**level sets - 1) [-]
+   real(wp), intent(out) :: member(a:b, 0:2**size(inside, 2) - 1)
+   integer :: level, p, i, known
 
-   part = 1.0_wp
+   member(:, 0) = 1.0_wp
    do level = 1, size(inside, 2)
-      if (level == without) cycle
-      if (btest(combination, level - 1)) then
-         part = part*inside(:, level)
-      else
-         part = part*(1.0_wp - inside(:, level))
-      end if
+      known = 2**(level - 1)
+      do p = 0, known - 1
+         do i = a, b
+            member(i, p + known) = member(i, p)*inside(i, level)
+            member(i, p) = member(i, p) - member(i, p + known)
+         end do
+      end do
    end do
-end subroutine membership
+end subroutine memberships
+
+!> What the regions outside of a level set cost more than those inside: the misfits averaged over
+!> the other level sets, each of which halves their number
+pure subroutine contract(a, b, inside, level, misfit, tree, force)
+   !> First and last place
+   integer, intent(in) :: a, b
+   !> Step functions, shape (places, level sets) [-]
+   real(wp), intent(in), contiguous :: inside(:, :)
+   !> The level set
+   integer, intent(in) :: level
+   !> Misfits of the regions, shape (b - a + 1, 0:regions - 1) [-]
+   real(wp), intent(in), contiguous :: misfit(a:, 0:)
+   !> Working space, shape (b - a + 1, 0:2**level sets - 1) [-]
+   real(wp), intent(inout) :: tree(a:b, 0:2**size(inside, 2) - 1)
+   !> Difference, shape (b - a + 1) [-]
+   real(wp), intent(out) :: force(a:b)
+   integer :: other, p, i, from, bit, left
+
+   do p = 0, 2**size(inside, 2) - 1
+      tree(:, p) = misfit(:, region_of(p, size(misfit, 2)))
+   end do
+   ! From the highest bit down; bits above the one that goes move down by one.
+   left = size(inside, 2)
+   do other = size(inside, 2), 1, -1
+      if (other == level) cycle
+      left = left - 1
+      bit = 2**(other - 1)
+      do p = 0, 2**left - 1
+         from = modulo(p, bit) + 2*bit*(p/bit)
+         do i = a, b
+            tree(i, p) = tree(i, from) + inside(i, other)*(tree(i, from + bit) - tree(i, from))
+         end do
+      end do
+   end do
+   force = tree(:, 0) - tree(:, 1)
+end subroutine contract
 
 !> Inverse lengths of the gradient at faces, (A.2): A for the face ahead of a voxel along the
 !> first axis, B for the same face seen from the voxel ahead; no flux to voxels outside
@@ -275,27 +344,56 @@ pure subroutine faces(grid, axis, a, b, phi, inverse)
    !> Axis across the faces, and the first and last voxel before them
    integer, intent(in) :: axis, a, b
    !> Level set, shape (places) [-]
-   real(wp), intent(in) :: phi(:)
+   real(wp), intent(in), contiguous :: phi(:)
    !> Inverse lengths, shape (b - a + 1) [length]
-   real(wp), intent(out) :: inverse(:)
-   integer :: other, s
+   real(wp), intent(out) :: inverse(a:b)
+   real(wp) :: square(a:b), rate
+   integer :: other, s, i
 
    s = grid%step(axis)
-   inverse = flat**2 + ((phi(a + s:b + s) - phi(a:b))/grid%spacing(axis))**2
-   do other = 1, grid%axes
-      if (other == axis) cycle
-      s = grid%step(other)
-      inverse = inverse + ((grid%part(a + s:b + s)*(phi(a + s:b + s) - phi(a:b)) - &
-         grid%part(a - s:b - s)*(phi(a - s:b - s) - phi(a:b)))/(2.0_wp*grid%spacing(other)))**2
+   rate = 1.0_wp/grid%spacing(axis)**2
+   do i = a, b
+      square(i) = flat**2 + rate*(phi(i + s) - phi(i))**2
    end do
-   s = grid%step(axis)
-   inverse = grid%part(a:b)*grid%part(a + s:b + s)/sqrt(inverse)
+   associate (takes => grid%part)
+      do other = 1, grid%axes
+         if (other == axis) cycle
+         s = grid%step(other)
+         rate = 0.25_wp/grid%spacing(other)**2
+         do i = a, b
+            square(i) = square(i) + rate*(takes(i + s)*(phi(i + s) - phi(i)) - &
+               takes(i - s)*(phi(i - s) - phi(i)))**2
+         end do
+      end do
+      call inverse_roots(square, inverse)
+      s = grid%step(axis)
+      do i = a, b
+         inverse(i) = takes(i)*takes(i + s)*inverse(i)
+      end do
+   end associate
 end subroutine faces
+
+!> Inverse square roots of numbers that are not negative, to about 1e-14: in single precision,
+!> which is several times faster, with a step of Newton's method in double precision
+pure subroutine inverse_roots(numbers, roots)
+   !> Numbers; what lies outside of `least` and `most` counts as these [-]
+   real(wp), intent(in), contiguous :: numbers(:)
+   !> One over their square roots, same shape [-]
+   real(wp), intent(out), contiguous :: roots(:)
+   real(wp) :: number, root
+   integer :: i
+
+   do i = 1, size(numbers)
+      number = min(max(numbers(i), least), most)
+      root = 1.0_real32/sqrt(real(number, real32))
+      roots(i) = root*(1.5_wp - 0.5_wp*number*root**2)
+   end do
+end subroutine inverse_roots
 
 !> Sum of products, in an order that depends on nothing but the length
 pure real(wp) function total(left, right)
    !> Factors, equal shapes [-]
-   real(wp), intent(in) :: left(:), right(:)
+   real(wp), intent(in), contiguous :: left(:), right(:)
    integer, parameter :: lanes = 8
    integer :: i, first
    real(wp) :: lane(lanes)

@@ -106,7 +106,7 @@ def segment(
     (out / "fibers.nii.gz").unlink(missing_ok=True)
     if tensor is not None:
         progress("fibers from the diffusion tensors")
-        fibers, filled = fiber_field(
+        fibers, filled, far, distance = fiber_field(
             tensor, inside, table["fiber_smoothing"], table["tensor_frame"]
         )
         write_image(out / "fibers.nii.gz", fibers)
@@ -116,6 +116,11 @@ def segment(
             warnings.append(
                 f"{tensor.name}: {filled} of {int(inside.sum())} tensors of the tissue are not "
                 "finite or not positive; their neighbours were used"
+            )
+        if far:
+            warnings.append(
+                f"{tensor.name}: {far} of these have no usable tensor around them and took the "
+                f"fiber of the nearest voxel that has, up to {distance:.3g} mm away"
             )
     scores = {} if truth is None else _scores(deck, table, labels, truth)
     summary = _summary(deck, labels, result, scores, warnings)

@@ -61,7 +61,7 @@ def find_tissues(
     (out / "tissue_fibers.nii.gz").unlink(missing_ok=True)
     if tensor is not None:
         keys = deck["image"]
-        fibers, _ = fiber_field(
+        fibers, filled, far, distance = fiber_field(
             tensor, found.data == _MUSCLE, keys["fiber_smoothing"], keys["tensor_frame"]
         )
         write_image(out / "tissue_fibers.nii.gz", fibers)
@@ -70,6 +70,8 @@ def find_tissues(
     record: dict[str, Any] = {
         "labels": {name: {"pixels": n, "volume": n * voxel} for name, n in count.items()}
     }
+    if tensor is not None:
+        record["fibers"] = {"filled": filled, "far": far, "distance_mm": distance}
     if phantom:
         truth = read_labels(out / "true_tissue.nii.gz").data
         record["scores"] = {

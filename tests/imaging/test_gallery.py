@@ -18,7 +18,9 @@ def test_examples_of_the_gallery(tmp_path):
     assert cases["bias field by level sets"]["correlation"] > 0.98
     areas = [case["area"] for case in cases.values() if "area" in case]
     assert areas == sorted(areas, reverse=True)
-    ours = bench["timing"]["runs"][0]
-    for rival in bench["timing"]["runs"][1:]:
-        # The same minimum, up to a pixel here and there on the rim
-        assert ours["energy"] < 1.005 * rival["energy"]
+    runs = bench["timing"]["runs"]
+    ours = [run for run in runs if run["name"] == "MyoRK"][-1]
+    rivals = [run for run in runs if run["name"] != "MyoRK"]
+    assert ours["iterations"] < 300 and ours["dice"] > 0.96
+    for key in ("energy", "one_sided_energy"):
+        assert ours[key] < min(run[key] for run in rivals)

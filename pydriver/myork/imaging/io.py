@@ -6,6 +6,7 @@ NIfTI is read and written here; NRRD, MetaImage and DICOM series need extras (`f
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import cast
 
@@ -81,7 +82,13 @@ def write_labels(path: Path, labels: Labels) -> None:
     small = labels.data.max(initial=0) <= np.iinfo(np.uint8).max
     _write(path, labels.data.astype(np.uint8 if small else np.int32), labels.affine)
     names = {name: label for label, name in labels.names.items()}
-    _names_path(path).write_text(json.dumps(names, indent=1) + "\n", encoding="utf-8")
+    beside = _names_path(path)
+    unfinished = _unfinished(beside)
+    try:
+        unfinished.write_text(json.dumps(names, indent=1) + "\n", encoding="utf-8")
+        os.replace(unfinished, beside)
+    except OSError as reason:
+        raise FileError(f"{beside}: cannot be written: {reason}") from None
 
 
 def _load(path: Path, raw: bool) -> tuple[np.ndarray, np.ndarray]:
@@ -154,15 +161,23 @@ def _read_names(path: Path) -> dict[int, str]:
         raise InputError(f'{path}: must hold {{"name": label}}: {reason}') from None
 
 
+def _unfinished(path: Path) -> Path:
+    """Temporary name beside a file; its suffix stays, as it tells the format."""
+    return path.with_name("part." + path.name)
+
+
 def _write(path: Path, data: np.ndarray, affine: np.ndarray) -> None:
-    if path.suffix in ITK_SUFFIXES:
-        save_itk(path, data, affine)
-        return
-    file = nibabel.Nifti1Image(data, affine)
-    file.header.set_xyzt_units("mm")
-    file.set_sform(affine, code=1)
-    file.set_qform(affine, code=1)
+    """Write under a temporary name and rename the file when it is whole."""
+    unfinished = _unfinished(path)
     try:
-        nibabel.save(file, path)
+        if path.suffix in ITK_SUFFIXES:
+            save_itk(unfinished, data, affine)
+        else:
+            file = nibabel.Nifti1Image(data, affine)
+            file.header.set_xyzt_units("mm")
+            file.set_sform(affine, code=1)
+            file.set_qform(affine, code=1)
+            nibabel.save(file, unfinished)
+        os.replace(unfinished, path)
     except OSError as reason:
         raise FileError(f"{path}: cannot be written: {reason}") from None

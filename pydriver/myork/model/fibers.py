@@ -12,6 +12,7 @@ Arsigny, Fillard, Pennec, Ayache, Magn. Reson. Med. 56 (2006), doi:10.1002/mrm.2
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,13 +23,36 @@ from myork.imaging.diffusion import full_tensors, tensor_components
 from myork.imaging.geometry import frame
 from myork.records import Image, Labels
 
-__all__ = ["fiber_field", "fibers_at_points", "lead_vector"]
+__all__ = ["FiberField", "fiber_field", "fibers_at_points", "lead_vector"]
 
 F64 = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 # Gaussian weight below which a place counts as having no usable neighbour [-]
 LEAST_WEIGHT = 1e-8
+
+
+class FiberField(NamedTuple):
+    """Fibers of a tissue.
+
+    Attributes
+    ----------
+    fibers : Image
+        Unit vectors in the world frame, zero outside of the tissue, shape `(ni, nj, nk, 3)`.
+    filled : int
+        Voxels whose own tensor was unusable (not finite or not positive): they took the average
+        around them.
+    far : int
+        Those of them with nothing usable within the reach of the average: they took the average
+        at the nearest voxel that has one.
+    distance : float
+        Largest distance to such a voxel [mm].
+    """
+
+    fibers: Image
+    filled: int
+    far: int
+    distance: float
 
 
 def lead_vector(components: F64) -> F64:
@@ -48,7 +72,7 @@ def lead_vector(components: F64) -> F64:
 
 def fiber_field(
     tensor: Image, inside: Mask, smoothing: float, tensor_frame: str = "world"
-) -> tuple[Image, int]:
+) -> FiberField:
     """Fiber vector of every voxel of a tissue, zero elsewhere.
 
     Parameters
@@ -61,12 +85,6 @@ def fiber_field(
         Standard deviation of the Gaussian weights of the log-Euclidean average [mm].
     tensor_frame : str
         `world`, or `voxel` for components along the voxel axes of the image.
-
-    Returns
-    -------
-    tuple
-        Unit vectors in the world frame, shape `(ni, nj, nk, 3)`, and the number of voxels whose
-        own tensor was unusable (not finite or not positive) and came from its neighbours.
     """
     usable = inside & np.isfinite(tensor.data).all(-1)
     full = full_tensors(tensor.data[usable])
@@ -83,18 +101,28 @@ def fiber_field(
     )
     sigma = smoothing / tensor.spacing
     average, weight = _gathered(logarithm, usable, sigma)
-    missing = np.argwhere(inside & (weight <= LEAST_WEIGHT))
-    if len(missing):
+    known = inside & (weight > LEAST_WEIGHT)
+    if not known.any():
         raise _no_fiber(
             tensor.name,
-            len(missing),
             int(inside.sum()),
-            missing[0],
+            int(inside.sum()),
+            np.argwhere(inside)[0],
             "diffusion tensor (all are zero, not finite or not positive)",
         )
     fiber = np.zeros((*inside.shape, 3))
-    fiber[inside] = lead_vector(average[inside] / weight[inside][:, np.newaxis])
-    return Image(fiber, tensor.affine, "fibers"), int((inside & ~usable).sum())
+    fiber[known] = lead_vector(average[known] / weight[known][:, np.newaxis])
+    missing = inside & ~known
+    away, nearest = ndimage.distance_transform_edt(
+        ~known, sampling=tensor.spacing, return_indices=True
+    )
+    fiber[missing] = fiber[tuple(index[missing] for index in nearest)]
+    return FiberField(
+        Image(fiber, tensor.affine, "fibers"),
+        int((inside & ~usable).sum()),
+        int(missing.sum()),
+        float(away[missing].max(initial=0.0)),
+    )
 
 
 def fibers_at_points(

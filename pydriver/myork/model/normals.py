@@ -23,10 +23,12 @@ _SMOOTHING = 1.5
 _RADIUS = 4
 _SHAPE = 8.0
 _STIFFNESS = 0.5
+# Standard deviation of the smoothing before the fit [voxel]
+_BLUR = 2.0
 # Windows worked on at a time
 _CHUNK = 4000
 # Layers by which the cut ends are continued, so that they do not bend the normals beside them.
-_LAYERS = 6
+_LAYERS = 10
 
 
 def signed_distance(body: NDArray[np.bool_], spacing: F64) -> F64:
@@ -61,7 +63,8 @@ def surface_normals(
         Where, shape `(n, 3)`.
     method : str
         `distance`: the signed distance under a Gaussian; `multiquadric`: reciprocal
-        multiquadrics fitted to it in a window around each voxel.
+        multiquadrics fitted to one with shorter steps between slices, in a window around each
+        voxel.
 
     Returns
     -------
@@ -72,11 +75,11 @@ def surface_normals(
     pad = np.array([_LAYERS, _LAYERS, 0])
     whole = np.pad(body, [(n, n) for n in pad])
     whole = np.pad(whole, [(0, 0), (0, 0), (_LAYERS, _LAYERS)], mode="edge")
-    phi = signed_distance(whole, spacing)
     at = voxels + _LAYERS
     if method == "multiquadric":
-        normal = -_multiquadric_gradient(phi, spacing, at)
+        normal = -_multiquadric_gradient(whole, spacing, at)
     else:
+        phi = signed_distance(whole, spacing)
         sigma = _SMOOTHING * np.cbrt(spacing.prod()) / spacing
         phi = ndimage.gaussian_filter(phi, sigma, truncate=3.0)
         gradient = np.stack(np.gradient(phi, *spacing), axis=-1)
@@ -85,8 +88,12 @@ def surface_normals(
     return np.where(length > 1e-6, normal / np.maximum(length, 1e-6), 0.0)
 
 
-def _multiquadric_gradient(phi: F64, spacing: F64, at: NDArray[np.intp]) -> F64:
+def _multiquadric_gradient(body: NDArray[np.bool_], spacing: F64, at: NDArray[np.intp]) -> F64:
     """Gradient of reciprocal multiquadrics fitted to phi around voxels, shape `(n, 3)`.
+
+    Any phi that vanishes on the surface has its normals. That of lengths jumps by whole slices
+    above and below flat ends; in voxels a body few slices high is flattened. The square roots of
+    the voxel's length ratios lie between.
 
     The global system of 4.1.3 is cut into one for each boundary voxel: a smoothing fit to the
     values in a box around it. All boxes are alike, so their system is solved once, for the
@@ -95,6 +102,8 @@ def _multiquadric_gradient(phi: F64, spacing: F64, at: NDArray[np.intp]) -> F64:
     an ellipsoid, in lengths a box would hold too few slices.
     """
     metric = np.cbrt(spacing / spacing.min())
+    phi = signed_distance(body, np.sqrt(spacing / spacing.min()))
+    phi = ndimage.gaussian_filter(phi, _BLUR / metric, truncate=3.0)
     radius = np.maximum(np.rint(_RADIUS / metric).astype(int), 1)
     offsets = np.stack(np.meshgrid(*(np.arange(-r, r + 1) for r in radius), indexing="ij"), -1)
     offsets = offsets.reshape(-1, 3)

@@ -82,13 +82,16 @@ def _spread(values: F64, count: int, random: np.random.Generator) -> F64:
 
 def _nearest(values: F64, centres: F64) -> tuple[I32, F64]:
     """Nearest centre of each value and the squared distance to it."""
-    which = np.zeros(len(values), np.int32)
-    least = np.full(len(values), np.inf)
-    for number, centre in enumerate(centres):
-        distance = ((values - centre) ** 2).sum(1)
-        closer = distance < least
-        which[closer] = number
-        least[closer] = distance[closer]
+    which = np.empty(len(values), np.int32)
+    least = np.empty(len(values))
+    lengths = (centres**2).sum(1)
+    for first in range(0, len(values), _SAMPLE):
+        some = values[first : first + _SAMPLE]
+        # The squared distance less |value|^2, which is the same for all centres
+        rest = lengths - 2.0 * (some @ centres.T)
+        nearest = rest.argmin(axis=1)
+        which[first : first + _SAMPLE] = nearest
+        least[first : first + _SAMPLE] = ((some - centres[nearest]) ** 2).sum(1)
     return which, least
 
 
