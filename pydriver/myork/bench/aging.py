@@ -136,7 +136,6 @@ _SOFT = tuple(
 _SIZES = ((4, 4), (3, 4), (2, 2))
 #: What is changed in both muscles: name, young, old, overrides of the deck
 _CHANGES: tuple[tuple[str, Muscle, Muscle, tuple[str, ...]], ...] = (
-    ("no outer layer", replace(YOUNG, layer=0.0), replace(OLD, layer=0.0), ()),
     ("connective tissue as soft as fat", YOUNG, OLD, _SOFT),
     (
         "size alone: old size, young composition",
@@ -171,7 +170,7 @@ def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
         name = f"blocks of {block * _PIXEL:g} mm"
         pairs.append(_pair(progress, name, YOUNG, OLD, block, steps))
     changes = [
-        _pair(progress, name, young, old, _SIZES[1][0], 2, overrides)
+        _pair(progress, name, young, old, _SIZES[0][0], 2, overrides)
         for name, young, old, overrides in _CHANGES[: 0 if quick else None]
     ]
     return {
@@ -180,7 +179,7 @@ def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
         "the fibers' stress (30 N/cm2) is not in the reference, so that ratios are compared.",
         "cases": [case for pair in [*pairs, *changes] for case in pair["cases"]],
         "pairs": [*pairs, *changes],
-        "plots": [_plot(pairs[-1])],
+        "plots": [_plot(pairs[0])],
         "tables": [_volumes(pairs), _forces(pairs), _drops([*pairs, *changes])],
     }
 
@@ -355,7 +354,7 @@ def _drops(pairs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
             + [f / v["muscle"] for f, v in zip(ends, volumes, strict=True)]
             + [f / sum(v.values()) for f, v in zip(ends, volumes, strict=True)]
         )
-    changed = _SIZES[1][0] * _PIXEL
+    changed = _SIZES[0][0] * _PIXEL
     return {
         "caption": "Drops at full activation, and force per volume [N/cm3]; changes of the muscles "
         f"with blocks of {changed:g} mm.",
