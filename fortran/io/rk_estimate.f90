@@ -30,6 +30,9 @@ module rk_estimate
       real(wp) :: flops = 0.0_wp
    end type estimate_type
 
+   !> Iterations of a solve by minimal residuals, as a block of 80,000 points needs them
+   real(wp), parameter :: most_iterations = 600.0_wp
+
 contains
 
 !> Estimate sizes, memory and operations
@@ -135,9 +138,10 @@ subroutine estimate_galerkin(self, deck, method, support, layers)
    !> Source points along each direction
    real(wp), intent(in) :: layers(:)
    real(wp) :: points, members, coupled, band, width
-   integer :: d, gauss
+   integer :: d, gauss, limit
 
    points = self%ns
+   call deck%get('galerkin.direct_limit', limit)
    gauss = 1
    if (method == 'rkpm-gauss') then
       call deck%get('galerkin.gauss', gauss)
@@ -161,6 +165,13 @@ subroutine estimate_galerkin(self, deck, method, support, layers)
    self%bytes = points*members*8.0_wp*(2.0_wp*self%nd + 2.0_wp) &
       & + 24.0_wp*0.5_wp*self%nd**2*self%ns*coupled + 8.0_wp*self%unknowns*band
    self%flops = self%unknowns*band**2
+   if (method == 'rkpm-gauss' .or. self%unknowns <= limit) return
+   ! never formed: moduli, gradients at the points, the constant part, three scalar factors, and the
+   ! work of an iteration through all points
+   self%solver = 'minres'
+   self%bytes = points*8.0_wp*(2.0_wp*81.0_wp + members*(3.0_wp*self%nd + 2.0_wp)) &
+      & + 24.0_wp*0.5_wp*self%nd**2*self%ns*members + 8.0_wp*self%nd*self%ns**(4.0_wp/3.0_wp)*31.0_wp
+   self%flops = most_iterations*points*(self%nd**4 + members*4.0_wp*self%nd**2)
 end subroutine estimate_galerkin
 
 end module rk_estimate

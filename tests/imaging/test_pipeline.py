@@ -179,7 +179,7 @@ def test_leg_section_has_three_materials_and_a_bone(tmp_path, inputs):
         np.abs(np.hypot(bone[:, 0] - 15.0, bone[:, 1] - 21.0) - 11.0),
         np.abs(np.hypot(bone[:, 0] + 21.0, bone[:, 1] - 13.0) - 5.5),
     )
-    assert away.max() < 6.25 and np.median(away) < 3.2  # blocks of 6.25 mm
+    assert away.max() < 5.0 and np.median(away) < 2.5  # blocks of 5 mm
 
 
 def test_region_of_a_label_map(own):

@@ -35,6 +35,7 @@ BENCHES = {
     "mms": "myork.bench.mms",
     "clouds": "myork.bench.clouds",
     "gallery": "myork.bench.gallery",
+    "aging": "myork.bench.aging",
 }
 
 

@@ -39,6 +39,8 @@ GREY = "#666666"
 _MOST_POINTS = 15000
 # Facets of the hull that meet at a larger angle have an edge there [degree]
 _EDGE_ANGLE = 30.0
+# Sides of a body below this part of the longest get no ticks [-]
+_SHORT = 0.3
 
 
 def cloud_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure:
@@ -59,7 +61,7 @@ def cloud_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure:
     force, length = units.get("force", "?"), units.get("length", "?")
     sides = np.ptp(np.vstack([deformation.points, _deformed(deformation)]), axis=0)
     plane = bool(sides[2] == 0.0)
-    flat = sides[2] < 0.5 * sides.max() and not plane
+    flat = sides[2] < _SHORT * sides.max() and not plane
     figure = Figure(figsize=(11.0, 4.0 if flat else 5.2), layout="constrained")
     panels = (
         (f"largest principal Cauchy stress [{force}/{length}²]", deformation.stress),
@@ -125,12 +127,13 @@ def _draw_space(axes: Any, deformation: Deformation, values: F64) -> Any:
     # A body that is thinnest along z is looked at along z, any other from the side
     thin = sides[2] <= sides[:2].min()
     axes.view_init(elev=20, azim=20 if thin else -60, vertical_axis="y" if thin else "z")
-    axes.set_box_aspect(sides, zoom=1.15 if thin else 0.9)
+    flat = sides[2] < _SHORT * sides.max()
+    axes.set_box_aspect(sides, zoom=1.15 if flat else 0.9)
     for axis, side in zip((axes.xaxis, axes.yaxis, axes.zaxis), sides, strict=True):
-        short = side < 0.3 * sides.max()
+        short = side < _SHORT * sides.max()
         axis.set_major_locator(FixedLocator([]) if short else MaxNLocator(4))
         axis.set_pane_color((0.97, 0.97, 0.97))
-        axis.labelpad = 0.0 if short else 8.0
+        axis.labelpad = 0.0 if short else 4.0 if thin else 8.0
     return dots
 
 
