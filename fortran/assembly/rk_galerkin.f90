@@ -134,8 +134,8 @@ subroutine new_galerkin(self, scene, error)
    allocate (self%stress(3, 3, np), self%f(3, 3, np), self%volume(np), self%force(self%n))
    allocate (self%constant(size(self%matrix%value, kind=i8)), source=0.0_wp)
    call self%surface%add_penalty(self%matrix%symmetric_matrix, self%constant)
-   if (self%cells%smoothed) call stabilise(self%matrix%symmetric_matrix, self%constant, self%cells, self%inside, &
-      & scene%stabilisation*shear)
+   if (self%cells%smoothed) call stabilise(self%matrix%symmetric_matrix, self%constant, &
+      & self%cells, self%inside, scene%stabilisation*shear)
    self%force = 0.0_wp
    call self%surface%add_forces(self%force)
 end subroutine new_galerkin

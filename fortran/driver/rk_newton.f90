@@ -287,7 +287,9 @@ pure logical function converged(self)
 
    converged = self%iterations > 0 .and. self%step_norm < self%tolerance
    if (converged) converged = (self%whole .and. (self%step_norm < rounding &
-      & .or. self%gradient < self%tolerance)) .or. (self%free .and. self%left < nothing)
+      & .or. self%gradient < self%tolerance)) .or. (self%free .and. self%left < nothing) &
+      ! a full Newton step may end where rounding keeps every further one from being accepted
+      & .or. self%gradient < rounding
    converged = converged .or. (self%iterations > 0 .and. self%whole .and. self%still)
 end function converged
 

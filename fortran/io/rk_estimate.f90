@@ -170,7 +170,8 @@ subroutine estimate_galerkin(self, deck, method, support, layers)
    ! work of an iteration through all points
    self%solver = 'minres'
    self%bytes = points*8.0_wp*(2.0_wp*81.0_wp + members*(3.0_wp*self%nd + 2.0_wp)) &
-      & + 24.0_wp*0.5_wp*self%nd**2*self%ns*members + 8.0_wp*self%nd*self%ns**(4.0_wp/3.0_wp)*31.0_wp
+      & + 24.0_wp*0.5_wp*self%nd**2*self%ns*members &
+      & + 8.0_wp*self%nd*31.0_wp*self%ns**(4.0_wp/3.0_wp)
    self%flops = most_iterations*points*(self%nd**4 + members*4.0_wp*self%nd**2)
 end subroutine estimate_galerkin
 

@@ -48,7 +48,6 @@ def test_brightness_and_values_outside_do_not_matter():
 
 
 def test_n4_of_simpleitk():
-    pytest.importorskip("SimpleITK")
     image, mask, truth = shaded(0.6, (96, 96, 3))
     found = n4_bias(image.data, mask, spacing=image.spacing, shrink=3)
     assert np.corrcoef(found.field[mask], truth[mask])[0, 1] > 0.9

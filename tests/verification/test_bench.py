@@ -94,7 +94,6 @@ SHEET = {
 
 def test_methods(tmp_path: Path) -> None:
     """Both discretisations give one answer: the sheet, the homogeneous block, the muscle."""
-    pytest.importorskip("felupe")
     bench = run_benches(["methods"], tmp_path, quick=True)["benches"]["methods"]
     cases = {(c["deck"], c["name"]): c for c in bench["cases"] if "name" in c}
     assert {c["outcome"] for c in cases.values()} == {"converged"}

@@ -52,7 +52,6 @@ def test_rival_block_agrees_with_the_references(inputs: Path) -> None:
     Measured: 0.6 % in displacements and axial values, 2.5 % in the shear stress, 2 % in
     reaction_x, which depends most on the mesh along the edges.
     """
-    pytest.importorskip("felupe")
     deck = load_deck(inputs / "muscle_fibers.toml", [])
     found = felupe_block((4, 2, 8), deck["material"][0], deck["geometry"], [0.05])
     for entry in deck["reference"]:
