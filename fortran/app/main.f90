@@ -6,7 +6,7 @@ program main
    use rk_cloud, only : cloud_type
    use rk_body, only : body_type
    use rk_deck, only : deck_type, open_deck
-   use rk_deck_scene, only : nearly_incompressible, new_scene
+   use rk_deck_scene, only : new_scene, stiffest_ratio
    use rk_error, only : error_type, err_convergence, err_linalg, err_stopped
    use rk_error_norms, only : error_norms, norms_type
    use rk_explain, only : explain
@@ -26,6 +26,8 @@ program main
    implicit none
    !> Imbalance of forces that deserves a warning [-]
    real(wp), parameter :: max_imbalance = 0.05_wp
+   !> Bulk over shear modulus from which on the displacement form is known to be off by per cents
+   real(wp), parameter :: doubtful_ratio = 10.0_wp
    type(config_type) :: config
    type(deck_type) :: deck
    type(cloud_type) :: model
@@ -81,9 +83,11 @@ contains
       call catch_signals()
       call output%say(scene%title//': '//to_text(problem%n)//' unknowns, '//to_text(problem%m) &
          & //' equations', level=0)
-      if (scene%method == 'rkcm' .and. nearly_incompressible(scene)) call output%warn('K is far ' &
-         & //'above the shear modulus: the displacement form may lock, compare with method ' &
-         & //'"rkcm-mixed"')
+      if (scene%method == 'rkcm') then
+         if (stiffest_ratio(scene) > doubtful_ratio) call output%warn('K is ' &
+            & //to_text(stiffest_ratio(scene), 2)//' shear moduli: the displacement form may lock, ' &
+            & //'compare with method "rkcm-mixed"')
+      end if
 
       allocate (x(problem%n), source=0.0_wp)
       call system_clock(timer%start)

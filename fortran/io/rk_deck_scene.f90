@@ -20,7 +20,7 @@ module rk_deck_scene
    implicit none
    private
 
-   public :: new_scene, nearly_incompressible
+   public :: new_scene, stiffest_ratio
 
    !> Bulk over shear modulus above which the displacement form is taken to lock [-]
    real(wp), parameter :: locking_ratio = 50.0_wp
@@ -61,7 +61,7 @@ subroutine new_scene(scene, deck, model, error)
    end if
    call read_materials(scene, deck, error)
    if (allocated(error)) return
-   if (scene%method == 'auto' .and. nearly_incompressible(scene)) scene%method = 'rkcm-mixed'
+   if (scene%method == 'auto' .and. stiffest_ratio(scene) > locking_ratio) scene%method = 'rkcm-mixed'
    if (scene%method == 'auto') scene%method = 'rkcm'
    if (scene%method == 'rkpm') scene%method = 'rkpm-scni'
    call check_cloud(scene%cloud, error)
@@ -220,18 +220,18 @@ subroutine read_materials(scene, deck, error)
       & //'at '//to_text(scene%cloud%place(:, k)))
 end subroutine read_materials
 
-!> Whether the displacement form may lock: a bulk modulus far above the shear modulus
-pure logical function nearly_incompressible(scene)
+!> Largest ratio of a bulk modulus to its shear modulus, by which the displacement form locks [-]
+pure real(wp) function stiffest_ratio(scene)
    !> Scene with materials
    type(scene_type), intent(in) :: scene
    integer :: k
 
-   nearly_incompressible = .false.
+   stiffest_ratio = 0.0_wp
    do k = 1, size(scene%tissue)
-      nearly_incompressible = nearly_incompressible .or. &
-         & scene%tissue(k)%material%bulk > locking_ratio*scene%tissue(k)%material%shear
+      stiffest_ratio = max(stiffest_ratio, scene%tissue(k)%material%bulk &
+         & /scene%tissue(k)%material%shear)
    end do
-end function nearly_incompressible
+end function stiffest_ratio
 
 !> Give a material to its points
 subroutine fill_points(scene, k, by_label)

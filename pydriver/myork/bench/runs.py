@@ -37,6 +37,7 @@ _KEPT = (
     "converged",
     "exact",
     "errors",
+    "warnings",
     "reference",
     "timings_s",
     "memory_peak_bytes",

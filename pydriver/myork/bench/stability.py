@@ -29,7 +29,7 @@ __all__ = ["Case", "cases", "run", "run_case"]
 METHODS = ("rkcm", "rkcm-mixed")
 
 #: Verdicts: the answer is right; it is refused or not reached and the message says why; else
-RIGHT, EXPLAINED = "right", "explained"
+RIGHT, EXPLAINED, WARNED = "right", "explained", "warned"
 
 
 class Case(NamedTuple):
@@ -82,11 +82,12 @@ def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
         ]
         for record in records
     ]
-    count = {v: sum(r["verdict"] == v for r in records) for v in (RIGHT, EXPLAINED)}
+    count = {v: sum(r["verdict"] == v for r in records) for v in (RIGHT, EXPLAINED, WARNED)}
     return {
         "title": "Stability",
         "about": f"{len(records)} hard cases: {count[RIGHT]} right, {count[EXPLAINED]} ended with "
-        f"an error that names its reason, {len(records) - sum(count.values())} neither.",
+        f"an error that names its reason, {count[WARNED]} are off and warn that they lock, "
+        f"{len(records) - sum(count.values())} none of these.",
         "cases": records,
         "tables": [{"caption": "Hard cases, one line each.", "head": head, "rows": rows}],
     }
@@ -99,8 +100,8 @@ def run_case(case: Case, limit: float) -> dict[str, Any]:
     -------
     dict
         The record with `name`, `error` and `verdict`: `right`, `explained`, `wrong` (an answer
-        that is not right), `unexplained` (an error without what it must name), `crashed`,
-        `failed` or `time limit`.
+        that is not right), `warned` (the same, but the run warns that its form locks),
+        `unexplained` (an error without what it must name), `crashed`, `failed` or `time limit`.
     """
     with tempfile.TemporaryDirectory(prefix="myork-bench-") as folder:
         record = case.run(Path(folder), limit)
@@ -111,7 +112,9 @@ def run_case(case: Case, limit: float) -> dict[str, Any]:
             record["verdict"] = "wrong"
         else:
             record["error"] = abs(value / case.solution - 1.0)
-            record["verdict"] = RIGHT if record["error"] <= case.tolerance else "wrong"
+            warned = any("lock" in warning for warning in record.get("warnings", []))
+            wrong = WARNED if warned else "wrong"
+            record["verdict"] = RIGHT if record["error"] <= case.tolerance else wrong
     elif record["outcome"] in ("refused", "not converged"):
         message = record["message"]
         named = bool(message) and all(word in message for word in case.words)
