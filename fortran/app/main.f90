@@ -85,8 +85,8 @@ contains
          & //' equations', level=0)
       if (scene%method == 'rkcm') then
          if (stiffest_ratio(scene) > doubtful_ratio) call output%warn('K is ' &
-            & //to_text(stiffest_ratio(scene), 2)//' shear moduli: the displacement form may lock, ' &
-            & //'compare with method "rkcm-mixed"')
+            & //to_text(stiffest_ratio(scene), 2)//' shear moduli: the displacement form may ' &
+            & //'lock, compare with method "rkcm-mixed"')
       end if
 
       allocate (x(problem%n), source=0.0_wp)

@@ -61,7 +61,8 @@ subroutine new_scene(scene, deck, model, error)
    end if
    call read_materials(scene, deck, error)
    if (allocated(error)) return
-   if (scene%method == 'auto' .and. stiffest_ratio(scene) > locking_ratio) scene%method = 'rkcm-mixed'
+   if (scene%method == 'auto' .and. stiffest_ratio(scene) > locking_ratio) &
+      & scene%method = 'rkcm-mixed'
    if (scene%method == 'auto') scene%method = 'rkcm'
    if (scene%method == 'rkpm') scene%method = 'rkpm-scni'
    call check_cloud(scene%cloud, error)
