@@ -305,7 +305,7 @@ def _parser() -> argparse.ArgumentParser:
         "names",
         nargs="+",
         metavar="NAME",
-        help="linear, nonlinear, stability, curves, methods, mixed or mms",
+        help="linear, nonlinear, stability, curves, methods, mixed, mms, clouds, aging or gallery",
     )
     bench.add_argument("--quick", action="store_true", help="small cases only")
     report = add(
