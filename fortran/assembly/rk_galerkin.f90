@@ -24,7 +24,7 @@ module rk_galerkin
    use rk_shape, only : new_shape, shape_type
    use rk_stabilisation, only : stabilise
    use rk_surface, only : set_conditions, surface_type
-   use rk_tangent, only : new_tangent, tangent_type
+   use rk_tangent, only : add_forces, new_tangent, tangent_type
    implicit none
    private
 
@@ -288,7 +288,7 @@ subroutine assemble(self, x, held, load, tangent, r, state)
          call group_part(self, g, reshape(x, [nd, size(x)/nd]), held, load, tangent, &
             & force, part)
          !$omp ordered
-         call add_force(member, force, r)
+         call add_forces(member, force, r)
          if (tangent .and. self%matrix%formed) call self%matrix%add(self%matrix%value, member, part)
          !$omp end ordered
       end associate
@@ -301,22 +301,6 @@ subroutine assemble(self, x, held, load, tangent, r, state)
    state%valid = all(self%volume > 0.0_wp) .and. all(abs(r) <= huge(1.0_wp))
    state%worst = self%nearest(state%worst)
 end subroutine assemble
-
-!> Add the forces of a group
-pure subroutine add_force(member, force, r)
-   !> Source points of the group
-   integer, intent(in) :: member(:)
-   !> Forces on them, shape (nd, members) [force]
-   real(wp), intent(in) :: force(:, :)
-   !> Residual, shape (n)
-   real(wp), intent(inout) :: r(:)
-   integer :: k, nd
-
-   nd = size(force, 1)
-   do k = 1, size(member)
-      r(nd*(member(k) - 1) + 1:nd*member(k)) = r(nd*(member(k) - 1) + 1:nd*member(k)) + force(:, k)
-   end do
-end subroutine add_force
 
 !> Forces and stiffness of a group of points
 subroutine group_part(self, g, x, held, load, tangent, force, part)

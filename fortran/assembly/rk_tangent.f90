@@ -7,9 +7,10 @@
 !>
 !>     A u + B^T p = f,   B u - p/K = 0,
 !>
-!> nothing of the size of K is left: preconditioned by a Laplacian over the facets of the nodal
-!> cells, which is as stiff as A up to a factor that no refinement changes, and by the shear modulus
-!> for the pressures, the number of iterations depends neither on K nor on the number of points.
+!> nothing of the size of K is left. The preconditioner is a Laplacian over the facets of the nodal
+!> cells, as stiff as A up to a factor that refinement hardly changes, and the shear modulus for the
+!> pressures. With K near the shear modulus the number of iterations hardly grows with the number of
+!> points; with a large K it grows like one over the spacing, so the pressures deserve better.
 !>
 !> Reference: Elman, Silvester, Wathen, Finite Elements and Fast Iterative Solvers, Oxford (2014),
 !>            section 4.2, doi:10.1093/acprof:oso/9780199678792.001.0001
@@ -29,7 +30,7 @@ module rk_tangent
    implicit none
    private
 
-   public :: tangent_type, new_tangent
+   public :: tangent_type, new_tangent, add_forces
 
    !> Tangent; as a matrix it is the whole of it where it is formed, otherwise the constant part
    type, extends(symmetric_matrix) :: tangent_type
@@ -210,7 +211,7 @@ subroutine add_groups(self, x, y, volume, pressure)
             call group_force(self, g, member, reshape(x, [nd, size(x)/nd]), volume(:, g), force)
          end if
          !$omp ordered
-         call scatter(nd, member, force, y)
+         call add_forces(member, force, y)
          !$omp end ordered
       end associate
    end do
@@ -218,21 +219,20 @@ subroutine add_groups(self, x, y, volume, pressure)
 end subroutine add_groups
 
 !> Add forces on some source points to those on all
-pure subroutine scatter(nd, member, force, y)
-   !> Space dimension
-   integer, intent(in) :: nd
+pure subroutine add_forces(member, force, y)
    !> Source points
    integer, intent(in) :: member(:)
    !> Forces on them, shape (nd, members) [force]
    real(wp), intent(in) :: force(:, :)
    !> Forces, shape (n) [force]
    real(wp), intent(inout) :: y(:)
-   integer :: k
+   integer :: k, nd
 
+   nd = size(force, 1)
    do k = 1, size(member)
       y(nd*(member(k) - 1) + 1:nd*member(k)) = y(nd*(member(k) - 1) + 1:nd*member(k)) + force(:, k)
    end do
-end subroutine scatter
+end subroutine add_forces
 
 !> Forces of one group
 pure subroutine group_force(self, g, member, x, volume, force, pressure)
