@@ -259,8 +259,8 @@ pure subroutine group_force(self, g, member, x, volume, force, pressure)
    o = self%cells%first(g)
    n = self%cells%first(g + 1) - o
    b = self%pressure%count(g)
+   allocate (local(nd, size(member)), h(nd, nd, n))
    local = x(:, member)
-   allocate (h(nd, nd, n))
    volume = 0.0_wp
    do q = 1, n
       call self%gradient%at(o + q, local, 0.0_wp, h(:, :, q))
