@@ -6,6 +6,15 @@
 !> is interpolating moduli. The strong form then has the term P_t grad(fraction_t) beside the
 !> derivatives of the stress.
 !>
+!> Fibers are no moduli: a muscle's fraction x reaches into fat, where no fiber was measured. With
+!> the fiber of the muscle's nearest point all of x acts: the volume that contracts, the sum of x
+!> over the cells, is the muscle's, since x lacks inside a plane interface what it has outside.
+!> With each point's own fiber fat does not contract, and muscle beside it does by x < 1 only: the
+!> area of the interface times half the mean reach sum |d| w(d) of the weights w across it stays
+!> passive, a length in proportion to the interface's width. The fibers' fraction then jumps at the
+!> interface, which the integrals of a Galerkin form allow and the divergence of a strong form does
+!> not.
+!>
 !> Reference: thesis section 4.2.2
 module rk_mixture
    use rk_error, only : error_type
@@ -107,10 +116,11 @@ subroutine new_mixture(self, scene, position, nearest, error)
             self%tissue(n) = k
             self%fraction(n) = part(k)
             self%slope(:, n) = gradient(:, k)
+            self%fiber(:, n) = 0.0_wp
+            if (allocated(turn)) self%turn(:, :, n) = 0.0_wp
+            if (.not. has_fibers(scene, k, nearest(ip))) cycle
             associate (at => fibered_point(scene, k, nearest(ip)))
-               self%fiber(:, n) = 0.0_wp
-               if (scene%tissue(k)%material%active(kind_i4)) self%fiber(:, n) = &
-                  & scene%cloud%fiber(:, at)
+               self%fiber(:, n) = scene%cloud%fiber(:, at)
                if (allocated(turn)) self%turn(:, :, n) = turn(:, :, at)
             end associate
          end do
@@ -149,6 +159,20 @@ pure subroutine fractions(shape, owner, ip, part, gradient)
    where (part < nothing) part = 0.0_wp
 end subroutine fractions
 
+!> Whether a tissue has fibers at a collocation point
+pure logical function has_fibers(scene, k, at)
+   !> Scene
+   type(scene_type), intent(in) :: scene
+   !> Tissue
+   integer, intent(in) :: k
+   !> Collocation point
+   integer, intent(in) :: at
+
+   has_fibers = scene%tissue(k)%material%active(kind_i4)
+   if (has_fibers .and. scene%own_fibers) &
+      & has_fibers = scene%tissue(scene%tissue_of(at))%material%active(kind_i4)
+end function has_fibers
+
 !> Collocation point whose fiber a tissue has at another one: itself, or the nearest of the tissue
 pure integer function fibered_point(scene, k, at)
    !> Scene
@@ -161,7 +185,7 @@ pure integer function fibered_point(scene, k, at)
    integer :: ip
 
    fibered_point = at
-   if (scene%tissue_of(at) == k .or. .not. scene%tissue(k)%material%active(kind_i4)) return
+   if (scene%tissue_of(at) == k) return
    least = huge(1.0_wp)
    do ip = 1, size(scene%tissue_of)
       if (scene%tissue_of(ip) /= k) cycle

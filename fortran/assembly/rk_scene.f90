@@ -115,6 +115,8 @@ module rk_scene
       real(wp), allocatable :: support(:, :)
       !> Support of the fractions of several materials in spacings of the source points [-]
       real(wp) :: interface = 4.0_wp
+      !> Galerkin form: no fibers at points of a tissue that has none, whatever the fractions there
+      logical :: own_fibers = .false.
       !> Linear problem, instead of materials, conditions and loads
       type(equation_type) :: equation
       !> Materials

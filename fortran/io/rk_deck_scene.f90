@@ -138,7 +138,7 @@ subroutine read_approximation(scene, deck)
    type(scene_type), intent(inout) :: scene
    !> Deck
    type(deck_type), intent(in) :: deck
-   character(len=:), allocatable :: kernel, window
+   character(len=:), allocatable :: kernel, window, fibers
    real(wp), allocatable :: support(:)
    integer :: d
 
@@ -147,6 +147,10 @@ subroutine read_approximation(scene, deck)
    call deck%get('approximation.window', window)
    call deck%get('approximation.support', support)
    call deck%get('approximation.interface', scene%interface)
+   if (deck%has('approximation.interface_fibers')) then
+      call deck%get('approximation.interface_fibers', fibers)
+      scene%own_fibers = fibers == 'own'
+   end if
    scene%approximation%kernel = merge(kernel_cubic, kernel_quintic, kernel == 'cubic')
    scene%approximation%window = merge(window_radial, window_product, window == 'radial')
    allocate (scene%support, mold=scene%cloud%spacing)

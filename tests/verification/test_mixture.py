@@ -5,8 +5,10 @@ import itertools
 import numpy as np
 import pytest
 
+from myork.build import build_cloud
+from myork.errors import InputError
 from myork.model.store import write_model
-from myork.records import PointCloud
+from myork.records import Labels, PointCloud
 
 SOFT = {"name": "soft", "label": 1, "model": "polynomial", "A10": 5.0, "K": 20.0}
 STIFF = {"name": "stiff", "label": 2, "model": "polynomial", "A10": 30.0, "A20": 80.0, "K": 120.0}
@@ -131,3 +133,97 @@ def test_layers_in_series_carry_the_same_force(open_bar, method):
         stress = scene.fields(states.x[-1], 1.0).cauchy[:, 0]
         errors.append(np.ptp(stress) / abs(stress.mean()))
     assert errors[1] < min(0.03, 0.4 * errors[0])
+
+
+#: Voxels of a plate of soft tissue beside one of muscle, the latter from voxel 3 on
+PLATES = (7, 3, 4)
+
+
+@pytest.fixture
+def open_plates(tmp_path, open_scene):
+    """Open the Galerkin form of two plates by the treatment of fibers and the load."""
+    data = np.ones(PLATES, np.int32)
+    data[3:] = 2
+    table = {
+        "ids": [],
+        "islands": "error",
+        "collocation_stride": [1] * 3,
+        "source_stride": [1] * 3,
+        "bone": [],
+        "normals": "distance",
+        "merge": "majority",
+    }
+    labels = Labels(data, np.diag([10.0, 8.0, 12.0, 1.0]), {1: "soft", 2: "muscle"})
+    cloud, _ = build_cloud(labels, None, table, "cm")
+    write_model(tmp_path / "model.h5", cloud)
+
+    def open_(fibers, method="rkpm"):
+        return open_scene(
+            {
+                "scene": {"dimension": 3, "method": method},
+                "geometry": {"kind": "model"},
+                "approximation": {
+                    "order": 1,
+                    "support": 2,
+                    "kernel": "cubic",
+                    "interface": 2,
+                    "interface_fibers": fibers,
+                },
+                "material": [SOFT, MUSCLE],
+                "boundary": [{"set": "bottom", "u_x": 0, "u_y": 0, "u_z": 0}],
+                "load": {"activation": 0.7},
+            }
+        )
+
+    return open_
+
+
+def plate_share(x):
+    """Fraction of muscle at places across the plates [cm]: quintic weights that reach two
+    spacings, normalised in the body; the directions along the plates cancel.
+    """
+    q = np.abs(np.asarray(x)[:, np.newaxis] - np.arange(PLATES[0])) / 2
+    weight = sum(c * np.maximum(k - 3 * q, 0.0) ** 5 for c, k in ((1, 3), (-6, 2), (15, 1)))
+    return weight[:, 3:].sum(axis=1) / weight.sum(axis=1)
+
+
+@pytest.mark.parametrize("fibers", ["nearest", "own"])
+def test_fibers_of_shares_beside_a_muscle(open_plates, fibers):
+    """Undeformed, the only stress is that of the fibers: sigma_max, activation and share times
+    the deviator of N N, to rounding. A plane interface leaves the volume that contracts as it
+    is, unless soft tissue has no fibers; then half the mean reach of the weights is missing,
+    which over one spacing is that of the neighbour's weight, 7.40625 of 80.8125.
+    """
+    scene = open_plates(fibers)
+    x, label = scene.points()[:, 0], np.repeat([1, 2], [3 * 12, 4 * 12])
+    acts = (label == 2) | (fibers == "nearest")
+    direction = np.array(MUSCLE["fiber"]) / np.linalg.norm(MUSCLE["fiber"])
+    one = 30.0 * 0.7 * (np.outer(direction, direction) - np.eye(3) / 3)
+    stress = scene.fields(np.zeros(scene.dofs), 1.0).cauchy[:, [[0, 3, 5], [3, 1, 4], [5, 4, 2]]]
+    expected = (plate_share(x) * acts)[:, np.newaxis, np.newaxis] * one
+    assert np.abs(stress - expected).max() < 1e-12 * 30.0
+    middle = np.isclose(scene.points()[:, 1], 0.8) & np.isclose(scene.points()[:, 2], 1.2)
+    volume = stress[middle, 0, 1].sum() / one[0, 1]
+    assert volume == pytest.approx(4.0 - (fibers == "own") * 7.40625 / 80.8125, rel=1e-12)
+
+
+def test_tangent_where_only_a_part_has_fibers(open_plates):
+    """As in test_galerkin.py: symmetric, and the derivative of the forces."""
+    scene = open_plates("own")
+    random = np.random.default_rng(7)
+    x, direction, other = 0.01 * random.standard_normal((3, scene.dofs))
+    _, product = scene.linearise(x, 0.6, direction)
+    h = 0.02
+
+    def residual(factor):
+        return scene.linearise(x + factor * h * direction, 0.6, direction)[0]
+
+    slope = (8 * (residual(1) - residual(-1)) - residual(2) + residual(-2)) / (12 * h)
+    assert np.abs(product - slope).max() < 1e-8 * np.abs(slope).max()
+    _, turned = scene.linearise(x, 0.6, other)
+    assert other @ product == pytest.approx(direction @ turned, rel=1e-11)
+
+
+def test_strong_forms_refuse_fibers_that_jump(open_plates):
+    with pytest.raises(InputError, match="interface_fibers: only for scene.method = rkpm"):
+        open_plates("own", method="rkcm")
