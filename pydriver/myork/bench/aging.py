@@ -3,6 +3,10 @@
 The muscles are phantoms with the volumes of table 4.3. Labels and fibers are the phantom's truth,
 so that nothing but the muscles differs. The outer layer of connective tissue is as thick as the
 published forces per total volume ask for: 159.9 and 128.4 cm^3 with it. Both ends are fixed.
+Properties pass smoothly from tissue to tissue over two spacings; as in the reference every point
+has the fiber measured there, so that fat and connective tissue do not contract (`own`). Beside it
+stands the other reading, in which the muscle's share of such a point takes the fiber of the
+nearest muscle (`nearest`): as much contracts as there is muscle.
 """
 
 from __future__ import annotations
@@ -14,13 +18,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
 
 from myork.bench.runs import outcome_text, solve_case
 from myork.build import build_cloud
 from myork.console import ProgressCallback
 from myork.imaging.phantom import make_phantom
 from myork.model.store import write_model
-from myork.records import Image, Labels
+from myork.records import Image, Labels, PointCloud
+from myork.scene import Scene
 
 __all__ = ["OLD", "YOUNG", "Muscle", "labelled", "run", "solve_muscle"]
 
@@ -39,6 +46,8 @@ class Muscle:
         Part of the muscle that is fat, or connective tissue [-].
     layer : float
         Thickness of the connective tissue around it in a calf of scale 1 [mm].
+    seed : int
+        Start of a random arrangement of fat and connective tissue; 0 for the phantom's.
     """
 
     name: str
@@ -46,6 +55,7 @@ class Muscle:
     imat: float
     imct: float
     layer: float = 1.9
+    seed: int = 0
 
 
 YOUNG = Muscle("young", 1.0901, 0.0231, 0.1701)
@@ -61,7 +71,10 @@ _PUBLISHED = {
 }
 _PIXEL = 1.25  # [mm]
 _SLICES, _SLICE = 26, 6.0  # number, [mm]
-_MUSCLE, _CONNECTIVE = 1, 3
+_MUSCLE, _FAT, _CONNECTIVE = 1, 2, 3
+#: Reach of the smoothing of random arrangements [mm]: sheets and streaks some 9 mm apart across
+#: the muscle, as the phantom's, and long along it
+_GRAIN = (2.0, 2.0, 12.0)
 
 _DECK = """\
 title = "Isometric contraction of a medial gastrocnemius of three materials"
@@ -78,6 +91,7 @@ order = 1
 support = 2
 kernel = "cubic"
 interface = 2
+interface_fibers = "own"
 [[material]]
 name = "muscle"
 label = 1
@@ -132,24 +146,45 @@ _SOFT = tuple(
     f"material.connective_tissue.{key}={value}"
     for key, value in (("A10", 3), ("A20", 8), ("A30", 80), ("K", 5000))
 )
+_NEAREST = ("approximation.interface_fibers=nearest",)
 #: Pixels along the edge of a block, load steps
 _SIZES = ((4, 4), (3, 4), (2, 2))
-#: What is changed in both muscles: name, young, old, overrides of the deck
-_CHANGES: tuple[tuple[str, Muscle, Muscle, tuple[str, ...]], ...] = (
-    ("connective tissue as soft as fat", YOUNG, OLD, _SOFT),
+#: What is changed in both muscles: name, young, old, pixels, overrides of the deck
+_CHANGES: tuple[tuple[str, Muscle, Muscle, int, tuple[str, ...]], ...] = (
+    *(
+        (f"interface {width:g}", YOUNG, OLD, 4, (f"approximation.interface={width:g}",))
+        for width in (1.1, 3)
+    ),
+    ("interface 3", YOUNG, OLD, 2, ("approximation.interface=3",)),
+    ("no outer layer", replace(YOUNG, layer=0.0), replace(OLD, layer=0.0), 4, ()),
+    ("connective tissue as soft as fat", YOUNG, OLD, 4, _SOFT),
+    ("half the fiber stress, 15 N/cm2", YOUNG, OLD, 4, ("material.muscle.sigma_max=15",)),
     (
         "size alone: old size, young composition",
         YOUNG,
         replace(YOUNG, name="small", scale=OLD.scale),
+        4,
         (),
     ),
     (
         "composition alone: young size, old composition",
         YOUNG,
         replace(OLD, name="fibrous", scale=YOUNG.scale),
+        4,
         (),
     ),
-    ("half the fiber stress, 15 N/cm2", YOUNG, OLD, ("material.muscle.sigma_max=15",)),
+    *(
+        (
+            f"random arrangement {seed}{', nearest' if fibers else ''}",
+            replace(YOUNG, seed=seed),
+            replace(OLD, seed=seed),
+            block,
+            fibers,
+        )
+        for block in (4, 3)
+        for seed in (1, 2, 3)
+        for fibers in ((), _NEAREST)
+    ),
 )
 
 
@@ -165,13 +200,14 @@ def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
     quick : bool
         Only the coarsest blocks.
     """
-    pairs = []
-    for block, steps in _SIZES[: 1 if quick else None]:
-        name = f"blocks of {block * _PIXEL:g} mm"
-        pairs.append(_pair(progress, name, YOUNG, OLD, block, steps))
+    pairs = [
+        _pair(progress, reading, YOUNG, OLD, block, steps if reading == "own" else 2, overrides)
+        for reading, overrides in (("own", ()), ("nearest", _NEAREST))
+        for block, steps in _SIZES[: 1 if quick else None]
+    ]
     changes = [
-        _pair(progress, name, young, old, _SIZES[0][0], 2, overrides)
-        for name, young, old, overrides in _CHANGES[: 0 if quick else None]
+        _pair(progress, name, young, old, block, 2, overrides)
+        for name, young, old, block, overrides in _CHANGES[: 0 if quick else None]
     ]
     return {
         "title": "Young and old medial gastrocnemius",
@@ -179,8 +215,8 @@ def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
         "the fibers' stress (30 N/cm2) is not in the reference, so that ratios are compared.",
         "cases": [case for pair in [*pairs, *changes] for case in pair["cases"]],
         "pairs": [*pairs, *changes],
-        "plots": [_plot(pairs[0])],
-        "tables": [_volumes(pairs), _forces(pairs), _drops([*pairs, *changes])],
+        "plots": [_plot([pairs[0], pairs[len(pairs) // 2]])],
+        "tables": [_volumes(pairs[: len(pairs) // 2]), _forces(pairs), _drops([*pairs, *changes])],
     }
 
 
@@ -198,6 +234,8 @@ def labelled(muscle: Muscle) -> tuple[Labels, Image]:
     inside, tissue = phantom.truth.data == 1, phantom.tissue.data
     layer = (phantom.truth.data == 0) & (tissue == _CONNECTIVE)
     label = np.where(inside | layer, tissue, 0).astype(np.int32)
+    if muscle.seed:
+        label[inside] = _scattered(inside, label[inside], muscle.seed)
     fiber = phantom.fiber.data * (label == _MUSCLE)[..., np.newaxis]
     affine = phantom.tissue.affine
     return Labels(label, affine, phantom.tissue.names, muscle.name), Image(fiber, affine)
@@ -223,7 +261,9 @@ def solve_muscle(
     -------
     dict
         Record of the solve, with `volume` (by material, of the model), `images` (of the label
-        map) [cm^3], `activation` and `force` (at both ends, shape `(2, nstep)`) [N].
+        map), `contracting` (volume of muscle that contracts) [cm^3], `interface` (area between
+        muscle and passive tissue) [cm^2], `activation` and `force` (at both ends, shape
+        `(2, nstep)`) [N].
     """
     labels, fiber = labelled(muscle)
     stride = [block, block, 1]
@@ -242,6 +282,7 @@ def solve_muscle(
         deck = Path(folder) / "aging.toml"
         deck.write_text(_DECK, encoding="utf-8")
         case = solve_case(deck, (f"load.steps={steps}", *overrides))
+        contracting = _contracting(deck, overrides, cloud)
     history = case.get("history", [])
     names = {number: name for number, name in labels.names.items() if number <= _CONNECTIVE}
     voxel = labels.spacing.prod() / 1000.0
@@ -250,9 +291,62 @@ def solve_muscle(
         **case,
         "images": {n: float((labels.data == i).sum() * voxel) for i, n in names.items()},
         "volume": {n: float(cloud.volume[cloud.label == i].sum()) for i, n in names.items()},
+        "contracting": contracting,
+        "interface": _interface_area(cloud),
         "activation": [step["activation"] for step in history],
         "force": [[step["probes"][end] for step in history] for end in ("bottom", "top")],
     }
+
+
+def _scattered(inside: NDArray[np.bool_], label: NDArray[np.int32], seed: int) -> NDArray[np.int32]:
+    """As much fat and connective tissue in a muscle as before, in random places.
+
+    Connective tissue lies in curved sheets, where a smooth random field is near zero, and fat in
+    streaks, where another one is highest.
+    """
+    random = np.random.default_rng(seed)
+    smooth = np.array(_GRAIN) / (_PIXEL, _PIXEL, _SLICE)
+    sheet, streak = (
+        ndimage.gaussian_filter(random.standard_normal(inside.shape), smooth)[inside]
+        for _ in range(2)
+    )
+    connective, fat = (int((label == number).sum()) for number in (_CONNECTIVE, _FAT))
+    order = np.argsort(np.abs(sheet))
+    rest = order[connective:]
+    found = np.full_like(label, _MUSCLE)
+    found[order[:connective]] = _CONNECTIVE
+    found[rest[np.argsort(-streak[rest])[:fat]]] = _FAT
+    return found
+
+
+def _contracting(deck: Path, overrides: Sequence[str], cloud: PointCloud) -> float:
+    """Volume that contracts, by the share of sigma_max in the stress of each cell [cm^3].
+
+    The undeformed body at full activation has the stress of fibers alone, sigma_max times share
+    times the deviator of N N, whose norm is sqrt(2/3). Stress is given at the model's points: here
+    those of the surface, too, lie in the middle of their cells.
+    """
+    with tempfile.TemporaryDirectory(prefix="myork-bench-") as folder:
+        write_model(Path(folder) / "model.h5", replace(cloud, points=cloud.centre))
+        with Scene(deck, overrides, out=Path(folder), threads=1) as scene:
+            sigma_max = scene.deck["material"][0]["sigma_max"]
+            stress = scene.fields(np.zeros(scene.dofs), 1.0).cauchy
+    norm = np.sqrt((stress**2).sum(axis=1) + (stress[:, 3:] ** 2).sum(axis=1))
+    return float(np.sqrt(1.5) * norm @ cloud.volume / sigma_max)
+
+
+def _interface_area(cloud: PointCloud) -> float:
+    """Area of the cell faces between muscle and passive tissue [cm^2]."""
+    size = cloud.spacing
+    place = np.rint((cloud.centre - cloud.centre.min(axis=0)) / size).astype(int)
+    label = np.zeros(place.max(axis=0) + 1, dtype=np.int32)
+    label[tuple(place.T)] = cloud.label
+    area = 0.0
+    for axis in range(3):
+        one, other = (np.delete(label, end, axis=axis) for end in (0, -1))
+        between = (one > 0) & (other > 0) & ((one == _MUSCLE) != (other == _MUSCLE))
+        area += float(between.sum() * size.prod() / size[axis])
+    return area
 
 
 def _pair(
@@ -266,12 +360,14 @@ def _pair(
 ) -> dict[str, Any]:
     """Both muscles, and what the second has less than the first at the end of the ramp."""
     cases = []
+    name = f"{name}, {block * _PIXEL:g} mm"
     for muscle in (young, old):
         progress(f"{name}: {muscle.name}")
         cases.append(solve_muscle(muscle, block, steps, overrides))
     pair: dict[str, Any] = {"name": name, "block_mm": block * _PIXEL, "cases": cases}
     if all(case["outcome"] == "converged" for case in cases):
         pair["force_drop"] = _drop([case["force"][1][-1] for case in cases])
+        pair["contracting_drop"] = _drop([case["contracting"] for case in cases])
         for key in ("volume", "images"):
             pair[f"{key}_drop"] = _drop([case[key]["muscle"] for case in cases])
     return pair
@@ -281,15 +377,20 @@ def _drop(values: Sequence[float]) -> float:
     return 1.0 - values[1] / values[0]
 
 
-def _plot(pair: Mapping[str, Any]) -> dict[str, Any]:
+def _plot(pairs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Figure 4.22(c)."""
     return {
-        "title": f"Force against activation, {pair['name']}",
+        "title": "Force against activation",
         "x": "activation [-]",
         "y": "force [N]",
         "scale": "linear",
         "series": [
-            {"name": case["name"], "x": [0.0, *case["activation"]], "y": [0.0, *case["force"][1]]}
+            {
+                "name": f"{case['name']}, {pair['name']}",
+                "x": [0.0, *case["activation"]],
+                "y": [0.0, *case["force"][1]],
+            }
+            for pair in pairs
             for case in pair["cases"]
         ],
     }
@@ -301,18 +402,27 @@ def _volumes(pairs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     for i, name in enumerate(("young", "old")):
         inner = [_PUBLISHED[key][i] for key in ("muscle", "fat", "connective")]
         outer = _PUBLISHED["force"][i] / _PUBLISHED["per_volume"][i] - sum(inner)
-        rows.append([f"{name}, published", *inner[:2], inner[2] + outer, outer])
+        rows.append([f"{name}, published", *inner[:2], inner[2] + outer, outer, None, None])
         # the layer alone: what the phantom without it has less
         bare = labelled(replace((YOUNG, OLD)[i], layer=0.0))[0]
         within = float((bare.data == _CONNECTIVE).sum() * bare.spacing.prod() / 1000.0)
         images = pairs[0]["cases"][i]["images"]
-        rows.append([f"{name}, label map", *images.values(), images["connective_tissue"] - within])
+        rows.append(
+            [f"{name}, label map", *images.values(), images["connective_tissue"] - within]
+            + [None, None]
+        )
         for pair in pairs:
-            rows.append([f"{name}, {pair['name']}", *pair["cases"][i]["volume"].values(), None])
+            case = pair["cases"][i]
+            rows.append(
+                [f"{name}, blocks of {pair['block_mm']:g} mm", *case["volume"].values(), None]
+                + [case["contracting"], case["interface"] / case["volume"]["muscle"]]
+            )
     return {
         "caption": "Volumes [cm3]; the published outer layer is force over force per volume, less "
-        "the three materials of table 4.3.",
-        "head": ["", "muscle", "fat", "connective tissue", "of it outer layer"],
+        "the three materials of table 4.3. What contracts (own) is the muscle less a layer along "
+        "its interface with passive tissue, whose area is given per volume of muscle [cm2/cm3].",
+        "head": ["", "muscle", "fat", "connective tissue", "of it outer layer", "contracting"]
+        + ["interface per muscle volume"],
         "rows": rows,
     }
 
@@ -343,22 +453,21 @@ def _drops(pairs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     force, muscle = _PUBLISHED["force"], _PUBLISHED["muscle"]
     published = [f / v for f, v in zip(force, muscle, strict=True)]
     rows: list[list[Any]] = [
-        ["published", _drop(force), _drop(muscle), None, *published, *_PUBLISHED["per_volume"]]
+        ["published", _drop(force), _drop(muscle), None, None, *published, None, None]
     ]
     for pair in pairs:
         ends = [case["force"][1][-1] if case["force"][1] else np.nan for case in pair["cases"]]
-        volumes = [case["volume"] for case in pair["cases"]]
         rows.append(
             [pair["name"]]
-            + [pair.get(f"{key}_drop") for key in ("force", "images", "volume")]
-            + [f / v["muscle"] for f, v in zip(ends, volumes, strict=True)]
-            + [f / sum(v.values()) for f, v in zip(ends, volumes, strict=True)]
+            + [pair.get(f"{key}_drop") for key in ("force", "images", "volume", "contracting")]
+            + [f / c["volume"]["muscle"] for f, c in zip(ends, pair["cases"], strict=True)]
+            + [f / c["contracting"] for f, c in zip(ends, pair["cases"], strict=True)]
         )
-    changed = _SIZES[0][0] * _PIXEL
     return {
-        "caption": "Drops at full activation, and force per volume [N/cm3]; changes of the muscles "
-        f"with blocks of {changed:g} mm.",
+        "caption": "Drops at full activation, and force per volume of muscle and per volume of "
+        "muscle that contracts [N/cm3]; the fibers are the points' own unless said.",
         "head": ["", "drop of force", "drop of muscle volume, label map", "the same, model"]
-        + ["per muscle volume, young", "old", "per total volume, young", "old"],
+        + ["drop of contracting volume", "force per muscle volume, young", "old"]
+        + ["per contracting volume, young", "old"],
         "rows": rows,
     }
