@@ -181,9 +181,9 @@ _CHANGES: tuple[tuple[str, Muscle, Muscle, int, tuple[str, ...]], ...] = (
             block,
             fibers,
         )
-        for block in (4, 3)
+        for block, readings in ((4, ((), _NEAREST)), (3, ((),)))
         for seed in (1, 2, 3)
-        for fibers in ((), _NEAREST)
+        for fibers in readings
     ),
 )
 
