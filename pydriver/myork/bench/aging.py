@@ -156,7 +156,8 @@ _CHANGES: tuple[tuple[str, Muscle, Muscle, int, tuple[str, ...]], ...] = (
         for width in (1.1, 3)
     ),
     ("interface 3", YOUNG, OLD, 2, ("approximation.interface=3",)),
-    ("no outer layer", replace(YOUNG, layer=0.0), replace(OLD, layer=0.0), 4, ()),
+    # blocks of 5 mm do not resolve the free surface at the held ends
+    ("no outer layer", replace(YOUNG, layer=0.0), replace(OLD, layer=0.0), 2, ()),
     ("connective tissue as soft as fat", YOUNG, OLD, 4, _SOFT),
     ("half the fiber stress, 15 N/cm2", YOUNG, OLD, 4, ("material.muscle.sigma_max=15",)),
     (
