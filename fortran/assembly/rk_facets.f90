@@ -5,7 +5,7 @@ module rk_facets
    implicit none
    private
 
-   public :: facets_type, close_cells
+   public :: facets_type, close_cells, join_small
 
    !> Points of facets, grown as they come
    type :: facets_type
@@ -64,6 +64,45 @@ subroutine grow(a, columns)
    wide(:, :size(a, 2)) = a
    call move_alloc(wide, a)
 end subroutine grow
+
+!> Join groups of few cells to the group with which they share the largest area, the smallest first
+subroutine join_small(group, facets, least)
+   !> Group of each cell, from 1, shape (cells)
+   integer, intent(inout) :: group(:)
+   !> Facets
+   type(facets_type), intent(in) :: facets
+   !> Cells of a group at least; a body apart from all others keeps what it has
+   integer, intent(in) :: least
+   integer :: members(maxval(group)), g, i, k, other
+   real(wp) :: shared(maxval(group))
+
+   members = 0
+   do i = 1, size(group)
+      members(group(i)) = members(group(i)) + 1
+   end do
+   do
+      if (all(members == 0 .or. members >= least)) return
+      g = minloc(members, dim=1, mask=members > 0)
+      shared = 0.0_wp
+      do k = 1, facets%n
+         if (facets%side(2, k) == 0) cycle
+         associate (a => group(facets%side(1, k)), b => group(facets%side(2, k)))
+            if (a == b) cycle
+            if (a == g) shared(b) = shared(b) + norm2(facets%area(:, k))
+            if (b == g) shared(a) = shared(a) + norm2(facets%area(:, k))
+         end associate
+      end do
+      other = maxloc(shared, dim=1)
+      if (.not. shared(other) > 0.0_wp) then
+         ! alone: never asked again
+         members(g) = least
+         cycle
+      end if
+      where (group == g) group = other
+      members(other) = members(other) + members(g)
+      members(g) = 0
+   end do
+end subroutine join_small
 
 !> Integration points from facets: volumes, centres and moments by the divergence theorem
 subroutine close_cells(self, cells, facets, group)
