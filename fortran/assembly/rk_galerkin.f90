@@ -129,7 +129,7 @@ subroutine new_galerkin(self, scene, error)
    call new_pressure(self%pressure, self%cells, scene%pressure_degree, scene%cloud%place, error)
    if (allocated(error)) return
    call new_tangent(self%matrix, size(scene%cloud%source, 2), self%cells, self%gradient, &
-      & self%surface, self%inside%neighbour, shear, scene%direct_limit, error)
+      & self%surface, self%inside, shear, scene%direct_limit, error)
    if (allocated(error)) return
    allocate (self%stress(3, 3, np), self%f(3, 3, np), self%volume(np), self%force(self%n))
    allocate (self%constant(size(self%matrix%value, kind=i8)), source=0.0_wp)

@@ -46,7 +46,7 @@ subroutine set_conditions(self, scene, cells, shear)
    type(cells_type), intent(in) :: cells
    !> Shear modulus at each integration point [stress]
    real(wp), intent(in) :: shear(:)
-   real(wp) :: x(2), spacing
+   real(wp) :: x(2), spacing, step(size(cells%outward, 1))
    integer :: c, s, nd, ms, q
 
    nd = scene%cloud%nd
@@ -54,8 +54,7 @@ subroutine set_conditions(self, scene, cells, shear)
    allocate (self%essential(nd, ms), source=.false.)
    allocate (self%value(nd, ms), self%traction(nd, ms), self%penalty(ms), source=0.0_wp)
    self%area = norm2(cells%outward, dim=1)
-   ! the spacing of the source points, as the body's volume and their number have it
-   spacing = (sum(cells%weight)/size(scene%cloud%source, 2))**(1.0_wp/nd)
+   step = sum(scene%cloud%spacing, dim=2)/size(scene%cloud%spacing, 2)
    do s = 1, ms
       do c = 1, size(scene%condition)
          associate (condition => scene%condition(c))
@@ -73,6 +72,8 @@ subroutine set_conditions(self, scene, cells, shear)
       end do
       where (self%essential(:, s)) self%traction(:, s) = 0.0_wp
       q = cells%lift_point(cells%lift_first(s) + 1)
+      ! the spacing across the surface
+      spacing = dot_product(abs(cells%outward(:, s)), step)/self%area(s)
       self%penalty(s) = scene%penalty/spacing*self%area(s)*shear(q)
    end do
 end subroutine set_conditions

@@ -5,12 +5,13 @@
 !> couples. Without forming it, the tangent is A + B^T K B with the stiffness A at constant volume
 !> and one row of B for each pressure. With the pressures as unknowns,
 !>
-!>     A u + B^T p = f,   B u - p/K = 0,
+!>     (A + B^T k B) u + B^T p = f,   B u - p/(K - k) = 0,
 !>
-!> nothing of the size of K is left. The preconditioner is a Laplacian over the facets of the nodal
-!> cells, as stiff as A up to a factor that refinement hardly changes, and the shear modulus for the
-!> pressures. With K near the shear modulus the number of iterations hardly grows with the number of
-!> points; with a large K it grows like one over the spacing, so the pressures deserve better.
+!> nothing of the size of K is left. The part k of K stays with the displacements, since A alone
+!> need not resist a change of volume: the invariants of most laws are not isochoric, and their
+!> longitudinal stiffness is negative in table 4.1 of the thesis. Pressures are preconditioned by
+!> that part k, displacements as rk_preconditioner says. The number of iterations then does not
+!> grow with the number of points, given groups of cells that satisfy the inf-sup condition.
 !>
 !> Reference: Elman, Silvester, Wathen, Finite Elements and Fast Iterative Solvers, Oxford (2014),
 !>            section 4.2, doi:10.1093/acprof:oso/9780199678792.001.0001
@@ -20,10 +21,10 @@ module rk_tangent
    use rk_gradient, only : gradient_type
    use rk_minres, only : minres, symmetric_system
    use rk_operator, only : square_report
-   use rk_neighbours, only : neighbour_type
    use rk_precision, only : i8, wp
+   use rk_preconditioner, only : new_preconditioner, preconditioner_type
    use rk_pressure, only : pressure_type
-   use rk_sparse, only : factor_upper, sparse_factor
+   use rk_shape, only : shape_type
    use rk_surface, only : surface_type
    use rk_symmetric, only : new_symmetric, symmetric_matrix
    use rk_text, only : to_text
@@ -42,33 +43,33 @@ module rk_tangent
       real(wp), allocatable :: cofactor(:, :, :)
       !> Bulk and shear modulus of each group, shape (groups) [stress]
       real(wp), allocatable :: bulk(:)
-      real(wp), allocatable :: shear(:)
+      real(wp), allocatable, private :: shear(:)
       !> Points, gradients and pressures of the problem
       type(cells_type), pointer :: cells => null()
       type(gradient_type), pointer :: gradient => null()
       type(pressure_type), pointer :: pressure => null()
-      !> Laplacian of each displacement component, shape (nd), and its diagonal, shape (nd, ns)
-      !> [force/length]
-      real(wp), allocatable, private :: diagonal(:, :)
-      type(sparse_factor), allocatable, private :: laplacian(:)
+      !> For the displacements
+      type(preconditioner_type), private :: preconditioner
    contains
       procedure :: apply
       procedure :: apply_transposed => apply
       procedure :: dense
       procedure :: solve_square
-      final :: free_laplacian
    end type tangent_type
 
    !> Displacements and pressures
    type, extends(symmetric_system) :: saddle_type
       type(tangent_type), pointer :: tangent => null()
-      !> Damping in units of the Laplacian's diagonal [-]
+      !> Damping in units of the preconditioner's diagonal [-]
       real(wp) :: shift = 0.0_wp
    contains
       procedure :: multiply
       procedure :: precondition
    end type saddle_type
 
+   !> Part of the bulk modulus that stays with the displacements, in shear moduli; never more than
+   !> half of it
+   real(wp), parameter :: kept = 2.0_wp
    !> Residual of a solve: that of the displacement form is K over the shear modulus larger
    real(wp), parameter :: tolerance = 1.0e-7_wp
    !> Iterations of a solve
@@ -88,8 +89,8 @@ subroutine new_tangent(self, ns, cells, gradient, surface, inside, shear, limit,
    type(gradient_type), intent(in) :: gradient
    !> Conditions on the surface
    type(surface_type), intent(in) :: surface
-   !> Source points that cover each integration point
-   type(neighbour_type), intent(in) :: inside
+   !> Shape functions at the integration points
+   type(shape_type), intent(in) :: inside
    !> Shear modulus at each point, shape (np) [stress]
    real(wp), intent(in) :: shear(:)
    !> Unknowns up to which it is formed
@@ -105,9 +106,9 @@ subroutine new_tangent(self, ns, cells, gradient, surface, inside, shear, limit,
       return
    end if
    ! only what never changes: penalty and stabilisation
-   associate (skin => surface%shape%neighbour)
-      call new_symmetric(self%symmetric_matrix, gradient%nd, ns, [inside%offset, &
-         & inside%offset(size(inside%offset)) + skin%offset(2:)], [inside%index, skin%index])
+   associate (skin => surface%shape%neighbour, at => inside%neighbour)
+      call new_symmetric(self%symmetric_matrix, gradient%nd, ns, [at%offset, &
+         & at%offset(size(at%offset)) + skin%offset(2:)], [at%index, skin%index])
    end associate
    allocate (self%moduli(3, 3, 3, 3, size(shear)), self%cofactor(3, 3, size(shear)))
    allocate (self%bulk(size(cells%first) - 1), self%shear(size(cells%first) - 1))
@@ -117,57 +118,8 @@ subroutine new_tangent(self, ns, cells, gradient, surface, inside, shear, limit,
             & /sum(cells%weight(first:last))
       end associate
    end do
-   call set_laplacian(self, cells, surface, shear, error)
+   call new_preconditioner(self%preconditioner, cells, surface, inside, shear, error)
 end subroutine new_tangent
-
-!> Laplacian over the facets of the nodal cells, with the shear modulus as conductivity
-subroutine set_laplacian(self, cells, surface, shear, error)
-   !> Tangent
-   type(tangent_type), intent(inout) :: self
-   !> Integration points
-   type(cells_type), intent(in) :: cells
-   !> Conditions on the surface
-   type(surface_type), intent(in) :: surface
-   !> Shear modulus at each point, shape (np) [stress]
-   real(wp), intent(in) :: shear(:)
-   !> Error handling: no memory, no SuiteSparse, a component that nothing holds
-   type(error_type), allocatable, intent(out) :: error
-   type(symmetric_matrix) :: graph
-   real(wp) :: part(2, 2), conductance
-   real(wp), allocatable :: value(:)
-   integer, allocatable :: pair(:, :)
-   integer :: i, k, nd, s
-
-   nd = size(surface%essential, 1)
-   allocate (pair(2, size(cells%side, 2)))
-   do k = 1, size(pair, 2)
-      pair(1, k) = minval(cells%node(cells%side(:, k)))
-      pair(2, k) = maxval(cells%node(cells%side(:, k)))
-   end do
-   call new_symmetric(graph, 1, size(cells%node), [(int(2*k, i8), k=0, size(pair, 2))], &
-      & reshape(pair, [size(pair)]))
-   do k = 1, size(pair, 2)
-      associate (a => cells%side(1, k), b => cells%side(2, k))
-         conductance = norm2(cells%area(:, k))/norm2(cells%point(:, a) - cells%point(:, b)) &
-            & *0.5_wp*(shear(a) + shear(b))
-      end associate
-      part = reshape([conductance, 0.0_wp, -conductance, conductance], [2, 2])
-      call graph%add(graph%value, pair(:, k), part)
-   end do
-   allocate (self%laplacian(nd), self%diagonal(nd, size(cells%node)))
-   do i = 1, nd
-      value = graph%value
-      do s = 1, size(surface%penalty)
-         if (.not. surface%essential(i, s)) cycle
-         associate (at => graph%start(cells%node(cells%lift_point(s)) + 1))
-            value(at) = value(at) + surface%penalty(s)
-         end associate
-      end do
-      self%diagonal(i, :) = value(graph%start(2:))
-      call factor_upper(self%laplacian(i), graph%n, graph%start, graph%row, value, error)
-      if (allocated(error)) return
-   end do
-end subroutine set_laplacian
 
 !> y = K u with all of the tangent
 subroutine apply(self, x, y)
@@ -248,7 +200,7 @@ pure subroutine group_force(self, g, member, x, volume, force, pressure)
    real(wp), intent(out) :: volume(:)
    !> Forces on its source points, shape (nd, members) [force]
    real(wp), allocatable, intent(inout) :: force(:, :)
-   !> Pressures, shape (1 + nd); without them K B u
+   !> Pressures, shape (1 + nd), beside those of the part of K that is kept; without them K B u
    real(wp), intent(in), optional :: pressure(:)
    real(wp), allocatable :: local(:, :), h(:, :, :)
    real(wp) :: p(3, 3), coefficient(size(volume))
@@ -268,7 +220,7 @@ pure subroutine group_force(self, g, member, x, volume, force, pressure)
          & *self%pressure%basis(:b, o + q)
    end do
    coefficient = self%bulk(g)*volume
-   if (present(pressure)) coefficient = pressure
+   if (present(pressure)) coefficient = kept_part(self, g)*volume + pressure
    if (allocated(force)) deallocate (force)
    allocate (force(nd, size(member)), source=0.0_wp)
    do q = 1, n
@@ -305,7 +257,7 @@ subroutine dense(self, a)
    end do
 end subroutine dense
 
-!> Solve with the tangent, plus a shift times its diagonal or the Laplacian's
+!> Solve with the tangent, plus a shift times its diagonal or the preconditioner's
 recursive subroutine solve_square(self, shift, b, x, report, error)
    !> Tangent
    class(tangent_type), target, intent(in) :: self
@@ -358,10 +310,11 @@ subroutine multiply(self, x, y)
       call tangent%product(tangent%value, x(:n), y(:n))
       call add_groups(tangent, x(:n), y(:n), volume, pressure)
       if (self%shift > 0.0_wp) y(:n) = y(:n) + self%shift*x(:n) &
-         & *reshape(tangent%diagonal, [n])
+         & *tangent%preconditioner%diagonal
       do g = 1, size(volume, 2)
          associate (b => tangent%pressure%count(g))
-            volume(:b, g) = volume(:b, g) - pressure(:b, g)/tangent%bulk(g)
+            volume(:b, g) = volume(:b, g) - pressure(:b, g) &
+               & /(tangent%bulk(g) - kept_part(tangent, g))
             ! polynomials that a small group does not have
             volume(b + 1:, g) = pressure(b + 1:, g)
          end associate
@@ -370,7 +323,7 @@ subroutine multiply(self, x, y)
    end associate
 end subroutine multiply
 
-!> Laplacian for each component, shear modulus for the pressures
+!> Displacements, then pressures
 subroutine precondition(self, x, y)
    !> System
    class(saddle_type), intent(in) :: self
@@ -378,35 +331,27 @@ subroutine precondition(self, x, y)
    real(wp), contiguous, intent(in) :: x(:)
    !> Product, shape (size)
    real(wp), contiguous, intent(inout) :: y(:)
-   real(wp), allocatable :: component(:)
-   integer :: g, i, nd, rows
+   integer :: g, rows
 
    associate (tangent => self%tangent, n => self%tangent%n)
-      nd = tangent%block
-      do i = 1, nd
-         component = x(i:n:nd)
-         call tangent%laplacian(i)%solve(component)
-         y(i:n:nd) = component
-      end do
+      call tangent%preconditioner%apply(x(:n), y(:n))
       rows = size(tangent%pressure%total, 1)
       do g = 1, size(tangent%bulk)
-         associate (first => n + rows*(g - 1) + 1, last => n + rows*g)
-            y(first:last) = x(first:last)/(1.0_wp/tangent%shear(g) + 1.0_wp/tangent%bulk(g))
+         associate (first => n + rows*(g - 1) + 1, last => n + rows*g, part => kept_part(tangent, g))
+            y(first:last) = x(first:last)/(1.0_wp/part + 1.0_wp/(tangent%bulk(g) - part))
          end associate
       end do
    end associate
 end subroutine precondition
 
-!> Give the factors back
-subroutine free_laplacian(self)
+!> Part of a group's bulk modulus that stays with the displacements
+pure real(wp) function kept_part(self, g)
    !> Tangent
-   type(tangent_type), intent(inout) :: self
-   integer :: i
+   class(tangent_type), intent(in) :: self
+   !> Group
+   integer, intent(in) :: g
 
-   if (.not. allocated(self%laplacian)) return
-   do i = 1, size(self%laplacian)
-      call self%laplacian(i)%free()
-   end do
-end subroutine free_laplacian
+   kept_part = min(kept*self%shear(g), 0.5_wp*self%bulk(g))
+end function kept_part
 
 end module rk_tangent

@@ -1,0 +1,137 @@
+!> Values of the approximation at the points of nodal cells: u = T d of the coefficients d.
+!>
+!> Stiffness of smoothed gradients is that of the values, not of the coefficients: what changes sign
+!> from one source point to the next hardly has a value. A preconditioner made for values therefore
+!> stands between T^-1 and T^-T. A few Chebyshev steps are as good as the inverse there, and they
+!> are a fixed polynomial, so that the preconditioner stays linear and symmetric.
+!>
+!> Reference: Golub, Varga, Numer. Math. 3 (1961), doi:10.1007/BF01386013 (Chebyshev iteration)
+module rk_nodal_values
+   use rk_cells, only : cells_type
+   use rk_precision, only : i8, wp
+   use rk_shape, only : shape_type
+   implicit none
+   private
+
+   public :: nodal_values_type, new_nodal_values
+
+   !> Map from coefficients to values, in the order of the source points
+   type :: nodal_values_type
+      !> Row i has entries start(i)+1 : start(i+1), shape (ns + 1)
+      integer(i8), allocatable :: start(:)
+      !> Source point of each entry
+      integer, allocatable :: column(:)
+      !> Shape function values
+      real(wp), allocatable :: value(:)
+      !> Middle and half length of the interval that holds the eigenvalues
+      real(wp) :: middle = 1.0_wp
+      real(wp) :: half = 0.5_wp
+   contains
+      !> Coefficients from values, or their transposed
+      procedure :: invert
+   end type nodal_values_type
+
+   !> Largest eigenvalue: rows sum to one, a little more near edges
+   real(wp), parameter :: largest = 1.1_wp
+   !> Smallest eigenvalue of one direction that is worth a step
+   real(wp), parameter :: smallest = 0.3_wp
+   !> Chebyshev steps
+   integer, parameter :: steps = 4
+
+contains
+
+!> Set up the map
+subroutine new_nodal_values(self, cells, inside)
+   !> Map
+   type(nodal_values_type), intent(out) :: self
+   !> Nodal cells
+   type(cells_type), intent(in) :: cells
+   !> Shape functions at their points
+   type(shape_type), intent(in) :: inside
+   integer(i8) :: at, to_value
+   real(wp) :: own
+   integer :: i, k, ns, q
+   integer, allocatable :: cell(:)
+
+   ns = size(cells%node)
+   allocate (self%start(ns + 1), self%column(inside%neighbour%offset(ns + 1)), cell(ns))
+   allocate (self%value(size(self%column)))
+   cell(cells%node) = [(q, q=1, ns)]
+   self%start(1) = 0
+   own = 0.0_wp
+   do i = 1, ns
+      q = cell(i)
+      to_value = inside%first(inside%stencil(q)) - inside%neighbour%offset(q)
+      k = 0
+      do at = inside%neighbour%offset(q) + 1, inside%neighbour%offset(q + 1)
+         k = k + 1
+         self%column(self%start(i) + k) = inside%neighbour%index(at)
+         self%value(self%start(i) + k) = inside%value(1, at + to_value)
+         if (inside%neighbour%index(at) == i) own = own + inside%value(1, at + to_value)/ns
+      end do
+      self%start(i + 1) = self%start(i) + k
+   end do
+   ! on a lattice what changes sign in every direction has this eigenvalue
+   own = max(2.0_wp*max(own, 0.0_wp)**(1.0_wp/inside%nd) - 1.0_wp, smallest)**inside%nd
+   self%middle = 0.5_wp*(largest + own)
+   self%half = 0.5_wp*(largest - own)
+end subroutine new_nodal_values
+
+!> x = T^-1 x or T^-T x, nearly
+subroutine invert(self, transposed, x)
+   !> Map
+   class(nodal_values_type), intent(in) :: self
+   !> The transposed
+   logical, intent(in) :: transposed
+   !> Values, replaced by coefficients, shape (nd, ns)
+   real(wp), contiguous, intent(inout) :: x(:, :)
+   real(wp), allocatable :: step(:, :), r(:, :), image(:, :)
+   real(wp) :: rho, before
+   integer :: k
+
+   allocate (image, mold=x)
+   r = x
+   step = x/self%middle
+   x = step
+   rho = self%half/self%middle
+   do k = 1, steps
+      call product_with(self, transposed, step, image)
+      r = r - image
+      before = rho
+      rho = 1.0_wp/(2.0_wp*self%middle/self%half - before)
+      step = rho*before*step + (2.0_wp*rho/self%half)*r
+      x = x + step
+   end do
+end subroutine invert
+
+!> y = T x or T^T x
+pure subroutine product_with(self, transposed, x, y)
+   !> Map
+   class(nodal_values_type), intent(in) :: self
+   !> The transposed
+   logical, intent(in) :: transposed
+   !> Factor, shape (nd, ns)
+   real(wp), contiguous, intent(in) :: x(:, :)
+   !> Product, shape (nd, ns)
+   real(wp), contiguous, intent(inout) :: y(:, :)
+   real(wp) :: sum(size(x, 1))
+   integer(i8) :: k
+   integer :: i
+
+   if (transposed) y = 0.0_wp
+   do i = 1, size(x, 2)
+      if (transposed) then
+         do k = self%start(i) + 1, self%start(i + 1)
+            y(:, self%column(k)) = y(:, self%column(k)) + self%value(k)*x(:, i)
+         end do
+      else
+         sum = 0.0_wp
+         do k = self%start(i) + 1, self%start(i + 1)
+            sum = sum + self%value(k)*x(:, self%column(k))
+         end do
+         y(:, i) = sum
+      end if
+   end do
+end subroutine product_with
+
+end module rk_nodal_values
