@@ -1,10 +1,10 @@
 !> Preconditioner of the stiffness of nodal cells: a Laplacian of each displacement component.
 !>
 !> The Laplacian acts on the values at the cells' points (rk_nodal_values) through the facets
-!> between the cells, with the shear modulus as conductivity. The penalty of prescribed values acts on what
-!> the values of a surface cell and of the one behind it extrapolate. The approximation extrapolates
-!> a little differently, and the difference must not weigh: a penalty of the mean square of the
-!> cell's own stiffness and the penalty in use errs by the same factor in both directions.
+!> between the cells, with the shear modulus as conductivity. The penalty of prescribed values acts
+!> on what the values of a surface cell and of the one behind it extrapolate. The approximation
+!> extrapolates a little differently, and the difference must not weigh: the geometric mean of the
+!> penalty in use and of the cell's own stiffness errs by the same factor in both directions.
 !>
 !> Reference: Elman, Silvester, Wathen, Finite Elements and Fast Iterative Solvers, Oxford (2014),
 !>            section 4.2, doi:10.1093/acprof:oso/9780199678792.001.0001

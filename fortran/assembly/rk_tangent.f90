@@ -337,7 +337,8 @@ subroutine precondition(self, x, y)
       call tangent%preconditioner%apply(x(:n), y(:n))
       rows = size(tangent%pressure%total, 1)
       do g = 1, size(tangent%bulk)
-         associate (first => n + rows*(g - 1) + 1, last => n + rows*g, part => kept_part(tangent, g))
+         associate (first => n + rows*(g - 1) + 1, last => n + rows*g, &
+            & part => kept_part(tangent, g))
             y(first:last) = x(first:last)/(1.0_wp/part + 1.0_wp/(tangent%bulk(g) - part))
          end associate
       end do

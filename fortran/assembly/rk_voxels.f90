@@ -11,8 +11,8 @@ module rk_voxels
 
    public :: voxel_facets
 
-   !> Source spacings that make a group, in each direction: linear pressures on two do not satisfy the
-   !> inf-sup condition with nodal integration, on three they do
+   !> Source spacings that make a group, in each direction: linear pressures on two do not satisfy
+   !> the inf-sup condition with nodal integration, on three they do
    integer, parameter :: group_size = 3
 
 contains
