@@ -16,7 +16,7 @@ module rk_cells
    implicit none
    private
 
-   public :: cells_type, gauss_cells, lattice_frame, lattice_group, set_number, digits_of
+   public :: cells_type, gauss_cells, lattice_frame, set_number, digits_of, place_of
 
    !> Integration points and surface of a body
    type :: cells_type
@@ -56,7 +56,7 @@ module rk_cells
       real(wp), allocatable :: moment(:, :, :)
    end type cells_type
 
-   !> Cells of a lattice that make one group, in each direction
+   !> Cells between source points that make one group, in each direction
    integer, parameter :: group_size = 2
 
 contains
@@ -290,23 +290,6 @@ elemental integer function group_start(group, cells)
 
    group_start = nint(real(group*cells, wp)/group_count(cells))
 end function group_start
-
-!> Group of a cell of a lattice
-pure integer function lattice_group(index, cells)
-   !> Place of the cell, from 0
-   integer, intent(in) :: index(3)
-   !> Cells in each direction
-   integer, intent(in) :: cells(3)
-   integer :: d, group(3)
-
-   group = 0
-   do d = 1, 3
-      do while (group_start(group(d) + 1, cells(d)) <= index(d))
-         group(d) = group(d) + 1
-      end do
-   end do
-   lattice_group = place_of(group, group_count(cells))
-end function lattice_group
 
 !> Boundary set of a face of a lattice, as rk_cloud numbers them
 pure integer function set_number(polar, axis, end)

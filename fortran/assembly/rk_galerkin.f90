@@ -20,9 +20,10 @@ module rk_galerkin
    use rk_precision, only : i8, wp
    use rk_pressure, only : new_pressure, pressure_type
    use rk_problem, only : state_type
+   use rk_recovery, only : new_recovery, recovery_type
    use rk_scene, only : scene_type
    use rk_shape, only : new_shape, shape_type
-   use rk_stabilisation, only : stabilise
+   use rk_stabilisation, only : share_bulk, stabilise
    use rk_surface, only : set_conditions, surface_type
    use rk_tangent, only : add_forces, new_tangent, tangent_type
    implicit none
@@ -40,6 +41,12 @@ module rk_galerkin
       type(pressure_type) :: pressure
       !> Shape functions at the integration points
       type(shape_type) :: inside
+      !> Gradients of nodal cells anywhere
+      type(recovery_type) :: recovery
+      !> Part of the bulk modulus that acts at each collocation and integration point, shape
+      !> (nc + np), and that which acts on the projected volume ratio, shape (groups) [stress]
+      real(wp), allocatable :: local_bulk(:)
+      real(wp), allocatable :: bulk(:)
       !> Surface
       type(surface_type) :: surface
       !> Nearest collocation point of each point, shape (np)
@@ -127,6 +134,9 @@ subroutine new_galerkin(self, scene, error)
       & self%surface%shape, self%surface%essential)
    call self%gradient%give(self%cells, self%surface%essential, self%surface%value)
    call new_pressure(self%pressure, self%cells, scene%pressure_degree, scene%cloud%place, error)
+   if (allocated(error)) return
+   call share_bulk(self%mixture, self%cells, nc, scene%stabilisation, self%local_bulk, self%bulk)
+   if (self%cells%smoothed) call new_recovery(self%recovery, scene, self%cells, error)
    if (allocated(error)) return
    call new_tangent(self%matrix, size(scene%cloud%source, 2), self%cells, self%gradient, &
       & self%surface, self%inside, shear, scene%direct_limit, error)
@@ -322,7 +332,7 @@ subroutine group_part(self, g, x, held, load, tangent, force, part)
    real(wp), allocatable, intent(inout) :: part(:, :)
    real(wp), allocatable :: c4(:, :, :, :, :), local(:, :), volume(:, :)
    real(wp) :: h(self%gradient%nd, self%gradient%nd), p(3, 3), cofactor(3, 3), bulk, value(4)
-   real(wp) :: linear(4), jump(4), pressure
+   real(wp) :: linear(4), jump(4), pressure, local_pressure
    integer :: nc, nd, n, q, o, i, k, members, b
    integer(i8) :: e
    logical :: formed
@@ -367,11 +377,7 @@ subroutine group_part(self, g, x, held, load, tangent, force, part)
    if (.not. all(self%volume(o + 1:o + n) > 0.0_wp)) return
 
    nc = size(self%scene%cloud%place, 2)
-   bulk = 0.0_wp
-   do q = o + 1, o + n
-      bulk = bulk + self%cells%weight(q)*self%mixture%bulk(nc + q)
-   end do
-   bulk = bulk/sum(self%cells%weight(o + 1:o + n))
+   bulk = self%bulk(g)
    value(:b) = bulk*(value(:b) - self%pressure%total(:b, g))
    self%pressure%coefficient(:b, g) = value(:b)
    ! the pressure of a mixed Newton iteration, in which it is linear in the step: with K (J - 1) of
@@ -383,7 +389,8 @@ subroutine group_part(self, g, x, held, load, tangent, force, part)
       allocate (volume(nd*members, b), source=0.0_wp)
    end if
    do q = 1, n
-      pressure = dot_product(value(:b), self%pressure%basis(:b, o + q))
+      local_pressure = self%local_bulk(nc + o + q)*(self%volume(o + q) - 1.0_wp)
+      pressure = local_pressure + dot_product(value(:b), self%pressure%basis(:b, o + q))
       associate (f => self%f(:, :, o + q))
          cofactor = 0.5_wp*cross(f, f)
       end associate
@@ -391,8 +398,10 @@ subroutine group_part(self, g, x, held, load, tangent, force, part)
          call self%mixture%tangent(nc + o + q, self%f(:, :, o + q), load, p, c4(:, :, :, :, q), &
             & volumetric=.false.)
          c4(:, :, :, :, q) = self%cells%weight(o + q)*(c4(:, :, :, :, q) &
-            & + dot_product(linear(:b), self%pressure%basis(:b, o + q)) &
-            & *reshape(cross_form(self%f(:, :, o + q)), [3, 3, 3, 3]))
+            & + (local_pressure + dot_product(linear(:b), self%pressure%basis(:b, o + q))) &
+            & *reshape(cross_form(self%f(:, :, o + q)), [3, 3, 3, 3]) &
+            & + self%local_bulk(nc + o + q)*reshape(matmul(reshape(cofactor, [9, 1]), &
+            & reshape(cofactor, [1, 9])), [3, 3, 3, 3]))
       else
          call self%mixture%stress(nc + o + q, self%f(:, :, o + q), load, p, volumetric=.false.)
       end if
@@ -538,14 +547,21 @@ subroutine local_state(self, ip, x, u, load, local)
    real(wp), intent(in) :: load
    !> State
    type(local_type), intent(out) :: local
-   real(wp) :: h(3, 3, 3)
+   real(wp) :: h(3, 3, 3), pressure
 
    local%x(:size(x)) = x
    local%u(:size(x)) = u(:size(x), 1)
-   call deformation(size(x), u, local%f, h)
-   local%j = determinant(local%f)
+   pressure = self%pressure%at(ip, x)
+   if (self%cells%smoothed) then
+      local%f = self%recovery%at(ip, x, self%f)
+      local%j = determinant(local%f)
+      pressure = pressure + (local%j - 1.0_wp)*self%local_bulk(ip)
+   else
+      call deformation(size(x), u, local%f, h)
+      local%j = determinant(local%f)
+   end if
    call self%mixture%stress(ip, local%f, load, local%p, volumetric=.false.)
-   local%p = local%p + 0.5_wp*self%pressure%at(ip, x)*cross(local%f, local%f)
+   local%p = local%p + 0.5_wp*pressure*cross(local%f, local%f)
    local%cauchy = matmul(local%p, transpose(local%f))/local%j
 end subroutine local_state
 

@@ -7,7 +7,7 @@
 !> Reference: Chen, Wu, Yoon, You, Int. J. Numer. Meth. Engng 50 (2001),
 !>            doi:10.1002/1097-0207(20010120)50:2<435::AID-NME32>3.0.CO;2-A
 module rk_nodal
-   use rk_cells, only : cells_type, digits_of, lattice_frame, lattice_group, set_number
+   use rk_cells, only : cells_type, digits_of, lattice_frame, place_of, set_number
    use rk_cloud, only : cloud_type
    use rk_error, only : error_type
    use rk_facets, only : close_cells, facets_type
@@ -35,7 +35,7 @@ subroutine nodal_cells(self, cloud, error)
    type(error_type), allocatable, intent(out) :: error
    type(facets_type) :: facets
    integer, allocatable :: group(:)
-   integer :: is, lattice(3)
+   integer :: is, lattice(3), last(3)
 
    if (allocated(cloud%lattice)) then
       if (cloud%jittered) then
@@ -47,13 +47,48 @@ subroutine nodal_cells(self, cloud, error)
       end if
       lattice = 1
       lattice(:cloud%nd) = cloud%lattice
-      group = [(lattice_group(lattice_index(cloud, is), lattice), is=1, size(cloud%source, 2))]
+      last = group_of(lattice - 1, lattice)
+      group = [(place_of(group_of(lattice_index(cloud, is), lattice), last + 1), &
+         & is=1, size(cloud%source, 2))]
    else
       call voxel_facets(facets, cloud, group, error)
    end if
    if (allocated(error)) return
    call close_cells(self, size(group), facets, group)
 end subroutine nodal_cells
+
+!> Group of a cell in one direction of a lattice, from 0: threes, as symmetric as can be
+!>
+!> Between groups of two, linear pressures can alternate almost without work: their inf-sup constant
+!> falls with the spacing, that of groups of three does not.
+elemental integer function group_of(cell, cells) result(group)
+   !> Cell, from 0
+   integer, intent(in) :: cell
+   !> Cells in this direction
+   integer, intent(in) :: cells
+   integer :: threes
+
+   threes = cells/3
+   group = cell/3
+   ! five are three and two
+   if (cells <= 5) then
+      if (cells == 4) group = 0
+      return
+   end if
+   select case (mod(cells, 3))
+   case (1)
+      if (mod(threes, 2) == 1) then
+         ! a group of four in the middle
+         if (cell > 3*(threes/2) + 2) group = (cell - 1)/3
+      else
+         ! one cell alone in the middle
+         if (cell > 3*(threes/2)) group = (cell + 2)/3
+      end if
+   case (2)
+      ! fours at the ends
+      group = min(max(cell - 1, 0)/3, threes - 1)
+   end select
+end function group_of
 
 !> Place of a source point in its lattice, from 0
 pure function lattice_index(cloud, is) result(index)

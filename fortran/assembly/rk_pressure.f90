@@ -2,8 +2,8 @@
 !>
 !> The volume ratio J is projected on the polynomials of its group, and only the projection is
 !> resisted by the bulk modulus: K/2 times the integral of (J_p - 1)^2. Four pressures for about
-!> eight source points leave enough freedom to deform without a change of volume. For output the
-!> polynomials are blended into one continuous function.
+!> eight cells of Gauss points, or 27 nodal cells, leave enough freedom to deform without a change
+!> of volume. For output the polynomials are blended into one continuous function.
 !>
 !> Reference: Simo, Taylor, Pister, Comput. Methods Appl. Mech. Eng. 51 (1985),
 !>            doi:10.1016/0045-7825(85)90033-7

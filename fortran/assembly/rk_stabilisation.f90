@@ -4,16 +4,25 @@
 !> cell. Their second derivatives do not vanish: these are resisted as the energy of a gradient that
 !> varies linearly over the cell is. Linear displacements have none.
 !>
+!> Cells of a group share few pressures. Within a group, volume could go from one cell to the next
+!> against shear alone; a part of the bulk modulus that is too small to lock acts in each cell.
+!>
 !> Reference: Hillman, Chen, Int. J. Numer. Meth. Engng 107 (2016), doi:10.1002/nme.5183
 module rk_stabilisation
    use rk_cells, only : cells_type
+   use rk_mixture, only : mixture_type
    use rk_precision, only : i8, wp
    use rk_shape, only : shape_type
    use rk_symmetric, only : symmetric_matrix
    implicit none
    private
 
-   public :: stabilise
+   public :: stabilise, share_bulk
+
+   !> Bulk modulus in each cell over its shear modulus: that of a Poisson's ratio of 0.35
+   real(wp), parameter :: local_share = 3.0_wp
+   real(wp), parameter :: unity(3, 3) = reshape([1.0_wp, 0.0_wp, 0.0_wp, 0.0_wp, &
+      & 1.0_wp, 0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp], [3, 3])
 
 contains
 
@@ -57,6 +66,37 @@ subroutine stabilise(matrix, value, cells, inside, modulus)
       deallocate (part)
    end do
 end subroutine stabilise
+
+!> Share the bulk modulus among the volume ratio at each point and its projection in each group
+subroutine share_bulk(mixture, cells, nc, stabilisation, local, projected)
+   !> Materials of the collocation points and, after them, of the integration points
+   type(mixture_type), intent(in) :: mixture
+   !> Integration points
+   type(cells_type), intent(in) :: cells
+   !> Number of collocation points
+   integer, intent(in) :: nc
+   !> Stabilisation in shear moduli [-]
+   real(wp), intent(in) :: stabilisation
+   !> Part that acts at each collocation and integration point, shape (nc + np) [stress]
+   real(wp), allocatable, intent(out) :: local(:)
+   !> Part that acts on the projection in each group, shape (groups) [stress]
+   real(wp), allocatable, intent(out) :: projected(:)
+   integer :: g, i, q
+
+   allocate (local(nc + size(cells%weight)), source=0.0_wp)
+   if (cells%smoothed) then
+      do i = 1, size(local)
+         local(i) = min(mixture%bulk(i), local_share*stabilisation*mixture%stiffness(i, unity))
+      end do
+   end if
+   allocate (projected(size(cells%first) - 1), source=0.0_wp)
+   do g = 1, size(projected)
+      do q = cells%first(g) + 1, cells%first(g + 1)
+         projected(g) = projected(g) + cells%weight(q)*(mixture%bulk(nc + q) - local(nc + q))
+      end do
+      projected(g) = projected(g)/sum(cells%weight(cells%first(g) + 1:cells%first(g + 1)))
+   end do
+end subroutine share_bulk
 
 !> Number of a second derivative among all of a shape function
 pure integer function pair(nd, a, b)
