@@ -86,7 +86,9 @@ subroutine share_bulk(mixture, cells, nc, stabilisation, local, projected)
    allocate (local(nc + size(cells%weight)), source=0.0_wp)
    if (cells%smoothed) then
       do i = 1, size(local)
-         local(i) = min(mixture%bulk(i), local_share*stabilisation*mixture%stiffness(i, unity))
+         ! pressures need a modulus of their own
+         local(i) = min(0.5_wp*mixture%bulk(i), &
+            & local_share*stabilisation*mixture%stiffness(i, unity))
       end do
    end if
    allocate (projected(size(cells%first) - 1), source=0.0_wp)

@@ -9,6 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from myork.bench import mms
+from myork.bench.methods import oscillation
 from myork.build import build_cloud
 from myork.errors import InputError
 from myork.model.store import write_model
@@ -208,7 +209,7 @@ def test_homogeneous_deformations_are_exact(inputs, name, method):
 
 #: Method, order of the basis, support, and least orders of displacement and stress: 2 and 1 for a
 #: linear basis, 3 and 2 for a quadratic one, less what is left of the next order at these sizes
-ORDERS = [("rkpm-scni", 1, 2.0, 1.85, 1.0), ("rkpm-gauss", 2, 3.0, 2.9, 1.9)]
+ORDERS = [("rkpm-scni", 1, 2.0, 1.8, 1.0), ("rkpm-gauss", 2, 3.0, 2.9, 1.9)]
 
 
 @pytest.mark.parametrize(("method", "order", "support", "least_u", "least_stress"), ORDERS)
@@ -220,36 +221,57 @@ def test_optimal_orders(method, order, support, least_u, least_stress):
     assert mms.observed_order(cases, "stress_error") > least_stress
 
 
-#: Largest deviation of (side u_x, side u_z, stress zz, stress xz, reaction x, reaction z) from the
-#: finite elements at activation 0.05 with 5 x 5 x 9 points; a little above what was measured
-#: (0.003, 0.007, 0.008, 0.081, 0.024, 0.002; 0.001, 0.019, 0.008, 0.040, 0.013, 0.002), where the
-#: displacement form of the collocation misses u_x by 0.96
+#: Side u_x, side u_z, stress zz, stress xz, reaction x, reaction z at activation 0.05: limits of
+#: felupe's triquadratic elements from half blocks of 6x3x12, 8x4x16 and 10x5x20 and from graded
+#: ones (docs/galerkin.md); uncertain by 0.1 % in reaction x, half of it in the rest
+LIMIT = np.array([-0.011117, -0.050253, 0.91377, 0.42244, -0.30894, -0.93580])
+#: Largest deviation with 5x5x9 and 7x7x13 points; a little above what was measured with 7x7x13
+#: (0.006, 0.009, 0.003, 0.026, 0.019, 0.002; 0.009, 0.008, 0.000, 0.007, 0.007, 0.001), where the
+#: displacement form of the collocation misses u_x by 0.96. Twice that coarse, three times as much.
 INCLINED = {
-    "rkpm-scni": (0.02, 0.02, 0.02, 0.09, 0.03, 0.01),
-    "rkpm-gauss": (0.02, 0.03, 0.02, 0.05, 0.02, 0.01),
+    "rkpm-scni": np.array([0.01, 0.012, 0.01, 0.03, 0.023, 0.004]),
+    "rkpm-gauss": np.array([0.01, 0.01, 0.005, 0.02, 0.01, 0.003]),
 }
-FEBIO = [-0.0111034, -0.0501774, 0.912853, 0.42675, -0.3146, -0.935328]
 
 
+@pytest.mark.parametrize(("size", "factor"), [("[5,5,9]", 3.0), ("[7,7,13]", 1.0)])
 @pytest.mark.parametrize("method", INCLINED)
-def test_inclined_block_does_not_lock(inputs, method):
+def test_inclined_block_does_not_lock(inputs, method, size, factor):
     overrides = [
         f"scene.method={method}", "load.activation=0.05", "load.steps=1", "galerkin.gauss=2",
-        "geometry.source=[5,5,9]", "geometry.collocation=[9,9,17]",
         "material.curve=published", *CUBIC, "approximation.support=2",
-        "geometry.source=[5,5,9]", "geometry.collocation=[9,9,17]",
+        f"geometry.source={size}", "geometry.collocation=[9,9,17]",
     ]  # fmt: skip
     with Scene(inputs / "muscle_fibers.toml", overrides, threads=1) as scene:
         states = scene.solve()
         value = scene.probes(states.x[-1:], np.ones(1))[0, :6, 0]
         assert states.iterations[0] <= 5, "Newton's iteration with the pressure as an unknown"
-    deviation = np.abs(value / FEBIO - 1.0)
-    assert (deviation < INCLINED[method]).all(), deviation
+    deviation = np.abs(value / LIMIT - 1.0)
+    assert (deviation < factor * INCLINED[method]).all(), deviation
 
 
-def test_large_bodies_are_solved_without_forming_the_tangent(open_scene):
+def test_stress_does_not_alternate_from_cell_to_cell(inputs):
+    """A shear of five with K = 1e8: derivatives of the displacement alternate by 48 % between
+    source points and the places half way, the gradients of the cells by 2.3 %, at the free ends.
+    """
+    overrides = [
+        "scene.method=rkpm-scni", *CUBIC, "approximation.support=2",
+        "geometry.source=[17,5,3]", "geometry.collocation=[33,9,5]",
+    ]  # fmt: skip
+    with Scene(inputs / "shear_3d.toml", overrides, threads=1) as scene:
+        states = scene.solve()
+        stress = scene.fields(states.x[-1], 1.0).cauchy[:, 3]
+        points = scene.points()
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    line = np.isclose(points[:, 1:], middle[1:]).all(axis=1)
+    assert line.sum() == 33
+    assert oscillation(stress[line]) < 0.03
+
+
+@pytest.mark.parametrize("bulk", [5.0, 5000.0])
+def test_large_bodies_are_solved_without_forming_the_tangent(open_scene, bulk):
     """Minimal residuals to 1e-7 inside a Newton iteration to 1e-10: the same equilibrium."""
-    material = {**MUSCLE, "K": 5000.0, "fiber": [0.5, 0.0, 0.87]}
+    material = {**MUSCLE, "K": bulk, "fiber": [0.5, 0.0, 0.87]}
     tables = body(3, "rkpm-scni", box(3, 5), LINEAR, ["z0", "z1"], material)
     found = []
     for limit in (60000, 0):
