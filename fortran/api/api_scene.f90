@@ -264,6 +264,8 @@ subroutine scene_fields(handle, n, nc, x, load, u, f, cauchy, stat, message)
    call find_slot(handle, slot, error)
    call pack_error(error, stat, message)
    if (stat /= 0) return
+   ! pressure and gradients of weak forms are those of the state that was settled last
+   call slot%full%settle(x, load)
    call compute_fields(slot%full, x, load, fields)
    u = fields%u
    f = fields%f
