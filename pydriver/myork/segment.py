@@ -28,12 +28,21 @@ from myork.imaging.phantom import make_phantom, write_phantom
 from myork.model.fibers import fiber_field
 from myork.model.orientation import check_orientation
 from myork.records import Image, Labels
+from myork.segmentation.alignment import align_labels
 from myork.segmentation.bias import clustered_bias, n4_bias
 from myork.segmentation.channels import fiber_channels, scaled_values
-from myork.segmentation.grouping import Muscle, group_by_reference, group_by_rules
+from myork.segmentation.grouping import (
+    Muscle,
+    group_by_reference,
+    group_by_rules,
+    nearest_labels,
+    reference_seeds,
+    rule_seeds,
+)
 from myork.segmentation.level_sets import LevelSets, Regions, segment_regions, wanted_phase
 from myork.segmentation.regions import body_mask, box_mask, grown_mask, piece_with_seed
 from myork.segmentation.scores import label_scores
+from myork.segmentation.walk import edge_strength, random_walk
 from myork.summary import update_summary
 from myork.tissue import find_tissues
 
@@ -96,7 +105,7 @@ def segment(
         labels=_start_labels(image, table, folder),
         name=image.name,
     )
-    labels, warnings = _labels(deck, table, folder, image, grey, result)
+    labels, warnings = _labels(deck, table, folder, image, grey, result, progress)
     inside = labels.data > 0
     write_image(out / "anatomy.nii.gz", image)
     write_labels(out / "regions.nii.gz", Labels(result.region + 1, image.affine))
@@ -239,20 +248,38 @@ def _labels(
     image: Image,
     grey: NDArray[np.float64],
     result: Regions,
+    progress: ProgressCallback,
 ) -> tuple[Labels, list[str]]:
     """Regions grouped to labels by the deck's rules, and warnings."""
-    rules = deck.get("muscle", [])
+    rules, split = deck.get("muscle", []), table["split"]
     if rules and "reference" in table:
         raise InputError("image.reference and [[muscle]] both group the regions; take one out")
+    if split != "pieces":
+        progress(f"parting muscles: {split}")
     if "reference" in table:
-        reference = read_labels(folder / table["reference"])
-        check_same_grid(reference, image)
-        return group_by_reference(result.region, reference), []
+        return _by_reference(table, folder, image, grey, result), []
     if rules:
-        muscles = [Muscle(rule["name"], tuple(rule["regions"]), _points(rule)) for rule in rules]
-        label, warnings = group_by_rules(result.region, image, muscles)
+        muscles = [
+            Muscle(rule["name"], tuple(rule["regions"]), _points(rule), rule["rim"])
+            for rule in rules
+        ]
         names = {number: muscle.name for number, muscle in enumerate(muscles, start=1)}
+        rims = [muscle.name for muscle in muscles if muscle.rim]
+        if split == "nearest" or (rims and split != "walk"):
+            raise InputError(
+                f"muscle.{rims[0]}.rim needs image.split = 'walk'"
+                if rims
+                else "image.split = 'nearest' needs image.reference; seeds go with 'walk'"
+            )
+        if split == "walk":
+            where, known = rule_seeds(result.region, image, muscles, table["seed_radius"])
+            edges = edge_strength(image.data, result.region >= 0)
+            label = random_walk(edges, where, known, image.spacing, table["edge_weight"])
+            return Labels(np.maximum(label, 0), image.affine, names, "segmentation"), []
+        label, warnings = group_by_rules(result.region, image, muscles)
         return Labels(label, image.affine, names, "segmentation"), warnings
+    if split != "pieces":
+        raise InputError(f"image.split = '{split}' needs image.reference or [[muscle]] with seeds")
     if table["regions"] > 2:
         names = {number + 1: f"region_{number}" for number in range(table["regions"])}
         return Labels(result.region + 1, image.affine, names, "segmentation"), []
@@ -265,6 +292,33 @@ def _labels(
             "image.phase, image.box and image.mu"
         )
     return Labels(inside.astype(np.int32), image.affine, {1: table["label"]}, "segmentation"), []
+
+
+def _by_reference(
+    table: Mapping[str, Any],
+    folder: Path,
+    image: Image,
+    grey: NDArray[np.float64],
+    result: Regions,
+) -> Labels:
+    """Labels by a reference label map, moved onto the image if the deck says so."""
+    reference = read_labels(folder / table["reference"])
+    check_same_grid(reference, image)
+    inside = result.region >= 0
+    wanted = wanted_phase(result, grey, table["phase"]) if table["regions"] == 2 else inside
+    if table["reference_reach"] > 0:
+        edges = edge_strength(image.data, inside)
+        reference = align_labels(reference, edges, wanted, inside, table["reference_reach"])
+    if table["split"] == "pieces":
+        return group_by_reference(result.region, reference)
+    margin, spacing = table["reference_margin"], image.spacing
+    if table["split"] == "nearest":
+        label = nearest_labels(wanted, reference.data, spacing, margin)
+    else:
+        edges, known = edge_strength(image.data, inside), reference_seeds(reference, margin)
+        label = np.maximum(random_walk(edges, wanted, known, spacing, table["edge_weight"]), 0)
+    names = {n: reference.label_name(n) for n in np.unique(label[label > 0]).tolist()}
+    return Labels(label, image.affine, names, "segmentation")
 
 
 def _points(rule: Mapping[str, Any]) -> NDArray[np.float64]:

@@ -61,7 +61,7 @@ def test_pieces_take_the_label_most_of_their_voxels_have():
 def test_rules_that_cannot_be(rules, message):
     with pytest.raises(InputError, match=message):
         group_by_rules(stripes(1, 0, 1, 2), GRID, [muscle(**rule) for rule in rules])
-    with pytest.raises(InputError, match="needs regions or seeds"):
+    with pytest.raises(InputError, match="needs regions, seeds or a rim"):
         muscle("c")
 
 

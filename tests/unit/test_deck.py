@@ -24,7 +24,7 @@ else:
     from pip._vendor import tomli as tomllib
 
 ROOT = Path(__file__).parents[2]
-DECKS = sorted((ROOT / "inputs").glob("*.toml"))
+DECKS = sorted((ROOT / "inputs").rglob("*.toml"))
 
 #: A deck that uses most tables. The tests below change one line of it; lines count from 1.
 BLOCK = """\

@@ -57,8 +57,8 @@ def read_image(path: Path, values: int | None = 1) -> Image:
 def read_labels(path: Path) -> Labels:
     """Read a label map: whole numbers as they are stored, whatever the header's scale says.
 
-    Names come from a file beside it with the same stem, `{"name": label}` (`legs.nii.gz` and
-    `legs.json`), where there is one.
+    Names come from a file beside it, `{"name": label}`: the one with the same stem (`legs.nii.gz`
+    and `legs.json`), else `labels.json`, where there is one.
     """
     data, affine = _load(path, raw=True)
     if not np.issubdtype(data.dtype, np.integer):
@@ -69,7 +69,9 @@ def read_labels(path: Path) -> Labels:
     data = _grid(path, data, 1)
     if data.size and (data.min() < 0 or data.max() > np.iinfo(np.int32).max):
         raise InputError(f"{path}: labels must not be negative, the lowest is {data.min()}")
-    return Labels(data.astype(np.int32), affine, _read_names(_names_path(path)), str(path))
+    own = _names_path(path)
+    names = _read_names(own if own.is_file() else own.with_name("labels.json"))
+    return Labels(data.astype(np.int32), affine, names, str(path))
 
 
 def write_image(path: Path, image: Image) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,14 @@ from scipy import ndimage
 from myork.errors import InputError
 from myork.records import Image, Labels
 
-__all__ = ["Muscle", "group_by_reference", "group_by_rules"]
+__all__ = [
+    "Muscle",
+    "group_by_reference",
+    "group_by_rules",
+    "nearest_labels",
+    "reference_seeds",
+    "rule_seeds",
+]
 
 F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]
@@ -31,15 +39,19 @@ class Muscle:
     seeds : NDArray
         World coordinates inside of it, shape `(nseed, 3)` [mm]; without one whole regions are
         taken, with some the connected pieces that hold a seed.
+    rim : float
+        Thickness of the band along the edge of the segmented region that belongs to it, for
+        walks [mm].
     """
 
     name: str
     regions: tuple[int, ...]
     seeds: F64
+    rim: float = 0.0
 
     def __post_init__(self) -> None:
-        if not self.regions and not len(self.seeds):
-            raise InputError(f"muscle.{self.name}: needs regions or seeds")
+        if not self.regions and not len(self.seeds) and not self.rim:
+            raise InputError(f"muscle.{self.name}: needs regions, seeds or a rim")
 
 
 def group_by_rules(region: I32, image: Image, muscles: Sequence[Muscle]) -> tuple[I32, list[str]]:
@@ -112,6 +124,125 @@ def group_by_reference(region: I32, reference: Labels) -> Labels:
     return Labels(found, reference.affine, names, "segmentation")
 
 
+def rule_seeds(
+    region: I32, image: Image, muscles: Sequence[Muscle], radius: float
+) -> tuple[NDArray[np.bool_], I32]:
+    """Voxels that the rules part among muscles, and those of which they tell the label.
+
+    Parameters
+    ----------
+    region : NDArray
+        Region of each voxel, -1 for none, shape `(ni, nj, nk)`.
+    image : Image
+        Gives the grid.
+    muscles : sequence
+        Rules; the regions of all together take part, or every region where one names none.
+    radius : float
+        Of the disc around a seed that belongs to its muscle, in the slice [mm].
+
+    Returns
+    -------
+    tuple
+        Whether a voxel takes part, and its label, 1 for the first muscle, -1 where it is not
+        known; both of shape `(ni, nj, nk)`.
+    """
+    where = region >= 0
+    if all(muscle.regions for muscle in muscles):
+        where &= np.isin(region, [number for muscle in muscles for number in muscle.regions])
+    known = np.full(region.shape, -1, np.int32)
+    depth = np.zeros(region.shape)
+    for k in range(region.shape[2]):
+        inside = np.pad(region[:, :, k] >= 0, 1)
+        depth[:, :, k] = _depth(inside, image.spacing)[1:-1, 1:-1]
+    rows, columns = np.indices(region.shape[:2])
+    for number, muscle in enumerate(muscles, start=1):
+        known[where & (depth <= muscle.rim)] = number
+    for number, muscle in enumerate(muscles, start=1):
+        for place in _places(region, image, muscle):
+            if not where[place]:
+                raise InputError(
+                    f"muscle.{muscle.name}: the seed at voxel {place} does not lie in the region "
+                    "to segment; move it"
+                )
+            across = (rows - place[0]) * image.spacing[0], (columns - place[1]) * image.spacing[1]
+            disc = (np.hypot(*across) <= radius) & where[..., place[2]]
+            known[..., place[2]][disc] = number
+    for number, muscle in enumerate(muscles, start=1):
+        for place in _places(region, image, muscle):
+            if known[place] != number:
+                raise InputError(
+                    f"muscle.{muscle.name}: the seed at voxel {place} lies beside one of "
+                    f"muscle.{muscles[known[place] - 1].name}; lower image.seed_radius"
+                )
+    return where, known
+
+
+def reference_seeds(reference: Labels, margin: float) -> I32:
+    """Labels of a reference where they are certain, -1 closer than a margin to other labels.
+
+    Where a label is thin the middle of it stays: half of its largest depth in the slice.
+
+    Parameters
+    ----------
+    reference : Labels
+        Label map; no label (0) counts as one.
+    margin : float
+        How far borders may be off [mm].
+    """
+    known = np.full(reference.data.shape, -1, np.int32)
+    for k in range(reference.data.shape[2]):
+        label = reference.data[:, :, k]
+        for number in np.unique(label):
+            mine = np.pad(label == number, 1, mode="edge")
+            if mine.all():
+                known[:, :, k] = number
+                break
+            depth = _depth(mine, reference.spacing)[1:-1, 1:-1]
+            known[:, :, k][depth > min(margin, 0.5 * depth.max())] = number
+    return known
+
+
+def nearest_labels(where: NDArray[np.bool_], known: I32, spacing: F64, margin: float) -> I32:
+    """Label of the nearest voxel that has one, shape `(ni, nj, nk)`.
+
+    Parameters
+    ----------
+    where : NDArray
+        Voxels that get one, shape `(ni, nj, nk)`.
+    known : NDArray
+        Labels above zero where they are known, same shape.
+    spacing : NDArray
+        Voxel sizes, shape `(3,)` [mm].
+    margin : float
+        No label beyond this distance [mm].
+    """
+    if not (known > 0).any():
+        return np.zeros(known.shape, np.int32)
+    both: Any = ndimage.distance_transform_edt(known <= 0, sampling=spacing, return_indices=True)
+    away, nearest = both
+    return np.where(where & (away <= margin), known[tuple(nearest)], 0).astype(np.int32)
+
+
+def _depth(inside: NDArray[np.bool_], spacing: F64) -> F64:
+    """Distance to the outside in a slice, shape `(ni, nj)` [mm]."""
+    return np.asarray(ndimage.distance_transform_edt(inside, sampling=spacing[:2]))
+
+
+def _places(region: I32, image: Image, muscle: Muscle) -> list[tuple[int, ...]]:
+    """Voxels in which the seeds of a muscle lie."""
+    inverse = np.linalg.inv(image.affine[:3, :3]).T
+    places = []
+    for seed in muscle.seeds:
+        place = tuple(np.rint((seed - image.affine[:3, 3]) @ inverse).astype(int).tolist())
+        if min(place) < 0 or any(p >= n for p, n in zip(place, region.shape, strict=True)):
+            raise InputError(
+                f"muscle.{muscle.name}: the seed {seed.tolist()} mm (voxel {place}) lies outside "
+                f"of {image.name}, which has {region.shape}"
+            )
+        places.append(place)
+    return places
+
+
 def _claim(region: I32, image: Image, muscle: Muscle) -> NDArray[np.bool_]:
     """Voxels that the rule of a muscle gives to it."""
     unknown = [p for p in muscle.regions if p > region.max()]
@@ -123,17 +254,12 @@ def _claim(region: I32, image: Image, muscle: Muscle) -> NDArray[np.bool_]:
     if not len(muscle.seeds):
         return np.isin(region, muscle.regions)
     claim = np.zeros(region.shape, bool)
-    inverse = np.linalg.inv(image.affine[:3, :3]).T
-    for seed in muscle.seeds:
-        place = tuple(np.rint((seed - image.affine[:3, 3]) @ inverse).astype(int).tolist())
-        where = f"muscle.{muscle.name}: the seed {seed.tolist()} mm (voxel {place})"
-        if min(place) < 0 or any(p >= n for p, n in zip(place, region.shape, strict=True)):
-            raise InputError(f"{where} lies outside of {image.name}, which has {region.shape}")
+    for seed, place in zip(muscle.seeds, _places(region, image, muscle), strict=True):
         here = int(region[place])
         if here < 0 or (muscle.regions and here not in muscle.regions):
             raise InputError(
-                f"{where} lies in region {here}, not in one of its regions; move it, or look at "
-                "regions.nii.gz"
+                f"muscle.{muscle.name}: the seed {seed.tolist()} mm (voxel {place}) lies in region "
+                f"{here}, not in one of its regions; move it, or look at regions.nii.gz"
             )
         pieces, _ = ndimage.label(np.isin(region, muscle.regions or (here,)))
         claim |= pieces == pieces[place]

@@ -1,0 +1,247 @@
+"""Parting what has one grey value: random walks, nearest labels, a reference moved into place."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from myork.deck import load_deck
+from myork.errors import InputError
+from myork.imaging.io import read_labels, write_image, write_labels
+from myork.records import Image, Labels
+from myork.segment import segment
+from myork.segmentation.alignment import align_labels
+from myork.segmentation.grouping import (
+    Muscle,
+    group_by_reference,
+    nearest_labels,
+    reference_seeds,
+    rule_seeds,
+)
+from myork.segmentation.scores import dice
+from myork.segmentation.walk import edge_strength, random_walk
+
+SPACING = np.array([1.5, 1.5, 6.0])
+AFFINE = np.diag([*SPACING, 1.0])
+
+
+def leg(slices=3, seed=0, gap=4):
+    """A disc of fat around a disc of muscle of the same grey, and a bone in it.
+
+    Only a dark line of one or two pixels parts fat from muscle, with gaps of `gap` pixels; coil
+    shading changes grey values by a factor of three across, noise is a fortieth of them.
+    """
+    i, j = np.indices((84, 84)) - 41.5
+    image, truth = np.zeros((2, 84, 84, slices))
+    random = np.random.default_rng(seed)
+    for k in range(slices):
+        r, angle = np.hypot(i - k, j), np.arctan2(j, i - k)
+        edge = 27 + 1.5 * np.cos(3 * angle) + 0.5 * k
+        here = np.select([r > 38, r > edge, np.hypot(i - k, j - 6) > 7], [0, 2, 1], 3)
+        grey = np.choose(here, [0.0, 1.0, 1.0, 0.7])
+        line = np.abs(r - edge) < 0.9
+        for start in (0.3, 2.0, -1.5):  # gaps
+            line &= np.abs(angle - start) * 27 > gap / 2
+        grey[line & (here > 0)] *= 0.45
+        grey[(np.hypot(i - k, j - 6) < 9) & (here == 1)] = 0.1
+        here[(np.hypot(i - k, j - 6) < 9)] = 3
+        shading = np.exp(0.55 * (i + 0.5 * j) / 41.5)
+        image[..., k], truth[..., k] = grey * shading, here
+    image = 400 * np.abs(image + random.normal(0, 1 / 40, image.shape))
+    return Image(image, AFFINE, "leg"), truth.astype(np.int32)
+
+
+def seeds(*voxels):
+    return np.array([np.array(v) * SPACING for v in voxels], float)
+
+
+RULES = [
+    Muscle("muscle", (), seeds((60, 42, 1), (25, 42, 1), (42, 25, 1))),
+    Muscle("fat", (), seeds(), rim=4.0),
+    Muscle("bone", (), seeds((43, 48, 1))),
+]
+
+
+def walked(image, truth, rules, radius=4.0, weight=20.0):
+    region = np.where(truth > 0, 0, -1).astype(np.int32)
+    where, known = rule_seeds(region, image, rules, radius)
+    edges = edge_strength(image.data, truth > 0)
+    return random_walk(edges, where, known, image.spacing, weight)
+
+
+def test_walks_find_what_only_a_dark_line_with_gaps_parts():
+    image, truth = leg()
+    # Grey values cannot tell: in the muscle they differ more than between muscle and fat.
+    grey = image.data
+    fat, muscle = (grey[truth == number] for number in (2, 1))
+    assert abs(fat.mean() - muscle.mean()) < 0.3 * muscle.std()
+    found = walked(image, truth, RULES)
+    assert np.array_equal(found >= 0, truth > 0)
+    # The border may lie on either side of a line of two pixels on a body of 27: 1 - 2/27.
+    for number, least in ((1, 0.95), (2, 0.93), (3, 0.85)):
+        assert dice(found == number, truth == number) > least
+    # Without the shyness of edges the seeds' distances decide.
+    plain = walked(image, truth, RULES, weight=0.0)
+    assert dice(plain == 1, truth == 1) < dice(found == 1, truth == 1) - 0.1
+
+
+def test_seeds_of_one_slice_reach_all_others():
+    image, truth = leg(slices=7)
+    found = walked(image, truth, RULES)
+    for k in range(7):
+        assert dice(found[..., k] == 1, truth[..., k] == 1) > 0.9
+
+
+def test_what_no_seed_reaches_has_no_label():
+    where = np.ones((6, 5, 1), bool)
+    where[3] = False
+    known = np.full(where.shape, -1, np.int32)
+    known[0, 0, 0], known[1, 4, 0] = 1, 2
+    found = random_walk(np.zeros(where.shape), where, known, np.ones(3), 1.0)
+    assert (found[3:] == -1).all() and set(np.unique(found[:3])) == {1, 2}
+    assert (random_walk(np.zeros(where.shape), where, 0 * known - 1, np.ones(3), 1.0) == -1).all()
+
+
+def test_walks_on_a_strip_follow_the_resistances():
+    """One dimension in closed form: the border lies where the resistances to both are equal."""
+    edges = np.zeros((21, 1, 1))
+    edges[5] = 1.0
+    known = np.full(edges.shape, -1, np.int32)
+    known[0], known[20] = 1, 2
+    found = random_walk(edges, edges == edges, known, np.ones(3), np.log(9.0))
+    # Eighteen steps of one and two of nine onto and off the edge: half of 36 is reached inside
+    # the edge's first step after 4 + 9 = 13 and its second after 22.
+    assert found[:, 0, 0].tolist() == [1] * 6 + [2] * 15
+
+
+@pytest.mark.parametrize(
+    ("rules", "message"),
+    [
+        ([Muscle("a", (), seeds((1, 1, 1)))], "voxel .* does not lie in the region to segment"),
+        ([Muscle("a", (), seeds((900, 1, 1)))], "lies outside of leg"),
+        (
+            [Muscle("a", (), seeds((60, 42, 1))), Muscle("b", (), seeds((61, 42, 1)))],
+            "muscle.a: the seed .* lies beside one of muscle.b; lower image.seed_radius",
+        ),
+    ],
+)
+def test_seeds_that_cannot_be(rules, message):
+    image, truth = leg(slices=2)
+    with pytest.raises(InputError, match=message):
+        walked(image, truth, rules)
+    with pytest.raises(InputError, match="half of the voxels have no signal"):
+        edge_strength(np.zeros((3, 3, 1)), np.ones((3, 3, 1), bool))
+
+
+def two_muscles():
+    """Two muscles that touch, in fat: no border between them in the image."""
+    i, j = np.indices((80, 70)) - np.array([39.5, 34.5])[:, None, None]
+    label = np.where((i / 24) ** 2 + (j / 18) ** 2 < 1, np.where(i + 0.3 * j > 4, 2, 1), 0)
+    label[(np.hypot(i - 10, j) < 4)] = 0
+    body = np.hypot(i, j * 1.2) < 36
+    grey = np.where(body, 600.0, 0.0)
+    grey[label > 0] = 250.0
+    noise = np.random.default_rng(3).normal(0, 10, grey.shape)
+    return (
+        Image(np.abs(grey + noise)[..., None], np.eye(4), "two"),
+        label[..., None],
+        body[..., None],
+    )
+
+
+def shifted(label, shift, degrees, scale=1.0):
+    angle = np.radians(degrees)
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]) / scale
+    centre = (np.array(label.shape[:2]) - 1) / 2
+    offset = centre - turn @ (centre + shift)
+    return ndimage.affine_transform(label[..., 0], turn, offset=offset, order=0)[..., None]
+
+
+@pytest.mark.parametrize(
+    ("shift", "degrees", "scale"),
+    [((4, 0), 0, 1), ((-3, 4), 6, 1), ((2, -5), -8, 1), ((3, 3), 4, 0.93), ((0, 0), 0, 1)],
+)
+def test_a_reference_a_few_pixels_off_finds_its_place(shift, degrees, scale):
+    image, truth, body = two_muscles()
+    off = Labels(shifted(truth, shift, degrees, scale).astype(np.int32), np.eye(4), {1: "a"})
+    edges = edge_strength(image.data, body)
+    moved = align_labels(off, edges, truth > 0, body, 8.0)
+    # Where the border of 170 pixels lies is known to about half a pixel: of 700 in each muscle.
+    for number in (1, 2):
+        assert dice(moved.data == number, truth == number) > 0.93
+    assert moved.names == {1: "a"}
+    label = nearest_labels(truth > 0, moved.data, np.ones(3), 2.0)
+    assert min(dice(label == n, truth == n) for n in (1, 2)) > 0.95
+    # As pieces the muscles, which touch, would be one.
+    pieces = group_by_reference(np.where(truth > 0, 0, -1), moved).data
+    assert len(np.unique(pieces)) == 2
+
+
+def test_reference_without_labels_in_a_slice_stays():
+    image, truth, body = two_muscles()
+    empty = Labels(np.zeros_like(truth, dtype=np.int32), np.eye(4))
+    assert not align_labels(empty, edge_strength(image.data, body), truth > 0, body, 8.0).data.any()
+    assert not nearest_labels(body, empty.data, np.ones(3), 5.0).any()
+
+
+def test_seeds_of_a_reference_keep_off_its_borders():
+    label = np.zeros((20, 20, 1), np.int32)
+    label[4:16, 4:16], label[17:19, 1:3] = 1, 7
+    known = reference_seeds(Labels(label, np.eye(4)), 3.0)
+    assert (known[7:13, 7:13] == 1).all() and (known[4:7, 4:16] == -1).all()
+    assert (known == 7).any()  # thin ones keep their middle
+    assert known[0, 19, 0] == 0
+    full = reference_seeds(Labels(label * 0 + 2, np.eye(4)), 3.0)
+    assert (full == 2).all()
+
+
+def deck(path, text, **keys):
+    path.write_text(
+        'title = "t"\n[units]\nforce = "N"\nlength = "cm"\n[scene]\ndimension = 3\n'
+        '[image]\nanatomy = "leg.nii.gz"\n[bias]\nmethod = "none"\n' + text
+    )
+    return load_deck(path, [f"image.{key}={value}" for key, value in keys.items()])
+
+
+def test_segment_walks_from_the_seeds_of_the_deck(tmp_path):
+    image, truth = leg()
+    write_image(tmp_path / "leg.nii.gz", image)
+    write_labels(tmp_path / "truth.nii.gz", Labels(truth, AFFINE, {1: "muscle", 2: "fat", 3: "b"}))
+    text = "".join(
+        f'[[muscle]]\nname = "{rule.name}"\nrim = {rule.rim}\n'
+        f"seeds = {rule.seeds.ravel().tolist()}\n"
+        for rule in RULES
+    )
+    keys = dict(split="walk", seed_radius=4, tolerance=0.01, truth="truth.nii.gz")
+    found = segment(deck(tmp_path / "a.toml", text, **keys), tmp_path, tmp_path / "out", print)
+    scores = found["segmentation"]["scores"]
+    assert scores["muscle"]["dice"] > 0.95 and scores["fat"]["dice"] > 0.85
+    wrong = (("pieces", "muscle.fat.rim needs image.split"), ("nearest", "muscle.fat.rim needs"))
+    for split, message in wrong:
+        with pytest.raises(InputError, match=message):
+            segment(deck(tmp_path / "a.toml", text, split=split), tmp_path, tmp_path / "o", print)
+    with pytest.raises(InputError, match="'nearest' needs image.reference; seeds go with 'walk'"):
+        bone = text[text.rindex("[[") :]
+        segment(deck(tmp_path / "a.toml", bone, split="nearest"), tmp_path, tmp_path / "o", print)
+    with pytest.raises(InputError, match=r"split = 'walk' needs image.reference or \[\[muscle\]\]"):
+        segment(deck(tmp_path / "b.toml", "", split="walk"), tmp_path, tmp_path / "out", print)
+
+
+def test_segment_takes_a_reference_with_names_beside_it(tmp_path):
+    image, truth, _ = two_muscles()
+    write_image(tmp_path / "leg.nii.gz", image)
+    off = shifted(truth, (4, -2), 5)
+    for name, label in (("old", off), ("truth", truth)):
+        write_labels(tmp_path / f"{name}.nii.gz", Labels(label.astype(np.int32), np.eye(4)))
+        (tmp_path / f"{name}.json").unlink()
+    (tmp_path / "labels.json").write_text(json.dumps({"inner": 1, "outer": 2}))
+    assert read_labels(tmp_path / "old.nii.gz").names == {1: "inner", 2: "outer"}
+    for split in ("nearest", "walk"):
+        keys = dict(split=split, reference="old.nii.gz", reference_reach=8, truth="truth.nii.gz")
+        found = segment(deck(tmp_path / "a.toml", "", **keys), tmp_path, tmp_path / "out", print)
+        scores = found["segmentation"]["scores"]
+        assert set(scores) == {"inner", "outer"}
+        assert min(score["dice"] for score in scores.values()) > 0.93
+    # As it lies, the reference is that much off.
+    assert min(dice(off == n, truth == n) for n in (1, 2)) < 0.85
