@@ -2,7 +2,7 @@
 
 The outer boundary and the bones come from the anatomy by two-phase level sets; fat and connective
 tissue are clustered in images of their own sequences; of what is left, voxels with a diffusion
-tensor are muscle and all others fat.
+tensor are muscle and all others fat. Without tensors only the skin is taken from the muscle.
 """
 
 from __future__ import annotations
@@ -37,6 +37,8 @@ _COVERED = 0.6
 # The bright cluster of the special sequence is connective tissue only if it is so many times as
 # bright as the other: without any, the two would be muscle and fat.
 _STANDS_OUT = 2.5
+# Skin, and pixels of fat and air mixed, are as grey as muscle, no deeper than this [mm].
+_SKIN = 3.0
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,7 @@ class LegImages:
         Images in which fat, or connective tissue, is bright; without the first the anatomy shows
         fat, without the second no connective tissue is found.
     tensor : Image or None
-        Diffusion tensors; without them all that is left is muscle.
+        Diffusion tensors; without them all that is left is muscle but for the skin.
     """
 
     anatomy: Image
@@ -103,7 +105,7 @@ def leg_tissues(images: LegImages, evolve: Evolve, table: Mapping[str, Any]) -> 
     # A voxel that is bright in both images lies between fat and connective tissue.
     connective &= ~fat
     rest = soft & ~fat & ~connective
-    muscle = rest
+    muscle = rest & ~_skin(body, images.anatomy.spacing[:2])
     if images.tensor is not None:
         components = images.tensor.data
         usable = np.asarray(np.isfinite(components).all(axis=-1, keepdims=True))
@@ -195,6 +197,17 @@ def check_disjoint(masks: Mapping[str, Mask], body: Mask) -> None:
             f"{len(lost)} voxels are in the body or in a material but not in both, the first is "
             f"{tuple(lost[0].tolist())}"
         )
+
+
+def _skin(body: Mask, pixel: NDArray[np.float64]) -> Mask:
+    """Band of the body along the air in every slice; where the picture ends there is no air."""
+    skin = np.zeros(body.shape, dtype=bool)
+    for k in range(body.shape[2]):
+        depth = ndimage.distance_transform_edt(
+            np.pad(body[:, :, k], 1, mode="edge"), sampling=pixel
+        )
+        skin[:, :, k] = body[:, :, k] & (depth[1:-1, 1:-1] <= _SKIN)
+    return skin
 
 
 def _even(anatomy: Image) -> Image:
