@@ -16,44 +16,42 @@ def ellipsoid(shape, spacing, axes, off=(0.0, 0.0, 0.0)):
     return body, np.argwhere(rim), exact / np.linalg.norm(exact, axis=1, keepdims=True)
 
 
-@pytest.mark.parametrize(
-    ("shape", "spacing", "axes", "mean", "worst"),
-    [
-        # A sphere of ten voxels; then slices five times as far apart as pixels, where a slice
-        # step is half of the radius and no method from labels does much better.
-        ((25, 25, 25), (1.0, 1.0, 1.0), (10.0, 10.0, 10.0), 2.0, 6.0),
-        ((61, 61, 15), (1.0, 1.0, 5.0), (30.0, 30.0, 30.0), 4.0, 16.0),
-        ((25, 25, 25), (1.0, 1.0, 5.0), (10.0, 10.0, 50.0), 4.0, 20.0),
-    ],
-)
-def test_outward_and_near_the_exact_normal(shape, spacing, axes, mean, worst):
-    body, voxels, exact = ellipsoid(shape, np.array(spacing), np.array(axes))
-    normal = surface_normals(body, np.array(spacing), voxels)
-    np.testing.assert_allclose(np.linalg.norm(normal, axis=1), 1.0, atol=1e-12)
-    angle = np.degrees(np.arccos(np.clip((normal * exact).sum(1), -1, 1)))
-    assert angle.mean() < mean
-    assert angle.max() < worst
-
-
 # Centred on a voxel, where whole rings of the poles are flat, and off the grid's symmetry
 @pytest.mark.parametrize("off", [(0.0, 0.0, 0.0), (0.3, 0.1, 0.4), (0.5, 0.5, 0.5)])
+@pytest.mark.parametrize("method", ["distance", "multiquadric"])
 @pytest.mark.parametrize(
-    ("shape", "spacing", "axes", "mean"),
+    ("spacing", "axes", "mean"),
     [
-        ((27, 27, 27), (1.0, 1.0, 1.0), (10.0, 10.0, 10.0), 2.0),
-        ((27, 27, 27), (1.0, 1.0, 5.0), (10.0, 10.0, 50.0), 2.0),
-        ((47, 37, 27), (1.0, 1.0, 5.0), (20.0, 15.0, 50.0), 2.0),
-        # Six voxels from the centre to the poles: less than the ten asked for
-        ((67, 67, 19), (1.0, 1.0, 5.0), (30.0, 30.0, 30.0), 4.0),
+        # Ten voxels from the centre to every pole: two degrees
+        ((1.0, 1.0, 1.0), (10.0, 10.0, 10.0), 2.0),
+        ((1.0, 1.0, 5.0), (10.0, 10.0, 50.0), 2.0),
+        ((1.0, 1.0, 5.0), (20.0, 15.0, 50.0), 2.0),
+        ((1.25, 1.25, 6.0), (18.0, 13.0, 60.0), 2.0),
+        ((2.0, 1.0, 1.0), (20.0, 12.0, 12.0), 2.0),
+        # Nine, six and two: a step between slices is a larger part of the body
+        ((1.0, 1.0, 5.0), (40.0, 35.0, 45.0), 2.2),
+        ((1.0, 1.0, 5.0), (30.0, 30.0, 30.0), 3.0),
+        ((1.0, 1.0, 5.0), (10.0, 10.0, 10.0), 6.0),
     ],
 )
-def test_multiquadrics_are_within_two_degrees(shape, spacing, axes, mean, off):
-    body, voxels, exact = ellipsoid(shape, np.array(spacing), np.array(axes), off)
-    normal = surface_normals(body, np.array(spacing), voxels, "multiquadric")
+def test_outward_and_near_the_exact_normal(spacing, axes, mean, method, off):
+    spacing, axes = np.array(spacing), np.array(axes)
+    shape = tuple(2 * np.ceil(axes / spacing).astype(int) + 7)
+    body, voxels, exact = ellipsoid(shape, spacing, axes, off)
+    normal = surface_normals(body, spacing, voxels, method)
     np.testing.assert_allclose(np.linalg.norm(normal, axis=1), 1.0, atol=1e-12)
     cosine = (normal * exact).sum(1)
-    assert cosine.min() > 0.9  # outward everywhere
+    assert cosine.min() > 0.8  # outward everywhere
     assert np.degrees(np.arccos(np.clip(cosine, -1, 1))).mean() < mean
+
+
+def test_normals_do_not_depend_on_what_lies_beside():
+    """The metric is that of a typical piece, not of the whole of two legs."""
+    spacing, axes = np.array([1.0, 1.0, 5.0]), np.array([10.0, 10.0, 50.0])
+    body, voxels, exact = ellipsoid((27, 27, 27), spacing, axes)
+    both = np.concatenate([body, body], axis=0)
+    normal = surface_normals(both, spacing, voxels)
+    assert np.degrees(np.arccos(np.clip((normal * exact).sum(1), -1, 1))).mean() < 2.0
 
 
 def test_both_ways_know_a_plane_exactly():

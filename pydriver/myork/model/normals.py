@@ -15,9 +15,9 @@ __all__ = ["signed_distance", "surface_normals"]
 
 F64 = NDArray[np.float64]
 
-# Standard deviation of the smoothing, times the mean voxel size: less leaves the stairs of the
-# voxels in the normals, more rounds off thin bodies (see tests/imaging/test_normals.py).
-_SMOOTHING = 1.5
+# Standard deviation of the smoothing, across [voxel]: less leaves the stairs of the voxels in the
+# normals, more rounds off thin bodies (see tests/imaging/test_normals.py).
+_SMOOTHING = 2.5
 # Multiquadrics: radius of the window around a voxel [voxel], shape parameter, and the weight of
 # smoothness against the stairs of the voxels, in values of the function at its centre.
 _RADIUS = 4
@@ -53,6 +53,11 @@ def surface_normals(
 
     The body is taken to go on beyond its first and last slice.
 
+    Any phi that vanishes on the surface has its normals; the best one has even steps from voxel
+    to voxel. The distance in lengths jumps by whole slices above and below flat ends; in voxels a
+    body few slices high is flattened. Distances therefore count in the metric in which the body
+    is as nearly round as one between voxels and lengths makes it.
+
     Parameters
     ----------
     body : NDArray
@@ -63,8 +68,7 @@ def surface_normals(
         Where, shape `(n, 3)`.
     method : str
         `distance`: the signed distance under a Gaussian; `multiquadric`: reciprocal
-        multiquadrics fitted to one with shorter steps between slices, in a window around each
-        voxel.
+        multiquadrics fitted to it in a window around each voxel.
 
     Returns
     -------
@@ -76,24 +80,34 @@ def surface_normals(
     whole = np.pad(body, [(n, n) for n in pad])
     whole = np.pad(whole, [(0, 0), (0, 0), (_LAYERS, _LAYERS)], mode="edge")
     at = voxels + _LAYERS
+    metric = _round_metric(body, spacing)
+    phi = signed_distance(whole, metric)
     if method == "multiquadric":
-        normal = -_multiquadric_gradient(whole, spacing, at)
+        normal = -_multiquadric_gradient(phi, spacing, at)
     else:
-        phi = signed_distance(whole, spacing)
-        sigma = _SMOOTHING * np.cbrt(spacing.prod()) / spacing
-        phi = ndimage.gaussian_filter(phi, sigma, truncate=3.0)
+        phi = ndimage.gaussian_filter(phi, _SMOOTHING / np.sqrt(metric), truncate=3.0)
         gradient = np.stack(np.gradient(phi, *spacing), axis=-1)
         normal = -gradient[at[:, 0], at[:, 1], at[:, 2]]
     length = np.linalg.norm(normal, axis=1, keepdims=True)
     return np.where(length > 1e-6, normal / np.maximum(length, 1e-6), 0.0)
 
 
-def _multiquadric_gradient(body: NDArray[np.bool_], spacing: F64, at: NDArray[np.intp]) -> F64:
-    """Gradient of reciprocal multiquadrics fitted to phi around voxels, shape `(n, 3)`.
+def _round_metric(body: NDArray[np.bool_], spacing: F64) -> F64:
+    """Sizes of voxels, from one to their length ratios, in which the body is nearly round."""
+    pieces, _ = ndimage.label(body)
+    piece, voxels = pieces[body], np.argwhere(body)
+    size = np.maximum(np.bincount(piece), 1)
+    spread = np.empty(3)
+    for axis in range(3):
+        middle = np.bincount(piece, voxels[:, axis]) / size
+        spread[axis] = np.sqrt(((voxels[:, axis] - middle[piece]) ** 2).mean())
+    ratio = spacing / spacing.min()
+    extent = np.maximum(spread * spacing, 1e-12)
+    return np.clip(ratio * extent.min() / extent, 1.0, ratio)
 
-    Any phi that vanishes on the surface has its normals. That of lengths jumps by whole slices
-    above and below flat ends; in voxels a body few slices high is flattened. The square roots of
-    the voxel's length ratios lie between.
+
+def _multiquadric_gradient(phi: F64, spacing: F64, at: NDArray[np.intp]) -> F64:
+    """Gradient of reciprocal multiquadrics fitted to phi around voxels, shape `(n, 3)`.
 
     The global system of 4.1.3 is cut into one for each boundary voxel: a smoothing fit to the
     values in a box around it. All boxes are alike, so their system is solved once, for the
@@ -102,7 +116,6 @@ def _multiquadric_gradient(body: NDArray[np.bool_], spacing: F64, at: NDArray[np
     an ellipsoid, in lengths a box would hold too few slices.
     """
     metric = np.cbrt(spacing / spacing.min())
-    phi = signed_distance(body, np.sqrt(spacing / spacing.min()))
     phi = ndimage.gaussian_filter(phi, _BLUR / metric, truncate=3.0)
     radius = np.maximum(np.rint(_RADIUS / metric).astype(int), 1)
     offsets = np.stack(np.meshgrid(*(np.arange(-r, r + 1) for r in radius), indexing="ij"), -1)
