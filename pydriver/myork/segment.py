@@ -30,7 +30,7 @@ from myork.model.orientation import check_orientation
 from myork.records import Image, Labels
 from myork.segmentation.alignment import align_labels
 from myork.segmentation.bias import clustered_bias, n4_bias
-from myork.segmentation.channels import fiber_channels, scaled_values
+from myork.segmentation.channels import fiber_channels, scaled_values, smoothed_tensor
 from myork.segmentation.grouping import (
     Muscle,
     group_by_reference,
@@ -42,13 +42,14 @@ from myork.segmentation.grouping import (
 from myork.segmentation.level_sets import LevelSets, Regions, segment_regions, wanted_phase
 from myork.segmentation.regions import body_mask, box_mask, grown_mask, piece_with_seed
 from myork.segmentation.scores import label_scores
+from myork.segmentation.starts import seeded_regions
 from myork.segmentation.walk import edge_strength, random_walk
 from myork.summary import update_summary
 from myork.tissue import find_tissues
 
 __all__ = ["segment"]
 
-_CHOICES = ("volume", "start", "mu", "nu", "epsilon", "dt", "tolerance", "iterations")
+_CHOICES = ("volume", "mu", "nu", "epsilon", "dt", "tolerance", "iterations")
 
 
 def segment(
@@ -87,22 +88,26 @@ def segment(
     if table["fiber_channels"] != "none":
         if tensor is None:
             raise InputError("image.fiber_channels needs image.tensor or image.dwi")
-        channels.append(fiber_channels(tensor, region, table["fiber_channels"]))
+        smooth = smoothed_tensor(tensor, region, table["channel_smoothing"])
+        channels.append(fiber_channels(smooth, region, table["fiber_channels"]))
         weights += [table["fiber_weight"]] * channels[1].shape[3]
+    values = np.concatenate(channels, axis=3)
+    start = _start_labels(deck, table, folder, image, region, values * np.sqrt(weights))
     choice = LevelSets(
         regions=table["regions"],
         lambdas=table["lambda"],
+        start="labels" if table["start"] == "seeds" else table["start"],
         **{key: table[key] for key in _CHOICES},
     )
     progress(f"segmenting {int(region.sum())} pixels in {image.data.shape[2]} slices")
     result = segment_regions(
-        np.concatenate(channels, axis=3),
+        values,
         region,
         evolve_level_sets,
         choice,
         spacing=image.spacing,
         channel_weights=weights,
-        labels=_start_labels(image, table, folder),
+        labels=start,
         name=image.name,
     )
     labels, warnings = _labels(deck, table, folder, image, grey, result, progress)
@@ -194,8 +199,23 @@ def _region(image: Image, table: Mapping[str, Any], folder: Path) -> NDArray[np.
     return region
 
 
-def _start_labels(image: Image, table: Mapping[str, Any], folder: Path) -> NDArray[np.int32] | None:
-    """Label map to start from, if the deck names one."""
+def _start_labels(
+    deck: Mapping[str, Any],
+    table: Mapping[str, Any],
+    folder: Path,
+    image: Image,
+    region: NDArray[np.bool_],
+    values: NDArray[np.float64],
+) -> NDArray[np.int32] | None:
+    """Label map to start from, if the deck names one or has seeds to make it of."""
+    if table["start"] == "seeds":
+        muscles = _muscles(deck)
+        if not muscles:
+            raise InputError("image.start = 'seeds' needs [[muscle]] with seeds")
+        everywhere = np.where(region, 0, -1).astype(np.int32)
+        plain = [replace(muscle, regions=()) for muscle in muscles]
+        known = rule_seeds(everywhere, image, plain, table["seed_radius"])[1]
+        return seeded_regions(values, region, known, table["regions"])
     if "start_labels" not in table:
         return None
     labels = read_labels(folder / table["start_labels"])
@@ -259,10 +279,7 @@ def _labels(
     if "reference" in table:
         return _by_reference(table, folder, image, grey, result), []
     if rules:
-        muscles = [
-            Muscle(rule["name"], tuple(rule["regions"]), _points(rule), rule["rim"])
-            for rule in rules
-        ]
+        muscles = _muscles(deck)
         names = {number: muscle.name for number, muscle in enumerate(muscles, start=1)}
         rims = [muscle.name for muscle in muscles if muscle.rim]
         if split == "nearest" or (rims and split != "walk"):
@@ -319,6 +336,14 @@ def _by_reference(
         label = np.maximum(random_walk(edges, wanted, known, spacing, table["edge_weight"]), 0)
     names = {n: reference.label_name(n) for n in np.unique(label[label > 0]).tolist()}
     return Labels(label, image.affine, names, "segmentation")
+
+
+def _muscles(deck: Mapping[str, Any]) -> list[Muscle]:
+    """Rules of the deck."""
+    return [
+        Muscle(rule["name"], tuple(rule["regions"]), _points(rule), rule["rim"])
+        for rule in deck.get("muscle", [])
+    ]
 
 
 def _points(rule: Mapping[str, Any]) -> NDArray[np.float64]:

@@ -125,6 +125,27 @@ def test_six_muscles_by_fibers_and_without(tmp_path, inputs):
     assert means["none"] < means["dyad"] - 0.08
 
 
+@pytest.mark.parametrize(
+    "phantom",
+    [
+        ["phantom.seed=3", "phantom.snr=10"],
+        ["phantom.seed=5", "phantom.bias=0.7"],
+        ["phantom.seed=6", "phantom.pennation=0.75", "phantom.snr=18"],
+    ],
+)
+def test_other_phantoms_by_the_same_settings(tmp_path, inputs, phantom):
+    """What the deck's settings were not chosen on; three slices to be quick."""
+    few = ["phantom.size=[96, 96, 3]", "phantom.spacing=[1.25, 1.25, 42]", "image.iterations=100"]
+    names = load_deck(inputs / "leg_muscles.toml")["muscle"]
+    for entry in names:
+        seeds = np.reshape(entry["seeds"], (-1, 3))
+        seeds[:, 2] = 42 * np.rint(seeds[:, 2] / 42)
+        few.append(f"muscle.{entry['name']}.seeds={seeds.ravel().tolist()}")
+    deck = load_deck(inputs / "leg_muscles.toml", [*few, *phantom])
+    found = segment(deck, inputs, tmp_path, lambda line: None)["segmentation"]
+    assert np.mean([score["dice"] for score in found["scores"].values()]) > 0.9
+
+
 def test_muscles_of_the_phantom_touch():
     truth = make_phantom(septum=0.0, growth=15.0).truth.data
     touching = (truth[1:] > 0) & (truth[:-1] > 0) & (truth[1:] != truth[:-1])

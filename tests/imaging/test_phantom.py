@@ -61,6 +61,15 @@ def test_fibers_are_unit_vectors_in_muscles_only(phantom):
     assert not length[~muscle].any()
 
 
+def test_pennation_is_scaled(phantom):
+    def angle(p):
+        here = p.truth.data == 3
+        return np.arccos(p.fiber.data[here, 2])
+
+    flat = make_phantom(pennation=0.5)
+    np.testing.assert_allclose(angle(flat), 0.5 * angle(phantom), atol=1e-12)
+
+
 def test_field_of_view_too_small():
     with pytest.raises(InputError, match="needs 112 x 112 mm"):
         make_phantom(size=(40, 40, 5))

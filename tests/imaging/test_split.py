@@ -12,6 +12,7 @@ from myork.imaging.io import read_labels, write_image, write_labels
 from myork.records import Image, Labels
 from myork.segment import segment
 from myork.segmentation.alignment import align_labels
+from myork.segmentation.channels import smoothed_tensor
 from myork.segmentation.grouping import (
     Muscle,
     group_by_reference,
@@ -20,6 +21,7 @@ from myork.segmentation.grouping import (
     rule_seeds,
 )
 from myork.segmentation.scores import dice
+from myork.segmentation.starts import seeded_regions
 from myork.segmentation.walk import edge_strength, random_walk
 
 SPACING = np.array([1.5, 1.5, 6.0])
@@ -134,6 +136,37 @@ def test_seeds_that_cannot_be(rules, message):
         edge_strength(np.zeros((3, 3, 1)), np.ones((3, 3, 1), bool))
 
 
+def test_regions_start_around_the_seeds_and_clusters_of_the_rest():
+    random = np.random.default_rng(5)
+    centre = np.array([[0, 0], [1, 0], [0, 1], [6, 6], [9, 0]])
+    kind = np.repeat(np.arange(5), 40).reshape(20, 10, 1)
+    values = centre[kind] + random.normal(0, 0.1, (20, 10, 1, 2))
+    region = np.ones(kind.shape, bool)
+    region[:, 9] = False
+    known = np.full(kind.shape, -1, np.int32)
+    known[9, 3, 0], known[0, 0, 0], known[5, 4, 0] = 1, 2, 3  # classes 2, 0, 1
+    found = seeded_regions(values, region, known, 5)
+    # Muscles in their order, then the clusters of what is like none, by their first channel
+    wanted = np.array([1, 2, 0, 3, 4])[kind]
+    assert np.array_equal(found[region], wanted[region]) and not found[~region].any()
+    # With as many regions as muscles all is one of them.
+    assert set(np.unique(seeded_regions(values, region, known, 3))) == {0, 1, 2}
+    with pytest.raises(InputError, match="3 muscles have seeds, image.regions is 2; raise it"):
+        seeded_regions(values, region, known, 2)
+
+
+def test_smoothing_of_tensors_stays_inside_and_skips_what_is_not_finite():
+    data = np.ones((9, 8, 3, 6))
+    data[:4] = 7.0
+    data[6, 3, 1] = np.nan
+    region = np.ones((9, 8, 3), bool)
+    region[:4] = False
+    tensor = Image(data, AFFINE, "tensor")
+    smooth = smoothed_tensor(tensor, region, 2.0)
+    np.testing.assert_allclose(smooth.data[region], 1.0)
+    assert smoothed_tensor(tensor, region, 0.0) is tensor
+
+
 def two_muscles():
     """Two muscles that touch, in fat: no border between them in the image."""
     i, j = np.indices((80, 70)) - np.array([39.5, 34.5])[:, None, None]
@@ -224,6 +257,8 @@ def test_segment_walks_from_the_seeds_of_the_deck(tmp_path):
     with pytest.raises(InputError, match="'nearest' needs image.reference; seeds go with 'walk'"):
         bone = text[text.rindex("[[") :]
         segment(deck(tmp_path / "a.toml", bone, split="nearest"), tmp_path, tmp_path / "o", print)
+    with pytest.raises(InputError, match=r"start = 'seeds' needs \[\[muscle\]\] with seeds"):
+        segment(deck(tmp_path / "b.toml", "", start="seeds"), tmp_path, tmp_path / "out", print)
     with pytest.raises(InputError, match=r"split = 'walk' needs image.reference or \[\[muscle\]\]"):
         segment(deck(tmp_path / "b.toml", "", split="walk"), tmp_path, tmp_path / "out", print)
 

@@ -143,6 +143,7 @@ def make_phantom(
     aponeurosis: float = 0.0,
     imat: float = 0.0,
     imct: float = 0.0,
+    pennation: float = 1.0,
 ) -> Phantom:
     """Make the images of the phantom; equal arguments give equal images.
 
@@ -170,6 +171,8 @@ def make_phantom(
         Thickness of the connective tissue around the medial gastrocnemius [mm].
     imat, imct : float
         Part of each muscle's volume that is fat, or connective tissue, 0 to 0.5 [-].
+    pennation : float
+        Factor of the angles of all fibers against z [-].
     """
     if not imat + imct < 1.0:
         raise InputError(f"phantom: imat + imct = {imat + imct:g} leaves no muscle; lower one")
@@ -200,7 +203,7 @@ def make_phantom(
     random = np.random.default_rng(seed)
     sigma = _MUSCLE_SIGNAL / snr
     anatomy = _rician(signals[0] * factor, sigma, random)
-    fiber = _fibers(label, x / scale, y / scale, t)
+    fiber = _fibers(label, x / scale, y / scale, t, pennation)
     body = signals[0] > 0
     clean = _tensors(table[substance, -1] == 1, fiber, body)
     noise = np.mean(_DIFFUSIVITY) / snr
@@ -412,13 +415,13 @@ def _shading(x: F64, y: F64, t: F64) -> F64:
     return 0.5 * x / r - 0.8 * y / r + 0.35 * np.cos(2.0 * x / r + 1.5 * t) + 0.3 * (t - 0.5)
 
 
-def _fibers(label: NDArray[np.int32], x: F64, y: F64, t: F64) -> F64:
+def _fibers(label: NDArray[np.int32], x: F64, y: F64, t: F64, pennation: float) -> F64:
     """Fiber directions: pennate, a little fanned across the muscle, flatter towards the top."""
     fiber = np.zeros((*label.shape, 3))
     for number, muscle in enumerate(_MUSCLES, start=1):
         here = label == number
         across = _turned(muscle, x, y)[0] / muscle.semi_axes[0]
-        slope = np.radians(muscle.pennation * (1.15 - 0.3 * t[here]))
+        slope = np.radians(pennation * muscle.pennation * (1.15 - 0.3 * t[here]))
         azimuth = np.radians(muscle.azimuth + 12.0 * across[here])
         fiber[here] = np.stack(
             [np.sin(slope) * np.cos(azimuth), np.sin(slope) * np.sin(azimuth), np.cos(slope)], -1

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from myork.errors import InputError
 from myork.records import Image
 from myork.segmentation.regions import otsu
 
-__all__ = ["fiber_channels", "scaled_values"]
+__all__ = ["fiber_channels", "scaled_values", "smoothed_tensor"]
 
 F64 = NDArray[np.float64]
 
@@ -35,6 +38,33 @@ def scaled_values(image: Image, region: NDArray[np.bool_]) -> F64:
     if not high > low:
         raise InputError(f"{image.name}: the region to segment has one grey value only, {low:g}")
     return (image.data - low) / (high - low)
+
+
+def smoothed_tensor(tensor: Image, region: NDArray[np.bool_], sigma: float) -> Image:
+    """Components of tensors under a Gaussian inside of a region.
+
+    Sums, not logarithms: tensors of noisy images need not be positive, and only the direction is
+    used.
+
+    Parameters
+    ----------
+    tensor : Image
+        Shape `(ni, nj, nk, 6)`; a tensor that is not finite does not count.
+    region : NDArray
+        Voxels that count, shape `(ni, nj, nk)`.
+    sigma : float
+        Standard deviation [mm]; 0 leaves the tensors as they are.
+    """
+    if sigma == 0:
+        return tensor
+    usable = region & np.isfinite(tensor.data).all(axis=-1)
+    blur = sigma / tensor.spacing
+    weight = ndimage.gaussian_filter(usable.astype(float), blur)
+    parts = [
+        ndimage.gaussian_filter(np.where(usable, values, 0.0), blur) / np.maximum(weight, 1e-8)
+        for values in np.moveaxis(tensor.data, -1, 0)
+    ]
+    return replace(tensor, data=np.stack(parts, axis=-1))
 
 
 def fiber_channels(tensor: Image, region: NDArray[np.bool_], kind: str) -> F64:

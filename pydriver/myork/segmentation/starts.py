@@ -15,6 +15,7 @@ __all__ = [
     "level_sets_for",
     "level_sets_of",
     "regions_of",
+    "seeded_regions",
     "threshold_regions",
 ]
 
@@ -63,6 +64,45 @@ def kmeans(values: F64, count: int, seed: int = 0) -> tuple[I32, F64]:
             best, least = centres, rest
     best = best[np.lexsort(best.T[::-1])]
     return _nearest(values, best)[0], best
+
+
+def seeded_regions(values: F64, region: NDArray[np.bool_], known: I32, count: int) -> I32:
+    """Regions around the mean values of seeds, and clusters of what is like none of them.
+
+    Parameters
+    ----------
+    values : NDArray
+        Channels, each times the square root of its weight, shape `(ni, nj, nk, nchannel)` [-].
+    region : NDArray
+        Voxels that take part, shape `(ni, nj, nk)`.
+    known : NDArray
+        Label of the seeds, from 1, -1 elsewhere, same shape.
+    count : int
+        Number of regions: the labels less one, then the clusters.
+
+    Returns
+    -------
+    NDArray
+        Region of each voxel, zero outside of `region`, shape `(ni, nj, nk)`.
+    """
+    labels = np.unique(known[known > 0])
+    if len(labels) > count:
+        raise InputError(
+            f"image.start = 'seeds': {len(labels)} muscles have seeds, image.regions is {count}; "
+            "raise it"
+        )
+    inside = values[region]
+    nearest, away = _nearest(inside, np.stack([values[known == n].mean(axis=0) for n in labels]))
+    if count > len(labels):
+        # Few voxels far from all would drag the threshold.
+        strange = away > otsu(np.minimum(away, np.percentile(away, 99.0)))
+        if strange.any():
+            clusters = kmeans(inside[strange], count - len(labels))[0]
+            nearest[strange] = len(labels) + clusters
+    nearest[known[region] > 0] = np.searchsorted(labels, known[region & (known > 0)])
+    result = np.zeros(region.shape, np.int32)
+    result[region] = nearest
+    return result
 
 
 def _spread(values: F64, count: int, random: np.random.Generator) -> F64:
