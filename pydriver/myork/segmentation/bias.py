@@ -48,8 +48,8 @@ class BiasField:
     field : NDArray
         Factor on the true values, mean one inside the mask, one outside, shape `(ni, nj, nk)` [-].
     energy : NDArray
-        Energy (3.38) of each round before the field is improved, shape `(rounds,)`; empty for
-        N4 [-].
+        Energy (3.38) of each round of the second estimate, before the field is improved, shape
+        `(rounds,)`; empty for N4 [-].
     converged : bool
         Whether the field came to rest.
     """
@@ -110,21 +110,46 @@ def clustered_bias(
     size = np.asarray(spacing) * (shrink, shrink, 1)
     image = np.where(inside, small / np.where(inside, share, 1.0), 0.0)
     image /= np.percentile(image[inside], 99.0)
+    trust = _trust(image, inside)
+    counts = trust > 0
+    if not counts.any():
+        raise InputError("bias: every voxel lies at an edge; the image is all noise")
+    # Clusters of a shaded image mix bright muscle with dark fat; those of the image without a first
+    # estimate of its field do so less.
+    field = inside.astype(float)
+    for _ in range(2):
+        field, energy, converged = _improved(
+            image, inside, trust, field, evolve, size, regions, sigma, mu, rounds, tolerance
+        )
+    full = _spread_out(field, inside, values.shape, shrink)
+    return BiasField(_of_mean_one(full, mask), np.array(energy), converged)
+
+
+def _improved(
+    image: F64,
+    inside: Mask,
+    trust: F64,
+    field: F64,
+    evolve: Evolve,
+    size: F64,
+    regions: int,
+    sigma: float,
+    mu: float,
+    rounds: int,
+    tolerance: float,
+) -> tuple[F64, list[float], bool]:
+    """Field from a first one, energy of every round, and whether it rests."""
+    counts = trust > 0
     widths = [sigma / h if n > 1 else 0.0 for h, n in zip(size, image.shape, strict=True)]
 
     def blurred(a: F64) -> F64:
         # The same discrete kernel stands in every convolution, so cutting it off costs nothing.
         return ndimage.gaussian_filter(a, widths, mode="constant", truncate=3.0)
 
-    trust = _trust(image, inside)
-    counts = trust > 0
-    if not counts.any():
-        raise InputError("bias: every voxel lies at an edge; the image is all noise")
     clusters = np.zeros(inside.shape, np.int32)
-    clusters[inside] = kmeans(image[inside][:, None], regions)[0]
+    clusters[inside] = kmeans((image / np.maximum(field, 1e-6))[inside][:, None], regions)[0]
     phi = level_sets_of(clusters, regions, True)
     whole = blurred(inside.astype(float))
-    field = inside.astype(float)
     pixel = size / size.min()
     cell = float(np.prod(pixel if image.shape[2] > 1 else pixel[:2]))
     energy: list[float] = []
@@ -158,8 +183,7 @@ def clustered_bias(
         )
         field /= field[inside].mean()
         converged = float(np.sqrt(np.mean((field - before)[inside] ** 2))) <= tolerance
-    full = _spread_out(field, inside, values.shape, shrink)
-    return BiasField(_of_mean_one(full, mask), np.array(energy), converged)
+    return field, energy, converged
 
 
 def n4_bias(values: F64, mask: Mask, *, spacing: ArrayLike, shrink: int = 1) -> BiasField:
