@@ -295,8 +295,7 @@ subroutine assemble(self, x, held, load, tangent, r, state)
    do g = 1, size(self%cells%first) - 1
       associate (member => self%gradient%member(self%gradient%member_start(g) + 1: &
          & self%gradient%member_start(g + 1)))
-         call group_part(self, g, reshape(x, [nd, size(x)/nd]), held, load, tangent, &
-            & force, part)
+         call group_part(self, g, x, held, load, tangent, force, part)
          !$omp ordered
          call add_forces(member, force, r)
          if (tangent .and. self%matrix%formed) call self%matrix%add(self%matrix%value, member, part)
@@ -318,8 +317,8 @@ subroutine group_part(self, g, x, held, load, tangent, force, part)
    class(galerkin_type), intent(inout) :: self
    !> Group
    integer, intent(in) :: g
-   !> Unknowns, shape (nd, ns) [length]
-   real(wp), intent(in) :: x(:, :)
+   !> Unknowns [length]
+   real(wp), intent(in) :: x(self%gradient%nd, self%n/self%gradient%nd)
    !> Load of the essential values in the gradients [-]
    real(wp), intent(in) :: held
    !> Load [-]
@@ -420,13 +419,14 @@ subroutine group_part(self, g, x, held, load, tangent, force, part)
       p = self%cells%weight(o + q)*p
       cofactor = self%cells%weight(o + q)*cofactor
       if (tangent .and. .not. formed) self%matrix%cofactor(:, :, o + q) = cofactor
+      call self%gradient%add_force(o + q, p, force)
+      if (.not. tangent) cycle
       do e = self%gradient%start(o + q) + 1, self%gradient%start(o + q + 1)
          k = int(e - self%gradient%start(o + q))
          do i = 1, nd
             associate (grad => self%gradient%value(:, self%gradient%first(i, o + q) + k), &
                & at => self%gradient%local(e))
-               force(i, at) = force(i, at) + dot_product(p(i, :nd), grad)
-               if (tangent) volume(nd*(at - 1) + i, :) = volume(nd*(at - 1) + i, :) &
+               volume(nd*(at - 1) + i, :) = volume(nd*(at - 1) + i, :) &
                   & + dot_product(cofactor(i, :nd), grad)*self%pressure%basis(:b, o + q)
             end associate
          end do

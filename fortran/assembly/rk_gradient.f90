@@ -38,6 +38,8 @@ module rk_gradient
    contains
       !> Displacement gradient at a point
       procedure :: at => gradient_at
+      !> Forces that a stress makes
+      procedure :: add_force
       !> Set the essential values
       procedure :: give
    end type gradient_type
@@ -311,10 +313,24 @@ pure subroutine gradient_at(self, q, x, load, h)
    real(wp), intent(in) :: load
    !> Gradient u_i,A with the lifting, shape (nd, nd) [-]
    real(wp), intent(out) :: h(:, :)
-   integer(i8) :: e
+   real(wp) :: solid(3, 3), u(3)
+   integer(i8) :: at, e
    integer :: i, k
 
    h = load*self%given(:, :, q)
+   if (self%nd == 3 .and. self%first(1, q) == self%first(self%nd, q)) then
+      ! nearly all points of a solid; lengths that the compiler knows
+      solid = 0.0_wp
+      at = self%first(1, q) - self%start(q)
+      do e = self%start(q) + 1, self%start(q + 1)
+         u = x(:3, self%local(e))
+         do k = 1, 3
+            solid(:, k) = solid(:, k) + u*self%value(k, at + e)
+         end do
+      end do
+      h = h + solid
+      return
+   end if
    do e = self%start(q) + 1, self%start(q + 1)
       k = int(e - self%start(q))
       do i = 1, self%nd
@@ -322,5 +338,41 @@ pure subroutine gradient_at(self, q, x, load, h)
       end do
    end do
 end subroutine gradient_at
+
+!> Add the forces that do the work of a stress
+pure subroutine add_force(self, q, p, force)
+   !> Gradients
+   class(gradient_type), intent(in) :: self
+   !> Point
+   integer, intent(in) :: q
+   !> First Piola-Kirchhoff stress times weight, shape (3, 3), index (i, A) [stress length^nd]
+   real(wp), intent(in) :: p(:, :)
+   !> Forces on the group's source points, shape (nd, members) [force]
+   real(wp), intent(inout) :: force(:, :)
+   real(wp) :: solid(3, 3), grad(3)
+   integer(i8) :: at, e
+   integer :: i, k
+
+   if (self%nd == 3 .and. self%first(1, q) == self%first(self%nd, q)) then
+      solid = p(:3, :3)
+      at = self%first(1, q) - self%start(q)
+      do e = self%start(q) + 1, self%start(q + 1)
+         grad = self%value(:3, at + e)
+         associate (f => force(:3, self%local(e)))
+            do k = 1, 3
+               f = f + solid(:, k)*grad(k)
+            end do
+         end associate
+      end do
+      return
+   end if
+   do e = self%start(q) + 1, self%start(q + 1)
+      k = int(e - self%start(q))
+      do i = 1, self%nd
+         force(i, self%local(e)) = force(i, self%local(e)) &
+            & + dot_product(p(i, :self%nd), self%value(:, self%first(i, q) + k))
+      end do
+   end do
+end subroutine add_force
 
 end module rk_gradient

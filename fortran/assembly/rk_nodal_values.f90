@@ -23,6 +23,10 @@ module rk_nodal_values
       integer, allocatable :: column(:)
       !> Shape function values
       real(wp), allocatable :: value(:)
+      !> The same of the transposed, whose rows do not wait for each other either
+      integer(i8), allocatable :: start_t(:)
+      integer, allocatable :: column_t(:)
+      real(wp), allocatable :: value_t(:)
       !> Middle and half length of the interval that holds the eigenvalues
       real(wp) :: middle = 1.0_wp
       real(wp) :: half = 0.5_wp
@@ -71,6 +75,8 @@ subroutine new_nodal_values(self, cells, inside)
       end do
       self%start(i + 1) = self%start(i) + k
    end do
+   call transpose_rows(self%start, self%column, self%value, self%start_t, self%column_t, &
+      & self%value_t)
    ! on a lattice what changes sign in every direction has this eigenvalue
    own = max(2.0_wp*max(own, 0.0_wp)**(1.0_wp/inside%nd) - 1.0_wp, smallest)**inside%nd
    self%middle = 0.5_wp*(largest + own)
@@ -95,7 +101,11 @@ subroutine invert(self, transposed, x)
    x = step
    rho = self%half/self%middle
    do k = 1, steps
-      call product_with(self, transposed, step, image)
+      if (transposed) then
+         call product_with(self%start_t, self%column_t, self%value_t, step, image)
+      else
+         call product_with(self%start, self%column, self%value, step, image)
+      end if
       r = r - image
       before = rho
       rho = 1.0_wp/(2.0_wp*self%middle/self%half - before)
@@ -104,34 +114,72 @@ subroutine invert(self, transposed, x)
    end do
 end subroutine invert
 
-!> y = T x or T^T x
-pure subroutine product_with(self, transposed, x, y)
-   !> Map
-   class(nodal_values_type), intent(in) :: self
-   !> The transposed
-   logical, intent(in) :: transposed
+!> y = T x
+subroutine product_with(start, column, value, x, y)
+   !> Rows, see above
+   integer(i8), intent(in) :: start(:)
+   integer, intent(in) :: column(:)
+   real(wp), intent(in) :: value(:)
    !> Factor, shape (nd, ns)
    real(wp), contiguous, intent(in) :: x(:, :)
    !> Product, shape (nd, ns)
    real(wp), contiguous, intent(inout) :: y(:, :)
-   real(wp) :: sum(size(x, 1))
+   real(wp) :: solid(3), plane(2)
    integer(i8) :: k
    integer :: i
 
-   if (transposed) y = 0.0_wp
+   !$omp parallel do default(none) schedule(static) private(k, solid, plane) &
+   !$omp shared(start, column, value, x, y)
    do i = 1, size(x, 2)
-      if (transposed) then
-         do k = self%start(i) + 1, self%start(i + 1)
-            y(:, self%column(k)) = y(:, self%column(k)) + self%value(k)*x(:, i)
+      ! lengths that the compiler knows
+      if (size(x, 1) == 3) then
+         solid = 0.0_wp
+         do k = start(i) + 1, start(i + 1)
+            solid = solid + value(k)*x(:3, column(k))
          end do
+         y(:3, i) = solid
       else
-         sum = 0.0_wp
-         do k = self%start(i) + 1, self%start(i + 1)
-            sum = sum + self%value(k)*x(:, self%column(k))
+         plane = 0.0_wp
+         do k = start(i) + 1, start(i + 1)
+            plane = plane + value(k)*x(:2, column(k))
          end do
-         y(:, i) = sum
+         y(:2, i) = plane
       end if
    end do
+   !$omp end parallel do
 end subroutine product_with
+
+!> Rows of the transposed
+pure subroutine transpose_rows(start, column, value, start_t, column_t, value_t)
+   !> Rows, see above
+   integer(i8), intent(in) :: start(:)
+   integer, intent(in) :: column(:)
+   real(wp), intent(in) :: value(:)
+   !> Rows of the transposed
+   integer(i8), allocatable, intent(out) :: start_t(:)
+   integer, allocatable, intent(out) :: column_t(:)
+   real(wp), allocatable, intent(out) :: value_t(:)
+   integer(i8) :: at(size(start)), k
+   integer :: i
+
+   allocate (start_t(size(start)), source=0_i8)
+   allocate (column_t(size(column)), value_t(size(column)))
+   do k = 1, size(column, kind=i8)
+      start_t(column(k) + 1) = start_t(column(k) + 1) + 1
+   end do
+   do i = 2, size(start)
+      start_t(i) = start_t(i) + start_t(i - 1)
+   end do
+   at = start_t
+   do i = 1, size(start) - 1
+      do k = start(i) + 1, start(i + 1)
+         associate (to => at(column(k)))
+            to = to + 1
+            column_t(to) = i
+            value_t(to) = value(k)
+         end associate
+      end do
+   end do
+end subroutine transpose_rows
 
 end module rk_nodal_values

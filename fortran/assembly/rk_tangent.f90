@@ -157,10 +157,9 @@ subroutine add_groups(self, x, y, volume, pressure)
       associate (member => self%gradient%member(self%gradient%member_start(g) + 1: &
          & self%gradient%member_start(g + 1)))
          if (present(pressure)) then
-            call group_force(self, g, member, reshape(x, [nd, size(x)/nd]), volume(:, g), force, &
-               & pressure(:, g))
+            call group_force(self, g, member, x, volume(:, g), force, pressure(:, g))
          else
-            call group_force(self, g, member, reshape(x, [nd, size(x)/nd]), volume(:, g), force)
+            call group_force(self, g, member, x, volume(:, g), force)
          end if
          !$omp ordered
          call add_forces(member, force, y)
@@ -194,8 +193,8 @@ pure subroutine group_force(self, g, member, x, volume, force, pressure)
    integer, intent(in) :: g
    !> Its source points
    integer, intent(in) :: member(:)
-   !> Displacements of all source points, shape (nd, ns) [length]
-   real(wp), intent(in) :: x(:, :)
+   !> Displacements of all source points [length]
+   real(wp), intent(in) :: x(self%block, self%n/self%block)
    !> B u of the group, shape (1 + nd)
    real(wp), intent(out) :: volume(:)
    !> Forces on its source points, shape (nd, members) [force]
@@ -204,8 +203,7 @@ pure subroutine group_force(self, g, member, x, volume, force, pressure)
    real(wp), intent(in), optional :: pressure(:)
    real(wp), allocatable :: local(:, :), h(:, :, :)
    real(wp) :: p(3, 3), coefficient(size(volume))
-   integer :: b, i, k, m, n, nd, o, q
-   integer(i8) :: e
+   integer :: b, i, k, n, nd, o, q
 
    nd = self%block
    o = self%cells%first(g)
@@ -230,13 +228,7 @@ pure subroutine group_force(self, g, member, x, volume, force, pressure)
             p(:nd, :nd) = p(:nd, :nd) + self%moduli(:nd, :nd, i, k, o + q)*h(i, k, q)
          end do
       end do
-      do e = self%gradient%start(o + q) + 1, self%gradient%start(o + q + 1)
-         m = int(e - self%gradient%start(o + q))
-         do i = 1, nd
-            force(i, self%gradient%local(e)) = force(i, self%gradient%local(e)) &
-               & + dot_product(p(i, :nd), self%gradient%value(:, self%gradient%first(i, o + q) + m))
-         end do
-      end do
+      call self%gradient%add_force(o + q, p, force)
    end do
 end subroutine group_force
 
