@@ -65,21 +65,16 @@ subroutine grow(a, columns)
    call move_alloc(wide, a)
 end subroutine grow
 
-!> Join groups of few cells to others, the smallest first: to that of the same tissue with which they
-!> share the largest area, or to one of another tissue where there is none
-subroutine join_small(group, label, facets, least)
+!> Join groups of few cells to the group with which they share the largest area, the smallest first
+subroutine join_small(group, facets, least)
    !> Group of each cell, from 1, shape (cells)
    integer, intent(inout) :: group(:)
-   !> Tissue of each cell, shape (cells)
-   integer, intent(in) :: label(:)
    !> Facets
    type(facets_type), intent(in) :: facets
    !> Cells of a group at least; a body apart from all others keeps what it has
    integer, intent(in) :: least
    integer :: members(maxval(group)), g, i, k, other
    real(wp) :: shared(maxval(group))
-   !> Outweighs all faces that a cell has
-   real(wp), parameter :: same = 1.0e3_wp
 
    members = 0
    do i = 1, size(group)
@@ -93,10 +88,8 @@ subroutine join_small(group, label, facets, least)
          if (facets%side(2, k) == 0) cycle
          associate (a => group(facets%side(1, k)), b => group(facets%side(2, k)))
             if (a == b) cycle
-            if (a /= g .and. b /= g) cycle
-            other = merge(b, a, a == g)
-            shared(other) = shared(other) + norm2(facets%area(:, k)) &
-               & *merge(same, 1.0_wp, label(facets%side(1, k)) == label(facets%side(2, k)))
+            if (a == g) shared(b) = shared(b) + norm2(facets%area(:, k))
+            if (b == g) shared(a) = shared(a) + norm2(facets%area(:, k))
          end associate
       end do
       other = maxloc(shared, dim=1)

@@ -17,8 +17,8 @@ module rk_voxels
 
 contains
 
-!> Facets of all cells and their groups: blocks of source spacings with one tissue, the small
-!> ones joined to others
+!> Facets of all cells and their groups: blocks of source spacings, those cut small by the surface
+!> joined to others
 subroutine voxel_facets(facets, cloud, group, error)
    !> Facets
    type(facets_type), intent(inout) :: facets
@@ -29,7 +29,7 @@ subroutine voxel_facets(facets, cloud, group, error)
    !> Error handling: no voxels, a source point without voxels
    type(error_type), allocatable, intent(out) :: error
    real(wp) :: low(3), size_(3), step(3), area(3)
-   integer, allocatable :: owner(:), at(:, :), voxel(:, :, :), first(:), label(:)
+   integer, allocatable :: owner(:), at(:, :), voxel(:, :, :), first(:)
    integer :: n(3), blocks(3), ip, other, d, side, next(3), nd, set
 
    nd = cloud%nd
@@ -94,8 +94,6 @@ subroutine voxel_facets(facets, cloud, group, error)
          end do
       end do
    end do
-   ! the tissue of a cell is that of its first voxel
-   label = cloud%label(first)
    blocks = 1
    do d = 1, nd
       blocks(d) = 1 + int((maxval(cloud%source(d, :)) - minval(cloud%source(d, :))) &
@@ -109,10 +107,9 @@ subroutine voxel_facets(facets, cloud, group, error)
             & + 0.25_wp/group_size)
       end do
       next(:nd) = min(next(:nd), blocks(:nd) - 1)
-      group(ip) = 1 + next(1) + blocks(1)*(next(2) + blocks(2)*(next(3) + blocks(3) &
-         & *(label(ip) - minval(label))))
+      group(ip) = 1 + next(1) + blocks(1)*(next(2) + blocks(2)*next(3))
    end do
-   call join_small(group, label, facets, group_size**nd/3)
+   call join_small(group, facets, (group_size**nd + 1)/2)
 end subroutine voxel_facets
 
 !> Smallest distance of different numbers, 0 if all are the same
