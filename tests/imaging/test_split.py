@@ -1,6 +1,7 @@
 """Parting what has one grey value: random walks, nearest labels, a reference moved into place."""
 
 import json
+from functools import partial
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from myork.errors import InputError
 from myork.imaging.io import read_labels, write_image, write_labels
 from myork.records import Image, Labels
 from myork.segment import segment
+from myork.segmentation import walk
 from myork.segmentation.alignment import align_labels
 from myork.segmentation.channels import smoothed_tensor
 from myork.segmentation.grouping import (
@@ -115,6 +117,14 @@ def test_walks_on_a_strip_follow_the_resistances():
     # Eighteen steps of one and two of nine onto and off the edge: half of 36 is reached inside
     # the edge's first step after 4 + 9 = 13 and its second after 22.
     assert found[:, 0, 0].tolist() == [1] * 6 + [2] * 15
+
+
+def test_walks_that_are_not_solved_are_told(monkeypatch):
+    image, truth = leg()
+    # Slices are solved exactly by the preconditioner; what joins them takes more than one step.
+    monkeypatch.setattr(walk, "cg", partial(walk.cg, maxiter=1))
+    with pytest.raises(InputError, match="walks from label 1 .* lower image.edge_weight = 20"):
+        walked(image, truth, RULES)
 
 
 @pytest.mark.parametrize(

@@ -99,7 +99,12 @@ def random_walk(
         likely = np.zeros((len(names), int(free.sum())))
         for number, name in enumerate(names[:-1]):
             right = -(coupling @ (known[~free] == name).astype(float))
-            likely[number], _ = cg(system, right, rtol=_TOLERANCE, M=inverse)
+            likely[number], info = cg(system, right, rtol=_TOLERANCE, M=inverse)
+            if info != 0:
+                raise InputError(
+                    f"the random walks from label {name} were not solved to {_TOLERANCE} "
+                    f"(conjugate gradients end with {info}); lower image.edge_weight = {shyness}"
+                )
         likely[-1] = 1.0 - likely[:-1].sum(axis=0)
         result[free] = names[likely.argmax(axis=0)]
     found[inside] = result
