@@ -9,7 +9,7 @@ from myork.imaging.phantom import TISSUES, make_phantom
 from myork.model.points import BONE, boundary_sets, changed_volumes, coarsen, select
 from myork.records import Image, Labels
 from myork.segmentation.fuzzy import fuzzy_c_means
-from myork.segmentation.leg import LegImages, check_disjoint, find_bones, leg_tissues
+from myork.segmentation.leg import LegImages, _skin, check_disjoint, find_bones, leg_tissues
 from myork.segmentation.scores import dice
 
 KEYS = {"least_diffusivity": 0.8e-3, "spatial": 0.0, "seed": 1}
@@ -104,6 +104,14 @@ def test_a_single_slice_is_a_leg_as_well():
     # Pixels that fat between the muscles fills in part are muscle by their grey value.
     for number, least in ((1, 0.93), (2, 0.94), (4, 0.95)):
         assert dice(found == number, truth == number) > least
+
+
+def test_skin_lies_along_air_only():
+    body = np.ones((12, 12, 2), bool)
+    body[:2, :, 1] = False
+    skin = _skin(body, np.array([1.0, 1.0]))
+    assert not skin[..., 0].any()  # the whole picture is body
+    assert skin[2, :, 1].all() and not skin[:2, :, 1].any() and not skin[-1, :, 1].any()
 
 
 def test_no_connective_tissue_where_there_is_none():

@@ -203,6 +203,8 @@ def _skin(body: Mask, pixel: NDArray[np.float64]) -> Mask:
     """Band of the body along the air in every slice; where the picture ends there is no air."""
     skin = np.zeros(body.shape, dtype=bool)
     for k in range(body.shape[2]):
+        if body[:, :, k].all():
+            continue  # SciPy's distances to nothing are those to a place outside of the array
         depth = ndimage.distance_transform_edt(
             np.pad(body[:, :, k], 1, mode="edge"), sampling=pixel
         )
