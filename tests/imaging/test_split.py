@@ -228,6 +228,23 @@ def test_reference_without_labels_in_a_slice_stays():
     assert not nearest_labels(body, empty.data, np.ones(3), 5.0).any()
 
 
+@pytest.mark.parametrize("flat", [0, 1])
+def test_reference_stays_in_a_slice_without_an_edge(flat):
+    image, truth, body = two_muscles()
+    grey, off = image.data.copy(), shifted(truth, (4, 0), 0).astype(np.int32)
+    pair = [np.full_like(grey, 333.0), grey]
+    edges = edge_strength(np.concatenate(pair[:: 1 - 2 * flat], axis=2), np.repeat(body, 2, axis=2))
+    moved = align_labels(
+        Labels(np.repeat(off, 2, axis=2), np.eye(4)),
+        edges,
+        np.repeat(truth > 0, 2, axis=2),
+        np.repeat(body, 2, axis=2),
+        8.0,
+    ).data
+    assert np.array_equal(moved[..., flat], off[..., 0])
+    assert dice(moved[..., 1 - flat] == 1, truth[..., 0] == 1) > 0.93
+
+
 def test_seeds_of_a_reference_keep_off_its_borders():
     label = np.zeros((20, 20, 1), np.int32)
     label[4:16, 4:16], label[17:19, 1:3] = 1, 7

@@ -27,6 +27,9 @@ _STRONG = 95.0
 # Weight of labelled pixels outside of the wanted tissue, and of the motion, against edges.
 _OUTSIDE = 2.0
 _MOTION = 0.1
+# Slope of the logarithm of grey values below which there is no edge but rounding, of values in
+# single precision as well [1/pixel].
+_FLAT = 1e-6
 # Blurring of the maps from coarse to fine, in parts of the reach.
 _COARSE_TO_FINE = (0.5, 0.25, 0.125)
 
@@ -50,13 +53,14 @@ def align_labels(labels: Labels, edges: F64, tissue: Mask, body: Mask, reach: fl
     Returns
     -------
     Labels
-        On the same grid; nothing moves from slice to slice.
+        On the same grid; nothing moves from slice to slice, nor in a slice without an edge.
     """
     data = labels.data.copy()
-    strong = float(np.percentile(edges[body], _STRONG))
+    strong = max(float(np.percentile(edges[body], _STRONG)), _FLAT)
     pixel = float(np.sqrt(labels.spacing[0] * labels.spacing[1]))
     for k in range(data.shape[2]):
-        if not data[:, :, k].any() or not body[:, :, k].any():
+        most = edges[:, :, k].max(initial=0.0, where=body[:, :, k])
+        if not data[:, :, k].any() or most < _FLAT:
             continue
         maps = []
         for fraction in _COARSE_TO_FINE:
