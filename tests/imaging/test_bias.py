@@ -19,7 +19,7 @@ def shaded(bias, size):
 @pytest.mark.parametrize("bias", [0.3, 0.9])
 def test_field_of_the_phantom(bias):
     image, mask, truth = shaded(bias, (96, 96, 15))
-    found = clustered_bias(image.data, mask, evolve_level_sets, spacing=image.spacing)
+    found = clustered_bias(image.data, mask, evolve_level_sets, spacing=image.spacing, regions=2)
     # 0.98 is what was asked for; muscles differ by 3 % and fat from septa by 15 % in the phantom.
     assert np.corrcoef(found.field[mask], truth[mask])[0, 1] >= 0.98
     assert (np.diff(found.energy) <= 1e-9 * found.energy[0]).all()
@@ -42,7 +42,9 @@ def test_three_regions_on_phantoms_full_of_muscle(other):
 def test_field_of_a_shrunken_image_is_almost_the_same():
     image, mask, _ = shaded(0.6, (160, 160, 3))
     fine, coarse = (
-        clustered_bias(image.data, mask, evolve_level_sets, spacing=image.spacing, shrink=shrink)
+        clustered_bias(
+            image.data, mask, evolve_level_sets, spacing=image.spacing, regions=2, shrink=shrink
+        )
         for shrink in (1, 2)
     )
     assert np.corrcoef(fine.field[mask], coarse.field[mask])[0, 1] > 0.97
@@ -52,7 +54,7 @@ def test_brightness_and_values_outside_do_not_matter():
     image, mask, _ = shaded(0.3, (96, 96, 3))
     again = np.where(mask, 7.0 * image.data, np.nan)
     a, b = (
-        clustered_bias(values, mask, evolve_level_sets, spacing=image.spacing, rounds=5)
+        clustered_bias(values, mask, evolve_level_sets, spacing=image.spacing, regions=2, rounds=5)
         for values in (image.data, again)
     )
     np.testing.assert_allclose(a.field, b.field, rtol=1e-10)
@@ -76,5 +78,9 @@ def test_n4_without_simpleitk_names_the_extra(monkeypatch):
 def test_empty_mask():
     with pytest.raises(InputError, match="no voxel to estimate the field from"):
         clustered_bias(
-            np.ones((8, 8, 1)), np.zeros((8, 8, 1), bool), evolve_level_sets, spacing=(1, 1, 1)
+            np.ones((8, 8, 1)),
+            np.zeros((8, 8, 1), bool),
+            evolve_level_sets,
+            spacing=(1, 1, 1),
+            regions=2,
         )

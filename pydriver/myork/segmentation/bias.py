@@ -65,7 +65,7 @@ def clustered_bias(
     evolve: Evolve,
     *,
     spacing: ArrayLike,
-    regions: int = 2,
+    regions: int,
     sigma: float = 12.0,
     mu: float = 0.01,
     shrink: int = 1,
