@@ -23,7 +23,13 @@ from myork.core_image import evolve_level_sets
 from myork.errors import FileError, InputError
 from myork.imaging.diffusion import read_tensors
 from myork.imaging.geometry import check_same_grid, length_factor
-from myork.imaging.io import read_image, read_labels, write_image, write_labels
+from myork.imaging.io import (
+    read_image,
+    read_labels,
+    read_reference,
+    write_image,
+    write_labels,
+)
 from myork.imaging.phantom import make_phantom, write_phantom
 from myork.model.fibers import fiber_field
 from myork.model.orientation import check_orientation
@@ -180,7 +186,7 @@ def _inputs(
     image = read_image(folder / table["anatomy"])
     progress(f"{image.name}: {' x '.join(map(str, image.data.shape))} voxels")
     tensor = read_tensors(table, folder)
-    truth = read_labels(folder / table["truth"]) if "truth" in table else None
+    truth = read_reference(folder / table["truth"], progress) if "truth" in table else None
     for other in (tensor, truth):
         if other is not None:
             check_same_grid(other, image)
@@ -277,7 +283,7 @@ def _labels(
     if split != "pieces":
         progress(f"parting muscles: {split}")
     if "reference" in table:
-        return _by_reference(table, folder, image, grey, result), []
+        return _by_reference(table, folder, image, grey, result, progress), []
     if rules:
         muscles = _muscles(deck)
         names = {number: muscle.name for number, muscle in enumerate(muscles, start=1)}
@@ -317,9 +323,10 @@ def _by_reference(
     image: Image,
     grey: NDArray[np.float64],
     result: Regions,
+    progress: ProgressCallback,
 ) -> Labels:
     """Labels by a reference label map, moved onto the image if the deck says so."""
-    reference = read_labels(folder / table["reference"])
+    reference = read_reference(folder / table["reference"], progress)
     check_same_grid(reference, image)
     inside = result.region >= 0
     wanted = wanted_phase(result, grey, table["phase"]) if table["regions"] == 2 else inside

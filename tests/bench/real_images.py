@@ -20,7 +20,7 @@ from scipy import ndimage
 
 from myork.build import build
 from myork.deck import load_deck
-from myork.imaging.io import read_image, read_labels, write_labels
+from myork.imaging.io import read_image, read_reference, write_labels
 from myork.records import Labels
 from myork.report.page import make_report
 from myork.segment import segment
@@ -79,7 +79,7 @@ def calf(data: Path, out: Path) -> None:
     name = "calf_reference"
     where = overrides(name, data)
     files = dict(entry.removeprefix("image.").split("=", 1) for entry in where)
-    truth = read_labels(Path(files["truth"]))
+    truth = read_reference(Path(files["truth"]), print)
     pieces, _ = ndimage.label(body_mask(read_image(Path(files["anatomy"])), rim=0.0))
     legs = np.asarray(pieces, np.int32)
     starts = [(str(shift), displaced(truth, legs, shift)) for shift in RIGID]

@@ -8,7 +8,7 @@ import pytest
 
 from myork.errors import FileError, InputError
 from myork.imaging.geometry import canonical, check_same_grid, frame
-from myork.imaging.io import read_image, read_labels, write_image, write_labels
+from myork.imaging.io import read_image, read_labels, read_reference, write_image, write_labels
 from myork.records import Image, Labels
 
 AFFINE = np.array([[-2.0, 0, 0, 10], [0, 3.0, 0, -5], [0, 0, 8.0, 1], [0, 0, 0, 1]])
@@ -137,6 +137,23 @@ def test_bad_names(tmp_path):
     (tmp_path / "a.json").write_text(json.dumps(["soleus"]))
     with pytest.raises(InputError, match="a.json: must hold"):
         read_labels(tmp_path / "a.nii.gz")
+
+
+def test_names_of_a_folder_are_for_references_only(tmp_path):
+    path, lines = save(tmp_path / "a.nii.gz", np.ones((2, 2, 2), np.uint8)), []
+    assert read_reference(path, lines.append).names == {}
+    (tmp_path / "labels.json").write_text(json.dumps({"soleus": 1}))
+    assert read_reference(path, lines.append).names == {1: "soleus"}
+    assert read_labels(path).names == {} and not lines
+    for other in ('{"labels": ["soleus"]}', '{"1": "soleus"}', "[]", "soleus"):
+        (tmp_path / "labels.json").write_text(other)
+        assert read_labels(path).names == read_reference(path, lines.append).names == {}
+        assert "a.nii.gz" in lines[-1] and "labels.json: must hold" in lines.pop()
+    (tmp_path / "a.json").write_text(json.dumps({"tibialis": 1}))
+    assert read_reference(path, lines.append).names == {1: "tibialis"} and not lines
+    (tmp_path / "a.json").write_text("[]")  # its own file must be right
+    with pytest.raises(InputError, match="a.json: must hold"):
+        read_reference(path, lines.append)
 
 
 def test_grids_that_differ():

@@ -9,7 +9,7 @@ from scipy import ndimage
 
 from myork.deck import load_deck
 from myork.errors import InputError
-from myork.imaging.io import read_labels, write_image, write_labels
+from myork.imaging.io import read_reference, write_image, write_labels
 from myork.records import Image, Labels
 from myork.segment import segment
 from myork.segmentation import walk
@@ -298,7 +298,7 @@ def test_segment_takes_a_reference_with_names_beside_it(tmp_path):
         write_labels(tmp_path / f"{name}.nii.gz", Labels(label.astype(np.int32), np.eye(4)))
         (tmp_path / f"{name}.json").unlink()
     (tmp_path / "labels.json").write_text(json.dumps({"inner": 1, "outer": 2}))
-    assert read_labels(tmp_path / "old.nii.gz").names == {1: "inner", 2: "outer"}
+    assert read_reference(tmp_path / "old.nii.gz", print).names == {1: "inner", 2: "outer"}
     for split in ("nearest", "walk"):
         keys = dict(split=split, reference="old.nii.gz", reference_reach=8, truth="truth.nii.gz")
         found = segment(deck(tmp_path / "a.toml", "", **keys), tmp_path, tmp_path / "out", print)

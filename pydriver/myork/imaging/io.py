@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import cast
 
@@ -15,12 +16,13 @@ import numpy as np
 from nibabel.arrayproxy import ArrayProxy
 from nibabel.filebasedimages import ImageFileError
 
+from myork.console import ProgressCallback
 from myork.errors import FileError, InputError
 from myork.imaging.formats import ITK_SUFFIXES, load_dicom, load_itk, save_itk
 from myork.imaging.geometry import check_affine
 from myork.records import Image, Labels
 
-__all__ = ["read_image", "read_labels", "write_image", "write_labels"]
+__all__ = ["read_image", "read_labels", "read_reference", "write_image", "write_labels"]
 
 _TO_MM = {"meter": 1000.0, "micron": 0.001}
 
@@ -57,8 +59,8 @@ def read_image(path: Path, values: int | None = 1) -> Image:
 def read_labels(path: Path) -> Labels:
     """Read a label map: whole numbers as they are stored, whatever the header's scale says.
 
-    Names come from a file beside it, `{"name": label}`: the one with the same stem (`legs.nii.gz`
-    and `legs.json`), else `labels.json`, where there is one.
+    Names come from a file beside it with the same stem (`legs.nii.gz` and `legs.json`),
+    `{"name": label}`, where there is one.
     """
     data, affine = _load(path, raw=True)
     if not np.issubdtype(data.dtype, np.integer):
@@ -69,9 +71,28 @@ def read_labels(path: Path) -> Labels:
     data = _grid(path, data, 1)
     if data.size and (data.min() < 0 or data.max() > np.iinfo(np.int32).max):
         raise InputError(f"{path}: labels must not be negative, the lowest is {data.min()}")
-    own = _names_path(path)
-    names = _read_names(own if own.is_file() else own.with_name("labels.json"))
+    names = _read_names(_names_path(path))
     return Labels(data.astype(np.int32), affine, names, str(path))
+
+
+def read_reference(path: Path, progress: ProgressCallback) -> Labels:
+    """Read a label map of others: one without names of its own takes those of its folder.
+
+    Parameters
+    ----------
+    path : Path
+        Label map; data sets have one `labels.json` for all maps of a folder.
+    progress : callable
+        Called with a warning where that file holds something else, which is then ignored.
+    """
+    labels, own = read_labels(path), _names_path(path)
+    if own.is_file():
+        return labels
+    try:
+        return replace(labels, names=_read_names(own.with_name("labels.json")))
+    except InputError as reason:
+        progress(f"warning: no names for {path}: {reason}")
+        return labels
 
 
 def write_image(path: Path, image: Image) -> None:
