@@ -9,7 +9,7 @@ from myork.imaging.phantom import make_phantom
 from myork.records import Image, Labels
 from myork.segment import segment
 from myork.segmentation.channels import fiber_channels
-from myork.segmentation.grouping import Muscle, group_by_reference, group_by_rules
+from myork.segmentation.grouping import Muscle, group_by_reference, group_by_rules, rule_seeds
 from myork.segmentation.scores import label_scores
 
 GRID = Image(np.zeros((8, 4, 1)), np.diag([2.0, 1.0, 1.0, 1.0]), "grid")
@@ -63,6 +63,18 @@ def test_rules_that_cannot_be(rules, message):
         group_by_rules(stripes(1, 0, 1, 2), GRID, [muscle(**rule) for rule in rules])
     with pytest.raises(InputError, match="needs regions, seeds or a rim"):
         muscle("c")
+
+
+def test_seeds_outside_of_all_named_regions_are_told_apart_from_those_outside_of_the_region():
+    region = stripes(1, 0, 2, -1)
+    rules = [muscle("a", [0, 1], [0, 1, 0]), muscle("b", [0], [8, 1, 0])]
+    with pytest.raises(InputError, match="muscle.b: .* lies in region 2, which is not among the"):
+        rule_seeds(region, GRID, rules, 0.0)
+    outside = [*rules, muscle("c", seeds=[14, 1, 0])]
+    for group in (lambda: rule_seeds(region, GRID, outside, 0.0),
+                  lambda: group_by_rules(region, GRID, outside)):  # fmt: skip
+        with pytest.raises(InputError, match="muscle.c: .* not lie in the region to segment"):
+            group()
 
 
 def test_scores_of_labels_and_slices():

@@ -15,6 +15,7 @@ from myork.records import Image, Labels
 
 __all__ = [
     "Muscle",
+    "check_seeds",
     "group_by_reference",
     "group_by_rules",
     "nearest_labels",
@@ -50,8 +51,34 @@ class Muscle:
     rim: float = 0.0
 
     def __post_init__(self) -> None:
-        if not self.regions and not len(self.seeds) and not self.rim:
+        if not self.regions and not self.has_place:
             raise InputError(f"muscle.{self.name}: needs regions, seeds or a rim")
+
+    @property
+    def has_place(self) -> bool:
+        """Whether seeds or a rim tell where some of it lies."""
+        return len(self.seeds) > 0 or self.rim > 0
+
+
+def check_seeds(inside: NDArray[np.bool_], image: Image, muscles: Sequence[Muscle]) -> None:
+    """Refuse seeds outside of what is segmented.
+
+    Parameters
+    ----------
+    inside : NDArray
+        Voxels to segment, shape `(ni, nj, nk)`.
+    image : Image
+        Gives the grid.
+    muscles : sequence
+        Rules.
+    """
+    for muscle in muscles:
+        for place in _places(image, muscle):
+            if not inside[place]:
+                raise InputError(
+                    f"muscle.{muscle.name}: the seed at voxel {place} does not lie in the region "
+                    "to segment; move it"
+                )
 
 
 def group_by_rules(region: I32, image: Image, muscles: Sequence[Muscle]) -> tuple[I32, list[str]]:
@@ -73,6 +100,7 @@ def group_by_rules(region: I32, image: Image, muscles: Sequence[Muscle]) -> tupl
     tuple
         Labels, shape `(ni, nj, nk)`, and warnings.
     """
+    check_seeds(region >= 0, image, muscles)
     claims = np.stack([_claim(region, image, muscle) for muscle in muscles])
     label = np.where(claims.any(axis=0), 1 + claims.argmax(axis=0), 0).astype(np.int32)
     shared = claims.sum(axis=0) > 1
@@ -147,6 +175,7 @@ def rule_seeds(
         known; both of shape `(ni, nj, nk)`.
     """
     where = region >= 0
+    check_seeds(where, image, muscles)
     if all(muscle.regions for muscle in muscles):
         where &= np.isin(region, [number for muscle in muscles for number in muscle.regions])
     known = np.full(region.shape, -1, np.int32)
@@ -158,17 +187,18 @@ def rule_seeds(
     for number, muscle in enumerate(muscles, start=1):
         known[where & (depth <= muscle.rim)] = number
     for number, muscle in enumerate(muscles, start=1):
-        for place in _places(region, image, muscle):
+        for place in _places(image, muscle):
             if not where[place]:
                 raise InputError(
-                    f"muscle.{muscle.name}: the seed at voxel {place} does not lie in the region "
-                    "to segment; move it"
+                    f"muscle.{muscle.name}: the seed at voxel {place} lies in region "
+                    f"{region[place]}, which is not among the `regions` of any muscle; move it, "
+                    "or add that region (see regions.nii.gz)"
                 )
             across = (rows - place[0]) * image.spacing[0], (columns - place[1]) * image.spacing[1]
             disc = (np.hypot(*across) <= radius) & where[..., place[2]]
             known[..., place[2]][disc] = number
     for number, muscle in enumerate(muscles, start=1):
-        for place in _places(region, image, muscle):
+        for place in _places(image, muscle):
             if known[place] != number:
                 raise InputError(
                     f"muscle.{muscle.name}: the seed at voxel {place} lies beside one of "
@@ -228,16 +258,16 @@ def _depth(inside: NDArray[np.bool_], spacing: F64) -> F64:
     return np.asarray(ndimage.distance_transform_edt(inside, sampling=spacing[:2]))
 
 
-def _places(region: I32, image: Image, muscle: Muscle) -> list[tuple[int, ...]]:
+def _places(image: Image, muscle: Muscle) -> list[tuple[int, ...]]:
     """Voxels in which the seeds of a muscle lie."""
     inverse = np.linalg.inv(image.affine[:3, :3]).T
     places = []
     for seed in muscle.seeds:
         place = tuple(np.rint((seed - image.affine[:3, 3]) @ inverse).astype(int).tolist())
-        if min(place) < 0 or any(p >= n for p, n in zip(place, region.shape, strict=True)):
+        if min(place) < 0 or any(p >= n for p, n in zip(place, image.data.shape, strict=True)):
             raise InputError(
                 f"muscle.{muscle.name}: the seed {seed.tolist()} mm (voxel {place}) lies outside "
-                f"of {image.name}, which has {region.shape}"
+                f"of {image.name}, which has {image.data.shape}"
             )
         places.append(place)
     return places
@@ -254,9 +284,9 @@ def _claim(region: I32, image: Image, muscle: Muscle) -> NDArray[np.bool_]:
     if not len(muscle.seeds):
         return np.isin(region, muscle.regions)
     claim = np.zeros(region.shape, bool)
-    for seed, place in zip(muscle.seeds, _places(region, image, muscle), strict=True):
+    for seed, place in zip(muscle.seeds, _places(image, muscle), strict=True):
         here = int(region[place])
-        if here < 0 or (muscle.regions and here not in muscle.regions):
+        if muscle.regions and here not in muscle.regions:
             raise InputError(
                 f"muscle.{muscle.name}: the seed {seed.tolist()} mm (voxel {place}) lies in region "
                 f"{here}, not in one of its regions; move it, or look at regions.nii.gz"
