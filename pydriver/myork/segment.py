@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +40,7 @@ from myork.segmentation.bias import clustered_bias, n4_bias
 from myork.segmentation.channels import fiber_channels, scaled_values, smoothed_tensor
 from myork.segmentation.grouping import (
     Muscle,
+    check_seeds,
     group_by_reference,
     group_by_rules,
     nearest_labels,
@@ -83,12 +85,18 @@ def segment(
     table = deck.get("image")
     if table is None:
         raise InputError("the deck has no table [image]; `segment` needs one")
+    muscles = _muscles(deck)
+    _check_rules(table, muscles)
     _make(out)
     image, tensor, truth = _inputs(deck, table, folder, out, progress)
     if truth is not None:
         _check_truth(truth, table["truth_labels"])
+    reference = _reference(table, folder, image, progress)
     image, shading = _corrected(image, deck["bias"], out, progress)
     region = _region(image, table, folder)
+    check_seeds(region, image, muscles)
+    if reference is None and not muscles and "seed" in table:
+        piece_with_seed(region, image, table["seed"])  # refuses one outside before the level sets
     grey = scaled_values(image, region)
     channels, weights = [grey[..., np.newaxis]], [1.0]
     if table["fiber_channels"] != "none":
@@ -98,7 +106,7 @@ def segment(
         channels.append(fiber_channels(smooth, region, table["fiber_channels"]))
         weights += [table["fiber_weight"]] * channels[1].shape[3]
     values = np.concatenate(channels, axis=3)
-    start = _start_labels(deck, table, folder, image, region, values * np.sqrt(weights))
+    start = _start_labels(table, folder, image, region, muscles, values * np.sqrt(weights))
     choice = LevelSets(
         regions=table["regions"],
         lambdas=table["lambda"],
@@ -116,7 +124,15 @@ def segment(
         labels=start,
         name=image.name,
     )
-    labels, warnings = _labels(deck, table, folder, image, grey, result, progress)
+    if table["split"] != "pieces":
+        progress(f"parting muscles: {table['split']}")
+    warnings: list[str] = []
+    if reference is not None:
+        labels = _by_reference(table, image, grey, result, reference)
+    elif muscles:
+        labels, warnings = _by_rules(table, image, result, muscles)
+    else:
+        labels = _by_phase(table, image, grey, result)
     inside = labels.data > 0
     write_image(out / "anatomy.nii.gz", image)
     write_labels(out / "regions.nii.gz", Labels(result.region + 1, image.affine))
@@ -206,20 +222,17 @@ def _region(image: Image, table: Mapping[str, Any], folder: Path) -> NDArray[np.
 
 
 def _start_labels(
-    deck: Mapping[str, Any],
     table: Mapping[str, Any],
     folder: Path,
     image: Image,
     region: NDArray[np.bool_],
+    muscles: list[Muscle],
     values: NDArray[np.float64],
 ) -> NDArray[np.int32] | None:
     """Label map to start from, if the deck names one or has seeds to make it of."""
     if table["start"] == "seeds":
-        muscles = _muscles(deck)
-        if not muscles:
-            raise InputError("image.start = 'seeds' needs [[muscle]] with seeds")
         everywhere = np.where(region, 0, -1).astype(np.int32)
-        plain = [replace(muscle, regions=()) for muscle in muscles]
+        plain = [replace(muscle, regions=()) for muscle in muscles if muscle.has_place]
         known = rule_seeds(everywhere, image, plain, table["seed_radius"])[1]
         return seeded_regions(values, region, known, table["regions"])
     if "start_labels" not in table:
@@ -267,45 +280,57 @@ def _corrected(
     return replace(image, data=image.data / found.field), record
 
 
-def _labels(
-    deck: Mapping[str, Any],
-    table: Mapping[str, Any],
-    folder: Path,
-    image: Image,
-    grey: NDArray[np.float64],
-    result: Regions,
-    progress: ProgressCallback,
-) -> tuple[Labels, list[str]]:
-    """Regions grouped to labels by the deck's rules, and warnings."""
-    rules, split = deck.get("muscle", []), table["split"]
-    if rules and "reference" in table:
-        raise InputError("image.reference and [[muscle]] both group the regions; take one out")
-    if split != "pieces":
-        progress(f"parting muscles: {split}")
+def _check_rules(table: Mapping[str, Any], muscles: list[Muscle]) -> None:
+    """Refuse rules that contradict each other before anything is computed."""
+    split, rims = table["split"], [muscle.name for muscle in muscles if muscle.rim]
+    if table["start"] == "seeds" and not any(muscle.has_place for muscle in muscles):
+        raise InputError("image.start = 'seeds' needs [[muscle]] with seeds or a rim")
     if "reference" in table:
-        return _by_reference(table, folder, image, grey, result, progress), []
-    if rules:
-        muscles = _muscles(deck)
-        names = {number: muscle.name for number, muscle in enumerate(muscles, start=1)}
-        rims = [muscle.name for muscle in muscles if muscle.rim]
-        if split == "nearest" or (rims and split != "walk"):
-            raise InputError(
-                f"muscle.{rims[0]}.rim needs image.split = 'walk'"
-                if rims
-                else "image.split = 'nearest' needs image.reference; seeds go with 'walk'"
-            )
-        if split == "walk":
-            where, known = rule_seeds(result.region, image, muscles, table["seed_radius"])
-            edges = edge_strength(image.data, result.region >= 0)
-            label = random_walk(edges, where, known, image.spacing, table["edge_weight"])
-            return Labels(np.maximum(label, 0), image.affine, names, "segmentation"), []
-        label, warnings = group_by_rules(result.region, image, muscles)
-        return Labels(label, image.affine, names, "segmentation"), warnings
-    if split != "pieces":
+        if muscles:
+            raise InputError("image.reference and [[muscle]] both group the regions; take one out")
+        return
+    if table["reference_reach"] > 0:
+        raise InputError("image.reference_reach needs image.reference")
+    if rims and split != "walk":
+        raise InputError(f"muscle.{rims[0]}.rim needs image.split = 'walk'")
+    if muscles and split == "nearest":
+        raise InputError("image.split = 'nearest' needs image.reference; seeds go with 'walk'")
+    if not muscles and split != "pieces":
         raise InputError(f"image.split = '{split}' needs image.reference or [[muscle]] with seeds")
+
+
+def _reference(
+    table: Mapping[str, Any], folder: Path, image: Image, progress: ProgressCallback
+) -> Labels | None:
+    """Label map by which regions are grouped, if the deck names one."""
+    if "reference" not in table:
+        return None
+    reference = read_reference(folder / table["reference"], progress)
+    check_same_grid(reference, image)
+    return reference
+
+
+def _by_rules(
+    table: Mapping[str, Any], image: Image, result: Regions, muscles: list[Muscle]
+) -> tuple[Labels, list[str]]:
+    """Labels by [[muscle]], and warnings."""
+    names = {number: muscle.name for number, muscle in enumerate(muscles, start=1)}
+    if table["split"] == "walk":
+        where, known = rule_seeds(result.region, image, muscles, table["seed_radius"])
+        edges = edge_strength(image.data, result.region >= 0)
+        label = random_walk(edges, where, known, image.spacing, table["edge_weight"])
+        return Labels(np.maximum(label, 0), image.affine, names, "segmentation"), []
+    label, warnings = group_by_rules(result.region, image, muscles)
+    return Labels(label, image.affine, names, "segmentation"), warnings
+
+
+def _by_phase(
+    table: Mapping[str, Any], image: Image, grey: NDArray[np.float64], result: Regions
+) -> Labels:
+    """The wanted one of two regions, or all of more regions, as labels."""
     if table["regions"] > 2:
         names = {number + 1: f"region_{number}" for number in range(table["regions"])}
-        return Labels(result.region + 1, image.affine, names, "segmentation"), []
+        return Labels(result.region + 1, image.affine, names, "segmentation")
     inside = wanted_phase(result, grey, table["phase"])
     if "seed" in table:
         inside = piece_with_seed(inside, image, table["seed"])
@@ -314,33 +339,34 @@ def _labels(
             f"{image.name}: the segmentation of the {table['phase']} phase is empty; check "
             "image.phase, image.box and image.mu"
         )
-    return Labels(inside.astype(np.int32), image.affine, {1: table["label"]}, "segmentation"), []
+    return Labels(inside.astype(np.int32), image.affine, {1: table["label"]}, "segmentation")
 
 
 def _by_reference(
     table: Mapping[str, Any],
-    folder: Path,
     image: Image,
     grey: NDArray[np.float64],
     result: Regions,
-    progress: ProgressCallback,
+    reference: Labels,
 ) -> Labels:
     """Labels by a reference label map, moved onto the image if the deck says so."""
-    reference = read_reference(folder / table["reference"], progress)
-    check_same_grid(reference, image)
     inside = result.region >= 0
     wanted = wanted_phase(result, grey, table["phase"]) if table["regions"] == 2 else inside
+
+    @cache
+    def edges() -> NDArray[np.float64]:
+        return edge_strength(image.data, inside)
+
     if table["reference_reach"] > 0:
-        edges = edge_strength(image.data, inside)
-        reference = align_labels(reference, edges, wanted, inside, table["reference_reach"])
+        reference = align_labels(reference, edges(), wanted, inside, table["reference_reach"])
     if table["split"] == "pieces":
         return group_by_reference(result.region, reference)
     margin, spacing = table["reference_margin"], image.spacing
     if table["split"] == "nearest":
         label = nearest_labels(wanted, reference.data, spacing, margin)
     else:
-        edges, known = edge_strength(image.data, inside), reference_seeds(reference, margin)
-        label = np.maximum(random_walk(edges, wanted, known, spacing, table["edge_weight"]), 0)
+        known = reference_seeds(reference, margin)
+        label = np.maximum(random_walk(edges(), wanted, known, spacing, table["edge_weight"]), 0)
     names = {n: reference.label_name(n) for n in np.unique(label[label > 0]).tolist()}
     return Labels(label, image.affine, names, "segmentation")
 

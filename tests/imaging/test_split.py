@@ -8,8 +8,8 @@ import pytest
 from scipy import ndimage
 
 from myork.deck import load_deck
-from myork.errors import InputError
-from myork.imaging.io import read_reference, write_image, write_labels
+from myork.errors import FileError, InputError
+from myork.imaging.io import read_labels, read_reference, write_image, write_labels
 from myork.records import Image, Labels
 from myork.segment import segment
 from myork.segmentation import walk
@@ -277,17 +277,84 @@ def test_segment_walks_from_the_seeds_of_the_deck(tmp_path):
     found = segment(deck(tmp_path / "a.toml", text, **keys), tmp_path, tmp_path / "out", print)
     scores = found["segmentation"]["scores"]
     assert scores["muscle"]["dice"] > 0.95 and scores["fat"]["dice"] > 0.85
-    wrong = (("pieces", "muscle.fat.rim needs image.split"), ("nearest", "muscle.fat.rim needs"))
-    for split, message in wrong:
-        with pytest.raises(InputError, match=message):
-            segment(deck(tmp_path / "a.toml", text, split=split), tmp_path, tmp_path / "o", print)
-    with pytest.raises(InputError, match="'nearest' needs image.reference; seeds go with 'walk'"):
-        bone = text[text.rindex("[[") :]
-        segment(deck(tmp_path / "a.toml", bone, split="nearest"), tmp_path, tmp_path / "o", print)
-    with pytest.raises(InputError, match=r"start = 'seeds' needs \[\[muscle\]\] with seeds"):
-        segment(deck(tmp_path / "b.toml", "", start="seeds"), tmp_path, tmp_path / "out", print)
-    with pytest.raises(InputError, match=r"split = 'walk' needs image.reference or \[\[muscle\]\]"):
-        segment(deck(tmp_path / "b.toml", "", split="walk"), tmp_path, tmp_path / "out", print)
+
+
+RIM = '[[muscle]]\nname = "fat"\nrim = 4\n'
+SEED = '[[muscle]]\nname = "bone"\nseeds = [39, 34, 0]\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "keys", "message"),
+    [
+        (RIM, {}, "muscle.fat.rim needs image.split"),
+        (RIM, {"split": "nearest"}, "muscle.fat.rim needs image.split"),
+        (SEED, {"split": "nearest"}, "'nearest' needs image.reference; seeds go with 'walk'"),
+        ("", {"start": "seeds"}, r"start = 'seeds' needs \[\[muscle\]\] with seeds or a rim"),
+        ('[[muscle]]\nname = "a"\nregions = [0]\n', {"start": "seeds"}, "with seeds or a rim"),
+        ("", {"split": "walk"}, r"split = 'walk' needs image.reference or \[\[muscle\]\]"),
+        ("", {"reference_reach": 3}, "reference_reach needs image.reference"),
+        (SEED, {"reference": "old.nii.gz"}, "both group the regions; take one out"),
+        (SEED.replace("39", "39, 2"), {}, "muscle.bone.seeds: three coordinates a point, not 4"),
+        (SEED.replace("39", "1"), {}, "muscle.bone: .* does not lie in the region to segment"),
+        (SEED.replace("39", "-9"), {}, "muscle.bone: .* lies outside of"),
+        ("", {"seed": [1, 1, 0]}, "image.seed = .* does not lie"),
+        ("", {"reference": "nothing.nii.gz"}, "nothing.nii.gz: there is no such file"),
+        ("", {"reference": "old.nii.gz"}, "old.nii.gz and .*leg.nii.gz have different affines"),
+    ],
+)
+def test_what_cannot_be_is_told_before_the_level_sets(tmp_path, monkeypatch, text, keys, message):
+    image, truth, _ = two_muscles()
+    write_image(tmp_path / "leg.nii.gz", image)
+    write_labels(tmp_path / "old.nii.gz", Labels(truth.astype(np.int32), np.diag([2, 1, 1, 1.0])))
+
+    def computed(*args, **kwargs):
+        pytest.fail("the level sets ran")
+
+    monkeypatch.setattr("myork.segment.segment_regions", computed)
+    with pytest.raises((InputError, FileError), match=message):
+        segment(deck(tmp_path / "a.toml", text, **keys), tmp_path, tmp_path / "out", print)
+
+
+@pytest.mark.parametrize(
+    ("split", "key"), [("pieces", "edge_weight"), ("nearest", "edge_weight"),
+                       ("pieces", "reference_margin")]
+)  # fmt: skip
+def test_keys_of_another_split_are_refused(tmp_path, split, key):
+    with pytest.raises(InputError, match=f"{key}: only for split = .*; here split = {split}"):
+        deck(tmp_path / "a.toml", "", split=split, reference="old.nii.gz", **{key: 1})
+
+
+def test_seeds_of_some_muscles_start_the_regions_of_all(tmp_path):
+    image, truth, body = two_muscles()
+    write_image(tmp_path / "leg.nii.gz", image)
+    # One muscle by a seed, and what is like none of the seeds by its number
+    text = '[[muscle]]\nname = "fat"\nregions = [1]\n' + SEED.replace("bone", "muscle")
+    segment(deck(tmp_path / "a.toml", text, start="seeds"), tmp_path, tmp_path / "out", print)
+    found = read_labels(tmp_path / "out" / "segmentation.nii.gz").data
+    assert dice(found == 1, body & (truth == 0)) > 0.95 and dice(found == 2, truth > 0) > 0.95
+
+
+def test_edges_of_an_image_are_computed_once(tmp_path, monkeypatch):
+    image, truth, _ = two_muscles()
+    write_image(tmp_path / "leg.nii.gz", image)
+    write_labels(tmp_path / "old.nii.gz", Labels(truth.astype(np.int32), np.eye(4)))
+    calls = []
+
+    def counted(*args):
+        calls.append(args)
+        return edge_strength(*args)
+
+    monkeypatch.setattr("myork.segment.edge_strength", counted)
+    for split, reach, count in (
+        ("walk", 8, 1),
+        ("walk", 0, 1),
+        ("nearest", 8, 1),
+        ("pieces", 0, 0),
+    ):
+        keys = dict(split=split, reference="old.nii.gz", reference_reach=reach)
+        segment(deck(tmp_path / "a.toml", "", **keys), tmp_path, tmp_path / "out", print)
+        assert len(calls) == count
+        calls.clear()
 
 
 def test_segment_takes_a_reference_with_names_beside_it(tmp_path):
