@@ -145,7 +145,7 @@ def test_names_of_a_folder_are_for_references_only(tmp_path):
     (tmp_path / "labels.json").write_text(json.dumps({"soleus": 1}))
     assert read_reference(path, lines.append).names == {1: "soleus"}
     assert read_labels(path).names == {} and not lines
-    for other in ('{"labels": ["soleus"]}', '{"1": "soleus"}', "[]", "soleus"):
+    for other in ('{"labels": ["soleus"]}', '{"1": "soleus"}', '{"a": 1e999}', "[]", "soleus"):
         (tmp_path / "labels.json").write_text(other)
         assert read_labels(path).names == read_reference(path, lines.append).names == {}
         assert "a.nii.gz" in lines[-1] and "labels.json: must hold" in lines.pop()

@@ -180,7 +180,7 @@ def _read_names(path: Path) -> dict[int, str]:
         return {}
     try:
         return {int(label): str(name) for name, label in json.loads(path.read_text()).items()}
-    except (ValueError, TypeError, AttributeError) as reason:
+    except (ValueError, TypeError, AttributeError, OverflowError) as reason:
         raise InputError(f'{path}: must hold {{"name": label}}: {reason}') from None
 
 
