@@ -157,7 +157,8 @@ subroutine iteration(self, it)
    write (line, '("  iteration ", i0, "  |r| ", es8.1, "  |A''r| ", es8.1, "  |da| ", es8.1, '// &
       & '"  J ", a, "..", a, "  ", a, " ", es7.0)') it%iteration, it%residual, it%gradient, &
       & it%step_norm, to_text(it%min_j), to_text(it%max_j), it%solver, it%backward_error
-   if (it%refinements > 0) line = trim(line)//' in '//to_text(it%refinements)
+   if (it%refinements > 0) line = trim(line)//' in ' &
+      & //to_text(it%refinements)//' iterations'
    call self%say(trim(line), level=1)
 end subroutine iteration
 

@@ -334,9 +334,11 @@ subroutine group_part(self, g, x, held, load, tangent, force, part)
    real(wp) :: linear(4), jump(4), pressure, local_pressure
    integer :: nc, nd, n, q, o, i, k, members, b
    integer(i8) :: e
-   logical :: formed
+   logical :: formed, stacked
 
    formed = tangent .and. self%matrix%formed
+   ! what the volume of the group changes by is wanted as rows
+   stacked = formed .or. (tangent .and. held < load)
    nd = self%gradient%nd
    o = self%cells%first(g)
    n = self%cells%first(g + 1) - o
@@ -385,7 +387,7 @@ subroutine group_part(self, g, x, held, load, tangent, force, part)
    jump = 0.0_wp
    if (tangent) then
       allocate (c4(3, 3, 3, 3, n))
-      allocate (volume(nd*members, b), source=0.0_wp)
+      if (stacked) allocate (volume(nd*members, b), source=0.0_wp)
    end if
    do q = 1, n
       local_pressure = self%local_bulk(nc + o + q)*(self%volume(o + q) - 1.0_wp)
@@ -420,7 +422,7 @@ subroutine group_part(self, g, x, held, load, tangent, force, part)
       cofactor = self%cells%weight(o + q)*cofactor
       if (tangent .and. .not. formed) self%matrix%cofactor(:, :, o + q) = cofactor
       call self%gradient%add_force(o + q, p, force)
-      if (.not. tangent) cycle
+      if (.not. stacked) cycle
       do e = self%gradient%start(o + q) + 1, self%gradient%start(o + q + 1)
          k = int(e - self%gradient%start(o + q))
          do i = 1, nd
@@ -433,7 +435,7 @@ subroutine group_part(self, g, x, held, load, tangent, force, part)
       end do
    end do
    if (.not. tangent) return
-   force = force + bulk*reshape(matmul(volume, jump(:b)), shape(force))
+   if (stacked) force = force + bulk*reshape(matmul(volume, jump(:b)), shape(force))
    if (.not. formed) then
       self%matrix%bulk(g) = bulk
       self%matrix%moduli(:, :, :, :, o + 1:o + n) = c4

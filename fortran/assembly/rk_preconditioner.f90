@@ -17,6 +17,7 @@ module rk_preconditioner
    use rk_sparse, only : factor_upper, sparse_factor
    use rk_surface, only : surface_type
    use rk_symmetric, only : new_symmetric, symmetric_matrix
+   use rk_text, only : to_text
    implicit none
    private
 
@@ -34,6 +35,9 @@ module rk_preconditioner
       procedure :: apply
       final :: free
    end type preconditioner_type
+
+   !> Stiffness of a cell, of its own, that pieces which nothing holds keep: their factor exists [-]
+   real(wp), parameter :: slight = 1.0e-6_wp
 
 contains
 
@@ -63,8 +67,14 @@ subroutine new_preconditioner(self, cells, surface, inside, shear, error)
       pair(:, k) = cells%node(cells%side(:, k))
       if (pair(1, k) > pair(2, k)) pair(:, k) = pair([2, 1], k)
    end do
-   call new_symmetric(graph, 1, size(cells%node), [(int(2*k, i8), k=0, size(pair, 2))], &
-      & reshape(pair, [size(pair)]))
+   ! every cell has a diagonal, also one that touches no other
+   call new_symmetric(graph, 1, size(cells%node), [(int(2*k, i8), k=0, size(pair, 2)), &
+      & (int(2*size(pair, 2) + k, i8), k=1, size(cells%node))], [reshape(pair, [size(pair)]), &
+      & (k, k=1, size(cells%node))])
+   do k = 1, size(cells%node)
+      call graph%add(graph%value, [cells%node(k)], reshape([slight*shear(k) &
+         & *cells%weight(k)**(1.0_wp - 2.0_wp/nd)], [1, 1]))
+   end do
    do k = 1, size(pair, 2)
       associate (a => cells%side(1, k), b => cells%side(2, k))
          call graph%add(graph%value, pair(:, k), norm2(cells%area(:, k)) &
@@ -91,7 +101,11 @@ subroutine new_preconditioner(self, cells, surface, inside, shear, error)
       end do
       self%diagonal(i::nd) = value(graph%start(2:))
       call factor_upper(self%laplacian(i), graph%n, graph%start, graph%row, value, error)
-      if (allocated(error)) return
+      if (allocated(error)) then
+         error%message = 'preconditioner of displacement component '//to_text(i)//': ' &
+            & //error%message//'; above galerkin.direct_limit the tangent is not factorised'
+         return
+      end if
    end do
 end subroutine new_preconditioner
 

@@ -60,7 +60,7 @@ subroutine new_recovery(self, scene, cells, error)
    end associate
    call new_shape(self%shape, scene%approximation, cells%point, scene%support(:, cells%node), &
       & self%place, error)
-   if (allocated(error)) error%message = 'cell '//error%message
+   if (allocated(error)) error%message = 'stress at '//error%message
 end subroutine new_recovery
 
 !> Deformation gradient at a collocation point or a probe

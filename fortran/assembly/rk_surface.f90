@@ -73,7 +73,7 @@ subroutine set_conditions(self, scene, cells, shear)
       where (self%essential(:, s)) self%traction(:, s) = 0.0_wp
       q = cells%lift_point(cells%lift_first(s) + 1)
       ! the spacing across the surface
-      spacing = dot_product(abs(cells%outward(:, s)), step)/self%area(s)
+      spacing = norm2(cells%outward(:, s)*step)/self%area(s)
       self%penalty(s) = scene%penalty/spacing*self%area(s)*shear(q)
    end do
 end subroutine set_conditions
