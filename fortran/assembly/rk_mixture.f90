@@ -85,14 +85,17 @@ subroutine new_mixture(self, scene, position, nearest, error)
    type(shape_type) :: shape
    real(wp) :: part(size(scene%tissue)), gradient(3, size(scene%tissue))
    real(wp), allocatable :: turn(:, :, :)
-   integer, allocatable :: owner(:)
+   integer, allocatable :: owner(:), fibered(:, :)
    integer :: ip, k, n, np, round
 
    self%scene => scene
    call fiber_slopes(scene, turn, error)
    if (allocated(error)) return
    np = size(position, 2)
-   allocate (self%first(np + 1))
+   allocate (self%first(np + 1), fibered(size(scene%cloud%place, 2), size(scene%tissue)))
+   do k = 1, size(scene%tissue)
+      if (scene%tissue(k)%material%active(kind_i4)) fibered(:, k) = fibered_points(scene, k)
+   end do
    if (size(scene%tissue) > 1) then
       call new_shape(shape, approximation_type(0, kernel_quintic, window_product), &
          & scene%cloud%source, scene%interface*scene%cloud%spacing, position, error)
@@ -119,7 +122,7 @@ subroutine new_mixture(self, scene, position, nearest, error)
             self%fiber(:, n) = 0.0_wp
             if (allocated(turn)) self%turn(:, :, n) = 0.0_wp
             if (.not. has_fibers(scene, k, nearest(ip))) cycle
-            associate (at => fibered_point(scene, k, nearest(ip)))
+            associate (at => fibered(nearest(ip), k))
                self%fiber(:, n) = scene%cloud%fiber(:, at)
                if (allocated(turn)) self%turn(:, :, n) = turn(:, :, at)
             end associate
@@ -173,28 +176,23 @@ pure logical function has_fibers(scene, k, at)
       & has_fibers = scene%tissue(scene%tissue_of(at))%material%active(kind_i4)
 end function has_fibers
 
-!> Collocation point whose fiber a tissue has at another one: itself, or the nearest of the tissue
-pure integer function fibered_point(scene, k, at)
+!> Collocation points whose fibers a tissue has at all of them: themselves, or the nearest of the
+!> tissue
+function fibered_points(scene, k) result(at)
    !> Scene
    type(scene_type), intent(in) :: scene
-   !> Tissue
+   !> Tissue with fibers
    integer, intent(in) :: k
-   !> Collocation point
-   integer, intent(in) :: at
-   real(wp) :: least, d
+   integer :: at(size(scene%tissue_of))
+   integer, allocatable :: own(:), other(:)
    integer :: ip
 
-   fibered_point = at
-   if (scene%tissue_of(at) == k) return
-   least = huge(1.0_wp)
-   do ip = 1, size(scene%tissue_of)
-      if (scene%tissue_of(ip) /= k) cycle
-      d = sum((scene%cloud%place(:, ip) - scene%cloud%place(:, at))**2)
-      if (d >= least) cycle
-      least = d
-      fibered_point = ip
-   end do
-end function fibered_point
+   at = [(ip, ip=1, size(at))]
+   own = pack(at, scene%tissue_of == k)
+   other = pack(at, scene%tissue_of /= k)
+   if (size(own) == 0) return
+   at(other) = own(nearest_points(scene%cloud%place(:, own), scene%cloud%place(:, other)))
+end function fibered_points
 
 !> Bulk modulus at a place [stress]
 pure real(wp) function bulk(self, ip)
