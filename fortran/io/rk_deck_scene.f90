@@ -71,7 +71,8 @@ subroutine new_scene(scene, deck, model, error)
       return
    end if
    call read_weights(scene, deck)
-   if (.not. allocated(scene%cloud%cell)) call volume_patches(scene%cloud)
+   if (scene%method == 'rkcm-mixed' .and. .not. allocated(scene%cloud%cell)) &
+      & call volume_patches(scene%cloud)
    call read_conditions(scene, deck, error)
    if (allocated(error)) return
    call read_probes(scene, deck, error)
