@@ -71,7 +71,7 @@ def write_deck(tmp_path: Path) -> Callable[..., Path]:
 @pytest.fixture
 def open_scene(write_deck: Callable[..., Path]) -> Iterator[Callable[..., Any]]:
     """Open scenes from tables or from the path of a deck; all are closed at the end."""
-    from myork.scene import Scene
+    from myork.core.scene import Scene
 
     scenes = []
 

@@ -30,11 +30,11 @@ FORTRAN_LAYERS = [
 #: Modules and folders of the package, lowest first
 PYTHON_LAYERS = [
     {"errors", "records", "console"},
-    {"core", "summary"},
-    {"deck", "imaging"},
+    {"model_file", "summary"},
+    {"core", "imaging"},
     {"segmentation"},
     {"model", "results"},
-    {"scene", "tissue"},
+    {"tissue"},
     {"segment", "build", "solve"},
     {"rom", "report"},
     {"bench", "demo"},
@@ -86,9 +86,8 @@ def fortran_room(path: Path) -> str:
 
 
 def python_room(module: str) -> str:
-    """Room of a dotted name below myork; core_shape is a part of core."""
-    first = module.split(".")[0]
-    return "core" if first.startswith("core_") else first
+    """Room of a dotted name below myork: its file or folder."""
+    return module.split(".")[0]
 
 
 def imported_modules(path: Path) -> list[str]:

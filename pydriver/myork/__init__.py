@@ -15,9 +15,9 @@ os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 _HOME = {
     "MyorkError": "errors",
-    "Scene": "scene",
+    "Scene": "core.scene",
     "__version__": "_version",
-    "load_deck": "deck",
+    "load_deck": "core.deck",
     "make_report": "report",
     "run_deck": "solve",
     "run_demo": "demo",

@@ -17,8 +17,8 @@ from myork.imaging.io import read_image, read_labels
 from myork.model import points
 from myork.model.fibers import fibers_at_points
 from myork.model.mesh import read_tracts, tract_fibers, voxelise
-from myork.model.store import write_model
 from myork.model.surface import surface_offsets
+from myork.model_file import write_model
 from myork.records import Image, Labels, PointCloud
 from myork.summary import update_summary
 

@@ -76,7 +76,7 @@ def _explanation(error: Exception) -> tuple[str, int]:
 
 
 def _segment(options: argparse.Namespace) -> None:
-    from myork.deck import load_deck
+    from myork.core.deck import load_deck
     from myork.segment import segment
 
     deck, out = load_deck(options.deck, _overrides(options), "segment"), _out(options)
@@ -87,7 +87,7 @@ def _segment(options: argparse.Namespace) -> None:
 
 def _build(options: argparse.Namespace) -> None:
     from myork.build import build
-    from myork.deck import load_deck
+    from myork.core.deck import load_deck
 
     deck, out = load_deck(options.deck, _overrides(options), "build"), _out(options)
     with Console(options.verbosity) as console:

@@ -36,7 +36,7 @@ def run_demo(
         Closing summary: force, errors and speed-up of the reduced models, path of the report.
     """
     from myork.build import build
-    from myork.deck import load_deck
+    from myork.core.deck import load_deck
     from myork.report import make_report
     from myork.rom import run_rom
     from myork.segment import segment

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 import myork
 from myork.console import ProgressCallback
-from myork.core_image import evolve_level_sets
+from myork.core.level_sets import evolve_level_sets
 from myork.errors import FileError, InputError
 from myork.imaging.diffusion import read_tensors
 from myork.imaging.geometry import check_same_grid, length_factor

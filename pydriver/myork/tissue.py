@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from myork.core_image import evolve_level_sets
+from myork.core.level_sets import evolve_level_sets
 from myork.errors import InputError
 from myork.imaging.geometry import length_factor
 from myork.imaging.io import read_image, read_labels, write_image, write_labels

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from myork.build import build
-from myork.deck import load_deck
+from myork.core.deck import load_deck
 from myork.imaging.io import read_image, read_reference, write_labels
 from myork.records import Labels
 from myork.report.page import make_report

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from myork.core_image import evolve_level_sets
+from myork.core.level_sets import evolve_level_sets
 from myork.errors import InputError, InstallationError
 from myork.imaging.phantom import make_phantom
 from myork.segmentation.bias import clustered_bias, n4_bias

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from myork.deck import load_deck
+from myork.core.deck import load_deck
 from myork.errors import InputError
 from myork.imaging.phantom import make_phantom
 from myork.records import Image, Labels

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from myork.core_image import evolve_level_sets
+from myork.core.level_sets import evolve_level_sets
 from myork.errors import InputError
 from myork.imaging.phantom import make_phantom
 from myork.records import Image
@@ -280,7 +280,7 @@ def test_pixels_outside_the_region_play_no_part():
 def test_one_and_two_threads_give_the_same_bits():
     code = (
         "import hashlib, numpy as np\n"
-        "from myork.core_image import evolve_level_sets\n"
+        "from myork.core.level_sets import evolve_level_sets\n"
         "u = np.random.default_rng(1).random((40, 40, 6, 2))\n"
         "for volume in (False, True):\n"
         "    r = evolve_level_sets(u, np.ones((40, 40, 6)), u - .5, spacing=(1., 1., 2.), mu=.02,"

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from myork.build import build
-from myork.deck import load_deck
+from myork.core.deck import load_deck
 from myork.errors import FileError, InputError
 from myork.imaging.geometry import check_same_grid
 from myork.imaging.gradients import GradientTable, write_gradients
 from myork.imaging.io import read_image, read_labels, write_image, write_labels
 from myork.imaging.phantom import make_phantom, phantom_dwi
-from myork.model.store import read_model
+from myork.model_file import read_model
 from myork.records import Image, Labels
 from myork.segment import segment
 from myork.summary import update_summary

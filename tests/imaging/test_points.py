@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from myork.build import build_cloud
-from myork.core_shape import shape_functions
+from myork.core.shape import shape_functions
 from myork.errors import InputError
 from myork.imaging.phantom import make_phantom
 from myork.model import points
-from myork.model.store import read_model, write_model
+from myork.model_file import read_model, write_model
 from myork.records import Image, Labels
 
 TABLE = {

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from myork.deck import load_deck
+from myork.core.deck import load_deck
 from myork.errors import FileError, InputError
 from myork.imaging.io import read_labels, read_reference, write_image, write_labels
 from myork.records import Image, Labels

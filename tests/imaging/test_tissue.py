@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from myork.core_image import evolve_level_sets
+from myork.core.level_sets import evolve_level_sets
 from myork.errors import InputError
 from myork.imaging.phantom import TISSUES, make_phantom
 from myork.model.points import BONE, boundary_sets, changed_volumes, coarsen, select

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from myork.scene import Scene
+from myork.core.scene import Scene
 
 REFERENCES = Path(__file__).parent / "references"
 OWN = "this program"

@@ -14,8 +14,8 @@ from typing import Any
 
 import pytest
 
-from myork import core_deck
-from myork.deck import load_deck
+from myork.core import deck as core_deck
+from myork.core.deck import load_deck
 from myork.errors import FileError, InputError
 
 if sys.version_info >= (3, 11):

@@ -14,7 +14,7 @@ import math
 import numpy as np
 import pytest
 
-from myork import core_material as cm
+from myork.core import material as cm
 from myork.errors import InputError
 
 RUBBER = cm.Material("rubber", A10=37.3, A20=-3.1, A30=0.5, K=1e3)

@@ -13,9 +13,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from myork.core_scene import pod_basis
+from myork.core.scene import Scene, pod_basis
 from myork.errors import InputError
-from myork.scene import Scene
 
 TABLES = {
     "scene": {"dimension": 3, "method": "rkcm"},
@@ -288,7 +287,7 @@ def test_rows_do_not_depend_on_the_threads(write_deck):
     """
     program = f"""
 import numpy as np
-from myork.scene import Scene
+from myork.core.scene import Scene
 with Scene({str(write_deck(TABLES))!r}) as scene:
     x = 1e-2 * np.sin(np.arange(scene.dofs))
     print([part.tobytes().hex() for part in scene.linearise(x, 1.0, x[::-1])])

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from myork import core_shape
-from myork.core_shape import shape_functions
+from myork.core import shape as core_shape
+from myork.core.shape import shape_functions
 from myork.errors import InputError
 
 #: Points a direction, enough that supports of order 4 do not see the whole cloud
@@ -253,7 +253,7 @@ def test_same_bits_on_one_and_two_threads():
     """Every place owns its part of the result, so nothing depends on the number of threads."""
     program = """
 import hashlib, numpy as np
-from myork.core_shape import shape_functions
+from myork.core.shape import shape_functions
 points = np.random.default_rng(5).uniform(0, 1, (600, 3))
 shape = shape_functions(points, 0.35, points[::2], order=2)
 print(hashlib.sha256(shape.value.tobytes() + shape.neighbour.tobytes()).hexdigest())

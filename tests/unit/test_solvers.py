@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from myork.core_lstsq import SOLVERS, least_squares
+from myork.core.least_squares import SOLVERS, least_squares
 from myork.errors import InputError, LinalgError
 
 #: Solvers whose answers are as good as QR's
@@ -175,7 +175,7 @@ def test_condition_estimate_is_near_the_condition():
 
 SOLVE = """
 import sys
-from myork.scene import Scene
+from myork.core.scene import Scene
 small = ["load.steps=1", "geometry.source=[4,4,7]", "geometry.collocation=[7,7,13]"]
 with Scene(sys.argv[1], [*small, "load.activation=0.1"], threads=int(sys.argv[2])) as scene:
     print(scene.solve("refined").x.tobytes().hex())

@@ -10,7 +10,7 @@ from myork.bench import mixed
 from myork.bench.nonlinear import along_fixed_fibers
 from myork.bench.rival import felupe_block
 from myork.bench.runs import solve_case
-from myork.deck import load_deck
+from myork.core.deck import load_deck
 
 SIZE = ("geometry.source=[5,5,9]", "geometry.collocation=[9,9,17]")
 

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from myork import Scene, core_material
+from myork import Scene
 from myork.bench import exact
 from myork.bench.bodies import box, graded, jittered, write_body
+from myork.core import material as core_material
 from myork.errors import InputError
 from myork.model.spacing import source_spacing
 from myork.records import PointCloud

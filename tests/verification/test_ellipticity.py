@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from myork import core_material
+from myork.core import material as core_material
 from myork.solve import find_executable
 
 SMALL = (

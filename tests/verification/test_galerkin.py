@@ -12,10 +12,10 @@ from numpy.testing import assert_allclose
 from myork.bench import mms
 from myork.bench.methods import oscillation
 from myork.build import build_cloud
+from myork.core.scene import Scene
 from myork.errors import InputError
-from myork.model.store import write_model
+from myork.model_file import write_model
 from myork.records import Labels
-from myork.scene import Scene
 
 RUBBER = {"name": "rubber", "model": "polynomial", "A10": 37.3, "A20": -3.1, "A30": 0.5, "K": 1e3}
 MUSCLE = {
@@ -166,7 +166,7 @@ def test_same_bits_with_two_threads(write_deck):
     )
     program = f"""
 import numpy as np
-from myork.scene import Scene
+from myork.core.scene import Scene
 with Scene({str(deck)!r}) as scene:
     x = 1e-3 * np.sin(np.arange(scene.dofs))
     print([part.tobytes().hex() for part in scene.linearise(x, 1.0, x[::-1])])

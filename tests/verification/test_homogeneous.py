@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
-from myork.model.store import write_model
+from myork.model_file import write_model
 from myork.records import PointCloud
 
 A10, A20, A30 = 37.3, -3.1, 0.5

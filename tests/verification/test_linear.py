@@ -9,9 +9,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from myork.bench import linear
+from myork.core.scene import Scene
 from myork.errors import InputError
 from myork.results import Results
-from myork.scene import Scene
 from myork.solve import explain_deck, run_deck
 
 SIDES = ("x0", "x1", "y0", "y1", "z0", "z1")

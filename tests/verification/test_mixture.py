@@ -7,7 +7,7 @@ import pytest
 
 from myork.build import build_cloud
 from myork.errors import InputError
-from myork.model.store import write_model
+from myork.model_file import write_model
 from myork.records import Labels, PointCloud
 
 SOFT = {"name": "soft", "label": 1, "model": "polynomial", "A10": 5.0, "K": 20.0}

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from myork.bench import mms
+from myork.core.scene import Scene
 from myork.errors import InputError
-from myork.scene import Scene
 
 #: Least order of displacement and stress between 11 and 17 points an edge, and a bound on the
 #: displacement's error at 17; a little below what was measured (2.4, 2.5; 4.4, 3.9)

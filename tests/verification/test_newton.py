@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from myork.core.scene import Scene
 from myork.errors import ConvergenceError
-from myork.scene import Scene
 from myork.solve import find_executable
 
 TOLERANCE = 1e-7

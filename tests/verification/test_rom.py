@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from myork.core_scene import pod_basis
+from myork.core.scene import pod_basis
 from myork.rom.errors_of import displacement_error, gradient_error
 
 BLOCK = {

@@ -24,10 +24,10 @@ from scipy import ndimage
 from myork.bench.runs import outcome_text, solve_case
 from myork.build import build_cloud
 from myork.console import ProgressCallback
+from myork.core.scene import Scene
 from myork.imaging.phantom import make_phantom
-from myork.model.store import write_model
+from myork.model_file import write_model
 from myork.records import Image, Labels, PointCloud
-from myork.scene import Scene
 
 __all__ = ["OLD", "YOUNG", "Muscle", "labelled", "run", "solve_muscle"]
 

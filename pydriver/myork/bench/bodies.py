@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from myork.model.spacing import source_spacing
-from myork.model.store import write_model
+from myork.model_file import write_model
 from myork.records import PointCloud
 
 __all__ = ["box", "deck_text", "graded", "jittered", "write_body"]

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from myork.bench.runs import INPUTS
 from myork.build import build_cloud
 from myork.console import ProgressCallback
-from myork.deck import load_deck
+from myork.core.deck import load_deck
+from myork.core.scene import Scene
 from myork.imaging.phantom import make_phantom
-from myork.model.store import write_model
+from myork.model_file import write_model
 from myork.records import Image, Labels, PointCloud
-from myork.scene import Scene
 
 __all__ = ["bar", "run", "solve_bar"]
 

@@ -16,7 +16,7 @@ from myork.bench.nonlinear import along_fixed_fibers
 from myork.bench.rival import felupe_tube
 from myork.bench.runs import INPUTS, outcome_text, solve_case
 from myork.console import ProgressCallback
-from myork.deck import load_deck
+from myork.core.deck import load_deck
 
 __all__ = ["Choice", "block_cases", "choice", "plot", "run", "seconds", "table", "tube_cases"]
 

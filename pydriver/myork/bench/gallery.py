@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from myork.console import ProgressCallback
-from myork.core_image import evolve_level_sets
+from myork.core.level_sets import evolve_level_sets
 from myork.imaging.phantom import make_phantom
 from myork.records import Image
 from myork.segmentation.bias import clustered_bias, n4_bias

@@ -20,7 +20,7 @@ from myork.bench.nonlinear import along_fixed_fibers
 from myork.bench.rival import felupe_sheet
 from myork.bench.runs import INPUTS, outcome_text, solve_case
 from myork.console import ProgressCallback
-from myork.deck import load_deck
+from myork.core.deck import load_deck
 from myork.results import Results
 
 __all__ = ["oscillation", "run"]

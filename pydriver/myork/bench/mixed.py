@@ -17,7 +17,7 @@ import numpy as np
 from myork.bench.rival import felupe_block
 from myork.bench.runs import INPUTS, outcome_text, solve_case
 from myork.console import ProgressCallback
-from myork.deck import load_deck
+from myork.core.deck import load_deck
 from myork.errors import InstallationError
 from myork.results import Results
 

@@ -17,13 +17,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from myork import core_material
 from myork.bench.bodies import box
 from myork.console import ProgressCallback
-from myork.core_shape import shape_functions
+from myork.core import material as core_material
+from myork.core.scene import Scene
+from myork.core.shape import shape_functions
 from myork.errors import MyorkError
-from myork.model.store import write_model
-from myork.scene import Scene
+from myork.model_file import write_model
 
 __all__ = [
     "PROBLEMS",

@@ -13,11 +13,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.optimize import brentq
 
-from myork import core_material
 from myork.bench import exact
 from myork.bench.runs import INPUTS, outcome_text, solve_case
 from myork.console import ProgressCallback
-from myork.deck import load_deck
+from myork.core import material as core_material
+from myork.core.deck import load_deck
 
 __all__ = ["along_fixed_fibers", "run"]
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from myork.core_material import Material, stress, strong
+from myork.core.material import Material, stress, strong
 from myork.errors import InstallationError
 
 __all__ = ["felupe_block", "felupe_sheet", "felupe_tube"]

@@ -16,12 +16,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.optimize import brentq
 
-from myork import core_material
 from myork.bench import exact
 from myork.bench.bodies import box, graded, jittered, write_body
 from myork.bench.runs import INPUTS, outcome_text, run_command, solve_case
 from myork.console import ProgressCallback
-from myork.deck import load_deck
+from myork.core import material as core_material
+from myork.core.deck import load_deck
 from myork.records import PointCloud
 
 __all__ = ["Case", "cases", "run", "run_case"]

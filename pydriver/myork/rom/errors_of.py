@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from myork.core_scene import F64Array, Fields
+from myork.core.scene import F64Array, Fields
 
 __all__ = ["displacement_error", "gradient_error", "largest_error"]
 

@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 
 from myork.console import ProgressCallback, silent
-from myork.core_scene import Fields, States, pod_basis
+from myork.core.scene import Fields, Scene, States, pod_basis
 from myork.errors import InputError
 from myork.rom.errors_of import displacement_error, gradient_error, largest_error
-from myork.scene import Scene
 from myork.summary import update_summary
 
 __all__ = ["run_rom"]

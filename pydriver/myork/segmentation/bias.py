@@ -86,7 +86,7 @@ def clustered_bias(
     mask : NDArray
         Voxels that take part, same shape.
     evolve : callable
-        Evolution of the level sets, as `myork.core_image.evolve_level_sets`.
+        Evolution of the level sets, as `myork.core.level_sets.evolve_level_sets`.
     spacing : ArrayLike
         Voxel sizes, shape `(3,)` [mm].
     regions : int

@@ -70,7 +70,7 @@ def leg_tissues(images: LegImages, evolve: Evolve, table: Mapping[str, Any]) -> 
     images : LegImages
         What there is.
     evolve : callable
-        Evolution of the level sets, as `myork.core_image.evolve_level_sets`.
+        Evolution of the level sets, as `myork.core.level_sets.evolve_level_sets`.
     table : mapping
         Table `tissue` of the deck: `least_diffusivity`, `spatial` and `seed`.
 

@@ -120,7 +120,7 @@ def segment_regions(
     region : NDArray
         Voxels that take part, shape `(ni, nj, nk)`.
     evolve : callable
-        Evolution of the level sets, as `myork.core_image.evolve_level_sets`.
+        Evolution of the level sets, as `myork.core.level_sets.evolve_level_sets`.
     choice : LevelSets
         What to segment with.
     spacing : ArrayLike

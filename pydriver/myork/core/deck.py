@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from myork.core_deck import deck_json
-from myork.errors import InputError
+import numpy as np
+
+from myork import _core, errors
 
 __all__ = ["load_deck"]
+
+# Bytes of the first try; a longer answer is asked for again with the length it has.
+_CAPACITY = 1 << 16
 
 
 def load_deck(path: str | Path, overrides: Sequence[str] = (), command: str = "") -> dict[str, Any]:
@@ -43,10 +48,27 @@ def load_deck(path: str | Path, overrides: Sequence[str] = (), command: str = ""
     """
     for text in overrides:
         if "\n" in text:
-            raise InputError(f"--set {text!r}: an override is a single line")
-    deck: dict[str, Any] = json.loads(deck_json(path, overrides, command))
+            raise errors.InputError(f"--set {text!r}: an override is a single line")
+    deck: dict[str, Any] = json.loads(_deck_json(path, overrides, command))
     for material in deck.get("material", []):
         # JSON has no infinity and holds the word
         if "K" in material:
             material["K"] = float(material["K"])
     return deck
+
+
+def _deck_json(path: str | Path, overrides: Sequence[str], command: str) -> str:
+    """JSON text of all values of a deck, defaults included."""
+    items = np.array([text.encode() for text in overrides] or [b""])
+    padded = np.char.ljust(items, max(items.itemsize, 1))  # blanks, not NULs, as Fortran has it
+    capacity = _CAPACITY
+    while True:
+        text, length, stat, _ = _core.deck_json(
+            os.fsencode(path), padded, command.encode(), capacity
+        )
+        if length <= capacity:
+            break
+        capacity = length
+    answer = text.decode("utf-8", "replace").rstrip(" ")
+    errors.check(stat, answer)
+    return answer

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import threading
 import weakref
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -12,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from myork import _core, errors
+from myork.core.deck import load_deck
+from myork.model_file import read_model
 from myork.records import PointCloud
 
 if TYPE_CHECKING:
@@ -88,38 +92,54 @@ class Fields(NamedTuple):
     cauchy: F64Array
 
 
-class CoreScene:
-    """A scene held in the core; `myork.scene.Scene` opens one from a deck.
+class Scene:
+    """A scene in memory: solve, evaluate and reduce it without files.
 
     Parameters
     ----------
-    path : str
+    path : str or Path
         Deck file.
     overrides : sequence of str
         `"table.key=value"` each.
-    model : PointCloud, optional
-        Points of the model file, where the deck wants one.
+    out : Path, optional
+        Folder in which the model file of the deck is looked for first.
     threads : int, optional
         Number of threads of a solve; default all cores.
+
+    Attributes
+    ----------
+    deck : dict
+        The effective deck, defaults and overrides included.
 
     Raises
     ------
     InputError
         The deck, the model or the points are wrong; the message says where.
+    FileError
+        The model file is missing.
+
+    Examples
+    --------
+    >>> from myork import Scene
+    >>> with Scene("inputs/shear_3d.toml", ["load.steps=20"]) as scene:  # doctest: +SKIP
+    ...     states = scene.solve()
+    ...     stress = scene.fields(states.x[-1], 1.0).cauchy
     """
 
     def __init__(
         self,
-        path: str,
-        overrides: Sequence[str],
-        model: PointCloud | None,
-        threads: int | None,
+        path: str | Path,
+        overrides: Sequence[str] = (),
+        out: Path | None = None,
+        threads: int | None = None,
     ) -> None:
+        self.deck = load_deck(path, overrides, "solve")
+        model = _model_of(self.deck, Path(path).parent, out)
         cloud = _NO_MODEL if model is None else model
         names = np.char.ljust(np.array([name.encode() for name in cloud.set_names]), 32)
         items = np.array([text.encode() for text in overrides] or [b" "])
         handle, stat, message = _core.scene_open(
-            path.encode(),
+            os.fsencode(path),
             np.char.ljust(items, items.itemsize),
             cloud.source.T,
             np.broadcast_to(cloud.spacing, cloud.source.shape).T,
@@ -407,3 +427,18 @@ def _shaped(name: str, array: F64Array, shape: tuple[int, ...]) -> F64Array:
     if array.shape != shape:
         raise errors.InputError(f"{name} must have shape {shape}, not {array.shape}")
     return array
+
+
+def _model_of(deck: dict[str, Any], folder: Path, out: Path | None) -> PointCloud | None:
+    """The model file of a deck; None where the deck has a geometry of its own."""
+    geometry = deck["geometry"]
+    if geometry["kind"] != "model":
+        return None
+    name = Path(geometry["file"])
+    for place in (out, folder):
+        if place is not None and (place / name).is_file():
+            return read_model(place / name)
+    raise errors.FileError(
+        f"geometry.file: no model {name} in {out or folder} or beside the deck: "
+        "run `myork build` first"
+    )
