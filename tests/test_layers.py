@@ -18,13 +18,13 @@ PACKAGE = ROOT / "pydriver" / "myork"
 #: Folders of fortran/, lowest first
 FORTRAN_LAYERS = [
     {"base"},
-    {"linalg", "image"},
-    {"approximation", "material"},
-    {"assembly"},
-    {"driver"},
-    {"rom"},
-    {"io"},
-    {"h5"},
+    {"linalg", "image", "deck"},
+    {"solvers", "approximation", "material"},
+    {"model"},
+    {"cells", "problem", "h5"},
+    {"collocation", "galerkin", "driver", "post"},
+    {"linear", "rom"},
+    {"io", "run"},
     {"app", "api"},
 ]
 #: Modules and folders of the package, lowest first
@@ -46,6 +46,9 @@ WITHOUT_CORE = {"imaging", "segmentation", "report"}
 
 MAX_LINES = 600
 MAX_NAMES = 10
+#: Of one room of the core
+MAX_ROOM_FILES = 12
+MAX_ROOM_LINES = 2500
 
 F90 = sorted(FORTRAN.rglob("*.f90"))
 PYTHON = sorted(
@@ -128,6 +131,19 @@ def test_fortran_uses_lower_layers(path: Path) -> None:
         used = home[use["name"]]
         assert may_use(room, used, FORTRAN_LAYERS), f"{room} uses {used}: {line.strip()}"
         assert (room, used) != ("api", "h5"), "the extension links no HDF5"
+
+
+@pytest.mark.parametrize("room", sorted(set().union(*FORTRAN_LAYERS)))
+def test_fortran_room_size(room: str) -> None:
+    files = [
+        path
+        for path in sorted((FORTRAN / room).iterdir())
+        if path.suffix in {".f90", ".c", ".cpp", ".h"}
+    ]
+    assert files, "a room without a file"
+    assert len(files) <= MAX_ROOM_FILES
+    lines = sum(len(path.read_text(encoding="utf-8").splitlines()) for path in files)
+    assert lines <= MAX_ROOM_LINES
 
 
 @pytest.mark.parametrize("path", F90, ids=name_of)

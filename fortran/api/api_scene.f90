@@ -23,8 +23,8 @@ subroutine scene_open(path, nover, overrides, ns, nc, nb, nset, source, spacing,
    model%nd = 3
    model%source = source
    model%spacing = spacing
-   model%place = place
-   model%centre = centre
+   model%points = place
+   model%voxel_centre = centre
    model%volume = volume
    model%label = label
    model%fiber = fiber
@@ -67,7 +67,7 @@ subroutine scene_sizes(handle, sizes, stat, message)
    call find_slot(handle, slot, error)
    call pack_error(error, stat, message)
    if (stat /= 0) return
-   sizes = [slot%full%shape%nd, slot%full%shape%ns, size(slot%scene%cloud%place, 2), &
+   sizes = [slot%full%shape%nd, slot%full%shape%ns, size(slot%scene%cloud%points, 2), &
       & slot%full%n, slot%full%m, size(slot%scene%probe), slot%scene%steps, &
       & maxval(slot%full%shape%stencil)]
 end subroutine scene_sizes
@@ -105,7 +105,7 @@ subroutine scene_points(handle, nd, nc, place, stat, message)
    place = 0
    call find_slot(handle, slot, error)
    call pack_error(error, stat, message)
-   if (stat == 0) place = slot%scene%cloud%place
+   if (stat == 0) place = slot%scene%cloud%points
 end subroutine scene_points
 
 !> Number of points where scene_set_fields wants values
@@ -123,7 +123,7 @@ subroutine scene_count_field_points(handle, n, stat, message)
    n = 0
    call find_slot(handle, slot, error)
    call pack_error(error, stat, message)
-   if (stat == 0) n = size(slot%full%field_points(), 2)
+   if (stat == 0) n = size(slot%full%load_points(), 2)
 end subroutine scene_count_field_points
 
 !> Points where scene_set_fields wants values
@@ -142,7 +142,7 @@ subroutine scene_field_points(handle, nd, n, place, stat, message)
    place = 0
    call find_slot(handle, slot, error)
    call pack_error(error, stat, message)
-   if (stat == 0) place = slot%full%field_points()
+   if (stat == 0) place = slot%full%load_points()
 end subroutine scene_field_points
 
 !> Body force, prescribed displacement and the stress whose traction is prescribed, all at full load

@@ -3,12 +3,12 @@
 !> A handle is serial*64 + row, so that a closed or reused row is recognised. Python owns the
 !> handle and closes it. This table is the one place with module variables.
 module rk_handles
-   use rk_body, only : body_type, free_body
+   use rk_discretisation, only : discretisation_type, free_discretisation
    use rk_error, only : error_type, fatal_error, err_input
    use rk_newton, only : timer_type
    use rk_precision, only : wp
    use rk_recorder, only : iteration_type, recorder_type, step_type
-   use rk_reduced, only : reduced_type
+   use rk_reduced, only : reduced_problem
    use rk_scene, only : scene_type
    use rk_text, only : to_text
    implicit none
@@ -45,9 +45,9 @@ module rk_handles
       !> Scene
       type(scene_type), pointer :: scene => null()
       !> Full problem
-      class(body_type), allocatable :: full
+      class(discretisation_type), allocatable :: full
       !> Reduced problem, where one was made
-      type(reduced_type), pointer :: reduced => null()
+      type(reduced_problem), pointer :: reduced => null()
       !> States of the last solve
       type(states_type), pointer :: states => null()
       !> Wall times of the last solve
@@ -87,7 +87,7 @@ subroutine close_slot(slot)
 
    if (associated(slot%reduced)) deallocate (slot%reduced)
    if (allocated(slot%full)) then
-      call free_body(slot%full)
+      call free_discretisation(slot%full)
       deallocate (slot%full)
    end if
    deallocate (slot%states, slot%scene)

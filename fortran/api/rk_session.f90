@@ -4,14 +4,14 @@ module rk_session
    use rk_deck, only : deck_type, open_deck
    use rk_deck_scene, only : new_scene
    use rk_error, only : error_type, fatal_error, err_input
-   use rk_fields, only : new_probes, probe_value, probes_type
    use rk_handles, only : close_slot, find_slot, open_slot, slot_type
    use rk_linear_solve, only : solve_linear
-   use rk_method, only : new_problem
    use rk_lstsq, only : row_operator
+   use rk_new_problem, only : new_problem
    use rk_newton, only : newton_type, timer_type
    use rk_precision, only : wp
-   use rk_problem, only : problem_type, state_type
+   use rk_probes, only : new_probes, probe_value, probes_type
+   use rk_problem, only : problem_type, evaluation_type
    use rk_reduced, only : new_reduced
    use rk_static, only : solve_static
    use rk_text, only : to_text
@@ -71,7 +71,7 @@ subroutine set_session_fields(handle, body_force, displacement, stress, error)
 
    call find_slot(handle, slot, error)
    if (allocated(error)) return
-   call slot%full%set_fields(body_force, displacement, stress)
+   call slot%full%set_point_loads(body_force, displacement, stress)
 end subroutine set_session_fields
 
 !> Make the reduced problem of a scene
@@ -177,7 +177,7 @@ subroutine evaluate_session(handle, reduced, start, x, load, problem, r, error)
    !> Error handling: closed scene, no reduced model, J <= 0
    type(error_type), allocatable, intent(out) :: error
    type(slot_type), pointer :: slot
-   type(state_type) :: state
+   type(evaluation_type) :: state
 
    call find_problem(handle, reduced, slot, problem, error)
    if (allocated(error)) return

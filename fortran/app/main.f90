@@ -4,16 +4,16 @@ program main
    use omp_lib, only : omp_get_max_threads, omp_set_num_threads
    use rk_cli, only : config_type, read_arguments
    use rk_cloud, only : cloud_type
-   use rk_body, only : body_type
    use rk_deck, only : deck_type, open_deck
    use rk_deck_scene, only : new_scene, stiffest_ratio
+   use rk_discretisation, only : discretisation_type
    use rk_error, only : error_type, err_convergence, err_linalg, err_stopped
    use rk_error_norms, only : error_norms, norms_type
    use rk_explain, only : explain
-   use rk_linear, only : linear_type
+   use rk_linear, only : linear_problem
    use rk_linear_solve, only : solve_linear
-   use rk_method, only : new_problem
    use rk_model_cloud, only : read_model_cloud
+   use rk_new_problem, only : new_problem
    use rk_newton, only : newton_type, tick, timer_type
    use rk_output, only : output_type
    use rk_precision, only : i8, wp
@@ -59,7 +59,7 @@ contains
 
    !> Solve and write
    subroutine run()
-      class(body_type), allocatable, target :: problem
+      class(discretisation_type), allocatable, target :: problem
       type(output_type) :: output
       type(newton_type) :: newton
       type(timer_type) :: timer
@@ -92,7 +92,7 @@ contains
       allocate (x(problem%n), source=0.0_wp)
       call system_clock(timer%start)
       select type (problem)
-      type is (linear_type)
+      type is (linear_problem)
          call solve_linear(problem, scene%linear, x, output, timer, failure)
          if (.not. allocated(failure)) then
             allocate (norms)

@@ -1,12 +1,13 @@
 !> Receives what happens in a solve: progress lines, history.csv, run.log and results.vtkhdf.
 module rk_output
-   use rk_body, only : body_type
+   use rk_discretisation, only : discretisation_type
    use rk_ellipticity, only : ellipticity_type, find_ellipticity
    use rk_error, only : error_type, fatal_error, err_file
-   use rk_fields, only : compute_fields, fields_type, new_probes, probe_value, probes_type
+   use rk_fields, only : compute_fields, fields_type
    use rk_force, only : force_imbalance
    use rk_newton, only : tick
    use rk_precision, only : i8, wp
+   use rk_probes, only : new_probes, probe_value, probes_type
    use rk_recorder, only : iteration_type, recorder_type, step_type
    use rk_results, only : results_type
    use rk_system, only : interrupted
@@ -29,7 +30,7 @@ module rk_output
    !> Files of a run
    type, extends(recorder_type) :: output_type
       !> Problem whose states arrive
-      class(body_type), pointer :: problem => null()
+      class(discretisation_type), pointer :: problem => null()
       !> Probes
       type(probes_type) :: probes
       !> Result file
@@ -77,7 +78,7 @@ subroutine open_output(self, problem, folder, deck_text, version, error)
    !> Files
    class(output_type), intent(inout) :: self
    !> Problem
-   class(body_type), target, intent(inout) :: problem
+   class(discretisation_type), target, intent(inout) :: problem
    !> Folder, which exists
    character(len=*), intent(in) :: folder
    !> Deck, kept with the results
@@ -105,7 +106,7 @@ subroutine open_output(self, problem, folder, deck_text, version, error)
    write (self%history, '(a)') 'step,load,iteration,residual,gradient,step_norm,min_J,max_J,' &
       & //'backward_error,solver,seconds'
    associate (cloud => problem%scene%cloud)
-      points = in_space(cloud%place)
+      points = in_space(cloud%points)
       source = in_space(cloud%source)
       call self%results%open(folder//'/results.vtkhdf', points, cloud%label, cloud%fiber, source, &
          & deck_text, version, error)
@@ -217,7 +218,7 @@ subroutine step(self, st, x)
       if (worst%value > 0.0_wp .or. self%warned) return
       self%warned = .true.
       call self%warn('the material loses ellipticity at ' &
-         & //to_text(self%problem%scene%cloud%place(:, worst%point))//' (collocation point ' &
+         & //to_text(self%problem%scene%cloud%points(:, worst%point))//' (collocation point ' &
          & //to_text(worst%point)//') from load '//to_text(st%load)//': the answer is no longer ' &
          & //'unique there')
    end associate

@@ -1,16 +1,16 @@
 !> summary.json of a solve.
 module rk_summary
    use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
-   use rk_body, only : body_type
    use rk_deck, only : deck_type
+   use rk_discretisation, only : discretisation_type
    use rk_error, only : error_type
    use rk_error_norms, only : norms_type
    use rk_exact, only : exact_value
-   use rk_fields, only : quantity_size
    use rk_json, only : json_type
    use rk_newton, only : timer_type
    use rk_output, only : output_type
    use rk_precision, only : wp
+   use rk_probes, only : quantity_size
    use rk_system, only : peak_bytes, version_text
    implicit none
    private
@@ -27,7 +27,7 @@ subroutine write_summary(path, deck, problem, output, timer, shape_s, total_s, t
    !> Deck
    type(deck_type), intent(in) :: deck
    !> Problem
-   class(body_type), intent(in) :: problem
+   class(discretisation_type), intent(in) :: problem
    !> What was recorded
    type(output_type), intent(in) :: output
    !> Wall times of assembly and least squares
@@ -69,7 +69,7 @@ subroutine write_summary(path, deck, problem, output, timer, shape_s, total_s, t
       call json%put('reciprocal_condition', output%rcond)
       call json%end_object()
       call json%put('source_points', problem%shape%ns)
-      call json%put('collocation_points', size(problem%scene%cloud%place, 2))
+      call json%put('collocation_points', size(problem%scene%cloud%points, 2))
       call json%put('stencils', maxval(problem%shape%stencil))
       call json%put('dofs', problem%n)
       call json%put('rows', problem%m)
@@ -138,7 +138,7 @@ subroutine write_steps(json, problem, output)
    !> JSON inside the summary
    type(json_type), intent(inout) :: json
    !> Problem
-   class(body_type), intent(in) :: problem
+   class(discretisation_type), intent(in) :: problem
    !> What was recorded
    type(output_type), intent(in) :: output
    integer :: i, k
@@ -159,7 +159,7 @@ subroutine write_steps(json, problem, output)
          if (record%ellipticity%point > 0) then
             call json%begin_object('min_acoustic')
             call json%put('value', record%ellipticity%value)
-            call json%put('point', problem%scene%cloud%place(:, record%ellipticity%point))
+            call json%put('point', problem%scene%cloud%points(:, record%ellipticity%point))
             call json%end_object()
          end if
          call json%begin_object('probes')
@@ -184,7 +184,7 @@ subroutine write_exact(json, problem, output)
    !> JSON inside the summary
    type(json_type), intent(inout) :: json
    !> Problem
-   class(body_type), intent(in) :: problem
+   class(discretisation_type), intent(in) :: problem
    !> What was recorded
    type(output_type), intent(in) :: output
    type(error_type), allocatable :: no_root
@@ -215,7 +215,7 @@ subroutine write_references(json, problem, output)
    !> JSON inside the summary
    type(json_type), intent(inout) :: json
    !> Problem
-   class(body_type), intent(in) :: problem
+   class(discretisation_type), intent(in) :: problem
    !> What was recorded
    type(output_type), intent(in) :: output
    real(wp), allocatable :: load(:), value(:), reference(:)

@@ -18,13 +18,13 @@ module rk_neighbours
    end type neighbour_type
 
    !> Source points sorted into boxes of the size of the largest support
-   type :: cells_type
+   type :: boxes_type
       integer :: n(3) = 1
       real(wp) :: low(3) = 0.0_wp
       real(wp) :: size(3) = 1.0_wp
       integer, allocatable :: first(:)
       integer, allocatable :: member(:)
-   end type cells_type
+   end type boxes_type
 
    !> Points on the rim of a support, where the window vanishes, stay out whatever their rounding
    real(wp), parameter :: inside = 1.0_wp - 1.0e-12_wp
@@ -45,7 +45,7 @@ subroutine find_neighbours(self, source, support, place, window, error)
    integer, intent(in) :: window
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   type(cells_type) :: cells
+   type(boxes_type) :: cells
    integer :: ip, n
 
    if (.not. all(support > 0.0_wp .and. support < huge(1.0_wp))) then
@@ -88,7 +88,7 @@ function nearest_points(point, place) result(nearest)
    !> Places, shape (nd, places) [length]
    real(wp), intent(in) :: place(:, :)
    integer :: nearest(size(place, 2))
-   type(cells_type) :: cells
+   type(boxes_type) :: cells
    real(wp) :: radius(size(point, 1), size(point, 2)), distance
    integer, allocatable :: found(:)
    integer :: ip, k, n
@@ -147,7 +147,7 @@ end function covers
 !> Sort the source points into cells
 subroutine fill_cells(cells, source, support)
    !> Cells
-   type(cells_type), intent(out) :: cells
+   type(boxes_type), intent(out) :: cells
    !> Source points, shape (nd, ns) [length]
    real(wp), intent(in) :: source(:, :)
    !> Support, shape (nd, ns) [length]
@@ -185,7 +185,7 @@ end subroutine fill_cells
 !> Cell coordinates of a place, clipped to the grid
 pure function cell_index(cells, x) result(c)
    !> Cells
-   type(cells_type), intent(in) :: cells
+   type(boxes_type), intent(in) :: cells
    !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
    integer :: c(3)
@@ -201,7 +201,7 @@ end function cell_index
 !> Number of a cell from its coordinates
 pure integer function cell_of(cells, c)
    !> Cells
-   type(cells_type), intent(in) :: cells
+   type(boxes_type), intent(in) :: cells
    !> Coordinates
    integer, intent(in) :: c(3)
 
@@ -211,7 +211,7 @@ end function cell_of
 !> Count, and where wanted list, the source points that cover a place
 pure subroutine search(cells, source, support, x, window, n, found)
    !> Cells
-   type(cells_type), intent(in) :: cells
+   type(boxes_type), intent(in) :: cells
    !> Source points, shape (nd, ns) [length]
    real(wp), intent(in) :: source(:, :)
    !> Support, shape (nd, ns) [length]

@@ -4,7 +4,7 @@
 !>            doi:10.1007/978-0-387-40065-5
 module rk_line_search
    use rk_precision, only : wp
-   use rk_problem, only : problem_type, state_type
+   use rk_problem, only : problem_type, evaluation_type
    implicit none
    private
 
@@ -47,7 +47,7 @@ subroutine search(problem, load, a, da, r, slope, blind, downhill, trial, new, s
    !> Fall of r.r/2
    real(wp), intent(out) :: gain
    !> What was seen at the trial
-   type(state_type), intent(out) :: state
+   type(evaluation_type), intent(out) :: state
    real(wp) :: merit
    integer :: cut
 

@@ -6,7 +6,7 @@ module rk_linear_solve
    use rk_lstsq, only : lstsq_report, row_operator, solve_lstsq
    use rk_newton, only : tick, timer_type
    use rk_precision, only : wp
-   use rk_problem, only : problem_type, state_type
+   use rk_problem, only : problem_type, evaluation_type
    use rk_recorder, only : iteration_type, recorder_type, step_type
    implicit none
    private
@@ -32,7 +32,7 @@ subroutine solve_linear(problem, method, x, recorder, timer, error)
    class(row_operator), pointer :: op
    type(lstsq_report) :: report
    type(iteration_type) :: it
-   type(state_type) :: state
+   type(evaluation_type) :: state
    real(wp), allocatable :: r(:), g(:)
    real(wp) :: first_gradient, none
    integer(int64) :: clock

@@ -13,7 +13,7 @@ module rk_newton
    use rk_lstsq, only : row_operator
    use rk_newton_step, only : find_step
    use rk_precision, only : wp
-   use rk_problem, only : dense_limit, problem_type, state_type
+   use rk_problem, only : dense_limit, problem_type, evaluation_type
    use rk_recorder, only : iteration_type, recorder_type
    use rk_text, only : to_text
    implicit none
@@ -61,7 +61,7 @@ module rk_newton
       !> The iteration ended at a jump of the residuals, which smaller load steps do not remove
       logical :: pinned = .false.
       !> Volume ratios of the last state
-      type(state_type) :: state
+      type(evaluation_type) :: state
    end type newton_type
 
    !> Rejected steps in a row before giving up
@@ -138,7 +138,7 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
       merit = norm2(r)
       self%gradient = it%gradient/max(first_gradient, tiny(1.0_wp))
       if (converged(self)) then
-         reason = problem%doubt(a)
+         reason = problem%rejection(a)
          if (len(reason) > 0) then
             call fatal_error(error, err_convergence, reason)
             return
@@ -164,7 +164,7 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
       self%left = predicted/max(0.5_wp*merit**2, tiny(1.0_wp))
       ! neither the jump at the start of a load step nor rounding says anything about the step
       blind = self%iterations == 1 .or. self%left < nothing &
-         & .or. (problem%extent > 0.0_wp .and. all(problem%measure(da) <= rounding))
+         & .or. (problem%extent > 0.0_wp .and. all(problem%scaled_norms(da) <= rounding))
       call search(problem, load, a, da, r, dot_product(g, da), blind, &
          & newton .or. self%damping%lambda > 0.0_wp, trial, new, scale, gain, self%state)
       self%whole = scale >= 1.0_wp .and. self%damping%lambda < slight
@@ -183,11 +183,11 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
       end if
       timer%assemble = timer%assemble + tick(clock)
       if (self%iterations == 1) then
-         first = problem%measure(a)
+         first = problem%scaled_norms(a)
          ! a pressure may be none; then strain times the shear modulus is what it is small against
          first = max(first, first(1), tiny(1.0_wp))
       end if
-      moved = problem%measure(da)
+      moved = problem%scaled_norms(da)
       if (scale > 0.0_wp) moved = scale*moved
       self%step_norm = maxval(moved/first)
       self%still = scale > 0.0_wp .and. problem%extent > 0.0_wp .and. all(moved <= rounding)
@@ -222,7 +222,7 @@ subroutine begin(self, problem, load, a, r, g, first_gradient)
    !> Its norm
    real(wp), intent(out) :: first_gradient
    class(row_operator), pointer :: op
-   type(state_type) :: state
+   type(evaluation_type) :: state
    real(wp), allocatable :: ahead(:), new(:)
 
    call problem%start_step(a, load)
@@ -296,7 +296,7 @@ end function converged
 !> Smallest volume ratio and its place
 function volume_text(state) result(text)
    !> State
-   type(state_type), intent(in) :: state
+   type(evaluation_type), intent(in) :: state
    character(len=:), allocatable :: text
 
    text = 'smallest J '//to_text(state%min_j, 4)//' at collocation point '//to_text(state%worst)

@@ -33,7 +33,7 @@ subroutine read_linear(scene, deck)
          equation%plane_stress = word == 'stress'
       end if
       if (equation%solution == 'cantilever') call deck%get('linear.force', equation%force)
-      equation%extent(:scene%cloud%nd) = maxval(scene%cloud%place, dim=2)
+      equation%extent(:scene%cloud%nd) = maxval(scene%cloud%points, dim=2)
       ! an array of texts is one text here, a line each
       call deck%get('linear.essential', word)
       equation%essential = pack([(k, k=1, size(scene%cloud%set_name))], &

@@ -3,20 +3,21 @@
 !> What the deck alone can tell was checked while it was read; here come the complaints that need
 !> the points: unknown boundary sets, labels without points, directions that are missing.
 module rk_deck_scene
-   use rk_cloud, only : check_cloud, cloud_type, jitter, new_annulus, new_box
+   use rk_cloud, only : check_cloud, cloud_type
    use rk_deck, only : deck_type
    use rk_deck_linear, only : read_linear
    use rk_error, only : error_type, fatal_error, err_input, err_memory
    use rk_estimate, only : estimate_cost, estimate_type
    use rk_kernel, only : kernel_cubic, kernel_quintic, window_product, window_radial
+   use rk_lattice, only : jitter, new_annulus, new_box
    use rk_material, only : material_item
    use rk_material_list, only : new_material
    use rk_memory, only : available_bytes
    use rk_muscle, only : fiber_type
-   use rk_patches, only : volume_patches
    use rk_precision, only : pi, wp
    use rk_scene, only : condition_type, scene_type
    use rk_text, only : to_text
+   use rk_volume_points, only : volume_patches
    implicit none
    private
 
@@ -71,7 +72,7 @@ subroutine new_scene(scene, deck, model, error)
       return
    end if
    call read_weights(scene, deck)
-   if (scene%method == 'rkcm-mixed' .and. .not. allocated(scene%cloud%cell)) &
+   if (scene%method == 'rkcm-mixed' .and. .not. allocated(scene%cloud%volume_points)) &
       & call volume_patches(scene%cloud)
    call read_conditions(scene, deck, error)
    if (allocated(error)) return
@@ -176,7 +177,7 @@ subroutine read_materials(scene, deck, error)
    integer :: i, j, k, n
 
    n = deck%count('material')
-   allocate (scene%tissue(n), scene%tissue_of(size(scene%cloud%place, 2)))
+   allocate (scene%tissue(n), scene%tissue_of(size(scene%cloud%points, 2)))
    scene%tissue_of = 0
    do k = 1, n
       at = 'material.'//to_text(k)
@@ -223,7 +224,7 @@ subroutine read_materials(scene, deck, error)
    k = findloc(scene%tissue_of, 0, dim=1)
    if (k > 0) call fatal_error(error, err_input, deck%where('material.1')//': material: points ' &
       & //'with label '//to_text(scene%cloud%label(k))//' have no material, the first one lies ' &
-      & //'at '//to_text(scene%cloud%place(:, k)))
+      & //'at '//to_text(scene%cloud%points(:, k)))
 end subroutine read_materials
 
 !> Largest ratio of a bulk modulus to its shear modulus, by which the displacement form locks [-]
@@ -298,7 +299,7 @@ subroutine set_fibers(scene, k, direction, place, error)
       if (norm2(scene%cloud%fiber(:, ip)) > 0.5_wp) cycle
       call fatal_error(error, err_input, place//': material '//scene%tissue(k)%name//' has no ' &
          & //'fiber at collocation point '//to_text(ip)//' at ' &
-         & //to_text(scene%cloud%place(:, ip))//': give material.fiber or repair the model')
+         & //to_text(scene%cloud%points(:, ip))//': give material.fiber or repair the model')
       return
    end do
 end subroutine set_fibers

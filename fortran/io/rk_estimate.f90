@@ -60,7 +60,7 @@ function estimate_cost(deck, model) result(self)
       boundary = self%nc - product(max(real(collocation, wp) - 2.0_wp, 0.0_wp))
    else
       self%ns = size(model%source, 2)
-      self%nc = size(model%place, 2)
+      self%nc = size(model%points, 2)
       boundary = size(model%point)
       do d = 1, self%nd
          layers(d) = (maxval(model%source(d, :)) - minval(model%source(d, :))) &

@@ -16,24 +16,24 @@ module rk_material
    implicit none
    private
 
-   public :: material_type, material_item, state_type, reduced_type
+   public :: material_type, material_item, invariant_state, energy_derivatives
    public :: kind_i1, kind_i2, kind_i4
 
    !> Exponents n of the reduced invariants I J^(-n)
    real(wp), parameter :: exponent(3) = [2.0_wp, 4.0_wp, 2.0_wp]/3.0_wp
 
    !> What the reduced energy depends on at one point
-   type :: state_type
+   type :: invariant_state
       !> Reduced invariants I1r, I2r, I4r; those not in use have the values of F = I [-]
       real(wp) :: reduced(3)
       !> Is there a fiber here?
       logical :: fibered
       !> Activation of the fibers, 0..1 [-]
       real(wp) :: activation
-   end type state_type
+   end type invariant_state
 
    !> Reduced energy and its derivatives by I1r, I2r, I4r
-   type :: reduced_type
+   type :: energy_derivatives
       !> Energy W_r [stress]
       real(wp) :: energy
       !> First derivatives [stress]
@@ -44,7 +44,7 @@ module rk_material
       real(wp) :: third(3, 3, 3)
       !> Fourth derivatives, symmetric [stress]
       real(wp) :: fourth(3, 3, 3, 3)
-   end type reduced_type
+   end type energy_derivatives
 
    !> Material of one kind of points
    type, abstract :: material_type
@@ -63,7 +63,7 @@ module rk_material
       !> Infinite K
       procedure :: incompressible
       !> Shear modulus of a deformed state
-      procedure :: stiffness
+      procedure :: shear_modulus
       !> W
       procedure :: energy
       !> P
@@ -88,15 +88,15 @@ module rk_material
       !> Reduced energy and its derivatives up to an order. Of the arrays, the entries of the
       !> active invariants are used; entries of a higher order than wanted may stay unset.
       pure subroutine reduced_energy(self, state, order, w)
-         import :: material_type, reduced_type, state_type
+         import :: material_type, energy_derivatives, invariant_state
          !> Material
          class(material_type), intent(in) :: self
          !> Reduced invariants and activation
-         type(state_type), intent(in) :: state
+         type(invariant_state), intent(in) :: state
          !> Highest derivative wanted, 0..4
          integer, intent(in) :: order
          !> Energy and derivatives
-         type(reduced_type), intent(out) :: w
+         type(energy_derivatives), intent(out) :: w
       end subroutine reduced_energy
    end interface
 
@@ -113,14 +113,14 @@ end function incompressible
 !> Tangent modulus of the simple shear that has the same reduced invariants, without fibers: rubber
 !> sheared by five times its height is a hundred times as stiff as at rest. Never below the value
 !> at rest [stress]
-pure real(wp) function stiffness(self, f)
+pure real(wp) function shear_modulus(self, f)
    !> Material
    class(material_type), intent(in) :: self
    !> Deformation gradient F(i,A) [-]
    real(wp), intent(in) :: f(3, 3)
    type(invariants_type) :: inv
-   type(reduced_type) :: r
-   type(state_type) :: state
+   type(energy_derivatives) :: r
+   type(invariant_state) :: state
    real(wp) :: power(3), squared, slope, bend
    integer :: m
 
@@ -138,8 +138,8 @@ pure real(wp) function stiffness(self, f)
          bend = bend + sum(r%second(inv%kind(2:inv%n), k))
       end associate
    end do
-   stiffness = max(self%shear, 2.0_wp*slope + 4.0_wp*squared*bend)
-end function stiffness
+   shear_modulus = max(self%shear, 2.0_wp*slope + 4.0_wp*squared*bend)
+end function shear_modulus
 
 !> Energy W per reference volume [stress]
 pure function energy(self, f, fiber, activation, volumetric) result(w)
@@ -155,8 +155,8 @@ pure function energy(self, f, fiber, activation, volumetric) result(w)
    logical, intent(in), optional :: volumetric
    real(wp) :: w
    type(invariants_type) :: inv
-   type(reduced_type) :: r
-   type(state_type) :: state
+   type(energy_derivatives) :: r
+   type(invariant_state) :: state
    real(wp) :: power(3)
 
    call set_invariants(inv, f, fiber, self%active, gradients=.false.)
@@ -326,7 +326,7 @@ pure subroutine set_state(inv, activation, state, power)
    !> Activation [-]
    real(wp), intent(in) :: activation
    !> Reduced invariants and activation
-   type(state_type), intent(out) :: state
+   type(invariant_state), intent(out) :: state
    !> Powers J^(-n) of I1r, I2r, I4r [-]
    real(wp), intent(out) :: power(3)
    integer :: n
@@ -358,8 +358,8 @@ pure subroutine set_derivatives(self, inv, activation, volumetric, order, w)
    integer, intent(in) :: order
    !> Derivatives of W
    type(derivatives_type), intent(out) :: w
-   type(reduced_type) :: r
-   type(state_type) :: state
+   type(energy_derivatives) :: r
+   type(invariant_state) :: state
    !> Of a reduced invariant by I, by I and J (once, twice) and by J (once, twice, three times)
    real(wp), dimension(4) :: di, dij, dijj, dj, djj, djjj
    real(wp) :: power(3), inverse
@@ -440,9 +440,9 @@ pure subroutine set_fourth(m, k, r, state, power, inverse, w)
    !> Invariants in use and their kinds
    integer, intent(in) :: m, k(4)
    !> Reduced energy, fourth order
-   type(reduced_type), intent(in) :: r
+   type(energy_derivatives), intent(in) :: r
    !> Reduced invariants
-   type(state_type), intent(in) :: state
+   type(invariant_state), intent(in) :: state
    !> Powers J^(-n) of I1r, I2r, I4r, and 1/J [-]
    real(wp), intent(in) :: power(3), inverse
    !> Derivatives of W

@@ -11,7 +11,7 @@
 module rk_muscle
    use rk_error, only : err_input, error_type, fatal_error
    use rk_fiber, only : active_curve, curve_type, evaluate_curve, passive_curve
-   use rk_material, only : kind_i1, kind_i2, kind_i4, reduced_type, state_type
+   use rk_material, only : kind_i1, kind_i2, kind_i4, energy_derivatives, invariant_state
    use rk_polynomial, only : check_parameter, new_polynomial, polynomial_type
    use rk_precision, only : wp
    implicit none
@@ -90,11 +90,11 @@ pure subroutine reduced(self, state, order, w)
    !> Material
    class(muscle_type), intent(in) :: self
    !> Reduced invariants and activation
-   type(state_type), intent(in) :: state
+   type(invariant_state), intent(in) :: state
    !> Highest derivative wanted
    integer, intent(in) :: order
    !> Energy and derivatives
-   type(reduced_type), intent(out) :: w
+   type(energy_derivatives), intent(out) :: w
    !> Integral of the force by lambda*, the force and its derivatives [-]
    real(wp) :: f(0:4), passive(0:4)
    !> lambda*, and d lambda*/d I4r = c/lambda* [-]

@@ -9,7 +9,7 @@
 module rk_polynomial
    use, intrinsic :: ieee_arithmetic, only : ieee_is_finite
    use rk_error, only : err_input, error_type, fatal_error
-   use rk_material, only : kind_i1, kind_i2, material_type, reduced_type, state_type
+   use rk_material, only : kind_i1, kind_i2, material_type, energy_derivatives, invariant_state
    use rk_precision, only : wp
    use rk_text, only : to_text
    implicit none
@@ -101,11 +101,11 @@ pure subroutine reduced(self, state, order, w)
    !> Material
    class(polynomial_type), intent(in) :: self
    !> Reduced invariants
-   type(state_type), intent(in) :: state
+   type(invariant_state), intent(in) :: state
    !> Highest derivative wanted
    integer, intent(in) :: order
    !> Energy and derivatives
-   type(reduced_type), intent(out) :: w
+   type(energy_derivatives), intent(out) :: w
    real(wp) :: x, y
 
    x = state%reduced(kind_i1) - 3.0_wp

@@ -4,23 +4,23 @@
 !> collocation point are then sums over the modes, and the rows of A'U follow from them without the
 !> full A': the same numbers to rounding, without the number of source points in the cost.
 module rk_reduced
-   use rk_body, only : body_type
-   use rk_collocation, only : collocation_type
+   use rk_discretisation, only : discretisation_type
+   use rk_displacement, only : displacement_problem
    use rk_error, only : error_type, fatal_error, err_input
    use rk_lstsq, only : row_operator
    use rk_matrix, only : matrix_rows
    use rk_precision, only : wp
-   use rk_problem, only : problem_type, state_type
+   use rk_problem, only : problem_type, evaluation_type
    use rk_text, only : to_text
    implicit none
    private
 
-   public :: reduced_type, new_reduced
+   public :: reduced_problem, new_reduced
 
    !> A collocation problem in the span of modes; unknowns are the modes' amplitudes
-   type, extends(problem_type) :: reduced_type
+   type, extends(problem_type) :: reduced_problem
       !> The problem with its fields as sums over modes
-      class(collocation_type), allocatable :: base
+      class(displacement_problem), allocatable :: base
       !> A'U
       type(matrix_rows) :: projected
    contains
@@ -28,16 +28,16 @@ module rk_reduced
       procedure :: evaluate
       procedure :: operator
       procedure :: hessian
-   end type reduced_type
+   end type reduced_problem
 
 contains
 
 !> Project a full problem on modes
 subroutine new_reduced(self, full, modes, error)
    !> Reduced problem; the full one must outlive it
-   type(reduced_type), intent(inout) :: self
+   type(reduced_problem), intent(inout) :: self
    !> Full problem
-   class(body_type), intent(in) :: full
+   class(discretisation_type), intent(in) :: full
    !> Orthonormal modes, shape (full n, r)
    real(wp), intent(in) :: modes(:, :)
    !> Error handling
@@ -50,7 +50,7 @@ subroutine new_reduced(self, full, modes, error)
       return
    end if
    select type (full)
-   class is (collocation_type)
+   class is (displacement_problem)
       allocate (self%base, source=full)
    class default
       call fatal_error(error, err_input, 'reduced models are made of collocation methods, not of ' &
@@ -77,7 +77,7 @@ end subroutine new_reduced
 !> Fix the row weights of a load step
 subroutine start_step(self, x, load)
    !> Problem
-   class(reduced_type), target, intent(inout) :: self
+   class(reduced_problem), target, intent(inout) :: self
    !> Amplitudes at the start of the step, shape (r)
    real(wp), contiguous, intent(in) :: x(:)
    !> Load at the end of the step [-]
@@ -89,7 +89,7 @@ end subroutine start_step
 !> Residuals and, where wanted, the rows of the full problem's fields
 subroutine evaluate(self, x, load, tangent, r, state)
    !> Problem
-   class(reduced_type), target, intent(inout) :: self
+   class(reduced_problem), target, intent(inout) :: self
    !> Amplitudes, shape (r)
    real(wp), contiguous, intent(in) :: x(:)
    !> Load [-]
@@ -99,7 +99,7 @@ subroutine evaluate(self, x, load, tangent, r, state)
    !> Residuals, shape (m)
    real(wp), contiguous, intent(inout) :: r(:)
    !> What was seen
-   type(state_type), intent(out) :: state
+   type(evaluation_type), intent(out) :: state
 
    call self%base%evaluate(x, load, tangent, r, state)
 end subroutine evaluate
@@ -107,7 +107,7 @@ end subroutine evaluate
 !> Linearised rows A'U
 function operator(self) result(op)
    !> Problem
-   class(reduced_type), target, intent(inout) :: self
+   class(reduced_problem), target, intent(inout) :: self
    class(row_operator), pointer :: op
    integer :: b, i, k, q, row
 
@@ -134,7 +134,7 @@ end function operator
 !> Second derivatives of r.r/2
 subroutine hessian(self, x, load, r, a)
    !> Problem, its operator taken at x
-   class(reduced_type), target, intent(inout) :: self
+   class(reduced_problem), target, intent(inout) :: self
    !> Amplitudes, shape (r)
    real(wp), contiguous, intent(in) :: x(:)
    !> Load [-]

@@ -7,7 +7,7 @@ program bench_kernels
    use rk_blas, only : dgemm
    use rk_cgls, only : refine, semi_normal
    use rk_cloud, only : cloud_type
-   use rk_collocation, only : collocation_type
+   use rk_displacement, only : displacement_problem
    use rk_deck, only : deck_type, open_deck
    use rk_deck_scene, only : new_scene
    use rk_envelope, only : envelope_type
@@ -15,9 +15,9 @@ program bench_kernels
    use rk_factors, only : envelope_factor
    use rk_lapack, only : syrk
    use rk_lstsq, only : lstsq_report, row_operator, solve_lstsq
-   use rk_method, only : new_problem
+   use rk_new_problem, only : new_problem
    use rk_precision, only : i8, wp
-   use rk_problem, only : state_type
+   use rk_problem, only : evaluation_type
    use rk_rows, only : rows_type
    use rk_scene, only : scene_type
    implicit none
@@ -26,10 +26,10 @@ program bench_kernels
    type(deck_type) :: deck
    type(cloud_type) :: model
    type(scene_type), target :: scene
-   class(collocation_type), allocatable, target :: problem
+   class(displacement_problem), allocatable, target :: problem
    class(row_operator), pointer :: op
    type(error_type), allocatable :: error
-   type(state_type) :: state
+   type(evaluation_type) :: state
    real(wp), allocatable :: x(:), r(:), y(:)
    integer :: i, repeats
 

@@ -564,7 +564,7 @@ def test_reference_loads_are_met_by_steps(inputs: Path) -> None:
 
 @pytest.fixture(scope="module")
 def make_schema() -> ModuleType:
-    path = ROOT / "fortran" / "io" / "make_schema.py"
+    path = ROOT / "fortran" / "deck" / "make_schema.py"
     spec = importlib.util.spec_from_file_location("make_schema", path)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -573,9 +573,9 @@ def make_schema() -> ModuleType:
 
 
 def test_deck_reference_is_current(make_schema: ModuleType) -> None:
-    text = make_schema.reference(make_schema.read_schema(ROOT / "fortran" / "io" / "schema.toml"))
+    text = make_schema.reference(make_schema.read_schema(ROOT / "fortran" / "deck" / "schema.toml"))
     assert (ROOT / "docs" / "decks.md").read_text(encoding="utf-8") == text, (
-        "run python fortran/io/make_schema.py --reference"
+        "run python fortran/deck/make_schema.py --reference"
     )
 
 

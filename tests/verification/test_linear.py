@@ -201,7 +201,7 @@ point = {point}
     )
     summary = solve(path, tmp_path, f"solver.linear={solver}")
     assert summary["errors"]["relative_H1"] < 1e-10
-    # u_c = 1 + a_c . x/extent, the directions a_c of fortran/assembly/rk_solutions.f90
+    # u_c = 1 + a_c . x/extent, the directions a_c of fortran/linear/rk_solutions.f90
     direction = (0.7, -0.4, 0.5, 0.3, -0.6)
     size = (1.0, 0.5, 2.0)[:dimension]
     grad = np.zeros((3, 3))

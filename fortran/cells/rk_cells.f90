@@ -1,0 +1,56 @@
+!> Where weak forms are integrated: points with weights in groups, and the surface.
+!>
+!> Gauss points lie in the cells between the source points of a lattice. Nodal cells belong to one
+!> source point each; their gradients are smoothed over the cell's facets, which neighbours share:
+!> the integral of a gradient over the body is then exactly the integral of values over the surface.
+!> Gauss points get the mean gradient of their cell corrected to the same end. Points come in
+!> groups, within which the volume change is projected.
+!>
+!> Reference: Chen, Wu, Yoon, You, Int. J. Numer. Meth. Engng 50 (2001),
+!>            doi:10.1002/1097-0207(20010120)50:2<435::AID-NME32>3.0.CO;2-A
+module rk_cells
+   use rk_precision, only : wp
+   implicit none
+   private
+
+   public :: cells_type
+
+   !> Integration points and surface of a body
+   type :: cells_type
+      !> Gradients are smoothed over facets
+      logical :: smoothed = .false.
+      !> The facets of each cell close around it to rounding
+      logical :: closed = .true.
+      !> Points of a cell, which follow each other
+      integer :: per_cell = 1
+      !> Points, those of a group together, shape (nd, np) [length]
+      real(wp), allocatable :: point(:, :)
+      !> Source point of each nodal cell, shape (np); not allocated for Gauss points
+      integer, allocatable :: node(:)
+      !> Volume of each point, shape (np) [length^nd]
+      real(wp), allocatable :: weight(:)
+      !> Group g has points first(g)+1 : first(g+1), shape (groups + 1)
+      integer, allocatable :: first(:)
+      !> Points of facets between cells, shape (nd, facets) [length]
+      real(wp), allocatable :: facet(:, :)
+      !> Area times normal of each, shape (nd, facets) [length^(nd-1)]
+      real(wp), allocatable :: area(:, :)
+      !> Cells on both sides, the normal points from the first to the second, shape (2, facets)
+      integer, allocatable :: side(:, :)
+      !> Points of the surface, shape (nd, ms) [length]
+      real(wp), allocatable :: surface(:, :)
+      !> Outward normal times area, shape (nd, ms) [length^(nd-1)]
+      real(wp), allocatable :: outward(:, :)
+      !> Boundary set of each, shape (ms)
+      integer, allocatable :: set(:)
+      !> Values of surface point s lifted into the body reach points
+      !> lift_point(lift_first(s)+1 : lift_first(s+1)), shape (ms + 1)
+      integer, allocatable :: lift_first(:)
+      integer, allocatable :: lift_point(:)
+      !> by these factors [1/length^nd]: the weights of the points reproduce polynomials at s
+      real(wp), allocatable :: lift(:)
+      !> Second moments of each nodal cell about its point, shape (nd, nd, np) [length^(nd+2)]
+      real(wp), allocatable :: moment(:, :, :)
+   end type cells_type
+
+end module rk_cells

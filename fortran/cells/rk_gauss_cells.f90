@@ -1,0 +1,229 @@
+!> Gauss points in the cells between the source points of a lattice.
+!>
+!> Cells come in groups of two in each direction, within which the volume change is projected.
+module rk_gauss_cells
+   use rk_cells, only : cells_type
+   use rk_cloud, only : cloud_type
+   use rk_error, only : error_type, fatal_error, err_input
+   use rk_gauss, only : gauss_rule
+   use rk_lattice, only : digits_of, lattice_frame, place_of, set_number
+   use rk_precision, only : wp
+   implicit none
+   private
+
+   public :: gauss_cells
+
+   !> Cells between source points that make one group, in each direction
+   integer, parameter :: group_size = 2
+
+contains
+
+!> Gauss points in the cells between the source points of a lattice
+subroutine gauss_cells(self, cloud, count, degree, error)
+   !> Points
+   type(cells_type), intent(out) :: self
+   !> Cloud with a lattice
+   type(cloud_type), intent(in) :: cloud
+   !> Gauss points in each direction of a cell
+   integer, intent(in) :: count
+   !> Degree of the polynomials that lifted values reproduce
+   integer, intent(in) :: degree
+   !> Error handling: no lattice
+   type(error_type), allocatable, intent(out) :: error
+   real(wp) :: rule(count), share(count), low(3), step(3), map(3, 3), jacobian
+   real(wp) :: outer(3)
+   integer :: cells(3), groups(3), at(3), cell(3), sub(3), from(3), to(3), g(3)
+   integer, allocatable :: number(:)
+   integer :: nd, np, ng, i, j, d, k, side, faces, ms, mf, nl, own
+
+   if (.not. allocated(cloud%lattice)) then
+      call fatal_error(error, err_input, 'Gauss cells need the lattice of a box or an annulus: ' &
+         & //'use method "rkpm-scni"')
+      return
+   end if
+   nd = cloud%nd
+   call gauss_rule(rule, share)
+   call lattice_frame(cloud, low, step)
+   cells = 1
+   cells(:nd) = cloud%lattice - 1
+   groups = group_count(cells)
+   ng = product(groups)
+   own = count**nd
+   np = product(cells)*own
+   faces = 0
+   mf = 0
+   do d = 1, nd
+      faces = faces + 2*product(cells)/cells(d)*count**(nd - 1)
+      mf = mf + (product(cells) - product(cells)/cells(d))*count**(nd - 1)
+   end do
+   ! arcs do not close around a cell to rounding: polar cells keep their plain gradients
+   self%closed = .not. cloud%polar
+   if (cloud%polar) mf = 0
+   self%per_cell = own
+   allocate (self%facet(nd, mf), self%area(nd, mf), self%side(2, mf), number(product(cells)))
+   allocate (self%point(nd, np), self%weight(np), self%first(ng + 1))
+   allocate (self%surface(nd, faces), self%outward(nd, faces), self%set(faces))
+   allocate (self%lift_first(faces + 1), self%lift_point(faces*own), self%lift(faces*own))
+   self%first(1) = 0
+   self%lift_first(1) = 0
+   np = 0
+   do i = 1, ng
+      g = digits_of(i - 1, groups)
+      from = group_start(g, cells)
+      to = group_start(g + 1, cells) - 1
+      do j = 1, product(to - from + 1)
+         np = np + 1
+         number(place_of(from + digits_of(j - 1, to - from + 1), cells)) = np
+      end do
+   end do
+   np = 0
+   ms = 0
+   mf = 0
+   nl = 0
+   do i = 1, ng
+      g = digits_of(i - 1, groups)
+      from = group_start(g, cells)
+      to = group_start(g + 1, cells) - 1
+      do j = 1, product(to - from + 1)
+         cell = from + digits_of(j - 1, to - from + 1)
+         do k = 1, own
+            at = digits_of(k - 1, [count, count, merge(count, 1, nd == 3)])
+            call place(cell, rule(at(:nd) + 1))
+            self%point(:, np + k) = outer(:nd)
+            self%weight(np + k) = jacobian*product(share(at(:nd) + 1))
+         end do
+         do d = 1, nd
+            do side = 0, 1
+               do k = 1, count**(nd - 1)
+                  sub = digits_of(k - 1, [count, merge(count, 1, nd == 3), 1])
+                  if (cell(d) == side*(cells(d) - 1)) then
+                     call add_surface(cell, d, side, sub)
+                  else if (side == 1 .and. .not. cloud%polar) then
+                     call add_facet(cell, d, sub)
+                  end if
+               end do
+            end do
+         end do
+         np = np + own
+      end do
+      self%first(i + 1) = np
+   end do
+   self%lift_point = self%lift_point(:nl)
+   self%lift = self%lift(:nl)
+
+contains
+
+   !> Place and Jacobian of a point of a cell
+   subroutine place(index, xi)
+      integer, intent(in) :: index(3)
+      real(wp), intent(in) :: xi(:)
+      real(wp) :: q(3)
+      integer :: e
+
+      q = 0.0_wp
+      q(:nd) = low(:nd) + step(:nd)*(index(:nd) + 0.5_wp*(1.0_wp + xi))
+      map = 0.0_wp
+      if (cloud%polar) then
+         outer = [q(1)*cos(q(2)), q(1)*sin(q(2)), 0.0_wp]
+         map(:2, 1) = 0.5_wp*step(1)*[cos(q(2)), sin(q(2))]
+         map(:2, 2) = 0.5_wp*step(2)*q(1)*[-sin(q(2)), cos(q(2))]
+         jacobian = 0.25_wp*step(1)*step(2)*q(1)
+      else
+         outer = q
+         do e = 1, nd
+            map(e, e) = 0.5_wp*step(e)
+         end do
+         jacobian = product(0.5_wp*step(:nd))
+      end if
+   end subroutine place
+
+   !> A Gauss point of a face of a cell
+   subroutine face_point(index, axis, end, sub, xi, area)
+      integer, intent(in) :: index(3), axis, end, sub(3)
+      real(wp), intent(out) :: xi(:), area(:)
+      real(wp) :: length
+      integer :: e, n
+
+      n = 0
+      length = 1.0_wp
+      do e = 1, nd
+         if (e == axis) then
+            xi(e) = 2.0_wp*end - 1.0_wp
+         else
+            n = n + 1
+            xi(e) = rule(sub(n) + 1)
+            length = length*share(sub(n) + 1)
+         end if
+      end do
+      call place(index, xi)
+      ! columns of the map are orthogonal: the face's area is the product of the others' lengths
+      area = xi(axis)*length*jacobian*map(:nd, axis)/sum(map(:, axis)**2)
+   end subroutine face_point
+
+   !> A Gauss point of a face between two cells, at the upper end of the first
+   subroutine add_facet(index, axis, sub)
+      integer, intent(in) :: index(3), axis, sub(3)
+      real(wp) :: xi(nd)
+      integer :: next(3)
+
+      mf = mf + 1
+      call face_point(index, axis, 1, sub, xi, self%area(:, mf))
+      self%facet(:, mf) = outer(:nd)
+      next = index
+      next(axis) = index(axis) + 1
+      self%side(:, mf) = [number(place_of(index, cells)), number(place_of(next, cells))]
+   end subroutine add_facet
+
+   !> A Gauss point of a face on the surface
+   subroutine add_surface(index, axis, end, sub)
+      integer, intent(in) :: index(3), axis, end, sub(3)
+      real(wp) :: xi(nd), eta(nd)
+      integer :: digit(3), q
+
+      ms = ms + 1
+      call face_point(index, axis, end, sub, xi, self%outward(:, ms))
+      self%surface(:, ms) = outer(:nd)
+      self%set(ms) = set_number(cloud%polar, axis, end)
+      do q = 1, own
+         digit = digits_of(q - 1, [count, count, merge(count, 1, nd == 3)])
+         eta = rule(digit(:nd) + 1)
+         nl = nl + 1
+         self%lift_point(nl) = np + q
+         self%lift(nl) = product(kernel(eta, xi)*share(digit(:nd) + 1))/self%weight(np + q)
+      end do
+      self%lift_first(ms + 1) = nl
+   end subroutine add_surface
+
+   !> Reproducing kernel of Legendre polynomials up to the degree, in each direction
+   elemental real(wp) function kernel(x, y)
+      real(wp), intent(in) :: x, y
+
+      kernel = 0.5_wp
+      if (degree > 0) kernel = kernel + 1.5_wp*x*y
+   end function kernel
+
+end subroutine gauss_cells
+
+!> Groups of cells in one direction: so many that they can lie symmetrically
+elemental integer function group_count(cells)
+   !> Cells in this direction
+   integer, intent(in) :: cells
+
+   group_count = max(1, cells/group_size)
+   ! an odd cell is in the middle of a symmetric row of groups, or there is no such row; groups of
+   ! one cell would make the pressure oscillate
+   if (mod(cells, 2) == 1 .and. mod(group_count, 2) == 0 .and. group_count > 2) &
+      & group_count = group_count - 1
+end function group_count
+
+!> First cell of a group, from 0
+elemental integer function group_start(group, cells)
+   !> Group, from 0
+   integer, intent(in) :: group
+   !> Cells in this direction
+   integer, intent(in) :: cells
+
+   group_start = nint(real(group*cells, wp)/group_count(cells))
+end function group_start
+
+end module rk_gauss_cells

@@ -1,0 +1,232 @@
+!> Nodal cells for smoothed gradients (SCNI): one for each source point.
+!>
+!> A cell is known by its facets. Neighbours share theirs with all quadrature points, and each
+!> facet's quadrature is exact for linear functions, so that smoothed gradients of linear functions
+!> are exact and the sum of all cells leaves only the surface.
+!>
+!> Reference: Chen, Wu, Yoon, You, Int. J. Numer. Meth. Engng 50 (2001),
+!>            doi:10.1002/1097-0207(20010120)50:2<435::AID-NME32>3.0.CO;2-A
+module rk_nodal_cells
+   use rk_cells, only : cells_type
+   use rk_cloud, only : cloud_type
+   use rk_error, only : error_type
+   use rk_facets, only : close_cells, facets_type
+   use rk_lattice, only : digits_of, lattice_frame, place_of, set_number
+   use rk_precision, only : wp
+   use rk_voronoi, only : voronoi_facets
+   use rk_voxels, only : voxel_facets
+   implicit none
+   private
+
+   public :: nodal_cells
+
+   !> Gauss points of an edge, from -1 to 1
+   real(wp), parameter :: gauss(2) = [-1.0_wp, 1.0_wp]/sqrt(3.0_wp)
+
+contains
+
+!> Cells of all source points: from the lattice where there is one and the points keep to it, by
+!> Voronoi's rule where they do not, of whole voxels in a model
+subroutine nodal_cells(self, cloud, error)
+   !> Points
+   type(cells_type), intent(out) :: self
+   !> Cloud
+   type(cloud_type), intent(in) :: cloud
+   !> Error handling: cells that are not there
+   type(error_type), allocatable, intent(out) :: error
+   type(facets_type) :: facets
+   integer, allocatable :: group(:)
+   integer :: is, lattice(3), last(3)
+
+   if (allocated(cloud%lattice)) then
+      if (cloud%jittered) then
+         call voronoi_facets(facets, cloud, error)
+      else if (cloud%nd == 2) then
+         call lattice_facets_2d(facets, cloud)
+      else
+         call lattice_facets_3d(facets, cloud)
+      end if
+      lattice = 1
+      lattice(:cloud%nd) = cloud%lattice
+      last = group_of(lattice - 1, lattice)
+      group = [(place_of(group_of(lattice_index(cloud, is), lattice), last + 1), &
+         & is=1, size(cloud%source, 2))]
+   else
+      call voxel_facets(facets, cloud, group, error)
+   end if
+   if (allocated(error)) return
+   call close_cells(self, size(group), facets, group)
+end subroutine nodal_cells
+
+!> Group of a cell in one direction of a lattice, from 0: threes, as symmetric as can be
+!>
+!> Between groups of two, linear pressures can alternate almost without work: their inf-sup constant
+!> falls with the spacing, that of groups of three does not.
+elemental integer function group_of(cell, cells) result(group)
+   !> Cell, from 0
+   integer, intent(in) :: cell
+   !> Cells in this direction
+   integer, intent(in) :: cells
+   integer :: threes
+
+   threes = cells/3
+   group = cell/3
+   ! five are three and two
+   if (cells <= 5) then
+      if (cells == 4) group = 0
+      return
+   end if
+   select case (mod(cells, 3))
+   case (1)
+      if (mod(threes, 2) == 1) then
+         ! a group of four in the middle
+         if (cell > 3*(threes/2) + 2) group = (cell - 1)/3
+      else
+         ! one cell alone in the middle
+         if (cell > 3*(threes/2)) group = (cell + 2)/3
+      end if
+   case (2)
+      ! fours at the ends
+      group = min(max(cell - 1, 0)/3, threes - 1)
+   end select
+end function group_of
+
+!> Place of a source point in its lattice, from 0
+pure function lattice_index(cloud, is) result(index)
+   !> Cloud with a lattice
+   type(cloud_type), intent(in) :: cloud
+   !> Source point
+   integer, intent(in) :: is
+   integer :: index(3)
+   integer :: base(3)
+
+   base = 1
+   base(4 - cloud%nd:) = cloud%lattice
+   base = digits_of(is - 1, base)
+   index = 0
+   index(:cloud%nd) = base(4 - cloud%nd:)
+end function lattice_index
+
+!> Source point at a place of the lattice
+pure integer function lattice_point(cloud, index)
+   !> Cloud with a lattice
+   type(cloud_type), intent(in) :: cloud
+   !> Place, from 0
+   integer, intent(in) :: index(3)
+   integer :: d
+
+   lattice_point = 0
+   do d = 1, cloud%nd
+      lattice_point = lattice_point*cloud%lattice(d) + index(d)
+   end do
+   lattice_point = lattice_point + 1
+end function lattice_point
+
+!> Facets of a plane lattice, straight between the centres of its meshes; on the surface they meet
+!> in the source points
+subroutine lattice_facets_2d(facets, cloud)
+   !> Facets
+   type(facets_type), intent(inout) :: facets
+   !> Cloud
+   type(cloud_type), intent(in) :: cloud
+   real(wp) :: low(3), step(3)
+   integer :: i, d, o, last(2), end, half(2), index(3), next(3), is, from(2), to(2)
+
+   call lattice_frame(cloud, low, step)
+   last = 2*(cloud%lattice - 1)
+   do is = 1, size(cloud%source, 2)
+      index = lattice_index(cloud, is)
+      do d = 1, 2
+         o = 3 - d
+         do end = 0, 1
+            ! in half spacings: where the cell ends in this direction, and its range along the other
+            half(d) = min(max(2*index(d) + 2*end - 1, 0), last(d))
+            from(d) = half(d)
+            to(d) = half(d)
+            from(o) = max(2*index(o) - 1, 0)
+            to(o) = min(2*index(o) + 1, last(o))
+            if (half(d) == 2*index(d)) then
+               do i = from(o), to(o) - 1
+                  from(o) = i
+                  to(o) = i + 1
+                  call edge(corner(from), corner(to), 0, set_number(cloud%polar, d, end))
+               end do
+            else if (end == 1) then
+               next = index
+               next(d) = index(d) + 1
+               call edge(corner(from), corner(to), lattice_point(cloud, next), 0)
+            end if
+         end do
+      end do
+   end do
+
+contains
+
+   !> Place in the plane of a corner in half spacings
+   pure function corner(at) result(x)
+      integer, intent(in) :: at(2)
+      real(wp) :: x(2)
+
+      x = low(:2) + 0.5_wp*step(:2)*at
+      if (cloud%polar) x = x(1)*[cos(x(2)), sin(x(2))]
+   end function corner
+
+   !> Two Gauss points of an edge
+   subroutine edge(a, b, other, set)
+      real(wp), intent(in) :: a(2), b(2)
+      integer, intent(in) :: other, set
+      real(wp) :: normal(2)
+      integer :: k
+
+      ! a and b follow the other direction: turned to the side of growing d, then outwards
+      normal = [b(2) - a(2), a(1) - b(1)]
+      if (d == 2) normal = -normal
+      if (end == 0) normal = -normal
+      do k = 1, 2
+         call facets%add(0.5_wp*(a + b) + 0.5_wp*gauss(k)*(b - a), 0.5_wp*normal, is, other, set)
+      end do
+   end subroutine edge
+
+end subroutine lattice_facets_2d
+
+!> Facets of a lattice in space: rectangles half way between the source points
+subroutine lattice_facets_3d(facets, cloud)
+   !> Facets
+   type(facets_type), intent(inout) :: facets
+   !> Cloud
+   type(cloud_type), intent(in) :: cloud
+   real(wp) :: low(3), step(3), from(3), to(3), x(3), area(3)
+   integer :: i, j, d, o, p, end, index(3), next(3), is
+
+   call lattice_frame(cloud, low, step)
+   do is = 1, size(cloud%source, 2)
+      index = lattice_index(cloud, is)
+      from = low + step*max(index - 0.5_wp, 0.0_wp)
+      to = low + step*min(index + 0.5_wp, real(cloud%lattice - 1, wp))
+      do d = 1, 3
+         o = modulo(d, 3) + 1
+         p = modulo(d + 1, 3) + 1
+         do end = 0, 1
+            next = index
+            next(d) = index(d) + 2*end - 1
+            if (end == 0 .and. next(d) >= 0) cycle
+            x(d) = merge(to(d), from(d), end == 1)
+            area = 0.0_wp
+            area(d) = 0.25_wp*(2*end - 1)*(to(o) - from(o))*(to(p) - from(p))
+            do i = 1, 2
+               do j = 1, 2
+                  x(o) = 0.5_wp*(from(o) + to(o)) + 0.5_wp*gauss(i)*(to(o) - from(o))
+                  x(p) = 0.5_wp*(from(p) + to(p)) + 0.5_wp*gauss(j)*(to(p) - from(p))
+                  if (next(d) < 0 .or. next(d) >= cloud%lattice(d)) then
+                     call facets%add(x, area, is, 0, set_number(.false., d, end))
+                  else
+                     call facets%add(x, area, is, lattice_point(cloud, next), 0)
+                  end if
+               end do
+            end do
+         end do
+      end do
+   end do
+end subroutine lattice_facets_3d
+
+end module rk_nodal_cells

@@ -1,0 +1,137 @@
+!> Reaction forces by the principle of virtual work.
+!>
+!> The force on a fixed, plane set is the work of the stress in a virtual motion that is 1 on the
+!> set and falls to 0 before the next fixed set: R = -integral of P grad w over the body. It sees
+!> interior sections only, where stresses are smooth, not the singular tractions at the rim of the
+!> set. A component for which that motion meets other fixed points falls back to the traction
+!> integral over the set.
+module rk_section_force
+   use rk_discretisation, only : discretisation_type
+   use rk_point_state, only : point_state
+   use rk_precision, only : pi, wp
+   implicit none
+   private
+
+   public :: section_force
+
+contains
+
+!> Force through the sections below a set
+function section_force(problem, set, x, load, share) result(force)
+   !> Full problem
+   class(discretisation_type), intent(in) :: problem
+   !> Boundary set
+   integer, intent(in) :: set
+   !> Coefficients, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> Part of the way to the next fixed set that is looked at [-]
+   real(wp), intent(in) :: share
+   real(wp) :: force(3), work(3), depth, reach
+   real(wp) :: normal(problem%scene%cloud%nd), origin(problem%scene%cloud%nd)
+   logical :: usable(3)
+   type(point_state) :: local
+   real(wp) :: u(problem%fields, problem%shape%nq)
+   integer :: ip, nd
+
+   nd = problem%scene%cloud%nd
+   force = traction_integral(problem, set, x, load)
+   call find_reach(problem, set, normal, origin, reach, usable)
+   if (.not. any(usable)) return
+   ! half a way makes sense between the ends of a body only
+   depth = maxval(-matmul(normal, problem%scene%cloud%points &
+      & - spread(origin, 2, size(problem%scene%cloud%points, 2))))
+   if (share < 1.0_wp .and. reach < depth*(1.0_wp - 1.0e-6_wp)) return
+   reach = share*reach
+   work = 0.0_wp
+   do ip = 1, size(problem%scene%cloud%points, 2)
+      depth = -dot_product(normal, problem%scene%cloud%points(:, ip) - origin)
+      if (depth <= 0.0_wp .or. depth >= reach) cycle
+      call problem%field(ip, x, 1 + nd, u)
+      call problem%local_state(ip, problem%scene%cloud%points(:, ip), u, load, local)
+      ! -w'(depth): a raised cosine, which weighs the middle most
+      work(:nd) = work(:nd) + matmul(local%p(:nd, :nd), normal)*problem%scene%cloud%volume(ip) &
+         & *(1.0_wp - cos(2.0_wp*pi*depth/reach))/reach
+   end do
+   where (usable) force = work
+end function section_force
+
+!> Depth to which a virtual motion from a set may reach, and the components it may have
+subroutine find_reach(problem, set, normal, origin, reach, usable)
+   !> Full problem
+   class(discretisation_type), intent(in) :: problem
+   !> Boundary set
+   integer, intent(in) :: set
+   !> Its outward normal, shape (nd)
+   real(wp), intent(out) :: normal(:)
+   !> A point of it, shape (nd) [length]
+   real(wp), intent(out) :: origin(:)
+   !> Depth below the set, 0 if the set is not plane [length]
+   real(wp), intent(out) :: reach
+   !> Components for which no other fixed point is met
+   logical, intent(out) :: usable(3)
+   real(wp) :: depth, deepest
+   integer :: e, b, first, nd
+
+   nd = size(normal)
+   usable = .false.
+   reach = 0.0_wp
+   associate (cloud => problem%scene%cloud)
+      first = findloc(cloud%set, set, dim=1)
+      if (first == 0) return
+      normal = cloud%normal(:, first)
+      origin = cloud%points(:, cloud%point(first))
+      deepest = maxval(-matmul(normal, cloud%points - spread(origin, 2, size(cloud%points, 2))))
+      do e = 1, size(cloud%point)
+         if (cloud%set(e) /= set) cycle
+         if (dot_product(cloud%normal(:, e), normal) < 1.0_wp - 1.0e-9_wp) return
+         if (abs(dot_product(normal, cloud%points(:, cloud%point(e)) - origin)) &
+            & > 1.0e-6_wp*deepest) return
+      end do
+      ! the next set that is fixed as a whole ends the motion
+      reach = deepest
+      do b = 1, size(problem%boundary%point)
+         depth = -dot_product(normal, cloud%points(:, problem%boundary%point(b)) - origin)
+         if (depth < 1.0e-6_wp*deepest) cycle
+         if (all(problem%boundary%essential(:, b))) reach = min(reach, depth)
+      end do
+      usable(:nd) = .true.
+      do b = 1, size(problem%boundary%point)
+         depth = -dot_product(normal, cloud%points(:, problem%boundary%point(b)) - origin)
+         if (depth < 1.0e-6_wp*deepest .or. depth > reach*(1.0_wp - 1.0e-6_wp)) cycle
+         usable(:nd) = usable(:nd) .and. .not. problem%boundary%essential(:, b) &
+            & .and. .not. abs(problem%boundary%traction(:, b)) > 0.0_wp
+      end do
+   end associate
+end subroutine find_reach
+
+!> Integral of P N over a set
+function traction_integral(problem, set, x, load) result(force)
+   !> Full problem
+   class(discretisation_type), intent(in) :: problem
+   !> Boundary set
+   integer, intent(in) :: set
+   !> Coefficients, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   real(wp) :: force(3)
+   type(point_state) :: local
+   real(wp) :: u(problem%fields, problem%shape%nq)
+   integer :: e, ip, nd
+
+   nd = problem%scene%cloud%nd
+   force = 0.0_wp
+   associate (cloud => problem%scene%cloud)
+      do e = 1, size(cloud%point)
+         if (cloud%set(e) /= set) cycle
+         ip = cloud%point(e)
+         call problem%field(ip, x, 1 + nd, u)
+         call problem%local_state(ip, cloud%points(:, ip), u, load, local)
+         force(:nd) = force(:nd) + matmul(local%p(:nd, :nd), cloud%normal(:, e))*cloud%area(e)
+      end do
+   end associate
+end function traction_integral
+
+end module rk_section_force

@@ -1,0 +1,275 @@
+"""Turn schema.toml into the C++ table of the deck reader and into the deck reference.
+
+Usage::
+
+    python make_schema.py --table schema.toml schema_table.cpp   (the build does this)
+    python make_schema.py --reference                            (rewrites docs/decks.md)
+
+Needs nothing but Python 3.10 and a TOML parser: ``tomllib`` (Python 3.11), ``tomli``, or the copy
+of tomli inside pip.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+HERE = Path(__file__).resolve().parent
+TYPES = ("text", "integer", "number", "boolean", "texts", "integers", "numbers")
+TABLE_ATTRIBUTES = {
+    "about", "many", "named_by", "required", "needed_by", "solve_without", "at_least", "at_most",
+}  # fmt: skip
+KEY_ATTRIBUTES = {
+    "type", "help", "unit", "default", "required", "choices", "min", "max", "above", "below",
+    "length", "or_number", "scalar", "nonzero", "infinite", "refers_to", "unique", "required_if",
+    "only_if",
+}  # fmt: skip
+
+
+def read_schema(path: Path) -> dict[str, dict[str, Any]]:
+    """Read the schema as ``{table: {"keys": {key: attributes}, ...}}``.
+
+    Keys outside every table are in the table ``""``.
+    """
+    for name in ("tomllib", "tomli", "pip._vendor.tomli"):
+        try:
+            parser = importlib.import_module(name)
+        except ImportError:
+            continue
+        document = parser.loads(path.read_text(encoding="utf-8"))
+        break
+    else:
+        sys.exit(
+            f"make_schema.py: {sys.executable} has no TOML parser; "
+            "use Python 3.11 or newer, or install tomli"
+        )
+    tables: dict[str, dict[str, Any]] = {"": {"about": "", "keys": {}}}
+    for name, table in document.items():
+        if "type" in table:
+            tables[""]["keys"][name] = table
+            continue
+        tables[name] = {k: v for k, v in table.items() if not isinstance(v, dict)}
+        tables[name]["keys"] = {k: v for k, v in table.items() if isinstance(v, dict)}
+    check(tables)
+    return tables
+
+
+def check(tables: dict[str, dict[str, Any]]) -> None:
+    """Refuse a schema with words that are not known here, or with keys that nobody explains."""
+    wrong = []
+    for name, table in tables.items():
+        wrong += [f"[{name}]: {word}" for word in table.keys() - TABLE_ATTRIBUTES - {"keys"}]
+        if "about" not in table:
+            wrong.append(f"[{name}]: about is missing")
+        for word in [table.get("named_by"), *table.get("at_least", []), *table.get("at_most", [])]:
+            if word and word not in table["keys"]:
+                wrong.append(f"[{name}]: no key {word}")
+        if table.get("solve_without", name) not in tables:
+            wrong.append(f"[{name}]: no table {table['solve_without']}")
+        for key, spec in table["keys"].items():
+            wrong += [f"[{name}.{key}]: {word}" for word in spec.keys() - KEY_ATTRIBUTES]
+            if spec.get("type") not in TYPES or not spec.get("help"):
+                wrong.append(f"[{name}.{key}]: type or help is missing")
+            if "refers_to" in spec and spec["refers_to"] not in tables:
+                wrong.append(f"[{name}.{key}]: no table {spec['refers_to']}")
+            for other in [*spec.get("required_if", {}), *spec.get("only_if", {})]:
+                where, _, what = other.rpartition(".")
+                if what not in tables.get(where or name, {"keys": {}})["keys"]:
+                    wrong.append(f"[{name}.{key}]: no key {other}")
+    if wrong:
+        sys.exit("schema.toml is wrong:\n" + "\n".join(wrong))
+
+
+# ---- C++ ---------------------------------------------------------------------------------------
+
+
+def quoted(value: object) -> str:
+    """C++ text of a value (JSON's escapes are C++'s)."""
+    return json.dumps(str(value))
+
+
+def toml_text(value: object) -> str:
+    """Write a value as in a deck."""
+    return json.dumps(value)
+
+
+def number(spec: dict[str, Any], name: str) -> str:
+    """C++ optional number of an attribute."""
+    return f"{float(spec[name])!r}" if name in spec else "std::nullopt"
+
+
+def texts(values: list[Any]) -> str:
+    """C++ list of texts."""
+    return "{" + ", ".join(quoted(v) for v in values) + "}"
+
+
+def flag(spec: dict[str, Any], name: str) -> str:
+    """C++ logical of an attribute."""
+    return "true" if spec.get(name) else "false"
+
+
+def conditions(spec: dict[str, Any], name: str) -> str:
+    """C++ list of Condition of an attribute."""
+    pairs = [f"{{{quoted(key)}, {texts(values)}}}" for key, values in spec.get(name, {}).items()]
+    return "{" + ", ".join(pairs) + "}"
+
+
+def cpp_key(name: str, spec: dict[str, Any]) -> str:
+    """Initialiser of a KeySpec, in the order of its members in deck.h."""
+    length = spec.get("length", "any_length")
+    members = [
+        quoted(name),
+        f"Type::{spec['type']}",
+        flag(spec, "required"),
+        quoted(toml_text(spec["default"])) if "default" in spec else "std::nullopt",
+        texts(spec.get("choices", [])),
+        *(number(spec, bound) for bound in ("min", "max", "above", "below")),
+        "dimension_length" if length == "dimension" else str(length),
+        *(flag(spec, word) for word in ("or_number", "scalar", "nonzero", "infinite", "unique")),
+        quoted(spec.get("refers_to", "")),
+        conditions(spec, "required_if"),
+        conditions(spec, "only_if"),
+    ]
+    return "         {" + ", ".join(members) + "},\n"
+
+
+def cpp_table(tables: dict[str, dict[str, Any]]) -> str:
+    """Source of ``rk::schema()``."""
+    lines = [
+        "// Made from schema.toml by make_schema.py\n",
+        '#include "deck.h"\n\n',
+        "namespace rk {\n\n",
+        "const std::vector<TableSpec> &schema() {\n",
+        "   static const std::vector<TableSpec> tables = {\n",
+    ]
+    for name, table in tables.items():
+        # in the order of the members of TableSpec in deck.h
+        head = [quoted(name), flag(table, "many"), flag(table, "required")]
+        head.append(quoted(table.get("named_by", "")))
+        head.append(quoted(table.get("solve_without", "")))
+        head += [texts(table.get(word, [])) for word in ("needed_by", "at_least", "at_most")]
+        keys = "".join(cpp_key(key, spec) for key, spec in table["keys"].items())
+        lines.append(f"      {{{', '.join(head)}, {{\n{keys}      }}}},\n")
+    lines.append("   };\n   return tables;\n}\n\n} // namespace rk\n")
+    return "".join(lines)
+
+
+# ---- reference -----------------------------------------------------------------------------------
+
+INTRODUCTION = """# Decks
+
+<!-- Made from fortran/deck/schema.toml by `python fortran/deck/make_schema.py --reference` -->
+
+A deck is a TOML file that both `myork` and `myork-solve` read. Unknown keys, wrong types, missing
+keys and impossible values are errors, all told at once, each as `file:line: table.key: what`.
+Paths are relative to the deck. Numbers are in the units that `[units]` declares; a number may be
+written as an integer, never as `nan`, and as `inf` only where the key allows it. A table that is absent takes its defaults.
+
+`--set table.key=value` replaces a value and is checked like the deck. It addresses a table, the
+first entry of an array of tables (`material.K`), or an entry by its name (`material.fat.K`,
+`boundary.x1.u_x`, `probe.mid.point`) or number (`reference.2.source`). Values are written as in
+TOML (`geometry.source=[5,5,9]`); a word needs no quotes (`solver.linear=dgels`).
+
+A point on the edge of two boundary sets takes a displacement component where either set prescribes
+it. Traction rows there use the normal of the traction set, the mean normal where two traction sets
+meet.
+"""
+
+
+def code(words: list[str]) -> str:
+    """Words in code type."""
+    return ", ".join(f"`{word}`" for word in words)
+
+
+def allowed(spec: dict[str, Any]) -> str:
+    """Range, choices and length of a key, in words."""
+    parts = []
+    if "choices" in spec:
+        parts.append(code(spec["choices"]))
+    signs = {"min": "≥", "above": ">", "max": "≤", "below": "<"}
+    parts += [f"{sign} {spec[word]}" for word, sign in signs.items() if word in spec]
+    if spec.get("infinite"):
+        parts.append("or `inf`")
+    if "length" in spec:
+        one_each = spec["length"] == "dimension"
+        parts.append("one per dimension" if one_each else f"{spec['length']} items")
+    if spec.get("refers_to"):
+        parts.append(f"name of a [[{spec['refers_to']}]]")
+    if spec.get("unique"):
+        parts.append("unique")
+    return "; ".join(parts)
+
+
+def needed(spec: dict[str, Any]) -> str:
+    """Default of a key, or when it is needed."""
+    if spec.get("required"):
+        return "needed"
+    words = []
+    if "default" in spec:
+        words.append(f"`{toml_text(spec['default'])}`")
+    if "only_if" in spec:
+        need = "needed for" if spec.get("required_if") == spec["only_if"] else "only for"
+        words.append(f"{need} {condition_text(spec['only_if'])}")
+    return ", ".join(words)
+
+
+def condition_text(conditions: dict[str, list[Any]]) -> str:
+    """Conditions in words, long lists cut short."""
+    parts = []
+    for key, values in conditions.items():
+        short = [*values[:2], "…", values[-1]] if len(values) > 4 else values
+        parts.append(f"{key} = {' or '.join(str(value) for value in short)}")
+    return " and ".join(parts)
+
+
+def section(name: str, table: dict[str, Any]) -> str:
+    """Heading and table of keys."""
+    title = f"[[{name}]]" if table.get("many") else f"[{name}]"
+    sentences = [table["about"]]
+    if table.get("required"):
+        sentences.append("Needed in every deck.")
+    if "needed_by" in table:
+        sentences.append(f"Needed by {code(table['needed_by'])}.")
+    if "solve_without" in table:
+        sentences.append(f"`solve` does not need it beside `[{table['solve_without']}]`.")
+    if "named_by" in table:
+        sentences.append(f"An entry is named by its `{table['named_by']}`.")
+    some, one = table.get("at_least"), table.get("at_most")
+    if some:
+        sentences.append(f"{'Exactly' if some == one else 'At least'} one of {code(some)}.")
+    elif one:
+        sentences.append(f"At most one of {code(one)}.")
+    lines = [f"\n## `{title}`\n\n" if name else "\n## Before the first table\n"]
+    lines.append(" ".join(sentences) + "\n\n" if name else "\n")
+    lines.append("| key | type | default | allowed | unit | meaning |\n|---|---|---|---|---|---|\n")
+    for key, spec in table["keys"].items():
+        kind = spec["type"]
+        if spec.get("or_number") or spec.get("scalar"):
+            kind += " or number"
+        cells = [f"`{key}`", kind, needed(spec), allowed(spec), spec.get("unit", ""), spec["help"]]
+        lines.append("| " + " | ".join(cells) + " |\n")
+    return "".join(lines)
+
+
+def reference(tables: dict[str, dict[str, Any]]) -> str:
+    """Text of docs/decks.md."""
+    return INTRODUCTION + "".join(section(name, table) for name, table in tables.items())
+
+
+def main(arguments: list[str]) -> None:
+    """Do what the command line says."""
+    if len(arguments) == 3 and arguments[0] == "--table":
+        Path(arguments[2]).write_text(cpp_table(read_schema(Path(arguments[1]))), encoding="utf-8")
+    elif arguments == ["--reference"]:
+        target = HERE.parents[1] / "docs" / "decks.md"
+        target.parent.mkdir(exist_ok=True)
+        target.write_text(reference(read_schema(HERE / "schema.toml")), encoding="utf-8")
+    else:
+        sys.exit(__doc__)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,378 @@
+!> Gradients of the approximation at integration points, with essential values on the surface lifted
+!> into them.
+!>
+!> On the part of the surface where a component is prescribed, u - g is lifted into the body and
+!> taken off the gradient: F = 1 + grad u - L(u - g). With smoothed gradients this puts g in place
+!> of u in the integral over the facets. Constant stress then does no work in test functions,
+!> whatever their values on the surface: the essential values need no interpolation property, no
+!> multipliers, and no large penalty.
+!>
+!> Reference: Bassi, Rebay, J. Comput. Phys. 131 (1997), doi:10.1006/jcph.1996.5572 (the lifting)
+module rk_gradient
+   use rk_cells, only : cells_type
+   use rk_precision, only : i8, wp
+   use rk_shape, only : shape_type
+   implicit none
+   private
+
+   public :: gradient_type, new_gradient
+
+   !> Gradient of each component of the displacement at each point
+   type :: gradient_type
+      !> Space dimension
+      integer :: nd = 0
+      !> Point q has entries start(q)+1 : start(q+1), shape (np + 1)
+      integer(i8), allocatable :: start(:)
+      !> Place of each entry's source point among those of its group
+      integer, allocatable :: local(:)
+      !> Group g has source points member_start(g)+1 : member_start(g+1), shape (groups + 1)
+      integer(i8), allocatable :: member_start(:)
+      !> Source points of the groups, ascending
+      integer, allocatable :: member(:)
+      !> Component i of point q has its values at value(:, first(i, q)+1 : ), shape (nd, np)
+      integer(i8), allocatable :: first(:, :)
+      !> Gradients of the shape functions, shape (nd, :) [1/length]
+      real(wp), allocatable :: value(:, :)
+      !> Part of the gradient that full essential values make, shape (nd, nd, np), index (i, A) [-]
+      real(wp), allocatable :: given(:, :, :)
+   contains
+      !> Displacement gradient at a point
+      procedure :: at => gradient_at
+      !> Forces that a stress makes
+      procedure :: add_force
+      !> Set the essential values
+      procedure :: set_essential
+   end type gradient_type
+
+contains
+
+!> Set up the gradients
+subroutine new_gradient(self, cells, ns, inside, facet, surface, essential)
+   !> Gradients
+   type(gradient_type), intent(out) :: self
+   !> Integration points
+   type(cells_type), intent(in) :: cells
+   !> Source points
+   integer, intent(in) :: ns
+   !> Shape functions at the points, the facets and the surface
+   type(shape_type), intent(in) :: inside, facet, surface
+   !> Components prescribed at each surface point, shape (nd, ms)
+   logical, intent(in) :: essential(:, :)
+   integer, allocatable :: facet_first(:), facet_list(:), lift_first(:), lift_list(:), touched(:)
+   integer, allocatable :: surface_of(:), surface_first(:), surface_list(:)
+   real(wp), allocatable :: plain(:, :), taken(:, :, :)
+   logical, allocatable :: seen(:)
+   real(wp) :: size_
+   integer :: nd, np, q, n, pass, i, k, s, g, d, cell, o
+   integer(i8) :: entries, values, e
+   logical :: lifted
+
+   nd = size(cells%point, 1)
+   np = size(cells%point, 2)
+   self%nd = nd
+   allocate (surface_of(size(cells%lift_point)))
+   do s = 1, size(cells%set)
+      surface_of(cells%lift_first(s) + 1:cells%lift_first(s + 1)) = s
+   end do
+   call invert(np, cells%lift_point, lift_first, lift_list)
+   call invert(np/cells%per_cell, reshape(cells%side, [size(cells%side)]), facet_first, facet_list)
+   call invert(np/cells%per_cell, [(1 + (cells%lift_point(cells%lift_first(s) + 1) - 1) &
+      & /cells%per_cell, s=1, size(cells%set))], surface_first, surface_list)
+   allocate (self%start(np + 1), self%first(nd, np), self%given(nd, nd, np))
+   allocate (plain(nd, ns), taken(nd, nd, ns), touched(ns), seen(ns))
+   seen = .false.
+   plain = 0.0_wp
+   taken = 0.0_wp
+   do pass = 1, 2
+      entries = 0
+      values = 0
+      do q = 1, np
+         n = 0
+         lifted = .false.
+         cell = 1 + (q - 1)/cells%per_cell
+         o = (cell - 1)*cells%per_cell
+         size_ = sum(cells%weight(o + 1:o + cells%per_cell))
+         if (cells%smoothed) then
+            ! stabilisation couples all source points that cover the middle, facets may miss some
+            call gather(inside, q, [(0.0_wp, d=1, nd)])
+         else
+            call gather_gradient(inside, q, 1.0_wp)
+         end if
+         if (cells%closed) then
+            do k = facet_first(cell) + 1, facet_first(cell + 1)
+               i = (facet_list(k) + 1)/2
+               call gather(facet, i, merge(1, -1, mod(facet_list(k), 2) == 1) &
+                  & *cells%area(:, i)/size_)
+            end do
+            do k = surface_first(cell) + 1, surface_first(cell + 1)
+               call gather(surface, surface_list(k), cells%outward(:, surface_list(k))/size_)
+            end do
+            ! the mean by quadrature gives way to the mean by the divergence theorem
+            if (.not. cells%smoothed) then
+               do k = o + 1, o + cells%per_cell
+                  call gather_gradient(inside, k, -cells%weight(k)/size_)
+               end do
+            end if
+         end if
+         do k = lift_first(q) + 1, lift_first(q + 1)
+            s = surface_of(lift_list(k))
+            if (any(essential(:, s))) call gather_lift(s, cells%lift(lift_list(k)))
+         end do
+         self%start(q) = entries
+         if (pass == 2) then
+            self%local(entries + 1:entries + n) = touched(:n)
+            do d = 1, nd
+               self%first(d, q) = values
+               if (lifted) self%first(d, q) = values + (d - 1)*n
+            end do
+            do k = 1, n
+               do d = 1, merge(nd, 1, lifted)
+                  self%value(:, self%first(d, q) + k) = plain(:, touched(k)) &
+                     & - taken(:, d, touched(k))
+               end do
+            end do
+         end if
+         entries = entries + n
+         values = values + merge(nd*n, n, lifted)
+         do k = 1, n
+            plain(:, touched(k)) = 0.0_wp
+            taken(:, :, touched(k)) = 0.0_wp
+            seen(touched(k)) = .false.
+         end do
+      end do
+      self%start(np + 1) = entries
+      if (pass == 1) allocate (self%local(entries), self%value(nd, values))
+   end do
+
+   ! source points of each group, and the entries' places among them
+   allocate (self%member_start(size(cells%first)))
+   do pass = 1, 2
+      entries = 0
+      self%member_start(1) = 0
+      do g = 1, size(cells%first) - 1
+         n = 0
+         do e = self%start(cells%first(g) + 1) + 1, self%start(cells%first(g + 1) + 1)
+            if (seen(self%local(e))) cycle
+            seen(self%local(e)) = .true.
+            n = n + 1
+            touched(n) = self%local(e)
+         end do
+         if (pass == 2) then
+            k = 0
+            do i = minval(touched(:n)), maxval(touched(:n))
+               if (.not. seen(i)) cycle
+               k = k + 1
+               self%member(entries + k) = i
+            end do
+         end if
+         seen(touched(:n)) = .false.
+         entries = entries + n
+         self%member_start(g + 1) = entries
+      end do
+      if (pass == 1) allocate (self%member(entries))
+   end do
+   do g = 1, size(cells%first) - 1
+      do e = self%member_start(g) + 1, self%member_start(g + 1)
+         touched(self%member(e)) = int(e - self%member_start(g))
+      end do
+      do e = self%start(cells%first(g) + 1) + 1, self%start(cells%first(g + 1) + 1)
+         self%local(e) = touched(self%local(e))
+      end do
+   end do
+
+contains
+
+   !> Note a source point
+   subroutine touch(node)
+      integer, intent(in) :: node
+
+      if (seen(node)) return
+      seen(node) = .true.
+      n = n + 1
+      touched(n) = node
+   end subroutine touch
+
+   !> Values at a place times a vector
+   subroutine gather(shape, ip, vector)
+      type(shape_type), intent(in) :: shape
+      integer, intent(in) :: ip
+      real(wp), intent(in) :: vector(:)
+      integer(i8) :: at, to_value
+
+      to_value = shape%first(shape%stencil(ip)) - shape%neighbour%offset(ip)
+      do at = shape%neighbour%offset(ip) + 1, shape%neighbour%offset(ip + 1)
+         associate (node => shape%neighbour%index(at))
+            call touch(node)
+            plain(:, node) = plain(:, node) + shape%value(1, at + to_value)*vector
+         end associate
+      end do
+   end subroutine gather
+
+   !> Gradients at a place times a factor
+   subroutine gather_gradient(shape, ip, factor)
+      type(shape_type), intent(in) :: shape
+      integer, intent(in) :: ip
+      real(wp), intent(in) :: factor
+      integer(i8) :: at, to_value
+
+      to_value = shape%first(shape%stencil(ip)) - shape%neighbour%offset(ip)
+      do at = shape%neighbour%offset(ip) + 1, shape%neighbour%offset(ip + 1)
+         associate (node => shape%neighbour%index(at))
+            call touch(node)
+            plain(:, node) = plain(:, node) + factor*shape%value(2:1 + nd, at + to_value)
+         end associate
+      end do
+   end subroutine gather_gradient
+
+   !> What the lifting of a surface point takes off
+   subroutine gather_lift(ip, factor)
+      integer, intent(in) :: ip
+      real(wp), intent(in) :: factor
+      integer(i8) :: at, to_value
+      integer :: c
+
+      lifted = .true.
+      to_value = surface%first(surface%stencil(ip)) - surface%neighbour%offset(ip)
+      do at = surface%neighbour%offset(ip) + 1, surface%neighbour%offset(ip + 1)
+         associate (node => surface%neighbour%index(at))
+            call touch(node)
+            do c = 1, nd
+               if (.not. essential(c, ip)) cycle
+               taken(:, c, node) = taken(:, c, node) &
+                  & + factor*surface%value(1, at + to_value)*cells%outward(:, ip)
+            end do
+         end associate
+      end do
+   end subroutine gather_lift
+
+end subroutine new_gradient
+
+!> Lift the essential values
+subroutine set_essential(self, cells, essential, value)
+   !> Gradients
+   class(gradient_type), intent(inout) :: self
+   !> Integration points
+   type(cells_type), intent(in) :: cells
+   !> Components prescribed at each surface point, shape (nd, ms)
+   logical, intent(in) :: essential(:, :)
+   !> Their values at full load, shape (nd, ms) [length]
+   real(wp), intent(in) :: value(:, :)
+   integer :: c, k, s
+
+   self%given = 0.0_wp
+   do s = 1, size(cells%set)
+      do k = cells%lift_first(s) + 1, cells%lift_first(s + 1)
+         associate (given => self%given(:, :, cells%lift_point(k)))
+            do c = 1, self%nd
+               if (essential(c, s)) given(c, :) = given(c, :) &
+                  & + cells%lift(k)*value(c, s)*cells%outward(:, s)
+            end do
+         end associate
+      end do
+   end do
+end subroutine set_essential
+
+!> Places of each number in a list
+pure subroutine invert(n, number, first, list)
+   !> Numbers run from 1 to n; others are left out
+   integer, intent(in) :: n
+   !> List
+   integer, intent(in) :: number(:)
+   !> Number i stands at list(first(i)+1 : first(i+1)), shape (n + 1)
+   integer, allocatable, intent(out) :: first(:)
+   !> Places, shape (size(number))
+   integer, allocatable, intent(out) :: list(:)
+   integer, allocatable :: at(:)
+   integer :: i
+
+   allocate (first(n + 1), source=0)
+   do i = 1, size(number)
+      if (number(i) > 0) first(number(i) + 1) = first(number(i) + 1) + 1
+   end do
+   do i = 1, n
+      first(i + 1) = first(i + 1) + first(i)
+   end do
+   at = first
+   allocate (list(size(number)), source=0)
+   do i = 1, size(number)
+      if (number(i) <= 0) cycle
+      at(number(i)) = at(number(i)) + 1
+      list(at(number(i))) = i
+   end do
+end subroutine invert
+
+!> Displacement gradient at a point
+pure subroutine gradient_at(self, q, x, load, h)
+   !> Gradients
+   class(gradient_type), intent(in) :: self
+   !> Point
+   integer, intent(in) :: q
+   !> Coefficients of the group's source points, shape (nd, members) [length]
+   real(wp), intent(in) :: x(:, :)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> Gradient u_i,A with the lifting, shape (nd, nd) [-]
+   real(wp), intent(out) :: h(:, :)
+   real(wp) :: solid(3, 3), u(3)
+   integer(i8) :: at, e
+   integer :: i, k
+
+   h = load*self%given(:, :, q)
+   if (self%nd == 3 .and. self%first(1, q) == self%first(self%nd, q)) then
+      ! nearly all points of a solid; lengths that the compiler knows
+      solid = 0.0_wp
+      at = self%first(1, q) - self%start(q)
+      do e = self%start(q) + 1, self%start(q + 1)
+         u = x(:3, self%local(e))
+         do k = 1, 3
+            solid(:, k) = solid(:, k) + u*self%value(k, at + e)
+         end do
+      end do
+      h = h + solid
+      return
+   end if
+   do e = self%start(q) + 1, self%start(q + 1)
+      k = int(e - self%start(q))
+      do i = 1, self%nd
+         h(i, :) = h(i, :) + x(i, self%local(e))*self%value(:, self%first(i, q) + k)
+      end do
+   end do
+end subroutine gradient_at
+
+!> Add the forces that do the work of a stress
+pure subroutine add_force(self, q, p, force)
+   !> Gradients
+   class(gradient_type), intent(in) :: self
+   !> Point
+   integer, intent(in) :: q
+   !> First Piola-Kirchhoff stress times weight, shape (3, 3), index (i, A) [stress length^nd]
+   real(wp), intent(in) :: p(:, :)
+   !> Forces on the group's source points, shape (nd, members) [force]
+   real(wp), intent(inout) :: force(:, :)
+   real(wp) :: solid(3, 3), grad(3)
+   integer(i8) :: at, e
+   integer :: i, k
+
+   if (self%nd == 3 .and. self%first(1, q) == self%first(self%nd, q)) then
+      solid = p(:3, :3)
+      at = self%first(1, q) - self%start(q)
+      do e = self%start(q) + 1, self%start(q + 1)
+         grad = self%value(:3, at + e)
+         associate (f => force(:3, self%local(e)))
+            do k = 1, 3
+               f = f + solid(:, k)*grad(k)
+            end do
+         end associate
+      end do
+      return
+   end if
+   do e = self%start(q) + 1, self%start(q + 1)
+      k = int(e - self%start(q))
+      do i = 1, self%nd
+         force(i, self%local(e)) = force(i, self%local(e)) &
+            & + dot_product(p(i, :self%nd), self%value(:, self%first(i, q) + k))
+      end do
+   end do
+end subroutine add_force
+
+end module rk_gradient

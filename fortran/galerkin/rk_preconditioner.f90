@@ -1,0 +1,200 @@
+!> Preconditioner of the stiffness of nodal cells: a Laplacian of each displacement component.
+!>
+!> The Laplacian acts on the values at the cells' points (rk_nodal_values) through the facets
+!> between the cells, with the shear modulus as conductivity. The penalty of prescribed values acts
+!> on what the values of a surface cell and of the one behind it extrapolate. The approximation
+!> extrapolates a little differently, and the difference must not weigh: the geometric mean of the
+!> penalty in use and of the cell's own stiffness errs by the same factor in both directions.
+!>
+!> Reference: Elman, Silvester, Wathen, Finite Elements and Fast Iterative Solvers, Oxford (2014),
+!>            section 4.2, doi:10.1093/acprof:oso/9780199678792.001.0001
+module rk_preconditioner
+   use rk_cells, only : cells_type
+   use rk_error, only : error_type
+   use rk_nodal_values, only : new_nodal_values, nodal_values_type
+   use rk_precision, only : i8, wp
+   use rk_shape, only : shape_type
+   use rk_sparse, only : factor_upper, sparse_factor
+   use rk_symmetric, only : new_symmetric, symmetric_matrix
+   use rk_text, only : to_text
+   use rk_weak_conditions, only : surface_type
+   implicit none
+   private
+
+   public :: preconditioner_type, new_preconditioner
+
+   !> Inverse of something like the stiffness
+   type :: preconditioner_type
+      !> Diagonal of the Laplacians, shape (n) [force/length]
+      real(wp), allocatable :: diagonal(:)
+      !> Factor of each component, shape (nd)
+      type(sparse_factor), allocatable, private :: laplacian(:)
+      !> Values, for which they stand
+      type(nodal_values_type), private :: values
+   contains
+      procedure :: apply
+      final :: free
+   end type preconditioner_type
+
+   !> Stiffness of a cell, of its own, that pieces which nothing holds keep: their factor exists [-]
+   real(wp), parameter :: slight = 1.0e-6_wp
+
+contains
+
+!> Assemble and factorise
+subroutine new_preconditioner(self, cells, surface, inside, shear, error)
+   !> Preconditioner
+   type(preconditioner_type), intent(inout) :: self
+   !> Nodal cells
+   type(cells_type), intent(in) :: cells
+   !> Conditions on the surface
+   type(surface_type), intent(in) :: surface
+   !> Shape functions at the cells' points
+   type(shape_type), intent(in) :: inside
+   !> Shear modulus at each point, shape (np) [stress]
+   real(wp), intent(in) :: shear(:)
+   !> Error handling: no memory, no SuiteSparse, a component that nothing holds
+   type(error_type), allocatable, intent(out) :: error
+   type(symmetric_matrix) :: graph
+   real(wp), allocatable :: value(:), held(:, :, :)
+   integer, allocatable :: pair(:, :), behind(:)
+   integer :: i, k, nd, s
+
+   nd = inside%nd
+   call new_nodal_values(self%values, cells, inside)
+   allocate (pair(2, size(cells%side, 2)))
+   do k = 1, size(pair, 2)
+      pair(:, k) = cells%node(cells%side(:, k))
+      if (pair(1, k) > pair(2, k)) pair(:, k) = pair([2, 1], k)
+   end do
+   ! every cell has a diagonal, also one that touches no other
+   call new_symmetric(graph, 1, size(cells%node), [(int(2*k, i8), k=0, size(pair, 2)), &
+      & (int(2*size(pair, 2) + k, i8), k=1, size(cells%node))], [reshape(pair, [size(pair)]), &
+      & (k, k=1, size(cells%node))])
+   do k = 1, size(cells%node)
+      call graph%add(graph%value, [cells%node(k)], reshape([slight*shear(k) &
+         & *cells%weight(k)**(1.0_wp - 2.0_wp/nd)], [1, 1]))
+   end do
+   do k = 1, size(pair, 2)
+      associate (a => cells%side(1, k), b => cells%side(2, k))
+         call graph%add(graph%value, pair(:, k), norm2(cells%area(:, k)) &
+            & /norm2(cells%point(:, a) - cells%point(:, b))*0.5_wp*(shear(a) + shear(b)) &
+            & *reshape([1.0_wp, 0.0_wp, -1.0_wp, 1.0_wp], [2, 2]))
+      end associate
+   end do
+   call find_behind(behind, cells)
+   call find_penalties(held, cells, surface, shear, behind)
+   allocate (self%laplacian(nd), self%diagonal(nd*size(cells%node)))
+   do i = 1, nd
+      value = graph%value
+      do s = 1, size(behind)
+         if (.not. surface%essential(i, s)) cycle
+         associate (own => cells%node(cells%lift_point(s)))
+            if (behind(s) == 0) then
+               call graph%add(value, [own], held(1:1, 1:1, s))
+            else if (own < cells%node(behind(s))) then
+               call graph%add(value, [own, cells%node(behind(s))], held(:, :, s))
+            else
+               call graph%add(value, [cells%node(behind(s)), own], held(2:1:-1, 2:1:-1, s))
+            end if
+         end associate
+      end do
+      self%diagonal(i::nd) = value(graph%start(2:))
+      call factor_upper(self%laplacian(i), graph%n, graph%start, graph%row, value, error)
+      if (allocated(error)) then
+         error%message = 'preconditioner of displacement component '//to_text(i)//': ' &
+            & //error%message//'; above galerkin.direct_limit the tangent is not factorised'
+         return
+      end if
+   end do
+end subroutine new_preconditioner
+
+!> Penalty of the value at each surface point, by those of its cell and the one behind
+pure subroutine find_penalties(held, cells, surface, shear, behind)
+   !> Penalties, shape (2, 2, ms) [force/length]
+   real(wp), allocatable, intent(out) :: held(:, :, :)
+   !> Nodal cells
+   type(cells_type), intent(in) :: cells
+   !> Conditions on the surface
+   type(surface_type), intent(in) :: surface
+   !> Shear modulus at each point, shape (np) [stress]
+   real(wp), intent(in) :: shear(:)
+   !> Cell behind each surface point, 0 if there is none, shape (ms)
+   integer, intent(in) :: behind(:)
+   real(wp) :: across(size(cells%point, 1)), share(2), penalty
+   integer :: s
+
+   allocate (held(2, 2, size(behind)))
+   do s = 1, size(behind)
+      associate (own => cells%lift_point(s))
+         across = cells%outward(:, s)
+         penalty = sqrt(surface%penalty(s)*shear(own)*dot_product(across, across)/cells%weight(own))
+         share = [1.0_wp, 0.0_wp]
+         if (behind(s) > 0) then
+            across = cells%point(:, own) - cells%point(:, behind(s))
+            share(2) = -dot_product(cells%surface(:, s) - cells%point(:, own), across) &
+               & /dot_product(across, across)
+            share(1) = 1.0_wp - share(2)
+         end if
+      end associate
+      held(:, :, s) = penalty*spread(share, 2, 2)*spread(share, 1, 2)
+   end do
+end subroutine find_penalties
+
+!> Cell on the other side of each surface point's cell, 0 if there is none
+pure subroutine find_behind(behind, cells)
+   !> Cells, shape (ms)
+   integer, allocatable, intent(out) :: behind(:)
+   !> Nodal cells
+   type(cells_type), intent(in) :: cells
+   integer :: facing(2, size(cells%point, 1), size(cells%weight)), d, k, s
+
+   facing = 0
+   do k = 1, size(cells%side, 2)
+      d = maxloc(abs(cells%area(:, k)), dim=1)
+      facing(merge(1, 2, cells%area(d, k) > 0.0_wp), d, cells%side(2, k)) = cells%side(1, k)
+      facing(merge(2, 1, cells%area(d, k) > 0.0_wp), d, cells%side(1, k)) = cells%side(2, k)
+   end do
+   allocate (behind(size(cells%lift_point)))
+   do s = 1, size(behind)
+      d = maxloc(abs(cells%outward(:, s)), dim=1)
+      behind(s) = facing(merge(1, 2, cells%outward(d, s) > 0.0_wp), d, cells%lift_point(s))
+   end do
+end subroutine find_behind
+
+!> y = P^-1 x
+subroutine apply(self, x, y)
+   !> Preconditioner
+   class(preconditioner_type), intent(in) :: self
+   !> Forces, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Displacements, shape (n)
+   real(wp), contiguous, intent(inout) :: y(:)
+   real(wp) :: value(size(self%laplacian), size(x)/size(self%laplacian))
+   real(wp), allocatable :: component(:)
+   integer :: i
+
+   value = reshape(x, shape(value))
+   call self%values%invert(.true., value)
+   do i = 1, size(value, 1)
+      component = value(i, :)
+      call self%laplacian(i)%solve(component)
+      value(i, :) = component
+   end do
+   call self%values%invert(.false., value)
+   y = reshape(value, [size(x)])
+end subroutine apply
+
+!> Give the factors back
+subroutine free(self)
+   !> Preconditioner
+   type(preconditioner_type), intent(inout) :: self
+   integer :: i
+
+   if (.not. allocated(self%laplacian)) return
+   do i = 1, size(self%laplacian)
+      call self%laplacian(i)%free()
+   end do
+end subroutine free
+
+end module rk_preconditioner

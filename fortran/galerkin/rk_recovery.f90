@@ -1,0 +1,93 @@
+!> Deformation gradient at any place, from those that are smoothed over nodal cells.
+!>
+!> Smoothed gradients do not see displacements that alternate from one source point to the next,
+!> and these are hardly resisted where the body is stiff against its stabilisation. Their
+!> derivatives between the source points are of the size of the strains. The gradients of the
+!> cells, of which the equilibrium consists, are reproduced instead, as values at the centres of
+!> the cells: linear fields are exact up to the surface.
+!>
+!> Reference: Chen, Wu, Yoon, You, Int. J. Numer. Meth. Engng 50 (2001),
+!>            doi:10.1002/1097-0207(20010120)50:2<435::AID-NME32>3.0.CO;2-A
+module rk_recovery
+   use rk_cells, only : cells_type
+   use rk_error, only : error_type
+   use rk_precision, only : i8, wp
+   use rk_scene, only : scene_type
+   use rk_shape, only : new_shape, shape_type
+   implicit none
+   private
+
+   public :: recovery_type, new_recovery
+
+   !> Shape functions of the cells' centres
+   type :: recovery_type
+      !> Where they are known: collocation points, then the points of probes, shape (nd, n) [length]
+      real(wp), allocatable :: place(:, :)
+      !> Number of collocation points
+      integer :: points = 0
+      !> Shape functions there
+      type(shape_type) :: shape
+   contains
+      !> Gradient at a place
+      procedure :: at => gradient_at
+   end type recovery_type
+
+contains
+
+!> Set up the shape functions
+subroutine new_recovery(self, scene, cells, error)
+   !> Recovery
+   type(recovery_type), intent(out) :: self
+   !> Scene
+   type(scene_type), intent(in) :: scene
+   !> Nodal cells
+   type(cells_type), intent(in) :: cells
+   !> Error handling: a place that too few cells cover
+   type(error_type), allocatable, intent(out) :: error
+   integer :: i, n
+
+   associate (cloud => scene%cloud)
+      self%points = size(cloud%points, 2)
+      n = self%points
+      allocate (self%place(cloud%nd, n + size(scene%probe)))
+      self%place(:, :n) = cloud%points
+      do i = 1, size(scene%probe)
+         if (scene%probe(i)%set > 0) cycle
+         n = n + 1
+         self%place(:, n) = scene%probe(i)%point(:cloud%nd)
+      end do
+      self%place = self%place(:, :n)
+   end associate
+   call new_shape(self%shape, scene%approximation, cells%point, scene%support(:, cells%node), &
+      & self%place, error)
+   if (allocated(error)) error%message = 'stress at '//error%message
+end subroutine new_recovery
+
+!> Deformation gradient at a collocation point or a probe
+pure function gradient_at(self, ip, x, cell) result(f)
+   !> Recovery
+   class(recovery_type), intent(in) :: self
+   !> Collocation point nearest to the place
+   integer, intent(in) :: ip
+   !> Place, shape (nd) [length]
+   real(wp), intent(in) :: x(:)
+   !> Deformation gradients of the cells, shape (3, 3, np) [-]
+   real(wp), intent(in) :: cell(:, :, :)
+   real(wp) :: f(3, 3)
+   integer(i8) :: k, to_value
+   integer :: at, i
+
+   at = ip
+   if (any(abs(x - self%place(:, ip)) > 0.0_wp)) then
+      do i = self%points + 1, size(self%place, 2)
+         if (all(.not. abs(x - self%place(:, i)) > 0.0_wp)) at = i
+      end do
+   end if
+   f = 0.0_wp
+   to_value = self%shape%first(self%shape%stencil(at)) - self%shape%neighbour%offset(at)
+   do k = self%shape%neighbour%offset(at) + 1, self%shape%neighbour%offset(at + 1)
+      f = f + self%shape%value(1, k + to_value)*cell(:, :, self%shape%neighbour%index(k))
+   end do
+end function gradient_at
+
+end module rk_recovery

@@ -1,0 +1,115 @@
+!> Resistance of nodal cells to gradients that vary within them.
+!>
+!> One gradient for each cell leaves deformations without resistance that change sign from cell to
+!> cell. Their second derivatives do not vanish: these are resisted as the energy of a gradient that
+!> varies linearly over the cell is. Linear displacements have none.
+!>
+!> Cells of a group share few pressures. Within a group, volume could go from one cell to the next
+!> against shear alone; a part of the bulk modulus that is too small to lock acts in each cell.
+!>
+!> Reference: Hillman, Chen, Int. J. Numer. Meth. Engng 107 (2016), doi:10.1002/nme.5183
+module rk_stabilisation
+   use rk_cells, only : cells_type
+   use rk_mixture, only : mixture_type
+   use rk_precision, only : i8, wp
+   use rk_shape, only : shape_type
+   use rk_symmetric, only : symmetric_matrix
+   implicit none
+   private
+
+   public :: stabilise, share_bulk
+
+   !> Bulk modulus in each cell over its shear modulus: that of a Poisson's ratio of 0.35
+   real(wp), parameter :: local_share = 3.0_wp
+   real(wp), parameter :: unity(3, 3) = reshape([1.0_wp, 0.0_wp, 0.0_wp, 0.0_wp, &
+      & 1.0_wp, 0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp], [3, 3])
+
+contains
+
+!> Add modulus/2 times the integral of |grad F (X - X_c)|^2 over each cell
+subroutine stabilise(matrix, value, cells, inside, modulus)
+   !> Places of the entries
+   type(symmetric_matrix), intent(in) :: matrix
+   !> Entries [force/length]
+   real(wp), intent(inout) :: value(:)
+   !> Cells with their second moments
+   type(cells_type), intent(in) :: cells
+   !> Shape functions at the integration points
+   type(shape_type), intent(in) :: inside
+   !> Modulus of each cell, shape (np) [stress]
+   real(wp), intent(in) :: modulus(:)
+   real(wp), allocatable :: part(:, :), scaled(:, :), bend(:, :)
+   real(wp) :: energy
+   integer :: c, i, k, l, n, nd, q, a
+   integer(i8) :: at, first
+
+   nd = inside%nd
+   do q = 1, size(modulus)
+      at = inside%neighbour%offset(q)
+      first = inside%first(inside%stencil(q))
+      n = inside%count(q)
+      allocate (part(nd*n, nd*n), source=0.0_wp)
+      do c = 1, nd
+         bend = inside%value([(pair(nd, a, c), a=1, nd)], first + 1:first + n)
+         scaled = modulus(q)*matmul(cells%moment(:, :, q), bend)
+         do l = 1, n
+            do k = 1, l
+               energy = dot_product(bend(:, k), scaled(:, l))
+               do i = 1, nd
+                  part(nd*(k - 1) + i, nd*(l - 1) + i) = part(nd*(k - 1) + i, nd*(l - 1) + i) &
+                     & + energy
+               end do
+            end do
+         end do
+      end do
+      call matrix%add(value, inside%neighbour%index(at + 1:at + n), part)
+      deallocate (part)
+   end do
+end subroutine stabilise
+
+!> Share the bulk modulus among the volume ratio at each point and its projection in each group
+subroutine share_bulk(mixture, cells, nc, stabilisation, local, projected)
+   !> Materials of the collocation points and, after them, of the integration points
+   type(mixture_type), intent(in) :: mixture
+   !> Integration points
+   type(cells_type), intent(in) :: cells
+   !> Number of collocation points
+   integer, intent(in) :: nc
+   !> Stabilisation in shear moduli [-]
+   real(wp), intent(in) :: stabilisation
+   !> Part that acts at each collocation and integration point, shape (nc + np) [stress]
+   real(wp), allocatable, intent(out) :: local(:)
+   !> Part that acts on the projection in each group, shape (groups) [stress]
+   real(wp), allocatable, intent(out) :: projected(:)
+   integer :: g, i, q
+
+   allocate (local(nc + size(cells%weight)), source=0.0_wp)
+   if (cells%smoothed) then
+      do i = 1, size(local)
+         ! pressures need a modulus of their own
+         local(i) = min(0.5_wp*mixture%bulk(i), &
+            & local_share*stabilisation*mixture%shear_modulus(i, unity))
+      end do
+   end if
+   allocate (projected(size(cells%first) - 1), source=0.0_wp)
+   do g = 1, size(projected)
+      do q = cells%first(g) + 1, cells%first(g + 1)
+         projected(g) = projected(g) + cells%weight(q)*(mixture%bulk(nc + q) - local(nc + q))
+      end do
+      projected(g) = projected(g)/sum(cells%weight(cells%first(g) + 1:cells%first(g + 1)))
+   end do
+end subroutine share_bulk
+
+!> Number of a second derivative among all of a shape function
+pure integer function pair(nd, a, b)
+   !> Space dimension
+   integer, intent(in) :: nd
+   !> Directions
+   integer, intent(in) :: a, b
+
+   associate (low => min(a, b), high => max(a, b))
+      pair = 1 + nd + (low - 1)*nd - (low - 1)*(low - 2)/2 + high - low + 1
+   end associate
+end function pair
+
+end module rk_stabilisation

@@ -1,0 +1,179 @@
+!> Conditions on the surface of a weak form: penalty of prescribed displacements and tractions, and
+!> the forces through boundary sets.
+module rk_weak_conditions
+   use rk_cells, only : cells_type
+   use rk_precision, only : i8, wp
+   use rk_scene, only : scene_type
+   use rk_shape, only : shape_type
+   use rk_symmetric, only : symmetric_matrix
+   implicit none
+   private
+
+   public :: surface_type, set_conditions
+
+   !> What holds at the surface points of integration cells
+   type :: surface_type
+      !> Shape functions
+      type(shape_type) :: shape
+      !> Components prescribed at each point, shape (nd, ms)
+      logical, allocatable :: essential(:, :)
+      !> Their values at full load, shape (nd, ms) [length]
+      real(wp), allocatable :: value(:, :)
+      !> Tractions of the others at full load, shape (nd, ms) [force/area]
+      real(wp), allocatable :: traction(:, :)
+      !> Area of each point, shape (ms) [length^(nd-1)]
+      real(wp), allocatable :: area(:)
+      !> Penalty times area of each point, shape (ms) [force/length]
+      real(wp), allocatable :: penalty(:)
+   contains
+      !> Matrix of the penalty
+      procedure :: add_penalty
+      !> Forces of tractions and of the penalty's prescribed values
+      procedure :: add_forces
+      !> Force through a set
+      procedure :: force => set_force
+   end type surface_type
+
+contains
+
+!> Conditions at the points, from those on their sets
+subroutine set_conditions(self, scene, cells, shear)
+   !> Surface with shape functions
+   type(surface_type), intent(inout) :: self
+   !> Scene
+   type(scene_type), intent(in) :: scene
+   !> Integration points
+   type(cells_type), intent(in) :: cells
+   !> Shear modulus at each integration point [stress]
+   real(wp), intent(in) :: shear(:)
+   real(wp) :: x(2), spacing, step(size(cells%outward, 1))
+   integer :: c, s, nd, ms, q
+
+   nd = scene%cloud%nd
+   ms = size(cells%set)
+   allocate (self%essential(nd, ms), source=.false.)
+   allocate (self%value(nd, ms), self%traction(nd, ms), self%penalty(ms), source=0.0_wp)
+   self%area = norm2(cells%outward, dim=1)
+   step = sum(scene%cloud%spacing, dim=2)/size(scene%cloud%spacing, 2)
+   do s = 1, ms
+      do c = 1, size(scene%condition)
+         associate (condition => scene%condition(c))
+            if (condition%set /= cells%set(s)) cycle
+            self%traction(:, s) = self%traction(:, s) + condition%traction(:nd)
+            where (condition%fixed(:nd))
+               self%essential(:, s) = .true.
+               self%value(:, s) = condition%value(:nd)
+            end where
+            if (.not. condition%is_radial) cycle
+            x = cells%surface(:2, s)
+            self%essential(:2, s) = .true.
+            self%value(:2, s) = condition%radial*x/norm2(x)
+         end associate
+      end do
+      where (self%essential(:, s)) self%traction(:, s) = 0.0_wp
+      q = cells%lift_point(cells%lift_first(s) + 1)
+      ! the spacing across the surface
+      spacing = norm2(cells%outward(:, s)*step)/self%area(s)
+      self%penalty(s) = scene%penalty/spacing*self%area(s)*shear(q)
+   end do
+end subroutine set_conditions
+
+!> Matrix of the penalty
+subroutine add_penalty(self, matrix, value)
+   !> Surface
+   class(surface_type), intent(in) :: self
+   !> Places of the entries
+   type(symmetric_matrix), intent(in) :: matrix
+   !> Entries, to which those of the penalty are added [force/length]
+   real(wp), intent(inout) :: value(:)
+   real(wp), allocatable :: part(:, :)
+   integer :: nd, s, i, k, l, n
+   integer(i8) :: at, first
+
+   nd = size(self%value, 1)
+   do s = 1, size(self%penalty)
+      if (.not. any(self%essential(:, s))) cycle
+      at = self%shape%neighbour%offset(s)
+      first = self%shape%first(self%shape%stencil(s))
+      n = self%shape%count(s)
+      allocate (part(nd*n, nd*n), source=0.0_wp)
+      associate (psi => self%shape%value(1, first + 1:first + n))
+         do l = 1, n
+            do k = 1, l
+               do i = 1, nd
+                  if (self%essential(i, s)) part(nd*(k - 1) + i, nd*(l - 1) + i) &
+                     & = self%penalty(s)*psi(k)*psi(l)
+               end do
+            end do
+         end do
+      end associate
+      call matrix%add(value, self%shape%neighbour%index(at + 1:at + n), part)
+      deallocate (part)
+   end do
+end subroutine add_penalty
+
+!> Forces of tractions and of the penalty's prescribed values, at full load
+subroutine add_forces(self, force)
+   !> Surface
+   class(surface_type), intent(in) :: self
+   !> Forces, to which these are added, shape (n) [force]
+   real(wp), intent(inout) :: force(:)
+   real(wp) :: push(size(self%value, 1))
+   integer :: nd, s, k
+   integer(i8) :: at, first
+
+   nd = size(push)
+   do s = 1, size(self%penalty)
+      push = merge(self%penalty(s)*self%value(:, s), self%area(s)*self%traction(:, s), &
+         & self%essential(:, s))
+      at = self%shape%neighbour%offset(s)
+      first = self%shape%first(self%shape%stencil(s))
+      do k = 1, self%shape%count(s)
+         associate (node => self%shape%neighbour%index(at + k))
+            force(nd*(node - 1) + 1:nd*node) = force(nd*(node - 1) + 1:nd*node) &
+               & + self%shape%value(1, first + k)*push
+         end associate
+      end do
+   end do
+end subroutine add_forces
+
+!> Force that the surroundings exert on the body through a set: what does work when the set moves
+function set_force(self, cells, stress, set, x, load) result(force)
+   !> Surface
+   class(surface_type), intent(in) :: self
+   !> Integration points
+   type(cells_type), intent(in) :: cells
+   !> First Piola-Kirchhoff stress at them, shape (3, 3, np) [stress]
+   real(wp), intent(in) :: stress(:, :, :)
+   !> Boundary set
+   integer, intent(in) :: set
+   !> Unknowns, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   real(wp) :: force(3)
+   real(wp) :: u(size(self%value, 1), self%shape%nq), p(3, 3)
+   integer :: i, k, nd, q, s
+
+   nd = size(self%value, 1)
+   force = 0.0_wp
+   do s = 1, size(cells%set)
+      if (cells%set(s) /= set) cycle
+      call self%shape%interpolate(s, x, 1, 1, u)
+      p = 0.0_wp
+      do k = cells%lift_first(s) + 1, cells%lift_first(s + 1)
+         q = cells%lift_point(k)
+         p = p + cells%lift(k)*cells%weight(q)*stress(:, :, q)
+      end do
+      do i = 1, nd
+         if (self%essential(i, s)) then
+            force(i) = force(i) + dot_product(p(i, :nd), cells%outward(:, s)) &
+               & - self%penalty(s)*(u(i, 1) - load*self%value(i, s))
+         else
+            force(i) = force(i) + load*self%traction(i, s)*self%area(s)
+         end if
+      end do
+   end do
+end function set_force
+
+end module rk_weak_conditions

@@ -1,0 +1,153 @@
+!> Point clouds: source points, collocation points, boundary sets.
+module rk_cloud
+   use rk_error, only : error_type, fatal_error, err_input
+   use rk_kernel, only : window_product
+   use rk_neighbours, only : find_neighbours, neighbour_type
+   use rk_precision, only : i8, wp
+   use rk_text, only : to_text
+   implicit none
+   private
+
+   public :: cloud_type, check_cloud
+
+   !> Points of a body. A boundary entry is a collocation point seen as part of one boundary set; a
+   !> point on an edge has one entry for each set.
+   type :: cloud_type
+      !> Space dimension, 2 or 3
+      integer :: nd = 0
+      !> Source points, shape (nd, ns) [length]
+      real(wp), allocatable :: source(:, :)
+      !> Distance of neighbouring source points in each direction, shape (nd, ns) [length]
+      real(wp), allocatable :: spacing(:, :)
+      !> Collocation points, shape (nd, nc) [length]
+      real(wp), allocatable :: points(:, :)
+      !> Centres of the voxels of a model that belong to the collocation points, shape (nd, nc)
+      !> [length]; not allocated for other bodies
+      real(wp), allocatable :: voxel_centre(:, :)
+      !> Where volume rows stand: centres of the cells between source points or of patches, shape
+      !> (nd, nv) [length]
+      real(wp), allocatable :: volume_points(:, :)
+      !> Volume (area in 2-D) that belongs to each collocation point, shape (nc) [length^nd]
+      real(wp), allocatable :: volume(:)
+      !> Label of the tissue, shape (nc)
+      integer, allocatable :: label(:)
+      !> Fiber direction, unit vectors or zeros, shape (3, nc)
+      real(wp), allocatable :: fiber(:, :)
+      !> Collocation point of each boundary entry, shape (nb)
+      integer, allocatable :: point(:)
+      !> Set of each boundary entry, shape (nb)
+      integer, allocatable :: set(:)
+      !> Outward unit normal, shape (nd, nb)
+      real(wp), allocatable :: normal(:, :)
+      !> Area (length in 2-D) that belongs to the entry, shape (nb) [length^(nd-1)]
+      real(wp), allocatable :: area(:)
+      !> Names of the sets
+      character(len=32), allocatable :: set_name(:)
+      !> Source points along each direction of a box or (radial, angular) an annulus, shape (nd);
+      !> not allocated for other bodies
+      integer, allocatable :: lattice(:)
+      !> The source points have left the lattice
+      logical :: jittered = .false.
+      !> The directions are radius and angle
+      logical :: polar = .false.
+   contains
+      !> Number of a set by its name, 0 if unknown
+      procedure :: find_set
+      !> Distance of neighbouring source points, mean over points and directions
+      procedure :: mean_spacing
+   end type cloud_type
+
+contains
+
+!> Number of a set by its name, 0 if unknown
+pure integer function find_set(self, name)
+   !> Cloud
+   class(cloud_type), intent(in) :: self
+   !> Name
+   character(len=*), intent(in) :: name
+   integer :: i
+
+   find_set = 0
+   do i = 1, size(self%set_name)
+      if (self%set_name(i) == name) find_set = i
+   end do
+end function find_set
+
+!> Distance of neighbouring source points: the edge of a cube as large as the mean cell [length]
+pure real(wp) function mean_spacing(self)
+   !> Cloud
+   class(cloud_type), intent(in) :: self
+
+   mean_spacing = product(sum(self%spacing, dim=2)/size(self%spacing, 2))**(1.0_wp/self%nd)
+end function mean_spacing
+
+!> Refuse what no later station could make sense of
+subroutine check_cloud(self, error)
+   !> Cloud
+   type(cloud_type), intent(in) :: self
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   integer :: i
+
+   call check_source(self, error)
+   if (allocated(error)) return
+   do i = 1, size(self%points, 2)
+      if (.not. all(abs(self%points(:, i)) <= huge(1.0_wp))) then
+         call fatal_error(error, err_input, 'collocation point '//to_text(i)//' has coordinates ' &
+            & //'that are not finite')
+         return
+      end if
+      if (.not. (norm2(self%fiber(:, i)) <= 1.0e-6_wp .or. &
+         & abs(norm2(self%fiber(:, i)) - 1.0_wp) <= 1.0e-6_wp)) then
+         call fatal_error(error, err_input, 'fiber at collocation point '//to_text(i)//' at ' &
+            & //to_text(self%points(:, i))//' is '//to_text(self%fiber(:, i)) &
+            & //': neither a unit vector nor zero')
+         return
+      end if
+   end do
+   do i = 1, size(self%point)
+      if (self%point(i) < 1 .or. self%point(i) > size(self%points, 2) .or. self%set(i) < 1 &
+         & .or. self%set(i) > size(self%set_name)) then
+         call fatal_error(error, err_input, 'boundary entry '//to_text(i)//' names point ' &
+            & //to_text(self%point(i))//' and set '//to_text(self%set(i))//', which do not exist')
+         return
+      end if
+      if (.not. abs(norm2(self%normal(:, i)) - 1.0_wp) < 1.0e-6_wp) then
+         call fatal_error(error, err_input, 'normal of boundary entry '//to_text(i)//' at ' &
+            & //to_text(self%points(:, self%point(i)))//' is not a unit vector')
+         return
+      end if
+   end do
+end subroutine check_cloud
+
+!> Source points must be finite and all different: equal ones make the equations singular
+subroutine check_source(self, error)
+   !> Cloud
+   type(cloud_type), intent(in) :: self
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   type(neighbour_type) :: same
+   integer :: i
+   integer(i8) :: k
+
+   do i = 1, size(self%source, 2)
+      if (all(abs(self%source(:, i)) <= huge(1.0_wp)) .and. all(self%spacing(:, i) > 0.0_wp)) cycle
+      call fatal_error(error, err_input, 'source point '//to_text(i)//' at ' &
+         & //to_text(self%source(:, i))//' with spacing '//to_text(self%spacing(:, i)) &
+         & //': coordinates must be finite, spacings positive')
+      return
+   end do
+   call find_neighbours(same, self%source, 1.0e-6_wp*self%spacing, self%source, window_product, &
+      & error)
+   if (allocated(error)) return
+   do i = 1, size(self%source, 2)
+      k = same%offset(i) + 1
+      if (same%offset(i + 1) == k) cycle
+      call fatal_error(error, err_input, 'source points '//to_text(same%index(k))//' and ' &
+         & //to_text(same%index(k + 1))//' at '//to_text(self%source(:, i)) &
+         & //' are the same: remove one')
+      return
+   end do
+end subroutine check_source
+
+end module rk_cloud

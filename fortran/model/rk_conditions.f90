@@ -1,0 +1,149 @@
+!> One condition for each component at each boundary point, from conditions on sets.
+!>
+!> A component is essential where any set of the point prescribes it. Otherwise it carries a
+!> traction row with the normal of the sets that leave it free, the mean normal where these meet.
+module rk_conditions
+   use rk_cloud, only : cloud_type
+   use rk_error, only : error_type, fatal_error, err_input
+   use rk_precision, only : wp
+   use rk_scene, only : condition_type
+   use rk_text, only : to_text
+   implicit none
+   private
+
+   public :: boundary_type, new_boundary
+
+   !> Boundary points with what holds there
+   type :: boundary_type
+      !> Collocation point, ascending, shape (nb)
+      integer, allocatable :: point(:)
+      !> Whether a component is prescribed, shape (nd, nb)
+      logical, allocatable :: essential(:, :)
+      !> Displacement at full load, shape (nd, nb) [length]
+      real(wp), allocatable :: value(:, :)
+      !> Unit normal of each component's traction row, shape (nd, component, nb)
+      real(wp), allocatable :: normal(:, :, :)
+      !> Traction at full load, shape (nd, nb) [force/area]
+      real(wp), allocatable :: traction(:, :)
+      !> Whether a clamped and a free face meet here, where stresses are singular, shape (nb)
+      logical, allocatable :: singular(:)
+   end type boundary_type
+
+contains
+
+!> Resolve the conditions
+subroutine new_boundary(self, cloud, condition, error)
+   !> Boundary points
+   type(boundary_type), intent(out) :: self
+   !> Points
+   type(cloud_type), intent(in) :: cloud
+   !> Conditions on sets
+   type(condition_type), intent(in) :: condition(:)
+   !> Error handling: contradicting conditions
+   type(error_type), allocatable, intent(out) :: error
+   integer, allocatable :: number(:)
+   real(wp) :: g(3), length
+   logical :: fixed(3)
+   integer :: b, e, i, c, nd, n
+
+   nd = cloud%nd
+   allocate (number(size(cloud%points, 2)), source=0)
+   number(cloud%point) = 1
+   n = 0
+   do i = 1, size(number)
+      if (number(i) == 0) cycle
+      n = n + 1
+      number(i) = n
+   end do
+   allocate (self%point(n), self%essential(nd, n), self%value(nd, n), self%normal(nd, nd, n), &
+      & self%traction(nd, n), self%singular(n))
+   self%essential = .false.
+   self%value = 0.0_wp
+   self%normal = 0.0_wp
+   self%traction = 0.0_wp
+   self%point(number(cloud%point)) = cloud%point
+
+   do e = 1, size(cloud%point)
+      b = number(cloud%point(e))
+      do c = 1, size(condition)
+         if (condition(c)%set /= cloud%set(e)) cycle
+         call prescribed(condition(c), cloud%points(:, cloud%point(e)), fixed, g)
+         if (.not. all(abs(g) <= huge(1.0_wp))) then
+            call fatal_error(error, err_input, 'boundary set ' &
+               & //trim(cloud%set_name(cloud%set(e)))//': a radial displacement has no direction ' &
+               & //'at '//to_text(cloud%points(:, cloud%point(e)))//' on the axis')
+            return
+         end if
+         do i = 1, nd
+            if (.not. fixed(i)) cycle
+            if (self%essential(i, b)) then
+               if (abs(self%value(i, b) - g(i)) > 1.0e-9_wp*max(abs(g(i)), 1.0e-3_wp)) then
+                  call fatal_error(error, err_input, 'boundary sets prescribe two displacements, ' &
+                     & //to_text(self%value(i, b))//' and '//to_text(g(i))//', for component ' &
+                     & //to_text(i)//' at '//to_text(cloud%points(:, cloud%point(e))))
+                  return
+               end if
+            end if
+            self%essential(i, b) = .true.
+            self%value(i, b) = g(i)
+         end do
+      end do
+   end do
+
+   ! a face held along itself meets one that is not; symmetry planes, held across only, do no harm
+   self%singular = .false.
+   do e = 1, size(cloud%point)
+      b = number(cloud%point(e))
+      fixed = .false.
+      g = 0.0_wp
+      do c = 1, size(condition)
+         if (condition(c)%set /= cloud%set(e)) cycle
+         fixed = fixed .or. condition(c)%fixed
+         fixed(:2) = fixed(:2) .or. condition(c)%is_radial
+         g = g + condition(c)%traction
+      end do
+      self%singular(b) = self%singular(b) .or. &
+         & (all(self%essential(:, b)) .and. .not. any(fixed(:nd)))
+      do i = 1, nd
+         if (fixed(i)) cycle
+         self%normal(:, i, b) = self%normal(:, i, b) + cloud%normal(:, e)
+         self%traction(i, b) = self%traction(i, b) + g(i)
+      end do
+   end do
+   do b = 1, n
+      do i = 1, nd
+         if (self%essential(i, b)) cycle
+         length = norm2(self%normal(:, i, b))
+         if (.not. length > 1.0e-6_wp) then
+            call fatal_error(error, err_input, 'boundary point '//to_text(self%point(b))//' at ' &
+               & //to_text(cloud%points(:, self%point(b)))//' has opposite normals: the body is ' &
+               & //'one point thin there')
+            return
+         end if
+         self%normal(:, i, b) = self%normal(:, i, b)/length
+         ! the sum of the rows of the faces that meet, scaled like its normal
+         self%traction(i, b) = self%traction(i, b)/length
+      end do
+   end do
+end subroutine new_boundary
+
+!> Components a condition prescribes at a place
+pure subroutine prescribed(condition, x, fixed, value)
+   !> Condition
+   type(condition_type), intent(in) :: condition
+   !> Place, shape (nd) [length]
+   real(wp), intent(in) :: x(:)
+   !> Prescribed components
+   logical, intent(out) :: fixed(3)
+   !> Values [length]
+   real(wp), intent(out) :: value(3)
+
+   fixed = condition%fixed
+   value = condition%value
+   if (condition%is_radial) then
+      fixed(:2) = .true.
+      value(:2) = condition%radial*x(:2)/norm2(x(:2))
+   end if
+end subroutine prescribed
+
+end module rk_conditions

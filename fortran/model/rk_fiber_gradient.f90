@@ -1,0 +1,225 @@
+!> What fibers that fiber_gradient from point to point add to the strong form.
+!>
+!> P depends on the place through F and through the fiber direction N, so that
+!>    P_iA,A = C4_iAkC u_k,CA + dP_iA/dN_k N_k,A.
+!> The second term is the pull of fibers that converge or bend; without it a pennate muscle is out
+!> of balance by as much as its fibers spread. N and -N are the same fiber: the slope is that of the
+!> tensor N N, of which N_k,A = (N_k N_l),A N_l because N has unit length.
+module rk_fiber_gradient
+   use rk_error, only : error_type
+   use rk_kernel, only : window_product
+   use rk_material, only : material_type
+   use rk_neighbours, only : find_neighbours, neighbour_type
+   use rk_precision, only : i8, wp
+   use rk_scene, only : scene_type
+   use rk_volume_points, only : local_pitch
+   implicit none
+   private
+
+   public :: fiber_gradients, fiber_divergence, fiber_divergence_curvature
+
+   !> Window of the fit in source spacings: what the unknowns can follow; noise is averaged
+   real(wp), parameter :: reach = 1.5_wp
+   !> Change of direction of the central differences along N_k,A [-]: their error is its square
+   !> times third derivatives, below 1e-8 of the term
+   real(wp), parameter :: fiber_gradient = 1.0e-5_wp
+   !> Share of the mean square distance added to each direction of the fit, so that a direction in
+   !> which a point has no neighbours gets no slope
+   real(wp), parameter :: damping = 1.0e-8_wp
+
+contains
+
+!> Slopes of the fiber directions, from a linear fit to the fibers of the same tissue around
+subroutine fiber_gradients(scene, slope, error)
+   !> Scene with fibers and tissues
+   type(scene_type), intent(in) :: scene
+   !> N_k,A of each collocation point, shape (3, nd, nc) [1/length]; not allocated where all fibers
+   !> of each tissue are parallel
+   real(wp), allocatable, intent(out) :: slope(:, :, :)
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   type(neighbour_type) :: near
+   real(wp), allocatable :: window(:, :)
+   integer :: ip, nc, nd
+
+   if (parallel_fibers(scene)) return
+   associate (cloud => scene%cloud)
+      nc = size(cloud%points, 2)
+      nd = cloud%nd
+      allocate (window, source=reach*local_pitch(cloud))
+      call find_neighbours(near, cloud%points, window, cloud%points, window_product, error)
+      if (allocated(error)) return
+      allocate (slope(3, nd, nc))
+      do ip = 1, nc
+         slope(:, :, ip) = fitted_slope(scene, window, &
+            & near%index(near%offset(ip) + 1_i8:near%offset(ip + 1)), ip)
+      end do
+   end associate
+end subroutine fiber_gradients
+
+!> Whether the fibers of each tissue are all parallel
+pure logical function parallel_fibers(scene)
+   !> Scene with fibers and tissues
+   type(scene_type), intent(in) :: scene
+   integer :: ip, k, first
+
+   parallel_fibers = .true.
+   do k = 1, size(scene%tissue)
+      first = findloc(scene%tissue_of, k, dim=1)
+      do ip = first + 1, size(scene%tissue_of)
+         if (scene%tissue_of(ip) /= k) cycle
+         associate (a => scene%cloud%fiber(:, first), b => scene%cloud%fiber(:, ip))
+            ! |a x b| up to rounding
+            parallel_fibers = parallel_fibers .and. &
+               & norm2(a*dot_product(b, b) - b*dot_product(a, b)) <= 1.0e-9_wp
+         end associate
+      end do
+   end do
+end function parallel_fibers
+
+!> Slope at one point
+pure function fitted_slope(scene, window, near, ip) result(slope)
+   !> Scene
+   type(scene_type), intent(in) :: scene
+   !> Half widths of the windows, shape (nd, nc) [length]
+   real(wp), intent(in) :: window(:, :)
+   !> Points whose windows cover this one
+   integer, intent(in) :: near(:)
+   !> Point
+   integer, intent(in) :: ip
+   real(wp) :: slope(3, size(window, 1))
+   real(wp) :: x(size(window, 1)), mean(size(window, 1)), moment(size(window, 1), size(window, 1))
+   real(wp) :: n(3), value(3), middle(3), right(size(window, 1), 3), w, total
+   integer :: j, d, pass, nd
+
+   nd = size(window, 1)
+   n = scene%cloud%fiber(:, ip)
+   total = 0.0_wp
+   mean = 0.0_wp
+   middle = 0.0_wp
+   moment = 0.0_wp
+   right = 0.0_wp
+   do pass = 1, 2
+      do j = 1, size(near)
+         if (scene%tissue_of(near(j)) /= scene%tissue_of(ip)) cycle
+         x = (scene%cloud%points(:, near(j)) - scene%cloud%points(:, ip))/window(:, ip)
+         w = product(max(1.0_wp - abs(x), 0.0_wp))
+         ! (N N) n of the neighbour
+         value = scene%cloud%fiber(:, near(j))*dot_product(scene%cloud%fiber(:, near(j)), n)
+         if (pass == 1) then
+            total = total + w
+            mean = mean + w*x
+            middle = middle + w*value
+         else
+            do d = 1, nd
+               moment(:, d) = moment(:, d) + w*(x - mean)*(x(d) - mean(d))
+               right(d, :) = right(d, :) + w*(x(d) - mean(d))*(value - middle)
+            end do
+         end if
+      end do
+      if (pass == 1) then
+         mean = mean/total
+         middle = middle/total
+      end if
+   end do
+   w = damping*sum([(moment(d, d), d=1, nd)]) + tiny(1.0_wp)
+   do d = 1, nd
+      moment(d, d) = moment(d, d) + w
+   end do
+   call solve_small(moment, right)
+   do d = 1, nd
+      slope(:, d) = right(d, :)/window(d, ip)
+      ! a unit vector turns, it does not grow
+      slope(:, d) = slope(:, d) - n*dot_product(n, slope(:, d))
+   end do
+end function fitted_slope
+
+!> Solve a symmetric positive definite system of a few unknowns by elimination
+pure subroutine solve_small(a, b)
+   !> Matrix, destroyed
+   real(wp), intent(inout) :: a(:, :)
+   !> Right-hand sides on entry, solutions on return
+   real(wp), intent(inout) :: b(:, :)
+   integer :: i, j
+
+   do i = 1, size(a, 1)
+      b(i, :) = b(i, :)/a(i, i)
+      a(i, i:) = a(i, i:)/a(i, i)
+      do j = 1, size(a, 1)
+         if (j == i) cycle
+         b(j, :) = b(j, :) - a(j, i)*b(i, :)
+         a(j, i:) = a(j, i:) - a(j, i)*a(i, i:)
+      end do
+   end do
+end subroutine solve_small
+
+!> dP_iA/dN_k N_k,A, what turning fibers add to the divergence of P, and its derivatives by F
+pure subroutine fiber_divergence(material, f, fiber, slope, activation, pull, t)
+   !> Material
+   class(material_type), intent(in) :: material
+   !> F(i, A)
+   real(wp), intent(in) :: f(3, 3)
+   !> Fiber direction, shape (3) [-]
+   real(wp), intent(in) :: fiber(3)
+   !> Its slope N_k,A, shape (3, nd) [1/length]
+   real(wp), intent(in) :: slope(:, :)
+   !> Activation [-]
+   real(wp), intent(in) :: activation
+   !> Force per volume [stress/length]
+   real(wp), intent(out) :: pull(3)
+   !> Its derivatives T(i, k, C) by F(k, C) [stress/length]
+   real(wp), intent(out) :: t(3, 3, 3)
+   real(wp) :: p(3, 3, 2), c4(3, 3, 3, 3, 2), rate
+   integer :: a, c
+
+   pull = 0.0_wp
+   t = 0.0_wp
+   do a = 1, size(slope, 2)
+      rate = norm2(slope(:, a))
+      if (.not. rate > 0.0_wp) cycle
+      do c = 1, 2
+         call material%tangent(f, fiber + (2*c - 3)*fiber_gradient/rate*slope(:, a), activation, &
+            & p(:, :, c), c4(:, :, :, :, c), volumetric=.false.)
+      end do
+      rate = 0.5_wp*rate/fiber_gradient
+      pull = pull + rate*(p(:, a, 2) - p(:, a, 1))
+      do c = 1, 3
+         t(:, :, c) = t(:, :, c) + rate*(c4(:, a, :, c, 2) - c4(:, a, :, c, 1))
+      end do
+   end do
+end subroutine fiber_divergence
+
+!> Second derivatives by F of the pull times a vector
+pure subroutine fiber_divergence_curvature(material, f, fiber, slope, rho, activation, ff)
+   !> Material
+   class(material_type), intent(in) :: material
+   !> F(i, A)
+   real(wp), intent(in) :: f(3, 3)
+   !> Fiber direction, shape (3) [-]
+   real(wp), intent(in) :: fiber(3)
+   !> Its slope N_k,A, shape (3, nd) [1/length]
+   real(wp), intent(in) :: slope(:, :)
+   !> Vector with index i
+   real(wp), intent(in) :: rho(3)
+   !> Activation [-]
+   real(wp), intent(in) :: activation
+   !> Second derivatives by F_iA and F_jB, index i + 3 (A - 1)
+   real(wp), intent(out) :: ff(9, 9)
+   real(wp) :: form(9, 9), weighted(3, 3), rate
+   integer :: a, sign
+
+   ff = 0.0_wp
+   do a = 1, size(slope, 2)
+      rate = norm2(slope(:, a))
+      if (.not. rate > 0.0_wp) cycle
+      weighted = 0.0_wp
+      weighted(:, a) = rho
+      do sign = -1, 1, 2
+         call material%stress_curvature(f, weighted, fiber + sign*fiber_gradient/rate*slope(:, a), &
+            & activation, form, volumetric=.false.)
+         ff = ff + sign*0.5_wp*rate/fiber_gradient*form
+      end do
+   end do
+end subroutine fiber_divergence_curvature
+
+end module rk_fiber_gradient

@@ -1,0 +1,376 @@
+!> Clouds of simple bodies, whose points lie on a lattice, and the numbering of lattices.
+module rk_lattice
+   use rk_cloud, only : cloud_type
+   use rk_error, only : error_type, fatal_error, err_input
+   use rk_precision, only : i8, pi, wp
+   use rk_text, only : to_text
+   implicit none
+   private
+
+   public :: new_box, new_annulus, jitter, lattice_frame, set_number, digits_of, place_of
+
+contains
+
+!> Box with the corner at the origin; sets x0, x1, y0, y1, z0, z1
+subroutine new_box(self, size_, source, place, error)
+   !> Cloud
+   type(cloud_type), intent(out) :: self
+   !> Edge lengths, shape (nd), > 0 [length]
+   real(wp), intent(in) :: size_(:)
+   !> Source points in each direction, shape (nd), >= 2
+   integer, intent(in) :: source(:)
+   !> Collocation points in each direction, shape (nd), >= 2
+   integer, intent(in) :: place(:)
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   integer, allocatable :: at(:, :)
+   integer :: d, side, ip, n
+
+   call check_counts(size(size_), source, place, error)
+   if (allocated(error)) return
+   if (.not. all(size_ > 0.0_wp)) then
+      call fatal_error(error, err_input, 'edge lengths of the box must be positive, not ' &
+         & //to_text(size_))
+      return
+   end if
+   self%nd = size(size_)
+   self%lattice = source
+   self%source = grid_points(source, size_)
+   self%points = grid_points(place, size_)
+   self%volume_points = grid_centres(source, size_)
+   allocate (self%spacing(self%nd, size(self%source, 2)))
+   do d = 1, self%nd
+      self%spacing(d, :) = size_(d)/(source(d) - 1)
+   end do
+   call default_tissue(self)
+   at = grid(place)
+   self%volume = [(share(at(:, ip), 0), ip=1, size(at, 2))]
+   self%set_name = [character(len=32) :: 'x0', 'x1', 'y0', 'y1', 'z0', 'z1']
+   self%set_name = self%set_name(:2*self%nd)
+   n = 0
+   call start_boundary(self, 2*sum([(product(place)/place(d), d=1, self%nd)]))
+   do d = 1, self%nd
+      do side = 0, 1
+         do ip = 1, size(at, 2)
+            if (at(d, ip) /= side*(place(d) - 1)) cycle
+            call add_entry(self, n, ip, 2*d - 1 + side, axis(self%nd, d, 2*side - 1), &
+               & share(at(:, ip), d))
+         end do
+      end do
+   end do
+
+contains
+
+   !> Share of a face, or of the body where no direction is left out
+   pure real(wp) function share(index, left_out)
+      integer, intent(in) :: index(:)
+      integer, intent(in) :: left_out
+      integer :: k
+
+      share = 1.0_wp
+      do k = 1, size(index)
+         if (k /= left_out) share = share*quadrature(index(k), place(k), size_(k))
+      end do
+   end function share
+
+end subroutine new_box
+
+!> Quarter of a tube in plane strain, points radial x angular; sets inner, outer, x0 (the symmetry
+!> plane x = 0) and y0
+subroutine new_annulus(self, inner, outer, source, place, error)
+   !> Cloud
+   type(cloud_type), intent(out) :: self
+   !> Inner radius, > 0 [length]
+   real(wp), intent(in) :: inner
+   !> Outer radius, > inner [length]
+   real(wp), intent(in) :: outer
+   !> Source points, radial and angular
+   integer, intent(in) :: source(:)
+   !> Collocation points, radial and angular
+   integer, intent(in) :: place(:)
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   integer, allocatable :: at(:, :)
+   real(wp) :: r, t, weight_r, weight_t
+   integer :: ip, is, n
+
+   call check_counts(2, source, place, error)
+   if (allocated(error)) return
+   if (.not. (inner > 0.0_wp .and. outer > inner)) then
+      call fatal_error(error, err_input, 'radii of the annulus must grow from inner to outer, ' &
+         & //'not '//to_text([inner, outer]))
+      return
+   end if
+   self%nd = 2
+   self%lattice = source
+   self%polar = .true.
+   self%source = bend(grid_points(source, [outer - inner, 0.5_wp*pi]))
+   self%points = bend(grid_points(place, [outer - inner, 0.5_wp*pi]))
+   self%volume_points = bend(grid_centres(source, [outer - inner, 0.5_wp*pi]))
+   ! the same spacing in both directions, the larger of radial and angular distance: rectangular
+   ! supports do not turn with the angle
+   allocate (self%spacing(2, size(self%source, 2)))
+   do is = 1, size(self%source, 2)
+      self%spacing(:, is) = max((outer - inner)/(source(1) - 1), &
+         & 0.5_wp*pi*norm2(self%source(:, is))/(source(2) - 1))
+   end do
+   call default_tissue(self)
+   self%set_name = [character(len=32) :: 'inner', 'outer', 'x0', 'y0']
+   n = 0
+   call start_boundary(self, 2*sum(place))
+   at = grid(place)
+   allocate (self%volume(size(at, 2)))
+   do ip = 1, size(at, 2)
+      r = norm2(self%points(:, ip))
+      t = 0.5_wp*pi*at(2, ip)/(place(2) - 1)
+      weight_t = r*quadrature(at(2, ip), place(2), 0.5_wp*pi)
+      weight_r = quadrature(at(1, ip), place(1), outer - inner)
+      self%volume(ip) = weight_r*weight_t
+      if (at(1, ip) == 0) call add_entry(self, n, ip, 1, -[cos(t), sin(t)], weight_t)
+      if (at(1, ip) == place(1) - 1) call add_entry(self, n, ip, 2, [cos(t), sin(t)], weight_t)
+      if (at(2, ip) == place(2) - 1) call add_entry(self, n, ip, 3, [-1.0_wp, 0.0_wp], weight_r)
+      if (at(2, ip) == 0) call add_entry(self, n, ip, 4, [0.0_wp, -1.0_wp], weight_r)
+   end do
+
+contains
+
+   !> From radius offset and angle to the plane; the axes are met exactly
+   pure function bend(x) result(y)
+      real(wp), intent(in) :: x(:, :)
+      real(wp) :: y(2, size(x, 2))
+      integer :: i
+
+      do i = 1, size(x, 2)
+         y(:, i) = (inner + x(1, i))*[cos(x(2, i)), sin(x(2, i))]
+         if (x(2, i) >= 0.5_wp*pi) y(1, i) = 0.0_wp
+      end do
+   end function bend
+
+end subroutine new_annulus
+
+!> Move the source points of a box off their lattice, always in the same way. Those on the surface
+!> stay on their faces, edges and corners.
+subroutine jitter(self, share)
+   !> Box
+   type(cloud_type), intent(inout) :: self
+   !> Largest move, in spacings [-]
+   real(wp), intent(in) :: share
+   real(wp) :: low, high, fraction
+   integer(i8) :: state
+   integer :: d, is
+
+   self%jittered = .true.
+   state = 1
+   do d = 1, self%nd
+      low = minval(self%source(d, :))
+      high = maxval(self%source(d, :))
+      do is = 1, size(self%source, 2)
+         ! minimal standard generator: Park, Miller, Commun. ACM 31 (1988), doi:10.1145/63039.63042
+         state = modulo(16807_i8*state, 2147483647_i8)
+         if (self%source(d, is) <= low .or. self%source(d, is) >= high) cycle
+         fraction = 2.0_wp*real(state, wp)/2147483647.0_wp - 1.0_wp
+         self%source(d, is) = self%source(d, is) + share*fraction*self%spacing(d, is)
+      end do
+   end do
+end subroutine jitter
+
+!> Corner and spacing of a lattice, in radius and angle where it is polar
+pure subroutine lattice_frame(cloud, low, step)
+   !> Cloud with a lattice
+   type(cloud_type), intent(in) :: cloud
+   !> Corner and spacing [length], [radian]
+   real(wp), intent(out) :: low(3), step(3)
+   integer :: d
+
+   low = 0.0_wp
+   step = 1.0_wp
+   if (cloud%polar) then
+      low(1) = minval(cloud%source(1, :), mask=cloud%source(2, :) <= 0.0_wp)
+      step(1) = (maxval(cloud%source(1, :)) - low(1))/(cloud%lattice(1) - 1)
+      step(2) = 0.5_wp*pi/(cloud%lattice(2) - 1)
+   else
+      do d = 1, cloud%nd
+         low(d) = minval(cloud%source(d, :))
+         step(d) = (maxval(cloud%source(d, :)) - low(d))/(cloud%lattice(d) - 1)
+      end do
+   end if
+end subroutine lattice_frame
+
+!> Boundary set of a face of a lattice
+pure integer function set_number(polar, axis, end)
+   !> Radius and angle
+   logical, intent(in) :: polar
+   !> Direction of the face's normal
+   integer, intent(in) :: axis
+   !> 0 at the low end, 1 at the high end
+   integer, intent(in) :: end
+
+   set_number = 2*axis - 1 + end
+   if (polar .and. axis == 2) set_number = 4 - end
+end function set_number
+
+!> Number, from 1, of digits
+pure integer function place_of(digit, base)
+   !> Digits, the last one fastest
+   integer, intent(in) :: digit(3)
+   !> Values of each digit
+   integer, intent(in) :: base(3)
+
+   place_of = 1 + digit(3) + base(3)*(digit(2) + base(2)*digit(1))
+end function place_of
+
+!> Digits of a number, the last one fastest
+pure function digits_of(number, base) result(digit)
+   !> Number, from 0
+   integer, intent(in) :: number
+   !> Values of each digit
+   integer, intent(in) :: base(3)
+   integer :: digit(3)
+   integer :: d, rest
+
+   rest = number
+   do d = 3, 1, -1
+      digit(d) = mod(rest, base(d))
+      rest = rest/base(d)
+   end do
+end function digits_of
+
+!> Regular grid of places, last direction fastest
+pure function grid(n) result(index)
+   !> Points in each direction, shape (nd)
+   integer, intent(in) :: n(:)
+   integer :: index(size(n), product(n))
+   integer :: i, d, rest
+
+   do i = 1, product(n)
+      rest = i - 1
+      do d = size(n), 1, -1
+         index(d, i) = mod(rest, n(d))
+         rest = rest/n(d)
+      end do
+   end do
+end function grid
+
+!> Grid counts fit the dimension and allow differences
+subroutine check_counts(nd, source, place, error)
+   !> Space dimension
+   integer, intent(in) :: nd
+   !> Source points in each direction
+   integer, intent(in) :: source(:)
+   !> Collocation points in each direction
+   integer, intent(in) :: place(:)
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+
+   if (size(source) /= nd .or. size(place) /= nd) then
+      call fatal_error(error, err_input, 'source and collocation need '//to_text(nd)//' counts')
+   else if (any(source < 2) .or. any(place < 2)) then
+      call fatal_error(error, err_input, 'at least 2 points in each direction are needed')
+   end if
+end subroutine check_counts
+
+!> Points of a regular grid over a box
+pure function grid_points(n, length) result(x)
+   !> Points in each direction, shape (nd)
+   integer, intent(in) :: n(:)
+   !> Edge lengths, shape (nd) [length]
+   real(wp), intent(in) :: length(:)
+   real(wp) :: x(size(n), product(n))
+   integer :: at(size(n), product(n)), d
+
+   at = grid(n)
+   do d = 1, size(n)
+      x(d, :) = length(d)*at(d, :)/real(n(d) - 1, wp)
+   end do
+end function grid_points
+
+!> Weight of a point in the integral over a line: Simpson's rule, with an even number of points the
+!> trapezoidal rule
+pure real(wp) function quadrature(i, n, length)
+   !> Point, counted from 0
+   integer, intent(in) :: i
+   !> Points
+   integer, intent(in) :: n
+   !> Length of the line [length]
+   real(wp), intent(in) :: length
+
+   if (mod(n, 2) == 1) then
+      quadrature = merge(4.0_wp, 2.0_wp, mod(i, 2) == 1)/3.0_wp
+   else
+      quadrature = 1.0_wp
+   end if
+   if (i == 0 .or. i == n - 1) quadrature = 0.5_wp*quadrature
+   quadrature = quadrature*length/(n - 1)
+end function quadrature
+
+!> Centres of the cells of a regular grid
+pure function grid_centres(n, length) result(x)
+   !> Points in each direction, shape (nd)
+   integer, intent(in) :: n(:)
+   !> Edge lengths, shape (nd) [length]
+   real(wp), intent(in) :: length(:)
+   real(wp) :: x(size(n), product(n - 1))
+   integer :: at(size(n), product(n - 1)), d
+
+   at = grid(n - 1)
+   do d = 1, size(n)
+      x(d, :) = length(d)*(at(d, :) + 0.5_wp)/real(n(d) - 1, wp)
+   end do
+end function grid_centres
+
+!> One tissue, no fibers
+subroutine default_tissue(self)
+   !> Cloud with collocation points
+   type(cloud_type), intent(inout) :: self
+
+   allocate (self%label(size(self%points, 2)), source=1)
+   allocate (self%fiber(3, size(self%points, 2)), source=0.0_wp)
+end subroutine default_tissue
+
+!> Room for boundary entries
+subroutine start_boundary(self, n)
+   !> Cloud
+   type(cloud_type), intent(inout) :: self
+   !> Number of entries
+   integer, intent(in) :: n
+
+   allocate (self%point(n), self%set(n), self%normal(self%nd, n), self%area(n))
+end subroutine start_boundary
+
+!> Write the next boundary entry
+subroutine add_entry(self, n, point, set, normal, area)
+   !> Cloud
+   type(cloud_type), intent(inout) :: self
+   !> Entries so far
+   integer, intent(inout) :: n
+   !> Collocation point
+   integer, intent(in) :: point
+   !> Boundary set
+   integer, intent(in) :: set
+   !> Outward unit normal, shape (nd)
+   real(wp), intent(in) :: normal(:)
+   !> Area [length^(nd-1)]
+   real(wp), intent(in) :: area
+
+   n = n + 1
+   self%point(n) = point
+   self%set(n) = set
+   self%area(n) = area
+   self%normal(:, n) = normal
+end subroutine add_entry
+
+!> Unit vector along an axis
+pure function axis(nd, d, sign) result(v)
+   !> Space dimension
+   integer, intent(in) :: nd
+   !> Axis
+   integer, intent(in) :: d
+   !> -1 or 1
+   integer, intent(in) :: sign
+   real(wp) :: v(nd)
+
+   v = 0.0_wp
+   v(d) = real(sign, wp)
+end function axis
+
+end module rk_lattice

@@ -1,0 +1,435 @@
+!> The material of every place: one tissue, or near an interface several with smooth fractions.
+!>
+!> Tissues belong to source points; their fractions at a place are the sums of the points'
+!> reproducing kernel functions of order 0, which are never negative, so that a soft tissue beside
+!> a stiff one keeps a positive modulus. All energies are linear in their moduli: mixing energies
+!> is interpolating moduli. The strong form then has the term P_t grad(fraction_t) beside the
+!> derivatives of the stress.
+!>
+!> Fibers are no moduli: a muscle's fraction x reaches into fat, where no fiber was measured. With
+!> the fiber of the muscle's nearest point all of x acts: the volume that contracts, the sum of x
+!> over the cells, is the muscle's, since x lacks inside a plane interface what it has outside.
+!> With each point's own fiber fat does not contract, and muscle beside it does by x < 1 only: the
+!> area of the interface times half the mean reach sum |d| w(d) of the weights w across it stays
+!> passive, a length in proportion to the interface's width. The fibers' fraction then jumps at the
+!> interface, which the integrals of a Galerkin form allow and the divergence of a strong form does
+!> not.
+!>
+!> Reference: thesis section 4.2.2
+module rk_mixture
+   use rk_error, only : error_type
+   use rk_fiber_gradient, only : fiber_divergence, fiber_divergence_curvature, fiber_gradients
+   use rk_kernel, only : kernel_quintic, window_product
+   use rk_material, only : kind_i4
+   use rk_neighbours, only : nearest_points
+   use rk_precision, only : i8, wp
+   use rk_scene, only : scene_type
+   use rk_shape, only : approximation_type, new_shape, shape_type
+   implicit none
+   private
+
+   public :: mixture_type, new_mixture
+
+   !> Tissues at places in compressed rows
+   type :: mixture_type
+      private
+      !> What is modelled
+      type(scene_type), pointer :: scene => null()
+      !> The tissues of place i are entries first(i)+1 .. first(i+1), shape (np + 1)
+      integer, allocatable :: first(:)
+      !> Tissue of each entry
+      integer, allocatable :: tissue(:)
+      !> Fraction of the tissue, the sum at a place is 1 [-]
+      real(wp), allocatable :: fraction(:)
+      !> Its gradient, shape (3, entries) [1/length]
+      real(wp), allocatable :: slope(:, :)
+      !> Fiber of the tissue, shape (3, entries) [-]
+      real(wp), allocatable :: fiber(:, :)
+      !> Its derivatives N_k,A, shape (3, nd, entries) [1/length]; not allocated where the fibers of
+      !> each tissue are parallel
+      real(wp), allocatable :: fiber_gradient(:, :, :)
+   contains
+      !> Bulk modulus
+      procedure :: bulk
+      !> Shear modulus of a deformed state
+      procedure :: shear_modulus
+      !> P
+      procedure :: stress
+      !> P and C4
+      procedure :: tangent
+      !> Div P, P, and their derivatives
+      procedure :: strong
+      !> Second derivatives of P along a direction
+      procedure :: stress_curvature
+      !> Second derivatives of Div P along a direction
+      procedure :: strong_curvature
+   end type mixture_type
+
+   !> Fractions below this are none [-]
+   real(wp), parameter :: nothing = 1.0e-8_wp
+
+contains
+
+!> Find the tissues of places
+subroutine new_mixture(self, scene, position, nearest, error)
+   !> Mixture
+   type(mixture_type), intent(out) :: self
+   !> Scene, which must outlive the mixture
+   type(scene_type), target, intent(in) :: scene
+   !> Places, shape (nd, np) [length]
+   real(wp), intent(in) :: position(:, :)
+   !> Collocation point nearest to each place, shape (np)
+   integer, intent(in) :: nearest(:)
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   type(shape_type) :: shape
+   real(wp) :: part(size(scene%tissue)), gradient(3, size(scene%tissue))
+   real(wp), allocatable :: fiber_gradient(:, :, :)
+   integer, allocatable :: owner(:), fibered(:, :)
+   integer :: ip, k, n, np, round
+
+   self%scene => scene
+   call fiber_gradients(scene, fiber_gradient, error)
+   if (allocated(error)) return
+   np = size(position, 2)
+   allocate (self%first(np + 1), fibered(size(scene%cloud%points, 2), size(scene%tissue)))
+   do k = 1, size(scene%tissue)
+      if (scene%tissue(k)%material%active(kind_i4)) fibered(:, k) = fibered_points(scene, k)
+   end do
+   if (size(scene%tissue) > 1) then
+      call new_shape(shape, approximation_type(0, kernel_quintic, window_product), &
+         & scene%cloud%source, scene%interface*scene%cloud%spacing, position, error)
+      if (allocated(error)) return
+      owner = scene%tissue_of(nearest_points(scene%cloud%points, scene%cloud%source))
+   end if
+   do round = 1, 2
+      n = 0
+      self%first(1) = 0
+      do ip = 1, np
+         if (allocated(owner)) then
+            call fractions(shape, owner, ip, part, gradient)
+         else
+            part = 1.0_wp
+            gradient = 0.0_wp
+         end if
+         do k = 1, size(part)
+            if (.not. part(k) > 0.0_wp) cycle
+            n = n + 1
+            if (round == 1) cycle
+            self%tissue(n) = k
+            self%fraction(n) = part(k)
+            self%slope(:, n) = gradient(:, k)
+            self%fiber(:, n) = 0.0_wp
+            if (allocated(fiber_gradient)) self%fiber_gradient(:, :, n) = 0.0_wp
+            if (.not. has_fibers(scene, k, nearest(ip))) cycle
+            associate (at => fibered(nearest(ip), k))
+               self%fiber(:, n) = scene%cloud%fiber(:, at)
+               if (allocated(fiber_gradient)) &
+                  & self%fiber_gradient(:, :, n) = fiber_gradient(:, :, at)
+            end associate
+         end do
+         self%first(ip + 1) = n
+      end do
+      if (round == 1) allocate (self%tissue(n), self%fraction(n), self%slope(3, n), &
+         & self%fiber(3, n))
+      if (round == 1 .and. allocated(fiber_gradient)) &
+         & allocate (self%fiber_gradient(3, size(fiber_gradient, 2), n))
+   end do
+end subroutine new_mixture
+
+!> Fractions of all tissues at a place with their gradients
+pure subroutine fractions(shape, owner, ip, part, gradient)
+   !> Shape functions of order 0
+   type(shape_type), intent(in) :: shape
+   !> Tissue of each source point
+   integer, intent(in) :: owner(:)
+   !> Place
+   integer, intent(in) :: ip
+   !> Fractions, shape (nt) [-]
+   real(wp), intent(out) :: part(:)
+   !> Gradients, shape (3, nt) [1/length]
+   real(wp), intent(out) :: gradient(:, :)
+   integer(i8) :: entry, to_value
+   integer :: k
+
+   part = 0.0_wp
+   gradient = 0.0_wp
+   to_value = shape%first(shape%stencil(ip)) - shape%neighbour%offset(ip)
+   do entry = shape%neighbour%offset(ip) + 1, shape%neighbour%offset(ip + 1)
+      k = owner(shape%neighbour%index(entry))
+      part(k) = part(k) + shape%value(1, entry + to_value)
+      gradient(:shape%nd, k) = gradient(:shape%nd, k) &
+         & + shape%value(2:1 + shape%nd, entry + to_value)
+   end do
+   where (part < nothing) part = 0.0_wp
+end subroutine fractions
+
+!> Whether a tissue has fibers at a collocation point
+pure logical function has_fibers(scene, k, at)
+   !> Scene
+   type(scene_type), intent(in) :: scene
+   !> Tissue
+   integer, intent(in) :: k
+   !> Collocation point
+   integer, intent(in) :: at
+
+   has_fibers = scene%tissue(k)%material%active(kind_i4)
+   if (has_fibers .and. scene%own_fibers) &
+      & has_fibers = scene%tissue(scene%tissue_of(at))%material%active(kind_i4)
+end function has_fibers
+
+!> Collocation points whose fibers a tissue has at all of them: themselves, or the nearest of the
+!> tissue
+function fibered_points(scene, k) result(at)
+   !> Scene
+   type(scene_type), intent(in) :: scene
+   !> Tissue with fibers
+   integer, intent(in) :: k
+   integer :: at(size(scene%tissue_of))
+   integer, allocatable :: own(:), other(:)
+   integer :: ip
+
+   at = [(ip, ip=1, size(at))]
+   own = pack(at, scene%tissue_of == k)
+   other = pack(at, scene%tissue_of /= k)
+   if (size(own) == 0) return
+   at(other) = own(nearest_points(scene%cloud%points(:, own), scene%cloud%points(:, other)))
+end function fibered_points
+
+!> Bulk modulus at a place [stress]
+pure real(wp) function bulk(self, ip)
+   !> Mixture
+   class(mixture_type), intent(in) :: self
+   !> Place
+   integer, intent(in) :: ip
+   integer :: e
+
+   bulk = 0.0_wp
+   do e = self%first(ip) + 1, self%first(ip + 1)
+      bulk = bulk + self%fraction(e)*self%scene%tissue(self%tissue(e))%material%bulk
+   end do
+end function bulk
+
+!> Shear modulus of a deformed state at a place, without fibers [stress]
+pure real(wp) function shear_modulus(self, ip, f)
+   !> Mixture
+   class(mixture_type), intent(in) :: self
+   !> Place
+   integer, intent(in) :: ip
+   !> Deformation gradient F(i,A) [-]
+   real(wp), intent(in) :: f(3, 3)
+   integer :: e
+
+   shear_modulus = 0.0_wp
+   do e = self%first(ip) + 1, self%first(ip + 1)
+      shear_modulus = shear_modulus &
+         & + self%fraction(e)*self%scene%tissue(self%tissue(e))%material%shear_modulus(f)
+   end do
+end function shear_modulus
+
+!> First Piola-Kirchhoff stress at a place
+pure subroutine stress(self, ip, f, load, p, volumetric)
+   !> Mixture
+   class(mixture_type), intent(in) :: self
+   !> Place
+   integer, intent(in) :: ip
+   !> Deformation gradient F(i,A) [-]
+   real(wp), intent(in) :: f(3, 3)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> Stress P(i,A) [stress]
+   real(wp), intent(out) :: p(3, 3)
+   !> Include K/2 (J-1)^2?
+   logical, intent(in) :: volumetric
+   real(wp) :: part(3, 3)
+   integer :: e
+
+   p = 0.0_wp
+   do e = self%first(ip) + 1, self%first(ip + 1)
+      associate (material => self%scene%tissue(self%tissue(e))%material)
+         call material%stress(f, self%fiber(:, e), load*self%scene%activation, part, volumetric)
+      end associate
+      p = p + self%fraction(e)*part
+   end do
+end subroutine stress
+
+!> Stress and tangent at a place
+pure subroutine tangent(self, ip, f, load, p, c4, volumetric)
+   !> Mixture
+   class(mixture_type), intent(in) :: self
+   !> Place
+   integer, intent(in) :: ip
+   !> Deformation gradient F(i,A) [-]
+   real(wp), intent(in) :: f(3, 3)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> Stress P(i,A) [stress]
+   real(wp), intent(out) :: p(3, 3)
+   !> Tangent C4(i,A,j,B) [stress]
+   real(wp), intent(out) :: c4(3, 3, 3, 3)
+   !> Include K/2 (J-1)^2?
+   logical, intent(in) :: volumetric
+   real(wp) :: part(3, 3), part4(3, 3, 3, 3)
+   integer :: e
+
+   p = 0.0_wp
+   c4 = 0.0_wp
+   do e = self%first(ip) + 1, self%first(ip + 1)
+      associate (material => self%scene%tissue(self%tissue(e))%material)
+         call material%tangent(f, self%fiber(:, e), load*self%scene%activation, part, part4, &
+            & volumetric)
+      end associate
+      p = p + self%fraction(e)*part
+      c4 = c4 + self%fraction(e)*part4
+   end do
+end subroutine tangent
+
+!> Divergence of the stress, and everything a row of the strong form needs
+pure subroutine strong(self, ip, nd, f, h, load, divergence, p, c4, t, volumetric)
+   !> Mixture
+   class(mixture_type), intent(in) :: self
+   !> Place
+   integer, intent(in) :: ip
+   !> Space dimension: 3, or 2 for plane strain
+   integer, intent(in) :: nd
+   !> Deformation gradient F(i,A) [-]
+   real(wp), intent(in) :: f(3, 3)
+   !> Second derivatives of the displacement H(j,B,A) = u_j,BA [1/length]
+   real(wp), intent(in) :: h(3, 3, 3)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> P_iA,A [stress/length]
+   real(wp), intent(out) :: divergence(3)
+   !> Stress P(i,A) [stress]
+   real(wp), intent(out) :: p(3, 3)
+   !> Tangent C4(i,A,j,B), which is the divergence's derivative by H(j,B,A) [stress]
+   real(wp), intent(out) :: c4(3, 3, 3, 3)
+   !> Derivative T(i,k,C) of the divergence by F(k,C) [stress/length]
+   real(wp), intent(out) :: t(3, 3, 3)
+   !> Include K/2 (J-1)^2?
+   logical, intent(in) :: volumetric
+   real(wp) :: part(3, 3), part4(3, 3, 3, 3), part_t(3, 3, 3), pull(3)
+   integer :: a, b, e
+
+   e = self%first(ip) + 1
+   divergence = 0.0_wp
+   if (e == self%first(ip + 1)) then
+      associate (material => self%scene%tissue(self%tissue(e))%material)
+         call material%strong(nd, f, h, self%fiber(:, e), load*self%scene%activation, p, c4, t, &
+            & volumetric)
+      end associate
+   else
+      p = 0.0_wp
+      c4 = 0.0_wp
+      t = 0.0_wp
+      do e = self%first(ip) + 1, self%first(ip + 1)
+         associate (material => self%scene%tissue(self%tissue(e))%material)
+            call material%strong(nd, f, h, self%fiber(:, e), load*self%scene%activation, part, &
+               & part4, part_t, volumetric)
+         end associate
+         p = p + self%fraction(e)*part
+         c4 = c4 + self%fraction(e)*part4
+         t = t + self%fraction(e)*part_t
+         do a = 1, nd
+            divergence = divergence + part(:, a)*self%slope(a, e)
+            t = t + part4(:, a, :, :)*self%slope(a, e)
+         end do
+      end do
+   end if
+   if (allocated(self%fiber_gradient)) then
+      do e = self%first(ip) + 1, self%first(ip + 1)
+         associate (material => self%scene%tissue(self%tissue(e))%material)
+            call fiber_divergence(material, f, self%fiber(:, e), self%fiber_gradient(:, :, e), &
+               & load*self%scene%activation, pull, part_t)
+         end associate
+         divergence = divergence + self%fraction(e)*pull
+         t = t + self%fraction(e)*part_t
+      end do
+   end if
+   do a = 1, nd
+      do b = 1, nd
+         divergence(:nd) = divergence(:nd) + matmul(c4(:nd, a, :nd, b), h(:nd, b, a))
+      end do
+   end do
+end subroutine strong
+
+!> Second derivatives of P_iA R_iA by F as a symmetric 9x9 matrix, index j + 3 (B - 1)
+pure subroutine stress_curvature(self, ip, f, r, load, form, volumetric)
+   !> Mixture
+   class(mixture_type), intent(in) :: self
+   !> Place
+   integer, intent(in) :: ip
+   !> Deformation gradient F(i,A) [-]
+   real(wp), intent(in) :: f(3, 3)
+   !> Direction R(i,A)
+   real(wp), intent(in) :: r(3, 3)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> Matrix [stress]
+   real(wp), intent(out) :: form(9, 9)
+   !> Include K/2 (J-1)^2?
+   logical, intent(in) :: volumetric
+   real(wp) :: part(9, 9)
+   integer :: e
+
+   form = 0.0_wp
+   do e = self%first(ip) + 1, self%first(ip + 1)
+      associate (material => self%scene%tissue(self%tissue(e))%material)
+         call material%stress_curvature(f, r, self%fiber(:, e), load*self%scene%activation, part, &
+            & volumetric)
+      end associate
+      form = form + self%fraction(e)*part
+   end do
+end subroutine stress_curvature
+
+!> Second derivatives of s = r_i P_iA,A by F and by H
+pure subroutine strong_curvature(self, ip, nd, f, h, r, load, ff, fh, volumetric)
+   !> Mixture
+   class(mixture_type), intent(in) :: self
+   !> Place
+   integer, intent(in) :: ip
+   !> Space dimension: 3, or 2 for plane strain
+   integer, intent(in) :: nd
+   !> Deformation gradient F(i,A) [-]
+   real(wp), intent(in) :: f(3, 3)
+   !> Second derivatives of the displacement H(j,B,A) = u_j,BA [1/length]
+   real(wp), intent(in) :: h(3, 3, 3)
+   !> Weighted residual r_i
+   real(wp), intent(in) :: r(3)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> s_,FF, index k + 3 (C - 1) [stress/length]
+   real(wp), intent(out) :: ff(9, 9)
+   !> s_,FH with indices (kC, jB, A) [stress]
+   real(wp), intent(out) :: fh(9, 9, 3)
+   !> Include K/2 (J-1)^2?
+   logical, intent(in) :: volumetric
+   real(wp) :: part(9, 9), part_h(9, 9, 3), direction(3, 3)
+   integer :: a, e
+
+   ff = 0.0_wp
+   fh = 0.0_wp
+   do e = self%first(ip) + 1, self%first(ip + 1)
+      associate (material => self%scene%tissue(self%tissue(e))%material, &
+         & activation => load*self%scene%activation)
+         call material%strong_curvature(nd, f, h, r, self%fiber(:, e), activation, part, part_h, &
+            & volumetric)
+         ff = ff + self%fraction(e)*part
+         fh = fh + self%fraction(e)*part_h
+         if (allocated(self%fiber_gradient)) then
+            call fiber_divergence_curvature(material, f, self%fiber(:, e), &
+               & self%fiber_gradient(:, :, e), r, activation, part)
+            ff = ff + self%fraction(e)*part
+         end if
+         if (self%first(ip + 1) - self%first(ip) == 1) cycle
+         do a = 1, 3
+            direction(:, a) = r*self%slope(a, e)
+         end do
+         call material%stress_curvature(f, direction, self%fiber(:, e), activation, part, &
+            & volumetric)
+         ff = ff + part
+      end associate
+   end do
+end subroutine strong_curvature
+
+end module rk_mixture

@@ -1,0 +1,164 @@
+!> Exact homogeneous solutions for finite K: the deformation gradient, whatever the material.
+module rk_exact
+   use rk_discretisation, only : determinant
+   use rk_error, only : error_type, fatal_error, err_input
+   use rk_material, only : material_type
+   use rk_point_state, only : point_state
+   use rk_precision, only : wp
+   use rk_probes, only : quantity
+   use rk_scene, only : exact_type, scene_type
+   use rk_text, only : to_text
+   implicit none
+   private
+
+   public :: exact_value
+
+contains
+
+!> Value of a probe at full load in an exact solution with the material of the first point
+subroutine exact_value(scene, exact, value, error)
+   !> Scene
+   type(scene_type), intent(in) :: scene
+   !> Solution
+   type(exact_type), intent(in) :: exact
+   !> Value
+   real(wp), intent(out) :: value
+   !> Error handling: no root
+   type(error_type), allocatable, intent(out) :: error
+   type(point_state) :: local
+   real(wp) :: values(3)
+
+   call exact_deformation(scene%tissue(scene%tissue_of(1))%material, exact%solution, &
+      & exact%amount, scene%cloud%nd, local%f, error)
+   if (allocated(error)) return
+   local%j = determinant(local%f)
+   associate (material => scene%tissue(scene%tissue_of(1))%material, nd => scene%cloud%nd)
+      call material%stress(local%f, scene%cloud%fiber(:, 1), scene%activation, local%p, &
+         & volumetric=.not. material%incompressible())
+      if (material%incompressible()) then
+         if (abs(local%j - 1.0_wp) > sqrt(epsilon(1.0_wp))) then
+            call fatal_error(error, err_input, exact%solution//' changes the volume, which an ' &
+               & //'infinite K does not allow')
+            return
+         end if
+         ! the pressure that frees the last direction, as finite K does; simple shear has none
+         if (exact%solution /= 'simple_shear') call add_pressure(-local%p(nd, nd)*local%f(nd, nd), &
+            & local%f, local%p)
+      end if
+   end associate
+   local%cauchy = matmul(local%p, transpose(local%f))/local%j
+   values = quantity(scene%probe(exact%probe)%quantity, local)
+   value = values(1)
+end subroutine exact_value
+
+!> Add the stress of a pressure to that of a diagonal deformation
+pure subroutine add_pressure(pressure, f, p)
+   !> Pressure, positive in tension [stress]
+   real(wp), intent(in) :: pressure
+   !> Deformation gradient without shear, J = 1 [-]
+   real(wp), intent(in) :: f(3, 3)
+   !> First Piola-Kirchhoff stress
+   real(wp), intent(inout) :: p(3, 3)
+   integer :: i
+
+   do i = 1, 3
+      p(i, i) = p(i, i) + pressure/f(i, i)
+   end do
+end subroutine add_pressure
+
+!> Deformation gradient of a homogeneous solution
+subroutine exact_deformation(material, solution, amount, nd, f, error)
+   !> Material
+   class(material_type), intent(in) :: material
+   !> simple_shear, uniaxial, equibiaxial or dilation
+   character(len=*), intent(in) :: solution
+   !> Shear or stretch [-]
+   real(wp), intent(in) :: amount
+   !> Space dimension; in 2-D the third direction does not stretch
+   integer, intent(in) :: nd
+   !> F(i, A) [-]
+   real(wp), intent(out) :: f(3, 3)
+   !> Error handling: no root
+   type(error_type), allocatable, intent(out) :: error
+   integer :: i
+
+   f = 0.0_wp
+   do i = 1, 3
+      f(i, i) = 1.0_wp
+   end do
+   select case (solution)
+   case ('simple_shear')
+      f(1, 2) = amount
+   case ('uniaxial')
+      f(1, 1) = amount
+      call free_stretch(material, f, 2, nd, error)
+   case ('equibiaxial')
+      f(1, 1) = amount
+      f(2, 2) = amount
+      if (nd == 3) call free_stretch(material, f, 3, nd, error)
+   case ('dilation')
+      do i = 1, nd
+         f(i, i) = amount
+      end do
+   case default
+      call fatal_error(error, err_input, 'unknown exact solution '//solution)
+   end select
+end subroutine exact_deformation
+
+!> Stretch of directions first..nd that makes them free of stress, by bisection in its logarithm
+subroutine free_stretch(material, f, first, nd, error)
+   !> Material
+   class(material_type), intent(in) :: material
+   !> Diagonal deformation gradient; the free entries are set [-]
+   real(wp), intent(inout) :: f(3, 3)
+   !> First free direction
+   integer, intent(in) :: first
+   !> Last free direction
+   integer, intent(in) :: nd
+   !> Error handling: no root
+   type(error_type), allocatable, intent(out) :: error
+   real(wp) :: low, high, middle
+   integer :: k
+
+   ! the incompressible stretch, with room on both sides
+   middle = -log(product([(f(k, k), k=1, first - 1)]))/(nd - first + 1)
+   if (material%incompressible()) then
+      do k = first, nd
+         f(k, k) = exp(middle)
+      end do
+      return
+   end if
+   low = middle - 1.0_wp
+   high = middle + 1.0_wp
+   if (stress_at(low)*stress_at(high) > 0.0_wp) then
+      call fatal_error(error, err_input, 'no stretch makes the free directions stress free at ' &
+         & //to_text(f(1, 1)))
+      return
+   end if
+   do k = 1, 80
+      middle = 0.5_wp*(low + high)
+      if (stress_at(low)*stress_at(middle) <= 0.0_wp) then
+         high = middle
+      else
+         low = middle
+      end if
+   end do
+   high = stress_at(0.5_wp*(low + high))
+
+contains
+
+   !> Stress in the free direction
+   real(wp) function stress_at(logarithm)
+      real(wp), intent(in) :: logarithm
+      real(wp) :: p(3, 3)
+      integer :: i
+      do i = first, nd
+         f(i, i) = exp(logarithm)
+      end do
+      call material%stress(f, [0.0_wp, 0.0_wp, 0.0_wp], 0.0_wp, p)
+      stress_at = p(nd, nd)
+   end function stress_at
+
+end subroutine free_stretch
+
+end module rk_exact

@@ -1,0 +1,88 @@
+!> Fields of a converged state at the collocation points.
+module rk_fields
+   use rk_discretisation, only : discretisation_type
+   use rk_point_state, only : point_state
+   use rk_precision, only : pi, wp
+   implicit none
+   private
+
+   public :: fields_type, compute_fields, principal_values
+
+   !> Fields at all collocation points. Components run fastest.
+   type :: fields_type
+      !> Displacement, shape (3, nc) [length]
+      real(wp), allocatable :: u(:, :)
+      !> Deformation gradient F(i, A), shape (3, 3, nc) [-]
+      real(wp), allocatable :: f(:, :, :)
+      !> Volume ratio, shape (nc) [-]
+      real(wp), allocatable :: j(:)
+      !> Cauchy stress xx, yy, zz, xy, yz, xz, shape (6, nc) [stress]
+      real(wp), allocatable :: cauchy(:, :)
+      !> Principal Cauchy stresses, descending, shape (3, nc) [stress]
+      real(wp), allocatable :: principal(:, :)
+      !> Pressure, minus the mean Cauchy stress, shape (nc) [stress]
+      real(wp), allocatable :: pressure(:)
+   end type fields_type
+
+contains
+
+!> Fields at all collocation points
+subroutine compute_fields(problem, x, load, fields)
+   !> Full problem
+   class(discretisation_type), intent(in) :: problem
+   !> Coefficients, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> Fields
+   type(fields_type), intent(out) :: fields
+   type(point_state) :: local
+   real(wp) :: u(problem%fields, problem%shape%nq)
+   integer :: ip, nc
+
+   nc = size(problem%scene%cloud%points, 2)
+   allocate (fields%u(3, nc), fields%f(3, 3, nc), fields%j(nc), fields%cauchy(6, nc), &
+      & fields%principal(3, nc), fields%pressure(nc))
+   !$omp parallel do default(none) schedule(static) private(ip, u, local) &
+   !$omp shared(problem, x, load, fields, nc)
+   do ip = 1, nc
+      call problem%field(ip, x, 1 + problem%scene%cloud%nd, u)
+      call problem%local_state(ip, problem%scene%cloud%points(:, ip), u, load, local)
+      associate (s => local%cauchy)
+         fields%u(:, ip) = local%u
+         fields%f(:, :, ip) = local%f
+         fields%j(ip) = local%j
+         fields%cauchy(:, ip) = [s(1, 1), s(2, 2), s(3, 3), s(1, 2), s(2, 3), s(1, 3)]
+         fields%principal(:, ip) = principal_values(s)
+         fields%pressure(ip) = -(s(1, 1) + s(2, 2) + s(3, 3))/3.0_wp
+      end associate
+   end do
+   !$omp end parallel do
+end subroutine compute_fields
+
+!> Eigenvalues of a symmetric matrix in descending order.
+!> Reference: Smith, Commun. ACM 4 (1961) 168, doi:10.1145/355578.366316
+pure function principal_values(a) result(e)
+   !> Symmetric matrix
+   real(wp), intent(in) :: a(3, 3)
+   real(wp) :: e(3)
+   real(wp) :: mean, p, angle, b(3, 3), d
+
+   mean = (a(1, 1) + a(2, 2) + a(3, 3))/3.0_wp
+   b = a
+   b(1, 1) = b(1, 1) - mean
+   b(2, 2) = b(2, 2) - mean
+   b(3, 3) = b(3, 3) - mean
+   p = sqrt(sum(b**2)/6.0_wp)
+   e = mean
+   if (.not. p > tiny(1.0_wp)) return
+   b = b/p
+   d = b(1, 1)*(b(2, 2)*b(3, 3) - b(2, 3)*b(3, 2)) - b(1, 2)*(b(2, 1)*b(3, 3) - b(2, 3)*b(3, 1)) &
+      & + b(1, 3)*(b(2, 1)*b(3, 2) - b(2, 2)*b(3, 1))
+   angle = acos(max(-1.0_wp, min(1.0_wp, 0.5_wp*d)))/3.0_wp
+   e(1) = mean + 2.0_wp*p*cos(angle)
+   e(3) = mean + 2.0_wp*p*cos(angle + 2.0_wp*pi/3.0_wp)
+   e(2) = 3.0_wp*mean - e(1) - e(3)
+end function principal_values
+
+end module rk_fields

@@ -1,0 +1,38 @@
+!> Balance of the forces on a body.
+module rk_force
+   use rk_discretisation, only : discretisation_type
+   use rk_precision, only : wp
+   implicit none
+   private
+
+   public :: force_imbalance
+
+contains
+
+!> Sum of the forces on all boundary sets with conditions over the largest of them: 0 for a body in
+!> equilibrium. Forces that do not balance are the sign of a locked or too coarse solution. Each is
+!> taken from the nearer half of the body: over the whole length between two fixed sets both would
+!> be the same mean of all sections, however these differ.
+real(wp) function force_imbalance(problem, x, load)
+   !> Full problem
+   class(discretisation_type), intent(in) :: problem
+   !> Coefficients, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   real(wp) :: total(3), force(3), largest
+   integer :: set
+
+   total = 0.0_wp
+   largest = 0.0_wp
+   do set = 1, size(problem%scene%cloud%set_name)
+      if (.not. any(problem%scene%condition%set == set)) cycle
+      force = problem%set_force(set, x, load, 0.5_wp)
+      total = total + force
+      largest = max(largest, norm2(force))
+   end do
+   force_imbalance = 0.0_wp
+   if (largest > 0.0_wp) force_imbalance = norm2(total)/largest
+end function force_imbalance
+
+end module rk_force

@@ -1,0 +1,131 @@
+!> Probes: numbers of a converged state at points and on boundary sets.
+module rk_probes
+   use rk_discretisation, only : discretisation_type
+   use rk_error, only : error_type
+   use rk_fields, only : principal_values
+   use rk_point_state, only : point_state
+   use rk_precision, only : wp
+   use rk_scene, only : scene_type
+   use rk_shape, only : new_shape, shape_type
+   implicit none
+   private
+
+   public :: probes_type, new_probes, probe_value, quantity, quantity_size
+
+   !> Shape functions at the places of point probes
+   type :: probes_type
+      !> Shape functions, one place for each probe
+      type(shape_type) :: shape
+      !> Nearest collocation point of each probe: its material and fiber, shape (nprobe)
+      integer, allocatable :: nearest(:)
+   end type probes_type
+
+contains
+
+!> Prepare the probes of a scene
+subroutine new_probes(self, scene, error)
+   !> Probes
+   type(probes_type), intent(out) :: self
+   !> Scene
+   type(scene_type), intent(in) :: scene
+   !> Error handling: a probe outside the body
+   type(error_type), allocatable, intent(out) :: error
+   real(wp) :: place(scene%cloud%nd, size(scene%probe))
+   integer :: i, nd
+
+   nd = scene%cloud%nd
+   allocate (self%nearest(size(scene%probe)))
+   do i = 1, size(scene%probe)
+      self%nearest(i) = 1
+      place(:, i) = scene%cloud%points(:, 1)
+      if (scene%probe(i)%set > 0) cycle
+      place(:, i) = scene%probe(i)%point(:nd)
+      self%nearest(i) = minloc(sum((scene%cloud%points - spread(place(:, i), 2, &
+         & size(scene%cloud%points, 2)))**2, dim=1), dim=1)
+   end do
+   if (size(scene%probe) == 0) return
+   call new_shape(self%shape, scene%approximation, scene%cloud%source, scene%support, place, error)
+   if (allocated(error)) error%message = 'probe: '//error%message
+end subroutine new_probes
+
+!> Value of a probe, 1 or 3 numbers
+subroutine probe_value(problem, probes, i, x, load, value)
+   !> Full problem
+   class(discretisation_type), intent(in) :: problem
+   !> Probes
+   type(probes_type), intent(in) :: probes
+   !> Number of the probe
+   integer, intent(in) :: i
+   !> Coefficients, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> Value, shape (3); the first quantity_size numbers count
+   real(wp), intent(out) :: value(3)
+   type(point_state) :: local
+   real(wp) :: u(problem%fields, problem%shape%nq)
+
+   associate (probe => problem%scene%probe(i))
+      if (probe%set > 0) then
+         value = problem%set_force(probe%set, x, load, 1.0_wp)
+         if (probe%quantity /= 'force') value(1) = value(component(probe%quantity, 7))
+      else
+         call probes%shape%interpolate(i, x, 1, 1 + problem%scene%cloud%nd, u)
+         call problem%local_state(probes%nearest(i), probe%point(:problem%scene%cloud%nd), u, &
+            & load, local)
+         value = quantity(probe%quantity, local)
+      end if
+   end associate
+end subroutine probe_value
+
+!> How many numbers a quantity has
+pure integer function quantity_size(name)
+   !> Quantity
+   character(len=*), intent(in) :: name
+
+   quantity_size = merge(3, 1, name == 'u' .or. name == 'force')
+end function quantity_size
+
+!> Index 1..3 of the letter x, y or z at a place of a name
+pure integer function component(name, at)
+   !> Name, such as u_x
+   character(len=*), intent(in) :: name
+   !> Position of the letter
+   integer, intent(in) :: at
+
+   component = index('xyz', name(at:at))
+end function component
+
+!> A quantity of a local state
+pure function quantity(name, local) result(value)
+   !> Quantity
+   character(len=*), intent(in) :: name
+   !> State
+   type(point_state), intent(in) :: local
+   real(wp) :: value(3)
+   real(wp) :: e(3), t(2)
+
+   value = 0.0_wp
+   select case (name)
+   case ('u')
+      value = local%u
+   case ('u_x', 'u_y', 'u_z')
+      value(1) = local%u(component(name, 3))
+   case ('J')
+      value(1) = local%j
+   case ('pressure')
+      value(1) = -(local%cauchy(1, 1) + local%cauchy(2, 2) + local%cauchy(3, 3))/3.0_wp
+   case ('principal_max')
+      e = principal_values(local%cauchy)
+      value(1) = e(1)
+   case ('cauchy_rr', 'cauchy_tt')
+      ! directions of the undeformed place about the third axis
+      t = local%x(:2)/norm2(local%x(:2))
+      if (name == 'cauchy_tt') t = [-t(2), t(1)]
+      value(1) = dot_product(t, matmul(local%cauchy(:2, :2), t))
+   case default
+      value(1) = local%cauchy(component(name, 8), component(name, 9))
+   end select
+end function quantity
+
+end module rk_probes

@@ -1,0 +1,209 @@
+!> What all discretisations of a scene share: shape functions at the collocation points, conditions,
+!> and the state of the material at a place. Output and forces know no more of a problem than this.
+module rk_discretisation
+   use rk_conditions, only : boundary_type
+   use rk_mixture, only : mixture_type
+   use rk_point_state, only : point_state
+   use rk_precision, only : wp
+   use rk_problem, only : problem_type
+   use rk_scene, only : scene_type
+   use rk_shape, only : shape_type
+   implicit none
+   private
+
+   public :: discretisation_type, free_discretisation, deformation, determinant
+
+   !> A discretised scene
+   type, abstract, extends(problem_type) :: discretisation_type
+      !> What is modelled
+      type(scene_type), pointer :: scene => null()
+      !> Unknown fields at each source point
+      integer :: fields = 0
+      !> Shape functions at the collocation points
+      type(shape_type), pointer :: shape => null()
+      !> Conditions at boundary points
+      type(boundary_type) :: boundary
+      !> Materials of the collocation points and of further places behind them
+      type(mixture_type) :: mixture
+      !> Fields and derivatives of modes at each place, shape (fields, nq, r, np); where they are
+      !> given the unknowns are the modes' amplitudes
+      real(wp), allocatable :: mode(:, :, :, :)
+   contains
+      !> Unknown fields and derivatives at a place from the unknowns
+      procedure :: field
+      !> Stress and deformation at a place from the displacement there
+      procedure :: local_state
+      !> Prepare for questions about a state
+      procedure :: settle
+      !> Force that the surroundings exert on the body through a boundary set
+      procedure(force_interface), deferred :: set_force
+      !> Points where set_point_loads wants values
+      procedure :: load_points
+      !> Set what varies over the points and has no place in a deck
+      procedure :: set_point_loads
+   end type discretisation_type
+
+   abstract interface
+      function force_interface(self, set, x, load, share) result(force)
+         import :: discretisation_type, wp
+         !> Problem
+         class(discretisation_type), intent(in) :: self
+         !> Boundary set
+         integer, intent(in) :: set
+         !> Unknowns, shape (n)
+         real(wp), contiguous, intent(in) :: x(:)
+         !> Load [-]
+         real(wp), intent(in) :: load
+         !> Part of the way to the next fixed set in which the stress is looked at, where sections
+         !> tell the force [-]
+         real(wp), intent(in) :: share
+         real(wp) :: force(3)
+      end function force_interface
+   end interface
+
+contains
+
+!> Give back the shape functions, which belong to the problem that made them
+subroutine free_discretisation(self)
+   !> Problem
+   class(discretisation_type), intent(inout) :: self
+
+   if (associated(self%shape)) deallocate (self%shape)
+end subroutine free_discretisation
+
+!> Unknown fields and derivatives at a place from the unknowns
+subroutine field(self, ip, x, last, u)
+   !> Problem
+   class(discretisation_type), intent(in) :: self
+   !> Place
+   integer, intent(in) :: ip
+   !> Unknowns: coefficients, or amplitudes of the modes, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Last derivative wanted
+   integer, intent(in) :: last
+   !> Fields with derivatives, shape (fields, nq); displacement [length], [-], [1/length]
+   real(wp), intent(out) :: u(:, :)
+   integer :: k
+
+   if (.not. allocated(self%mode)) then
+      call self%shape%interpolate(ip, x, 1, last, u)
+      return
+   end if
+   u = 0.0_wp
+   do k = 1, size(self%mode, 3)
+      u(:, :last) = u(:, :last) + x(k)*self%mode(:, :last, k, ip)
+   end do
+end subroutine field
+
+!> Stress and deformation at a place from the displacement there
+subroutine local_state(self, ip, x, u, load, local)
+   !> Problem
+   class(discretisation_type), intent(in) :: self
+   !> Collocation point whose material and fiber hold there
+   integer, intent(in) :: ip
+   !> Undeformed place, shape (nd) [length]
+   real(wp), intent(in) :: x(:)
+   !> Unknown fields with derivatives, shape (fields, nq)
+   real(wp), intent(in) :: u(:, :)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> State
+   type(point_state), intent(out) :: local
+   real(wp) :: h(3, 3, 3)
+
+   local%x(:size(x)) = x
+   local%u(:size(x)) = u(:size(x), 1)
+   call deformation(size(x), u, local%f, h)
+   local%j = determinant(local%f)
+   call self%mixture%stress(ip, local%f, load, local%p, volumetric=.true.)
+   ! (5.31b)
+   local%cauchy = matmul(local%p, transpose(local%f))/local%j
+end subroutine local_state
+
+!> Prepare for questions about a state; most discretisations need nothing
+subroutine settle(self, x, load)
+   !> Problem
+   class(discretisation_type), target, intent(inout) :: self
+   !> Unknowns, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Load [-]
+   real(wp), intent(in) :: load
+
+   associate (same => self, unknowns => x, at => load)
+   end associate
+end subroutine settle
+
+!> Points where set_point_loads wants values: the collocation points
+function load_points(self) result(x)
+   !> Problem
+   class(discretisation_type), intent(in) :: self
+   !> Points, shape (nd, n) [length]
+   real(wp), allocatable :: x(:, :)
+
+   x = self%scene%cloud%points
+end function load_points
+
+!> Set what varies over the points and has no place in a deck, at full load
+subroutine set_point_loads(self, body_force, displacement, stress)
+   !> Problem
+   class(discretisation_type), intent(inout) :: self
+   !> Body force per undeformed volume, shape (3, n) [force/length^3]
+   real(wp), intent(in) :: body_force(:, :)
+   !> Displacement of the essential components, shape (3, n) [length]
+   real(wp), intent(in) :: displacement(:, :)
+   !> Stress P(i, A) whose traction the other components carry, shape (3, 3, n) [stress]
+   real(wp), intent(in) :: stress(:, :, :)
+   integer :: b, i, nd
+
+   nd = self%scene%cloud%nd
+   self%scene%body_force = body_force
+   associate (boundary => self%boundary)
+      do b = 1, size(boundary%point)
+         do i = 1, nd
+            boundary%value(i, b) = displacement(i, boundary%point(b))
+            boundary%traction(i, b) = dot_product(stress(i, :nd, boundary%point(b)), &
+               & boundary%normal(:, i, b))
+         end do
+      end do
+   end associate
+end subroutine set_point_loads
+
+!> Deformation gradient and its derivatives from the displacement's derivatives
+pure subroutine deformation(nd, u, f, h)
+   !> Space dimension
+   integer, intent(in) :: nd
+   !> Fields with derivatives, the displacement first, shape (>= nd, nq)
+   real(wp), intent(in) :: u(:, :)
+   !> F(i, A) [-]
+   real(wp), intent(out) :: f(3, 3)
+   !> u_j,BA as h(j, B, A) [1/length]
+   real(wp), intent(out) :: h(3, 3, 3)
+   integer :: a, b, q
+
+   f = 0.0_wp
+   h = 0.0_wp
+   do a = 1, 3
+      f(a, a) = 1.0_wp
+   end do
+   q = 1 + nd
+   do a = 1, nd
+      f(:nd, a) = f(:nd, a) + u(:nd, 1 + a)
+      do b = a, nd
+         q = q + 1
+         h(:nd, b, a) = u(:nd, q)
+         h(:nd, a, b) = u(:nd, q)
+      end do
+   end do
+end subroutine deformation
+
+!> Determinant
+pure real(wp) function determinant(f)
+   !> Matrix
+   real(wp), intent(in) :: f(3, 3)
+
+   determinant = f(1, 1)*(f(2, 2)*f(3, 3) - f(2, 3)*f(3, 2)) &
+      & - f(1, 2)*(f(2, 1)*f(3, 3) - f(2, 3)*f(3, 1)) &
+      & + f(1, 3)*(f(2, 1)*f(3, 2) - f(2, 2)*f(3, 1))
+end function determinant
+
+end module rk_discretisation

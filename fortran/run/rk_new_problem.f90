@@ -1,0 +1,60 @@
+!> From the name of a method to its problem.
+module rk_new_problem
+   use rk_discretisation, only : discretisation_type
+   use rk_displacement, only : displacement_problem, new_displacement
+   use rk_error, only : error_type, fatal_error, err_input
+   use rk_galerkin, only : galerkin_problem, new_galerkin
+   use rk_islands, only : check_islands
+   use rk_linear, only : linear_problem, new_linear
+   use rk_mixed, only : mixed_problem, new_mixed
+   use rk_scene, only : scene_type
+   implicit none
+   private
+
+   public :: new_problem
+
+contains
+
+!> Set up the problem of a scene: linear where it has an equation, otherwise by the scene's method
+subroutine new_problem(problem, scene, error)
+   !> Problem
+   class(discretisation_type), allocatable, intent(out) :: problem
+   !> Scene, which must outlive the problem
+   type(scene_type), target, intent(in) :: scene
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   type(displacement_problem), allocatable :: plain
+   type(mixed_problem), allocatable :: mixed
+   type(galerkin_problem), allocatable :: galerkin
+   type(linear_problem), allocatable :: linear
+   logical, allocatable :: held(:)
+
+   if (allocated(scene%equation%kind)) then
+      allocate (linear)
+      call new_linear(linear, scene, error)
+      call move_alloc(linear, problem)
+      return
+   end if
+   select case (scene%method)
+   case ('rkcm')
+      allocate (plain)
+      call new_displacement(plain, scene, error)
+      call move_alloc(plain, problem)
+   case ('rkcm-mixed')
+      allocate (mixed)
+      call new_mixed(mixed, scene, error)
+      call move_alloc(mixed, problem)
+   case ('rkpm', 'rkpm-gauss', 'rkpm-scni')
+      allocate (galerkin)
+      call new_galerkin(galerkin, scene, error)
+      call move_alloc(galerkin, problem)
+   case default
+      call fatal_error(error, err_input, "unknown method '"//scene%method//"'")
+   end select
+   if (allocated(error)) return
+   allocate (held(size(scene%cloud%points, 2)), source=.false.)
+   held(problem%boundary%point) = any(problem%boundary%essential, dim=1)
+   call check_islands(problem%shape, scene%cloud%points, held, error)
+end subroutine new_problem
+
+end module rk_new_problem
