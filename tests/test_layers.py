@@ -36,7 +36,7 @@ PYTHON_LAYERS = [
     {"model", "results"},
     {"tissue"},
     {"segment", "build", "solve"},
-    {"rom", "report"},
+    {"rom", "report", "reference"},
     {"bench", "demo"},
     {"cli"},
     {"__main__"},

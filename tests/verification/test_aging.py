@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from myork.bench import run_benches
-from myork.bench.aging import OLD, YOUNG, labelled
+from myork.bench.studies.aging import OLD, YOUNG, labelled
 
 
 @pytest.mark.parametrize(

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from myork.bench import mixed
-from myork.bench.nonlinear import along_fixed_fibers
-from myork.bench.rival import felupe_block
 from myork.bench.runs import solve_case
+from myork.bench.studies import mixed
 from myork.core.deck import load_deck
+from myork.reference.finite_elements import felupe_block
+from myork.reference.muscle import along_fibers
 
 SIZE = ("geometry.source=[5,5,9]", "geometry.collocation=[9,9,17]")
 
@@ -40,7 +40,8 @@ def test_straight_fibers_keep_their_length_and_volume(inputs: Path) -> None:
     )  # fmt: skip
     case = solve_case(inputs / "muscle_fibers.toml", overrides)
     assert case["outcome"] == "converged"
-    exact = along_fixed_fibers(load_deck(inputs / "muscle_fibers.toml", overrides), None)
+    deck = load_deck(inputs / "muscle_fibers.toml", overrides)
+    exact = along_fibers(deck["material"][0], 1.0, deck["load"]["activation"])
     assert case["probes"]["stress_zz"] == pytest.approx(exact, rel=5e-4)
     assert -case["probes"]["reaction_z"] == pytest.approx(exact, rel=5e-4)
     assert case["min_J"] > 0.999 and case["max_J"] < 1.001

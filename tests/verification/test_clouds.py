@@ -10,12 +10,12 @@ import pytest
 from numpy.typing import NDArray
 
 from myork import Scene
-from myork.bench import exact
-from myork.bench.bodies import box, graded, jittered, write_body
 from myork.core import material as core_material
 from myork.errors import InputError
 from myork.model.spacing import source_spacing
 from myork.records import PointCloud
+from myork.reference import exact
+from myork.reference.bodies import box, graded, jittered, write_body
 
 MUSCLE = core_material.Material(
     name="muscle",

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from myork.bench import mms
-from myork.bench.methods import oscillation
 from myork.build import build_cloud
 from myork.core.scene import Scene
 from myork.errors import InputError
 from myork.model_file import write_model
 from myork.records import Labels
+from myork.reference import manufactured
+from myork.reference.measures import observed_order, oscillation
 
 RUBBER = {"name": "rubber", "model": "polynomial", "A10": 37.3, "A20": -3.1, "A30": 0.5, "K": 1e3}
 MUSCLE = {
@@ -215,11 +215,11 @@ ORDERS = [("rkpm-scni", 1, 2.0, 1.8, 1.0), ("rkpm-gauss", 2, 3.0, 2.9, 1.9)]
 
 @pytest.mark.parametrize(("method", "order", "support", "least_u", "least_stress"), ORDERS)
 def test_optimal_orders(method, order, support, least_u, least_stress):
-    problem = mms.Problem("muscle", 2, (50.0, 50.0), order, support, ())
-    cases = [mms.solve(problem, method, n) for n in (9, 17)]
+    problem = manufactured.Problem("muscle", 2, (50.0, 50.0), order, support, ())
+    cases = [manufactured.solve(problem, method, n) for n in (9, 17)]
     assert [case["outcome"] for case in cases] == ["converged"] * 2, cases
-    assert mms.observed_order(cases, "u_error") > least_u
-    assert mms.observed_order(cases, "stress_error") > least_stress
+    assert observed_order(cases, "u_error") > least_u
+    assert observed_order(cases, "stress_error") > least_stress
 
 
 #: Side u_x, side u_z, stress zz, stress xz, reaction x, reaction z at activation 0.05: limits of

@@ -3,62 +3,63 @@
 import numpy as np
 import pytest
 
-from myork.bench import mms
 from myork.core.scene import Scene
 from myork.errors import InputError
+from myork.reference import manufactured
+from myork.reference.measures import observed_order
 
 #: Least order of displacement and stress between 11 and 17 points an edge, and a bound on the
 #: displacement's error at 17; a little below what was measured (2.4, 2.5; 4.4, 3.9)
 MIXED = {"2-D, order 2": (2.0, 2.0, 1.2e-3), "2-D, order 3": (2.5, 2.5, 3e-5)}
 
 
-def problem(name: str) -> mms.Problem:
-    return next(entry for entry in mms.PROBLEMS if entry.name == name)
+def problem(name: str) -> manufactured.Problem:
+    return next(entry for entry in manufactured.PROBLEMS if entry.name == name)
 
 
 @pytest.mark.parametrize("name", MIXED)
 def test_mixed_form_converges(name: str) -> None:
     least_u, least_stress, bound = MIXED[name]
-    cases = [mms.solve(problem(name), "rkcm-mixed", n) for n in (11, 17)]
+    cases = [manufactured.solve(problem(name), "rkcm-mixed", n) for n in (11, 17)]
     assert [case["outcome"] for case in cases] == ["converged"] * 2, cases
-    assert mms.observed_order(cases, "u_error") > least_u
-    assert mms.observed_order(cases, "stress_error") > least_stress
+    assert observed_order(cases, "u_error") > least_u
+    assert observed_order(cases, "stress_error") > least_stress
     assert cases[-1]["u_error"] < bound
 
 
 def test_displacement_form_converges() -> None:
     """At order 4; with the published weights lower orders converge too slowly to be tested."""
-    cases = [mms.solve(problem("2-D, order 4"), "rkcm", n) for n in (9, 13)]
+    cases = [manufactured.solve(problem("2-D, order 4"), "rkcm", n) for n in (9, 13)]
     assert [case["outcome"] for case in cases] == ["converged"] * 2, cases
-    assert mms.observed_order(cases, "u_error") > 1.0
-    assert mms.observed_order(cases, "stress_error") > 1.0
+    assert observed_order(cases, "u_error") > 1.0
+    assert observed_order(cases, "stress_error") > 1.0
     assert cases[-1]["u_error"] < 3e-4
 
 
 def test_mixed_form_in_space() -> None:
-    cases = [mms.solve(problem("3-D, order 2"), "rkcm-mixed", n) for n in (5, 6)]
+    cases = [manufactured.solve(problem("3-D, order 2"), "rkcm-mixed", n) for n in (5, 6)]
     assert [case["outcome"] for case in cases] == ["converged"] * 2, cases
-    assert mms.observed_order(cases, "u_error") > 2.0
+    assert observed_order(cases, "u_error") > 2.0
     assert cases[-1]["u_error"] < 1e-2
 
 
 def test_modulus_that_varies() -> None:
     """K along X from 500 to 2500: its gradient makes a body force of its own. Without that the
     errors stay above 0.1."""
-    cases = [mms.solve(problem("3-D, order 2, K varies"), "rkcm-mixed", n) for n in (5, 6)]
+    cases = [manufactured.solve(problem("3-D, order 2, K varies"), "rkcm-mixed", n) for n in (5, 6)]
     assert [case["outcome"] for case in cases] == ["converged"] * 2, cases
-    assert mms.observed_order(cases, "u_error") > 2.0
-    assert mms.observed_order(cases, "stress_error") > 2.0
+    assert observed_order(cases, "u_error") > 2.0
+    assert observed_order(cases, "stress_error") > 2.0
     assert cases[-1]["u_error"] < 5e-2
 
 
 def test_wrong_stationary_point_is_no_answer() -> None:
     """At 11 points one load step ends where all rows balance, 27 % off, with J up to 4.0. That is
     told by J away from rims; halved steps end right, as far off as between sizes 9 and 17."""
-    wrong = mms.solve(problem("2-D, order 4"), "rkcm-mixed", 11)
+    wrong = manufactured.solve(problem("2-D, order 4"), "rkcm-mixed", 11)
     assert wrong["outcome"] == "not converged"
     assert "no body takes" in wrong["message"]
-    right = mms.solve(problem("2-D, order 4"), "rkcm-mixed", 11, ["load.max_halvings=2"])
+    right = manufactured.solve(problem("2-D, order 4"), "rkcm-mixed", 11, ["load.max_halvings=2"])
     assert right["outcome"] == "converged"
     assert right["u_error"] < 3e-5
     assert right["stress_error"] < 1e-5
@@ -67,7 +68,7 @@ def test_wrong_stationary_point_is_no_answer() -> None:
 def test_deformation_is_large_and_keeps_the_volume_in_the_middle() -> None:
     x = np.random.default_rng(5).uniform(size=(200, 3))
     x[0] = 0.5
-    f = mms.deformation_gradient(mms.chosen_deformation, x)
+    f = manufactured.deformation_gradient(manufactured.chosen_deformation, x)
     volume = np.linalg.det(f)
     np.testing.assert_allclose(volume, 1.0 + 1.2 * (x[:, 0] - 0.5) ** 2, rtol=1e-12)
     strain = 0.5 * (np.swapaxes(f, 1, 2) @ f - np.eye(3))

@@ -2,7 +2,7 @@
 
 import pytest
 
-from myork.bench import stability
+from myork.bench.studies import stability
 
 #: A hang, not a measurement [s]
 PATIENCE = 120.0

@@ -26,16 +26,16 @@ from myork.errors import InputError
 __all__ = ["BENCHES", "run_benches"]
 
 BENCHES = {
-    "linear": "myork.bench.linear",
-    "nonlinear": "myork.bench.nonlinear",
-    "stability": "myork.bench.stability",
-    "curves": "myork.bench.curves",
-    "methods": "myork.bench.methods",
-    "mixed": "myork.bench.mixed",
-    "mms": "myork.bench.mms",
-    "clouds": "myork.bench.clouds",
-    "gallery": "myork.bench.gallery",
-    "aging": "myork.bench.aging",
+    "linear": "myork.bench.studies.linear",
+    "nonlinear": "myork.bench.studies.nonlinear",
+    "stability": "myork.bench.studies.stability",
+    "curves": "myork.bench.studies.curves",
+    "methods": "myork.bench.studies.methods",
+    "mixed": "myork.bench.studies.mixed",
+    "mms": "myork.bench.studies.mms",
+    "clouds": "myork.bench.studies.clouds",
+    "gallery": "myork.bench.studies.gallery",
+    "aging": "myork.bench.studies.aging",
 }
 
 

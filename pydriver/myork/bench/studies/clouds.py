@@ -8,6 +8,7 @@ has no known answer: its force must not depend on the strides, and must be the s
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -152,10 +153,23 @@ def bar(voxel: float, angle: float) -> PointCloud:
         np.sin(lean) * np.sin(turn),
         np.cos(lean),
     ]
-    table = {"collocation_stride": [1, 1, 1], "source_stride": [2, 2, 2], "ids": []}
-    return build_cloud(
-        Labels(data, affine), Image(fiber, affine), {**table, "islands": "error"}, "cm"
-    )[0]
+    return _built(Labels(data, affine), Image(fiber, affine), (1, 1, 1), (2, 2, 2), [])
+
+
+def _built(
+    labels: Labels, fiber: Image, collocation: Sequence[int], source: Sequence[int], ids: list[int]
+) -> PointCloud:
+    """Points of some labels, or of all, with the strides of both lattices."""
+    table = {
+        "ids": ids,
+        "bone": [],
+        "collocation_stride": list(collocation),
+        "source_stride": list(source),
+        "merge": "majority",
+        "islands": "error",
+        "normals": "distance",
+    }
+    return build_cloud(labels, fiber, table, "cm")[0]
 
 
 def solve_bar(voxel: float, angle: float, order: int) -> dict[str, Any]:
@@ -197,13 +211,7 @@ def _solve_muscle(
 ) -> dict[str, Any]:
     """Solve the medial gastrocnemius of the phantom with some strides."""
     phantom = make_phantom()
-    table = {
-        "collocation_stride": list(collocation),
-        "source_stride": list(source),
-        "ids": [1],
-        "islands": "error",
-    }
-    cloud, _ = build_cloud(phantom.truth, phantom.fiber, table, "cm")
+    cloud = _built(phantom.truth, phantom.fiber, collocation, source, [1])
     places = {"force": ("force_z", 'set = "bottom"')}
     value, sections, volume = _solve(cloud, order, places)
     middle = sections[2:-2]

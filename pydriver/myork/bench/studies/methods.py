@@ -13,17 +13,17 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from myork.bench.curves import Choice, block_cases, choice, plot, seconds, table, tube_cases
-from myork.bench.nonlinear import along_fixed_fibers
-from myork.bench.rival import felupe_sheet
 from myork.bench.runs import INPUTS, outcome_text, solve_case
+from myork.bench.studies.curves import Choice, block_cases, choice, plot, seconds, table, tube_cases
 from myork.console import ProgressCallback
 from myork.core.deck import load_deck
+from myork.reference.finite_elements import felupe_sheet
+from myork.reference.measures import oscillation
+from myork.reference.muscle import along_fibers
 from myork.results import Results
 
-__all__ = ["oscillation", "run"]
+__all__ = ["run"]
 
 _LIMIT = 120.0
 _SHEET = "shear_2d"
@@ -153,17 +153,6 @@ def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
             *(table(title, cases) for title, cases in curves.items()),
         ],
     }
-
-
-def oscillation(values: NDArray[np.float64]) -> float:
-    """Largest second difference of neighbours relative to the mean: zero for a straight line.
-
-    Parameters
-    ----------
-    values : NDArray
-        Values at equal distances along a line, at least three.
-    """
-    return float(np.abs(np.diff(values, 2)).max() / abs(np.mean(values)))
 
 
 def _limit(values: Sequence[float]) -> float:
@@ -330,7 +319,8 @@ def _block(progress: ProgressCallback, method: _Method, edge: int) -> dict[str, 
     words = [*_lattice(source), *choice(method.choice), *_SMOOTH]
     case = solve_case("muscle_block", words, limit=_LIMIT)
     case |= {"name": method.name, "size": " x ".join(str(n) for n in source)}
-    case["solution"] = along_fixed_fibers(load_deck(INPUTS / "muscle_block.toml", words), None)
+    deck = load_deck(INPUTS / "muscle_block.toml", words)
+    case["solution"] = along_fibers(deck["material"][0], 1.0, deck["load"]["activation"])
     return case
 
 

@@ -1,4 +1,4 @@
-"""Manufactured solutions: observed orders of displacement and stress in both formulations.
+"""Manufactured solutions: displacement and stress in both formulations.
 
 A large deformation is chosen; the body force that it needs, `b = -Div P`, and the boundary values
 are computed from it and prescribed. The material is active anisotropic muscle; in the last case
@@ -17,27 +17,23 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from myork.bench.bodies import box
-from myork.console import ProgressCallback
 from myork.core import material as core_material
 from myork.core.scene import Scene
 from myork.core.shape import shape_functions
 from myork.errors import MyorkError
 from myork.model_file import write_model
+from myork.reference.bodies import box
 
 __all__ = [
     "PROBLEMS",
     "Problem",
     "chosen_deformation",
     "deformation_gradient",
-    "observed_order",
-    "run",
     "solve",
 ]
 
 F64Array = NDArray[np.float64]
 
-METHODS = ("rkcm", "rkcm-mixed")
 _ACTIVATION = 0.3
 # Convex, unlike table 4.1 with its negative A01: the exact solution must be the only one
 _MUSCLE = {"A10": 6.43, "A01": 1.0, "A20": 0.94}
@@ -87,38 +83,6 @@ class _Exact(NamedTuple):
     f: F64Array
     p: F64Array
     body_force: F64Array
-
-
-def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
-    """Solve all problems at all sizes with both methods; see `myork.bench` for the result."""
-    cases: list[dict[str, Any]] = []
-    for number, problem in enumerate(PROBLEMS):
-        progress(f"problem {number + 1}/{len(PROBLEMS)}  {problem.name}")
-        sizes = problem.sizes[:2] if quick else problem.sizes
-        cases += [solve(problem, method, n) for method in METHODS for n in sizes]
-    plots = [
-        {
-            "title": f"Manufactured solutions: {what}",
-            "x": "spacing of the source points h [cm]",
-            "y": f"relative error of the {what} (root mean square)",
-            "series": [
-                {"name": f"{problem.name}, {method}", "x": x, "y": y}
-                for problem in PROBLEMS
-                for method in METHODS
-                for x, y in [_curve(cases, problem, method, key)]
-                if x
-            ],
-        }
-        for what, key in (("displacement", "u_error"), ("Cauchy stress", "stress_error"))
-    ]
-    return {
-        "title": "Manufactured solutions",
-        "about": "Active muscle with oblique fibers, stretches from 0.7 to 1.4; the order is that "
-        "between the two finest sizes. Faces across x are held, the others carry tractions.",
-        "cases": cases,
-        "tables": [_table(cases)],
-        "plots": plots,
-    }
 
 
 def solve(problem: Problem, method: str, n: int, overrides: Sequence[str] = ()) -> dict[str, Any]:
@@ -173,12 +137,6 @@ def solve(problem: Problem, method: str, n: int, overrides: Sequence[str] = ()) 
         "max_J": float(states.max_j.max()),
         "seconds": time.perf_counter() - started,
     }
-
-
-def observed_order(cases: list[dict[str, Any]], key: str) -> float:
-    """Slope of an error between the last two of several sizes of one problem."""
-    first, last = cases[-2:]
-    return float(np.log(first[key] / last[key]) / np.log(first["h"] / last["h"]))
 
 
 def chosen_deformation(x: NDArray[Any]) -> NDArray[Any]:
@@ -304,43 +262,3 @@ def _write_deck(folder: Path, problem: Problem, method: str, n: int) -> Path:
 
 def _relative(value: F64Array, exact: F64Array) -> float:
     return float(np.linalg.norm(value - exact) / np.linalg.norm(exact))
-
-
-def _curve(
-    cases: list[dict[str, Any]], problem: Problem, method: str, key: str
-) -> tuple[list[float], list[float]]:
-    found = [
-        case
-        for case in cases
-        if case["name"] == problem.name and case["method"] == method and key in case
-    ]
-    return [case["h"] for case in found], [case[key] for case in found]
-
-
-def _table(cases: list[dict[str, Any]]) -> dict[str, Any]:
-    """A line a solve, with the order from the line before it."""
-    rows = []
-    for before, case in zip([None, *cases], cases, strict=False):
-        orders: list[float | None] = [None, None]
-        if before is not None and before["name"] == case["name"]:
-            same = before["method"] == case["method"]
-            if same and all("u_error" in entry for entry in (before, case)):
-                orders = [observed_order([before, case], k) for k in ("u_error", "stress_error")]
-        rows.append(
-            [
-                case["name"],
-                case["method"],
-                case["source_per_edge"],
-                case.get("dofs"),
-                case["outcome"],
-                case.get("u_error"),
-                orders[0],
-                case.get("stress_error"),
-                orders[1],
-                case.get("iterations"),
-                case.get("seconds"),
-            ]
-        )
-    head = ["problem", "method", "points an edge", "unknowns", "outcome", "error of u", "order"]
-    head += ["error of stress", "order", "iterations", "time [s]"]
-    return {"caption": "Relative errors and observed orders.", "head": head, "rows": rows}

@@ -14,15 +14,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq
 
-from myork.bench import exact
-from myork.bench.bodies import box, graded, jittered, write_body
 from myork.bench.runs import INPUTS, outcome_text, run_command, solve_case
 from myork.console import ProgressCallback
-from myork.core import material as core_material
 from myork.core.deck import load_deck
 from myork.records import PointCloud
+from myork.reference import exact
+from myork.reference.bodies import box, graded, jittered, write_body
+from myork.reference.muscle import along_fibers
 
 __all__ = ["Case", "cases", "run", "run_case"]
 
@@ -217,7 +216,7 @@ def _muscle_loads() -> list[Case]:
                 Case(
                     f"{what}, {method}",
                     _deck("muscle_block", "stress_zz", *small, *overrides, method=method),
-                    _along_fibers(deck["material"][0], 1.0, 1.0),
+                    along_fibers(deck["material"][0], 1.0, 1.0),
                     0.02,
                     fast=method == METHODS[0],
                 )
@@ -239,7 +238,7 @@ def _fiber_curves() -> list[Case]:
                     Case(
                         f"fibers to {stretch}, {curve} curve, {method}",
                         _body(body, method=method, **settings),
-                        _along_fibers(muscle["material"][0], stretch, 0.5),
+                        along_fibers(muscle["material"][0], stretch, 0.5),
                         1e-4,
                         fast=method == METHODS[0],
                     )
@@ -324,7 +323,7 @@ def _fibers() -> list[Case]:
     zero, broken, long = body.fiber.copy(), body.fiber.copy(), body.fiber.copy()
     zero[100], broken[100], long[100] = 0.0, np.nan, 3.0
     muscle = load_deck(INPUTS / "muscle_block.toml", ["material.curve='smooth'"])["material"][0]
-    solution = _along_fibers(muscle, 1.1, 0.2)
+    solution = along_fibers(muscle, 1.1, 0.2)
     settings: dict[str, Any] = {"move": 0.1, "activation": 0.2, "curve": "smooth"}
     return [
         Case(
@@ -396,23 +395,6 @@ def _solved(record: dict[str, Any], probe: str) -> dict[str, Any]:
 def _rubber_tension(stretch: float) -> float:
     """Stress of the rubber of `write_body`."""
     return exact.uniaxial(exact.Polynomial({(1, 0): 37.3, (2, 0): -3.1, (3, 0): 0.5}, 5e3), stretch)
-
-
-def _along_fibers(table: dict[str, Any], stretch: float, activation: float) -> float:
-    """Cauchy stress of a muscle stretched along its fibers, sides free."""
-    names = core_material.Material.__dataclass_fields__
-    material = core_material.Material(**{key: table[key] for key in names if key in table})
-
-    def cauchy(free: float) -> Any:
-        f = np.diag([stretch, free, free])
-        p = core_material.stress(
-            material, f[np.newaxis], fiber=(1.0, 0.0, 0.0), activation=activation
-        )[0]
-        return p @ f.T / np.linalg.det(f)
-
-    middle = stretch**-0.5
-    free = brentq(lambda b: cauchy(b)[1, 1], 0.8 * middle, 1.2 * middle, xtol=1e-15)
-    return float(cauchy(free)[0, 0])
 
 
 def _with_island(cloud: PointCloud) -> PointCloud:

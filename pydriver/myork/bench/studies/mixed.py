@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from myork.bench.rival import felupe_block
 from myork.bench.runs import INPUTS, outcome_text, solve_case
 from myork.console import ProgressCallback
 from myork.core.deck import load_deck
 from myork.errors import InstallationError
+from myork.reference.finite_elements import felupe_block
 from myork.results import Results
 
 __all__ = ["run"]

@@ -10,16 +10,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-from scipy.optimize import brentq
-
-from myork.bench import exact
 from myork.bench.runs import INPUTS, outcome_text, solve_case
 from myork.console import ProgressCallback
-from myork.core import material as core_material
 from myork.core.deck import load_deck
+from myork.reference import exact
+from myork.reference.muscle import along_fibers
 
-__all__ = ["along_fixed_fibers", "run"]
+__all__ = ["run"]
 
 METHODS = ("rkcm", "rkcm-mixed")
 
@@ -57,32 +54,13 @@ def _tube(deck: dict[str, Any], bulk: float | None) -> float:
     return float(inside.radial[0])
 
 
-def along_fixed_fibers(deck: dict[str, Any], bulk: float | None) -> float:
-    """Axial stress of a muscle block far from its fixed ends, where fibers keep their length.
-
-    Parameters
-    ----------
-    deck : dict
-        Effective deck.
-    bulk : float or None
-        Infinite for the incompressible closed form, None for the deck's bulk modulus.
-    """
+def _fixed_fibers(deck: dict[str, Any], bulk: float | None) -> float:
+    """Axial stress of a muscle block far from its fixed ends, where fibers keep their length."""
     table, activation = deck["material"][0], deck["load"]["activation"]
     if bulk is not None:
         # no volume can change: the active stress alone, against sides free of stress
         return float(table["sigma_max"] * activation)
-    names = core_material.Material.__dataclass_fields__
-    material = core_material.Material(**{key: table[key] for key in names if key in table})
-
-    def cauchy(free: float) -> Any:
-        f = np.diag([free, free, 1.0])
-        p = core_material.stress(
-            material, f[np.newaxis], fiber=(0.0, 0.0, 1.0), activation=activation
-        )[0]
-        return p @ f.T / np.linalg.det(f)
-
-    free = brentq(lambda stretch: cauchy(stretch)[0, 0], 0.9, 1.1, xtol=1e-15)
-    return float(cauchy(free)[2, 2])
+    return along_fibers(table, 1.0, activation)
 
 
 _BLOCK = (
@@ -118,7 +96,7 @@ _PROBLEMS = (
         "muscle_block",
         "stress_zz",
         _BLOCK,
-        along_fixed_fibers,
+        _fixed_fibers,
         "exact solution far from the fixed ends; every fiber sits on a kink of the passive curve",
     ),
     _Problem(
@@ -126,7 +104,7 @@ _PROBLEMS = (
         "muscle_block",
         "stress_zz",
         (*_BLOCK, 'material.curve="smooth"'),
-        along_fixed_fibers,
+        _fixed_fibers,
         "exact solution far from the fixed ends",
     ),
 )

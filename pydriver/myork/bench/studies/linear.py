@@ -22,7 +22,7 @@ from myork.solve import run_deck
 
 __all__ = ["run"]
 
-_INPUTS = Path(__file__).parent.parent / "inputs"
+_INPUTS = Path(__file__).parents[2] / "inputs"
 
 _ELASTICITY = """\
 title = "Plane strain with a smooth solution"

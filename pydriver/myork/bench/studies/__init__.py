@@ -1,0 +1,1 @@
+"""The benchmarks, one module each; `myork.bench` says what they return."""
