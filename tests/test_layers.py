@@ -30,7 +30,7 @@ FORTRAN_LAYERS = [
 #: Modules and folders of the package, lowest first
 PYTHON_LAYERS = [
     {"errors", "records", "console"},
-    {"model_file", "summary"},
+    {"model_file", "summary", "tables"},
     {"core", "imaging"},
     {"segmentation"},
     {"model", "results"},

@@ -1,15 +1,16 @@
-! Python boundary of the decks: a path in, one JSON text out.
+! Python boundary of the decks: a path or a text in, one JSON text out.
 
-!> Values of a deck as JSON, or all its complaints. `length` is that of the whole text; where it
-!> is above `capacity` the text is cut off and the caller asks again with more.
-subroutine deck_json(path, n, overrides, command, capacity, text, length, stat, message)
-   use rk_deck, only : deck_type, open_deck
+!> Values of a deck as JSON, or all its complaints; `deck_text` is blank where the deck is a file.
+!> `length` is that of the whole answer; where it is above `capacity` the answer is cut off and the
+!> caller asks again with more.
+subroutine deck_json(path, deck_text, n, overrides, command, capacity, text, length, stat, message)
+   use rk_deck, only : deck_type, take_deck
    use rk_error, only : error_type
    use rk_json, only : json_type
    use rk_pack, only : pack_error
    implicit none
    integer, intent(in) :: n, capacity
-   character(len=*), intent(in) :: path, overrides(n), command
+   character(len=*), intent(in) :: path, deck_text, overrides(n), command
    character(len=capacity), intent(out) :: text
    integer, intent(out) :: length, stat
    character(len=2048), intent(out) :: message
@@ -18,7 +19,7 @@ subroutine deck_json(path, n, overrides, command, capacity, text, length, stat, 
    type(json_type) :: json
    character(len=:), allocatable :: all
 
-   call open_deck(deck, path, overrides, error)
+   call take_deck(deck, path, deck_text, overrides, error)
    if (.not. allocated(error) .and. command /= '') call deck%require(trim(command), error)
    if (allocated(error)) then
       all = error%message

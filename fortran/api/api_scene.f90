@@ -1,17 +1,17 @@
 ! Python boundary of scenes: a handle in, arrays out. Python checks shapes before it calls.
 
-!> Open the scene of a deck; the arrays are the model file's and may be empty. Not threadsafe:
-!> gfortran keeps the lengths of character function results in static storage, and keys are made
-!> of such results
-subroutine scene_open(path, nover, overrides, ns, nc, nb, nset, source, spacing, place, centre, &
-   & volume, label, fiber, point, set, normal, area, names, handle, stat, message)
+!> Open the scene of a deck, whose text is blank where it is a file; the arrays are those of a model
+!> and may be empty. Not threadsafe: gfortran keeps the lengths of character function results in
+!> static storage, and keys are made of such results
+subroutine scene_open(path, text, nover, overrides, ns, nc, nb, nset, source, spacing, place, &
+   & centre, volume, label, fiber, point, set, normal, area, names, handle, stat, message)
    use rk_cloud, only : cloud_type
    use rk_error, only : error_type
    use rk_pack, only : pack_error
    use rk_session, only : open_session
    implicit none
    integer, intent(in) :: nover, ns, nc, nb, nset
-   character(len=*), intent(in) :: path, overrides(nover), names(nset)
+   character(len=*), intent(in) :: path, text, overrides(nover), names(nset)
    double precision, intent(in) :: source(3, ns), spacing(3, ns), place(3, nc), fiber(3, nc)
    double precision, intent(in) :: centre(3, nc), normal(3, nb), area(nb), volume(nc)
    integer, intent(in) :: label(nc), point(nb), set(nb)
@@ -34,7 +34,7 @@ subroutine scene_open(path, nover, overrides, ns, nc, nb, nset, source, spacing,
    model%area = area
    allocate (model%set_name(nset))
    model%set_name = names
-   call open_session(path, overrides, model, handle, error)
+   call open_session(path, text, overrides, model, handle, error)
    call pack_error(error, stat, message)
 end subroutine scene_open
 

@@ -58,7 +58,9 @@ static void read_table(Deck &deck, const TableSpec &spec, const toml::key &key,
                        const toml::node &node) {
    const std::string one = "[" + spec.name + "]", many = "[[" + spec.name + "]]";
    const toml::array *array = node.as_array();
-   const bool tables = array && array->is_array_of_tables();
+   // none of several is an array too
+   const bool tables =
+       array && (array->is_array_of_tables() || (spec.many && array->empty()));
    auto add = [&](const toml::node &entry, int index) {
       Section section;
       section.spec = &spec;

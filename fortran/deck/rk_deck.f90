@@ -13,7 +13,7 @@ module rk_deck
    implicit none
    private
 
-   public :: deck_type, open_deck, parse_deck
+   public :: deck_type, open_deck, parse_deck, take_deck
 
    !> Kinds of entries, as deck_c.cpp counts them
    integer, parameter :: is_table = 0, is_text = 1, is_texts = 2, is_number = 3, is_integer = 4, &
@@ -166,6 +166,26 @@ subroutine parse_deck(deck, text, name, overrides, error)
    call take(deck, rk_deck_parse(text//c_null_char, trim(name)//c_null_char, joined(overrides)), &
       & error)
 end subroutine parse_deck
+
+!> Check a deck that is in memory, or read its file where there is no text
+subroutine take_deck(deck, path, text, overrides, error)
+   !> Deck
+   type(deck_type), intent(out) :: deck
+   !> File, or the name for messages
+   character(len=*), intent(in) :: path
+   !> The deck; blank for that of the file
+   character(len=*), intent(in) :: text
+   !> "table.key=value" each; blank ones are ignored
+   character(len=*), intent(in) :: overrides(:)
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+
+   if (text == '') then
+      call open_deck(deck, path, overrides, error)
+   else
+      call parse_deck(deck, text, path, overrides, error)
+   end if
+end subroutine take_deck
 
 !> Texts as lines for C
 pure function joined(list) result(lines)

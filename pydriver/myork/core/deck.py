@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from myork import _core, errors
+from myork.tables import deck_text
 
-__all__ = ["load_deck"]
+__all__ = ["NAME_OF_TABLES", "check_deck", "load_deck", "load_tables", "text_of_tables"]
+
+#: What stands for the file in messages about tables
+NAME_OF_TABLES = "tables"
 
 # Bytes of the first try; a longer answer is asked for again with the length it has.
 _CAPACITY = 1 << 16
@@ -46,10 +51,60 @@ def load_deck(path: str | Path, overrides: Sequence[str] = (), command: str = ""
     FileError
         The deck cannot be read.
     """
-    for text in overrides:
-        if "\n" in text:
-            raise errors.InputError(f"--set {text!r}: an override is a single line")
-    deck: dict[str, Any] = json.loads(_deck_json(path, overrides, command))
+    return _values(path, "", overrides, command)
+
+
+def text_of_tables(tables: Mapping[str, Any]) -> str:
+    """TOML text of a deck that is data; title and units have defaults.
+
+    The units are those in which the schema's defaults of a muscle are given, newtons and
+    centimetres.
+    """
+    return deck_text({"title": "untitled", "units": {"force": "N", "length": "cm"}, **tables})
+
+
+def load_tables(
+    tables: Mapping[str, Any], overrides: Sequence[str] = (), command: str = ""
+) -> dict[str, Any]:
+    """Check a deck that is data, as `load_deck` does with one that is a file.
+
+    Parameters
+    ----------
+    tables : mapping
+        Tables by name, with the keys of a deck; arrays of tables are lists of mappings. Without
+        `title` the title is "untitled", without `units` they are N and cm.
+    overrides : sequence of str
+        `table.key=value` each.
+    command : str
+        Command that will use the deck.
+
+    Returns
+    -------
+    dict
+        As from `load_deck`; `path` is "tables", relative paths start in the current folder.
+
+    Raises
+    ------
+    InputError
+        The tables or an override are wrong; complaints name the key, they have no line.
+    """
+    return _values(NAME_OF_TABLES, text_of_tables(tables), overrides, command)
+
+
+def check_deck(stat: int, message: str | bytes, text: str) -> None:
+    """Raise the core's error about a deck; lines of the text that tables became are left out."""
+    if text and stat != 0:
+        words = message.decode("utf-8", "replace") if isinstance(message, bytes) else message
+        message = re.sub(rf"\b{NAME_OF_TABLES}(:\d+)+", NAME_OF_TABLES, words)
+    errors.check(stat, message)
+
+
+def _values(path: str | Path, text: str, overrides: Sequence[str], command: str) -> dict[str, Any]:
+    """Values of a deck, from its text where there is one."""
+    for item in overrides:
+        if "\n" in item:
+            raise errors.InputError(f"--set {item!r}: an override is a single line")
+    deck: dict[str, Any] = json.loads(_deck_json(path, text, overrides, command))
     for material in deck.get("material", []):
         # JSON has no infinity and holds the word
         if "K" in material:
@@ -57,18 +112,18 @@ def load_deck(path: str | Path, overrides: Sequence[str] = (), command: str = ""
     return deck
 
 
-def _deck_json(path: str | Path, overrides: Sequence[str], command: str) -> str:
+def _deck_json(path: str | Path, text: str, overrides: Sequence[str], command: str) -> str:
     """JSON text of all values of a deck, defaults included."""
-    items = np.array([text.encode() for text in overrides] or [b""])
+    items = np.array([item.encode() for item in overrides] or [b""])
     padded = np.char.ljust(items, max(items.itemsize, 1))  # blanks, not NULs, as Fortran has it
     capacity = _CAPACITY
     while True:
-        text, length, stat, _ = _core.deck_json(
-            os.fsencode(path), padded, command.encode(), capacity
+        answer, length, stat, _ = _core.deck_json(
+            os.fsencode(path), text.encode() or b" ", padded, command.encode(), capacity
         )
         if length <= capacity:
             break
         capacity = length
-    answer = text.decode("utf-8", "replace").rstrip(" ")
-    errors.check(stat, answer)
-    return answer
+    values = answer.decode("utf-8", "replace").rstrip(" ")
+    check_deck(stat, values, text)
+    return values

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import threading
 import weakref
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from myork import _core, errors
-from myork.core.deck import load_deck
-from myork.model_file import read_model
+from myork.core.cloud import NO_CLOUD, check_cloud, model_of, with_cloud
+from myork.core.deck import check_deck, load_deck, load_tables, text_of_tables
 from myork.records import PointCloud
+from myork.tables import read_only
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -24,25 +25,6 @@ if TYPE_CHECKING:
 F64Array = NDArray[np.float64]
 
 _POLL_S = 0.05
-
-# One unused point: the wrapper cannot tell the shape of nothing.
-_NO_MODEL = PointCloud(
-    source=np.zeros((1, 3)),
-    spacing=np.ones(3),
-    points=np.zeros((1, 3)),
-    centre=np.zeros((1, 3)),
-    label=np.zeros(1, np.int32),
-    fiber=np.zeros((1, 3)),
-    volume=np.zeros(1),
-    boundary_point=np.zeros(1, np.int32),
-    boundary_set=np.zeros(1, np.int32),
-    normal=np.zeros((1, 3)),
-    area=np.zeros(1),
-    set_names=("none",),
-    label_names={},
-    length_unit="",
-    source_images="",
-)
 
 
 class States(NamedTuple):
@@ -95,6 +77,8 @@ class Fields(NamedTuple):
 class Scene:
     """A scene in memory: solve, evaluate and reduce it without files.
 
+    `Scene(path)` opens that of a deck file, `Scene.from_tables` that of data.
+
     Parameters
     ----------
     path : str or Path
@@ -109,7 +93,17 @@ class Scene:
     Attributes
     ----------
     deck : dict
-        The effective deck, defaults and overrides included.
+        The effective deck, defaults and overrides included; it cannot be changed.
+    dimension : int
+        Space dimension.
+    source_points, collocation_points : int
+        Numbers of points.
+    dofs, rows : int
+        Unknowns and equations.
+    steps : int
+        Load steps.
+    stencils : int
+        Number of different stencils of the shape functions.
 
     Raises
     ------
@@ -133,13 +127,77 @@ class Scene:
         out: Path | None = None,
         threads: int | None = None,
     ) -> None:
-        self.deck = load_deck(path, overrides, "solve")
-        model = _model_of(self.deck, Path(path).parent, out)
-        cloud = _NO_MODEL if model is None else model
+        deck = load_deck(path, overrides, "solve")
+        self._open(deck, "", overrides, model_of(deck, Path(path).parent, out), threads)
+
+    @classmethod
+    def from_tables(
+        cls,
+        tables: Mapping[str, Any],
+        cloud: PointCloud | None = None,
+        *,
+        overrides: Sequence[str] = (),
+        threads: int | None = None,
+    ) -> Self:
+        """Open a scene of data: no file is read, none is written.
+
+        Parameters
+        ----------
+        tables : mapping
+            Tables with the keys of a deck, arrays of tables as lists of mappings. Without `title`
+            the title is "untitled"; without `units` forces are in N and lengths in cm, the units
+            of the defaults of a muscle, or in those of the cloud.
+        cloud : PointCloud, optional
+            Points of the body, in place of a model file; the table `geometry` is left out then.
+        overrides : sequence of str
+            `"table.key=value"` each.
+        threads : int, optional
+            Number of threads of a solve; default all cores.
+
+        Raises
+        ------
+        InputError
+            The tables, the cloud or the points are wrong; the message says where.
+
+        Examples
+        --------
+        >>> from myork import Scene
+        >>> square = {
+        ...     "scene": {"dimension": 2},
+        ...     "geometry": {"kind": "box", "size": [1, 1], "source": [4, 4], "collocation": [7, 7]},
+        ...     "material": [{"name": "rubber", "model": "polynomial", "A10": 10, "K": 500}],
+        ...     "boundary": [{"set": "x0", "u_x": 0, "u_y": 0}, {"set": "x1", "u_x": 0.2}],
+        ... }
+        >>> with Scene.from_tables(square) as scene:  # doctest: +SKIP
+        ...     states = scene.solve()
+        """
+        if cloud is not None:
+            tables = with_cloud(tables, cloud)
+        deck = load_tables(tables, overrides, "solve")
+        if cloud is None:
+            cloud = model_of(deck, Path(), None)
+        else:
+            check_cloud(deck, cloud)
+        scene = cls.__new__(cls)
+        scene._open(deck, text_of_tables(tables), overrides, cloud, threads)
+        return scene
+
+    def _open(
+        self,
+        deck: dict[str, Any],
+        text: str,
+        overrides: Sequence[str],
+        model: PointCloud | None,
+        threads: int | None,
+    ) -> None:
+        """Hand deck and points to the core; the text is empty where the deck is a file."""
+        self.deck = read_only(deck)
+        cloud = NO_CLOUD if model is None else model
         names = np.char.ljust(np.array([name.encode() for name in cloud.set_names]), 32)
-        items = np.array([text.encode() for text in overrides] or [b" "])
+        items = np.array([item.encode() for item in overrides] or [b" "])
         handle, stat, message = _core.scene_open(
-            os.fsencode(path),
+            os.fsencode(deck["path"]),
+            text.encode() or b" ",
             np.char.ljust(items, items.itemsize),
             cloud.source.T,
             np.broadcast_to(cloud.spacing, cloud.source.shape).T,
@@ -154,7 +212,7 @@ class Scene:
             cloud.area,
             names,
         )
-        errors.check(stat, message)
+        check_deck(stat, message, text)
         self._handle = handle
         self._close = weakref.finalize(self, _core.scene_close, handle)
         sizes, stat, message = _core.scene_sizes(handle)
@@ -427,18 +485,3 @@ def _shaped(name: str, array: F64Array, shape: tuple[int, ...]) -> F64Array:
     if array.shape != shape:
         raise errors.InputError(f"{name} must have shape {shape}, not {array.shape}")
     return array
-
-
-def _model_of(deck: dict[str, Any], folder: Path, out: Path | None) -> PointCloud | None:
-    """The model file of a deck; None where the deck has a geometry of its own."""
-    geometry = deck["geometry"]
-    if geometry["kind"] != "model":
-        return None
-    name = Path(geometry["file"])
-    for place in (out, folder):
-        if place is not None and (place / name).is_file():
-            return read_model(place / name)
-    raise errors.FileError(
-        f"geometry.file: no model {name} in {out or folder} or beside the deck: "
-        "run `myork build` first"
-    )

@@ -1,0 +1,98 @@
+"""Points that a scene takes from outside: from the model file of a deck, or from arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from myork import errors
+from myork.model_file import read_model
+from myork.records import PointCloud
+
+__all__ = ["NO_CLOUD", "check_cloud", "model_of", "with_cloud"]
+
+# One unused point: the wrapper cannot tell the shape of nothing.
+NO_CLOUD = PointCloud(
+    source=np.zeros((1, 3)),
+    spacing=np.ones(3),
+    points=np.zeros((1, 3)),
+    centre=np.zeros((1, 3)),
+    label=np.zeros(1, np.int32),
+    fiber=np.zeros((1, 3)),
+    volume=np.zeros(1),
+    boundary_point=np.zeros(1, np.int32),
+    boundary_set=np.zeros(1, np.int32),
+    normal=np.zeros((1, 3)),
+    area=np.zeros(1),
+    set_names=("none",),
+    label_names={},
+    length_unit="",
+    source_images="",
+)
+
+
+def model_of(deck: dict[str, Any], folder: Path, out: Path | None) -> PointCloud | None:
+    """Points of the model file of a deck; None where the deck has a geometry of its own."""
+    geometry = deck["geometry"]
+    if geometry["kind"] != "model":
+        return None
+    name = Path(geometry["file"])
+    for place in (out, folder):
+        if place is not None and (place / name).is_file():
+            return read_model(place / name)
+    raise errors.FileError(
+        f"geometry.file: no model {name} in {out or folder} or beside the deck: "
+        "run `myork build` first"
+    )
+
+
+def with_cloud(tables: Mapping[str, Any], cloud: PointCloud) -> dict[str, Any]:
+    """Tables of a scene whose points are at hand; refuse a geometry of their own."""
+    geometry = tables.get("geometry", {})
+    for key, value in geometry.items() if isinstance(geometry, Mapping) else ():
+        if (key, value) != ("kind", "model"):
+            raise errors.InputError(
+                f"tables: geometry.{key}: {value!r}, but a cloud was given: the geometry is its "
+                "points; leave the table geometry out, or the cloud"
+            )
+    units = {"force": "N", "length": cloud.length_unit or "cm"}
+    return {"units": units, **tables, "geometry": {"kind": "model"}}
+
+
+def check_cloud(deck: Mapping[str, Any], cloud: PointCloud) -> None:
+    """Refuse arrays that do not fit together, and a cloud that the deck contradicts."""
+    if deck["geometry"]["kind"] != "model":
+        raise errors.InputError(
+            f"--set geometry.kind={deck['geometry']['kind']}: a cloud was given, whose points are "
+            "the geometry"
+        )
+    unit = deck["units"]["length"]
+    if cloud.length_unit not in ("", unit):
+        raise errors.InputError(
+            f"tables: units.length: '{unit}', but the lengths of the cloud are in "
+            f"{cloud.length_unit}"
+        )
+    ns, nc, nb = len(cloud.source), len(cloud.points), len(cloud.boundary_point)
+    wanted: dict[str, tuple[int, ...]] = {
+        "source": (ns, 3),
+        "points": (nc, 3),
+        "centre": (nc, 3),
+        "fiber": (nc, 3),
+        "label": (nc,),
+        "volume": (nc,),
+        "boundary_point": (nb,),
+        "boundary_set": (nb,),
+        "normal": (nb, 3),
+        "area": (nb,),
+    }
+    for name, shape in wanted.items():
+        found = np.shape(getattr(cloud, name))
+        if found != shape:
+            raise errors.InputError(f"cloud: {name} must have shape {shape}, not {found}")
+    if np.shape(cloud.spacing) not in ((3,), (ns, 3)):
+        raise errors.InputError(
+            f"cloud: spacing must have shape (3,) or ({ns}, 3), not {np.shape(cloud.spacing)}"
+        )

@@ -1,0 +1,148 @@
+"""Decks as Python data: the TOML text of tables, and tables that cannot be changed."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import re
+from collections.abc import Mapping
+from typing import Any, NoReturn
+
+from myork.errors import InputError
+
+__all__ = ["deck_text", "read_only"]
+
+_BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
+
+
+def deck_text(tables: Mapping[str, Any]) -> str:
+    """TOML text of a deck.
+
+    Parameters
+    ----------
+    tables : mapping
+        Tables by name, as a deck has them: mappings, or lists of mappings for what a deck writes
+        `[[name]]`. Values are texts, numbers, logicals, paths, lists and arrays of them.
+
+    Returns
+    -------
+    str
+        Text that `load_deck` reads from a file.
+
+    Raises
+    ------
+    InputError
+        A value that no deck can hold; the message names its key.
+    """
+    plain = {name: content for name, content in tables.items() if not _is_table(content)}
+    lines = [_line(name, value, "") for name, value in plain.items()]
+    for name, content in tables.items():
+        if name in plain:
+            continue
+        many = not isinstance(content, Mapping)
+        head = f"[[{_key(name)}]]" if many else f"[{_key(name)}]"
+        for number, table in enumerate(content if many else [content], start=1):
+            lines.append(head)
+            place = f"{name}.{number}." if many else f"{name}."
+            lines += [_line(key, value, place) for key, value in table.items()]
+    return "\n".join(lines) + "\n"
+
+
+def _is_table(content: Any) -> bool:
+    """Whether this is a table or an array of tables."""
+    if isinstance(content, list | tuple):
+        return bool(content) and all(isinstance(entry, Mapping) for entry in content)
+    return isinstance(content, Mapping)
+
+
+def _line(key: Any, value: Any, place: str) -> str:
+    return f"{_key(key)} = {_toml(value, f'{place}{key}')}"
+
+
+def _key(key: Any) -> str:
+    if not isinstance(key, str):
+        raise InputError(f"tables: {key!r}: a key must be a text")
+    return key if _BARE_KEY.fullmatch(key) else _toml(key, key)
+
+
+def _toml(value: Any, place: str) -> str:
+    """A value as TOML writes it; `place` is its key for messages."""
+    if hasattr(value, "tolist"):  # numbers and arrays of NumPy
+        value = value.tolist()
+    if isinstance(value, os.PathLike):
+        value = os.fspath(value)
+    if isinstance(value, str):
+        # JSON escapes all that TOML wants escaped but the last of the control characters
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, int):
+        return str(value)
+    if isinstance(value, float):
+        return repr(value) if math.isfinite(value) else str(value)
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(_toml(entry, place) for entry in value) + "]"
+    if isinstance(value, Mapping):
+        inside = ", ".join(_line(key, entry, f"{place}.") for key, entry in value.items())
+        return "{" + inside + "}"
+    if value is None:
+        raise InputError(f"tables: {place}: None is no value; leave the key out")
+    raise InputError(f"tables: {place}: a {type(value).__name__} is no value of a deck")
+
+
+def read_only(tables: Any) -> Any:
+    """Tables whose keys and lists, at all depths, refuse every change with an `InputError`.
+
+    They compare, print and become JSON as the dicts and lists that they are; a copy is an ordinary
+    dict or list.
+    """
+    if isinstance(tables, dict):
+        return _Table({key: read_only(value) for key, value in tables.items()})
+    if isinstance(tables, list):
+        return _List(read_only(value) for value in tables)
+    return tables
+
+
+def _refuse(self: object, *_: Any, **__: Any) -> NoReturn:
+    raise InputError(
+        "the deck of a scene that is open cannot be changed: open a new Scene with overrides, "
+        "as in Scene(path, ['load.steps=20'])"
+    )
+
+
+def _plain(value: Any) -> Any:
+    """Ordinary dicts and lists that may be changed."""
+    if isinstance(value, dict):
+        return {key: _plain(entry) for key, entry in value.items()}
+    return [_plain(entry) for entry in value] if isinstance(value, list) else value
+
+
+class _Table(dict[str, Any]):
+    """A table that cannot be changed."""
+
+    def __deepcopy__(self, _: Any) -> dict[str, Any]:
+        return _plain(self)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return dict, (_plain(self),)
+
+
+class _List(list[Any]):
+    """A list that cannot be changed."""
+
+    def __deepcopy__(self, _: Any) -> list[Any]:
+        return _plain(self)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return list, (_plain(self),)
+
+
+_CHANGES = {
+    _Table: "__setitem__ __delitem__ __ior__ clear pop popitem setdefault update",
+    _List: "__setitem__ __delitem__ __iadd__ __imul__ append clear extend insert pop remove "
+    "reverse sort",
+}
+for _kind, _names in _CHANGES.items():
+    for _name in _names.split():
+        setattr(_kind, _name, _refuse)

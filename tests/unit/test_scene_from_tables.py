@@ -1,0 +1,311 @@
+"""Scenes from data: decks as dicts, points as arrays, no files."""
+
+import copy
+import json
+import pickle
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from myork import Scene
+from myork.core.deck import load_deck, load_tables
+from myork.errors import InputError
+from myork.model_file import read_model, write_model
+from myork.records import PointCloud
+from myork.tables import deck_text
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    from pip._vendor import tomli as tomllib
+
+DECKS = sorted((Path(__file__).parents[2] / "inputs").glob("*.toml"))
+CUBE = {
+    "scene": {"dimension": 3, "method": "rkcm"},
+    "geometry": {"kind": "box", "size": [1, 1, 1], "source": [4] * 3, "collocation": [6] * 3},
+    "material": [{"name": "rubber", "model": "polynomial", "A10": 10.0, "K": 500.0}],
+    "boundary": [{"set": "z0", "u_x": 0, "u_y": 0, "u_z": 0}, {"set": "z1", "u_z": 0.1}],
+    "load": {"steps": 2},
+    "probe": [{"name": "pull", "quantity": "force", "set": "z1"}],
+}
+BOX = [("kind", "box"), ("size", [1] * 3), ("source", [3] * 3), ("collocation", [4] * 3)]
+#: The points of a body need no geometry
+PULLED = {key: CUBE[key] for key in ("scene", "material", "boundary", "load", "probe")}
+
+
+def cloud() -> PointCloud:
+    """Block of 1 x 1 x 1.5, source points 4 x 4 x 5, collocation points twice as dense."""
+    size = np.array([1.0, 1.0, 1.5])
+
+    def grid(*counts: int) -> np.ndarray:
+        axes = [np.linspace(0, length, n) for length, n in zip(size, counts, strict=True)]
+        return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+
+    points = grid(7, 7, 9)
+    ends = [np.flatnonzero(points[:, 2] == z) for z in (0.0, 1.5)]
+    return PointCloud(
+        source=grid(4, 4, 5),
+        spacing=size / [3, 3, 4],
+        points=points,
+        centre=points,
+        label=np.ones(len(points), np.int32),
+        fiber=np.zeros((len(points), 3)),
+        volume=np.full(len(points), size.prod() / len(points)),
+        boundary_point=np.concatenate(ends).astype(np.int32),
+        boundary_set=np.repeat([0, 1], [len(end) for end in ends]).astype(np.int32),
+        normal=np.repeat([[0.0, 0, -1], [0, 0, 1]], [len(end) for end in ends], axis=0),
+        area=np.full(2 * len(ends[0]), 1 / len(ends[0])),
+        set_names=("z0", "z1"),
+        label_names={1: "rubber"},
+        length_unit="cm",
+        source_images="",
+    )
+
+
+# ---- what is opened ------------------------------------------------------------------------------
+
+
+def test_a_cube_in_ten_lines() -> None:
+    cube = {
+        "scene": {"dimension": 3},
+        "geometry": {"kind": "box", "size": [1, 1, 1], "source": [4] * 3, "collocation": [7] * 3},
+        "material": [{"name": "rubber", "model": "polynomial", "A10": 10, "K": 500}],
+        "boundary": [{"set": f"{axis}0", f"u_{axis}": 0} for axis in "xyz"]
+        + [{"set": "z1", "u_z": 0.2}],
+        "probe": [{"name": "pull", "quantity": "force_z", "set": "z1"}],
+    }
+    with Scene.from_tables(cube) as scene:
+        states = scene.solve()
+        pull = scene.probes(states.x, states.load)[-1, 0, 0]
+    # neo-Hookean in tension, incompressible: 2 A10 (l - 1/l^2); K = 50 times 2 A10 takes some off
+    assert pull == pytest.approx(20 * (1.2 - 1 / 1.2**2), rel=0.03)
+
+
+def test_a_dict_is_the_deck_that_it_spells(tmp_path: Path) -> None:
+    """Solved with the same bits, whether from a file or not; and nothing is written."""
+    path = tmp_path / "cube.toml"
+    path.write_text(deck_text({"title": "c", "units": {"force": "N", "length": "m"}, **CUBE}))
+    with (
+        Scene(path, ["load.steps=1"]) as one,
+        Scene.from_tables(CUBE, overrides=["load.steps=1"]) as two,
+    ):
+        assert one.solve().x.tobytes() == two.solve().x.tobytes()
+        assert two.steps == 1
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_title_and_units_have_defaults() -> None:
+    deck = load_tables(CUBE)
+    assert (deck["title"], deck["units"]) == ("untitled", {"force": "N", "length": "cm"})
+    named = load_tables({**CUBE, "title": "cube", "units": {"force": "kN", "length": "m"}})
+    assert (named["title"], named["units"]) == ("cube", {"force": "kN", "length": "m"})
+
+
+@pytest.mark.parametrize("path", DECKS, ids=lambda path: path.stem)
+def test_text_of_tables_is_read_as_the_tables(path: Path) -> None:
+    """tomllib is the witness; the reader finds the same values as in the file."""
+    tables = tomllib.loads(path.read_text(encoding="utf-8"))
+    assert tomllib.loads(deck_text(tables)) == tables
+    ours, theirs = load_tables(tables), load_deck(path)
+    for key in ("path", "folder", "sha256"):
+        del ours[key], theirs[key]
+    assert ours == theirs
+
+
+def test_values_of_all_kinds() -> None:
+    tables = {
+        "text": 'a "b" \\ \n\t\x01\x7f é 筋',
+        "path": Path("folder") / "file",
+        "numbers": np.array([1.5, np.inf, 1e-300, 0.1]),
+        "whole": (np.int32(3), 2**40),
+        "yes": [True, np.bool_(False)],
+        "odd key": {"inner": {"x y": 1}, "none": []},
+        "many": [{"a": 1}, {}],
+    }
+    found = tomllib.loads(deck_text(tables))
+    assert found == {
+        **tables,
+        "path": str(tables["path"]),
+        "numbers": [1.5, float("inf"), 1e-300, 0.1],
+        "whole": [3, 2**40],
+        "yes": [True, False],
+    }
+
+
+def test_no_entries_of_an_array_of_tables() -> None:
+    assert load_tables({**CUBE, "probe": []})["probe"] == []
+    assert load_tables({**CUBE, "probe": ()})["probe"] == []
+
+
+# ---- what is said about wrong ones ---------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"boundary": [*CUBE["boundary"], {"set": "x0", "u_x": 0, "u_q": 0}]},
+        {"load": {"stepz": 3}},
+        {"laod": {"steps": 3}},
+        {"lists": []},
+        {"load": {"steps": "many"}},
+        {"material": [{**CUBE["material"][0], "K": -1}]},
+        {"material": CUBE["material"][0]},
+        {"geometry": [CUBE["geometry"]]},
+        {"boundary": [{"set": "z9", "u_x": 0}]},
+        {"scene": {}},
+        {"probe": [{**CUBE["probe"][0], "quantity": "forze"}], "load": {"steps": 0}},
+    ],
+)
+def test_a_dict_gets_the_message_of_the_deck(wrong: dict, tmp_path: Path) -> None:
+    """All of it but the line, which a dict does not have."""
+    tables = {"title": "t", "units": {"force": "N", "length": "cm"}, **CUBE, **wrong}
+    path = tmp_path / "deck.toml"
+    path.write_text(deck_text(tables))
+    with pytest.raises(InputError) as of_file:
+        Scene(path)
+    with pytest.raises(InputError) as of_dict:
+        Scene.from_tables(tables)
+    lines = [line.removeprefix(f"{path}:") for line in str(of_file.value).splitlines()]
+    texts = [line.partition(": ")[2] for line in lines]
+    assert str(of_dict.value).splitlines() == [f"tables: {text}" for text in texts]
+
+
+def test_a_fault_that_the_points_show_has_no_line_either() -> None:
+    """Found after the deck was read, where the conditions meet."""
+    wrong = {**CUBE, "boundary": [*CUBE["boundary"], {"set": "x0", "u_x": 0.5}]}
+    with pytest.raises(InputError, match=r"^tables: boundary sets prescribe two displacements"):
+        Scene.from_tables(wrong)
+
+
+@pytest.mark.parametrize(
+    ("tables", "message"),
+    [
+        ({"load": {"steps": None}}, "load.steps: None is no value; leave the key out"),
+        ({"probe": [{}, {"name": {1, 2}}]}, "probe.2.name: a set is no value of a deck"),
+        ({"load": {3: 4}}, "3: a key must be a text"),
+    ],
+)
+def test_what_no_deck_can_hold(tables: dict, message: str) -> None:
+    with pytest.raises(InputError) as caught:
+        Scene.from_tables({**CUBE, **tables})
+    assert str(caught.value) == f"tables: {message}"
+
+
+# ---- the deck of an open scene -------------------------------------------------------------------
+
+
+def change_entry(deck):
+    deck["boundary"][1]["u_z"] = 0.3
+
+
+def change_list(deck):
+    deck["geometry"]["source"][0] = 9
+
+
+def join_tables(deck):
+    deck |= {"load": {"steps": 3}}
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda deck: deck["load"].update(steps=5),
+        lambda deck: deck.__setitem__("load", {}),
+        lambda deck: deck.pop("probe"),
+        lambda deck: deck["load"].setdefault("activation", 1),
+        lambda deck: deck["probe"].append({}),
+        lambda deck: deck["boundary"].sort(key=str),
+        change_entry,
+        change_list,
+        join_tables,
+    ],
+)
+def test_the_deck_of_a_scene_cannot_be_changed(change) -> None:
+    with Scene.from_tables(CUBE) as scene:
+        before = json.dumps(scene.deck)
+        with pytest.raises(InputError, match="open a new Scene with overrides"):
+            change(scene.deck)
+        assert json.dumps(scene.deck) == before
+
+
+def test_copies_of_the_deck_may_be_changed() -> None:
+    with Scene.from_tables(CUBE) as scene:
+        for again in (copy.deepcopy(scene.deck), pickle.loads(pickle.dumps(scene.deck))):
+            assert again == scene.deck
+            again["boundary"][1]["u_z"] = 0.3
+            again["probe"].append({})
+        assert scene.deck["boundary"][1]["u_z"] == 0.1
+        assert len(scene.deck["probe"]) == 1
+
+
+# ---- points as arrays ----------------------------------------------------------------------------
+
+
+def test_arrays_are_the_model_file_that_holds_them(tmp_path: Path) -> None:
+    points = cloud()
+    write_model(tmp_path / "model.h5", points)
+    path = tmp_path / "deck.toml"
+    with_file = {**PULLED, "geometry": {"kind": "model"}}
+    path.write_text(deck_text({"title": "t", "units": {"force": "N", "length": "cm"}, **with_file}))
+    answers = []
+    for scene in (
+        Scene(path),
+        Scene.from_tables(PULLED, points),
+        Scene.from_tables(with_file, read_model(tmp_path / "model.h5")),
+        Scene.from_tables({**PULLED, "geometry": {"kind": "model", "file": tmp_path / "model.h5"}}),
+    ):
+        with scene:
+            states = scene.solve()
+            assert np.abs(states.x[-1]).max() > 0.05
+            fields = scene.fields(states.x[-1], 1.0)
+            answers.append((states.x.tobytes(), fields.cauchy.tobytes()))
+    assert len(set(answers)) == 1
+
+
+def test_units_of_length_are_those_of_the_cloud() -> None:
+    with Scene.from_tables(PULLED, replace(cloud(), length_unit="mm")) as scene:
+        assert scene.deck["units"] == {"force": "N", "length": "mm"}
+    given = {**PULLED, "units": {"force": "N", "length": "cm"}}
+    with pytest.raises(InputError, match=r"units.length: 'cm', but the lengths .* are in mm"):
+        Scene.from_tables(given, replace(cloud(), length_unit="mm"))
+
+
+@pytest.mark.parametrize(
+    ("geometry", "overrides", "message"),
+    [
+        (CUBE["geometry"], [], "tables: geometry.kind: 'box', but a cloud was given"),
+        ({"kind": "model", "file": "m.h5"}, [], "tables: geometry.file: 'm.h5', but a cloud was"),
+        ({}, [f"geometry.{key}={value}" for key, value in BOX], "--set geometry.kind=box: a cloud"),
+    ],
+)
+def test_a_cloud_and_a_geometry_contradict(geometry, overrides, message) -> None:
+    tables = {**PULLED, "geometry": geometry}
+    with pytest.raises(InputError) as caught:
+        Scene.from_tables(tables, cloud(), overrides=overrides)
+    assert message in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("points", np.zeros((5, 2)), "points must have shape (5, 3), not (5, 2)"),
+        ("fiber", np.zeros((3, 3)), "fiber must have shape (441, 3), not (3, 3)"),
+        ("label", np.ones(440), "label must have shape (441,), not (440,)"),
+        ("area", np.ones(3), "area must have shape (98,), not (3,)"),
+        ("spacing", 0.3, "spacing must have shape (3,) or (80, 3), not ()"),
+    ],
+)
+def test_arrays_that_do_not_fit_are_named(name, value, message) -> None:
+    with pytest.raises(InputError) as caught:
+        Scene.from_tables(PULLED, replace(cloud(), **{name: value}))
+    assert str(caught.value) == f"cloud: {message}"
+
+
+def test_points_that_do_not_exist_are_named() -> None:
+    points = cloud()
+    wrong = replace(points, boundary_point=points.boundary_point + len(points.points))
+    with pytest.raises(InputError, match=r"tables: .*boundary entry 1 names point"):
+        Scene.from_tables(PULLED, wrong)
