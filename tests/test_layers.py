@@ -6,6 +6,7 @@ other.
 """
 
 import ast
+import importlib.util
 import re
 from pathlib import Path
 
@@ -144,6 +145,17 @@ def test_fortran_room_size(room: str) -> None:
     assert len(files) <= MAX_ROOM_FILES
     lines = sum(len(path.read_text(encoding="utf-8").splitlines()) for path in files)
     assert lines <= MAX_ROOM_LINES
+
+
+def test_the_drawing_of_the_rooms_is_that_of_the_sources() -> None:
+    spec = importlib.util.spec_from_file_location(
+        "draw_rooms", Path(__file__).with_name("draw_rooms.py")
+    )
+    assert spec is not None and spec.loader is not None
+    draw_rooms = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(draw_rooms)
+    drawn = draw_rooms.PAGE.read_text(encoding="utf-8")
+    assert drawn == draw_rooms.page(), "run python tests/draw_rooms.py"
 
 
 @pytest.mark.parametrize("path", F90, ids=name_of)

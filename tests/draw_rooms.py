@@ -1,0 +1,91 @@
+"""Draw the rooms of the core into docs/rooms.md, from the sources themselves.
+
+    python tests/draw_rooms.py
+
+What a room holds stands in the first line of its meson.build, whom it uses in its `use` lines.
+tests/test_layers.py compares the page with what this script would write.
+"""
+
+import re
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parent.parent
+FORTRAN = ROOT / "fortran"
+PAGE = ROOT / "docs" / "rooms.md"
+
+_HEAD = """\
+# Rooms of the core
+
+Each folder of `fortran/` is a room: a static library with one purpose. A room uses rooms below it,
+never one above or beside it; `tests/test_layers.py` holds that, with at most 12 files and 2500
+lines a room. This page is written by `python tests/draw_rooms.py` from the `use` lines of the
+sources; nobody edits it, and a test compares it with them. An arrow means "uses"; arrows that
+follow from others are left out of the drawing, as are those to `base`, which every room uses.
+"""
+
+
+def rooms() -> dict[str, set[str]]:
+    """The rooms by name, each with the rooms that its files use."""
+    home = {path.stem: path.parent.name for path in FORTRAN.rglob("*.f90")}
+    used: dict[str, set[str]] = {room: set() for room in home.values()}
+    for path in FORTRAN.rglob("*.f90"):
+        names = re.findall(r"^\s*use\s+(rk_\w+)", path.read_text(encoding="utf-8"), re.M | re.I)
+        used[path.parent.name] |= {home[name.lower()] for name in names} - {path.parent.name}
+    return used
+
+
+def purpose(room: str) -> str:
+    """What a room holds, by the first line of its meson.build."""
+    path = FORTRAN / room / "meson.build"
+    found = re.match(r"# Room: (.+)\.\n", path.read_text(encoding="utf-8"))
+    if found is None:
+        raise ValueError(f"{path}: the first line must say '# Room: what it holds.'")
+    return found[1]
+
+
+def layers(used: dict[str, set[str]]) -> list[list[str]]:
+    """Rooms by the longest way down to a room that uses none, lowest first."""
+    depth: dict[str, int] = {}
+
+    def depth_of(room: str) -> int:
+        if room not in depth:
+            depth[room] = 1 + max((depth_of(other) for other in used[room]), default=-1)
+        return depth[room]
+
+    found: list[list[str]] = [[] for _ in range(1 + max(map(depth_of, used)))]
+    for room in sorted(used):
+        found[depth[room]].append(room)
+    return found
+
+
+def direct(used: dict[str, set[str]]) -> list[tuple[str, str]]:
+    """Arrows that do not follow from others."""
+
+    def reached(room: str) -> set[str]:
+        return used[room].union(*(reached(other) for other in used[room]))
+
+    return [
+        (room, other)
+        for room in sorted(used)
+        for other in sorted(used[room] - {"base"})
+        if not any(other in reached(third) for third in used[room] - {other})
+    ]
+
+
+def page() -> str:
+    """Text of docs/rooms.md."""
+    used = rooms()
+    lines = [_HEAD, "```mermaid", "graph TB"]
+    lines += [f"  {room} --> {other}" for room, other in direct(used)]
+    lines += ["```", "", "| room | holds | uses |", "|---|---|---|"]
+    for layer in layers(used):
+        for room in layer:
+            names = ", ".join(f"`{name}`" for name in sorted(used[room]))
+            lines.append(f"| `{room}` | {purpose(room)} | {names} |")
+    return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")
+    sys.exit(0)
