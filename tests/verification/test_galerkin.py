@@ -12,7 +12,6 @@ from numpy.testing import assert_allclose
 from myork.build import build_cloud
 from myork.core.scene import Scene
 from myork.errors import InputError
-from myork.model_file import write_model
 from myork.records import Labels
 from myork.reference import manufactured
 from myork.reference.measures import observed_order, oscillation
@@ -116,7 +115,7 @@ def test_patch(open_scene, name):
     check_patch(scene)
 
 
-def test_patch_of_voxels_with_two_materials_apart(open_scene, tmp_path):
+def test_patch_of_voxels_with_two_materials_apart(open_scene):
     """A staircase of voxels of unequal edges: cells are unions of voxels."""
     data = np.ones((6, 5, 6), np.int32)
     data[:2, :2, :3] = 0
@@ -124,9 +123,8 @@ def test_patch_of_voxels_with_two_materials_apart(open_scene, tmp_path):
     labels = Labels(data, np.diag([10.0, 8.0, 12.0, 1.0]), {1: "muscle"})
     table = {**BUILD, "source_stride": [2] * 3}
     cloud, _ = build_cloud(labels, None, table, "cm")
-    write_model(tmp_path / "model.h5", cloud)
-    tables = body(3, "rkpm", {"kind": "model"}, LINEAR, ["surface", "bottom", "top"])
-    scene = open_scene({**tables, "material": [{**RUBBER, "label": 1}]})
+    tables = body(3, "rkpm", {}, LINEAR, ["surface", "bottom", "top"])
+    scene = open_scene({**tables, "material": [{**RUBBER, "label": 1}]}, cloud=cloud)
     deform(scene)
     check_patch(scene)
 
@@ -282,7 +280,7 @@ def test_large_bodies_are_solved_without_forming_the_tangent(open_scene, bulk):
     assert abs(found[1] - found[0]).max() < 1e-8 * abs(found[0]).max()
 
 
-def test_large_voxel_bodies_are_solved_without_forming_the_tangent(open_scene, tmp_path):
+def test_large_voxel_bodies_are_solved_without_forming_the_tangent(open_scene):
     """Two materials, a ragged side, and a voxel that touches the others along an edge only."""
     data = np.ones((6, 5, 6), np.int32)
     data[:3] = 2
@@ -293,8 +291,7 @@ def test_large_voxel_bodies_are_solved_without_forming_the_tangent(open_scene, t
     data[5, 2, 1] = 0
     labels = Labels(data, np.diag([10.0, 8.0, 12.0, 1.0]), {1: "soft", 2: "stiff"})
     cloud, _ = build_cloud(labels, None, {**BUILD, "ids": [1, 2]}, "cm")
-    write_model(tmp_path / "model.h5", cloud)
-    tables = body(3, "rkpm", {"kind": "model"}, LINEAR, ["bottom"])
+    tables = body(3, "rkpm", {}, LINEAR, ["bottom"])
     tables["material"] = [
         {**RUBBER, "name": "soft", "label": 1},
         {**RUBBER, "name": "stiff", "A10": 373.0, "label": 2},
@@ -302,7 +299,7 @@ def test_large_voxel_bodies_are_solved_without_forming_the_tangent(open_scene, t
     tables["boundary"].append({"set": "top", "u_x": 0, "u_y": 0, "u_z": 0.3})
     found = []
     for limit in (60000, 0):
-        scene = open_scene({**tables, "galerkin": {"direct_limit": limit}})
+        scene = open_scene({**tables, "galerkin": {"direct_limit": limit}}, cloud=cloud)
         found.append(scene.solve().x[-1])
     assert abs(found[1] - found[0]).max() < 1e-8 * abs(found[0]).max()
 
@@ -338,12 +335,12 @@ def test_reactions_balance(open_scene):
     assert_allclose(low, -high, atol=1e-9 * np.abs(low).max())
 
 
-def test_gauss_points_need_a_lattice(open_scene, tmp_path):
+def test_gauss_points_need_a_lattice(open_scene):
     labels = Labels(np.ones((3, 3, 3), np.int32), np.eye(4), {1: "muscle"})
-    write_model(tmp_path / "model.h5", build_cloud(labels, None, BUILD, "mm")[0])
-    tables = body(3, "rkpm-gauss", {"kind": "model"}, LINEAR, ["bottom"])
+    cloud, _ = build_cloud(labels, None, BUILD, "mm")
+    tables = body(3, "rkpm-gauss", {}, LINEAR, ["bottom"])
     with pytest.raises(InputError, match="lattice of a box or an annulus.*rkpm-scni"):
-        open_scene(tables)
+        open_scene(tables, cloud=cloud)
 
 
 def test_reduced_models_are_refused(open_scene):

@@ -10,7 +10,6 @@ from numpy.testing import assert_allclose
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
-from myork.model_file import write_model
 from myork.records import PointCloud
 
 A10, A20, A30 = 37.3, -3.1, 0.5
@@ -76,7 +75,7 @@ def test_uniaxial(open_scene, stretch, bulk):
 
 
 @pytest.mark.parametrize("method", ["auto", "rkcm-mixed"])
-def test_infinite_bulk_modulus(open_scene, write_deck, method):
+def test_infinite_bulk_modulus(open_scene, method):
     """K = inf keeps the volume; nothing but the boundary conditions sets the pressure."""
     stretch = 2.5
     tables = {
@@ -86,7 +85,7 @@ def test_infinite_bulk_modulus(open_scene, write_deck, method):
         "boundary": [*symmetry(), {"set": "x1", "u_x": stretch - 1}],
         "load": {"steps": 5},
     }
-    scene = open_scene(write_deck(tables), "material.K=inf")
+    scene = open_scene(tables, "material.K=inf")
     assert scene.deck["material"][0]["K"] == np.inf
     fields = last_fields(scene)
     i1 = stretch**2 + 2 / stretch
@@ -209,20 +208,19 @@ def fixed(number, u):
     return {"set": f"p{number}"} | {f"u_{axis}": float(v) for axis, v in zip("xyz", u, strict=True)}
 
 
-def test_patch(open_scene, tmp_path):
+def test_patch(open_scene):
     """An affine displacement with shear and rotation, prescribed on all faces, fills the body."""
     gradient = np.array([[0.1, 0.3, -0.05], [0.02, -0.1, 0.1], [0.04, 0.07, 0.2]])
     where, model = cloud()
-    write_model(tmp_path / "model.h5", model)
     scene = open_scene(
         {
             "scene": {"dimension": 3, "method": "rkcm"},
-            "geometry": {"kind": "model"},
             "material": [rubber(1e3)],
             "boundary": [fixed(i, gradient @ x) for i, x in enumerate(where)],
             "load": {"steps": 1},
             "solver": {"tolerance": 1e-10},
-        }
+        },
+        cloud=model,
     )
     fields = last_fields(scene)
     f = np.eye(3) + gradient
@@ -232,7 +230,7 @@ def test_patch(open_scene, tmp_path):
     assert_allclose(fields.cauchy, np.tile(wanted, (216, 1)), rtol=1e-7)
 
 
-def test_a_rotated_problem_has_the_rotated_answer(open_scene, tmp_path):
+def test_a_rotated_problem_has_the_rotated_answer(open_scene):
     """Round supports and a complete basis know no direction, nor does the weight of the
     prescribed displacements where it is a plain number. A muscle with inclined fibers is
     stretched, sheared and activated between its ends. Both answers are converged to 1e-6.
@@ -241,12 +239,10 @@ def test_a_rotated_problem_has_the_rotated_answer(open_scene, tmp_path):
     found = []
     for rotation in (np.eye(3), turn):
         where, model = cloud(rotation, fiber=(0.6, 0.0, 0.8))
-        write_model(tmp_path / "model.h5", model)
         bottom, top = np.isclose(where[:, 2], 0), np.isclose(where[:, 2], 1)
         scene = open_scene(
             {
                 "scene": {"dimension": 3, "method": "rkcm"},
-                "geometry": {"kind": "model"},
                 "approximation": {"window": "radial", "support": 3.6},
                 "material": [
                     {"name": "m", "model": "muscle", "A10": 6.43, "A20": 0.94, "K": 100.0}
@@ -258,7 +254,8 @@ def test_a_rotated_problem_has_the_rotated_answer(open_scene, tmp_path):
                 ],
                 "load": {"steps": 1, "activation": 0.1},
                 "solver": {"weight_essential": 1e4},
-            }
+            },
+            cloud=model,
         )
         found.append(last_fields(scene))
     plain, turned = found

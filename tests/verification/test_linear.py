@@ -1,6 +1,7 @@
 """Linear problems: convergence rates, patch tests, and decks that are refused."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,41 +15,39 @@ from myork.errors import InputError
 from myork.results import Results
 from myork.solve import explain_deck, run_deck
 
+POISSON = {"problem": "poisson", "solution": "sine"}
+ELASTIC = {"problem": "elasticity", "solution": "sine", "E": 1, "nu": 0.3}
 SIDES = ("x0", "x1", "y0", "y1", "z0", "z1")
 
 
-def write_deck(
-    folder: Path,
-    dimension: int,
-    linear: str,
-    *,
-    size: tuple[float, ...] = (1.0, 0.5, 2.0),
-    source: int = 6,
-    collocation: int = 11,
-    essential: tuple[str, ...] | None = None,
-    more: str = "",
-) -> Path:
-    """Write a linear deck; values are prescribed on all sides unless `essential` names others."""
-    sides = SIDES[: 2 * dimension] if essential is None else essential
-    path = folder / "deck.toml"
-    path.write_text(
-        f"""\
-title = "Linear problem"
-units = {{ force = "N", length = "m" }}
-scene = {{ dimension = {dimension} }}
-[geometry]
-kind = "box"
-size = {list(size[:dimension])}
-source = {[source] * dimension}
-collocation = {[collocation] * dimension}
-[linear]
-essential = {list(sides)}
-{linear}
-{more}
-""",
-        encoding="utf-8",
-    )
-    return path
+@pytest.fixture
+def write_linear(write_deck) -> Callable[..., Path]:
+    """Write linear decks; values are prescribed on all sides unless `essential` names others."""
+
+    def write(
+        dimension: int,
+        linear: dict[str, Any],
+        *,
+        collocation: int = 11,
+        essential: tuple[str, ...] | None = None,
+        **more: Any,
+    ) -> Path:
+        sides = SIDES[: 2 * dimension] if essential is None else essential
+        return write_deck(
+            {
+                "scene": {"dimension": dimension},
+                "geometry": {
+                    "kind": "box",
+                    "size": [1.0, 0.5, 2.0][:dimension],
+                    "source": [6] * dimension,
+                    "collocation": [collocation] * dimension,
+                },
+                "linear": {**linear, "essential": sides},
+                **more,
+            }
+        )
+
+    return write
 
 
 def solve(path: Path, out: Path, *overrides: str) -> dict[str, Any]:
@@ -158,14 +157,10 @@ def test_cantilever_is_reproduced_by_a_cubic_basis(tmp_path, inputs):
 
 @pytest.mark.parametrize("dimension", [1, 2, 3])
 @pytest.mark.parametrize("order", [2, 3])
-def test_polynomials_are_reproduced(tmp_path, dimension, order):
+def test_polynomials_are_reproduced(write_linear, tmp_path, dimension, order):
     """Polynomials of the order of the basis are solutions to rounding, fluxes included."""
-    path = write_deck(
-        tmp_path,
-        dimension,
-        f'problem = "poisson"\nsolution = "polynomial"\ndegree = {order}',
-        essential=("x0",),
-    )
+    linear = {"problem": "poisson", "solution": "polynomial", "degree": order}
+    path = write_linear(dimension, linear, essential=("x0",))
     summary = solve(
         path, tmp_path, f"approximation.order={order}", f"approximation.support={order + 1}"
     )
@@ -173,31 +168,20 @@ def test_polynomials_are_reproduced(tmp_path, dimension, order):
 
 
 @pytest.mark.parametrize(
-    ("dimension", "plane"), [(2, 'plane = "strain"'), (2, 'plane = "stress"'), (3, "")]
+    ("dimension", "plane"), [(2, {"plane": "strain"}), (2, {"plane": "stress"}), (3, {})]
 )
 @pytest.mark.parametrize("solver", ["auto", "dgels"])
-def test_elastic_patch(tmp_path, dimension, plane, solver):
+def test_elastic_patch(write_linear, tmp_path, dimension, plane, solver):
     """A linear displacement is exact, and its stress is Hooke's."""
-    point = "[0.4, 0.2, 1.1]" if dimension == 3 else "[0.4, 0.2]"
-    path = write_deck(
-        tmp_path,
+    point = [0.4, 0.2, 1.1][:dimension]
+    path = write_linear(
         dimension,
-        'problem = "elasticity"\nsolution = "polynomial"\ndegree = 1\nE = 250\nnu = 0.3\n' + plane,
+        {**ELASTIC, "solution": "polynomial", "degree": 1, "E": 250, **plane},
         essential=("x0", "y1"),
-        more=f"""\
-[[probe]]
-name = "xx"
-quantity = "cauchy_xx"
-point = {point}
-[[probe]]
-name = "xy"
-quantity = "cauchy_xy"
-point = {point}
-[[probe]]
-name = "zz"
-quantity = "cauchy_zz"
-point = {point}
-""",
+        probe=[
+            {"name": name, "quantity": f"cauchy_{name}", "point": point}
+            for name in ("xx", "xy", "zz")
+        ],
     )
     summary = solve(path, tmp_path, f"solver.linear={solver}")
     assert summary["errors"]["relative_H1"] < 1e-10
@@ -208,7 +192,7 @@ point = {point}
     for c in range(dimension):
         grad[c, :dimension] = np.array(direction[c : c + dimension]) / size
     strain = (grad + grad.T) / 2
-    if "stress" in plane:
+    if plane == {"plane": "stress"}:
         strain[2, 2] = -0.3 / 0.7 * (strain[0, 0] + strain[1, 1])
     lame, mu = 250 * 0.3 / (1.3 * 0.4), 250 / 2.6
     stress = lame * np.trace(strain) * np.eye(3) + 2 * mu * strain
@@ -217,16 +201,11 @@ point = {point}
     assert found == pytest.approx(expected, rel=1e-9, abs=1e-9 * np.abs(stress).max())
 
 
-def test_units_do_not_matter(tmp_path):
+def test_units_do_not_matter(write_linear, tmp_path):
     """Young's modulus scales the rows, not the displacement."""
     errors = []
     for young in (1e-6, 1e9):
-        path = write_deck(
-            tmp_path,
-            2,
-            f'problem = "elasticity"\nsolution = "sine"\nE = {young}\nnu = 0.3',
-            essential=("x0",),
-        )
+        path = write_linear(2, {**ELASTIC, "E": young}, essential=("x0",))
         errors.append(solve(path, tmp_path)["errors"]["L2"])
     # the condition of the rows, about 1e-4, lies between rounding and the digits that agree
     assert errors[0] == pytest.approx(errors[1], rel=1e-8)
@@ -263,49 +242,34 @@ def test_scene_in_memory(inputs, tmp_path):
 @pytest.mark.parametrize(
     ("dimension", "linear", "changes", "words"),
     [
-        (1, 'problem = "poisson"\nsolution = "exp_xy"', {}, "exp_xy needs scene.dimension = 2"),
-        (2, 'problem = "poisson"\nsolution = "exp_x"', {}, "exp_x needs scene.dimension = 1"),
-        (2, 'problem = "poisson"', {}, "linear.solution"),
-        (2, 'problem = "heat"\nsolution = "sine"', {}, "poisson, elasticity"),
-        (2, 'problem = "elasticity"\nsolution = "sine"\nE = 1', {}, "linear.nu"),
-        (2, 'problem = "elasticity"\nsolution = "sine"\nE = 1\nnu = 0.5', {}, "less than 0.5"),
-        (2, 'problem = "poisson"\nsolution = "sine"\nE = 1', {}, "only for problem = elasticity"),
+        (1, {**POISSON, "solution": "exp_xy"}, {}, "exp_xy needs scene.dimension = 2"),
+        (2, {**POISSON, "solution": "exp_x"}, {}, "exp_x needs scene.dimension = 1"),
+        (2, {"problem": "poisson"}, {}, "linear.solution"),
+        (2, {**POISSON, "problem": "heat"}, {}, "poisson, elasticity"),
+        (2, {"problem": "elasticity", "solution": "sine", "E": 1}, {}, "linear.nu"),
+        (2, {**ELASTIC, "nu": 0.5}, {}, "less than 0.5"),
+        (2, {**POISSON, "E": 1}, {}, "only for problem = elasticity"),
+        (2, {**ELASTIC, "solution": "exp_xy"}, {}, "problem = poisson"),
+        (2, POISSON, {"essential": ("top",)}, "'top' is no side"),
+        (2, POISSON, {"essential": ()}, "no value is prescribed"),
+        (2, POISSON, {"boundary": [{"set": "x0", "u_x": 0}]}, "has no place in a linear problem"),
         (
             2,
-            'problem = "elasticity"\nsolution = "exp_xy"\nE = 1\nnu = 0.3',
-            {},
-            "problem = poisson",
-        ),
-        (
-            2,
-            'problem = "poisson"\nsolution = "sine"',
-            {"essential": ("top",)},
-            "'top' is no side",
-        ),
-        (2, 'problem = "poisson"\nsolution = "sine"', {"essential": ()}, "no value is prescribed"),
-        (
-            2,
-            'problem = "poisson"\nsolution = "sine"',
-            {"more": '[[boundary]]\nset = "x0"\nu_x = 0'},
-            "has no place in a linear problem",
-        ),
-        (
-            2,
-            'problem = "elasticity"\nsolution = "sine"\nE = 1\nnu = 0.3',
-            {"essential": (), "more": '[[pin]]\npoint = [0, 0.33]\ncomponents = ["x"]'},
+            ELASTIC,
+            {"essential": (), "pin": [{"point": [0, 0.33], "components": ["x"]}]},
             "no boundary point lies at",
         ),
         (
             2,
-            'problem = "poisson"\nsolution = "sine"',
-            {"more": '[[probe]]\nname = "s"\nquantity = "cauchy_xx"\npoint = [0.5, 0.2]'},
+            POISSON,
+            {"probe": [{"name": "s", "quantity": "cauchy_xx", "point": [0.5, 0.2]}]},
             "cauchy_xx is not known",
         ),
-        (2, 'problem = "poisson"\nsolution = "sine"', {"collocation": 3}, "fewer equations"),
+        (2, POISSON, {"collocation": 3}, "fewer equations"),
     ],
 )
-def test_wrong_decks_are_refused(tmp_path, dimension, linear, changes, words):
-    path = write_deck(tmp_path, dimension, linear, **changes)
+def test_wrong_decks_are_refused(write_linear, tmp_path, dimension, linear, changes, words):
+    path = write_linear(dimension, linear, **changes)
     with pytest.raises(InputError, match=words):
         solve(path, tmp_path / "out")
 

@@ -7,7 +7,6 @@ import pytest
 
 from myork.build import build_cloud
 from myork.errors import InputError
-from myork.model_file import write_model
 from myork.records import Labels, PointCloud
 
 SOFT = {"name": "soft", "label": 1, "model": "polynomial", "A10": 5.0, "K": 20.0}
@@ -68,23 +67,21 @@ def bar(cells, length, interface, spacing_ratio=2):
 
 
 @pytest.fixture
-def open_bar(tmp_path, write_deck, open_scene):
+def open_bar(open_scene):
     """Open a scene of a bar from materials and cells."""
 
     def open_(materials, cells=(8, 2, 2), method="rkcm", width=4, **tables):
-        path = write_deck(
+        return open_scene(
             {
                 "scene": {"dimension": 3, "method": method},
-                "geometry": {"kind": "model"},
                 "approximation": {"order": 2, "support": 3, "interface": width},
                 "material": materials,
                 "boundary": SIDES,
                 "load": {"steps": 3},
                 **tables,
-            }
+            },
+            cloud=bar(cells, 2.0, 0.97),
         )
-        write_model(path.parent / "model.h5", bar(cells, 2.0, 0.97))
-        return open_scene(path)
 
     return open_
 
@@ -140,7 +137,7 @@ PLATES = (7, 3, 4)
 
 
 @pytest.fixture
-def open_plates(tmp_path, open_scene):
+def open_plates(open_scene):
     """Open the Galerkin form of two plates by the treatment of fibers and the load."""
     data = np.ones(PLATES, np.int32)
     data[3:] = 2
@@ -155,13 +152,11 @@ def open_plates(tmp_path, open_scene):
     }
     labels = Labels(data, np.diag([10.0, 8.0, 12.0, 1.0]), {1: "soft", 2: "muscle"})
     cloud, _ = build_cloud(labels, None, table, "cm")
-    write_model(tmp_path / "model.h5", cloud)
 
     def open_(fibers, method="rkpm"):
         return open_scene(
             {
                 "scene": {"dimension": 3, "method": method},
-                "geometry": {"kind": "model"},
                 "approximation": {
                     "order": 1,
                     "support": 2,
@@ -172,7 +167,8 @@ def open_plates(tmp_path, open_scene):
                 "material": [SOFT, MUSCLE],
                 "boundary": [{"set": "bottom", "u_x": 0, "u_y": 0, "u_z": 0}],
                 "load": {"activation": 0.7},
-            }
+            },
+            cloud=cloud,
         )
 
     return open_

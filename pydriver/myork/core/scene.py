@@ -162,9 +162,10 @@ class Scene:
         Examples
         --------
         >>> from myork import Scene
+        >>> n = [7, 7]
         >>> square = {
         ...     "scene": {"dimension": 2},
-        ...     "geometry": {"kind": "box", "size": [1, 1], "source": [4, 4], "collocation": [7, 7]},
+        ...     "geometry": {"kind": "box", "size": [1, 1], "source": n, "collocation": n},
         ...     "material": [{"name": "rubber", "model": "polynomial", "A10": 10, "K": 500}],
         ...     "boundary": [{"set": "x0", "u_x": 0, "u_y": 0}, {"set": "x1", "u_x": 0.2}],
         ... }
