@@ -137,13 +137,13 @@ subroutine solve_session(handle, linear, reduced, error)
    call find_problem(handle, reduced, slot, problem, error)
    if (allocated(error)) return
    newton%linear = trim(linear)
-   if (linear == '') newton%linear = slot%scene%linear
-   newton%damping%method = slot%scene%newton
-   newton%tolerance = slot%scene%tolerance
-   newton%max_iterations = slot%scene%max_iterations
+   if (linear == '') newton%linear = slot%scene%solver%linear
+   newton%damping%method = slot%scene%solver%newton
+   newton%tolerance = slot%scene%solver%tolerance
+   newton%max_iterations = slot%scene%solver%max_iterations
    associate (states => slot%states)
       if (allocated(states%x)) deallocate (states%x, states%info)
-      allocate (states%x(problem%n, slot%scene%steps), states%info(4, slot%scene%steps))
+      allocate (states%x(problem%n, slot%scene%load%steps), states%info(4, slot%scene%load%steps))
       states%steps = 0
       states%iterations = 0
       states%backward_error = 0.0_wp
@@ -156,8 +156,8 @@ subroutine solve_session(handle, linear, reduced, error)
       call solve_linear(problem, newton%linear, x, slot%states, slot%timer, error)
       return
    end if
-   call solve_static(problem, newton, slot%scene%steps, slot%scene%max_halvings, x, slot%states, &
-      & slot%timer, error)
+   call solve_static(problem, newton, slot%scene%load%steps, slot%scene%load%max_halvings, x, &
+      & slot%states, slot%timer, error)
 end subroutine solve_session
 
 !> Problem with its residual and rows at a state

@@ -93,7 +93,7 @@ contains
       call system_clock(timer%start)
       select type (problem)
       type is (linear_problem)
-         call solve_linear(problem, scene%linear, x, output, timer, failure)
+         call solve_linear(problem, scene%solver%linear, x, output, timer, failure)
          if (.not. allocated(failure)) then
             allocate (norms)
             call system_clock(start)
@@ -101,13 +101,13 @@ contains
             norms%seconds = tick(start)
          end if
       class default
-         newton%linear = scene%linear
-         newton%damping%method = scene%newton
-         newton%tolerance = scene%tolerance
-         newton%max_iterations = scene%max_iterations
+         newton%linear = scene%solver%linear
+         newton%damping%method = scene%solver%newton
+         newton%tolerance = scene%solver%tolerance
+         newton%max_iterations = scene%solver%max_iterations
          call output%step(step_type(load=0.0_wp), x)
-         call solve_static(problem, newton, scene%steps, scene%max_halvings, x, output, timer, &
-            & failure)
+         call solve_static(problem, newton, scene%load%steps, scene%load%max_halvings, x, output, &
+            & timer, failure)
       end select
       message = ''
       if (output%imbalance > max_imbalance) call output%warn('the forces on all boundary sets ' &

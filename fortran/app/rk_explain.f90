@@ -60,7 +60,7 @@ subroutine explain(deck, model, scene)
       end associate
    end do
    if (.not. allocated(scene%equation%kind)) print '(a)', '  load          ' &
-      & //to_text(scene%steps)//' steps, activation to '//to_text(scene%activation)
+      & //to_text(scene%load%steps)//' steps, activation to '//to_text(scene%load%activation)
    print '(a)', '  solver        '//cost%solver//', '//to_text(1.0e-9_wp*cost%flops, 3) &
       & //' Gflop a solution, about '//to_text(cost%flops/rate(), 2)//' s here'
    print '(a)', '  memory        '//to_text(1.0e-6_wp*cost%bytes, 3)//' MB of ' &

@@ -197,7 +197,7 @@ subroutine step(self, st, x)
    if (self%problem%fields == 1) then
       call self%results%add_scalar(st%load, fields%u(1, :), x, error)
    else
-      call self%results%add_step(st%load, st%load*self%problem%scene%activation, fields%u, &
+      call self%results%add_step(st%load, self%problem%scene%activation_at(st%load), fields%u, &
          & fields%f, fields%j, fields%cauchy, fields%principal, fields%pressure, x, error)
    end if
    if (allocated(error) .and. .not. allocated(self%error)) call move_alloc(error, self%error)

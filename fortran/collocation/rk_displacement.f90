@@ -190,7 +190,7 @@ subroutine curvature(self, ip, x, load, r, form)
    row = self%rows%row(self%shape%np + b)
    do i = 1, nd
       if (self%boundary%essential(i, b)) cycle
-      weighted(i, :nd) = self%scene%weight_traction*r(row + i)*self%boundary%normal(:, i, b)
+      weighted(i, :nd) = self%scene%solver%weight_traction*r(row + i)*self%boundary%normal(:, i, b)
    end do
    call self%mixture%stress_curvature(ip, f, weighted, load, ff, volumetric=.true.)
    fh = 0.0_wp
@@ -242,11 +242,12 @@ subroutine start_step(self, x, load)
    real(wp) :: c4(3, 3, 3, 3), factor
    integer :: b, ip, nd
 
-   if (self%scene%weight_essential > 0.0_wp) then
-      self%weight = self%scene%weight_essential
+   if (self%scene%solver%weight_essential > 0.0_wp) then
+      self%weight = self%scene%solver%weight_essential
       return
    end if
-   factor = merge(self%scene%weight_c4, real(self%shape%ns, wp), self%scene%weight_c4 > 0.0_wp)
+   factor = self%scene%solver%weight_c4
+   if (.not. factor > 0.0_wp) factor = real(self%shape%ns, wp)
    nd = self%scene%cloud%nd
    do b = 1, size(self%boundary%point)
       ip = self%boundary%point(b)
@@ -374,7 +375,7 @@ subroutine evaluate_boundary(self, b, u, load, p, c4, tangent, r)
          r(row + i) = self%weight(b)*(u(i) - load*self%boundary%value(i, b))
          if (tangent) self%rows%coefficient(i, i, 1, block) = self%weight(b)
       else
-         associate (n => self%boundary%normal(:, i, b), w => self%scene%weight_traction)
+         associate (n => self%boundary%normal(:, i, b), w => self%scene%solver%weight_traction)
             r(row + i) = w*(dot_product(p(i, :nd), n) - load*self%boundary%traction(i, b))
             if (.not. tangent) cycle
             do cb = 1, nd

@@ -130,7 +130,7 @@ subroutine set_weights(self)
       allocate (self%domain_weight(nc), self%traction_weight(size(self%boundary%point)), &
          & self%weight(size(self%boundary%point)), self%volume_weight(nv), self%volume_share(nv))
       self%spacing = cloud%mean_spacing()
-      reach = scene%edge_length
+      reach = scene%mixed%edge_length
       if (.not. reach > 0.0_wp) reach = 0.5_wp*minval(maxval(cloud%points, dim=2) &
          & - minval(cloud%points, dim=2))
       self%regular = [(rim_distance(self, cloud%points(:, ip)) >= one_spacing*self%spacing, &
@@ -141,15 +141,15 @@ subroutine set_weights(self)
       end do
       do ip = 1, nc
          near = closeness(self, cloud%points(:, ip), reach)
-         self%domain_weight(ip) = self%spacing*near**scene%edge_exponent*face_share**faces(ip)
+         self%domain_weight(ip) = self%spacing*near**scene%mixed%edge_exponent*face_share**faces(ip)
          b = self%boundary_of(ip)
          if (b == 0) cycle
-         self%traction_weight(b) = near**max(scene%edge_exponent - 0.5_wp, 0.0_wp) &
+         self%traction_weight(b) = near**max(scene%mixed%edge_exponent - 0.5_wp, 0.0_wp) &
             & *face_share**(faces(ip) - 1)
       end do
       do iv = 1, nv
-         self%volume_share(iv) = scene%volume_weight &
-            & *closeness(self, cloud%volume_points(:, iv), reach)**scene%edge_exponent
+         self%volume_share(iv) = scene%mixed%volume_weight &
+            & *closeness(self, cloud%volume_points(:, iv), reach)**scene%mixed%edge_exponent
       end do
    end associate
 end subroutine set_weights
@@ -202,7 +202,8 @@ subroutine start_step(self, x, load)
       ip = self%boundary%point(b)
       call self%field(ip, x, 1 + nd, u)
       call deformation(nd, u, f, h)
-      self%weight(b) = self%scene%displacement_weight*self%mixture%shear_modulus(ip, f)/self%spacing
+      self%weight(b) = self%scene%mixed%displacement_weight &
+         & *self%mixture%shear_modulus(ip, f)/self%spacing
    end do
    do iv = 1, size(self%volume_share)
       ip = size(self%domain_weight) + iv
@@ -474,7 +475,7 @@ subroutine evaluate_boundary(self, b, u, load, f, c, p, c4, tangent, r)
       else
          n = 0.0_wp
          n(:nd) = self%boundary%normal(:, i, b)
-         associate (w => self%traction_weight(b)*self%scene%weight_traction)
+         associate (w => self%traction_weight(b)*self%scene%solver%weight_traction)
             r(row + i) = w*(dot_product(p(i, :) + pressure*c(i, :), n) &
                & - load*self%boundary%traction(i, b))
             if (.not. tangent) cycle
@@ -542,7 +543,7 @@ subroutine curvature(self, ip, x, load, r, form)
    weighted = 0.0_wp
    do i = 1, nd
       if (self%boundary%essential(i, b)) cycle
-      weighted(i, :nd) = self%traction_weight(b)*self%scene%weight_traction*r(row + i) &
+      weighted(i, :nd) = self%traction_weight(b)*self%scene%solver%weight_traction*r(row + i) &
          & *self%boundary%normal(:, i, b)
    end do
    call self%mixture%stress_curvature(ip, f, weighted, load, ff, volumetric=.false.)

@@ -107,7 +107,7 @@ subroutine new_galerkin(self, scene, error)
       & scene%cloud%points, error)
    if (allocated(error)) return
    if (scene%method == 'rkpm-gauss') then
-      call gauss_cells(self%cells, scene%cloud, scene%gauss, &
+      call gauss_cells(self%cells, scene%cloud, scene%galerkin%gauss, &
          & min(scene%approximation%order - 1, 1), error)
    else
       call nodal_cells(self%cells, scene%cloud, error)
@@ -134,19 +134,21 @@ subroutine new_galerkin(self, scene, error)
    call new_gradient(self%gradient, self%cells, size(scene%cloud%source, 2), self%inside, facet, &
       & self%surface%shape, self%surface%essential)
    call self%gradient%set_essential(self%cells, self%surface%essential, self%surface%value)
-   call new_pressure(self%pressure, self%cells, scene%pressure_degree, scene%cloud%points, error)
+   call new_pressure(self%pressure, self%cells, scene%galerkin%pressure_degree, &
+      & scene%cloud%points, error)
    if (allocated(error)) return
-   call share_bulk(self%mixture, self%cells, nc, scene%stabilisation, self%local_bulk, self%bulk)
+   call share_bulk(self%mixture, self%cells, nc, scene%galerkin%stabilisation, self%local_bulk, &
+      & self%bulk)
    if (self%cells%smoothed) call new_recovery(self%recovery, scene, self%cells, error)
    if (allocated(error)) return
    call new_tangent(self%matrix, size(scene%cloud%source, 2), self%cells, self%gradient, &
-      & self%surface, self%inside, shear, scene%direct_limit, error)
+      & self%surface, self%inside, shear, scene%galerkin%direct_limit, error)
    if (allocated(error)) return
    allocate (self%stress(3, 3, np), self%f(3, 3, np), self%volume(np), self%force(self%n))
    allocate (self%constant(size(self%matrix%value, kind=i8)), source=0.0_wp)
    call self%surface%add_penalty(self%matrix%symmetric_matrix, self%constant)
    if (self%cells%smoothed) call stabilise(self%matrix%symmetric_matrix, self%constant, &
-      & self%cells, self%inside, scene%stabilisation*shear)
+      & self%cells, self%inside, scene%galerkin%stabilisation*shear)
    self%force = 0.0_wp
    call self%surface%add_forces(self%force)
 end subroutine new_galerkin

@@ -74,7 +74,7 @@ subroutine set_conditions(self, scene, cells, shear)
       q = cells%lift_point(cells%lift_first(s) + 1)
       ! the spacing across the surface
       spacing = norm2(cells%outward(:, s)*step)/self%area(s)
-      self%penalty(s) = scene%penalty/spacing*self%area(s)*shear(q)
+      self%penalty(s) = scene%galerkin%penalty/spacing*self%area(s)*shear(q)
    end do
 end subroutine set_conditions
 

@@ -50,9 +50,9 @@ subroutine read_linear(scene, deck)
    ! no materials, conditions or load steps
    allocate (scene%tissue(0), scene%tissue_of(0), scene%condition(0))
    scene%method = 'rkcm'
-   scene%steps = 1
-   scene%activation = 0.0_wp
-   scene%weight_essential = essential_weight(scene)
+   scene%load%steps = 1
+   scene%load%activation = 0.0_wp
+   scene%solver%weight_essential = essential_weight(scene)
 end subroutine read_linear
 
 end module rk_deck_linear

@@ -148,11 +148,9 @@ subroutine read_approximation(scene, deck)
    call deck%get('approximation.kernel', kernel)
    call deck%get('approximation.window', window)
    call deck%get('approximation.support', support)
-   call deck%get('approximation.interface', scene%interface)
-   if (deck%has('approximation.interface_fibers')) then
-      call deck%get('approximation.interface_fibers', fibers)
-      scene%own_fibers = fibers == 'own'
-   end if
+   call deck%get('approximation.interface', scene%interface%reach)
+   call deck%get('approximation.interface_fibers', fibers)
+   scene%interface%own_fibers = fibers == 'own'
    scene%approximation%kernel = merge(kernel_cubic, kernel_quintic, kernel == 'cubic')
    scene%approximation%window = merge(window_radial, window_product, window == 'radial')
    allocate (scene%support, mold=scene%cloud%spacing)
@@ -396,22 +394,22 @@ subroutine read_solver(scene, deck)
    !> Deck
    type(deck_type), intent(in) :: deck
 
-   call deck%get('load.steps', scene%steps)
-   call deck%get('load.activation', scene%activation)
-   call deck%get('load.max_halvings', scene%max_halvings)
-   call deck%get('solver.linear', scene%linear)
-   call deck%get('solver.newton', scene%newton)
-   call deck%get('solver.tolerance', scene%tolerance)
-   call deck%get('solver.max_iterations', scene%max_iterations)
-   call deck%get('mixed.volume_weight', scene%volume_weight)
-   call deck%get('mixed.displacement_weight', scene%displacement_weight)
-   call deck%get('mixed.edge_exponent', scene%edge_exponent)
-   call deck%get('mixed.edge_length', scene%edge_length)
-   call deck%get('galerkin.gauss', scene%gauss)
-   call deck%get('galerkin.penalty', scene%penalty)
-   call deck%get('galerkin.direct_limit', scene%direct_limit)
-   call deck%get('galerkin.stabilisation', scene%stabilisation)
-   call deck%get('galerkin.pressure_degree', scene%pressure_degree)
+   call deck%get('load.steps', scene%load%steps)
+   call deck%get('load.activation', scene%load%activation)
+   call deck%get('load.max_halvings', scene%load%max_halvings)
+   call deck%get('solver.linear', scene%solver%linear)
+   call deck%get('solver.newton', scene%solver%newton)
+   call deck%get('solver.tolerance', scene%solver%tolerance)
+   call deck%get('solver.max_iterations', scene%solver%max_iterations)
+   call deck%get('mixed.volume_weight', scene%mixed%volume_weight)
+   call deck%get('mixed.displacement_weight', scene%mixed%displacement_weight)
+   call deck%get('mixed.edge_exponent', scene%mixed%edge_exponent)
+   call deck%get('mixed.edge_length', scene%mixed%edge_length)
+   call deck%get('galerkin.gauss', scene%galerkin%gauss)
+   call deck%get('galerkin.penalty', scene%galerkin%penalty)
+   call deck%get('galerkin.direct_limit', scene%galerkin%direct_limit)
+   call deck%get('galerkin.stabilisation', scene%galerkin%stabilisation)
+   call deck%get('galerkin.pressure_degree', scene%galerkin%pressure_degree)
 end subroutine read_solver
 
 !> Weights of boundary rows beside equilibrium rows of weight 1. The residuals are stress over
@@ -426,20 +424,24 @@ subroutine read_weights(scene, deck)
    real(wp) :: h
 
    h = scene%cloud%mean_spacing()
-   if (.not. deck%is_text('solver.weight_traction')) then
-      call deck%get('solver.weight_traction', scene%weight_traction)
-   else if (scene%method == 'rkcm-mixed') then
-      scene%weight_traction = 1.0_wp
-   else
-      scene%weight_traction = 1.0_wp/h
-   end if
-   if (.not. deck%is_text('solver.weight_essential')) then
-      call deck%get('solver.weight_essential', scene%weight_essential)
-      return
-   end if
-   call deck%get('solver.weight_essential', weight)
-   if (weight == 'c4') scene%weight_c4 = 1.0_wp
-   if (weight == 'balanced') scene%weight_c4 = scene%displacement_weight/h**2
+   associate (solver => scene%solver)
+      if (.not. deck%is_text('solver.weight_traction')) then
+         call deck%get('solver.weight_traction', solver%weight_traction)
+      else if (scene%method == 'rkcm-mixed') then
+         solver%weight_traction = 1.0_wp
+      else
+         solver%weight_traction = 1.0_wp/h
+      end if
+      solver%weight_essential = 0.0_wp
+      solver%weight_c4 = 0.0_wp
+      if (.not. deck%is_text('solver.weight_essential')) then
+         call deck%get('solver.weight_essential', solver%weight_essential)
+         return
+      end if
+      call deck%get('solver.weight_essential', weight)
+      if (weight == 'c4') solver%weight_c4 = 1.0_wp
+      if (weight == 'balanced') solver%weight_c4 = scene%mixed%displacement_weight/h**2
+   end associate
 end subroutine read_weights
 
 !> Probes with exact and reference values
@@ -482,7 +484,7 @@ subroutine read_probes(scene, deck, error)
          call deck%get(at//'.source', reference%source)
          if (deck%has(at//'.activation')) then
             call deck%get(at//'.activation', reference%load)
-            reference%load = reference%load/max(scene%activation, tiny(1.0_wp))
+            reference%load = reference%load/max(scene%load%activation, tiny(1.0_wp))
          else
             call deck%get(at//'.load', reference%load)
          end if

@@ -212,12 +212,12 @@ pure function boundary_rows(self, b) result(rows)
    rows = 0.0_wp
    do i = 1, self%fields
       if (self%boundary%essential(i, b)) then
-         rows(i, i, 1) = self%scene%weight_essential
+         rows(i, i, 1) = self%scene%solver%weight_essential
          cycle
       end if
       do d = 1, self%shape%nd
          do a = 1, self%shape%nd
-            rows(i, :, 1 + d) = rows(i, :, 1 + d) + self%scene%weight_traction &
+            rows(i, :, 1 + d) = rows(i, :, 1 + d) + self%scene%solver%weight_traction &
                & *self%boundary%normal(a, i, b)*self%modulus(i, a, :, d)
          end do
       end do
@@ -229,10 +229,10 @@ pure real(wp) function essential_weight(scene)
    !> Scene
    type(scene_type), intent(in) :: scene
 
-   essential_weight = scene%weight_essential
-   if (scene%weight_essential > 0.0_wp) return
-   essential_weight = merge(scene%weight_c4, real(size(scene%cloud%source, 2), wp), &
-      & scene%weight_c4 > 0.0_wp)
+   essential_weight = scene%solver%weight_essential
+   if (scene%solver%weight_essential > 0.0_wp) return
+   essential_weight = merge(scene%solver%weight_c4, real(size(scene%cloud%source, 2), wp), &
+      & scene%solver%weight_c4 > 0.0_wp)
    if (scene%equation%kind == 'elasticity') essential_weight = essential_weight &
       & *maxval(lame_constants(scene%equation))
 end function essential_weight

@@ -98,7 +98,7 @@ subroutine new_mixture(self, scene, position, nearest, error)
    end do
    if (size(scene%tissue) > 1) then
       call new_shape(shape, approximation_type(0, kernel_quintic, window_product), &
-         & scene%cloud%source, scene%interface*scene%cloud%spacing, position, error)
+         & scene%cloud%source, scene%interface%reach*scene%cloud%spacing, position, error)
       if (allocated(error)) return
       owner = scene%tissue_of(nearest_points(scene%cloud%points, scene%cloud%source))
    end if
@@ -174,7 +174,7 @@ pure logical function has_fibers(scene, k, at)
    integer, intent(in) :: at
 
    has_fibers = scene%tissue(k)%material%active(kind_i4)
-   if (has_fibers .and. scene%own_fibers) &
+   if (has_fibers .and. scene%interface%own_fibers) &
       & has_fibers = scene%tissue(scene%tissue_of(at))%material%active(kind_i4)
 end function has_fibers
 
@@ -195,6 +195,20 @@ function fibered_points(scene, k) result(at)
    if (size(own) == 0) return
    at(other) = own(nearest_points(scene%cloud%points(:, own), scene%cloud%points(:, other)))
 end function fibered_points
+
+!> Activation of the tissue of an entry; tissues without fibers have none [-]
+pure real(wp) function activation_of(self, e, load)
+   !> Mixture
+   class(mixture_type), intent(in) :: self
+   !> Entry
+   integer, intent(in) :: e
+   !> Load [-]
+   real(wp), intent(in) :: load
+
+   activation_of = 0.0_wp
+   if (self%scene%tissue(self%tissue(e))%material%active(kind_i4)) &
+      & activation_of = self%scene%activation_at(load)
+end function activation_of
 
 !> Bulk modulus at a place [stress]
 pure real(wp) function bulk(self, ip)
@@ -247,7 +261,7 @@ pure subroutine stress(self, ip, f, load, p, volumetric)
    p = 0.0_wp
    do e = self%first(ip) + 1, self%first(ip + 1)
       associate (material => self%scene%tissue(self%tissue(e))%material)
-         call material%stress(f, self%fiber(:, e), load*self%scene%activation, part, volumetric)
+         call material%stress(f, self%fiber(:, e), activation_of(self, e, load), part, volumetric)
       end associate
       p = p + self%fraction(e)*part
    end do
@@ -276,7 +290,7 @@ pure subroutine tangent(self, ip, f, load, p, c4, volumetric)
    c4 = 0.0_wp
    do e = self%first(ip) + 1, self%first(ip + 1)
       associate (material => self%scene%tissue(self%tissue(e))%material)
-         call material%tangent(f, self%fiber(:, e), load*self%scene%activation, part, part4, &
+         call material%tangent(f, self%fiber(:, e), activation_of(self, e, load), part, part4, &
             & volumetric)
       end associate
       p = p + self%fraction(e)*part
@@ -315,7 +329,7 @@ pure subroutine strong(self, ip, nd, f, h, load, divergence, p, c4, t, volumetri
    divergence = 0.0_wp
    if (e == self%first(ip + 1)) then
       associate (material => self%scene%tissue(self%tissue(e))%material)
-         call material%strong(nd, f, h, self%fiber(:, e), load*self%scene%activation, p, c4, t, &
+         call material%strong(nd, f, h, self%fiber(:, e), activation_of(self, e, load), p, c4, t, &
             & volumetric)
       end associate
    else
@@ -324,7 +338,7 @@ pure subroutine strong(self, ip, nd, f, h, load, divergence, p, c4, t, volumetri
       t = 0.0_wp
       do e = self%first(ip) + 1, self%first(ip + 1)
          associate (material => self%scene%tissue(self%tissue(e))%material)
-            call material%strong(nd, f, h, self%fiber(:, e), load*self%scene%activation, part, &
+            call material%strong(nd, f, h, self%fiber(:, e), activation_of(self, e, load), part, &
                & part4, part_t, volumetric)
          end associate
          p = p + self%fraction(e)*part
@@ -340,7 +354,7 @@ pure subroutine strong(self, ip, nd, f, h, load, divergence, p, c4, t, volumetri
       do e = self%first(ip) + 1, self%first(ip + 1)
          associate (material => self%scene%tissue(self%tissue(e))%material)
             call fiber_divergence(material, f, self%fiber(:, e), self%fiber_gradient(:, :, e), &
-               & load*self%scene%activation, pull, part_t)
+               & activation_of(self, e, load), pull, part_t)
          end associate
          divergence = divergence + self%fraction(e)*pull
          t = t + self%fraction(e)*part_t
@@ -375,8 +389,8 @@ pure subroutine stress_curvature(self, ip, f, r, load, form, volumetric)
    form = 0.0_wp
    do e = self%first(ip) + 1, self%first(ip + 1)
       associate (material => self%scene%tissue(self%tissue(e))%material)
-         call material%stress_curvature(f, r, self%fiber(:, e), load*self%scene%activation, part, &
-            & volumetric)
+         call material%stress_curvature(f, r, self%fiber(:, e), activation_of(self, e, load), &
+            & part, volumetric)
       end associate
       form = form + self%fraction(e)*part
    end do
@@ -411,7 +425,7 @@ pure subroutine strong_curvature(self, ip, nd, f, h, r, load, ff, fh, volumetric
    fh = 0.0_wp
    do e = self%first(ip) + 1, self%first(ip + 1)
       associate (material => self%scene%tissue(self%tissue(e))%material, &
-         & activation => load*self%scene%activation)
+         & activation => activation_of(self, e, load))
          call material%strong_curvature(nd, f, h, r, self%fiber(:, e), activation, part, part_h, &
             & volumetric)
          ff = ff + self%fraction(e)*part

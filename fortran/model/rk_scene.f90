@@ -1,7 +1,9 @@
-!> A scene: what is modelled, as plain data. It holds and computes nothing.
+!> A scene: what is modelled, as plain data.
 module rk_scene
    use rk_cloud, only : cloud_type
    use rk_material, only : material_type
+   use rk_options, only : galerkin_options, interface_options, load_options, mixed_options, &
+      & solver_options
    use rk_precision, only : wp
    use rk_shape, only : approximation_type
    implicit none
@@ -113,10 +115,8 @@ module rk_scene
       type(approximation_type) :: approximation
       !> Support of each source point, shape (nd, ns) [length]
       real(wp), allocatable :: support(:, :)
-      !> Support of the fractions of several materials in spacings of the source points [-]
-      real(wp) :: interface = 4.0_wp
-      !> Galerkin form: no fibers at points of a tissue that has none, whatever the fractions there
-      logical :: own_fibers = .false.
+      !> Interfaces between materials
+      type(interface_options) :: interface
       !> Linear problem, instead of materials, conditions and loads
       type(equation_type) :: equation
       !> Materials
@@ -127,55 +127,38 @@ module rk_scene
       character(len=:), allocatable :: force_unit, length_unit
       !> Boundary conditions
       type(condition_type), allocatable :: condition(:)
-      !> Activation at full load [-]
-      real(wp) :: activation = 0.0_wp
+      !> Load steps and activation
+      type(load_options) :: load
       !> Body force at full load per undeformed volume, none unless allocated, shape (3, nc)
       !> [force/length^3]
       real(wp), allocatable :: body_force(:, :)
-      !> Load steps
-      integer :: steps = 10
-      !> Halvings of a load step before giving up
-      integer :: max_halvings = 6
-      !> Least squares solver
-      character(len=:), allocatable :: linear
-      !> Matrix of the iteration: "gauss-newton", "full" or "auto"
-      character(len=:), allocatable :: newton
-      !> Convergence tolerance [-]
-      real(wp) :: tolerance = 1.0e-6_wp
-      !> Iterations of one load step
-      integer :: max_iterations = 25
-      !> Essential weight: this number times max|C4| at the point; 0 means the number of source
-      !> points
-      real(wp) :: weight_c4 = 0.0_wp
-      !> Essential weight as a plain number, used where positive
-      real(wp) :: weight_essential = 0.0_wp
-      !> Natural weight
-      real(wp) :: weight_traction = 1.0_wp
-      !> Galerkin form: unknowns up to which the tangent is factorised
-      integer :: direct_limit = 60000
-      !> Mixed form: weight of the volume rows in shear moduli [-]
-      real(wp) :: volume_weight = 10.0_wp
-      !> Mixed form: power of the distance to singular edges in the row weights [-]
-      real(wp) :: edge_exponent = 1.0_wp
-      !> Mixed form: distance from singular edges at which rows have their full weight; 0 means
-      !> half the smallest extent of the body [length]
-      real(wp) :: edge_length = 0.0_wp
-      !> Mixed form: weight of the displacement rows in shear moduli over spacing [-]
-      real(wp) :: displacement_weight = 15.0_wp
-      !> Galerkin form: Gauss points in each direction of a cell
-      integer :: gauss = 3
-      !> Galerkin form: penalty of prescribed displacements in shear moduli over spacing [-]
-      real(wp) :: penalty = 100.0_wp
-      !> Galerkin form: resistance of nodal cells to gradients that vary, in shear moduli [-]
-      real(wp) :: stabilisation = 1.0_wp
-      !> Galerkin form: degree of the pressure in a group of cells
-      integer :: pressure_degree = 1
+      !> Iteration, linear solver, weights of boundary rows
+      type(solver_options) :: solver
+      !> Mixed form
+      type(mixed_options) :: mixed
+      !> Galerkin form
+      type(galerkin_options) :: galerkin
       !> Probes
       type(probe_type), allocatable :: probe(:)
       !> Exact solutions
       type(exact_type), allocatable :: exact(:)
       !> Reference values
       type(reference_type), allocatable :: reference(:)
+   contains
+      !> Activation at a load
+      procedure :: activation_at
    end type scene_type
+
+contains
+
+!> Activation of the muscles at a load: it grows with the other loads from 0 to its full value [-]
+elemental real(wp) function activation_at(self, load)
+   !> Scene
+   class(scene_type), intent(in) :: self
+   !> Load [-]
+   real(wp), intent(in) :: load
+
+   activation_at = load*self%load%activation
+end function activation_at
 
 end module rk_scene

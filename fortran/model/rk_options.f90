@@ -1,0 +1,73 @@
+!> Options of a scene, a record for each table of the deck. They have no values of their own: the
+!> schema of the deck is where defaults stand.
+module rk_options
+   use rk_precision, only : wp
+   implicit none
+   private
+
+   public :: load_options, solver_options, mixed_options, galerkin_options, interface_options
+
+   !> How the load is applied
+   type :: load_options
+      !> Load steps
+      integer :: steps
+      !> Activation at full load [-]
+      real(wp) :: activation
+      !> Halvings of a load step before giving up
+      integer :: max_halvings
+   end type load_options
+
+   !> Iteration, linear solver and weights of boundary rows
+   type :: solver_options
+      !> Least squares solver
+      character(len=:), allocatable :: linear
+      !> Matrix of the iteration: "gauss-newton", "full" or "auto"
+      character(len=:), allocatable :: newton
+      !> Convergence tolerance [-]
+      real(wp) :: tolerance
+      !> Iterations of one load step
+      integer :: max_iterations
+      !> Essential weight as a plain number, used where positive
+      real(wp) :: weight_essential
+      !> Otherwise: this number times max|C4| at the point; 0 means the number of source points
+      real(wp) :: weight_c4
+      !> Natural weight
+      real(wp) :: weight_traction
+   end type solver_options
+
+   !> Row weights of the mixed form
+   type :: mixed_options
+      !> Weight of the volume rows in shear moduli [-]
+      real(wp) :: volume_weight
+      !> Weight of the displacement rows in shear moduli over spacing [-]
+      real(wp) :: displacement_weight
+      !> Power of the distance to singular edges in the row weights [-]
+      real(wp) :: edge_exponent
+      !> Distance from singular edges at which rows have their full weight; 0 means half the
+      !> smallest extent of the body [length]
+      real(wp) :: edge_length
+   end type mixed_options
+
+   !> Galerkin form
+   type :: galerkin_options
+      !> Gauss points in each direction of a cell
+      integer :: gauss
+      !> Penalty of prescribed displacements in shear moduli over spacing [-]
+      real(wp) :: penalty
+      !> Resistance of nodal cells to gradients that vary, in shear moduli [-]
+      real(wp) :: stabilisation
+      !> Unknowns up to which the tangent is factorised
+      integer :: direct_limit
+      !> Degree of the pressure in a group of cells
+      integer :: pressure_degree
+   end type galerkin_options
+
+   !> Interfaces between materials
+   type :: interface_options
+      !> Support of the fractions of several materials in spacings of the source points [-]
+      real(wp) :: reach
+      !> Galerkin form: no fibers at points of a tissue that has none, whatever the fractions there
+      logical :: own_fibers
+   end type interface_options
+
+end module rk_options
