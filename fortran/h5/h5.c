@@ -14,6 +14,7 @@
 
 enum { KIND_REAL8 = 1, KIND_INT4 = 2, KIND_INT8 = 3, KIND_UINT1 = 4 };
 enum { MAX_RANK = 4 };
+enum { MAX_TEXT = 4095 };   /* of an attribute [byte] */
 
 /* A dataset is compressed in pieces of about this size [byte] */
 static const hsize_t CHUNK_SMALL = 4096, CHUNK_LARGE = 1048576;
@@ -211,8 +212,43 @@ int rkh5_append(int64_t file, const char *path, int kind, int rank, const int64_
    return finish(failed, &reason, why, nwhy);
 }
 
-/* Fortran shape of a dataset */
-int rkh5_shape(int64_t file, const char *path, int *rank, int64_t *dims, char *why, int nwhy)
+/* Complaints of our own, in place of those of the library */
+static void complain(struct reason *reason, const char *text)
+{
+   snprintf(reason->text, sizeof reason->text, "%s", text);
+   reason->heard = 1;
+}
+
+/* Whether the numbers of a dataset can be read as those of a kind: whole numbers are real ones, the
+ * reverse would lose digits */
+static int fits(hid_t set, int kind, struct reason *reason)
+{
+   hid_t type = H5Dget_type(set);
+   H5T_class_t class = type < 0 ? H5T_NO_CLASS : H5Tget_class(type);
+   if (type >= 0) H5Tclose(type);
+   if (class == H5T_INTEGER || (class == H5T_FLOAT && kind == KIND_REAL8)) return 1;
+   complain(reason, kind == KIND_REAL8 ? "it holds no numbers" : "it holds no whole numbers");
+   return 0;
+}
+
+/* Whether a dataset holds as much as its shape claims. Deflate shrinks by a factor of 1032 at the
+ * most; a damaged header may claim more than any memory holds. */
+static int is_backed(hid_t set, hid_t space, struct reason *reason)
+{
+   hid_t type = H5Dget_type(set);
+   double claimed = (double)H5Tget_size(type), stored = (double)H5Dget_storage_size(set);
+   hsize_t shape[H5S_MAX_RANK];
+   int rank = H5Sget_simple_extent_dims(space, shape, NULL);
+   H5Tclose(type);
+   for (int i = 0; i < rank; i++) claimed *= (double)shape[i];
+   if (claimed <= 1100.0 * stored) return 1;
+   complain(reason, "its shape claims far more numbers than the file holds");
+   return 0;
+}
+
+/* Fortran shape of a dataset whose numbers can be read as those of a kind */
+int rkh5_shape(int64_t file, const char *path, int kind, int *rank, int64_t *dims, char *why,
+   int nwhy)
 {
    struct reason reason;
    hsize_t shape[H5S_MAX_RANK];
@@ -221,8 +257,9 @@ int rkh5_shape(int64_t file, const char *path, int *rank, int64_t *dims, char *w
    hid_t set = H5Dopen2(file, path, H5P_DEFAULT);
    if (set >= 0) {
       hid_t space = H5Dget_space(set);
-      *rank = H5Sget_simple_extent_dims(space, shape, NULL);
-      H5Sclose(space);
+      if (space >= 0 && fits(set, kind, &reason) && is_backed(set, space, &reason))
+         *rank = H5Sget_simple_extent_dims(space, shape, NULL);
+      if (space >= 0) H5Sclose(space);
       H5Dclose(set);
    }
    for (int i = 0; i < *rank && i < MAX_RANK; i++) dims[i] = (int64_t)shape[*rank - 1 - i];
@@ -269,34 +306,52 @@ int rkh5_put_attribute(int64_t file, const char *object, const char *name, int k
    return finish(failed, &reason, why, nwhy);
 }
 
+/* The only element of a text attribute */
+static int read_text(hid_t attribute, hid_t type, char *text, int size, int *length,
+   struct reason *reason)
+{
+   int variable = H5Tis_variable_str(type) > 0;
+   size_t room = H5Tget_size(type);
+   if (!variable && room > MAX_TEXT) {
+      complain(reason, "it is longer than any text of ours");
+      return -1;
+   }
+   char *words = NULL, fixed[MAX_TEXT + 1] = "";
+   hid_t memory = H5Tcopy(H5T_C_S1);
+   H5Tset_size(memory, variable ? H5T_VARIABLE : room + 1);
+   H5Tset_cset(memory, H5Tget_cset(type));
+   int failed = H5Aread(attribute, memory, variable ? (void *)&words : fixed) < 0;
+   if (!failed) {
+      const char *found = variable ? (words ? words : "") : fixed;
+      *length = (int)strnlen(found, MAX_TEXT);
+      memcpy(text, found, (size_t)(*length < size ? *length : size));
+   }
+   if (variable && words) H5free_memory(words);
+   H5Tclose(memory);
+   return failed ? -1 : 0;
+}
+
 /* Text of fixed or variable length; `length` may exceed `size`: then the text was cut */
 int rkh5_get_text(int64_t file, const char *object, const char *name, char *text, int size,
    int *length, char *why, int nwhy)
 {
    struct reason reason;
    listen(&reason);
-   char *words = NULL;
    *length = 0;
    hid_t attribute = H5Aopen_by_name(file, object, name, H5P_DEFAULT, H5P_DEFAULT);
    hid_t type = attribute < 0 ? -1 : H5Aget_type(attribute);
-   int failed = type < 0 || H5Tget_class(type) != H5T_STRING;
-   if (!failed) {
-      int variable = H5Tis_variable_str(type) > 0;
-      size_t room = H5Tget_size(type);
-      hid_t memory = H5Tcopy(H5T_C_S1);
-      H5Tset_size(memory, variable ? H5T_VARIABLE : room + 1);
-      H5Tset_cset(memory, H5Tget_cset(type));
-      char fixed[4096] = "";
-      failed = !variable && room >= sizeof fixed;
-      if (!failed) failed = H5Aread(attribute, memory, variable ? (void *)&words : fixed) < 0;
-      if (!failed) {
-         const char *found = variable ? (words ? words : "") : fixed;
-         *length = (int)strlen(found);
-         memcpy(text, found, (size_t)(*length < size ? *length : size));
-      }
-      if (variable && words) H5free_memory(words);
-      H5Tclose(memory);
+   hid_t space = attribute < 0 ? -1 : H5Aget_space(attribute);
+   int failed = type < 0 || space < 0;
+   if (!failed && H5Tget_class(type) != H5T_STRING) {
+      complain(&reason, "it is no text");
+      failed = 1;
    }
+   if (!failed && H5Sget_simple_extent_npoints(space) != 1) {
+      complain(&reason, "it is no single text");
+      failed = 1;
+   }
+   if (!failed) failed = read_text(attribute, type, text, size, length, &reason) < 0;
+   if (space >= 0) H5Sclose(space);
    if (type >= 0) H5Tclose(type);
    if (attribute >= 0) H5Aclose(attribute);
    return finish(failed, &reason, why, nwhy);

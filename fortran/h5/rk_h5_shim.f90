@@ -69,12 +69,14 @@ module rk_h5_shim
          integer(c_int), value :: nwhy
       end function rkh5_append
 
-      !> Fortran shape of a dataset; of more than four dimensions only their number
-      integer(c_int) function rkh5_shape(file, path, rank, dims, why, nwhy) bind(c)
+      !> Fortran shape of a dataset whose numbers can be read as those of a kind; of more than four
+      !> dimensions only their number
+      integer(c_int) function rkh5_shape(file, path, kind, rank, dims, why, nwhy) bind(c)
          use, intrinsic :: iso_c_binding, only : c_char, c_int, c_int64_t
          implicit none
          integer(c_int64_t), value :: file
          character(kind=c_char), intent(in) :: path(*)
+         integer(c_int), value :: kind
          integer(c_int), intent(out) :: rank
          integer(c_int64_t), intent(out) :: dims(*)
          character(kind=c_char), intent(out) :: why(*)

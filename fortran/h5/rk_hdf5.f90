@@ -271,7 +271,7 @@ subroutine read_real1(self, name, values, error)
    type(error_type), allocatable, intent(out) :: error
    integer(i8) :: dims(1)
 
-   call get_shape(self, name, dims, error)
+   call get_shape(self, name, kind_real, dims, error)
    if (allocated(error)) return
    allocate (values(dims(1)))
    call read_any(self, name, kind_real, c_loc(values), error)
@@ -289,7 +289,7 @@ subroutine read_real2(self, name, values, error)
    type(error_type), allocatable, intent(out) :: error
    integer(i8) :: dims(2)
 
-   call get_shape(self, name, dims, error)
+   call get_shape(self, name, kind_real, dims, error)
    if (allocated(error)) return
    allocate (values(dims(1), dims(2)))
    call read_any(self, name, kind_real, c_loc(values), error)
@@ -307,7 +307,7 @@ subroutine read_int1(self, name, values, error)
    type(error_type), allocatable, intent(out) :: error
    integer(i8) :: dims(1)
 
-   call get_shape(self, name, dims, error)
+   call get_shape(self, name, kind_int, dims, error)
    if (allocated(error)) return
    allocate (values(dims(1)))
    call read_any(self, name, kind_int, c_loc(values), error)
@@ -325,18 +325,20 @@ subroutine read_text(self, name, text, error)
    type(error_type), allocatable, intent(out) :: error
    integer(i8) :: dims(1)
 
-   call get_shape(self, name, dims, error)
+   call get_shape(self, name, kind_byte, dims, error)
    if (allocated(error)) return
    allocate (character(len=dims(1)) :: text)
    call read_any(self, name, kind_byte, c_loc(text), error)
 end subroutine read_text
 
-!> Fortran shape of a dataset, with the wanted number of dimensions
-subroutine get_shape(self, name, dims, error)
+!> Fortran shape of a dataset, with the wanted number of dimensions and kind of numbers
+subroutine get_shape(self, name, kind, dims, error)
    !> Open file
    class(h5_type), intent(in) :: self
    !> Path in the file
    character(len=*), intent(in) :: name
+   !> Kind of the numbers
+   integer(c_int), intent(in) :: kind
    !> Shape
    integer(i8), intent(out) :: dims(:)
    !> Error handling
@@ -349,7 +351,7 @@ subroutine get_shape(self, name, dims, error)
       call fatal_error(error, err_input, self%path//": dataset '"//name//"' is missing")
       return
    end if
-   if (rkh5_shape(self%handle, c_text(name), rank, found, why, nwhy) /= 0) then
+   if (rkh5_shape(self%handle, c_text(name), kind, rank, found, why, nwhy) /= 0) then
       call fatal_error(error, err_input, self%path//": '"//name//"': "//f_text(why))
    else if (rank /= size(dims)) then
       call fatal_error(error, err_input, self%path//": '"//name//"' has "//to_text(int(rank))// &

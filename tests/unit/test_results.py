@@ -299,3 +299,53 @@ def test_foreign_model_is_refused(test_h5: Path, model: Path) -> None:
         file.attrs["format"] = "myork-model 7"
     _, error = read_model(test_h5, model)
     assert f"{model}: not a model written by 'myork build' of this version" in error
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("length_unit", np.array(["mm", "cm"], dtype=object)),
+        ("length_unit", np.array([b"mm"] * 2000)),
+        ("length_unit", np.bytes_(b"m" * 5000)),
+        ("length_unit", 7),
+        ("length_unit", h5py.Empty("S10")),
+    ],
+)
+def test_attributes_that_are_no_single_text_are_refused(
+    test_h5: Path, model: Path, name: str, value: object
+) -> None:
+    with h5py.File(model, "a") as file:
+        del file.attrs[name]
+        file.attrs[name] = value
+    _, error = read_model(test_h5, model)
+    assert f"{model}: text attribute '{name}' of '/': it is" in error
+
+
+@pytest.mark.parametrize(
+    ("dataset", "value", "message"),
+    [
+        ("collocation/label", np.array([1.5, 2.0, 2.0]), "it holds no whole numbers"),
+        ("collocation/volume", np.array([b"1", b"2", b"3"]), "it holds no numbers"),
+        ("boundary/names", np.array([b"bottom", b"top"]), "it holds no whole numbers"),
+    ],
+)
+def test_datasets_of_another_kind_are_refused(
+    test_h5: Path, model: Path, dataset: str, value: np.ndarray, message: str
+) -> None:
+    with h5py.File(model, "a") as file:
+        del file[dataset]
+        file[dataset] = value
+    _, error = read_model(test_h5, model)
+    assert f"{model}: '{dataset}': {message}" in error
+
+
+@pytest.mark.parametrize("claimed", [(10**6, 3), (2**57, 3)])
+def test_shapes_that_the_file_cannot_fill_are_refused(
+    test_h5: Path, model: Path, claimed: tuple[int, int]
+) -> None:
+    """As a damaged header would have it: far more numbers than bytes; none is stored here."""
+    with h5py.File(model, "a") as file:
+        del file["collocation/points"]
+        file.create_dataset("collocation/points", claimed, chunks=(1000, 3), dtype=float)
+    _, error = read_model(test_h5, model)
+    assert "its shape claims far more numbers than the file holds" in error
