@@ -31,6 +31,7 @@ FORTRAN_LAYERS = [
 #: Modules and folders of the package, lowest first
 PYTHON_LAYERS = [
     {"errors", "records", "console"},
+    {"files"},
     {"model_file", "summary", "tables"},
     {"core", "imaging"},
     {"segmentation"},

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import h5py
 import numpy as np
 
 from myork.errors import FileError, InputError
+from myork.files import whole_file
 from myork.records import PointCloud
 
 __all__ = ["read_model", "write_model"]
@@ -17,7 +17,7 @@ FORMAT = "myork-model 2"
 
 
 def write_model(path: Path, cloud: PointCloud) -> None:
-    """Write a model under a temporary name and rename it when it is whole."""
+    """Write a model."""
     labels = "\n".join(f"{label} {name}" for label, name in sorted(cloud.label_names.items()))
     arrays = {
         "source/points": cloud.source,
@@ -34,17 +34,12 @@ def write_model(path: Path, cloud: PointCloud) -> None:
         "boundary/names": _bytes("\n".join(cloud.set_names)),
         "labels/names": _bytes(labels),
     }
-    unfinished = path.with_name(path.name + ".part")
-    try:
-        with h5py.File(unfinished, "w") as file:
-            file.attrs["format"] = np.bytes_(FORMAT)
-            file.attrs["length_unit"] = np.bytes_(cloud.length_unit)
-            file.attrs["source_images"] = np.bytes_(cloud.source_images.encode())
-            for name, array in arrays.items():
-                file[name] = array
-        os.replace(unfinished, path)
-    except OSError as reason:
-        raise FileError(f"{path}: cannot be written: {reason}") from None
+    with whole_file(path) as unfinished, h5py.File(unfinished, "w") as file:
+        file.attrs["format"] = np.bytes_(FORMAT)
+        file.attrs["length_unit"] = np.bytes_(cloud.length_unit)
+        file.attrs["source_images"] = np.bytes_(cloud.source_images.encode())
+        for name, array in arrays.items():
+            file[name] = array
 
 
 def read_model(path: Path) -> PointCloud:

@@ -22,6 +22,7 @@ from typing import Any
 
 from myork.console import ProgressCallback, silent
 from myork.errors import InputError
+from myork.files import write_json
 
 __all__ = ["BENCHES", "run_benches"]
 
@@ -69,8 +70,8 @@ def run_benches(
     InputError
         A name is unknown.
     """
+    from myork.bench.machine import machine
     from myork.bench.page import write_page
-    from myork.bench.record import machine, write_record
 
     for name in names:
         if name not in BENCHES:
@@ -81,6 +82,6 @@ def run_benches(
         progress(f"bench {number + 1}/{len(names)}  {name}")
         record["benches"][name] = import_module(BENCHES[name]).run(out, progress, quick)
         # after each one: a later one that fails or is stopped costs nothing that was measured
-        write_record(out / "bench.json", record)
+        write_json(out / "bench.json", record)
         write_page(out / "bench.html", record)
     return record

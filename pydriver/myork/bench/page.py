@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from html import escape
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from myork.errors import FileError
+from myork.files import write_text
 from myork.report import frame
 from myork.report.numbers import DASH, number
 from myork.report.tables import table
@@ -29,13 +28,8 @@ _SCALES = {
 
 
 def write_page(path: Path, record: Mapping[str, Any]) -> None:
-    """Write the page of a record under a temporary name and rename it when it is whole."""
-    unfinished = path.with_name(path.name + ".part")
-    try:
-        unfinished.write_text(_page(record), encoding="utf-8")
-        os.replace(unfinished, path)
-    except OSError as reason:
-        raise FileError(f"{path}: cannot be written: {reason}") from None
+    """Write the page of a record."""
+    write_text(path, _page(record))
 
 
 def _page(record: Mapping[str, Any]) -> str:

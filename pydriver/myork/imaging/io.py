@@ -6,7 +6,6 @@ NIfTI is read and written here; NRRD, MetaImage and DICOM series need extras (`f
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import replace
 from pathlib import Path
 from typing import cast
@@ -18,6 +17,7 @@ from nibabel.filebasedimages import ImageFileError
 
 from myork.console import ProgressCallback
 from myork.errors import FileError, InputError
+from myork.files import whole_file, write_text
 from myork.imaging.formats import ITK_SUFFIXES, load_dicom, load_itk, save_itk
 from myork.imaging.geometry import check_affine
 from myork.records import Image, Labels
@@ -105,13 +105,7 @@ def write_labels(path: Path, labels: Labels) -> None:
     small = labels.data.max(initial=0) <= np.iinfo(np.uint8).max
     _write(path, labels.data.astype(np.uint8 if small else np.int32), labels.affine)
     names = {name: label for label, name in labels.names.items()}
-    beside = _names_path(path)
-    unfinished = _unfinished(beside)
-    try:
-        unfinished.write_text(json.dumps(names, indent=1) + "\n", encoding="utf-8")
-        os.replace(unfinished, beside)
-    except OSError as reason:
-        raise FileError(f"{beside}: cannot be written: {reason}") from None
+    write_text(_names_path(path), json.dumps(names, indent=1) + "\n")
 
 
 def _load(path: Path, raw: bool) -> tuple[np.ndarray, np.ndarray]:
@@ -184,15 +178,9 @@ def _read_names(path: Path) -> dict[int, str]:
         raise InputError(f'{path}: must hold {{"name": label}}: {reason}') from None
 
 
-def _unfinished(path: Path) -> Path:
-    """Temporary name beside a file; its suffix stays, as it tells the format."""
-    return path.with_name("part." + path.name)
-
-
 def _write(path: Path, data: np.ndarray, affine: np.ndarray) -> None:
-    """Write under a temporary name and rename the file when it is whole."""
-    unfinished = _unfinished(path)
-    try:
+    """Write a file of the format that its suffix tells."""
+    with whole_file(path, by_suffix=True) as unfinished:
         if path.suffix in ITK_SUFFIXES:
             save_itk(unfinished, data, affine)
         else:
@@ -201,6 +189,3 @@ def _write(path: Path, data: np.ndarray, affine: np.ndarray) -> None:
             file.set_sform(affine, code=1)
             file.set_qform(affine, code=1)
             nibabel.save(file, unfinished)
-        os.replace(unfinished, path)
-    except OSError as reason:
-        raise FileError(f"{path}: cannot be written: {reason}") from None

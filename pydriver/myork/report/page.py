@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from html import escape
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from myork.errors import FileError
+from myork.files import write_text
 from myork.report import figures, frame, image_figures, tables
 from myork.report.numbers import fraction, number, unit_of
 from myork.report.sources import RunFolder, read_folder
@@ -35,12 +34,7 @@ def make_report(folder: str | Path) -> Path:
     """
     content = read_folder(Path(folder))
     page = content.path / _NAME
-    unfinished = page.with_name(_NAME + ".part")
-    try:
-        unfinished.write_text(_page(content), encoding="utf-8")
-        os.replace(unfinished, page)
-    except OSError as error:
-        raise FileError(f"{page}: cannot be written: {error.strerror}") from error
+    write_text(page, _page(content))
     return page
 
 
