@@ -216,7 +216,7 @@ end subroutine scene_stop
 !> States of the last solve: unknowns; load, iterations, smallest and largest J; wall times of
 !> assembly and least squares; largest backward error
 subroutine scene_states(handle, n, steps, x, info, seconds, backward, stat, message)
-   use rk_error, only : error_type
+   use rk_error, only : error_type, fatal_error, err_input
    use rk_handles, only : find_slot, slot_type
    use rk_pack, only : pack_error
    implicit none
@@ -232,6 +232,13 @@ subroutine scene_states(handle, n, steps, x, info, seconds, backward, stat, mess
    seconds = 0
    backward = 0
    call find_slot(handle, slot, error)
+   if (.not. allocated(error)) then
+      if (.not. allocated(slot%states%x)) then
+         call fatal_error(error, err_input, 'this scene has not been solved yet')
+      else if (size(slot%states%x, 1) /= n .or. slot%states%steps < steps) then
+         call fatal_error(error, err_input, 'the last solve of this scene was of another model')
+      end if
+   end if
    call pack_error(error, stat, message)
    if (stat /= 0) return
    x = slot%states%x(:n, :steps)

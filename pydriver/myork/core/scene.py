@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
-import threading
 import weakref
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from myork import _core, errors
+from myork.core.calls import Turn, call_in_thread
 from myork.core.cloud import NO_CLOUD, check_cloud, model_of, with_cloud
 from myork.core.deck import check_deck, load_deck, load_tables, text_of_tables
 from myork.records import PointCloud
@@ -23,8 +24,6 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
 F64Array = NDArray[np.float64]
-
-_POLL_S = 0.05
 
 
 class States(NamedTuple):
@@ -215,7 +214,9 @@ class Scene:
         )
         check_deck(stat, message, text)
         self._handle = handle
-        self._close = weakref.finalize(self, _core.scene_close, handle)
+        self._turn = Turn()
+        self._states: States | None = None
+        self._close = weakref.finalize(self, _close, handle, self._turn)
         sizes, stat, message = _core.scene_sizes(handle)
         errors.check(stat, message)
         (
@@ -243,8 +244,18 @@ class Scene:
         self.close()
 
     def close(self) -> None:
-        """Give the memory back; the scene cannot be used afterwards."""
+        """Give the memory back; the scene cannot be used afterwards.
+
+        A solve in another thread is stopped first.
+        """
+        if self._turn.is_mine:
+            raise errors.InputError("a scene cannot be closed from the progress of its own solve")
         self._close()
+
+    @property
+    def states(self) -> States | None:
+        """Converged states of the last solve, also of one that failed or was stopped."""
+        return self._states
 
     def solve(self, linear: str = "", progress: Callable[[str], None] | None = None) -> States:
         """Solve the full model through all load steps.
@@ -259,13 +270,20 @@ class Scene:
         Raises
         ------
         ConvergenceError
-            A load step failed, also after halving.
+            A load step failed, also after halving; `states` holds those before it.
+        KeyboardInterrupt
+            Ctrl-C ended the solve after its iteration; `states` holds what had converged.
+        InputError
+            The scene is being solved in another thread.
         """
         return self._run(linear, 0, self.dofs, progress)
 
     def points(self) -> F64Array:
         """Collocation points, shape `(collocation_points, dimension)` [length]."""
-        x, stat, message = _core.scene_points(self._handle, self.dimension, self.collocation_points)
+        with self._turn.short():
+            x, stat, message = _core.scene_points(
+                self._handle, self.dimension, self.collocation_points
+            )
         errors.check(stat, message)
         return np.asarray(x.T)
 
@@ -274,9 +292,10 @@ class Scene:
 
         Collocation points; in weak forms the integration points, then those of the surface.
         """
-        n, stat, message = _core.scene_count_field_points(self._handle)
-        errors.check(stat, message)
-        x, stat, message = _core.scene_field_points(self._handle, self.dimension, n)
+        with self._turn.short():
+            n, stat, message = _core.scene_count_field_points(self._handle)
+            errors.check(stat, message)
+            x, stat, message = _core.scene_field_points(self._handle, self.dimension, n)
         errors.check(stat, message)
         return np.asarray(x.T)
 
@@ -303,12 +322,13 @@ class Scene:
                 raise errors.InputError(
                     f"{name} must be finite and have shape {shape}, not {array.shape}"
                 )
-        stat, message = _core.scene_set_fields(
-            self._handle,
-            np.asfortranarray(body_force.T),
-            np.asfortranarray(displacement.T),
-            np.asfortranarray(np.moveaxis(stress, 0, -1)),
-        )
+        with self._turn.short():
+            stat, message = _core.scene_set_fields(
+                self._handle,
+                np.asfortranarray(body_force.T),
+                np.asfortranarray(displacement.T),
+                np.asfortranarray(np.moveaxis(stress, 0, -1)),
+            )
         errors.check(stat, message)
 
     def reduce(self, modes: F64Array) -> None:
@@ -318,7 +338,8 @@ class Scene:
             raise errors.InputError(f"modes must have shape ({self.dofs}, r), not {modes.shape}")
         if not np.isfinite(modes).all():
             raise errors.InputError("modes must be finite numbers")
-        stat, message = _core.scene_reduce(self._handle, modes)
+        with self._turn.short():
+            stat, message = _core.scene_reduce(self._handle, modes)
         errors.check(stat, message)
         self._unknowns = modes.shape[1]
 
@@ -361,9 +382,10 @@ class Scene:
         shape = (self._unknowns if reduced else self.dofs,)
         given = (x if start is None else start, x, direction)
         states = [_shaped("states and directions", array, shape) for array in given]
-        r, y, stat, message = _core.scene_linearise(
-            self._handle, int(reduced), self.rows, *states[:2], load, states[2]
-        )
+        with self._turn.short():
+            r, y, stat, message = _core.scene_linearise(
+                self._handle, int(reduced), self.rows, *states[:2], load, states[2]
+            )
         errors.check(stat, message)
         return r, y
 
@@ -395,18 +417,20 @@ class Scene:
         """
         shape = (self._unknowns if reduced else self.dofs,)
         given = [_shaped("states", v, shape) for v in (x if start is None else start, x)]
-        gradient, second, stat, message = _core.scene_hessian(
-            self._handle, int(reduced), *given, load
-        )
+        with self._turn.short():
+            gradient, second, stat, message = _core.scene_hessian(
+                self._handle, int(reduced), *given, load
+            )
         errors.check(stat, message)
         return gradient, np.triu(second) + np.triu(second, 1).T
 
     def fields(self, x: F64Array, load: float) -> Fields:
         """Fields of a state of the full model, coefficients of shape `(dofs,)`."""
         x = _shaped("x", x, (self.dofs,))
-        u, f, cauchy, stat, message = _core.scene_fields(
-            self._handle, self.collocation_points, x, load
-        )
+        with self._turn.short():
+            u, f, cauchy, stat, message = _core.scene_fields(
+                self._handle, self.collocation_points, x, load
+            )
         errors.check(stat, message)
         return Fields(u.T, np.moveaxis(f, -1, 0), cauchy.T)
 
@@ -414,7 +438,8 @@ class Scene:
         """Probe values of states of the full model, shape `(nstep, nprobe, 3)`."""
         load = np.atleast_1d(np.asarray(load, float))
         x = _shaped("x", x, (len(load), self.dofs))
-        value, stat, message = _core.scene_probes(self._handle, self._probes, x.T, load)
+        with self._turn.short():
+            value, stat, message = _core.scene_probes(self._handle, self._probes, x.T, load)
         errors.check(stat, message)
         return np.moveaxis(value, (0, 1, 2), (2, 1, 0))
 
@@ -423,29 +448,38 @@ class Scene:
     ) -> States:
         """Solve in a thread, so that Ctrl-C and progress come through."""
         answer: list[Any] = []
+        said = 0
 
         def work() -> None:
             answer.extend(
                 _core.scene_solve(self._handle, linear.encode() or b" ", reduced, self._threads)
             )
 
-        worker = threading.Thread(target=work, daemon=True)
-        worker.start()
-        said = 0
-        try:
-            while worker.is_alive():
-                worker.join(_POLL_S)
-                done, iterations = _core.scene_progress(self._handle)
-                if progress is not None and done > said:
-                    progress(f"step {done:3d}/{self.steps}  iterations so far {iterations}")
-                    said = done
-        except BaseException:
-            _core.scene_stop(self._handle)
-            worker.join()
-            raise
-        stat, message = answer
-        errors.check(stat, message)
-        x, info, seconds, backward, stat, message = _core.scene_states(self._handle, n, self.steps)
+        def poll() -> None:
+            nonlocal said
+            done, iterations = _core.scene_progress(self._handle)
+            if progress is not None and done > said:
+                progress(f"step {done:3d}/{self.steps}  iterations so far {iterations}")
+                said = done
+
+        with self._turn.long():
+            self._states = None
+            try:
+                interrupted = call_in_thread(work, poll, lambda: _core.scene_stop(self._handle))
+            finally:
+                # none where the solve was refused before it began
+                with contextlib.suppress(errors.InputError):
+                    self._states = self._converged(n)
+        if interrupted:
+            raise KeyboardInterrupt
+        errors.check(*answer)
+        assert self._states is not None
+        return self._states
+
+    def _converged(self, n: int) -> States:
+        """States of the core's last solve, of `n` unknowns each."""
+        steps = min(int(_core.scene_progress(self._handle)[0]), self.steps)
+        x, info, seconds, backward, stat, message = _core.scene_states(self._handle, n, steps)
         errors.check(stat, message)
         return States(
             x.T,
@@ -457,6 +491,12 @@ class Scene:
             float(seconds[1]),
             float(backward),
         )
+
+
+def _close(handle: int, turn: Turn) -> None:
+    """Close a scene when nothing runs in it; Python calls this at its exit as well."""
+    with turn.last(lambda: _core.scene_stop(handle)):
+        _core.scene_close(handle)
 
 
 def pod_basis(snapshots: F64Array) -> tuple[F64Array, F64Array]:

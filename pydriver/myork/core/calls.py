@@ -1,0 +1,140 @@
+"""Calls into the core that take long, or that must not meet.
+
+The core keeps one set of working arrays for each scene, and Python's threads run on while a
+compiled call lasts. A long call runs in a thread of its own: the calling thread stays free for
+Ctrl-C and progress, and always waits for the end of the call before it goes on.
+"""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+from myork.errors import InputError
+
+__all__ = ["Turn", "call_in_thread"]
+
+
+class Turn:
+    """Whose turn it is in a scene: short calls wait for each other, none waits for a solve."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._solver: int | None = None
+
+    @contextmanager
+    def short(self) -> Iterator[None]:
+        """Have the scene alone for a moment."""
+        if not self._lock.acquire(blocking=self._solver is None):
+            raise InputError(_BUSY)
+        try:
+            yield
+        finally:
+            self._lock.release()
+
+    @contextmanager
+    def long(self) -> Iterator[None]:
+        """Have the scene alone for a solve."""
+        if not self._lock.acquire(blocking=self._solver is None):
+            raise InputError(_BUSY)
+        self._solver = threading.get_ident()
+        try:
+            yield
+        finally:
+            self._solver = None
+            self._lock.release()
+
+    @property
+    def is_mine(self) -> bool:
+        """Whether the calling thread is the one that solves."""
+        return self._solver == threading.get_ident()
+
+    @contextmanager
+    def last(self, stop: Callable[[], None]) -> Iterator[None]:
+        """Have the scene alone for good: a solve is asked to stop and waited for."""
+        while not self._lock.acquire(timeout=_INTERVAL_S):
+            stop()
+        try:
+            yield
+        finally:
+            self._lock.release()
+
+
+_BUSY = (
+    "this scene is being solved: wait for the end of the solve, or open a scene of its own in each "
+    "thread"
+)
+
+_INTERVAL_S = 0.05
+
+
+def call_in_thread(
+    work: Callable[[], None], poll: Callable[[], None], stop: Callable[[], None]
+) -> bool:
+    """Run a compiled call in a thread and wait for its end, whatever happens meanwhile.
+
+    Parameters
+    ----------
+    work : callable
+        The call; what it raises is raised here.
+    poll : callable
+        Called again and again while it runs; if it raises, the call is stopped and waited for
+        first.
+    stop : callable
+        Asks the call to end soon.
+
+    Returns
+    -------
+    bool
+        Whether Ctrl-C (or SIGTERM, where it is handled like that) came; the call was asked to stop.
+    """
+    done = threading.Event()
+    failures: list[BaseException] = []
+
+    def run() -> None:
+        try:
+            work()
+        except BaseException as failure:
+            failures.append(failure)
+        finally:
+            done.set()
+
+    with _interrupts_held() as interrupts:
+        threading.Thread(target=run, daemon=True).start()
+        while not done.wait(_INTERVAL_S):
+            # again and again: the call may only have begun and set itself going after a first one
+            if interrupts or failures:
+                stop()
+                continue
+            try:
+                poll()
+            except BaseException as failure:
+                failures.append(failure)
+    if failures:
+        raise failures[0]
+    return bool(interrupts)
+
+
+@contextmanager
+def _interrupts_held() -> Iterator[list[int]]:
+    """Collect the signals that would raise KeyboardInterrupt at any place of this thread."""
+    caught: list[int] = []
+
+    def hold(number: int, frame: FrameType | None) -> None:
+        caught.append(number)
+
+    held = []
+    try:
+        # Only the main thread gets signals; handlers that others have set stay.
+        if threading.current_thread() is threading.main_thread():
+            for number in (signal.SIGTERM, signal.SIGINT):
+                if signal.getsignal(number) is signal.default_int_handler:
+                    held.append(number)
+                    signal.signal(number, hold)
+        yield caught
+    finally:
+        for number in held:
+            signal.signal(number, signal.default_int_handler)

@@ -1,0 +1,184 @@
+"""Ctrl-C, threads and the end of the interpreter around a solve in memory."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from myork.core.calls import call_in_thread
+from myork.core.scene import Scene
+from myork.errors import InputError, StoppedError
+
+#: Some tenths of a second in 40 steps: long enough to be interrupted at many places
+LONG = {
+    "scene": {"dimension": 2, "method": "rkcm"},
+    "geometry": {"kind": "box", "size": [4, 1], "source": [25, 7], "collocation": [49, 13]},
+    "material": [{"name": "rubber", "model": "polynomial", "A10": 37.3, "K": 1e3}],
+    "boundary": [{"set": "y0", "u_x": 0, "u_y": 0}, {"set": "y1", "u_x": 1, "u_y": 0}],
+    "load": {"steps": 40},
+}
+
+
+def long_scene(**changes):
+    return Scene.from_tables({**LONG, **changes}, threads=1)
+
+
+@pytest.fixture(scope="module")
+def whole():
+    """States of a solve that nobody disturbs, and how long it took."""
+    with long_scene() as scene:
+        started = time.perf_counter()
+        states = scene.solve()
+        return states, time.perf_counter() - started
+
+
+def test_ctrl_c_at_any_time_leaves_what_had_converged(whole):
+    """A signal at 25 places of a solve.
+
+    The same steps on one thread are the same bits, so the states before the signal are the first
+    ones of the whole solve.
+    """
+    states, seconds = whole
+    stopped = 0
+    for delay in np.linspace(0.0, 0.9 * seconds, 25):
+        key = threading.Timer(delay, os.kill, (os.getpid(), signal.SIGINT))
+        with long_scene() as scene:
+            try:
+                key.start()
+                scene.solve()
+                key.join()
+            except KeyboardInterrupt:
+                stopped += 1
+            found = scene.states
+            if found is not None:
+                assert np.array_equal(found.x, states.x[: len(found.x)])
+                assert np.array_equal(found.load, states.load[: len(found.x)])
+            assert scene.fields(np.zeros(scene.dofs), 0.0).u.shape == (scene.collocation_points, 3)
+    assert stopped == 25
+
+
+def test_keys_pressed_again_and_again_do_not_leave_a_call_behind():
+    ended, asked, here = threading.Event(), [], os.getpid()
+
+    def work():
+        for _ in range(5):
+            os.kill(here, signal.SIGINT)
+            time.sleep(0.06)
+        ended.set()
+
+    assert call_in_thread(work, lambda: None, lambda: asked.append(1))
+    assert ended.is_set() and asked
+
+
+def test_what_a_call_raises_is_raised():
+    def work():
+        raise ValueError("of the call")
+
+    with pytest.raises(ValueError, match="of the call"):
+        call_in_thread(work, lambda: None, lambda: None)
+
+
+def test_an_interrupted_scene_solves_again(whole):
+    with long_scene() as scene:
+        threading.Timer(0.05, os.kill, (os.getpid(), signal.SIGINT)).start()
+        with pytest.raises(KeyboardInterrupt):
+            scene.solve()
+        assert np.array_equal(scene.solve().x, whole[0].x)
+
+
+def test_progress_that_raises_ends_the_solve():
+    def refuse(line):
+        raise RuntimeError("no room to print")
+
+    with long_scene() as scene:
+        with pytest.raises(RuntimeError, match="no room"):
+            scene.solve(progress=refuse)
+        assert scene.states is not None and 1 <= len(scene.states.load) <= 40
+
+
+def test_a_scene_solves_in_one_thread_at_a_time(whole):
+    refused, answers = [], []
+
+    def solve():
+        try:
+            answers.append(scene.solve().x)
+        except InputError as error:
+            refused.append(str(error))
+
+    with long_scene() as scene:
+        threads = [threading.Thread(target=solve) for _ in range(4)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    assert len(answers) + len(refused) == 4 and answers
+    assert all(np.array_equal(x, whole[0].x) for x in answers)
+    assert all("is being solved" in text for text in refused)
+
+
+def test_a_busy_scene_refuses_questions_and_answers_after(whole):
+    asked = []
+
+    def ask(line):
+        with pytest.raises(InputError, match="is being solved"):
+            scene.fields(np.zeros(scene.dofs), 0.0)
+        with pytest.raises(InputError, match="progress of its own solve"):
+            scene.close()
+        asked.append(line)
+
+    with long_scene() as scene:
+        states = scene.solve(progress=ask)
+        assert asked
+        assert np.array_equal(states.x, whole[0].x)
+        assert scene.fields(states.x[-1], 1.0).u.shape == (scene.collocation_points, 3)
+
+
+def test_closing_a_scene_ends_its_solve():
+    ended = []
+
+    def solve():
+        try:
+            scene.solve()
+        except StoppedError as error:
+            ended.append(error)
+
+    scene = long_scene(load={"steps": 400})
+    thread = threading.Thread(target=solve)
+    thread.start()
+    time.sleep(0.2)
+    scene.close()
+    thread.join()
+    assert ended
+    with pytest.raises(InputError, match="closed"):
+        scene.solve()
+
+
+def test_states_are_those_of_the_last_solve(whole):
+    with long_scene() as scene:
+        assert scene.states is None
+        scene.solve()
+        assert np.array_equal(scene.states.x, whole[0].x)
+        with pytest.raises(InputError, match="no reduced model"):
+            scene.solve_reduced("")
+        assert scene.states is None
+
+
+@pytest.mark.parametrize("ending", ["", "sys.exit(0)", "raise SystemExit"])
+def test_the_interpreter_ends_while_another_thread_solves(ending):
+    """Daemon threads run on while Python ends: the scene is closed under them."""
+    code = f"""
+import sys, threading, time
+sys.path.insert(0, {str(os.path.dirname(__file__))!r})
+from test_interrupts import long_scene
+scene = long_scene(load={{"steps": 4000}})
+threading.Thread(target=lambda: scene.solve(), daemon=True).start()
+time.sleep(0.2)
+{ending}
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
