@@ -12,6 +12,7 @@ module rk_voronoi
    use rk_lattice, only : set_number
    use rk_neighbours, only : find_neighbours, neighbour_type
    use rk_precision, only : i8, wp
+   use rk_tensor, only : vector_product
    use rk_text, only : to_text
    implicit none
    private
@@ -247,8 +248,7 @@ pure subroutine around(normal, corner)
    middle = sum(corner, dim=2)/size(corner, 2)
    e = corner(:, 1) - middle
    e = e/norm2(e)
-   f = [normal(2)*e(3) - normal(3)*e(2), normal(3)*e(1) - normal(1)*e(3), &
-      & normal(1)*e(2) - normal(2)*e(1)]
+   f = vector_product(normal, e)
    do i = 1, size(corner, 2)
       angle(i) = atan2(dot_product(f, corner(:, i) - middle), dot_product(e, corner(:, i) - middle))
    end do
@@ -300,7 +300,7 @@ subroutine add_facet(facets, nd, corner, inside, is, behind)
    do k = 1, n
       a = corner(:, k) - middle
       b = corner(:, modulo(k, n) + 1) - middle
-      area = 0.5_wp*[a(2)*b(3) - a(3)*b(2), a(3)*b(1) - a(1)*b(3), a(1)*b(2) - a(2)*b(1)]
+      area = 0.5_wp*vector_product(a, b)
       sign = merge(1.0_wp, -1.0_wp, dot_product(area, middle - inside) > 0.0_wp)
       call facets%add(middle + (a + b)/3.0_wp, sign*area, is, max(behind, 0), max(-behind, 0))
    end do

@@ -4,7 +4,7 @@
 !> Equation numbers are the thesis's: residuals (5.71)-(5.73), linearisation (5.66)-(5.70).
 module rk_displacement
    use rk_conditions, only : new_boundary
-   use rk_discretisation, only : discretisation_type, deformation, determinant
+   use rk_discretisation, only : discretisation_type, deformation
    use rk_error, only : error_type
    use rk_lstsq, only : row_operator
    use rk_mixture, only : new_mixture
@@ -14,6 +14,7 @@ module rk_displacement
    use rk_scene, only : scene_type
    use rk_section_force, only : section_force
    use rk_shape, only : new_shape
+   use rk_tensor, only : determinant
    implicit none
    private
 

@@ -11,8 +11,7 @@
 !> lower on faces, edges and corners, where a point stands for less.
 module rk_mixed
    use rk_conditions, only : new_boundary
-   use rk_cross, only : cross, cross_form
-   use rk_discretisation, only : deformation, determinant
+   use rk_discretisation, only : deformation
    use rk_displacement, only : add_curvature, displacement_problem
    use rk_error, only : error_type
    use rk_mixture, only : new_mixture
@@ -22,6 +21,7 @@ module rk_mixed
    use rk_rows, only : new_rows
    use rk_scene, only : scene_type
    use rk_shape, only : new_shape
+   use rk_tensor, only : cofactor, cross, cross_form, determinant
    use rk_text, only : to_text
    implicit none
    private
@@ -280,21 +280,6 @@ subroutine local_state(self, ip, x, u, load, local)
    local%p = local%p + u(nd + 1, 1)*cofactor(local%f)
    local%cauchy = matmul(local%p, transpose(local%f))/local%j
 end subroutine local_state
-
-!> Cofactors, dJ/dF
-pure function cofactor(f) result(c)
-   !> F(i, A)
-   real(wp), intent(in) :: f(3, 3)
-   real(wp) :: c(3, 3)
-   integer, parameter :: next(3) = [2, 3, 1], prev(3) = [3, 1, 2]
-   integer :: i, a
-
-   do a = 1, 3
-      do i = 1, 3
-         c(i, a) = f(next(i), next(a))*f(prev(i), prev(a)) - f(next(i), prev(a))*f(prev(i), next(a))
-      end do
-   end do
-end function cofactor
 
 !> Second derivatives of J contracted with a vector on the second index: J_FF(i, A, k, C) v_A
 pure function cofactor_slope(f, v) result(t)

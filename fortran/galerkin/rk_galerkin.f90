@@ -8,8 +8,7 @@ module rk_galerkin
    use rk_blas, only : dgemm, dsyrk
    use rk_cells, only : cells_type
    use rk_conditions, only : new_boundary
-   use rk_cross, only : cross, cross_form
-   use rk_discretisation, only : discretisation_type, deformation, determinant
+   use rk_discretisation, only : discretisation_type, deformation
    use rk_error, only : error_type
    use rk_gauss_cells, only : gauss_cells
    use rk_gradient, only : gradient_type, new_gradient
@@ -26,6 +25,7 @@ module rk_galerkin
    use rk_shape, only : new_shape, shape_type
    use rk_stabilisation, only : share_bulk, stabilise
    use rk_tangent, only : add_forces, new_tangent, tangent_type
+   use rk_tensor, only : cross, cross_form, determinant, identity
    use rk_weak_conditions, only : set_conditions, surface_type
    implicit none
    private
@@ -79,8 +79,6 @@ module rk_galerkin
       procedure :: set_force
    end type galerkin_problem
 
-   real(wp), parameter :: unity(3, 3) = reshape([1.0_wp, 0.0_wp, 0.0_wp, 0.0_wp, &
-      & 1.0_wp, 0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp], [3, 3])
 
 contains
 
@@ -129,7 +127,7 @@ subroutine new_galerkin(self, scene, error)
    call new_mixture(self%mixture, scene, reshape([scene%cloud%points, self%cells%point], &
       & [nd, nc + np]), [[(ip, ip=1, nc)], self%nearest], error)
    if (allocated(error)) return
-   shear = [(self%mixture%shear_modulus(nc + ip, unity), ip=1, np)]
+   shear = [(self%mixture%shear_modulus(nc + ip, identity), ip=1, np)]
    call set_conditions(self%surface, scene, self%cells, shear)
    call new_gradient(self%gradient, self%cells, size(scene%cloud%source, 2), self%inside, facet, &
       & self%surface%shape, self%surface%essential)

@@ -14,6 +14,7 @@ module rk_stabilisation
    use rk_precision, only : i8, wp
    use rk_shape, only : shape_type
    use rk_symmetric, only : symmetric_matrix
+   use rk_tensor, only : identity
    implicit none
    private
 
@@ -21,8 +22,6 @@ module rk_stabilisation
 
    !> Bulk modulus in each cell over its shear modulus: that of a Poisson's ratio of 0.35
    real(wp), parameter :: local_share = 3.0_wp
-   real(wp), parameter :: unity(3, 3) = reshape([1.0_wp, 0.0_wp, 0.0_wp, 0.0_wp, &
-      & 1.0_wp, 0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp], [3, 3])
 
 contains
 
@@ -88,7 +87,7 @@ subroutine share_bulk(mixture, cells, nc, stabilisation, local, projected)
       do i = 1, size(local)
          ! pressures need a modulus of their own
          local(i) = min(0.5_wp*mixture%bulk(i), &
-            & local_share*stabilisation*mixture%shear_modulus(i, unity))
+            & local_share*stabilisation*mixture%shear_modulus(i, identity))
       end do
    end if
    allocate (projected(size(cells%first) - 1), source=0.0_wp)

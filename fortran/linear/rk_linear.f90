@@ -9,7 +9,6 @@
 !> boundary as well the L2 errors are 4 to 7 times larger and fall more slowly.
 module rk_linear
    use rk_conditions, only : new_boundary
-   use rk_discretisation, only : determinant
    use rk_displacement, only : displacement_problem
    use rk_error, only : error_type, fatal_error, err_input
    use rk_point_state, only : point_state
@@ -19,6 +18,7 @@ module rk_linear
    use rk_scene, only : condition_type, equation_type, scene_type
    use rk_shape, only : new_shape
    use rk_solutions, only : exact_field
+   use rk_tensor, only : determinant
    use rk_text, only : to_text
    implicit none
    private

@@ -10,6 +10,7 @@
 !>            for the directions
 module rk_acoustic
    use rk_precision, only : pi, wp
+   use rk_tensor, only : vector_product
    implicit none
    private
 
@@ -96,17 +97,8 @@ pure subroutine sides_of(n, nd, side)
    else
       side(:, 1) = [0.0_wp, -n(3), n(2)]/norm2(n(2:))
    end if
-   side(:, 2) = product_across(n, side(:, 1))
+   side(:, 2) = vector_product(n, side(:, 1))
 end subroutine sides_of
-
-!> Vector product
-pure function product_across(a, b) result(c)
-   !> Vectors
-   real(wp), intent(in) :: a(3), b(3)
-   real(wp) :: c(3)
-
-   c = [a(2)*b(3) - a(3)*b(2), a(3)*b(1) - a(1)*b(3), a(1)*b(2) - a(2)*b(1)]
-end function product_across
 
 !> Smallest eigenvalue of the acoustic tensor of one direction [stress]
 pure real(wp) function smallest(nd, c4, n, m, rigid)

@@ -10,7 +10,7 @@
 !> and for a traction row with the normal N, W_,FFF[r x N]. Neither C6 nor C8 is formed: by the
 !> chain rule both are sums of products of 9-vectors and of the forms I_,FF, I_,FFF[Y] and
 !> I_,FFFF[R, G] of the invariants. With K(M) the symmetric matrix of X -> M x X (product of
-!> rk_cross),
+!> rk_tensor),
 !>
 !>     J_,FF = K(F)                            J_,FFF[Y] = K(Y)
 !>     I2_,FF = 2 K(F) K(F) + 2 K(cof F)       I2_,FFF[Y] = 2 K(F) K(Y) + 2 K(Y) K(F) + 2 K(F x Y)
@@ -20,8 +20,8 @@
 !>
 !> References: thesis (5.59) and Appendix C
 module rk_curvature
-   use rk_cross, only : cross, cross_form
    use rk_precision, only : wp
+   use rk_tensor, only : cross, cross_form
    use rk_tensors, only : derivatives_type, invariants_type, kind_i1, kind_i2, kind_i4, &
       & kind_j
    implicit none

@@ -21,8 +21,8 @@
 !>             Bonet, Gil, Ortigosa, Comput. Methods Appl. Mech. Eng. 283 (2015),
 !>             doi:10.1016/j.cma.2014.10.002
 module rk_tensors
-   use rk_cross, only : cross
    use rk_precision, only : wp
+   use rk_tensor, only : cross
    implicit none
    private
 

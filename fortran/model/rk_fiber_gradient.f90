@@ -12,6 +12,7 @@ module rk_fiber_gradient
    use rk_neighbours, only : find_neighbours, neighbour_type
    use rk_precision, only : i8, wp
    use rk_scene, only : scene_type
+   use rk_tensor, only : solve_definite
    use rk_volume_points, only : local_pitch
    implicit none
    private
@@ -126,32 +127,13 @@ pure function fitted_slope(scene, window, near, ip) result(slope)
    do d = 1, nd
       moment(d, d) = moment(d, d) + w
    end do
-   call solve_small(moment, right)
+   call solve_definite(moment, right)
    do d = 1, nd
       slope(:, d) = right(d, :)/window(d, ip)
       ! a unit vector turns, it does not grow
       slope(:, d) = slope(:, d) - n*dot_product(n, slope(:, d))
    end do
 end function fitted_slope
-
-!> Solve a symmetric positive definite system of a few unknowns by elimination
-pure subroutine solve_small(a, b)
-   !> Matrix, destroyed
-   real(wp), intent(inout) :: a(:, :)
-   !> Right-hand sides on entry, solutions on return
-   real(wp), intent(inout) :: b(:, :)
-   integer :: i, j
-
-   do i = 1, size(a, 1)
-      b(i, :) = b(i, :)/a(i, i)
-      a(i, i:) = a(i, i:)/a(i, i)
-      do j = 1, size(a, 1)
-         if (j == i) cycle
-         b(j, :) = b(j, :) - a(j, i)*b(i, :)
-         a(j, i:) = a(j, i:) - a(j, i)*a(i, i:)
-      end do
-   end do
-end subroutine solve_small
 
 !> dP_iA/dN_k N_k,A, what turning fibers add to the divergence of P, and its derivatives by F
 pure subroutine fiber_divergence(material, f, fiber, slope, activation, pull, t)

@@ -1,9 +1,9 @@
 !> Where a state is nearest to losing its ellipticity, at the collocation points.
 module rk_ellipticity
    use rk_acoustic, only : least_acoustic
-   use rk_cross, only : cross
    use rk_discretisation, only : discretisation_type, deformation
    use rk_precision, only : wp
+   use rk_tensor, only : cross
    implicit none
    private
 

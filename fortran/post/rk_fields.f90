@@ -2,11 +2,12 @@
 module rk_fields
    use rk_discretisation, only : discretisation_type
    use rk_point_state, only : point_state
-   use rk_precision, only : pi, wp
+   use rk_precision, only : wp
+   use rk_tensor, only : principal_values
    implicit none
    private
 
-   public :: fields_type, compute_fields, principal_values
+   public :: fields_type, compute_fields
 
    !> Fields at all collocation points. Components run fastest.
    type :: fields_type
@@ -59,30 +60,5 @@ subroutine compute_fields(problem, x, load, fields)
    end do
    !$omp end parallel do
 end subroutine compute_fields
-
-!> Eigenvalues of a symmetric matrix in descending order.
-!> Reference: Smith, Commun. ACM 4 (1961) 168, doi:10.1145/355578.366316
-pure function principal_values(a) result(e)
-   !> Symmetric matrix
-   real(wp), intent(in) :: a(3, 3)
-   real(wp) :: e(3)
-   real(wp) :: mean, p, angle, b(3, 3), d
-
-   mean = (a(1, 1) + a(2, 2) + a(3, 3))/3.0_wp
-   b = a
-   b(1, 1) = b(1, 1) - mean
-   b(2, 2) = b(2, 2) - mean
-   b(3, 3) = b(3, 3) - mean
-   p = sqrt(sum(b**2)/6.0_wp)
-   e = mean
-   if (.not. p > tiny(1.0_wp)) return
-   b = b/p
-   d = b(1, 1)*(b(2, 2)*b(3, 3) - b(2, 3)*b(3, 2)) - b(1, 2)*(b(2, 1)*b(3, 3) - b(2, 3)*b(3, 1)) &
-      & + b(1, 3)*(b(2, 1)*b(3, 2) - b(2, 2)*b(3, 1))
-   angle = acos(max(-1.0_wp, min(1.0_wp, 0.5_wp*d)))/3.0_wp
-   e(1) = mean + 2.0_wp*p*cos(angle)
-   e(3) = mean + 2.0_wp*p*cos(angle + 2.0_wp*pi/3.0_wp)
-   e(2) = 3.0_wp*mean - e(1) - e(3)
-end function principal_values
 
 end module rk_fields

@@ -2,11 +2,11 @@
 module rk_probes
    use rk_discretisation, only : discretisation_type
    use rk_error, only : error_type
-   use rk_fields, only : principal_values
    use rk_point_state, only : point_state
    use rk_precision, only : wp
    use rk_scene, only : scene_type
    use rk_shape, only : new_shape, shape_type
+   use rk_tensor, only : principal_values
    implicit none
    private
 

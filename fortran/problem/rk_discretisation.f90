@@ -8,10 +8,11 @@ module rk_discretisation
    use rk_problem, only : problem_type
    use rk_scene, only : scene_type
    use rk_shape, only : shape_type
+   use rk_tensor, only : determinant
    implicit none
    private
 
-   public :: discretisation_type, free_discretisation, deformation, determinant
+   public :: discretisation_type, free_discretisation, deformation
 
    !> A discretised scene
    type, abstract, extends(problem_type) :: discretisation_type
@@ -195,15 +196,5 @@ pure subroutine deformation(nd, u, f, h)
       end do
    end do
 end subroutine deformation
-
-!> Determinant
-pure real(wp) function determinant(f)
-   !> Matrix
-   real(wp), intent(in) :: f(3, 3)
-
-   determinant = f(1, 1)*(f(2, 2)*f(3, 3) - f(2, 3)*f(3, 2)) &
-      & - f(1, 2)*(f(2, 1)*f(3, 3) - f(2, 3)*f(3, 1)) &
-      & + f(1, 3)*(f(2, 1)*f(3, 2) - f(2, 2)*f(3, 1))
-end function determinant
 
 end module rk_discretisation
