@@ -3,9 +3,9 @@
 !> A handle is serial*64 + row, so that a closed or reused row is recognised. Python owns the
 !> handle and closes it. This table is the one place with module variables.
 module rk_handles
+   use rk_clock, only : timer_type
    use rk_discretisation, only : discretisation_type, free_discretisation
    use rk_error, only : error_type, fatal_error, err_input
-   use rk_newton, only : timer_type
    use rk_precision, only : wp
    use rk_recorder, only : iteration_type, recorder_type, step_type
    use rk_reduced, only : reduced_problem

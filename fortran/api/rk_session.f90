@@ -1,5 +1,6 @@
 !> What the Python boundary does with a scene: open, solve full or reduced, evaluate.
 module rk_session
+   use rk_clock, only : timer_type
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type, take_deck
    use rk_deck_scene, only : new_scene
@@ -8,7 +9,7 @@ module rk_session
    use rk_linear_solve, only : solve_linear
    use rk_lstsq, only : row_operator
    use rk_new_problem, only : new_problem
-   use rk_newton, only : newton_type, timer_type
+   use rk_newton, only : newton_type
    use rk_precision, only : wp
    use rk_probes, only : new_probes, probe_value, probes_type
    use rk_problem, only : problem_type, evaluation_type

@@ -3,6 +3,7 @@ program main
    use, intrinsic :: iso_fortran_env, only : error_unit
    use omp_lib, only : omp_get_max_threads, omp_set_num_threads
    use rk_cli, only : config_type, read_arguments
+   use rk_clock, only : tick, timer_type
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type, open_deck
    use rk_deck_scene, only : new_scene, stiffest_ratio
@@ -14,7 +15,7 @@ program main
    use rk_linear_solve, only : solve_linear
    use rk_model_cloud, only : read_model_cloud
    use rk_new_problem, only : new_problem
-   use rk_newton, only : newton_type, tick, timer_type
+   use rk_newton, only : newton_type
    use rk_output, only : output_type
    use rk_precision, only : i8, wp
    use rk_recorder, only : step_type

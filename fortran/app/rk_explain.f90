@@ -1,11 +1,11 @@
 !> What a deck will model and what that costs, before anything is computed.
 module rk_explain
+   use rk_clock, only : tick
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type
    use rk_estimate, only : estimate_cost, estimate_type
    use rk_lapack, only : syrk
    use rk_memory, only : available_bytes
-   use rk_newton, only : tick
    use rk_precision, only : i8, wp
    use rk_scene, only : scene_type
    use rk_text, only : to_text

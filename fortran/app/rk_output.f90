@@ -1,11 +1,11 @@
 !> Receives what happens in a solve: progress lines, history.csv, run.log and results.vtkhdf.
 module rk_output
+   use rk_clock, only : tick
    use rk_discretisation, only : discretisation_type
    use rk_ellipticity, only : ellipticity_type, find_ellipticity
    use rk_error, only : error_type, fatal_error, err_file
    use rk_fields, only : compute_fields, fields_type
    use rk_force, only : force_imbalance
-   use rk_newton, only : tick
    use rk_precision, only : i8, wp
    use rk_probes, only : new_probes, probe_value, probes_type
    use rk_recorder, only : iteration_type, recorder_type, step_type

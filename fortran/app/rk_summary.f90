@@ -1,13 +1,13 @@
 !> summary.json of a solve.
 module rk_summary
    use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
+   use rk_clock, only : timer_type
    use rk_deck, only : deck_type
    use rk_discretisation, only : discretisation_type
    use rk_error, only : error_type
    use rk_error_norms, only : norms_type
    use rk_exact, only : exact_value
    use rk_json, only : json_type
-   use rk_newton, only : timer_type
    use rk_output, only : output_type
    use rk_precision, only : wp
    use rk_probes, only : quantity_size

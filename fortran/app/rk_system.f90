@@ -1,7 +1,7 @@
 !> Signals, folders, memory and version, from system.c.
 module rk_system
-   use, intrinsic :: iso_c_binding, only : c_char, c_double, c_f_pointer, c_int, c_null_char, &
-      & c_ptr, c_size_t
+   use, intrinsic :: iso_c_binding, only : c_char, c_double, c_int, c_null_char, c_ptr
+   use rk_cstring, only : to_fortran
    use rk_error, only : error_type, fatal_error, err_file
    use rk_precision, only : wp
    implicit none
@@ -35,11 +35,6 @@ module rk_system
          import :: c_ptr
          type(c_ptr) :: text
       end function c_version_text
-      function c_strlen(text) result(length) bind(c, name='strlen')
-         import :: c_ptr, c_size_t
-         type(c_ptr), value :: text
-         integer(c_size_t) :: length
-      end function c_strlen
    end interface
 
 contains
@@ -64,29 +59,14 @@ subroutine make_folder(path, error)
 
    status = c_make_folder(path//c_null_char)
    if (status /= 0) call fatal_error(error, err_file, 'folder '//path &
-      & //' cannot be used for output: '//from_c(c_error_text(status)))
+      & //' cannot be used for output: '//to_fortran(c_error_text(status)))
 end subroutine make_folder
 
 !> Version of the program
 function version_text() result(text)
    character(len=:), allocatable :: text
 
-   text = from_c(c_version_text())
+   text = to_fortran(c_version_text())
 end function version_text
-
-!> Text of a C string
-function from_c(pointer) result(text)
-   !> C string
-   type(c_ptr), intent(in) :: pointer
-   character(len=:), allocatable :: text
-   character(kind=c_char), pointer :: letters(:)
-   integer :: i
-
-   call c_f_pointer(pointer, letters, [c_strlen(pointer)])
-   allocate (character(len=size(letters)) :: text)
-   do i = 1, size(letters)
-      text(i:i) = letters(i)
-   end do
-end function from_c
 
 end module rk_system

@@ -4,8 +4,9 @@
 !> parser and all checks are C++ (deck.h); what is kept here are plain values and their places.
 module rk_deck
    use, intrinsic :: iso_c_binding, only : c_char, c_double, c_f_pointer, c_int, &
-      & c_null_char, c_ptr, c_size_t
+      & c_null_char, c_ptr
    use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
+   use rk_cstring, only : to_fortran
    use rk_error, only : err_input, error_type, fatal_error
    use rk_json, only : json_type
    use rk_precision, only : wp
@@ -125,13 +126,6 @@ module rk_deck
          character(kind=c_char), intent(in) :: command(*)
          type(c_ptr) :: tables
       end function rk_deck_needed
-
-      function c_strlen(text) result(length) bind(c, name='strlen')
-         import :: c_ptr, c_size_t
-         implicit none
-         type(c_ptr), value :: text
-         integer(c_size_t) :: length
-      end function c_strlen
    end interface
 
 contains
@@ -233,21 +227,6 @@ subroutine take(deck, handle, error)
    if (status /= 0) call fatal_error(error, status, to_fortran(rk_deck_property(handle, 1)))
    call rk_deck_close(handle)
 end subroutine take
-
-!> Copy of a C text
-function to_fortran(pointer) result(text)
-   !> Text that ends with a null character
-   type(c_ptr), intent(in) :: pointer
-   character(len=:), allocatable :: text
-   character(kind=c_char), pointer :: letters(:)
-   integer :: i
-
-   allocate (character(len=c_strlen(pointer)) :: text)
-   call c_f_pointer(pointer, letters, [len(text)])
-   do i = 1, len(text)
-      text(i:i) = letters(i)
-   end do
-end function to_fortran
 
 !> Number of the entry with a key, 0 without
 pure function find(self, key) result(number)

@@ -2,9 +2,9 @@
 module rk_linear_solve
    use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
    use, intrinsic :: iso_fortran_env, only : int64
+   use rk_clock, only : tick, timer_type
    use rk_error, only : error_type
    use rk_lstsq, only : lstsq_report, row_operator, solve_lstsq
-   use rk_newton, only : tick, timer_type
    use rk_precision, only : wp
    use rk_problem, only : problem_type, evaluation_type
    use rk_recorder, only : iteration_type, recorder_type, step_type

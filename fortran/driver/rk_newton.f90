@@ -7,6 +7,7 @@
 !>            doi:10.1007/978-0-387-40065-5
 module rk_newton
    use, intrinsic :: iso_fortran_env, only : int64
+   use rk_clock, only : tick, timer_type
    use rk_damping, only : damping_type
    use rk_error, only : error_type, fatal_error, err_convergence, err_stopped
    use rk_line_search, only : search
@@ -19,17 +20,7 @@ module rk_newton
    implicit none
    private
 
-   public :: newton_type, timer_type, solve_step, tick
-
-   !> Wall times of the parts of a solve [s]
-   type :: timer_type
-      !> Residuals and rows
-      real(wp) :: assemble = 0.0_wp
-      !> Least squares
-      real(wp) :: solve = 0.0_wp
-      !> Clock count at the start
-      integer(int64) :: start = 0
-   end type timer_type
+   public :: newton_type, solve_step
 
    !> Settings and outcome of the iteration
    type :: newton_type
@@ -74,16 +65,6 @@ module rk_newton
    real(wp), parameter :: rounding = 1.0e-13_wp
 
 contains
-
-!> Seconds since a clock count
-real(wp) function tick(since)
-   !> Clock count
-   integer(int64), intent(in) :: since
-   integer(int64) :: now, rate
-
-   call system_clock(now, rate)
-   tick = real(now - since, wp)/real(rate, wp)
-end function tick
 
 !> Solve one load step; x is changed only on success
 subroutine solve_step(self, problem, step, load, x, recorder, timer, error)

@@ -1,7 +1,8 @@
 !> Load steps from rest to full load, halved where the iteration fails and grown again afterwards.
 module rk_static
+   use rk_clock, only : timer_type
    use rk_error, only : error_type, err_convergence, err_linalg
-   use rk_newton, only : newton_type, solve_step, timer_type
+   use rk_newton, only : newton_type, solve_step
    use rk_precision, only : wp
    use rk_problem, only : problem_type
    use rk_recorder, only : recorder_type, step_type

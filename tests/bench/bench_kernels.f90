@@ -7,9 +7,9 @@ program bench_kernels
    use rk_blas, only : dgemm
    use rk_cgls, only : refine, semi_normal
    use rk_cloud, only : cloud_type
-   use rk_displacement, only : displacement_problem
    use rk_deck, only : deck_type, open_deck
    use rk_deck_scene, only : new_scene
+   use rk_discretisation, only : discretisation_type
    use rk_envelope, only : envelope_type
    use rk_error, only : error_type
    use rk_factors, only : envelope_factor
@@ -26,7 +26,7 @@ program bench_kernels
    type(deck_type) :: deck
    type(cloud_type) :: model
    type(scene_type), target :: scene
-   class(displacement_problem), allocatable, target :: problem
+   class(discretisation_type), allocatable, target :: problem
    class(row_operator), pointer :: op
    type(error_type), allocatable :: error
    type(evaluation_type) :: state
