@@ -145,12 +145,8 @@ def _solved(deck: Path, overrides: Any, out: Path) -> dict[str, Any]:
 
 def _from_images(deck: Path, overrides: Any, out: Path) -> dict[str, Any]:
     """Labels and points of a phantom, then the solves of its model."""
-    from myork.build import build
-    from myork.segment import segment
-
-    values = myork.load_deck(deck, overrides)
-    segment(values, deck.parent, out, lambda line: None)
-    build(values, deck.parent, out, lambda line: None)
+    for station in (myork.segment, myork.build):
+        station(deck, out, overrides=overrides, threads=1)
     return {"model": _datasets(out / "model.h5"), **_solved(deck, overrides, out)}
 
 
@@ -158,10 +154,7 @@ def _segmented(out: Path) -> dict[str, Any]:
     """Labels of the six muscles."""
     import nibabel
 
-    from myork.segment import segment
-
-    deck = INPUTS / "leg_muscles.toml"
-    segment(myork.load_deck(deck), deck.parent, out, lambda line: None)
+    myork.segment(INPUTS / "leg_muscles.toml", out, threads=1)
     labels = {
         path.name: _hash(np.asarray(nibabel.load(path).dataobj))
         for path in sorted(out.glob("*.nii.gz"))
@@ -172,7 +165,7 @@ def _segmented(out: Path) -> dict[str, Any]:
 def _reduced(out: Path) -> dict[str, Any]:
     """Errors of the reduced models of a small block."""
     overrides = [*_BLOCK, "load.steps=4", "load.activation=0.2", "rom.modes=[1,2]"]
-    study = myork.run_rom(INPUTS / "muscle_block.toml", overrides, out, 1)
+    study = myork.run_rom(INPUTS / "muscle_block.toml", out, overrides=overrides, threads=1)
     named = ("e1", "e2", "stress_error", "force_error", "iterations", "probes")
     models = [{name: model[name] for name in named} for model in study["models"]]
     return {"models": _hash(models), "e1": [model["e1"] for model in models]}

@@ -1,8 +1,7 @@
 """MyoRK: meshfree image-based muscle mechanics.
 
 The way of the data: image -> labels -> points -> scene -> solution -> reduced model -> report.
-The names below are loaded when they are first used, so that ``import myork`` costs nothing; the
-stations before the solution are functions of their modules, `myork.segment` and `myork.build`.
+The names below are loaded when they are first used, so that ``import myork`` costs nothing.
 """
 
 import importlib
@@ -15,13 +14,16 @@ os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 _HOME = {
     "MyorkError": "errors",
+    "Results": "results",
     "Scene": "core.scene",
     "__version__": "_version",
+    "build": "stations.build",
     "load_deck": "core.deck",
     "make_report": "report",
-    "run_deck": "solve",
+    "run_deck": "stations.solve",
     "run_demo": "demo",
     "run_rom": "rom",
+    "segment": "stations.segment",
 }
 
 __all__ = list(_HOME)

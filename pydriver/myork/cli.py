@@ -76,46 +76,44 @@ def _explanation(error: Exception) -> tuple[str, int]:
 
 
 def _segment(options: argparse.Namespace) -> None:
-    from myork.core.deck import load_deck
-    from myork.segment import segment
+    from myork.stations.segment import segment
 
-    deck, out = load_deck(options.deck, _overrides(options), "segment"), _out(options)
-    with Console(options.verbosity) as console:
-        segment(deck, options.deck.parent, out, console)
-    print(f"labels and fibers in {out}")
+    print(f"labels and fibers in {_run(segment, options)}")
 
 
 def _build(options: argparse.Namespace) -> None:
-    from myork.build import build
-    from myork.core.deck import load_deck
+    from myork.stations.build import build
 
-    deck, out = load_deck(options.deck, _overrides(options), "build"), _out(options)
-    with Console(options.verbosity) as console:
-        build(deck, options.deck.parent, out, console)
-    print(f"model in {out}")
+    print(f"model in {_run(build, options)}")
 
 
 def _solve(options: argparse.Namespace) -> None:
-    from myork.solve import run_deck
+    from myork.stations.solve import run_deck
 
-    with Console(options.verbosity) as console:
-        run_deck(
-            options.deck,
-            _out(options),
-            overrides=_overrides(options),
-            threads=options.threads,
-            verbosity=options.verbosity,
-            progress=console,
-        )
+    _run(run_deck, options, verbosity=options.verbosity)
 
 
 def _rom(options: argparse.Namespace) -> None:
     from myork.rom import run_rom
 
-    out = _out(options)
+    print(f"reduced models in {_run(run_rom, options)}")
+
+
+def _run(station: Callable[..., Any], options: argparse.Namespace, **more: Any) -> Path:
+    """Run a station on the deck of a command; the folder of its results."""
+    # All commands of one deck share it.
+    out: Path = options.out or Path("out", options.deck.stem)
+    out.mkdir(parents=True, exist_ok=True)
     with Console(options.verbosity) as console:
-        run_rom(options.deck, _overrides(options), out, options.threads, console)
-    print(f"reduced models in {out}")
+        station(
+            options.deck,
+            out,
+            overrides=_overrides(options),
+            threads=options.threads,
+            progress=console,
+            **more,
+        )
+    return out
 
 
 def _bench(options: argparse.Namespace) -> None:
@@ -138,7 +136,7 @@ def _report(options: argparse.Namespace) -> None:
 
 
 def _explain(options: argparse.Namespace) -> None:
-    from myork.solve import explain_deck
+    from myork.stations.solve import explain_deck
 
     explain_deck(options.deck, out=options.out, overrides=_overrides(options))
 
@@ -147,7 +145,9 @@ def _demo(options: argparse.Namespace) -> None:
     from myork.demo import run_demo
 
     with Console(options.verbosity) as console:
-        closing = run_demo(options.out or Path("out", "demo"), options.threads, console)
+        closing = run_demo(
+            options.out or Path("out", "demo"), threads=options.threads, progress=console
+        )
     print(closing)
 
 
@@ -158,13 +158,6 @@ def _overrides(options: argparse.Namespace) -> list[str]:
         "solver.linear": getattr(options, "solver", None),
     }
     return options.set + [f"{key}={value}" for key, value in named.items() if value is not None]
-
-
-def _out(options: argparse.Namespace) -> Path:
-    """Folder of the results: all commands of one deck share it."""
-    folder: Path = options.out or Path("out", options.deck.stem)
-    folder.mkdir(parents=True, exist_ok=True)
-    return folder
 
 
 def _positive(text: str) -> int:

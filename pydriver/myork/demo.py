@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,8 @@ _DECK = Path(__file__).parent / "inputs" / "mg_muscle.toml"
 
 def run_demo(
     out: str | Path = "out/demo",
+    *,
+    overrides: Sequence[str] = (),
     threads: int | None = None,
     progress: ProgressCallback = silent,
 ) -> str:
@@ -25,6 +28,8 @@ def run_demo(
     ----------
     out : str or Path
         Folder of the results; made if it is missing.
+    overrides : sequence of str
+        Overrides of the deck, `"table.key=value"`.
     threads : int, optional
         Number of threads; default all cores.
     progress : callable
@@ -35,27 +40,28 @@ def run_demo(
     str
         Closing summary: force, errors and speed-up of the reduced models, path of the report.
     """
-    from myork.build import build
     from myork.core.deck import load_deck
     from myork.report import make_report
     from myork.rom import run_rom
-    from myork.segment import segment
-    from myork.solve import run_deck
+    from myork.stations.build import build
+    from myork.stations.segment import segment
+    from myork.stations.solve import run_deck
 
     out = Path(out)
     out.mkdir(parents=True, exist_ok=True)
-    deck = load_deck(_DECK, [])
-    progress("station 1/5  phantom images to labels and fibers")
-    segment(deck, _DECK.parent, out, progress)
-    progress("station 2/5  labels to points")
-    build(deck, _DECK.parent, out, progress)
-    progress("station 3/5  full solution")
-    run_deck(_DECK, out, threads=threads, progress=progress)
-    progress("station 4/5  reduced models")
-    run_rom(_DECK, [], out, threads, progress)
+    stations = {
+        "phantom images to labels and fibers": segment,
+        "labels to points": build,
+        "full solution": run_deck,
+        "reduced models": run_rom,
+    }
+    for number, (what, station) in enumerate(stations.items(), start=1):
+        progress(f"station {number}/5  {what}")
+        station(_DECK, out, overrides=overrides, threads=threads, progress=progress)
     progress("station 5/5  report")
     page = make_report(out)
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    deck = load_deck(_DECK, overrides)
     return "\n".join([*_forces(deck, summary), *_models(summary), f"report: {page}"])
 
 

@@ -18,13 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from myork.build import build
 from myork.core.deck import load_deck
 from myork.imaging.io import read_image, read_reference, write_labels
 from myork.records import Labels
 from myork.report.page import make_report
-from myork.segment import segment
 from myork.segmentation.regions import body_mask
+from myork.stations.build import build
+from myork.stations.segment import segment
 
 DECKS = Path(__file__).parents[2] / "inputs" / "images"
 PATHS = ("image.anatomy", "image.reference", "image.truth", "build.surface", "build.tracts")
@@ -91,8 +91,8 @@ def calf(data: Path, out: Path) -> None:
         for reach in (0, 8):
             # Without a reach the voxels of the muscle phase take the labels as they lie.
             keys = [f"image.reference={out / 'reference.nii.gz'}", f"image.reference_reach={reach}"]
-            deck = load_deck(DECKS / f"{name}.toml", [*where, *keys])
-            found = segment(deck, DECKS, out / "moved", lambda line: None)["segmentation"]
+            deck = DECKS / f"{name}.toml"
+            found = segment(deck, out / "moved", overrides=[*where, *keys])["segmentation"]
             scores = [score["dice"] for score in found["scores"].values()]
             line += f"  reach {reach}: mean {np.mean(scores):.3f} least {np.min(scores):.3f}"
         print(line, flush=True)
@@ -102,11 +102,10 @@ def main(data: Path, out: Path) -> None:
     """All decks, then the displaced references."""
     for path in sorted(DECKS.glob("*.toml")):
         print(f"== {path.stem}")
-        deck = load_deck(path, overrides(path.stem, data))
-        folder = out / path.stem
-        if "image" in deck and "anatomy" in deck["image"]:
-            segment(deck, DECKS, folder, print)
-        build(deck, DECKS, folder, print)
+        folder, files = out / path.stem, overrides(path.stem, data)
+        if "anatomy" in load_deck(path, files)["image"]:
+            segment(path, folder, overrides=files, progress=print)
+        build(path, folder, overrides=files, progress=print)
         make_report(folder)
     print("== calf_reference, displaced references")
     calf(data, out / "displaced")

@@ -14,14 +14,15 @@ from pathlib import Path
 import pytest
 
 import myork
-from myork import cli, solve
+from myork import cli
+from myork.stations import solve
 
 COMMANDS = ("demo", "segment", "build", "solve", "rom", "report", "explain")
 #: Longest wait for a process that has nothing to compute; a failure, not a measurement [s]
 PATIENCE = 60
 
 #: Where a package lies below its prefix
-PACKAGE_PLACE = "prefix/lib/python3/site-packages/myork/solve.py"
+PACKAGE_PLACE = "prefix/lib/python3/site-packages/myork/stations/solve.py"
 
 Install = Callable[[str], Path]
 
@@ -232,7 +233,7 @@ def test_interrupt_waits_for_the_clean_end(
         "sys.exit('stopped in load step 2; step 1 is written')\n"
     )
     code = (
-        "import sys, myork.cli as cli, myork.solve as solve; "
+        "import sys, myork.cli as cli, myork.stations.solve as solve; "
         f"sys.executable = {str(fake)!r}; solve.__file__ = '/'; sys.exit(cli.main())"
     )
     process = subprocess.Popen(

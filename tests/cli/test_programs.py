@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from myork.results import Results
-from myork.solve import find_executable
+from myork.stations.solve import find_executable
 
 #: Longest wait for a solution of a second or two; a failure, not a measurement [s]
 PATIENCE = 300

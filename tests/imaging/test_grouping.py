@@ -7,10 +7,10 @@ from myork.core.deck import load_deck
 from myork.errors import InputError
 from myork.imaging.phantom import make_phantom
 from myork.records import Image, Labels
-from myork.segment import segment
 from myork.segmentation.channels import fiber_channels
 from myork.segmentation.grouping import Muscle, group_by_reference, group_by_rules, rule_seeds
 from myork.segmentation.scores import label_scores
+from myork.stations.segment import segment
 
 GRID = Image(np.zeros((8, 4, 1)), np.diag([2.0, 1.0, 1.0, 1.0]), "grid")
 
@@ -125,8 +125,11 @@ def test_six_muscles_by_fibers_and_without(tmp_path, inputs):
     few.append(seeds_of.format("soleus", ", ".join(f"{x}, {y}, {z}" for x, y, z in points)))
     means = {}
     for kind in ("dyad", "none"):
-        deck = load_deck(inputs / "leg_muscles.toml", [*few, f"image.fiber_channels={kind}"])
-        found = segment(deck, inputs, tmp_path / kind, lambda line: None)["segmentation"]
+        found = segment(
+            inputs / "leg_muscles.toml",
+            tmp_path / kind,
+            overrides=[*few, f"image.fiber_channels={kind}"],
+        )["segmentation"]
         scores = [score["dice"] for score in found["scores"].values()]
         assert len(scores) == 6 and (np.diff(found["energy"]) <= 0).all()
         means[kind] = np.mean(scores)
@@ -153,8 +156,8 @@ def test_other_phantoms_by_the_same_settings(tmp_path, inputs, phantom):
         seeds = np.reshape(entry["seeds"], (-1, 3))
         seeds[:, 2] = 42 * np.rint(seeds[:, 2] / 42)
         few.append(f"muscle.{entry['name']}.seeds={seeds.ravel().tolist()}")
-    deck = load_deck(inputs / "leg_muscles.toml", [*few, *phantom])
-    found = segment(deck, inputs, tmp_path, lambda line: None)["segmentation"]
+    deck = inputs / "leg_muscles.toml"
+    found = segment(deck, tmp_path, overrides=[*few, *phantom])["segmentation"]
     assert np.mean([score["dice"] for score in found["scores"].values()]) > 0.9
 
 

@@ -6,8 +6,6 @@ import nibabel
 import numpy as np
 import pytest
 
-from myork.build import build
-from myork.core.deck import load_deck
 from myork.errors import FileError, InputError
 from myork.imaging.geometry import check_same_grid
 from myork.imaging.gradients import GradientTable, write_gradients
@@ -15,22 +13,18 @@ from myork.imaging.io import read_image, read_labels, write_image, write_labels
 from myork.imaging.phantom import make_phantom, phantom_dwi
 from myork.model_file import read_model
 from myork.records import Image, Labels
-from myork.segment import segment
+from myork.stations.build import build
+from myork.stations.segment import segment
 from myork.summary import update_summary
-
-
-def quiet(line):
-    pass
 
 
 @pytest.fixture(scope="module")
 def mg(tmp_path_factory, inputs):
     """Output folder after both stations of `mg_muscle`, and the lines of progress."""
     out = tmp_path_factory.mktemp("mg")
-    deck = load_deck(inputs / "mg_muscle.toml", [], "segment")
     lines = []
-    segment(deck, inputs, out, lines.append)
-    build(deck, inputs, out, lines.append)
+    for station in (segment, build):
+        station(inputs / "mg_muscle.toml", out, progress=lines.append)
     return out, lines
 
 
@@ -101,8 +95,8 @@ def own(tmp_path):
 
     def run(*overrides, station=segment, names=("anatomy=t1", "truth=truth")):
         options = [f"image.{name}.nii.gz" for name in names]
-        deck = load_deck(tmp_path / "deck.toml", [*options, *overrides])
-        return station(deck, tmp_path, tmp_path / "out", quiet)
+        deck = tmp_path / "deck.toml"
+        return station(deck, tmp_path / "out", overrides=[*options, *overrides])
 
     return run, tmp_path
 
@@ -163,11 +157,11 @@ def test_diffusion_images_give_fibers_and_a_wrong_table_is_told(own):
 
 def test_leg_section_has_three_materials_and_a_bone(tmp_path, inputs):
     overrides = ["phantom.size=[90, 90, 5]", "phantom.spacing=[1.25, 1.25, 12]"]
-    deck = load_deck(inputs / "leg_section.toml", overrides)
-    found = segment(deck, inputs, tmp_path, quiet)["tissue"]
+    deck = inputs / "leg_section.toml"
+    found = segment(deck, tmp_path, overrides=overrides)["tissue"]
     assert found["scores"]["muscle"]["dice"] > 0.95
     assert found["scores"]["bone"]["dice"] > 0.95
-    build(deck, inputs, tmp_path, quiet)
+    build(deck, tmp_path, overrides=overrides)
     model = read_model(tmp_path / "model.h5")
     assert model.label_names == {1: "muscle", 2: "fat", 3: "connective_tissue"}
     assert model.set_names == ("bottom", "top", "bone", "surface")
@@ -274,8 +268,7 @@ def test_build_from_a_label_map_and_fibers_of_ones_own(own):
 
 def test_same_run_same_files(mg, tmp_path, inputs):
     out, _ = mg
-    deck = load_deck(inputs / "mg_muscle.toml", [])
-    segment(deck, inputs, tmp_path, quiet)
+    segment(inputs / "mg_muscle.toml", tmp_path)
     for name in ("anatomy", "segmentation", "fibers"):
         a, b = (nibabel.load(f / f"{name}.nii.gz").get_fdata() for f in (out, tmp_path))
         assert np.array_equal(a, b), name

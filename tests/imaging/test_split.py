@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from myork.core.deck import load_deck
+from myork.core.deck import text_of_tables
 from myork.errors import FileError, InputError
 from myork.imaging.io import read_labels, read_reference, write_image, write_labels
 from myork.records import Image, Labels
-from myork.segment import segment
 from myork.segmentation import walk
 from myork.segmentation.alignment import align_labels
 from myork.segmentation.channels import smoothed_tensor
@@ -25,6 +24,7 @@ from myork.segmentation.grouping import (
 from myork.segmentation.scores import dice
 from myork.segmentation.starts import seeded_regions
 from myork.segmentation.walk import edge_strength, random_walk
+from myork.stations.segment import segment
 
 SPACING = np.array([1.5, 1.5, 6.0])
 AFFINE = np.diag([*SPACING, 1.0])
@@ -256,53 +256,58 @@ def test_seeds_of_a_reference_keep_off_its_borders():
     assert (full == 2).all()
 
 
-def deck(path, text, **keys):
-    path.write_text(
-        'title = "t"\n[units]\nforce = "N"\nlength = "cm"\n[scene]\ndimension = 3\n'
-        '[image]\nanatomy = "leg.nii.gz"\n[bias]\nmethod = "none"\n' + text
-    )
-    return load_deck(path, [f"image.{key}={value}" for key, value in keys.items()])
+def segmented(folder, muscles=(), **keys):
+    """Run the station on the image of a folder."""
+    tables = {
+        "scene": {"dimension": 3},
+        "image": {"anatomy": "leg.nii.gz", **keys},
+        "bias": {"method": "none"},
+        "muscle": muscles,
+    }
+    (folder / "a.toml").write_text(text_of_tables(tables))
+    return segment(folder / "a.toml", folder / "out", progress=print)["segmentation"]
 
 
 def test_segment_walks_from_the_seeds_of_the_deck(tmp_path):
     image, truth = leg()
     write_image(tmp_path / "leg.nii.gz", image)
     write_labels(tmp_path / "truth.nii.gz", Labels(truth, AFFINE, {1: "muscle", 2: "fat", 3: "b"}))
-    text = "".join(
-        f'[[muscle]]\nname = "{rule.name}"\nrim = {rule.rim}\n'
-        f"seeds = {rule.seeds.ravel().tolist()}\n"
-        for rule in RULES
-    )
+    rules = [{"name": rule.name, "rim": rule.rim, "seeds": rule.seeds.ravel()} for rule in RULES]
     keys = dict(split="walk", seed_radius=4, tolerance=0.01, truth="truth.nii.gz")
-    found = segment(deck(tmp_path / "a.toml", text, **keys), tmp_path, tmp_path / "out", print)
-    scores = found["segmentation"]["scores"]
+    scores = segmented(tmp_path, rules, **keys)["scores"]
     assert scores["muscle"]["dice"] > 0.95 and scores["fat"]["dice"] > 0.85
 
 
-RIM = '[[muscle]]\nname = "fat"\nrim = 4\n'
-SEED = '[[muscle]]\nname = "bone"\nseeds = [39, 34, 0]\n'
+RIM = {"name": "fat", "rim": 4}
+
+
+def bone(*seeds):
+    return {"name": "bone", "seeds": seeds}
+
+
+SEED = bone(39, 34, 0)
 
 
 @pytest.mark.parametrize(
-    ("text", "keys", "message"),
+    ("rules", "keys", "message"),
     [
-        (RIM, {}, "muscle.fat.rim needs image.split"),
-        (RIM, {"split": "nearest"}, "muscle.fat.rim needs image.split"),
-        (SEED, {"split": "nearest"}, "'nearest' needs image.reference; seeds go with 'walk'"),
-        ("", {"start": "seeds"}, r"start = 'seeds' needs \[\[muscle\]\] with seeds or a rim"),
-        ('[[muscle]]\nname = "a"\nregions = [0]\n', {"start": "seeds"}, "with seeds or a rim"),
-        ("", {"split": "walk"}, r"split = 'walk' needs image.reference or \[\[muscle\]\]"),
-        ("", {"reference_reach": 3}, "reference_reach needs image.reference"),
-        (SEED, {"reference": "old.nii.gz"}, "both group the regions; take one out"),
-        (SEED.replace("39", "39, 2"), {}, "muscle.bone.seeds: three coordinates a point, not 4"),
-        (SEED.replace("39", "1"), {}, "muscle.bone: .* does not lie in the region to segment"),
-        (SEED.replace("39", "-9"), {}, "muscle.bone: .* lies outside of"),
-        ("", {"seed": [1, 1, 0]}, "image.seed = .* does not lie"),
-        ("", {"reference": "nothing.nii.gz"}, "nothing.nii.gz: there is no such file"),
-        ("", {"reference": "old.nii.gz"}, "old.nii.gz and .*leg.nii.gz have different affines"),
+        ([RIM], {}, "muscle.fat.rim needs image.split"),
+        ([RIM], {"split": "nearest"}, "muscle.fat.rim needs image.split"),
+        ([SEED], {"split": "nearest"}, "'nearest' needs image.reference; seeds go with 'walk'"),
+        ([], {"start": "seeds"}, r"start = 'seeds' needs \[\[muscle\]\] with seeds or a rim"),
+        ([{"name": "a", "regions": [0]}], {"start": "seeds"}, "with seeds or a rim"),
+        ([], {"split": "walk"}, r"split = 'walk' needs image.reference or \[\[muscle\]\]"),
+        ([], {"reference_reach": 3}, "reference_reach needs image.reference"),
+        ([SEED], {"reference": "old.nii.gz"}, "both group the regions; take one out"),
+        ([bone(39, 2, 34, 0)], {}, "muscle.bone.seeds: three coordinates a point, not 4"),
+        ([bone(1, 34, 0)], {}, "muscle.bone: .* does not lie in the region to segment"),
+        ([bone(-9, 34, 0)], {}, "muscle.bone: .* lies outside of"),
+        ([], {"seed": [1, 1, 0]}, "image.seed = .* does not lie"),
+        ([], {"reference": "nothing.nii.gz"}, "nothing.nii.gz: there is no such file"),
+        ([], {"reference": "old.nii.gz"}, "old.nii.gz and .*leg.nii.gz have different affines"),
     ],
 )
-def test_what_cannot_be_is_told_before_the_level_sets(tmp_path, monkeypatch, text, keys, message):
+def test_what_cannot_be_is_told_before_the_level_sets(tmp_path, monkeypatch, rules, keys, message):
     image, truth, _ = two_muscles()
     write_image(tmp_path / "leg.nii.gz", image)
     write_labels(tmp_path / "old.nii.gz", Labels(truth.astype(np.int32), np.diag([2, 1, 1, 1.0])))
@@ -310,9 +315,9 @@ def test_what_cannot_be_is_told_before_the_level_sets(tmp_path, monkeypatch, tex
     def computed(*args, **kwargs):
         pytest.fail("the level sets ran")
 
-    monkeypatch.setattr("myork.segment.segment_regions", computed)
+    monkeypatch.setattr("myork.stations.segment.segment_regions", computed)
     with pytest.raises((InputError, FileError), match=message):
-        segment(deck(tmp_path / "a.toml", text, **keys), tmp_path, tmp_path / "out", print)
+        segmented(tmp_path, rules, **keys)
 
 
 @pytest.mark.parametrize(
@@ -321,15 +326,15 @@ def test_what_cannot_be_is_told_before_the_level_sets(tmp_path, monkeypatch, tex
 )  # fmt: skip
 def test_keys_of_another_split_are_refused(tmp_path, split, key):
     with pytest.raises(InputError, match=f"{key}: only for split = .*; here split = {split}"):
-        deck(tmp_path / "a.toml", "", split=split, reference="old.nii.gz", **{key: 1})
+        segmented(tmp_path, split=split, reference="old.nii.gz", **{key: 1})
 
 
 def test_seeds_of_some_muscles_start_the_regions_of_all(tmp_path):
     image, truth, body = two_muscles()
     write_image(tmp_path / "leg.nii.gz", image)
     # One muscle by a seed, and what is like none of the seeds by its number
-    text = '[[muscle]]\nname = "fat"\nregions = [1]\n' + SEED.replace("bone", "muscle")
-    segment(deck(tmp_path / "a.toml", text, start="seeds"), tmp_path, tmp_path / "out", print)
+    rules = [{"name": "fat", "regions": [1]}, {**SEED, "name": "muscle"}]
+    segmented(tmp_path, rules, start="seeds")
     found = read_labels(tmp_path / "out" / "segmentation.nii.gz").data
     assert dice(found == 1, body & (truth == 0)) > 0.95 and dice(found == 2, truth > 0) > 0.95
 
@@ -344,15 +349,14 @@ def test_edges_of_an_image_are_computed_once(tmp_path, monkeypatch):
         calls.append(args)
         return edge_strength(*args)
 
-    monkeypatch.setattr("myork.segment.edge_strength", counted)
+    monkeypatch.setattr("myork.segmentation.assign.edge_strength", counted)
     for split, reach, count in (
         ("walk", 8, 1),
         ("walk", 0, 1),
         ("nearest", 8, 1),
         ("pieces", 0, 0),
     ):
-        keys = dict(split=split, reference="old.nii.gz", reference_reach=reach)
-        segment(deck(tmp_path / "a.toml", "", **keys), tmp_path, tmp_path / "out", print)
+        segmented(tmp_path, split=split, reference="old.nii.gz", reference_reach=reach)
         assert len(calls) == count
         calls.clear()
 
@@ -368,8 +372,7 @@ def test_segment_takes_a_reference_with_names_beside_it(tmp_path):
     assert read_reference(tmp_path / "old.nii.gz", print).names == {1: "inner", 2: "outer"}
     for split in ("nearest", "walk"):
         keys = dict(split=split, reference="old.nii.gz", reference_reach=8, truth="truth.nii.gz")
-        found = segment(deck(tmp_path / "a.toml", "", **keys), tmp_path, tmp_path / "out", print)
-        scores = found["segmentation"]["scores"]
+        scores = segmented(tmp_path, **keys)["scores"]
         assert set(scores) == {"inner", "outer"}
         assert min(score["dice"] for score in scores.values()) > 0.93
     # As it lies, the reference is that much off.

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from myork.core import material as core_material
-from myork.solve import find_executable
+from myork.stations.solve import find_executable
 
 SMALL = (
     "geometry.size=[1,1,1]", "geometry.source=[3,3,3]", "geometry.collocation=[5,5,5]",

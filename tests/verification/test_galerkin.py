@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from myork.build import build_cloud
 from myork.core.scene import Scene
 from myork.errors import InputError
 from myork.records import Labels
 from myork.reference import manufactured
 from myork.reference.measures import observed_order, oscillation
+from myork.stations.build import build_cloud
 
 RUBBER = {"name": "rubber", "model": "polynomial", "A10": 37.3, "A20": -3.1, "A30": 0.5, "K": 1e3}
 MUSCLE = {

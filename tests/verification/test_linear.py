@@ -13,7 +13,7 @@ from myork.bench.studies import linear
 from myork.core.scene import Scene
 from myork.errors import InputError
 from myork.results import Results
-from myork.solve import explain_deck, run_deck
+from myork.stations.solve import explain_deck, run_deck
 
 POISSON = {"problem": "poisson", "solution": "sine"}
 ELASTIC = {"problem": "elasticity", "solution": "sine", "E": 1, "nu": 0.3}

@@ -5,9 +5,9 @@ import itertools
 import numpy as np
 import pytest
 
-from myork.build import build_cloud
 from myork.errors import InputError
 from myork.records import Labels, PointCloud
+from myork.stations.build import build_cloud
 
 SOFT = {"name": "soft", "label": 1, "model": "polynomial", "A10": 5.0, "K": 20.0}
 STIFF = {"name": "stiff", "label": 2, "model": "polynomial", "A10": 30.0, "A20": 80.0, "K": 120.0}

@@ -17,7 +17,7 @@ import pytest
 
 from myork.core.scene import Scene
 from myork.errors import ConvergenceError
-from myork.solve import find_executable
+from myork.stations.solve import find_executable
 
 TOLERANCE = 1e-7
 

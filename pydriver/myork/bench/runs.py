@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from myork.errors import InputError
-from myork.solve import find_executable
+from myork.stations.solve import find_executable
 
 __all__ = ["INPUTS", "Ending", "outcome_text", "run_command", "solve_case"]
 

@@ -14,7 +14,14 @@ import numpy as np
 from myork import _core, errors
 from myork.tables import deck_text
 
-__all__ = ["NAME_OF_TABLES", "check_deck", "load_deck", "load_tables", "text_of_tables"]
+__all__ = [
+    "NAME_OF_TABLES",
+    "check_deck",
+    "load_deck",
+    "load_tables",
+    "read_deck",
+    "text_of_tables",
+]
 
 #: What stands for the file in messages about tables
 NAME_OF_TABLES = "tables"
@@ -89,6 +96,15 @@ def load_tables(
         The tables or an override are wrong; complaints name the key, they have no line.
     """
     return _values(NAME_OF_TABLES, text_of_tables(tables), overrides, command)
+
+
+def read_deck(
+    deck: str | Path | Mapping[str, Any], overrides: Sequence[str] = (), command: str = ""
+) -> dict[str, Any]:
+    """Check a deck that is a file or data: `load_deck` or `load_tables`."""
+    if isinstance(deck, Mapping):
+        return load_tables(deck, overrides, command)
+    return load_deck(deck, overrides, command)
 
 
 def check_deck(stat: int, message: str | bytes, text: str) -> None:

@@ -136,9 +136,10 @@ class Scene:
         cloud: PointCloud | None = None,
         *,
         overrides: Sequence[str] = (),
+        out: Path | None = None,
         threads: int | None = None,
     ) -> Self:
-        """Open a scene of data: no file is read, none is written.
+        """Open a scene of data: without a file, unless the tables name one of points.
 
         Parameters
         ----------
@@ -150,6 +151,8 @@ class Scene:
             Points of the body, in place of a model file; the table `geometry` is left out then.
         overrides : sequence of str
             `"table.key=value"` each.
+        out : Path, optional
+            Folder in which a model file that the tables name is looked for first.
         threads : int, optional
             Number of threads of a solve; default all cores.
 
@@ -175,7 +178,7 @@ class Scene:
             tables = with_cloud(tables, cloud)
         deck = load_tables(tables, overrides, "solve")
         if cloud is None:
-            cloud = model_of(deck, Path(), None)
+            cloud = model_of(deck, Path(), out)
         else:
             check_cloud(deck, cloud)
         scene = cls.__new__(cls)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,9 +22,10 @@ _SOLVERS = {"qr": "dgels", "cholesky": "normal"}
 
 
 def run_rom(
-    deck: str | Path,
-    overrides: Sequence[str],
-    out: Path,
+    deck: str | Path | Mapping[str, Any],
+    out: str | Path,
+    *,
+    overrides: Sequence[str] = (),
     threads: int | None = None,
     progress: ProgressCallback = silent,
 ) -> dict[str, Any]:
@@ -35,12 +36,12 @@ def run_rom(
 
     Parameters
     ----------
-    deck : str or Path
-        Deck file; its table `[rom]` says how many modes.
-    overrides : sequence of str
-        `"table.key=value"` each.
-    out : Path
+    deck : str, Path or mapping
+        Deck file, or its tables as data; the table `rom` says how many modes.
+    out : str or Path
         Folder of `summary.json`, to which the entry `rom` is added.
+    overrides : sequence of str
+        Overrides of the deck, `"table.key=value"`.
     threads : int, optional
         Number of threads; default all cores.
     progress : callable
@@ -58,11 +59,21 @@ def run_rom(
     ConvergenceError
         The full or a reduced model did not converge.
     """
+    out = Path(out)
     out.mkdir(parents=True, exist_ok=True)
-    with Scene(deck, overrides, out, threads) as scene:
+    with _open(deck, overrides, out, threads) as scene:
         study = _study(scene, progress)
     update_summary(out, {"title": scene.deck["title"], "units": scene.deck["units"], "rom": study})
     return study
+
+
+def _open(
+    deck: str | Path | Mapping[str, Any], overrides: Sequence[str], out: Path, threads: int | None
+) -> Scene:
+    """Scene of a deck that is a file or data."""
+    if isinstance(deck, Mapping):
+        return Scene.from_tables(deck, overrides=overrides, out=out, threads=threads)
+    return Scene(deck, overrides, out, threads)
 
 
 def _study(scene: Scene, progress: ProgressCallback) -> dict[str, Any]:

@@ -22,12 +22,12 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from myork.bench.runs import outcome_text, solve_case
-from myork.build import build_cloud
 from myork.console import ProgressCallback
 from myork.core.scene import Scene
 from myork.imaging.phantom import make_phantom
 from myork.model_file import write_model
 from myork.records import Image, Labels, PointCloud
+from myork.stations.build import build_cloud
 
 __all__ = ["OLD", "YOUNG", "Muscle", "labelled", "run", "solve_muscle"]
 

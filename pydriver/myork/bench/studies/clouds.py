@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from myork.bench.runs import INPUTS
-from myork.build import build_cloud
 from myork.console import ProgressCallback
 from myork.core.deck import load_deck
 from myork.core.scene import Scene
 from myork.imaging.phantom import make_phantom
 from myork.model_file import write_model
 from myork.records import Image, Labels, PointCloud
+from myork.stations.build import build_cloud
 
 __all__ = ["bar", "run", "solve_bar"]
 

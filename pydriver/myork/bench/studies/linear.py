@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from myork.console import ProgressCallback
-from myork.solve import run_deck
+from myork.stations.solve import run_deck
 
 __all__ = ["run"]
 

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import myork
-from myork.console import ProgressCallback
+from myork.console import ProgressCallback, silent
+from myork.core.deck import read_deck
 from myork.errors import FileError, InputError
 from myork.imaging.geometry import canonical, check_same_grid, frame, length_factor, to_voxels
 from myork.imaging.io import read_image, read_labels
@@ -29,18 +30,25 @@ _FEW_AT_END = 6
 
 
 def build(
-    deck: Mapping[str, Any], folder: Path, out: Path, progress: ProgressCallback
+    deck: str | Path | Mapping[str, Any],
+    out: str | Path,
+    *,
+    overrides: Sequence[str] = (),
+    threads: int | None = None,
+    progress: ProgressCallback = silent,
 ) -> dict[str, Any]:
     """Build the model of a deck and write it to `model.h5`.
 
     Parameters
     ----------
-    deck : mapping
-        Effective deck; the tables `build` and `units` are read.
-    folder : Path
-        Where the deck's relative paths start.
-    out : Path
+    deck : str, Path or mapping
+        Deck file, or its tables as data; the tables `build` and `units` are read.
+    out : str or Path
         Folder of the results, in which `segment` left its label map and fibers.
+    overrides : sequence of str
+        Overrides of the deck, `"table.key=value"`.
+    threads : int, optional
+        As for all stations; points are made by one thread.
     progress : callable
         Called with a line of text at a time.
 
@@ -49,18 +57,17 @@ def build(
     dict
         What was added to `summary.json`.
     """
-    table = deck.get("build")
-    if table is None:
-        raise InputError("the deck has no table [build]; `build` needs one")
-    labels, fibers, paths = _inputs(deck, table, folder, out)
+    values, out = read_deck(deck, overrides, "build"), Path(out)
+    table = values["build"]
+    labels, fibers, paths = _inputs(values, table, Path(values["folder"]), out)
     progress(f"points from {', '.join(path.name for path in paths)}")
     source_images = "\n".join(
         f"{path.name} {hashlib.sha256(path.read_bytes()).hexdigest()}" for path in paths
     )
-    cloud, warnings = build_cloud(labels, fibers, table, deck["units"]["length"], source_images)
+    cloud, warnings = build_cloud(labels, fibers, table, values["units"]["length"], source_images)
     out.mkdir(parents=True, exist_ok=True)
     write_model(out / "model.h5", cloud)
-    summary = _summary(deck, cloud, warnings)
+    summary = _summary(values, cloud, warnings)
     update_summary(out, summary)
     model = summary["model"]
     progress(

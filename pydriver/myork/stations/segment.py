@@ -9,9 +9,8 @@ frame; with tensors only), `summary.json`; from the phantom also its images and 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import myork
-from myork.console import ProgressCallback
+from myork.console import ProgressCallback, silent
+from myork.core.deck import read_deck
 from myork.core.level_sets import evolve_level_sets
+from myork.core.threads import core_threads
 from myork.errors import FileError, InputError
 from myork.imaging.diffusion import read_tensors
 from myork.imaging.geometry import check_same_grid, length_factor
@@ -35,25 +36,16 @@ from myork.imaging.phantom import make_phantom, write_phantom
 from myork.model.fibers import fiber_field
 from myork.model.orientation import check_orientation
 from myork.records import Image, Labels
-from myork.segmentation.alignment import align_labels
+from myork.segmentation.assign import label_by_phase, label_by_reference, label_by_rules
 from myork.segmentation.bias import clustered_bias, n4_bias
 from myork.segmentation.channels import fiber_channels, scaled_values, smoothed_tensor
-from myork.segmentation.grouping import (
-    Muscle,
-    check_seeds,
-    group_by_reference,
-    group_by_rules,
-    nearest_labels,
-    reference_seeds,
-    rule_seeds,
-)
-from myork.segmentation.level_sets import LevelSets, Regions, segment_regions, wanted_phase
+from myork.segmentation.grouping import Muscle, check_seeds, rule_seeds
+from myork.segmentation.level_sets import LevelSets, Regions, segment_regions
 from myork.segmentation.regions import body_mask, box_mask, grown_mask, piece_with_seed
 from myork.segmentation.scores import label_scores
 from myork.segmentation.starts import seeded_regions
-from myork.segmentation.walk import edge_strength, random_walk
+from myork.stations.tissue import find_tissues
 from myork.summary import update_summary
-from myork.tissue import find_tissues
 
 __all__ = ["segment"]
 
@@ -61,19 +53,26 @@ _CHOICES = ("volume", "mu", "nu", "epsilon", "dt", "tolerance", "iterations")
 
 
 def segment(
-    deck: Mapping[str, Any], folder: Path, out: Path, progress: ProgressCallback
+    deck: str | Path | Mapping[str, Any],
+    out: str | Path,
+    *,
+    overrides: Sequence[str] = (),
+    threads: int | None = None,
+    progress: ProgressCallback = silent,
 ) -> dict[str, Any]:
     """Segment the image of a deck, or the phantom where the deck names no image.
 
     Parameters
     ----------
-    deck : mapping
-        Effective deck; the tables `image`, `bias`, `muscle`, `phantom` and `units`
-        are read.
-    folder : Path
-        Where the deck's relative paths start.
-    out : Path
+    deck : str, Path or mapping
+        Deck file, or its tables as data; the tables `image`, `bias`, `muscle`, `phantom`, `tissue`
+        and `units` are read.
+    out : str or Path
         Folder of the results.
+    overrides : sequence of str
+        Overrides of the deck, `"table.key=value"`.
+    threads : int, optional
+        Number of threads of the level sets; default all cores.
     progress : callable
         Called with a line of text at a time.
 
@@ -82,9 +81,16 @@ def segment(
     dict
         What was added to `summary.json`.
     """
-    table = deck.get("image")
-    if table is None:
-        raise InputError("the deck has no table [image]; `segment` needs one")
+    values = read_deck(deck, overrides, "segment")
+    with core_threads(threads):
+        return _segment(values, Path(values["folder"]), Path(out), progress)
+
+
+def _segment(
+    deck: Mapping[str, Any], folder: Path, out: Path, progress: ProgressCallback
+) -> dict[str, Any]:
+    """All steps, on a deck whose relative paths start in a folder."""
+    table = deck["image"]
     muscles = _muscles(deck)
     _check_rules(table, muscles)
     _make(out)
@@ -128,11 +134,11 @@ def segment(
         progress(f"parting muscles: {table['split']}")
     warnings: list[str] = []
     if reference is not None:
-        labels = _by_reference(table, image, grey, result, reference)
+        labels = label_by_reference(table, image, grey, result, reference)
     elif muscles:
-        labels, warnings = _by_rules(table, image, result, muscles)
+        labels, warnings = label_by_rules(table, image, result, muscles)
     else:
-        labels = _by_phase(table, image, grey, result)
+        labels = label_by_phase(table, image, grey, result)
     inside = labels.data > 0
     write_image(out / "anatomy.nii.gz", image)
     write_labels(out / "regions.nii.gz", Labels(result.region + 1, image.affine))
@@ -308,67 +314,6 @@ def _reference(
     reference = read_reference(folder / table["reference"], progress)
     check_same_grid(reference, image)
     return reference
-
-
-def _by_rules(
-    table: Mapping[str, Any], image: Image, result: Regions, muscles: list[Muscle]
-) -> tuple[Labels, list[str]]:
-    """Labels by [[muscle]], and warnings."""
-    names = {number: muscle.name for number, muscle in enumerate(muscles, start=1)}
-    if table["split"] == "walk":
-        where, known = rule_seeds(result.region, image, muscles, table["seed_radius"])
-        edges = edge_strength(image.data, result.region >= 0)
-        label = random_walk(edges, where, known, image.spacing, table["edge_weight"])
-        return Labels(np.maximum(label, 0), image.affine, names, "segmentation"), []
-    label, warnings = group_by_rules(result.region, image, muscles)
-    return Labels(label, image.affine, names, "segmentation"), warnings
-
-
-def _by_phase(
-    table: Mapping[str, Any], image: Image, grey: NDArray[np.float64], result: Regions
-) -> Labels:
-    """The wanted one of two regions, or all of more regions, as labels."""
-    if table["regions"] > 2:
-        names = {number + 1: f"region_{number}" for number in range(table["regions"])}
-        return Labels(result.region + 1, image.affine, names, "segmentation")
-    inside = wanted_phase(result, grey, table["phase"])
-    if "seed" in table:
-        inside = piece_with_seed(inside, image, table["seed"])
-    if not inside.any():
-        raise InputError(
-            f"{image.name}: the segmentation of the {table['phase']} phase is empty; check "
-            "image.phase, image.box and image.mu"
-        )
-    return Labels(inside.astype(np.int32), image.affine, {1: table["label"]}, "segmentation")
-
-
-def _by_reference(
-    table: Mapping[str, Any],
-    image: Image,
-    grey: NDArray[np.float64],
-    result: Regions,
-    reference: Labels,
-) -> Labels:
-    """Labels by a reference label map, moved onto the image if the deck says so."""
-    inside = result.region >= 0
-    wanted = wanted_phase(result, grey, table["phase"]) if table["regions"] == 2 else inside
-
-    @cache
-    def edges() -> NDArray[np.float64]:
-        return edge_strength(image.data, inside)
-
-    if table["reference_reach"] > 0:
-        reference = align_labels(reference, edges(), wanted, inside, table["reference_reach"])
-    if table["split"] == "pieces":
-        return group_by_reference(result.region, reference)
-    margin, spacing = table["reference_margin"], image.spacing
-    if table["split"] == "nearest":
-        label = nearest_labels(wanted, reference.data, spacing, margin)
-    else:
-        known = reference_seeds(reference, margin)
-        label = np.maximum(random_walk(edges(), wanted, known, spacing, table["edge_weight"]), 0)
-    names = {n: reference.label_name(n) for n in np.unique(label[label > 0]).tolist()}
-    return Labels(label, image.affine, names, "segmentation")
 
 
 def _muscles(deck: Mapping[str, Any]) -> list[Muscle]:

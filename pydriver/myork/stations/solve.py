@@ -14,14 +14,16 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
 from typing import Any
 
 from myork.console import ProgressCallback, silent
+from myork.core.deck import text_of_tables
 from myork.errors import ConvergenceError, InputError, InstallationError, MyorkError, StoppedError
+from myork.files import write_text
 from myork.summary import update_summary
 
 __all__ = ["explain_deck", "find_executable", "run_deck"]
@@ -44,8 +46,8 @@ def find_executable() -> Path:
     InstallationError
         If it is in none of these places.
     """
-    # prefix/lib*/python3*/{site,dist}-packages/myork/solve.py, Debian: prefix/local/lib/...
-    folders = [prefix / "bin" for prefix in Path(__file__).resolve().parents[4:6]]
+    # prefix/lib*/python3*/{site,dist}-packages/myork/stations, Debian: prefix/local/lib/...
+    folders = [prefix / "bin" for prefix in Path(__file__).resolve().parents[5:7]]
     for folder in (*folders, Path(sys.executable).parent):
         path = folder / _NAME
         if path.is_file() and os.access(path, os.X_OK):
@@ -54,20 +56,20 @@ def find_executable() -> Path:
     if on_path is None:
         raise InstallationError(
             f"the executable {_NAME} is missing: it is neither in the prefix of the package "
-            f"({Path(__file__).parent}), nor beside {sys.executable}, nor on the PATH; "
+            f"({Path(__file__).parents[1]}), nor beside {sys.executable}, nor on the PATH; "
             "install again (sh setup.sh, or pip install .)"
         )
     return Path(on_path)
 
 
 def run_deck(
-    deck: str | Path,
+    deck: str | Path | Mapping[str, Any],
     out: str | Path,
     *,
     overrides: Sequence[str] = (),
     threads: int | None = None,
-    verbosity: int = 0,
     progress: ProgressCallback = silent,
+    verbosity: int = 0,
 ) -> dict[str, Any]:
     """Solve the full model of a deck.
 
@@ -76,18 +78,18 @@ def run_deck(
 
     Parameters
     ----------
-    deck : str or Path
-        Deck file.
+    deck : str, Path or mapping
+        Deck file, or its tables as data: these are written to `deck.toml` in the folder.
     out : str or Path
         Folder of the results; made if it is missing.
     overrides : sequence of str
         Overrides of the deck, `"table.key=value"`.
     threads : int, optional
         Number of threads; default all cores.
-    verbosity : int
-        -1 no progress, 0 a line a load step, 1 a line an iteration.
     progress : callable
         Called with every line of progress.
+    verbosity : int
+        -1 no progress, 0 a line a load step, 1 a line an iteration.
 
     Returns
     -------
@@ -105,6 +107,10 @@ def run_deck(
     InstallationError
         If the executable is missing or broken.
     """
+    if isinstance(deck, Mapping):
+        text, deck = text_of_tables(deck), Path(out, "deck.toml")
+        deck.parent.mkdir(parents=True, exist_ok=True)
+        write_text(deck, text)
     options = ["-o", str(out)]
     if threads is not None:
         options += ["-t", str(threads)]

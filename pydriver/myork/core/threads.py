@@ -1,0 +1,20 @@
+"""Threads of the compiled core."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from myork import _core
+
+__all__ = ["core_threads"]
+
+
+@contextmanager
+def core_threads(number: int | None) -> Iterator[None]:
+    """Let the core use so many threads inside a block, None for as many as before."""
+    before = _core.set_threads(number or 0)
+    try:
+        yield
+    finally:
+        _core.set_threads(before)

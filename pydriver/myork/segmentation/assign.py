@@ -1,0 +1,88 @@
+"""From regions to labels: by the deck's rules, by a reference label map, or by grey value."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from myork.errors import InputError
+from myork.records import Image, Labels
+from myork.segmentation.alignment import align_labels
+from myork.segmentation.grouping import (
+    Muscle,
+    group_by_reference,
+    group_by_rules,
+    nearest_labels,
+    reference_seeds,
+    rule_seeds,
+)
+from myork.segmentation.level_sets import Regions, wanted_phase
+from myork.segmentation.regions import piece_with_seed
+from myork.segmentation.walk import edge_strength, random_walk
+
+__all__ = ["label_by_phase", "label_by_reference", "label_by_rules"]
+
+
+def label_by_rules(
+    table: Mapping[str, Any], image: Image, result: Regions, muscles: list[Muscle]
+) -> tuple[Labels, list[str]]:
+    """Labels by [[muscle]], and warnings."""
+    names = {number: muscle.name for number, muscle in enumerate(muscles, start=1)}
+    if table["split"] == "walk":
+        where, known = rule_seeds(result.region, image, muscles, table["seed_radius"])
+        edges = edge_strength(image.data, result.region >= 0)
+        label = random_walk(edges, where, known, image.spacing, table["edge_weight"])
+        return Labels(np.maximum(label, 0), image.affine, names, "segmentation"), []
+    label, warnings = group_by_rules(result.region, image, muscles)
+    return Labels(label, image.affine, names, "segmentation"), warnings
+
+
+def label_by_phase(
+    table: Mapping[str, Any], image: Image, grey: NDArray[np.float64], result: Regions
+) -> Labels:
+    """The wanted one of two regions, or all of more regions, as labels."""
+    if table["regions"] > 2:
+        names = {number + 1: f"region_{number}" for number in range(table["regions"])}
+        return Labels(result.region + 1, image.affine, names, "segmentation")
+    inside = wanted_phase(result, grey, table["phase"])
+    if "seed" in table:
+        inside = piece_with_seed(inside, image, table["seed"])
+    if not inside.any():
+        raise InputError(
+            f"{image.name}: the segmentation of the {table['phase']} phase is empty; check "
+            "image.phase, image.box and image.mu"
+        )
+    return Labels(inside.astype(np.int32), image.affine, {1: table["label"]}, "segmentation")
+
+
+def label_by_reference(
+    table: Mapping[str, Any],
+    image: Image,
+    grey: NDArray[np.float64],
+    result: Regions,
+    reference: Labels,
+) -> Labels:
+    """Labels by a reference label map, moved onto the image if the deck says so."""
+    inside = result.region >= 0
+    wanted = wanted_phase(result, grey, table["phase"]) if table["regions"] == 2 else inside
+
+    @cache
+    def edges() -> NDArray[np.float64]:
+        return edge_strength(image.data, inside)
+
+    if table["reference_reach"] > 0:
+        reference = align_labels(reference, edges(), wanted, inside, table["reference_reach"])
+    if table["split"] == "pieces":
+        return group_by_reference(result.region, reference)
+    margin, spacing = table["reference_margin"], image.spacing
+    if table["split"] == "nearest":
+        label = nearest_labels(wanted, reference.data, spacing, margin)
+    else:
+        known = reference_seeds(reference, margin)
+        label = np.maximum(random_walk(edges(), wanted, known, spacing, table["edge_weight"]), 0)
+    names = {n: reference.label_name(n) for n in np.unique(label[label > 0]).tolist()}
+    return Labels(label, image.affine, names, "segmentation")

@@ -1,0 +1,92 @@
+"""Stations: one signature, decks that are files or data, and the names that the package exports."""
+
+import inspect
+
+import pytest
+
+import myork
+from myork import _core
+from myork.console import silent
+from myork.core.deck import text_of_tables
+from myork.core.threads import core_threads
+from myork.results import Results
+
+BAR = {
+    "scene": {"dimension": 2, "method": "rkcm"},
+    "geometry": {"kind": "box", "size": [2, 1], "source": [5, 4], "collocation": [9, 7]},
+    "material": [{"name": "rubber", "model": "polynomial", "A10": 10.0, "K": 500.0}],
+    "boundary": [{"set": "x0", "u_x": 0, "u_y": 0}, {"set": "x1", "u_x": 0.4}],
+    "load": {"steps": 3},
+    "rom": {"modes": [1, 2]},
+    "probe": [{"name": "pull", "quantity": "force_x", "set": "x1"}],
+}
+
+
+def test_public_names() -> None:
+    wanted = (
+        "Scene Results segment build run_deck run_rom run_demo make_report load_deck MyorkError"
+    )
+    assert set(wanted.split()) <= set(myork.__all__) <= set(dir(myork))
+    for name in myork.__all__:
+        value = getattr(myork, name)
+        assert isinstance(value, str if name == "__version__" else object), name
+        assert not inspect.ismodule(value), name
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = myork.nothing
+
+
+@pytest.mark.parametrize("name", ["segment", "build", "run_deck", "run_rom", "run_demo"])
+def test_one_signature(name: str) -> None:
+    parameters = inspect.signature(getattr(myork, name)).parameters
+    common = {"overrides": (), "threads": None, "progress": silent}
+    plain = [p.name for p in parameters.values() if p.kind is p.POSITIONAL_OR_KEYWORD]
+    assert plain == (["out"] if name == "run_demo" else ["deck", "out"])
+    for key, default in common.items():
+        assert parameters[key].kind is inspect.Parameter.KEYWORD_ONLY
+        assert parameters[key].default == default
+
+
+def test_solve_of_tables_is_that_of_the_file(tmp_path) -> None:
+    path = tmp_path / "bar.toml"
+    path.write_text(text_of_tables(BAR))
+    found = []
+    for deck, out in ((path, tmp_path / "file"), (BAR, tmp_path / "data")):
+        summary = myork.run_deck(deck, out, overrides=["load.steps=2"], threads=1)
+        with Results(out) as results:
+            found.append((summary["deck_sha256"], results.restart().coefficients.tobytes()))
+    assert found[0] == found[1]
+
+
+def test_reduced_models_of_tables(tmp_path) -> None:
+    lines = []
+    study = myork.run_rom(BAR, tmp_path, threads=1, progress=lines.append)
+    assert [model["r"] for model in study["models"]] == [1, 2]
+    assert study["models"][1]["e1"] < 0.1 * study["models"][0]["e1"]
+    assert any(line.startswith("model 2/2") for line in lines)
+
+
+def test_labels_and_points_of_tables(tmp_path) -> None:
+    """A phantom needs nothing but sizes; the stations leave their files in one folder."""
+    tables = {
+        "scene": {"dimension": 3},
+        "image": {"phase": "dark", "label": "muscle", "iterations": 20},
+        "bias": {"method": "none"},
+        "phantom": {"size": [48, 48, 3], "spacing": [2.5, 2.5, 20]},
+        "build": {"collocation_stride": [4, 4, 1], "source_stride": [8, 8, 1], "islands": "drop"},
+    }
+    labels = myork.segment(tables, tmp_path, threads=1)["segmentation"]["labels"]
+    points = myork.build(tables, tmp_path)["model"]["collocation_points"]
+    # a point for 16 voxels; blocks at the border hold some that are no muscle
+    assert points == pytest.approx(labels["muscle"]["pixels"] / 16, rel=0.2)
+
+
+def test_threads_of_the_core_are_given_back() -> None:
+    before = _core.set_threads(0)
+    with core_threads(before + 2):
+        assert _core.set_threads(0) == before + 2
+        with pytest.raises(ZeroDivisionError), core_threads(1):
+            assert _core.set_threads(0) == 1
+            raise ZeroDivisionError
+        with core_threads(None):
+            assert _core.set_threads(0) == before + 2
+    assert _core.set_threads(0) == before
