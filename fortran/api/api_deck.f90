@@ -36,3 +36,29 @@ subroutine deck_json(path, deck_text, n, overrides, command, capacity, text, len
    text = all
    call pack_error(error, stat, message)
 end subroutine deck_json
+
+!> Defaults of a table as JSON; those that depend on a text at a key need it (blank: none).
+!> `length` and `capacity` as above
+subroutine deck_defaults(table, key, value, capacity, text, length, stat, message)
+   use rk_deck, only : deck_type, table_defaults
+   use rk_error, only : error_type
+   use rk_json, only : json_type
+   use rk_pack, only : pack_error
+   implicit none
+   integer, intent(in) :: capacity
+   character(len=*), intent(in) :: table, key, value
+   character(len=capacity), intent(out) :: text
+   integer, intent(out) :: length, stat
+   character(len=2048), intent(out) :: message
+   type(deck_type) :: deck
+   type(error_type), allocatable :: error
+   type(json_type) :: json
+
+   call table_defaults(deck, table, key, value, error)
+   call json%begin_object()
+   if (.not. allocated(error)) call deck%write_json(json)
+   call json%end_object()
+   length = len(json%text)
+   text = json%text
+   call pack_error(error, stat, message)
+end subroutine deck_defaults

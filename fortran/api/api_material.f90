@@ -1,20 +1,18 @@
-! Python boundary of the materials: plain arrays in, plain arrays out. A material comes as model,
-! name, a(4,4) = A_ij, bulk modulus, fibers(4) = sigma_max, lambda_o, gamma1, gamma2, and curve.
+! Python boundary of the materials: plain arrays in, plain arrays out. A material comes as its name
+! and its parameters by the keys of a deck: n keys, their texts (blank for numbers), their numbers.
 
 !> Energy at points
-subroutine material_energy(model, name, a, bulk, fibers, curve, volumetric, np, f, fiber, &
-   & activation, w, stat, message)
+subroutine material_energy(name, n, keys, texts, numbers, volumetric, np, f, fiber, activation, &
+   & w, stat, message)
    use rk_error, only : error_type
    use rk_material, only : material_item
-   use rk_material_list, only : new_material
    use rk_material_points, only : energy_at_points
-   use rk_muscle, only : fiber_type
-   use rk_pack, only : pack_error
+   use rk_pack, only : pack_error, unpack_material
    implicit none
    !f2py threadsafe
-   character(len=*), intent(in) :: model, name, curve
-   integer, intent(in) :: volumetric, np
-   double precision, intent(in) :: a(4, 4), bulk, fibers(4), activation
+   integer, intent(in) :: n, volumetric, np
+   character(len=*), intent(in) :: name, keys(n), texts(n)
+   double precision, intent(in) :: numbers(n), activation
    double precision, intent(in) :: f(3, 3, np), fiber(3, np)
    double precision, intent(out) :: w(np)
    integer, intent(out) :: stat
@@ -23,27 +21,24 @@ subroutine material_energy(model, name, a, bulk, fibers, curve, volumetric, np, 
    type(material_item) :: item
 
    w = 0.0d0
-   call new_material(item, model, name, a, bulk, &
-      & fiber_type(fibers(1), fibers(2), fibers(3), fibers(4), curve), error)
+   call unpack_material(item, name, keys, texts, numbers, error)
    call pack_error(error, stat, message)
    if (stat /= 0) return
    call energy_at_points(item%material, f, fiber, activation, volumetric /= 0, w)
 end subroutine material_energy
 
 !> Stress at points
-subroutine material_stress(model, name, a, bulk, fibers, curve, volumetric, np, f, fiber, &
-   & activation, p, stat, message)
+subroutine material_stress(name, n, keys, texts, numbers, volumetric, np, f, fiber, activation, &
+   & p, stat, message)
    use rk_error, only : error_type
    use rk_material, only : material_item
-   use rk_material_list, only : new_material
    use rk_material_points, only : stress_at_points
-   use rk_muscle, only : fiber_type
-   use rk_pack, only : pack_error
+   use rk_pack, only : pack_error, unpack_material
    implicit none
    !f2py threadsafe
-   character(len=*), intent(in) :: model, name, curve
-   integer, intent(in) :: volumetric, np
-   double precision, intent(in) :: a(4, 4), bulk, fibers(4), activation
+   integer, intent(in) :: n, volumetric, np
+   character(len=*), intent(in) :: name, keys(n), texts(n)
+   double precision, intent(in) :: numbers(n), activation
    double precision, intent(in) :: f(3, 3, np), fiber(3, np)
    double precision, intent(out) :: p(3, 3, np)
    integer, intent(out) :: stat
@@ -52,27 +47,24 @@ subroutine material_stress(model, name, a, bulk, fibers, curve, volumetric, np, 
    type(material_item) :: item
 
    p = 0.0d0
-   call new_material(item, model, name, a, bulk, &
-      & fiber_type(fibers(1), fibers(2), fibers(3), fibers(4), curve), error)
+   call unpack_material(item, name, keys, texts, numbers, error)
    call pack_error(error, stat, message)
    if (stat /= 0) return
    call stress_at_points(item%material, f, fiber, activation, volumetric /= 0, p)
 end subroutine material_stress
 
 !> Stress, tangent and contracted third derivative at points
-subroutine material_strong(model, name, a, bulk, fibers, curve, volumetric, nd, np, f, h, &
-   & fiber, activation, p, c4, t, stat, message)
+subroutine material_strong(name, n, keys, texts, numbers, volumetric, nd, np, f, h, fiber, &
+   & activation, p, c4, t, stat, message)
    use rk_error, only : error_type
    use rk_material, only : material_item
-   use rk_material_list, only : new_material
    use rk_material_points, only : strong_at_points
-   use rk_muscle, only : fiber_type
-   use rk_pack, only : pack_error
+   use rk_pack, only : pack_error, unpack_material
    implicit none
    !f2py threadsafe
-   character(len=*), intent(in) :: model, name, curve
-   integer, intent(in) :: volumetric, nd, np
-   double precision, intent(in) :: a(4, 4), bulk, fibers(4), activation
+   integer, intent(in) :: n, volumetric, nd, np
+   character(len=*), intent(in) :: name, keys(n), texts(n)
+   double precision, intent(in) :: numbers(n), activation
    double precision, intent(in) :: f(3, 3, np), h(3, 3, 3, np), fiber(3, np)
    double precision, intent(out) :: p(3, 3, np), c4(3, 3, 3, 3, np), t(3, 3, 3, np)
    integer, intent(out) :: stat
@@ -83,8 +75,7 @@ subroutine material_strong(model, name, a, bulk, fibers, curve, volumetric, nd, 
    p = 0.0d0
    c4 = 0.0d0
    t = 0.0d0
-   call new_material(item, model, name, a, bulk, &
-      & fiber_type(fibers(1), fibers(2), fibers(3), fibers(4), curve), error)
+   call unpack_material(item, name, keys, texts, numbers, error)
    call pack_error(error, stat, message)
    if (stat /= 0) return
    call strong_at_points(item%material, nd, f, h, fiber, activation, volumetric /= 0, &

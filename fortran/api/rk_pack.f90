@@ -1,10 +1,14 @@
-!> Errors as plain numbers and text, for the Python boundary.
+!> Errors and materials as plain numbers and text, for the Python boundary.
 module rk_pack
    use rk_error, only : error_type
+   use rk_material, only : material_item
+   use rk_material_list, only : new_material
+   use rk_parameters, only : parameters_type
+   use rk_precision, only : wp
    implicit none
    private
 
-   public :: pack_error
+   public :: pack_error, unpack_material
 
 contains
 
@@ -24,5 +28,34 @@ subroutine pack_error(error, stat, message)
       message = error%message
    end if
 end subroutine pack_error
+
+!> Material from its name and its parameters by the keys of a deck
+subroutine unpack_material(item, name, keys, texts, numbers, error)
+   !> Material
+   type(material_item), intent(out) :: item
+   !> Name for messages
+   character(len=*), intent(in) :: name
+   !> Keys, shape (n)
+   character(len=*), intent(in) :: keys(:)
+   !> Values that are texts, blank for numbers, shape (n)
+   character(len=*), intent(in) :: texts(:)
+   !> Values that are numbers, shape (n)
+   real(wp), intent(in) :: numbers(:)
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   type(parameters_type) :: parameters
+   integer :: i
+
+   parameters%kind = 'material'
+   parameters%name = name
+   do i = 1, size(keys)
+      if (texts(i) == '') then
+         call parameters%add(trim(keys(i)), numbers(i))
+      else
+         call parameters%add(trim(keys(i)), trim(texts(i)))
+      end if
+   end do
+   call new_material(item, parameters, error)
+end subroutine unpack_material
 
 end module rk_pack

@@ -66,6 +66,25 @@ Deck Deck::read(const std::string &path, std::vector<std::string> overrides) {
    return deck;
 }
 
+Deck Deck::defaults(const std::string &table, const std::string &key, const std::string &value) {
+   Deck deck("the schema");
+   for (const TableSpec &spec : schema()) {
+      if (spec.name != table)
+         continue;
+      Section section;
+      section.spec = &spec;
+      section.index = spec.many ? 1 : 0;
+      if (!key.empty())
+         section.values[key].text = value;
+      fill_defaults(deck, section);
+      deck.sections.push_back(section);
+      return deck;
+   }
+   deck.complain({}, table, "no such table");
+   deck.close();
+   return deck;
+}
+
 // All steps; each goes on after complaints of its own, so that a user sees everything at once
 void Deck::load() {
    folder = std::filesystem::path(name).parent_path().string();

@@ -104,6 +104,9 @@ class Deck {
  public:
    Deck(std::string name, std::string text, std::vector<std::string> overrides);
    static Deck read(const std::string &path, std::vector<std::string> overrides);
+   // One table with nothing but a text at `key` ("": nothing at all) and what follows from it by
+   // default
+   static Deck defaults(const std::string &table, const std::string &key, const std::string &value);
 
    // `address` is the key as a user would write it: material.fat.K
    void complain(const Origin &where, const std::string &address, const std::string &what);
@@ -143,6 +146,8 @@ std::optional<Value> parse_value(const std::string &text);
 void apply_overrides(Deck &deck);
 // deck_check.cpp: types, ranges, missing keys, defaults
 void check_schema(Deck &deck);
+// deck_check.cpp: defaults of a table without a look at what is missing or wrong in it
+void fill_defaults(const Deck &deck, Section &section);
 // deck_rules.cpp: what depends on more than the schema can say
 void check_rules(Deck &deck);
 

@@ -121,6 +121,10 @@ void *rk_deck_parse(const char *text, const char *name, const char *overrides) {
    return open(rk::Deck(name, text, lines(overrides)));
 }
 
+void *rk_deck_defaults(const char *table, const char *key, const char *value) {
+   return open(rk::Deck::defaults(table, key, value));
+}
+
 int rk_deck_status(const void *handle) {
    return static_cast<int>(static_cast<const Flat *>(handle)->deck.status);
 }

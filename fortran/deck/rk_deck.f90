@@ -7,6 +7,8 @@ module rk_deck
       & c_null_char, c_ptr
    use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
    use rk_cstring, only : to_fortran
+   use rk_deck_c, only : rk_deck_close, rk_deck_defaults, rk_deck_entry, &
+      & rk_deck_needed, rk_deck_parse, rk_deck_property, rk_deck_read, rk_deck_size, rk_deck_status
    use rk_error, only : err_input, error_type, fatal_error
    use rk_json, only : json_type
    use rk_precision, only : wp
@@ -14,7 +16,7 @@ module rk_deck
    implicit none
    private
 
-   public :: deck_type, open_deck, parse_deck, take_deck
+   public :: deck_type, open_deck, parse_deck, take_deck, table_defaults
 
    !> Kinds of entries, as deck_c.cpp counts them
    integer, parameter :: is_table = 0, is_text = 1, is_texts = 2, is_number = 3, is_integer = 4, &
@@ -50,6 +52,8 @@ module rk_deck
       procedure :: has
       !> Number of entries of an array of tables
       procedure :: count => count_entries
+      !> Keys of a table that have a value
+      procedure :: keys => keys_of_table
       !> Where a key was written: file and line, or the override
       procedure :: where => where_written
       !> Is the value a text (where a number is possible as well)?
@@ -66,67 +70,6 @@ module rk_deck
          & get_texts
       procedure, private :: find
    end type deck_type
-
-   interface
-      function rk_deck_read(path, overrides) result(handle) bind(c)
-         import :: c_char, c_ptr
-         implicit none
-         character(kind=c_char), intent(in) :: path(*), overrides(*)
-         type(c_ptr) :: handle
-      end function rk_deck_read
-
-      function rk_deck_parse(text, name, overrides) result(handle) bind(c)
-         import :: c_char, c_ptr
-         implicit none
-         character(kind=c_char), intent(in) :: text(*), name(*), overrides(*)
-         type(c_ptr) :: handle
-      end function rk_deck_parse
-
-      function rk_deck_status(handle) result(status) bind(c)
-         import :: c_int, c_ptr
-         implicit none
-         type(c_ptr), value :: handle
-         integer(c_int) :: status
-      end function rk_deck_status
-
-      function rk_deck_property(handle, which) result(text) bind(c)
-         import :: c_int, c_ptr
-         implicit none
-         type(c_ptr), value :: handle
-         integer(c_int), value :: which
-         type(c_ptr) :: text
-      end function rk_deck_property
-
-      function rk_deck_size(handle) result(size) bind(c)
-         import :: c_int, c_ptr
-         implicit none
-         type(c_ptr), value :: handle
-         integer(c_int) :: size
-      end function rk_deck_size
-
-      function rk_deck_entry(handle, index, key, where, text, count, numbers) result(kind) bind(c)
-         import :: c_int, c_ptr
-         implicit none
-         type(c_ptr), value :: handle
-         integer(c_int), value :: index
-         type(c_ptr), intent(out) :: key, where, text, numbers
-         integer(c_int), intent(out) :: count
-         integer(c_int) :: kind
-      end function rk_deck_entry
-
-      subroutine rk_deck_close(handle) bind(c)
-         import :: c_ptr
-         implicit none
-         type(c_ptr), value :: handle
-      end subroutine rk_deck_close
-
-      function rk_deck_needed(command) result(tables) bind(c)
-         import :: c_char, c_ptr
-         implicit none
-         character(kind=c_char), intent(in) :: command(*)
-         type(c_ptr) :: tables
-      end function rk_deck_needed
-   end interface
 
 contains
 
@@ -180,6 +123,24 @@ subroutine take_deck(deck, path, text, overrides, error)
       call parse_deck(deck, text, path, overrides, error)
    end if
 end subroutine take_deck
+
+!> Values that the schema gives to keys of a table, as an entry of a deck with nothing but a key of
+!> this value would have them
+subroutine table_defaults(deck, table, key, value, error)
+   !> Deck with this table alone
+   type(deck_type), intent(out) :: deck
+   !> Table
+   character(len=*), intent(in) :: table
+   !> Key with a text on which defaults depend; blank for none
+   character(len=*), intent(in) :: key
+   !> Its value
+   character(len=*), intent(in) :: value
+   !> Error handling: no such table
+   type(error_type), allocatable, intent(out) :: error
+
+   call take(deck, rk_deck_defaults(trim(table)//c_null_char, trim(key)//c_null_char, &
+      & trim(value)//c_null_char), error)
+end subroutine table_defaults
 
 !> Texts as lines for C
 pure function joined(list) result(lines)
@@ -268,6 +229,26 @@ pure function count_entries(self, key) result(number)
    number = 1
    if (self%entry(found)%kind == is_list) number = nint(self%entry(found)%numbers(1))
 end function count_entries
+
+!> Keys of a table that have a value, without the table's name
+subroutine keys_of_table(self, table, keys)
+   !> Deck
+   class(deck_type), intent(in) :: self
+   !> Table, for an array of tables with the entry's number
+   character(len=*), intent(in) :: table
+   !> Keys, as long as the longest of them
+   character(len=:), allocatable, intent(out) :: keys(:)
+   character(len=:), allocatable :: lines
+   integer :: i
+
+   lines = ''
+   do i = 1, size(self%entry)
+      associate (key => self%entry(i)%key)
+         if (index(key, table//'.') == 1) lines = lines//key(len(table) + 2:)//new_line('a')
+      end associate
+   end do
+   call split(lines, keys)
+end subroutine keys_of_table
 
 !> Where a key was written; for one that is absent, its table or the file
 pure recursive function where_written(self, key) result(place)
@@ -404,20 +385,30 @@ subroutine get_texts(self, key, value)
    !> Its values
    character(len=:), allocatable, intent(out) :: value(:)
    character(len=:), allocatable :: lines
-   integer :: i, longest, n
 
    call self%get(key, lines)
+   call split(lines, value)
+end subroutine get_texts
+
+!> Lines of a text as an array
+pure subroutine split(text, lines)
+   !> Text; every line ends with a line feed
+   character(len=*), intent(in) :: text
+   !> Lines, as long as the longest of them
+   character(len=:), allocatable, intent(out) :: lines(:)
+   integer :: i, longest, n
+
    n = 0
    longest = 0
-   do while (len(line(lines, n + 1)) > 0)
+   do while (len(line(text, n + 1)) > 0)
       n = n + 1
-      longest = max(longest, len(line(lines, n)))
+      longest = max(longest, len(line(text, n)))
    end do
-   allocate (character(len=longest) :: value(n))
+   allocate (character(len=longest) :: lines(n))
    do i = 1, n
-      value(i) = line(lines, i)
+      lines(i) = line(text, i)
    end do
-end subroutine get_texts
+end subroutine split
 
 !> One line of a text; empty behind the last
 pure function line(text, number) result(found)

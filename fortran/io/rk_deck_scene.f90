@@ -6,15 +6,13 @@ module rk_deck_scene
    use rk_cloud, only : check_cloud, cloud_type
    use rk_deck, only : deck_type
    use rk_deck_linear, only : read_linear
+   use rk_deck_materials, only : read_materials
    use rk_error, only : error_type, fatal_error, err_input, err_memory
    use rk_estimate, only : estimate_cost, estimate_type
    use rk_kernel, only : kernel_cubic, kernel_quintic, window_product, window_radial
    use rk_lattice, only : jitter, new_annulus, new_box
-   use rk_material, only : material_item
-   use rk_material_list, only : new_material
    use rk_memory, only : available_bytes
-   use rk_muscle, only : fiber_type
-   use rk_precision, only : pi, wp
+   use rk_precision, only : wp
    use rk_scene, only : condition_type, scene_type
    use rk_text, only : to_text
    use rk_volume_points, only : volume_patches
@@ -159,72 +157,6 @@ subroutine read_approximation(scene, deck)
    end do
 end subroutine read_approximation
 
-!> Materials, and which one fills which point
-subroutine read_materials(scene, deck, error)
-   !> Scene with points
-   type(scene_type), intent(inout) :: scene
-   !> Deck
-   type(deck_type), intent(in) :: deck
-   !> Error handling
-   type(error_type), allocatable, intent(out) :: error
-   type(material_item) :: item
-   type(fiber_type) :: fibers
-   character(len=:), allocatable :: at, model, curve
-   real(wp), allocatable :: direction(:)
-   real(wp) :: a(0:3, 0:3), bulk
-   integer :: i, j, k, n
-
-   n = deck%count('material')
-   allocate (scene%tissue(n), scene%tissue_of(size(scene%cloud%points, 2)))
-   scene%tissue_of = 0
-   do k = 1, n
-      at = 'material.'//to_text(k)
-      associate (tissue => scene%tissue(k))
-         call deck%get(at//'.name', tissue%name)
-         if (deck%has(at//'.label')) call deck%get(at//'.label', tissue%label)
-         call deck%get(at//'.model', model)
-         a = 0.0_wp
-         do i = 0, 3
-            do j = 0, 3 - i
-               if (i + j > 0) call deck%get(at//'.A'//to_text(i)//to_text(j), a(i, j))
-            end do
-         end do
-         call deck%get(at//'.K', bulk)
-         if (model == 'muscle') then
-            call deck%get(at//'.sigma_max', fibers%sigma_max)
-            call deck%get(at//'.lambda_o', fibers%lambda_o)
-            call deck%get(at//'.gamma1', fibers%gamma1)
-            call deck%get(at//'.gamma2', fibers%gamma2)
-            call deck%get(at//'.curve', curve)
-            fibers%curve = curve
-         end if
-         call new_material(item, model, tissue%name, a, bulk, fibers, error)
-         if (allocated(error)) then
-            error%message = deck%where(at//'.model')//': '//error%message
-            return
-         end if
-         call move_alloc(item%material, tissue%material)
-         call fill_points(scene, k, deck%has(at//'.label'))
-         if (.not. any(scene%tissue_of == k)) then
-            call fatal_error(error, err_input, deck%where(at)//': material.label: no point has ' &
-               & //'label '//to_text(tissue%label)//' of material '//tissue%name)
-            return
-         end if
-         if (model == 'muscle') then
-            call read_direction(deck, at, scene%cloud%nd, direction)
-            call set_fibers(scene, k, direction, deck%where(at), error)
-         else
-            call clear_fibers(scene, k)
-         end if
-         if (allocated(error)) return
-      end associate
-   end do
-   k = findloc(scene%tissue_of, 0, dim=1)
-   if (k > 0) call fatal_error(error, err_input, deck%where('material.1')//': material: points ' &
-      & //'with label '//to_text(scene%cloud%label(k))//' have no material, the first one lies ' &
-      & //'at '//to_text(scene%cloud%points(:, k)))
-end subroutine read_materials
-
 !> Largest ratio of a bulk modulus to its shear modulus, by which the displacement form locks [-]
 pure real(wp) function stiffest_ratio(scene)
    !> Scene with materials
@@ -237,83 +169,6 @@ pure real(wp) function stiffest_ratio(scene)
          & /scene%tissue(k)%material%shear)
    end do
 end function stiffest_ratio
-
-!> Give a material to its points
-subroutine fill_points(scene, k, by_label)
-   !> Scene
-   type(scene_type), intent(inout) :: scene
-   !> Material
-   integer, intent(in) :: k
-   !> Whether its label counts; otherwise it fills all points
-   logical, intent(in) :: by_label
-
-   if (by_label) then
-      where (scene%cloud%label == scene%tissue(k)%label) scene%tissue_of = k
-   else
-      scene%tissue_of = k
-   end if
-end subroutine fill_points
-
-!> Uniform fiber direction of a material, empty where the model's directions hold
-subroutine read_direction(deck, at, nd, direction)
-   !> Deck
-   type(deck_type), intent(in) :: deck
-   !> Key of the material
-   character(len=*), intent(in) :: at
-   !> Space dimension
-   integer, intent(in) :: nd
-   !> Unit vector, shape (3) or (0) [-]
-   real(wp), allocatable, intent(out) :: direction(:)
-   real(wp) :: angle
-
-   if (deck%has(at//'.fiber_angle')) then
-      call deck%get(at//'.fiber_angle', angle)
-      angle = angle*pi/180.0_wp
-      direction = [sin(angle), 0.0_wp, 0.0_wp]
-      direction(nd) = cos(angle)
-   else
-      call deck%get(at//'.fiber', direction)
-      if (size(direction) > 0) direction = direction/norm2(direction)
-   end if
-end subroutine read_direction
-
-!> Fibers of a muscle's points
-subroutine set_fibers(scene, k, direction, place, error)
-   !> Scene
-   type(scene_type), intent(inout) :: scene
-   !> Material
-   integer, intent(in) :: k
-   !> Uniform direction or nothing
-   real(wp), intent(in) :: direction(:)
-   !> Where the material stands in the deck
-   character(len=*), intent(in) :: place
-   !> Error handling: no direction at a point
-   type(error_type), allocatable, intent(out) :: error
-   integer :: ip
-
-   do ip = 1, size(scene%tissue_of)
-      if (scene%tissue_of(ip) /= k) cycle
-      if (size(direction) > 0) scene%cloud%fiber(:, ip) = direction
-      if (norm2(scene%cloud%fiber(:, ip)) > 0.5_wp) cycle
-      call fatal_error(error, err_input, place//': material '//scene%tissue(k)%name//' has no ' &
-         & //'fiber at collocation point '//to_text(ip)//' at ' &
-         & //to_text(scene%cloud%points(:, ip))//': give material.fiber or repair the model')
-      return
-   end do
-end subroutine set_fibers
-
-!> No fibers where the material has none
-subroutine clear_fibers(scene, k)
-   !> Scene
-   type(scene_type), intent(inout) :: scene
-   !> Material
-   integer, intent(in) :: k
-   integer :: ip
-
-   do ip = 1, size(scene%tissue_of)
-      if (scene%tissue_of(ip) == k) scene%cloud%fiber(:, ip) = 0.0_wp
-   end do
-end subroutine clear_fibers
 
 !> Number of a boundary set named in the deck
 subroutine find_named_set(cloud, deck, key, set, error)

@@ -3,13 +3,15 @@
 !>     W = W_r(I1r, I2r, I4r, activation) + K/2 (J - 1)^2
 !>
 !> in the reduced invariants I1r = J^(-2/3) I1, I2r = J^(-4/3) I2, I4r = J^(-2/3) N.C.N. A material
-!> extends `material_type` by one procedure, the derivatives of W_r; the powers of J are treated
-!> here and the tensors in rk_tensors. Everything is pure and allocates nothing, so it may be
+!> extends `material_type` by two procedures, its parameters and the derivatives of W_r; the powers
+!> of J are treated here and the tensors in rk_tensors. Everything is pure and allocates nothing, so it may be
 !> called from any thread. J <= 0 gives NaN: who steps there must look at J first.
 !>
 !> References: thesis (4.34), (4.35), (5.36)-(5.38), Appendix C (C.1), (C.5), (C.10)
 module rk_material
    use rk_curvature, only : fourth_form, third_form
+   use rk_error, only : error_type
+   use rk_parameters, only : parameters_type
    use rk_precision, only : wp
    use rk_tensors, only : derivatives_type, first_tensor, invariants_type, kind_i1, kind_i2, &
       & kind_i4, second_tensor, set_invariants, third_tensor
@@ -57,7 +59,11 @@ module rk_material
       real(wp) :: shear = 0.0_wp
       !> Does the reduced energy depend on I1r, I2r, I4r?
       logical :: active(3) = .false.
+      !> Has it fibers, so that its points need a direction?
+      logical :: fibered = .false.
    contains
+      !> Take and check the parameters
+      procedure(set_material), deferred :: set
       !> Derivatives of the reduced energy
       procedure(reduced_energy), deferred :: reduced
       !> Infinite K
@@ -85,6 +91,18 @@ module rk_material
    end type material_item
 
    abstract interface
+      !> Take and check the parameters: ask for each that the material knows, then set the moduli
+      !> and the active invariants
+      subroutine set_material(self, parameters, error)
+         import :: material_type, parameters_type, error_type
+         !> Material
+         class(material_type), intent(inout) :: self
+         !> Parameters by the names they have in decks
+         type(parameters_type), intent(inout) :: parameters
+         !> Error handling
+         type(error_type), allocatable, intent(out) :: error
+      end subroutine set_material
+
       !> Reduced energy and its derivatives up to an order. Of the arrays, the entries of the
       !> active invariants are used; entries of a higher order than wanted may stay unset.
       pure subroutine reduced_energy(self, state, order, w)

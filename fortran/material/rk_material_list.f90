@@ -1,47 +1,42 @@
 !> The materials by the names they have in decks. A new material is one more case here.
 module rk_material_list
-   use rk_error, only : err_input, error_type, fatal_error
+   use rk_error, only : error_type
    use rk_material, only : material_item
-   use rk_muscle, only : fiber_type, muscle_type, new_muscle
-   use rk_polynomial, only : new_polynomial, polynomial_type
-   use rk_precision, only : wp
+   use rk_muscle, only : muscle_type
+   use rk_parameters, only : parameters_type
+   use rk_polynomial, only : polynomial_type
    implicit none
    private
 
    public :: new_material
 
+   !> Names of the materials
+   character(len=*), parameter :: names(2) = ['polynomial', 'muscle    ']
+
 contains
 
-!> Create a material of a model
-subroutine new_material(item, model, name, a, bulk, fibers, error)
+!> Create a material from its parameters; `model`, one of them, is its name in the list
+subroutine new_material(item, parameters, error)
    !> Material
    type(material_item), intent(out) :: item
-   !> "polynomial" or "muscle"
-   character(len=*), intent(in) :: model
-   !> Name for messages
-   character(len=*), intent(in) :: name
-   !> Coefficients A_ij of the polynomial [stress]
-   real(wp), intent(in) :: a(0:3, 0:3)
-   !> Bulk modulus K, > 0, may be infinite [stress]
-   real(wp), intent(in) :: bulk
-   !> Parameters of the fibers, used by muscle
-   type(fiber_type), intent(in) :: fibers
+   !> Model and parameters
+   type(parameters_type), intent(inout) :: parameters
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   type(polynomial_type) :: polynomial
-   type(muscle_type) :: muscle
+   character(len=:), allocatable :: model
 
+   call parameters%get('model', model, names, error)
+   if (allocated(error)) return
    select case (model)
    case ('polynomial')
-      call new_polynomial(polynomial, name, a, bulk, error)
-      if (.not. allocated(error)) allocate (item%material, source=polynomial)
+      allocate (polynomial_type :: item%material)
    case ('muscle')
-      call new_muscle(muscle, name, a, bulk, fibers, error)
-      if (.not. allocated(error)) allocate (item%material, source=muscle)
-   case default
-      call fatal_error(error, err_input, "material '"//name//"': model = '"//trim(model)// &
-         & "' must be 'polynomial' or 'muscle'")
+      allocate (muscle_type :: item%material)
    end select
+   item%material%name = parameters%name
+   call item%material%set(parameters, error)
+   if (allocated(error)) return
+   call parameters%check_all_asked(error)
 end subroutine new_material
 
 end module rk_material_list

@@ -7,94 +7,72 @@
 !> References: thesis (4.35), (4.39), (5.37a);
 !>             Rivlin, Saunders, Phil. Trans. R. Soc. A 243 (1951), doi:10.1098/rsta.1951.0004
 module rk_polynomial
-   use, intrinsic :: ieee_arithmetic, only : ieee_is_finite
    use rk_error, only : err_input, error_type, fatal_error
    use rk_material, only : kind_i1, kind_i2, material_type, energy_derivatives, invariant_state
+   use rk_parameters, only : parameters_type
    use rk_precision, only : wp
    use rk_text, only : to_text
    implicit none
    private
 
-   public :: polynomial_type, new_polynomial, check_parameter
+   public :: polynomial_type
 
    !> Isotropic material
    type, extends(material_type) :: polynomial_type
       !> Coefficients A_ij, zero where i + j > 3 [stress]
       real(wp) :: a(0:3, 0:3) = 0.0_wp
    contains
+      procedure :: set
       procedure :: reduced
+      !> Bulk and shear modulus, once the coefficients are there
+      procedure :: set_moduli
    end type polynomial_type
 
 contains
 
-!> Create an isotropic material
-subroutine new_polynomial(self, name, a, bulk, error)
+!> Take and check A10 to A03 and K
+subroutine set(self, parameters, error)
    !> Material
-   type(polynomial_type), intent(out) :: self
-   !> Name for messages
-   character(len=*), intent(in) :: name
-   !> Coefficients A_ij, zero for i = j = 0 and for i + j > 3 [stress]
-   real(wp), intent(in) :: a(0:3, 0:3)
-   !> Bulk modulus K, > 0, may be infinite [stress]
-   real(wp), intent(in) :: bulk
+   class(polynomial_type), intent(inout) :: self
+   !> Parameters
+   type(parameters_type), intent(inout) :: parameters
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
    integer :: i, j
 
-   do j = 0, 3
-      do i = 0, 3
-         call check_parameter(name, 'A'//to_text(i)//to_text(j), a(i, j), error)
+   do i = 0, 3
+      do j = 0, 3 - i
+         if (i + j == 0) cycle
+         call parameters%get('A'//to_text(i)//to_text(j), self%a(i, j), error)
          if (allocated(error)) return
-         if (abs(a(i, j)) > 0.0_wp .and. (i + j == 0 .or. i + j > 3)) then
-            call fatal_error(error, err_input, "material '"//name//"': A"//to_text(i)// &
-               & to_text(j)//" = "//to_text(a(i, j))//" is outside the cubic polynomial; "// &
-               & "only A10 to A03 with i + j from 1 to 3 exist")
-            return
-         end if
       end do
    end do
-   ! an infinite K keeps the volume; only a NaN or what is not positive is wrong
-   if (.not. bulk > huge(1.0_wp)) call check_parameter(name, 'K', bulk, error, above=0.0_wp)
-   if (allocated(error)) return
-   self%name = name
-   self%a = a
-   self%bulk = bulk
-   self%shear = 2.0_wp*(a(1, 0) + a(0, 1))
-   if (.not. self%shear > 0.0_wp) then
-      call fatal_error(error, err_input, "material '"//name//"': A10 + A01 = "// &
-         & to_text(a(1, 0) + a(0, 1))//" must be positive, it is half the shear modulus")
-      return
-   end if
-   self%active(kind_i1) = any(abs(a(1:, :)) > 0.0_wp)
-   self%active(kind_i2) = any(abs(a(:, 1:)) > 0.0_wp)
-end subroutine new_polynomial
+   call self%set_moduli(parameters, 'A10 + A01', error)
+end subroutine set
 
-!> Refuse a parameter that is not finite or not above (not below) a limit
-subroutine check_parameter(material, name, value, error, above, least)
-   !> Name of the material
-   character(len=*), intent(in) :: material
-   !> Name of the parameter
-   character(len=*), intent(in) :: name
-   !> Value
-   real(wp), intent(in) :: value
+!> Take K; set what follows from it and from the coefficients
+subroutine set_moduli(self, parameters, sum_name, error)
+   !> Material with its coefficients
+   class(polynomial_type), intent(inout) :: self
+   !> Parameters
+   type(parameters_type), intent(inout) :: parameters
+   !> What A10 + A01 are in parameters, for messages
+   character(len=*), intent(in) :: sum_name
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   !> The value must be greater
-   real(wp), intent(in), optional :: above
-   !> The value must be greater or equal
-   real(wp), intent(in), optional :: least
-   character(len=:), allocatable :: wanted
 
-   if (.not. ieee_is_finite(value)) then
-      wanted = "a finite number"
-   else if (present(above)) then
-      if (.not. value > above) wanted = "greater than "//to_text(above)
-   else if (present(least)) then
-      if (.not. value >= least) wanted = "at least "//to_text(least)
-   end if
-   if (allocated(wanted)) call fatal_error(error, err_input, "material '"//material//"': "// &
-      & name//" = "//to_text(value)//" must be "//wanted)
-end subroutine check_parameter
+   ! an infinite K keeps the volume
+   call parameters%get('K', self%bulk, error, above=0.0_wp, infinite=.true.)
+   if (allocated(error)) return
+   associate (a => self%a)
+      self%shear = 2.0_wp*(a(1, 0) + a(0, 1))
+      self%active(kind_i1) = any(abs(a(1:, :)) > 0.0_wp)
+      self%active(kind_i2) = any(abs(a(:, 1:)) > 0.0_wp)
+      if (.not. self%shear > 0.0_wp) call fatal_error(error, err_input, "material '"//self%name &
+         & //"': "//sum_name//" = "//to_text(a(1, 0) + a(0, 1))//" must be positive, it is half " &
+         & //"the shear modulus")
+   end associate
+end subroutine set_moduli
 
 !> Polynomial and its derivatives
 pure subroutine reduced(self, state, order, w)

@@ -6,20 +6,25 @@ import json
 import os
 import re
 from collections.abc import Mapping, Sequence
+from functools import cache
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from myork import _core, errors
 from myork.tables import deck_text
 
 __all__ = [
     "NAME_OF_TABLES",
+    "as_texts",
     "check_deck",
     "load_deck",
     "load_tables",
     "read_deck",
+    "table_defaults",
     "text_of_tables",
 ]
 
@@ -107,6 +112,36 @@ def read_deck(
     return load_deck(deck, overrides, command)
 
 
+@cache
+def table_defaults(table: str, key: str = "", value: str = "") -> Mapping[str, Any]:
+    """Values that the schema gives to keys of a table which a deck leaves out.
+
+    Parameters
+    ----------
+    table : str
+        Name of the table.
+    key, value : str
+        A key of the table with its value, on which other keys depend: `"model", "muscle"`.
+
+    Returns
+    -------
+    mapping
+        Values by key, the given one included.
+    """
+    answer, length, stat, message = _core.deck_defaults(
+        table.encode(), key.encode() or b" ", value.encode() or b" ", _CAPACITY
+    )
+    errors.check(stat, message)
+    found = json.loads(answer[:length])[table]
+    return MappingProxyType(found[0] if isinstance(found, list) else found)
+
+
+def as_texts(words: Sequence[str]) -> NDArray[np.bytes_]:
+    """Texts as Fortran has them: all of one length, filled with blanks instead of NULs."""
+    items = np.array([word.encode() for word in words] or [b""])
+    return np.char.ljust(items, max(items.itemsize, 1))
+
+
 def check_deck(stat: int, message: str | bytes, text: str) -> None:
     """Raise the core's error about a deck; lines of the text that tables became are left out."""
     if text and stat != 0:
@@ -130,8 +165,7 @@ def _values(path: str | Path, text: str, overrides: Sequence[str], command: str)
 
 def _deck_json(path: str | Path, text: str, overrides: Sequence[str], command: str) -> str:
     """JSON text of all values of a deck, defaults included."""
-    items = np.array([item.encode() for item in overrides] or [b""])
-    padded = np.char.ljust(items, max(items.itemsize, 1))  # blanks, not NULs, as Fortran has it
+    padded = as_texts(overrides)
     capacity = _CAPACITY
     while True:
         answer, length, stat, _ = _core.deck_json(

@@ -2,59 +2,66 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from myork import _core, errors
+from myork.core.deck import as_texts, table_defaults
 
 F64Array = NDArray[np.float64]
 
+#: Keys of a `[[material]]` table that place the material in a body
+_PLACING = {"label", "fiber", "fiber_angle"}
 
-@dataclass(frozen=True)
+
 class Material:
     """Material law with the keys of a `[[material]]` table in a deck.
 
-    Attributes
+    What is not given has the value that the schema of decks gives it; which parameters a model
+    has is said in `docs/decks.md`. All of them can be read as attributes.
+
+    Parameters
     ----------
     name : str
         Name for messages.
     K : float
         Bulk modulus, positive; infinite only with `volumetric=False` below [stress].
     model : str
-        `polynomial` or `muscle`.
-    A10, A01, A20, A11, A02, A30, A21, A12, A03 : float
-        Coefficients of the polynomial (4.35); `A10 + A01`, half the shear modulus, is positive
-        [stress].
-    sigma_max : float
-        Largest isometric stress of the fibers, not negative [stress].
-    lambda_o : float
-        Stretch of optimal length, positive [-].
-    gamma1, gamma2 : float
-        Factor (not negative) and rate (positive) of the passive force (4.37) [-].
-    curve : str
-        `published` or `smooth` (three times continuously differentiable force).
+        `polynomial`, `muscle` or another model of decks.
+    **parameters : float or str
+        Parameters of the model, such as `A10` or `sigma_max`.
+
+    Examples
+    --------
+    >>> rubber = Material("rubber", K=1e3, A10=37.3)
+    >>> rubber.A10, rubber.A20
+    (37.3, 0.0)
     """
 
-    name: str
-    K: float
-    model: str = "polynomial"
-    A10: float = 0.0
-    A01: float = 0.0
-    A20: float = 0.0
-    A11: float = 0.0
-    A02: float = 0.0
-    A30: float = 0.0
-    A21: float = 0.0
-    A12: float = 0.0
-    A03: float = 0.0
-    sigma_max: float = 30.0
-    lambda_o: float = 1.0
-    gamma1: float = 0.05
-    gamma2: float = 6.6
-    curve: str = "published"
+    def __init__(
+        self, name: str, K: float, model: str = "polynomial", **parameters: float | str
+    ) -> None:
+        self.name = name
+        self._given: dict[str, float | str] = {"K": K, "model": model, **parameters}
+        self.parameters = {**table_defaults("material", "model", model), **self._given}
+
+    @classmethod
+    def of_table(cls, table: Mapping[str, Any]) -> Material:
+        """Material of a `[[material]]` table, whose label and fiber direction are left out."""
+        return cls(**{key: value for key, value in table.items() if key not in _PLACING})
+
+    def replace(self, **changes: float | str) -> Material:
+        """The same material with other values of some parameters."""
+        return Material(self.name, **{**self._given, **changes})  # type: ignore[arg-type]
+
+    def __getattr__(self, key: str) -> Any:
+        try:
+            return self.__dict__["parameters"][key]
+        except KeyError:
+            raise AttributeError(f"material '{self.__dict__.get('name')}' has no {key}") from None
 
 
 class Tangents(NamedTuple):
@@ -187,18 +194,18 @@ def strong(
     return Tangents(*(np.moveaxis(array, -1, 0) for array in (p, c4, t)))
 
 
-def fiber_curves(
-    stretch: ArrayLike, *, curve: str = "published", gamma1: float = 0.05, gamma2: float = 6.6
-) -> FiberCurves:
+def fiber_curves(stretch: ArrayLike, **parameters: float | str) -> FiberCurves:
     """Active and passive force of fibers (4.37), (4.38), as corrected, and their derivatives.
 
     Parameters
     ----------
     stretch : ArrayLike
         Normalised stretches lambda*, shape `(n,)` [-].
-    curve, gamma1, gamma2
-        As in `Material`.
+    **parameters : float or str
+        `curve`, `gamma1` and `gamma2` of a muscle; the schema's values where absent.
     """
+    muscle = {**table_defaults("material", "model", "muscle"), **parameters}
+    curve, gamma1, gamma2 = (muscle[key] for key in ("curve", "gamma1", "gamma2"))
     if curve not in ("published", "smooth"):
         raise errors.InputError(f"curve = '{curve}' must be 'published' or 'smooth'")
     if not gamma2 > 0.0:
@@ -214,13 +221,11 @@ def _parameters(material: Material, volumetric: bool) -> tuple[object, ...]:
         raise errors.InputError(
             f"material '{material.name}': K = inf gives no volumetric stress: volumetric=False"
         )
-    a = np.zeros((4, 4), order="F")
-    for i in range(4):
-        for j in range(4 - i):
-            if i + j > 0:
-                a[i, j] = getattr(material, f"A{i}{j}")
-    fibers = (material.sigma_max, material.lambda_o, material.gamma1, material.gamma2)
-    return (material.model, material.name, a, material.K, fibers, material.curve, int(volumetric))
+    values = material.parameters.values()
+    texts = [value if isinstance(value, str) else "" for value in values]
+    numbers = [0.0 if isinstance(value, str) else value for value in values]
+    keys = as_texts(list(material.parameters))
+    return (material.name, keys, as_texts(texts), numbers, int(volumetric))
 
 
 def _points(gradient: ArrayLike, fiber: ArrayLike) -> tuple[F64Array, F64Array]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from myork import _core, errors
 from myork.core.calls import Turn, call_in_thread
 from myork.core.cloud import NO_CLOUD, check_cloud, model_of, with_cloud
-from myork.core.deck import check_deck, load_deck, load_tables, text_of_tables
+from myork.core.deck import as_texts, check_deck, load_deck, load_tables, text_of_tables
 from myork.records import PointCloud
 from myork.tables import read_only
 
@@ -197,11 +197,10 @@ class Scene:
         self.deck = read_only(deck)
         cloud = NO_CLOUD if model is None else model
         names = np.char.ljust(np.array([name.encode() for name in cloud.set_names]), 32)
-        items = np.array([item.encode() for item in overrides] or [b" "])
         handle, stat, message = _core.scene_open(
             os.fsencode(deck["path"]),
             text.encode() or b" ",
-            np.char.ljust(items, items.itemsize),
+            as_texts(overrides),
             cloud.source.T,
             np.broadcast_to(cloud.spacing, cloud.source.shape).T,
             cloud.points.T,

@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from myork.core.material import stress, strong
+from myork.core.material import Material, stress, strong
 from myork.errors import InstallationError
-from myork.reference.muscle import material_of
 
 __all__ = ["felupe_block", "felupe_sheet", "felupe_tube"]
 
@@ -107,7 +106,7 @@ def felupe_sheet(
     gradient = np.eye(3)
     middle = _node(points, 0.5 * size)
     gradient[:2, :2] = body.gradient(fem.BiQuadraticQuad(), middle)
-    nominal = stress(material_of(table), gradient[np.newaxis])[0]
+    nominal = stress(Material.of_table(table), gradient[np.newaxis])[0]
     cauchy = nominal @ gradient.T / np.linalg.det(gradient)
     return {
         "shear_stress": float(cauchy[0, 1]),
@@ -268,7 +267,7 @@ class _Law:
     """Isochoric part of a deck's material in the form that felupe calls."""
 
     def __init__(self, table: Mapping[str, Any], fiber: tuple[float, float, float]) -> None:
-        self.material = material_of(table)
+        self.material = Material.of_table(table)
         self.fiber = fiber
         self.activation = 0.0
         # felupe reads the shapes of the arguments and of the state variables from here

@@ -13,13 +13,7 @@ from scipy.optimize import brentq
 
 from myork.core.material import Material, stress
 
-__all__ = ["along_fibers", "material_of"]
-
-
-def material_of(table: Mapping[str, Any]) -> Material:
-    """Material of a `[[material]]` table, without the keys that place it in a body."""
-    names = Material.__dataclass_fields__
-    return Material(**{key: table[key] for key in names if key in table})
+__all__ = ["along_fibers"]
 
 
 def along_fibers(table: Mapping[str, Any], stretch: float, activation: float) -> float:
@@ -39,7 +33,7 @@ def along_fibers(table: Mapping[str, Any], stretch: float, activation: float) ->
     float
         Stress [stress].
     """
-    material = material_of(table)
+    material = Material.of_table(table)
 
     def cauchy(free: float) -> Any:
         f = np.diag([stretch, free, free])
