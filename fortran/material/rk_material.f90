@@ -4,8 +4,9 @@
 !>
 !> in the reduced invariants I1r = J^(-2/3) I1, I2r = J^(-4/3) I2, I4r = J^(-2/3) N.C.N. A material
 !> extends `material_type` by two procedures, its parameters and the derivatives of W_r; the powers
-!> of J are treated here and the tensors in rk_tensors. Everything is pure and allocates nothing, so it may be
-!> called from any thread. J <= 0 gives NaN: who steps there must look at J first.
+!> of J are treated here and the tensors in rk_tensors. All that is evaluated at points is pure and
+!> allocates nothing, so it may be called from any thread. J <= 0 gives NaN: who steps there must
+!> look at J first.
 !>
 !> References: thesis (4.34), (4.35), (5.36)-(5.38), Appendix C (C.1), (C.5), (C.10)
 module rk_material
