@@ -254,6 +254,7 @@ subroutine scene_fields(handle, n, nc, x, load, u, f, cauchy, stat, message)
    use rk_fields, only : compute_fields, fields_type
    use rk_handles, only : find_slot, slot_type
    use rk_pack, only : pack_error
+   use rk_states, only : field_state
    implicit none
    !f2py threadsafe
    integer, intent(in) :: handle, n, nc
@@ -263,6 +264,7 @@ subroutine scene_fields(handle, n, nc, x, load, u, f, cauchy, stat, message)
    character(len=2048), intent(out) :: message
    type(error_type), allocatable :: error
    type(slot_type), pointer :: slot
+   type(field_state) :: state
    type(fields_type) :: fields
 
    u = 0
@@ -271,9 +273,8 @@ subroutine scene_fields(handle, n, nc, x, load, u, f, cauchy, stat, message)
    call find_slot(handle, slot, error)
    call pack_error(error, stat, message)
    if (stat /= 0) return
-   ! pressure and gradients of weak forms are those of the state that was settled last
-   call slot%full%settle(x, load)
-   call compute_fields(slot%full, x, load, fields)
+   call slot%full%state(x, load, state)
+   call compute_fields(slot%full, state, fields)
    u = fields%u
    f = fields%f
    cauchy = fields%cauchy

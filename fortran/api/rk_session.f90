@@ -14,6 +14,7 @@ module rk_session
    use rk_probes, only : new_probes, probe_value, probes_type
    use rk_problem, only : problem_type, evaluation_type
    use rk_reduced, only : new_reduced
+   use rk_states, only : field_state
    use rk_static, only : solve_static
    use rk_text, only : to_text
    implicit none
@@ -264,6 +265,7 @@ subroutine probe_session(handle, x, load, value, error)
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
    type(slot_type), pointer :: slot
+   type(field_state) :: state
    type(probes_type) :: probes
    integer :: i, k
 
@@ -272,9 +274,9 @@ subroutine probe_session(handle, x, load, value, error)
    call new_probes(probes, slot%scene, error)
    if (allocated(error)) return
    do k = 1, size(load)
-      call slot%full%settle(x(:, k), load(k))
+      call slot%full%state(x(:, k), load(k), state)
       do i = 1, size(slot%scene%probe)
-         call probe_value(slot%full, probes, i, x(:, k), load(k), value(:, i, k))
+         call probe_value(slot%full, probes, i, state, value(:, i, k))
       end do
    end do
 end subroutine probe_session

@@ -10,6 +10,7 @@ module rk_output
    use rk_probes, only : new_probes, probe_value, probes_type
    use rk_recorder, only : iteration_type, recorder_type, step_type
    use rk_results, only : results_type
+   use rk_states, only : field_state
    use rk_system, only : interrupted
    use rk_text, only : to_text
    implicit none
@@ -172,6 +173,7 @@ subroutine step(self, st, x)
    !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
    type(step_record), allocatable :: grown(:)
+   type(field_state) :: state
    type(fields_type) :: fields
    type(error_type), allocatable :: error
    character(len=200) :: line
@@ -179,21 +181,21 @@ subroutine step(self, st, x)
    integer :: i, n
 
    call system_clock(clock)
-   call self%problem%settle(x, st%load)
+   call self%problem%state(x, st%load, state)
    n = size(self%record)
    allocate (grown(n + 1))
    grown(:n) = self%record
    grown(n + 1)%step = st
    allocate (grown(n + 1)%probe(3, size(self%problem%scene%probe)))
    do i = 1, size(self%problem%scene%probe)
-      call probe_value(self%problem, self%probes, i, x, st%load, grown(n + 1)%probe(:, i))
+      call probe_value(self%problem, self%probes, i, state, grown(n + 1)%probe(:, i))
    end do
    call move_alloc(grown, self%record)
    if (.not. allocated(self%problem%scene%equation%kind)) then
-      self%imbalance = force_imbalance(self%problem, x, st%load)
-      call find_ellipticity(self%problem, x, st%load, self%record(n + 1)%ellipticity)
+      self%imbalance = force_imbalance(self%problem, state)
+      call find_ellipticity(self%problem, state, self%record(n + 1)%ellipticity)
    end if
-   call compute_fields(self%problem, x, st%load, fields)
+   call compute_fields(self%problem, state, fields)
    if (self%problem%fields == 1) then
       call self%results%add_scalar(st%load, fields%u(1, :), x, error)
    else

@@ -13,7 +13,7 @@ module rk_displacement
    use rk_rows, only : new_rows, rows_type
    use rk_scene, only : scene_type
    use rk_section_force, only : section_force
-   use rk_shape, only : new_shape
+   use rk_states, only : field_state
    use rk_tensor, only : determinant
    implicit none
    private
@@ -63,8 +63,7 @@ subroutine new_displacement(self, scene, error)
    call new_boundary(self%boundary, scene%cloud, scene%condition, error)
    if (allocated(error)) return
    allocate (self%shape)
-   call new_shape(self%shape, scene%approximation, scene%cloud%source, scene%support, &
-      & scene%cloud%points, error)
+   call scene%shape_at(scene%cloud%points, self%shape, error)
    if (allocated(error)) return
    nc = size(scene%cloud%points, 2)
    call new_mixture(self%mixture, scene, scene%cloud%points, [(b, b=1, nc)], error)
@@ -89,20 +88,18 @@ subroutine new_displacement(self, scene, error)
 end subroutine new_displacement
 
 !> Force that the surroundings exert on the body through a set
-function set_force(self, set, x, load, share) result(force)
+function set_force(self, set, state, share) result(force)
    !> Problem
    class(displacement_problem), intent(in) :: self
    !> Boundary set
    integer, intent(in) :: set
-   !> Unknowns, shape (n)
-   real(wp), contiguous, intent(in) :: x(:)
-   !> Load [-]
-   real(wp), intent(in) :: load
+   !> State
+   type(field_state), intent(in) :: state
    !> Part of the way to the next fixed set that is looked at [-]
    real(wp), intent(in) :: share
    real(wp) :: force(3)
 
-   force = section_force(self, set, x, load, share)
+   force = section_force(self, set, state, share)
 end function set_force
 
 !> Linearised rows

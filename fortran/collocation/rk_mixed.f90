@@ -16,11 +16,10 @@ module rk_mixed
    use rk_error, only : error_type
    use rk_mixture, only : new_mixture
    use rk_neighbours, only : nearest_points
-   use rk_point_state, only : point_state
    use rk_precision, only : wp
    use rk_rows, only : new_rows
    use rk_scene, only : scene_type
-   use rk_shape, only : new_shape
+   use rk_states, only : field_state, point_state
    use rk_tensor, only : cofactor, cross, cross_form, determinant
    use rk_text, only : to_text
    implicit none
@@ -50,7 +49,7 @@ module rk_mixed
       procedure :: rejection
       procedure :: evaluate_place
       procedure :: curvature
-      procedure :: local_state
+      procedure :: at_place
    end type mixed_problem
 
    !> Smallest share of a row's weight, on the edge itself
@@ -89,8 +88,7 @@ subroutine new_mixed(self, scene, error)
    nv = size(scene%cloud%volume_points, 2)
    position = reshape([scene%cloud%points, scene%cloud%volume_points], [nd, nc + nv])
    allocate (self%shape)
-   call new_shape(self%shape, scene%approximation, scene%cloud%source, scene%support, position, &
-      & error)
+   call scene%shape_at(position, self%shape, error)
    if (allocated(error)) return
    call new_mixture(self%mixture, scene, position, &
       & [[(b, b=1, nc)], nearest_points(scene%cloud%points, scene%cloud%volume_points)], error)
@@ -255,18 +253,18 @@ pure function scaled_norms(self, x) result(norms)
 end function scaled_norms
 
 !> Stress and deformation at a place
-subroutine local_state(self, ip, x, u, load, local)
+subroutine at_place(self, state, ip, x, u, local)
    !> Problem
    class(mixed_problem), intent(in) :: self
+   !> State of the body
+   type(field_state), intent(in) :: state
    !> Collocation point whose material and fiber hold there
    integer, intent(in) :: ip
    !> Undeformed place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
    !> Displacement and pressure with derivatives, shape (nd + 1, nq)
    real(wp), intent(in) :: u(:, :)
-   !> Load [-]
-   real(wp), intent(in) :: load
-   !> State
+   !> State there
    type(point_state), intent(out) :: local
    real(wp) :: h(3, 3, 3)
    integer :: nd
@@ -276,10 +274,10 @@ subroutine local_state(self, ip, x, u, load, local)
    local%u(:nd) = u(:nd, 1)
    call deformation(nd, u, local%f, h)
    local%j = determinant(local%f)
-   call self%mixture%stress(ip, local%f, load, local%p, volumetric=.false.)
+   call self%mixture%stress(ip, local%f, state%load, local%p, volumetric=.false.)
    local%p = local%p + u(nd + 1, 1)*cofactor(local%f)
    local%cauchy = matmul(local%p, transpose(local%f))/local%j
-end subroutine local_state
+end subroutine at_place
 
 !> Second derivatives of J contracted with a vector on the second index: J_FF(i, A, k, C) v_A
 pure function cofactor_slope(f, v) result(t)

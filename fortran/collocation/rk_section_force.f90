@@ -7,8 +7,8 @@
 !> integral over the set.
 module rk_section_force
    use rk_discretisation, only : discretisation_type
-   use rk_point_state, only : point_state
    use rk_precision, only : pi, wp
+   use rk_states, only : field_state, point_state
    implicit none
    private
 
@@ -17,26 +17,23 @@ module rk_section_force
 contains
 
 !> Force through the sections below a set
-function section_force(problem, set, x, load, share) result(force)
+function section_force(problem, set, state, share) result(force)
    !> Full problem
    class(discretisation_type), intent(in) :: problem
    !> Boundary set
    integer, intent(in) :: set
-   !> Coefficients, shape (n)
-   real(wp), contiguous, intent(in) :: x(:)
-   !> Load [-]
-   real(wp), intent(in) :: load
+   !> State
+   type(field_state), intent(in) :: state
    !> Part of the way to the next fixed set that is looked at [-]
    real(wp), intent(in) :: share
    real(wp) :: force(3), work(3), depth, reach
    real(wp) :: normal(problem%scene%cloud%nd), origin(problem%scene%cloud%nd)
    logical :: usable(3)
    type(point_state) :: local
-   real(wp) :: u(problem%fields, problem%shape%nq)
    integer :: ip, nd
 
    nd = problem%scene%cloud%nd
-   force = traction_integral(problem, set, x, load)
+   force = traction_integral(problem, set, state)
    call find_reach(problem, set, normal, origin, reach, usable)
    if (.not. any(usable)) return
    ! half a way makes sense between the ends of a body only
@@ -48,8 +45,7 @@ function section_force(problem, set, x, load, share) result(force)
    do ip = 1, size(problem%scene%cloud%points, 2)
       depth = -dot_product(normal, problem%scene%cloud%points(:, ip) - origin)
       if (depth <= 0.0_wp .or. depth >= reach) cycle
-      call problem%field(ip, x, 1 + nd, u)
-      call problem%local_state(ip, problem%scene%cloud%points(:, ip), u, load, local)
+      call problem%at_point(state, ip, local)
       ! -w'(depth): a raised cosine, which weighs the middle most
       work(:nd) = work(:nd) + matmul(local%p(:nd, :nd), normal)*problem%scene%cloud%volume(ip) &
          & *(1.0_wp - cos(2.0_wp*pi*depth/reach))/reach
@@ -107,18 +103,15 @@ subroutine find_reach(problem, set, normal, origin, reach, usable)
 end subroutine find_reach
 
 !> Integral of P N over a set
-function traction_integral(problem, set, x, load) result(force)
+function traction_integral(problem, set, state) result(force)
    !> Full problem
    class(discretisation_type), intent(in) :: problem
    !> Boundary set
    integer, intent(in) :: set
-   !> Coefficients, shape (n)
-   real(wp), contiguous, intent(in) :: x(:)
-   !> Load [-]
-   real(wp), intent(in) :: load
+   !> State
+   type(field_state), intent(in) :: state
    real(wp) :: force(3)
    type(point_state) :: local
-   real(wp) :: u(problem%fields, problem%shape%nq)
    integer :: e, ip, nd
 
    nd = problem%scene%cloud%nd
@@ -127,8 +120,7 @@ function traction_integral(problem, set, x, load) result(force)
       do e = 1, size(cloud%point)
          if (cloud%set(e) /= set) cycle
          ip = cloud%point(e)
-         call problem%field(ip, x, 1 + nd, u)
-         call problem%local_state(ip, cloud%points(:, ip), u, load, local)
+         call problem%at_point(state, ip, local)
          force(:nd) = force(:nd) + matmul(local%p(:nd, :nd), cloud%normal(:, e))*cloud%area(e)
       end do
    end associate

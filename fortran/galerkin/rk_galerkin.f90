@@ -5,7 +5,7 @@
 !> and held by the penalty of (4.22), which needs not be large then. The volume change is projected
 !> (rk_pressure). Residual and tangent are the exact derivatives of that energy.
 module rk_galerkin
-   use rk_blas, only : dgemm, dsyrk
+   use rk_blas, only : dsyrk
    use rk_cells, only : cells_type
    use rk_conditions, only : new_boundary
    use rk_discretisation, only : discretisation_type, deformation
@@ -16,14 +16,14 @@ module rk_galerkin
    use rk_neighbours, only : nearest_points
    use rk_nodal_cells, only : nodal_cells
    use rk_operator, only : row_operator
-   use rk_point_state, only : point_state
    use rk_precision, only : i8, wp
    use rk_pressure, only : new_pressure, pressure_type
    use rk_problem, only : evaluation_type
    use rk_recovery, only : new_recovery, recovery_type
    use rk_scene, only : scene_type
-   use rk_shape, only : new_shape, shape_type
+   use rk_shape, only : shape_type
    use rk_stabilisation, only : share_bulk, stabilise
+   use rk_states, only : field_state, point_state
    use rk_tangent, only : add_forces, new_tangent, tangent_type
    use rk_tensor, only : cross, cross_form, determinant, identity
    use rk_weak_conditions, only : set_conditions, surface_type
@@ -52,14 +52,10 @@ module rk_galerkin
       type(surface_type) :: surface
       !> Nearest collocation point of each point, shape (np)
       integer, allocatable :: nearest(:)
-      !> First Piola-Kirchhoff stress at each point in the last evaluation, shape (3, 3, np)
-      real(wp), allocatable :: stress(:, :, :)
-      !> Deformation gradient at each point in the last evaluation, and in that of the tangent which
-      !> the next step takes, shape (3, 3, np) [-]
-      real(wp), allocatable :: f(:, :, :)
+      !> Deformation gradient at each point where the tangent was taken, and where the step to there
+      !> began, shape (3, 3, np) [-]
+      real(wp), allocatable :: origin(:, :, :)
       real(wp), allocatable :: base(:, :, :)
-      !> Volume ratio at each point in the last evaluation, shape (np) [-]
-      real(wp), allocatable :: volume(:)
       !> Tangent, and the part of it that never changes: penalty and stabilisation
       type(tangent_type) :: matrix
       real(wp), allocatable :: constant(:)
@@ -70,9 +66,8 @@ module rk_galerkin
       procedure :: evaluate
       procedure :: predict
       procedure :: operator
-      procedure :: hessian
-      procedure :: local_state
-      procedure :: settle
+      procedure :: state
+      procedure :: at_place
       procedure :: load_points
       procedure :: set_point_loads
       !> Force through a boundary set
@@ -101,8 +96,7 @@ subroutine new_galerkin(self, scene, error)
    call new_boundary(self%boundary, scene%cloud, scene%condition, error)
    if (allocated(error)) return
    allocate (self%shape)
-   call new_shape(self%shape, scene%approximation, scene%cloud%source, scene%support, &
-      & scene%cloud%points, error)
+   call scene%shape_at(scene%cloud%points, self%shape, error)
    if (allocated(error)) return
    if (scene%method == 'rkpm-gauss') then
       call gauss_cells(self%cells, scene%cloud, scene%galerkin%gauss, &
@@ -117,12 +111,13 @@ subroutine new_galerkin(self, scene, error)
    self%extent = sqrt(real(self%n, wp))*maxval(maxval(scene%cloud%source, dim=2) &
       & - minval(scene%cloud%source, dim=2))
 
-   call shapes_at(scene, self%cells%point, self%inside, error)
-   if (allocated(error)) return
-   call shapes_at(scene, self%cells%surface, self%surface%shape, error)
-   if (allocated(error)) return
-   call shapes_at(scene, self%cells%facet, facet, error)
-   if (allocated(error)) return
+   call scene%shape_at(self%cells%point, self%inside, error)
+   if (.not. allocated(error)) call scene%shape_at(self%cells%surface, self%surface%shape, error)
+   if (.not. allocated(error)) call scene%shape_at(self%cells%facet, facet, error)
+   if (allocated(error)) then
+      error%message = 'integration '//error%message
+      return
+   end if
    self%nearest = nearest_points(scene%cloud%points, self%cells%point)
    call new_mixture(self%mixture, scene, reshape([scene%cloud%points, self%cells%point], &
       & [nd, nc + np]), [[(ip, ip=1, nc)], self%nearest], error)
@@ -142,7 +137,7 @@ subroutine new_galerkin(self, scene, error)
    call new_tangent(self%matrix, size(scene%cloud%source, 2), self%cells, self%gradient, &
       & self%surface, self%inside, shear, scene%galerkin%direct_limit, error)
    if (allocated(error)) return
-   allocate (self%stress(3, 3, np), self%f(3, 3, np), self%volume(np), self%force(self%n))
+   allocate (self%force(self%n))
    allocate (self%constant(size(self%matrix%value, kind=i8)), source=0.0_wp)
    call self%surface%add_penalty(self%matrix%symmetric_matrix, self%constant)
    if (self%cells%smoothed) call stabilise(self%matrix%symmetric_matrix, self%constant, &
@@ -150,21 +145,6 @@ subroutine new_galerkin(self, scene, error)
    self%force = 0.0_wp
    call self%surface%add_forces(self%force)
 end subroutine new_galerkin
-
-!> Shape functions at places
-subroutine shapes_at(scene, place, shape, error)
-   !> Scene
-   type(scene_type), intent(in) :: scene
-   !> Places, shape (nd, np) [length]
-   real(wp), intent(in) :: place(:, :)
-   !> Shape functions
-   type(shape_type), intent(out) :: shape
-   !> Error handling
-   type(error_type), allocatable, intent(out) :: error
-
-   call new_shape(shape, scene%approximation, scene%cloud%source, scene%support, place, error)
-   if (allocated(error)) error%message = 'integration '//error%message
-end subroutine shapes_at
 
 !> Points where set_point_loads wants values: the integration points, then those of the surface
 function load_points(self) result(x)
@@ -283,20 +263,23 @@ subroutine assemble(self, x, held, load, tangent, r, state)
    real(wp), contiguous, intent(inout) :: r(:)
    !> What was seen
    type(evaluation_type), intent(out) :: state
+   type(field_state) :: at
    real(wp), allocatable :: part(:, :), force(:, :)
    integer :: g, nd
 
    nd = self%scene%cloud%nd
+   call new_state(self, at)
    call self%matrix%product(self%constant, x, r)
    r = r - load*self%force
    if (tangent) self%matrix%value = self%constant
    ! parts are added in the order of the groups, so that sums do not depend on the threads
    !$omp parallel do default(none) schedule(static, 1) ordered private(g, part, force) &
-   !$omp shared(self, x, held, load, tangent, r, nd)
+   !$omp shared(self, x, held, load, tangent, r, at, nd)
    do g = 1, size(self%cells%first) - 1
       associate (member => self%gradient%member(self%gradient%member_start(g) + 1: &
          & self%gradient%member_start(g + 1)))
-         call group_part(self, g, x, held, load, tangent, force, part)
+         call deform_group(self, g, x, held, at)
+         call group_part(self, g, at, held, load, tangent, force, part)
          !$omp ordered
          call add_forces(member, force, r)
          if (tangent .and. self%matrix%formed) call self%matrix%add(self%matrix%value, member, part)
@@ -304,22 +287,145 @@ subroutine assemble(self, x, held, load, tangent, r, state)
       end associate
    end do
    !$omp end parallel do
-   state%worst = minloc(self%volume, dim=1)
-   state%min_j = self%volume(state%worst)
-   state%max_j = maxval(self%volume)
+   state%worst = minloc(at%j, dim=1)
+   state%min_j = at%j(state%worst)
+   state%max_j = maxval(at%j)
    ! comparisons that a NaN fails
-   state%valid = all(self%volume > 0.0_wp) .and. all(abs(r) <= huge(1.0_wp))
+   state%valid = all(at%j > 0.0_wp) .and. all(abs(r) <= huge(1.0_wp))
    state%worst = self%nearest(state%worst)
+   if (tangent) call move_alloc(at%f, self%origin)
 end subroutine assemble
 
-!> Forces and stiffness of a group of points
-subroutine group_part(self, g, x, held, load, tangent, force, part)
-   !> Problem; stress, volume ratio and pressure of the group are set
-   class(galerkin_problem), intent(inout) :: self
+!> State of the body with stresses
+subroutine state(self, x, load, at)
+   !> Problem
+   class(galerkin_problem), intent(in) :: self
+   !> Unknowns, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> State
+   type(field_state), intent(out) :: at
+   integer :: g, nc, q
+
+   nc = size(self%scene%cloud%points, 2)
+   call new_state(self, at)
+   at%x = x
+   at%load = load
+   allocate (at%p(3, 3, size(at%j)))
+   !$omp parallel do default(none) schedule(static, 1) private(g, q) shared(self, x, load, at, nc)
+   do g = 1, size(self%cells%first) - 1
+      call deform_group(self, g, x, load, at)
+      do q = self%cells%first(g) + 1, self%cells%first(g + 1)
+         at%p(:, :, q) = 0.0_wp
+         ! no stress exists
+         if (.not. at%j(q) > 0.0_wp) cycle
+         call self%mixture%stress(nc + q, at%f(:, :, q), load, at%p(:, :, q), volumetric=.false.)
+         at%p(:, :, q) = at%p(:, :, q) + pressure_at(self, g, q, at%j(q), at%pressure(:, g)) &
+            & *(0.5_wp*cross(at%f(:, :, q), at%f(:, :, q)))
+      end do
+   end do
+   !$omp end parallel do
+end subroutine state
+
+!> Room for the deformation of all groups
+pure subroutine new_state(self, at)
+   !> Problem
+   class(galerkin_problem), intent(in) :: self
+   !> State
+   type(field_state), intent(out) :: at
+
+   allocate (at%f(3, 3, size(self%cells%weight)), at%j(size(self%cells%weight)))
+   allocate (at%pressure, mold=self%pressure%total)
+end subroutine new_state
+
+!> Deformation of a group of points, and the pressure that its change of volume makes
+pure subroutine deform_group(self, g, x, held, at)
+   !> Problem
+   class(galerkin_problem), intent(in) :: self
    !> Group
    integer, intent(in) :: g
    !> Unknowns [length]
    real(wp), intent(in) :: x(self%gradient%nd, self%n/self%gradient%nd)
+   !> Load of the essential values in the gradients [-]
+   real(wp), intent(in) :: held
+   !> State, of which F, J and pressure of the group are set
+   type(field_state), intent(inout) :: at
+   real(wp), allocatable :: local(:, :)
+   real(wp) :: h(self%gradient%nd, self%gradient%nd), value(size(at%pressure, 1))
+   integer :: b, nd, q
+
+   nd = self%gradient%nd
+   b = self%pressure%count(g)
+   local = x(:, self%gradient%member(self%gradient%member_start(g) + 1: &
+      & self%gradient%member_start(g + 1)))
+   value = 0.0_wp
+   do q = self%cells%first(g) + 1, self%cells%first(g + 1)
+      call self%gradient%at(q, local, held, h)
+      associate (f => at%f(:, :, q))
+         f = identity
+         f(:nd, :nd) = f(:nd, :nd) + h
+         at%j(q) = determinant(f)
+      end associate
+      value(:b) = value(:b) + self%cells%weight(q)*at%j(q)*self%pressure%basis(:b, q)
+   end do
+   value(:b) = self%bulk(g)*(value(:b) - self%pressure%total(:b, g))
+   at%pressure(:, g) = value
+end subroutine deform_group
+
+!> Pressure of a group of a mixed Newton iteration, in which it is linear in the step: with
+!> K (J - 1) of the new place instead, the stiffness suffers from every bit of volume that a step
+!> leaves
+pure function linear_pressure(self, g, at) result(value)
+   !> Problem
+   class(galerkin_problem), intent(in) :: self
+   !> Group
+   integer, intent(in) :: g
+   !> State with the deformation of the group
+   type(field_state), intent(in) :: at
+   real(wp) :: value(size(at%pressure, 1))
+   integer :: b, q
+
+   value = at%pressure(:, g)
+   if (.not. allocated(self%base)) return
+   b = self%pressure%count(g)
+   value = 0.0_wp
+   do q = self%cells%first(g) + 1, self%cells%first(g + 1)
+      associate (base => self%base(:, :, q))
+         value(:b) = value(:b) + self%cells%weight(q)*self%pressure%basis(:b, q) &
+            & *(determinant(base) + 0.5_wp*sum(cross(base, base)*(at%f(:, :, q) - base)))
+      end associate
+   end do
+   value(:b) = self%bulk(g)*(value(:b) - self%pressure%total(:b, g))
+end function linear_pressure
+
+!> Pressure at a point: of the projected change of volume, and of that of the point itself [stress]
+pure real(wp) function pressure_at(self, g, q, j, coefficient)
+   !> Problem
+   class(galerkin_problem), intent(in) :: self
+   !> Group
+   integer, intent(in) :: g
+   !> Point of the group
+   integer, intent(in) :: q
+   !> Volume ratio at the point [-]
+   real(wp), intent(in) :: j
+   !> Coefficients of the group's pressure, shape (1 + nd) [stress length^(nd/2)]
+   real(wp), intent(in) :: coefficient(:)
+   integer :: b
+
+   b = self%pressure%count(g)
+   pressure_at = self%local_bulk(size(self%scene%cloud%points, 2) + q)*(j - 1.0_wp) &
+      & + dot_product(coefficient(:b), self%pressure%basis(:b, q))
+end function pressure_at
+
+!> Forces and stiffness of a group of points
+subroutine group_part(self, g, at, held, load, tangent, force, part)
+   !> Problem; a tangent that is not formed keeps moduli and cofactors of the group
+   class(galerkin_problem), intent(inout) :: self
+   !> Group
+   integer, intent(in) :: g
+   !> State with the deformation of the group
+   type(field_state), intent(in) :: at
    !> Load of the essential values in the gradients [-]
    real(wp), intent(in) :: held
    !> Load [-]
@@ -330,9 +436,9 @@ subroutine group_part(self, g, x, held, load, tangent, force, part)
    real(wp), allocatable, intent(inout) :: force(:, :)
    !> Upper triangle of the stiffness, shape (nd*members, nd*members) [force/length]
    real(wp), allocatable, intent(inout) :: part(:, :)
-   real(wp), allocatable :: c4(:, :, :, :, :), local(:, :), volume(:, :)
-   real(wp) :: h(self%gradient%nd, self%gradient%nd), p(3, 3), cofactor(3, 3), bulk, value(4)
-   real(wp) :: linear(4), jump(4), pressure, local_pressure
+   real(wp), allocatable :: c4(:, :, :, :, :), volume(:, :)
+   real(wp) :: h(self%gradient%nd, self%gradient%nd), p(3, 3), cofactor(3, 3)
+   real(wp) :: linear(size(at%pressure, 1)), jump(size(at%pressure, 1))
    integer :: nc, nd, n, q, o, i, k, members, b
    integer(i8) :: e
    logical :: formed, stacked
@@ -341,74 +447,38 @@ subroutine group_part(self, g, x, held, load, tangent, force, part)
    ! what the volume of the group changes by is wanted as rows
    stacked = formed .or. (tangent .and. held < load)
    nd = self%gradient%nd
+   nc = size(self%scene%cloud%points, 2)
    o = self%cells%first(g)
    n = self%cells%first(g + 1) - o
    b = self%pressure%count(g)
-   associate (member => self%gradient%member(self%gradient%member_start(g) + 1: &
-      & self%gradient%member_start(g + 1)))
-      members = size(member)
-      allocate (local(nd, members))
-      local = x(:, member)
-   end associate
+   members = int(self%gradient%member_start(g + 1) - self%gradient%member_start(g))
    if (allocated(force)) deallocate (force)
    allocate (force(nd, members), source=0.0_wp)
    if (allocated(part)) deallocate (part)
    if (formed) allocate (part(nd*members, nd*members), source=0.0_wp)
-   value = 0.0_wp
-   linear = 0.0_wp
-   do q = 1, n
-      call self%gradient%at(o + q, local, held, h)
-      associate (f => self%f(:, :, o + q), w => self%cells%weight(o + q))
-         f = 0.0_wp
-         do i = 1, 3
-            f(i, i) = 1.0_wp
-         end do
-         f(:nd, :nd) = f(:nd, :nd) + h
-         self%volume(o + q) = determinant(f)
-         value(:b) = value(:b) + w*self%volume(o + q)*self%pressure%basis(:b, o + q)
-         if (.not. allocated(self%base)) cycle
-         associate (base => self%base(:, :, o + q))
-            linear(:b) = linear(:b) + w*self%pressure%basis(:b, o + q)*(determinant(base) &
-               & + 0.5_wp*sum(cross(base, base)*(f - base)))
-         end associate
-      end associate
-   end do
-   if (.not. allocated(self%base)) linear = value
-   self%stress(:, :, o + 1:o + n) = 0.0_wp
    ! no stress exists; the caller rejects the state
-   if (.not. all(self%volume(o + 1:o + n) > 0.0_wp)) return
+   if (.not. all(at%j(o + 1:o + n) > 0.0_wp)) return
 
-   nc = size(self%scene%cloud%points, 2)
-   bulk = self%bulk(g)
-   value(:b) = bulk*(value(:b) - self%pressure%total(:b, g))
-   self%pressure%coefficient(:b, g) = value(:b)
-   ! the pressure of a mixed Newton iteration, in which it is linear in the step: with K (J - 1) of
-   ! the new place instead, the stiffness suffers from every bit of volume that a step leaves
-   linear(:b) = bulk*(linear(:b) - self%pressure%total(:b, g))
    jump = 0.0_wp
    if (tangent) then
+      linear = linear_pressure(self, g, at)
       allocate (c4(3, 3, 3, 3, n))
       if (stacked) allocate (volume(nd*members, b), source=0.0_wp)
    end if
    do q = 1, n
-      local_pressure = self%local_bulk(nc + o + q)*(self%volume(o + q) - 1.0_wp)
-      pressure = local_pressure + dot_product(value(:b), self%pressure%basis(:b, o + q))
-      associate (f => self%f(:, :, o + q))
+      associate (f => at%f(:, :, o + q), j => at%j(o + q))
          cofactor = 0.5_wp*cross(f, f)
+         if (tangent) then
+            call self%mixture%tangent(nc + o + q, f, load, p, c4(:, :, :, :, q), volumetric=.false.)
+            c4(:, :, :, :, q) = self%cells%weight(o + q)*(c4(:, :, :, :, q) &
+               & + pressure_at(self, g, o + q, j, linear)*reshape(cross_form(f), [3, 3, 3, 3]) &
+               & + self%local_bulk(nc + o + q)*reshape(matmul(reshape(cofactor, [9, 1]), &
+               & reshape(cofactor, [1, 9])), [3, 3, 3, 3]))
+         else
+            call self%mixture%stress(nc + o + q, f, load, p, volumetric=.false.)
+         end if
+         p = p + pressure_at(self, g, o + q, j, at%pressure(:, g))*cofactor
       end associate
-      if (tangent) then
-         call self%mixture%tangent(nc + o + q, self%f(:, :, o + q), load, p, c4(:, :, :, :, q), &
-            & volumetric=.false.)
-         c4(:, :, :, :, q) = self%cells%weight(o + q)*(c4(:, :, :, :, q) &
-            & + (local_pressure + dot_product(linear(:b), self%pressure%basis(:b, o + q))) &
-            & *reshape(cross_form(self%f(:, :, o + q)), [3, 3, 3, 3]) &
-            & + self%local_bulk(nc + o + q)*reshape(matmul(reshape(cofactor, [9, 1]), &
-            & reshape(cofactor, [1, 9])), [3, 3, 3, 3]))
-      else
-         call self%mixture%stress(nc + o + q, self%f(:, :, o + q), load, p, volumetric=.false.)
-      end if
-      p = p + pressure*cofactor
-      self%stress(:, :, o + q) = p
       if (tangent .and. held < load) then
          h = (load - held)*self%gradient%given(:, :, o + q)
          do i = 1, nd
@@ -428,66 +498,23 @@ subroutine group_part(self, g, x, held, load, tangent, force, part)
          k = int(e - self%gradient%start(o + q))
          do i = 1, nd
             associate (grad => self%gradient%value(:, self%gradient%first(i, o + q) + k), &
-               & at => self%gradient%local(e))
-               volume(nd*(at - 1) + i, :) = volume(nd*(at - 1) + i, :) &
+               & to => self%gradient%local(e))
+               volume(nd*(to - 1) + i, :) = volume(nd*(to - 1) + i, :) &
                   & + dot_product(cofactor(i, :nd), grad)*self%pressure%basis(:b, o + q)
             end associate
          end do
       end do
    end do
    if (.not. tangent) return
-   if (stacked) force = force + bulk*reshape(matmul(volume, jump(:b)), shape(force))
+   if (stacked) force = force + self%bulk(g)*reshape(matmul(volume, jump(:b)), shape(force))
    if (.not. formed) then
-      self%matrix%bulk(g) = bulk
+      self%matrix%bulk(g) = self%bulk(g)
       self%matrix%moduli(:, :, :, :, o + 1:o + n) = c4
       return
    end if
-   call dsyrk('u', 'n', nd*members, b, bulk, volume, nd*members, 0.0_wp, part, nd*members)
-   call add_stiffness(self, o, n, members, c4, part)
+   call dsyrk('u', 'n', nd*members, b, self%bulk(g), volume, nd*members, 0.0_wp, part, nd*members)
+   call self%gradient%add_stiffness(o, c4, part)
 end subroutine group_part
-
-!> Stiffness of the tangent moduli: the gradients of all points of a group stacked, so that the work
-!> is in a few large products
-subroutine add_stiffness(self, o, n, members, c4, part)
-   !> Problem
-   class(galerkin_problem), intent(in) :: self
-   !> Points before the group, points in it, and its source points
-   integer, intent(in) :: o, n, members
-   !> Moduli times weight, shape (3, 3, 3, 3, n) [stress length^nd]
-   real(wp), intent(in) :: c4(:, :, :, :, :)
-   !> Stiffness, shape (nd*members, nd*members) [force/length]
-   real(wp), intent(inout) :: part(:, :)
-   real(wp), allocatable :: stack(:, :, :), right(:, :), block(:, :)
-   integer :: nd, i, j, k, q
-   integer(i8) :: e
-
-   nd = self%gradient%nd
-   allocate (stack(nd*n, members, nd), source=0.0_wp)
-   allocate (right(nd*n, members), block(members, members))
-   do i = 1, nd
-      do q = 1, n
-         do e = self%gradient%start(o + q) + 1, self%gradient%start(o + q + 1)
-            k = int(e - self%gradient%start(o + q))
-            stack(nd*(q - 1) + 1:nd*q, self%gradient%local(e), i) = &
-               & self%gradient%value(:, self%gradient%first(i, o + q) + k)
-         end do
-      end do
-   end do
-   do j = 1, nd
-      do i = 1, j
-         do k = 1, members
-            do q = 1, n
-               right(nd*(q - 1) + 1:nd*q, k) = matmul(c4(i, :nd, j, :nd, q), &
-                  & stack(nd*(q - 1) + 1:nd*q, k, j))
-            end do
-         end do
-         call dgemm('t', 'n', members, members, nd*n, 1.0_wp, stack(:, :, i), nd*n, right, nd*n, &
-            & 0.0_wp, block, members)
-         part(i::nd, j::nd) = part(i::nd, j::nd) + block
-         if (i < j) part(j::nd, i::nd) = part(j::nd, i::nd) + transpose(block)
-      end do
-   end do
-end subroutine add_stiffness
 
 !> Tangent
 function operator(self) result(op)
@@ -496,95 +523,60 @@ function operator(self) result(op)
    class(row_operator), pointer :: op
 
    ! asked for at the places where steps begin
-   self%base = self%f
+   self%base = self%origin
    self%matrix%cells => self%cells
    self%matrix%gradient => self%gradient
    self%matrix%pressure => self%pressure
    op => self%matrix
 end function operator
 
-!> Newton's matrix of r.r/2 is not needed: the tangent is square and solved directly
-subroutine hessian(self, x, load, r, a)
-   !> Problem
-   class(galerkin_problem), target, intent(inout) :: self
-   !> Unknowns, shape (n)
-   real(wp), contiguous, intent(in) :: x(:)
-   !> Load [-]
-   real(wp), intent(in) :: load
-   !> Residuals, shape (n)
-   real(wp), contiguous, intent(in) :: r(:)
-   !> Upper triangle of A^T A, shape (n, n)
-   real(wp), contiguous, intent(inout) :: a(:, :)
-
-   associate (unknowns => x, at => load, residual => r)
-   end associate
-   call self%matrix%normal(a)
-end subroutine hessian
-
-!> Evaluate, so that stress and pressure are those of the state
-subroutine settle(self, x, load)
-   !> Problem
-   class(galerkin_problem), target, intent(inout) :: self
-   !> Unknowns, shape (n)
-   real(wp), contiguous, intent(in) :: x(:)
-   !> Load [-]
-   real(wp), intent(in) :: load
-   real(wp), allocatable :: r(:)
-   type(evaluation_type) :: state
-
-   allocate (r(self%n))
-   call self%evaluate(x, load, .false., r, state)
-end subroutine settle
-
-!> Stress and deformation at a place from the displacement there and the settled state's pressure
-subroutine local_state(self, ip, x, u, load, local)
+!> Stress and deformation at a place from the displacement and the pressure there
+subroutine at_place(self, state, ip, x, u, local)
    !> Problem
    class(galerkin_problem), intent(in) :: self
+   !> State of the body
+   type(field_state), intent(in) :: state
    !> Collocation point whose material and fiber hold there
    integer, intent(in) :: ip
    !> Undeformed place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
    !> Displacement with derivatives, shape (nd, nq)
    real(wp), intent(in) :: u(:, :)
-   !> Load [-]
-   real(wp), intent(in) :: load
-   !> State
+   !> State there
    type(point_state), intent(out) :: local
    real(wp) :: h(3, 3, 3), pressure
 
    local%x(:size(x)) = x
    local%u(:size(x)) = u(:size(x), 1)
-   pressure = self%pressure%at(ip, x)
+   pressure = self%pressure%at(ip, x, state%pressure)
    if (self%cells%smoothed) then
-      local%f = self%recovery%at(ip, x, self%f)
+      local%f = self%recovery%at(ip, x, state%f)
       local%j = determinant(local%f)
       pressure = pressure + (local%j - 1.0_wp)*self%local_bulk(ip)
    else
       call deformation(size(x), u, local%f, h)
       local%j = determinant(local%f)
    end if
-   call self%mixture%stress(ip, local%f, load, local%p, volumetric=.false.)
+   call self%mixture%stress(ip, local%f, state%load, local%p, volumetric=.false.)
    local%p = local%p + 0.5_wp*pressure*cross(local%f, local%f)
    local%cauchy = matmul(local%p, transpose(local%f))/local%j
-end subroutine local_state
+end subroutine at_place
 
-!> Force that the surroundings exert on the body through a set, from the settled state
-function set_force(self, set, x, load, share) result(force)
+!> Force that the surroundings exert on the body through a set
+function set_force(self, set, state, share) result(force)
    !> Problem
    class(galerkin_problem), intent(in) :: self
    !> Boundary set
    integer, intent(in) :: set
-   !> Unknowns, shape (n)
-   real(wp), contiguous, intent(in) :: x(:)
-   !> Load [-]
-   real(wp), intent(in) :: load
+   !> State
+   type(field_state), intent(in) :: state
    !> Of no meaning: the work of the surface's own points is exact
    real(wp), intent(in) :: share
    real(wp) :: force(3)
 
    associate (unused => share)
    end associate
-   force = self%surface%force(self%cells, self%stress, set, x, load)
+   force = self%surface%force(self%cells, set, state)
 end function set_force
 
 end module rk_galerkin

@@ -9,6 +9,7 @@
 !>
 !> Reference: Bassi, Rebay, J. Comput. Phys. 131 (1997), doi:10.1006/jcph.1996.5572 (the lifting)
 module rk_gradient
+   use rk_blas, only : dgemm
    use rk_cells, only : cells_type
    use rk_precision, only : i8, wp
    use rk_shape, only : shape_type
@@ -40,6 +41,8 @@ module rk_gradient
       procedure :: at => gradient_at
       !> Forces that a stress makes
       procedure :: add_force
+      !> Stiffness that tangent moduli make
+      procedure :: add_stiffness
       !> Set the essential values
       procedure :: set_essential
    end type gradient_type
@@ -374,5 +377,50 @@ pure subroutine add_force(self, q, p, force)
       end do
    end do
 end subroutine add_force
+
+!> Add the stiffness of tangent moduli at the points of a group: their gradients are stacked, so
+!> that the work is in a few large products
+subroutine add_stiffness(self, o, c4, part)
+   !> Gradients
+   class(gradient_type), intent(in) :: self
+   !> Points before the group
+   integer, intent(in) :: o
+   !> Moduli times weight at its points, shape (3, 3, 3, 3, n) [stress length^nd]
+   real(wp), intent(in) :: c4(:, :, :, :, :)
+   !> Stiffness of its source points, shape (nd*members, nd*members) [force/length]
+   real(wp), intent(inout) :: part(:, :)
+   real(wp), allocatable :: stack(:, :, :), right(:, :), block(:, :)
+   integer :: nd, i, j, k, members, n, q
+   integer(i8) :: e
+
+   nd = self%nd
+   n = size(c4, 5)
+   members = size(part, 1)/nd
+   allocate (stack(nd*n, members, nd), source=0.0_wp)
+   allocate (right(nd*n, members), block(members, members))
+   do i = 1, nd
+      do q = 1, n
+         do e = self%start(o + q) + 1, self%start(o + q + 1)
+            k = int(e - self%start(o + q))
+            stack(nd*(q - 1) + 1:nd*q, self%local(e), i) = &
+               & self%value(:, self%first(i, o + q) + k)
+         end do
+      end do
+   end do
+   do j = 1, nd
+      do i = 1, j
+         do k = 1, members
+            do q = 1, n
+               right(nd*(q - 1) + 1:nd*q, k) = matmul(c4(i, :nd, j, :nd, q), &
+                  & stack(nd*(q - 1) + 1:nd*q, k, j))
+            end do
+         end do
+         call dgemm('t', 'n', members, members, nd*n, 1.0_wp, stack(:, :, i), nd*n, right, nd*n, &
+            & 0.0_wp, block, members)
+         part(i::nd, j::nd) = part(i::nd, j::nd) + block
+         if (i < j) part(j::nd, i::nd) = part(j::nd, i::nd) + transpose(block)
+      end do
+   end do
+end subroutine add_stiffness
 
 end module rk_gradient

@@ -26,8 +26,6 @@ module rk_pressure
       real(wp), allocatable :: basis(:, :)
       !> Integrals of the polynomials, shape (1 + nd, groups) [length^(nd/2)]
       real(wp), allocatable :: total(:, :)
-      !> Coefficients of p in the last evaluation, shape (1 + nd, groups) [stress length^(nd/2)]
-      real(wp), allocatable :: coefficient(:, :)
       !> Centre and size of each group, shape (nd, groups) [length]
       real(wp), allocatable :: centre(:, :)
       real(wp), allocatable :: reach(:, :)
@@ -69,7 +67,7 @@ subroutine new_pressure(self, cells, degree, place, error)
    most = 1 + degree*nd
    allocate (self%count(groups), self%centre(nd, groups), self%reach(nd, groups))
    allocate (self%basis(1 + nd, size(cells%weight)), source=0.0_wp)
-   allocate (self%total(1 + nd, groups), self%coefficient(1 + nd, groups), source=0.0_wp)
+   allocate (self%total(1 + nd, groups), source=0.0_wp)
    allocate (self%monomial(1 + nd, 1 + nd, groups), source=0.0_wp)
    do g = 1, groups
       associate (x => cells%point(:, cells%first(g) + 1:cells%first(g + 1)), &
@@ -112,13 +110,15 @@ subroutine new_pressure(self, cells, degree, place, error)
 end subroutine new_pressure
 
 !> Blended pressure at a place: a partition of unity of the groups' polynomials
-pure real(wp) function pressure_at(self, ip, x) result(p)
-   !> Pressure of the last evaluation
+pure real(wp) function pressure_at(self, ip, x, coefficient) result(p)
+   !> Polynomials
    class(pressure_type), intent(in) :: self
    !> Collocation point nearest to the place
    integer, intent(in) :: ip
    !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
+   !> Coefficients of p, shape (1 + nd, groups) [stress length^(nd/2)]
+   real(wp), intent(in) :: coefficient(:, :)
    real(wp) :: s(size(x)), weight, total, local
    integer(i8) :: k
    integer :: j
@@ -132,7 +132,7 @@ pure real(wp) function pressure_at(self, ip, x) result(p)
          weight = product(1.0_wp - abs(s)/blend)
          local = 0.0_wp
          do j = 1, self%count(g)
-            local = local + self%coefficient(j, g) &
+            local = local + coefficient(j, g) &
                & *(self%monomial(1, j, g) + dot_product(self%monomial(2:, j, g), s))
          end do
          p = p + weight*local

@@ -5,6 +5,7 @@ module rk_weak_conditions
    use rk_precision, only : i8, wp
    use rk_scene, only : scene_type
    use rk_shape, only : shape_type
+   use rk_states, only : field_state
    use rk_symmetric, only : symmetric_matrix
    implicit none
    private
@@ -138,19 +139,15 @@ subroutine add_forces(self, force)
 end subroutine add_forces
 
 !> Force that the surroundings exert on the body through a set: what does work when the set moves
-function set_force(self, cells, stress, set, x, load) result(force)
+function set_force(self, cells, set, state) result(force)
    !> Surface
    class(surface_type), intent(in) :: self
    !> Integration points
    type(cells_type), intent(in) :: cells
-   !> First Piola-Kirchhoff stress at them, shape (3, 3, np) [stress]
-   real(wp), intent(in) :: stress(:, :, :)
    !> Boundary set
    integer, intent(in) :: set
-   !> Unknowns, shape (n)
-   real(wp), contiguous, intent(in) :: x(:)
-   !> Load [-]
-   real(wp), intent(in) :: load
+   !> State
+   type(field_state), intent(in) :: state
    real(wp) :: force(3)
    real(wp) :: u(size(self%value, 1), self%shape%nq), p(3, 3)
    integer :: i, k, nd, q, s
@@ -159,18 +156,18 @@ function set_force(self, cells, stress, set, x, load) result(force)
    force = 0.0_wp
    do s = 1, size(cells%set)
       if (cells%set(s) /= set) cycle
-      call self%shape%interpolate(s, x, 1, 1, u)
+      call self%shape%interpolate(s, state%x, 1, 1, u)
       p = 0.0_wp
       do k = cells%lift_first(s) + 1, cells%lift_first(s + 1)
          q = cells%lift_point(k)
-         p = p + cells%lift(k)*cells%weight(q)*stress(:, :, q)
+         p = p + cells%lift(k)*cells%weight(q)*state%p(:, :, q)
       end do
       do i = 1, nd
          if (self%essential(i, s)) then
             force(i) = force(i) + dot_product(p(i, :nd), cells%outward(:, s)) &
-               & - self%penalty(s)*(u(i, 1) - load*self%value(i, s))
+               & - self%penalty(s)*(u(i, 1) - state%load*self%value(i, s))
          else
-            force(i) = force(i) + load*self%traction(i, s)*self%area(s)
+            force(i) = force(i) + state%load*self%traction(i, s)*self%area(s)
          end if
       end do
    end do

@@ -7,7 +7,7 @@ module rk_error_norms
    use rk_gauss, only : gauss_rule
    use rk_linear, only : linear_problem
    use rk_precision, only : wp
-   use rk_shape, only : new_shape, shape_type
+   use rk_shape, only : shape_type
    use rk_solutions, only : exact_field
    implicit none
    private
@@ -59,7 +59,7 @@ subroutine error_norms(problem, x, norms, error)
          last = min(first + max(slab/per_cell, 1) - 1, cells)
          call gauss_points(scene%cloud%volume_points(:, first:last), scene%cloud%spacing(:, 1), &
             & node, node_weight, place, weight)
-         call new_shape(shape, scene%approximation, scene%cloud%source, scene%support, place, error)
+         call scene%shape_at(place, shape, error)
          if (allocated(error)) return
          total = total + integrals(problem, shape, place, weight, x)
       end do

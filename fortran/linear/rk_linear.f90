@@ -11,13 +11,12 @@ module rk_linear
    use rk_conditions, only : new_boundary
    use rk_displacement, only : displacement_problem
    use rk_error, only : error_type, fatal_error, err_input
-   use rk_point_state, only : point_state
    use rk_precision, only : wp
    use rk_problem, only : evaluation_type
    use rk_rows, only : new_rows
    use rk_scene, only : condition_type, equation_type, scene_type
-   use rk_shape, only : new_shape
    use rk_solutions, only : exact_field
+   use rk_states, only : field_state, point_state
    use rk_tensor, only : determinant
    use rk_text, only : to_text
    implicit none
@@ -35,7 +34,7 @@ module rk_linear
       real(wp), allocatable :: b(:)
    contains
       procedure :: evaluate
-      procedure :: local_state
+      procedure :: at_place
    end type linear_problem
 
 contains
@@ -59,8 +58,7 @@ subroutine new_linear(self, scene, error)
    call find_boundary(self, error)
    if (allocated(error)) return
    allocate (self%shape)
-   call new_shape(self%shape, scene%approximation, scene%cloud%source, scene%support, &
-      & scene%cloud%points, error)
+   call scene%shape_at(scene%cloud%points, self%shape, error)
    if (allocated(error)) return
    inside = [(b, b=1, self%shape%np)]
    inside(self%boundary%point) = 0
@@ -259,24 +257,24 @@ subroutine evaluate(self, x, load, tangent, r, state)
 end subroutine evaluate
 
 !> Small strain stress at a place; of a scalar problem the value alone
-subroutine local_state(self, ip, x, u, load, local)
+subroutine at_place(self, state, ip, x, u, local)
    !> Problem
    class(linear_problem), intent(in) :: self
+   !> State of the body
+   type(field_state), intent(in) :: state
    !> Collocation point nearest to the place
    integer, intent(in) :: ip
    !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
    !> Fields with derivatives, shape (fields, nq)
    real(wp), intent(in) :: u(:, :)
-   !> Load [-]
-   real(wp), intent(in) :: load
-   !> State
+   !> State there
    type(point_state), intent(out) :: local
    real(wp) :: lame(2)
    integer :: a, d, k, nd
 
    ! moduli are the same everywhere and at every load
-   associate (place => ip, load_ => load)
+   associate (place => ip, unused => state)
    end associate
    nd = size(x)
    local%x(:nd) = x
@@ -298,6 +296,6 @@ subroutine local_state(self, ip, x, u, load, local)
    if (nd == 2 .and. .not. self%scene%equation%plane_stress) local%p(3, 3) = lame(1) &
       & *(u(1, 2) + u(2, 3))
    local%cauchy = local%p
-end subroutine local_state
+end subroutine at_place
 
 end module rk_linear

@@ -1,11 +1,12 @@
 !> A scene: what is modelled, as plain data.
 module rk_scene
    use rk_cloud, only : cloud_type
+   use rk_error, only : error_type
    use rk_material, only : material_type
    use rk_options, only : galerkin_options, interface_options, load_options, mixed_options, &
       & solver_options
    use rk_precision, only : wp
-   use rk_shape, only : approximation_type
+   use rk_shape, only : approximation_type, new_shape, shape_type
    implicit none
    private
 
@@ -147,6 +148,8 @@ module rk_scene
    contains
       !> Activation at a load
       procedure :: activation_at
+      !> Shape functions at places
+      procedure :: shape_at
    end type scene_type
 
 contains
@@ -160,5 +163,19 @@ elemental real(wp) function activation_at(self, load)
 
    activation_at = load*self%load%activation
 end function activation_at
+
+!> Shape functions of the source points at places
+subroutine shape_at(self, place, shape, error)
+   !> Scene
+   class(scene_type), intent(in) :: self
+   !> Places, shape (nd, np) [length]
+   real(wp), intent(in) :: place(:, :)
+   !> Shape functions
+   type(shape_type), intent(out) :: shape
+   !> Error handling: a place that too few source points cover
+   type(error_type), allocatable, intent(out) :: error
+
+   call new_shape(shape, self%approximation, self%cloud%source, self%support, place, error)
+end subroutine shape_at
 
 end module rk_scene

@@ -3,6 +3,7 @@ module rk_ellipticity
    use rk_acoustic, only : least_acoustic
    use rk_discretisation, only : discretisation_type, deformation
    use rk_precision, only : wp
+   use rk_states, only : field_state
    use rk_tensor, only : cross
    implicit none
    private
@@ -20,13 +21,11 @@ module rk_ellipticity
 contains
 
 !> Find the worst point. The mixed form takes the material as incompressible.
-subroutine find_ellipticity(problem, x, load, worst)
+subroutine find_ellipticity(problem, state, worst)
    !> Full nonlinear problem
    class(discretisation_type), intent(in) :: problem
-   !> Coefficients, shape (n)
-   real(wp), contiguous, intent(in) :: x(:)
-   !> Load [-]
-   real(wp), intent(in) :: load
+   !> State
+   type(field_state), intent(in) :: state
    !> Worst point
    type(ellipticity_type), intent(out) :: worst
    real(wp), allocatable :: least(:)
@@ -38,11 +37,11 @@ subroutine find_ellipticity(problem, x, load, worst)
    mixed = problem%fields > nd
    allocate (least(size(problem%scene%cloud%points, 2)))
    !$omp parallel do default(none) schedule(static) private(ip, u, f, h, p, c4) &
-   !$omp shared(problem, x, load, least, nd, mixed)
+   !$omp shared(problem, state, least, nd, mixed)
    do ip = 1, size(least)
-      call problem%field(ip, x, 1 + nd, u)
+      call problem%field(ip, state%x, 1 + nd, u)
       call deformation(nd, u, f, h)
-      call problem%mixture%tangent(ip, f, load, p, c4, volumetric=.not. mixed)
+      call problem%mixture%tangent(ip, f, state%load, p, c4, volumetric=.not. mixed)
       least(ip) = least_acoustic(nd, c4, 0.5_wp*cross(f, f), mixed) &
          & /problem%scene%tissue(problem%scene%tissue_of(ip))%material%shear
    end do

@@ -2,10 +2,10 @@
 module rk_exact
    use rk_error, only : error_type, fatal_error, err_input
    use rk_material, only : material_type
-   use rk_point_state, only : point_state
    use rk_precision, only : wp
    use rk_probes, only : quantity
    use rk_scene, only : exact_type, scene_type
+   use rk_states, only : point_state
    use rk_tensor, only : determinant
    use rk_text, only : to_text
    implicit none

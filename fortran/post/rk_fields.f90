@@ -1,8 +1,8 @@
 !> Fields of a converged state at the collocation points.
 module rk_fields
    use rk_discretisation, only : discretisation_type
-   use rk_point_state, only : point_state
    use rk_precision, only : wp
+   use rk_states, only : field_state, point_state
    use rk_tensor, only : principal_values
    implicit none
    private
@@ -28,27 +28,23 @@ module rk_fields
 contains
 
 !> Fields at all collocation points
-subroutine compute_fields(problem, x, load, fields)
+subroutine compute_fields(problem, state, fields)
    !> Full problem
    class(discretisation_type), intent(in) :: problem
-   !> Coefficients, shape (n)
-   real(wp), contiguous, intent(in) :: x(:)
-   !> Load [-]
-   real(wp), intent(in) :: load
+   !> State
+   type(field_state), intent(in) :: state
    !> Fields
    type(fields_type), intent(out) :: fields
    type(point_state) :: local
-   real(wp) :: u(problem%fields, problem%shape%nq)
    integer :: ip, nc
 
    nc = size(problem%scene%cloud%points, 2)
    allocate (fields%u(3, nc), fields%f(3, 3, nc), fields%j(nc), fields%cauchy(6, nc), &
       & fields%principal(3, nc), fields%pressure(nc))
-   !$omp parallel do default(none) schedule(static) private(ip, u, local) &
-   !$omp shared(problem, x, load, fields, nc)
+   !$omp parallel do default(none) schedule(static) private(ip, local) &
+   !$omp shared(problem, state, fields, nc)
    do ip = 1, nc
-      call problem%field(ip, x, 1 + problem%scene%cloud%nd, u)
-      call problem%local_state(ip, problem%scene%cloud%points(:, ip), u, load, local)
+      call problem%at_point(state, ip, local)
       associate (s => local%cauchy)
          fields%u(:, ip) = local%u
          fields%f(:, :, ip) = local%f

@@ -2,6 +2,7 @@
 module rk_force
    use rk_discretisation, only : discretisation_type
    use rk_precision, only : wp
+   use rk_states, only : field_state
    implicit none
    private
 
@@ -13,13 +14,11 @@ contains
 !> equilibrium. Forces that do not balance are the sign of a locked or too coarse solution. Each is
 !> taken from the nearer half of the body: over the whole length between two fixed sets both would
 !> be the same mean of all sections, however these differ.
-real(wp) function force_imbalance(problem, x, load)
+real(wp) function force_imbalance(problem, state)
    !> Full problem
    class(discretisation_type), intent(in) :: problem
-   !> Coefficients, shape (n)
-   real(wp), contiguous, intent(in) :: x(:)
-   !> Load [-]
-   real(wp), intent(in) :: load
+   !> State
+   type(field_state), intent(in) :: state
    real(wp) :: total(3), force(3), largest
    integer :: set
 
@@ -27,7 +26,7 @@ real(wp) function force_imbalance(problem, x, load)
    largest = 0.0_wp
    do set = 1, size(problem%scene%cloud%set_name)
       if (.not. any(problem%scene%condition%set == set)) cycle
-      force = problem%set_force(set, x, load, 0.5_wp)
+      force = problem%set_force(set, state, 0.5_wp)
       total = total + force
       largest = max(largest, norm2(force))
    end do

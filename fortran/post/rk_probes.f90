@@ -2,10 +2,10 @@
 module rk_probes
    use rk_discretisation, only : discretisation_type
    use rk_error, only : error_type
-   use rk_point_state, only : point_state
    use rk_precision, only : wp
    use rk_scene, only : scene_type
-   use rk_shape, only : new_shape, shape_type
+   use rk_shape, only : shape_type
+   use rk_states, only : field_state, point_state
    use rk_tensor, only : principal_values
    implicit none
    private
@@ -44,22 +44,20 @@ subroutine new_probes(self, scene, error)
          & size(scene%cloud%points, 2)))**2, dim=1), dim=1)
    end do
    if (size(scene%probe) == 0) return
-   call new_shape(self%shape, scene%approximation, scene%cloud%source, scene%support, place, error)
+   call scene%shape_at(place, self%shape, error)
    if (allocated(error)) error%message = 'probe: '//error%message
 end subroutine new_probes
 
 !> Value of a probe, 1 or 3 numbers
-subroutine probe_value(problem, probes, i, x, load, value)
+subroutine probe_value(problem, probes, i, state, value)
    !> Full problem
    class(discretisation_type), intent(in) :: problem
    !> Probes
    type(probes_type), intent(in) :: probes
    !> Number of the probe
    integer, intent(in) :: i
-   !> Coefficients, shape (n)
-   real(wp), contiguous, intent(in) :: x(:)
-   !> Load [-]
-   real(wp), intent(in) :: load
+   !> State
+   type(field_state), intent(in) :: state
    !> Value, shape (3); the first quantity_size numbers count
    real(wp), intent(out) :: value(3)
    type(point_state) :: local
@@ -67,12 +65,12 @@ subroutine probe_value(problem, probes, i, x, load, value)
 
    associate (probe => problem%scene%probe(i))
       if (probe%set > 0) then
-         value = problem%set_force(probe%set, x, load, 1.0_wp)
+         value = problem%set_force(probe%set, state, 1.0_wp)
          if (probe%quantity /= 'force') value(1) = value(component(probe%quantity, 7))
       else
-         call probes%shape%interpolate(i, x, 1, 1 + problem%scene%cloud%nd, u)
-         call problem%local_state(probes%nearest(i), probe%point(:problem%scene%cloud%nd), u, &
-            & load, local)
+         call probes%shape%interpolate(i, state%x, 1, 1 + problem%scene%cloud%nd, u)
+         call problem%at_place(state, probes%nearest(i), probe%point(:problem%scene%cloud%nd), u, &
+            & local)
          value = quantity(probe%quantity, local)
       end if
    end associate

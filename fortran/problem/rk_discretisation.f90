@@ -3,11 +3,11 @@
 module rk_discretisation
    use rk_conditions, only : boundary_type
    use rk_mixture, only : mixture_type
-   use rk_point_state, only : point_state
    use rk_precision, only : wp
    use rk_problem, only : problem_type
    use rk_scene, only : scene_type
    use rk_shape, only : shape_type
+   use rk_states, only : field_state, point_state
    use rk_tensor, only : determinant
    implicit none
    private
@@ -32,10 +32,12 @@ module rk_discretisation
    contains
       !> Unknown fields and derivatives at a place from the unknowns
       procedure :: field
-      !> Stress and deformation at a place from the displacement there
-      procedure :: local_state
-      !> Prepare for questions about a state
-      procedure :: settle
+      !> State of the body, for questions about it
+      procedure :: state
+      !> State at a place, from the displacement there
+      procedure :: at_place
+      !> State at a collocation point
+      procedure :: at_point
       !> Force that the surroundings exert on the body through a boundary set
       procedure(force_interface), deferred :: set_force
       !> Points where set_point_loads wants values
@@ -45,16 +47,14 @@ module rk_discretisation
    end type discretisation_type
 
    abstract interface
-      function force_interface(self, set, x, load, share) result(force)
-         import :: discretisation_type, wp
+      function force_interface(self, set, state, share) result(force)
+         import :: discretisation_type, field_state, wp
          !> Problem
          class(discretisation_type), intent(in) :: self
          !> Boundary set
          integer, intent(in) :: set
-         !> Unknowns, shape (n)
-         real(wp), contiguous, intent(in) :: x(:)
-         !> Load [-]
-         real(wp), intent(in) :: load
+         !> State
+         type(field_state), intent(in) :: state
          !> Part of the way to the next fixed set in which the stress is looked at, where sections
          !> tell the force [-]
          real(wp), intent(in) :: share
@@ -96,19 +96,52 @@ subroutine field(self, ip, x, last, u)
    end do
 end subroutine field
 
-!> Stress and deformation at a place from the displacement there
-subroutine local_state(self, ip, x, u, load, local)
+!> State of the body; a form that needs more than unknowns and load to answer adds it
+subroutine state(self, x, load, at)
    !> Problem
    class(discretisation_type), intent(in) :: self
+   !> Unknowns, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> State
+   type(field_state), intent(out) :: at
+
+   associate (unused => self)
+   end associate
+   at%x = x
+   at%load = load
+end subroutine state
+
+!> State at a collocation point
+subroutine at_point(self, state, ip, local)
+   !> Problem
+   class(discretisation_type), intent(in) :: self
+   !> State of the body
+   type(field_state), intent(in) :: state
+   !> Collocation point
+   integer, intent(in) :: ip
+   !> State there
+   type(point_state), intent(out) :: local
+   real(wp) :: u(self%fields, self%shape%nq)
+
+   call self%field(ip, state%x, 1 + self%scene%cloud%nd, u)
+   call self%at_place(state, ip, self%scene%cloud%points(:, ip), u, local)
+end subroutine at_point
+
+!> Stress and deformation at a place from the displacement there
+subroutine at_place(self, state, ip, x, u, local)
+   !> Problem
+   class(discretisation_type), intent(in) :: self
+   !> State of the body
+   type(field_state), intent(in) :: state
    !> Collocation point whose material and fiber hold there
    integer, intent(in) :: ip
    !> Undeformed place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
-   !> Unknown fields with derivatives, shape (fields, nq)
+   !> Unknown fields there with derivatives, shape (fields, nq)
    real(wp), intent(in) :: u(:, :)
-   !> Load [-]
-   real(wp), intent(in) :: load
-   !> State
+   !> State there
    type(point_state), intent(out) :: local
    real(wp) :: h(3, 3, 3)
 
@@ -116,23 +149,10 @@ subroutine local_state(self, ip, x, u, load, local)
    local%u(:size(x)) = u(:size(x), 1)
    call deformation(size(x), u, local%f, h)
    local%j = determinant(local%f)
-   call self%mixture%stress(ip, local%f, load, local%p, volumetric=.true.)
+   call self%mixture%stress(ip, local%f, state%load, local%p, volumetric=.true.)
    ! (5.31b)
    local%cauchy = matmul(local%p, transpose(local%f))/local%j
-end subroutine local_state
-
-!> Prepare for questions about a state; most discretisations need nothing
-subroutine settle(self, x, load)
-   !> Problem
-   class(discretisation_type), target, intent(inout) :: self
-   !> Unknowns, shape (n)
-   real(wp), contiguous, intent(in) :: x(:)
-   !> Load [-]
-   real(wp), intent(in) :: load
-
-   associate (same => self, unknowns => x, at => load)
-   end associate
-end subroutine settle
+end subroutine at_place
 
 !> Points where set_point_loads wants values: the collocation points
 function load_points(self) result(x)

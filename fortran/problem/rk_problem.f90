@@ -46,7 +46,7 @@ module rk_problem
       !> The linearisation of the last evaluation
       procedure(operator_interface), deferred :: operator
       !> Second derivatives of r.r/2 at the last evaluation
-      procedure(hessian_interface), deferred :: hessian
+      procedure :: hessian
    end type problem_type
 
    abstract interface
@@ -80,20 +80,6 @@ module rk_problem
          class(problem_type), target, intent(inout) :: self
          class(row_operator), pointer :: op
       end function operator_interface
-      subroutine hessian_interface(self, x, load, r, a)
-         import :: problem_type, wp
-         !> Problem, linearised at x
-         class(problem_type), target, intent(inout) :: self
-         !> Unknowns, shape (n)
-         real(wp), contiguous, intent(in) :: x(:)
-         !> Load, 0..1 [-]
-         real(wp), intent(in) :: load
-         !> Residuals, shape (m)
-         real(wp), contiguous, intent(in) :: r(:)
-         !> Upper triangle of A^T A plus the sum of r_i times the second derivatives of r_i (5.59),
-         !> shape (n, n)
-         real(wp), contiguous, intent(inout) :: a(:, :)
-      end subroutine hessian_interface
    end interface
 
 contains
@@ -146,5 +132,26 @@ function rejection(self, x) result(reason)
    end associate
    reason = ''
 end function rejection
+
+!> Second derivatives of r.r/2: A^T A plus the sum of r_i times the second derivatives of r_i
+!> (5.59). Where residuals are linear, or Newton's step needs no more than A, there is no such sum.
+subroutine hessian(self, x, load, r, a)
+   !> Problem, linearised at x
+   class(problem_type), target, intent(inout) :: self
+   !> Unknowns, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Load, 0..1 [-]
+   real(wp), intent(in) :: load
+   !> Residuals, shape (m)
+   real(wp), contiguous, intent(in) :: r(:)
+   !> Upper triangle, shape (n, n)
+   real(wp), contiguous, intent(inout) :: a(:, :)
+   class(row_operator), pointer :: op
+
+   associate (unused_x => x, unused_load => load, unused_r => r)
+   end associate
+   op => self%operator()
+   call op%normal(a)
+end subroutine hessian
 
 end module rk_problem

@@ -303,3 +303,50 @@ with Scene({str(write_deck(TABLES))!r}) as scene:
         for threads in ("1", "2")
     ]
     assert found[0] == found[1] != ""
+
+
+@pytest.mark.parametrize("method", ["rkcm", "rkcm-mixed", "rkpm-gauss", "rkpm-scni"])
+def test_answers_do_not_depend_on_what_was_asked_before(method, open_scene):
+    """Every question is about the state it names: the same bits whatever was asked or solved in
+    between, and those that a scene of its own gives.
+    """
+    probe = {"name": "stress", "quantity": "cauchy_zz", "point": [0.4, 0.5, 1.2]}
+    tables = {**TABLES, "probe": [*TABLES["probe"], probe]}
+    override = f'scene.method="{method}"'
+    scene = open_scene(tables, override)
+    states = scene.solve()
+
+    def answers(asked, step):
+        x, load = states.x[step], states.load[step]
+        fields = asked.fields(x, load)
+        probes = asked.probes(x[None], [load])
+        return [part.tobytes() for part in (fields.u, fields.f, fields.cauchy, probes)]
+
+    first, last = answers(scene, 0), answers(scene, 1)
+    assert all(one != other for one, other in zip(first, last, strict=True))
+    assert answers(scene, 0) == first
+    scene.linearise(states.x[1], 1.0, states.x[0])
+    assert answers(scene, 0) == first
+    scene.solve()
+    assert answers(scene, 0) == first
+    assert answers(open_scene(tables, override), 1) == last
+    together = scene.probes(states.x[::-1], states.load[::-1])
+    assert [values.tobytes() for values in together[::-1, None]] == [first[3], last[3]]
+
+
+@pytest.mark.parametrize("method", ["rkcm", "rkcm-mixed", "rkpm-gauss", "rkpm-scni"])
+def test_questions_leave_no_trace_in_a_linearisation(method, open_scene):
+    """Residuals and rows are those of the state they are asked at, whatever was asked before."""
+    scene = open_scene(TABLES, f'scene.method="{method}"')
+    states = scene.solve()
+
+    def linearised():
+        r, y = scene.linearise(states.x[1], 1.0, states.x[0])
+        return r.tobytes(), y.tobytes()
+
+    wanted = linearised()
+    scene.fields(states.x[0], 0.5)
+    scene.probes(states.x, states.load)
+    assert linearised() == wanted
+    scene.solve()
+    assert linearised() == wanted
