@@ -6,31 +6,30 @@ from pathlib import Path
 
 import pytest
 
-from myork.bench.runs import solve_case
 from myork.bench.studies import mixed
 from myork.core.deck import load_deck
 from myork.reference.finite_elements import felupe_block
-from myork.reference.muscle import along_fibers
+from myork.reference.materials import along_fibers
+from myork.stations.solve import run_deck
 
 SIZE = ("geometry.source=[5,5,9]", "geometry.collocation=[9,9,17]")
 
 
-def test_inclined_fibers_meet_finite_elements(inputs: Path) -> None:
+def test_inclined_fibers_meet_finite_elements(inputs: Path, tmp_path: Path) -> None:
     """Within 1.5 % of the deck's references to activation 0.15 in all six quantities.
 
     Measured: 1.2 %. With full weight of the rows on faces it is 2.1 %, with weights that do not
     fade towards the edges 3 % and more: the bound holds the row weights where the study put them.
     """
-    case = solve_case(
-        inputs / "muscle_fibers.toml", (*SIZE, "load.steps=3", "load.activation=0.15")
-    )
-    assert case["outcome"] == "converged"
-    for probe, entry in case["reference"].items():
+    overrides = (*SIZE, "load.steps=3", "load.activation=0.15")
+    summary = run_deck(inputs / "muscle_fibers.toml", tmp_path, overrides=overrides, threads=1)
+    assert summary["converged"] and len(summary["reference"]) == 6
+    for probe, entry in summary["reference"].items():
         assert len(entry["relative_error"]) == 3, probe
         assert max(entry["relative_error"]) < 0.015, probe
 
 
-def test_straight_fibers_keep_their_length_and_volume(inputs: Path) -> None:
+def test_straight_fibers_keep_their_length_and_volume(inputs: Path, tmp_path: Path) -> None:
     """Nearly uniform: the middle as the exact state far from the ends, J within 1e-3 everywhere.
 
     The ends' influence on the stress in the middle is 3e-4, on the force 1e-4 (felupe).
@@ -38,13 +37,14 @@ def test_straight_fibers_keep_their_length_and_volume(inputs: Path) -> None:
     overrides = (
         *SIZE, "material.muscle.fiber_angle=0", "load.steps=1", "load.activation=0.15",
     )  # fmt: skip
-    case = solve_case(inputs / "muscle_fibers.toml", overrides)
-    assert case["outcome"] == "converged"
+    summary = run_deck(inputs / "muscle_fibers.toml", tmp_path, overrides=overrides, threads=1)
+    assert summary["converged"]
     deck = load_deck(inputs / "muscle_fibers.toml", overrides)
     exact = along_fibers(deck["material"][0], 1.0, deck["load"]["activation"])
-    assert case["probes"]["stress_zz"] == pytest.approx(exact, rel=5e-4)
-    assert -case["probes"]["reaction_z"] == pytest.approx(exact, rel=5e-4)
-    assert case["min_J"] > 0.999 and case["max_J"] < 1.001
+    (step,) = summary["steps"]
+    assert step["probes"]["stress_zz"] == pytest.approx(exact, rel=5e-4)
+    assert -step["probes"]["reaction_z"] == pytest.approx(exact, rel=5e-4)
+    assert step["min_J"] > 0.999 and step["max_J"] < 1.001
 
 
 def test_rival_block_agrees_with_the_references(inputs: Path) -> None:

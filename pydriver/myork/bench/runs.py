@@ -16,10 +16,31 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from myork.core.cloud import with_cloud
+from myork.core.deck import load_deck, load_tables, text_of_tables
 from myork.errors import InputError
+from myork.model_file import write_model
+from myork.records import PointCloud
 from myork.stations.solve import find_executable
 
-__all__ = ["INPUTS", "Ending", "outcome_text", "run_command", "solve_case"]
+__all__ = [
+    "INPUTS",
+    "METHODS",
+    "Deck",
+    "Ending",
+    "lattice",
+    "outcome_text",
+    "read_deck",
+    "run_command",
+    "seconds",
+    "solve_case",
+]
+
+#: A deck file, the name of one in `INPUTS`, or tables
+Deck = str | Path | Mapping[str, Any]
+
+#: The two formulations of the collocation
+METHODS = ("rkcm", "rkcm-mixed")
 
 #: The decks that are installed with the package
 INPUTS = Path(__file__).parent.parent / "inputs"
@@ -37,7 +58,6 @@ _KEPT = (
     "converged",
     "exact",
     "errors",
-    "warnings",
     "reference",
     "timings_s",
     "memory_peak_bytes",
@@ -105,10 +125,34 @@ def run_command(words: Sequence[str | Path], limit: float, folder: Path | None =
     return Ending(outcome, message, seconds)
 
 
+def read_deck(deck: Deck, overrides: Sequence[str] = ()) -> dict[str, Any]:
+    """All values of a deck, defaults and overrides included; see `load_deck`."""
+    if isinstance(deck, Mapping):
+        return load_tables(deck, overrides)
+    return load_deck(_path_of(deck), overrides)
+
+
+def lattice(source: Sequence[int], collocation: Sequence[int] = ()) -> tuple[str, str]:
+    """Overrides for source points along each edge, collocation points at half their spacing.
+
+    Parameters
+    ----------
+    source, collocation : sequence of int
+        Points along each edge; without collocation points one is put between each two sources.
+    """
+    sizes = source, collocation or [2 * n - 1 for n in source]
+    words = ("[" + ",".join(str(n) for n in size) + "]" for size in sizes)
+    one, other = (
+        f"geometry.{k}={w}" for k, w in zip(("source", "collocation"), words, strict=True)
+    )
+    return one, other
+
+
 def solve_case(
-    deck: str | Path,
+    deck: Deck,
     overrides: Sequence[str] = (),
     *,
+    cloud: PointCloud | None = None,
     limit: float = 600.0,
     look: Callable[[Path], Mapping[str, Any]] | None = None,
 ) -> dict[str, Any]:
@@ -116,10 +160,12 @@ def solve_case(
 
     Parameters
     ----------
-    deck : str or Path
-        Deck file, or the name of one in `INPUTS`.
+    deck : Deck
+        Deck file, the name of one in `INPUTS`, or tables.
     overrides : sequence of str
         `"table.key=value"` each.
+    cloud : PointCloud, optional
+        Points of the body, where the tables want a model.
     limit : float
         Wall time after which the run is ended [s].
     look : callable, optional
@@ -134,10 +180,15 @@ def solve_case(
         `load` (reached), `probes` (by name, at the load reached), `history` (probes and
         activation in all steps).
     """
-    path = deck if isinstance(deck, Path) else INPUTS / f"{deck}.toml"
-    if not path.is_file():
-        raise InputError(f"{path}: there is no such deck")
     with tempfile.TemporaryDirectory(prefix="myork-bench-") as folder:
+        if isinstance(deck, Mapping):
+            path = Path(folder) / "deck.toml"
+            tables = deck if cloud is None else with_cloud(deck, cloud)
+            path.write_text(text_of_tables(tables), encoding="utf-8")
+        else:
+            path = _path_of(deck)
+        if cloud is not None:
+            write_model(Path(folder) / "model.h5", cloud)
         words: list[str | Path] = [find_executable(), path, "-o", folder, "-t", "1", "-q"]
         for override in overrides:
             words += ["--set", override]
@@ -145,7 +196,7 @@ def solve_case(
         summary = _summary(Path(folder))
         seen = look(Path(folder)) if look and summary.get("steps") else {}
     case: dict[str, Any] = {
-        "deck": path.stem,
+        "deck": deck.get("title") if isinstance(deck, Mapping) else path.stem,
         "overrides": list(overrides),
         "outcome": "converged" if ending.outcome == "done" else ending.outcome,
         "message": ending.message,
@@ -172,6 +223,20 @@ def outcome_text(case: Mapping[str, Any]) -> str:
     if case["outcome"] != "not converged":
         return str(case["outcome"])
     return f"not converged, load {case.get('load', 0.0):.3g}"
+
+
+def seconds(case: Mapping[str, Any]) -> float:
+    """Wall time of a case without the output of files [s]."""
+    timings = case.get("timings_s")
+    return float(timings["total"] - timings["output"] if timings else case["seconds"])
+
+
+def _path_of(deck: str | Path) -> Path:
+    """File of a deck."""
+    path = deck if isinstance(deck, Path) else INPUTS / f"{deck}.toml"
+    if not path.is_file():
+        raise InputError(f"{path}: there is no such deck")
+    return path
 
 
 def _summary(folder: Path) -> dict[str, Any]:

@@ -1,78 +1,23 @@
-"""Boxes of points as model files, to be bent, shaken or spoilt by a benchmark."""
+"""Boxes of points, to be bent, shaken or spoilt, and the deck that stretches them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from myork.model.spacing import source_spacing
-from myork.model_file import write_model
 from myork.records import PointCloud
+from myork.reference.materials import MUSCLE, RUBBER
 
-__all__ = ["box", "deck_text", "graded", "jittered", "write_body"]
+__all__ = ["box", "graded", "jittered", "stretched"]
 
 F64Array = NDArray[np.float64]
 
 _FACES = ("x0", "x1", "y0", "y1", "z0", "z1")
-
-_DECK = """\
-title = "{title}"
-[units]
-force = "N"
-length = "cm"
-[scene]
-dimension = 3
-method = "{method}"
-[geometry]
-kind = "model"
-file = "model.h5"
-[approximation]
-order = 2
-support = 3.5
-{material}
-[[boundary]]
-set = "x0"
-u_x = 0
-[[boundary]]
-set = "y0"
-u_y = 0
-[[boundary]]
-set = "z0"
-u_z = 0
-[[boundary]]
-set = "x1"
-u_x = {move}
-[load]
-steps = {steps}
-activation = {activation}
-[[probe]]
-name = "stress"
-quantity = "cauchy_xx"
-point = [0.5, 0.5, 0.5]
-"""
-_RUBBER = """\
-[[material]]
-name = "rubber"
-model = "polynomial"
-A10 = 37.3
-A20 = -3.1
-A30 = 0.5
-K = 5e3"""
-_MUSCLE = """\
-[[material]]
-name = "muscle"
-model = "muscle"
-A10 = 6.43
-A01 = -3.8
-A20 = 0.94
-A02 = 0.0005
-A11 = -0.0043
-K = 5e3
-curve = "{curve}" """
 
 
 def box(
@@ -145,24 +90,18 @@ def _moved(cloud: PointCloud, source: F64Array, points: F64Array) -> PointCloud:
     return replace(cloud, source=source, spacing=spacing, points=points, centre=points)
 
 
-def write_body(
-    folder: Path,
-    cloud: PointCloud,
+def stretched(
     *,
     method: str = "rkcm",
     move: float = 0.2,
     steps: int = 2,
     activation: float = 0.0,
     curve: str = "",
-) -> Path:
-    """Write `model.h5` and a deck that stretches it along x; return the deck.
+) -> dict[str, Any]:
+    """Tables of a deck that stretches a box along x; the box is a cloud of its own.
 
     Parameters
     ----------
-    folder : Path
-        Folder of both files.
-    cloud : PointCloud
-        Points.
     method : str
         `rkcm` or `rkcm-mixed`.
     move : float
@@ -174,22 +113,16 @@ def write_body(
     curve : str
         Curve of the fibers, `published` or `smooth`; empty for rubber.
     """
-    write_model(folder / "model.h5", cloud)
-    deck = folder / "body.toml"
-    deck.write_text(deck_text(method, move, steps, activation, curve), encoding="utf-8")
-    return deck
-
-
-def deck_text(method: str, move: float, steps: int, activation: float, curve: str) -> str:
-    """Deck of `write_body`."""
-    return _DECK.format(
-        title="Stretched box",
-        method=method,
-        move=move,
-        steps=steps,
-        activation=activation,
-        material=_MUSCLE.format(curve=curve) if curve else _RUBBER,
-    )
+    return {
+        "title": "Stretched box",
+        "scene": {"dimension": 3, "method": method},
+        "approximation": {"order": 2, "support": 3.5},
+        "material": [{**MUSCLE, "curve": curve} if curve else RUBBER],
+        "boundary": [{"set": f"{axis}0", f"u_{axis}": 0} for axis in "xyz"]
+        + [{"set": "x1", "u_x": move}],
+        "load": {"steps": steps, "activation": activation},
+        "probe": [{"name": "stress", "quantity": "cauchy_xx", "point": [0.5, 0.5, 0.5]}],
+    }
 
 
 def _grid(size: Sequence[float], n: Sequence[int]) -> tuple[F64Array, NDArray[np.int64]]:

@@ -18,7 +18,16 @@ from scipy.optimize import brentq
 
 from myork.errors import ConvergenceError
 
-__all__ = ["Polynomial", "Tube", "dilation", "equibiaxial", "simple_shear", "tube", "uniaxial"]
+__all__ = [
+    "Polynomial",
+    "Tube",
+    "dilation",
+    "equibiaxial",
+    "inner_stress",
+    "simple_shear",
+    "tube",
+    "uniaxial",
+]
 
 F64Array = NDArray[np.float64]
 
@@ -165,6 +174,23 @@ def tube(
     y = answer.sol(at)
     # Cauchy stress: P_rr over the hoop stretch
     return Tube(at, y[0], y[1] * at / y[0])
+
+
+def inner_stress(deck: Mapping[str, Any], bulk: float | None = None) -> float:
+    """Radial Cauchy stress on the inner surface of a deck's tube, maybe of another bulk modulus.
+
+    Parameters
+    ----------
+    deck : mapping
+        Tables of the deck.
+    bulk : float, optional
+        Bulk modulus in place of the deck's, may be infinite [stress].
+    """
+    geometry = deck["geometry"]
+    moved = next(b["radial"] for b in deck["boundary"] if "radial" in b)
+    material = Polynomial.from_deck(deck["material"][0], bulk)
+    found = tube(material, geometry["inner_radius"], geometry["outer_radius"], moved)
+    return float(found.radial[0])
 
 
 def uniaxial(material: Polynomial, stretch: float) -> float:

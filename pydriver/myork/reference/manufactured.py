@@ -8,10 +8,8 @@ force has the part that the gradient of the modulus makes.
 
 from __future__ import annotations
 
-import tempfile
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,7 +19,7 @@ from myork.core import material as core_material
 from myork.core.scene import Scene
 from myork.core.shape import shape_functions
 from myork.errors import MyorkError
-from myork.model_file import write_model
+from myork.records import PointCloud
 from myork.reference.bodies import box
 
 __all__ = [
@@ -115,18 +113,17 @@ def solve(problem: Problem, method: str, n: int, overrides: Sequence[str] = ()) 
         "support": problem.support,
     }
     started = time.perf_counter()
-    with tempfile.TemporaryDirectory(prefix="myork-bench-") as folder:
-        deck = _write_deck(Path(folder), problem, method, n)
-        with Scene(deck, overrides, threads=1) as scene:
-            given = _exact(scene.field_points(), problem, n)
-            scene.set_fields(given.body_force, given.u, given.p)
-            exact = _exact(scene.points(), problem, n)
-            case |= {"dofs": scene.dofs, "rows": scene.rows, "outcome": "converged", "message": ""}
-            try:
-                states = scene.solve()
-            except MyorkError as error:
-                return case | {"outcome": "not converged", "message": str(error)}
-            fields = scene.fields(states.x[-1], 1.0)
+    tables, cloud = _tables(problem, method, n)
+    with Scene.from_tables(tables, cloud, overrides=overrides, threads=1) as scene:
+        given = _exact(scene.field_points(), problem, n)
+        scene.set_fields(given.body_force, given.u, given.p)
+        exact = _exact(scene.points(), problem, n)
+        case |= {"dofs": scene.dofs, "rows": scene.rows, "outcome": "converged", "message": ""}
+        try:
+            states = scene.solve()
+        except MyorkError as error:
+            return case | {"outcome": "not converged", "message": str(error)}
+        fields = scene.fields(states.x[-1], 1.0)
     cauchy = exact.p @ np.swapaxes(exact.f, 1, 2) / np.linalg.det(exact.f)[:, None, None]
     voigt = cauchy[:, [0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]]
     return case | {
@@ -221,43 +218,39 @@ def _exact(points: F64Array, problem: Problem, n: int) -> _Exact:
     return _Exact(deform(x) - x, deformation_gradient(deform, x), stress(x), -divergence)
 
 
-def _write_deck(folder: Path, problem: Problem, method: str, n: int) -> Path:
-    """Deck of a unit square or cube; in space a model file with two labels."""
+def _tables(problem: Problem, method: str, n: int) -> tuple[dict[str, Any], PointCloud | None]:
+    """Deck of a unit square, or of a unit cube with its points, which have two labels."""
     nd = problem.dimension
-    names = "xyz"[:nd]
+    cloud = None
+    # the chosen solution is smooth, so that rows near the edges count in full
+    tables: dict[str, Any] = {
+        "title": "Manufactured solution",
+        "scene": {"dimension": nd, "method": method},
+        "approximation": {
+            "order": problem.order,
+            "support": problem.support,
+            "interface": _INTERFACE * (n - 1),
+        },
+        "boundary": [
+            {"set": face, **{f"u_{axis}": 0 for axis in "xyz"[:nd]}} for face in ("x0", "x1")
+        ],
+        "load": {"steps": 1, "max_halvings": 0, "activation": _ACTIVATION},
+        "solver": {"max_iterations": 60},
+        "mixed": {"edge_exponent": 0},
+    }
+    muscle = {**_MUSCLE, "model": "muscle", "curve": "smooth", "fiber": list(_FIBER[nd])}
     if nd == 2:
-        geometry = f'kind = "box"\nsize = [1, 1]\nsource = [{n}, {n}]\n'
-        geometry += f"collocation = [{2 * n - 1}, {2 * n - 1}]"
+        size = {"size": [1, 1], "source": [n, n], "collocation": [2 * n - 1, 2 * n - 1]}
+        tables["geometry"] = {"kind": "box", **size}
+        tables["material"] = [{"name": "muscle", "K": problem.bulk[0], **muscle}]
     else:
-        geometry = 'kind = "model"'
         cloud = box((1.0, 1.0, 1.0), (n, n, n), (2 * n - 1,) * 3, _FIBER[3])
         cloud.label[cloud.points[:, 0] > 0.5] = 2
-        write_model(folder / "model.h5", cloud)
-    moduli = "\n".join(f"{key} = {value}" for key, value in _MUSCLE.items())
-    materials = [
-        f'[[material]]\nname = "muscle{label}"\nmodel = "muscle"\n{moduli}\nK = {bulk}\n'
-        f'curve = "smooth"\nfiber = {list(_FIBER[nd])}\n' + (f"label = {label}" if nd == 3 else "")
-        for label, bulk in enumerate(problem.bulk[: nd - 1], 1)
-    ]
-    # the chosen solution is smooth, so that rows near the edges count in full
-    fixed = "\n".join(f"u_{name} = 0" for name in names)
-    held = "\n".join(f'[[boundary]]\nset = "{face}"\n{fixed}' for face in ("x0", "x1"))
-    deck = folder / "manufactured.toml"
-    lines = [
-        'title = "Manufactured solution"',
-        '[units]\nforce = "N"\nlength = "cm"',
-        f'[scene]\ndimension = {nd}\nmethod = "{method}"',
-        f"[geometry]\n{geometry}",
-        f"[approximation]\norder = {problem.order}\nsupport = {problem.support}"
-        + f"\ninterface = {_INTERFACE * (n - 1)}",
-        *materials,
-        held,
-        f"[load]\nsteps = 1\nmax_halvings = 0\nactivation = {_ACTIVATION}",
-        "[solver]\nmax_iterations = 60",
-        "[mixed]\nedge_exponent = 0",
-    ]
-    deck.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    return deck
+        tables["material"] = [
+            {"name": f"muscle{label}", "label": label, "K": bulk, **muscle}
+            for label, bulk in enumerate(problem.bulk, 1)
+        ]
+    return tables, cloud
 
 
 def _relative(value: F64Array, exact: F64Array) -> float:

@@ -11,8 +11,7 @@ nearest muscle (`nearest`): as much contracts as there is muscle.
 
 from __future__ import annotations
 
-import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -22,11 +21,12 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from myork.bench.runs import outcome_text, solve_case
+from myork.bench.tables import table
 from myork.console import ProgressCallback
 from myork.core.scene import Scene
 from myork.imaging.phantom import make_phantom
-from myork.model_file import write_model
 from myork.records import Image, Labels, PointCloud
+from myork.reference.materials import MUSCLE
 from myork.stations.build import build_cloud
 
 __all__ = ["OLD", "YOUNG", "Muscle", "labelled", "run", "solve_muscle"]
@@ -76,72 +76,28 @@ _MUSCLE, _FAT, _CONNECTIVE = 1, 2, 3
 #: the muscle, as the phantom's, and long along it
 _GRAIN = (2.0, 2.0, 12.0)
 
-_DECK = """\
-title = "Isometric contraction of a medial gastrocnemius of three materials"
-[units]
-force = "N"
-length = "cm"
-[scene]
-dimension = 3
-method = "rkpm-scni"
-[geometry]
-kind = "model"
-[approximation]
-order = 1
-support = 2
-kernel = "cubic"
-interface = 2
-interface_fibers = "own"
-[[material]]
-name = "muscle"
-label = 1
-model = "muscle"
-A10 = 6.43
-A01 = -3.8
-A20 = 0.94
-A02 = 0.0005
-A11 = -0.0043
-K = 5000
-sigma_max = 30
-curve = "smooth"
-[[material]]
-name = "fat"
-label = 2
-model = "polynomial"
-A10 = 3
-A20 = 8
-A30 = 80
-K = 5000
-[[material]]
-name = "connective_tissue"
-label = 3
-model = "polynomial"
-A10 = 30
-A20 = 80
-A30 = 800
-K = 50000
-[[boundary]]
-set = "bottom"
-u_x = 0
-u_y = 0
-u_z = 0
-[[boundary]]
-set = "top"
-u_x = 0
-u_y = 0
-u_z = 0
-[load]
-steps = 4
-activation = 1
-[[probe]]
-name = "bottom"
-quantity = "force_z"
-set = "bottom"
-[[probe]]
-name = "top"
-quantity = "force_z"
-set = "top"
-"""
+_FIXED = {"u_x": 0, "u_y": 0, "u_z": 0}
+_TABLES = {
+    "title": "Isometric contraction of a medial gastrocnemius of three materials",
+    "scene": {"dimension": 3, "method": "rkpm-scni"},
+    "approximation": {
+        "order": 1,
+        "support": 2,
+        "kernel": "cubic",
+        "interface": 2,
+        "interface_fibers": "own",
+    },
+    "material": [
+        {**MUSCLE, "label": _MUSCLE, "sigma_max": 30, "curve": "smooth"},
+        {"name": "fat", "label": _FAT, "model": "polynomial"}
+        | {"A10": 3, "A20": 8, "A30": 80, "K": 5000},
+        {"name": "connective_tissue", "label": _CONNECTIVE, "model": "polynomial"}
+        | {"A10": 30, "A20": 80, "A30": 800, "K": 50000},
+    ],
+    "boundary": [{"set": end, **_FIXED} for end in ("bottom", "top")],
+    "load": {"steps": 4, "activation": 1},
+    "probe": [{"name": end, "quantity": "force_z", "set": end} for end in ("bottom", "top")],
+}
 _SOFT = tuple(
     f"material.connective_tissue.{key}={value}"
     for key, value in (("A10", 3), ("A20", 8), ("A30", 80), ("K", 5000))
@@ -278,12 +234,8 @@ def solve_muscle(
         "normals": "distance",
     }
     cloud, _ = build_cloud(labels, fiber, table, "cm")
-    with tempfile.TemporaryDirectory(prefix="myork-bench-") as folder:
-        write_model(Path(folder) / "model.h5", cloud)
-        deck = Path(folder) / "aging.toml"
-        deck.write_text(_DECK, encoding="utf-8")
-        case = solve_case(deck, (f"load.steps={steps}", *overrides))
-        contracting = _contracting(deck, overrides, cloud)
+    words = (f"load.steps={steps}", *overrides)
+    case = solve_case(_TABLES, words, cloud=cloud)
     history = case.get("history", [])
     names = {number: name for number, name in labels.names.items() if number <= _CONNECTIVE}
     voxel = labels.spacing.prod() / 1000.0
@@ -292,7 +244,7 @@ def solve_muscle(
         **case,
         "images": {n: float((labels.data == i).sum() * voxel) for i, n in names.items()},
         "volume": {n: float(cloud.volume[cloud.label == i].sum()) for i, n in names.items()},
-        "contracting": contracting,
+        "contracting": _contracting(overrides, cloud),
         "interface": _interface_area(cloud),
         "activation": [step["activation"] for step in history],
         "force": [[step["probes"][end] for step in history] for end in ("bottom", "top")],
@@ -320,18 +272,17 @@ def _scattered(inside: NDArray[np.bool_], label: NDArray[np.int32], seed: int) -
     return found
 
 
-def _contracting(deck: Path, overrides: Sequence[str], cloud: PointCloud) -> float:
+def _contracting(overrides: Sequence[str], cloud: PointCloud) -> float:
     """Volume that contracts, by the share of sigma_max in the stress of each cell [cm^3].
 
     The undeformed body at full activation has the stress of fibers alone, sigma_max times share
     times the deviator of N N, whose norm is sqrt(2/3). Stress is given at the model's points: here
     those of the surface, too, lie in the middle of their cells.
     """
-    with tempfile.TemporaryDirectory(prefix="myork-bench-") as folder:
-        write_model(Path(folder) / "model.h5", replace(cloud, points=cloud.centre))
-        with Scene(deck, overrides, out=Path(folder), threads=1) as scene:
-            sigma_max = scene.deck["material"][0]["sigma_max"]
-            stress = scene.fields(np.zeros(scene.dofs), 1.0).cauchy
+    cells = replace(cloud, points=cloud.centre)
+    with Scene.from_tables(_TABLES, cells, overrides=overrides, threads=1) as scene:
+        sigma_max = scene.deck["material"][0]["sigma_max"]
+        stress = scene.fields(np.zeros(scene.dofs), 1.0).cauchy
     norm = np.sqrt((stress**2).sum(axis=1) + (stress[:, 3:] ** 2).sum(axis=1))
     return float(np.sqrt(1.5) * norm @ cloud.volume / sigma_max)
 
@@ -371,6 +322,11 @@ def _pair(
         pair["contracting_drop"] = _drop([case["contracting"] for case in cases])
         for key in ("volume", "images"):
             pair[f"{key}_drop"] = _drop([case[key]["muscle"] for case in cases])
+        full = [case["force"][1][-1] for case in cases]
+        muscles = [case["volume"]["muscle"] for case in cases]
+        pair["per_muscle"] = [f / v for f, v in zip(full, muscles, strict=True)]
+        active = [case["contracting"] for case in cases]
+        pair["per_contracting"] = [f / v for f, v in zip(full, active, strict=True)]
     return pair
 
 
@@ -399,76 +355,100 @@ def _plot(pairs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 def _volumes(pairs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Volumes of label maps and models beside the published ones."""
-    rows: list[list[Any]] = []
+    rows: list[dict[str, Any]] = []
     for i, name in enumerate(("young", "old")):
-        inner = [_PUBLISHED[key][i] for key in ("muscle", "fat", "connective")]
-        outer = _PUBLISHED["force"][i] / _PUBLISHED["per_volume"][i] - sum(inner)
-        rows.append([f"{name}, published", *inner[:2], inner[2] + outer, outer, None, None])
+        muscle, fat, inner = (_PUBLISHED[key][i] for key in ("muscle", "fat", "connective"))
+        outer = _PUBLISHED["force"][i] / _PUBLISHED["per_volume"][i] - muscle - fat - inner
+        volume = {"muscle": muscle, "fat": fat, "connective_tissue": inner + outer}
+        rows.append({"name": f"{name}, published", "volume": volume, "outer": outer})
         # the layer alone: what the phantom without it has less
         bare = labelled(replace((YOUNG, OLD)[i], layer=0.0))[0]
         within = float((bare.data == _CONNECTIVE).sum() * bare.spacing.prod() / 1000.0)
-        images = pairs[0]["cases"][i]["images"]
-        rows.append(
-            [f"{name}, label map", *images.values(), images["connective_tissue"] - within]
-            + [None, None]
-        )
-        for pair in pairs:
-            case = pair["cases"][i]
-            rows.append(
-                [f"{name}, blocks of {pair['block_mm']:g} mm", *case["volume"].values(), None]
-                + [case["contracting"], case["interface"] / case["volume"]["muscle"]]
-            )
-    return {
-        "caption": "Volumes [cm3]; the published outer layer is force over force per volume, less "
+        volume = pairs[0]["cases"][i]["images"]
+        outer = volume["connective_tissue"] - within
+        rows.append({"name": f"{name}, label map", "volume": volume, "outer": outer})
+        rows += [
+            {**pair["cases"][i], "name": f"{name}, blocks of {pair['block_mm']:g} mm"}
+            for pair in pairs
+        ]
+    return table(
+        "Volumes [cm3]; the published outer layer is force over force per volume, less "
         "the three materials of table 4.3. What contracts (own) is the muscle less a layer along "
         "its interface with passive tissue, whose area is given per volume of muscle [cm2/cm3].",
-        "head": ["", "muscle", "fat", "connective tissue", "of it outer layer", "contracting"]
-        + ["interface per muscle volume"],
-        "rows": rows,
-    }
+        (
+            ("", "name"),
+            ("muscle", "volume.muscle"),
+            ("fat", "volume.fat"),
+            ("connective tissue", "volume.connective_tissue"),
+            ("of it outer layer", "outer"),
+            ("contracting", "contracting"),
+            (
+                "interface per muscle volume",
+                lambda row: (
+                    row["interface"] / row["volume"]["muscle"] if "interface" in row else None
+                ),
+            ),
+        ),
+        rows,
+    )
+
+
+def _force_at(activation: float) -> Callable[[Mapping[str, Any]], float | None]:
+    """Force on the upper end at an activation [N]."""
+    return lambda case: dict(zip(case["activation"], case["force"][1], strict=True)).get(activation)
+
+
+def _imbalance(case: Mapping[str, Any]) -> float | None:
+    """What both ends lack of balance relative to the force."""
+    lack = [abs(b + t) / abs(t) for b, t in zip(*case["force"], strict=True)]
+    return max(lack, default=None)
 
 
 def _forces(pairs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Force at each activation and balance of the ends."""
-    rows = []
-    for pair in pairs:
-        for case in pair["cases"]:
-            at = dict(zip(case["activation"], case["force"][1], strict=True))
-            lack = [abs(b + t) / abs(t) for b, t in zip(*case["force"], strict=True)]
-            rows.append(
-                [f"{case['name']}, {pair['name']}", outcome_text(case), case.get("source_points")]
-                + [at.get(activation) for activation in (0.25, 0.5, 0.75, 1.0)]
-                + [max(lack, default=None), case.get("min_J"), case.get("max_J")]
-            )
-    return {
-        "caption": "Force on the upper end [N] by activation, what both ends lack of balance "
+    return table(
+        "Force on the upper end [N] by activation, what both ends lack of balance "
         "relative to it, and the volume ratio J.",
-        "head": ["", "outcome", "source points", "0.25", "0.5", "0.75", "1", "imbalance"]
-        + ["least J", "largest J"],
-        "rows": rows,
-    }
+        (
+            ("", "case"),
+            ("outcome", outcome_text),
+            ("source points", "source_points"),
+            *((f"{level:g}", _force_at(level)) for level in (0.25, 0.5, 0.75, 1.0)),
+            ("imbalance", _imbalance),
+            ("least J", "min_J"),
+            ("largest J", "max_J"),
+        ),
+        [
+            {**case, "case": f"{case['name']}, {pair['name']}"}
+            for pair in pairs
+            for case in pair["cases"]
+        ],
+    )
 
 
 def _drops(pairs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Drop of the force beside that of the muscle's volume."""
     force, muscle = _PUBLISHED["force"], _PUBLISHED["muscle"]
-    published = [f / v for f, v in zip(force, muscle, strict=True)]
-    rows: list[list[Any]] = [
-        ["published", _drop(force), _drop(muscle), None, None, *published, None, None]
-    ]
-    for pair in pairs:
-        ends = [case["force"][1][-1] if case["force"][1] else np.nan for case in pair["cases"]]
-        rows.append(
-            [pair["name"]]
-            + [pair.get(f"{key}_drop") for key in ("force", "images", "volume", "contracting")]
-            + [f / c["volume"]["muscle"] for f, c in zip(ends, pair["cases"], strict=True)]
-            + [f / c["contracting"] for f, c in zip(ends, pair["cases"], strict=True)]
-        )
-    return {
-        "caption": "Drops at full activation, and force per volume of muscle and per volume of "
+    published = {"name": "published", "force_drop": _drop(force), "images_drop": _drop(muscle)}
+    published["per_muscle"] = [f / v for f, v in zip(force, muscle, strict=True)]
+    return table(
+        "Drops at full activation, and force per volume of muscle and per volume of "
         "muscle that contracts [N/cm3]; the fibers are the points' own unless said.",
-        "head": ["", "drop of force", "drop of muscle volume, label map", "the same, model"]
-        + ["drop of contracting volume", "force per muscle volume, young", "old"]
-        + ["per contracting volume, young", "old"],
-        "rows": rows,
-    }
+        (
+            ("", "name"),
+            ("drop of force", "force_drop"),
+            ("drop of muscle volume, label map", "images_drop"),
+            ("the same, model", "volume_drop"),
+            ("drop of contracting volume", "contracting_drop"),
+            ("force per muscle volume, young", _at("per_muscle", 0)),
+            ("old", _at("per_muscle", 1)),
+            ("per contracting volume, young", _at("per_contracting", 0)),
+            ("old", _at("per_contracting", 1)),
+        ),
+        [published, *pairs],
+    )
+
+
+def _at(key: str, number: int) -> Callable[[Mapping[str, Any]], float | None]:
+    """Entry for the young or the old muscle, where there is one."""
+    return lambda pair: pair[key][number] if key in pair else None

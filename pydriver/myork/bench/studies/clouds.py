@@ -7,7 +7,6 @@ has no known answer: its force must not depend on the strides, and must be the s
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -15,63 +14,31 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from myork.bench.runs import INPUTS
+from myork.bench.runs import read_deck
+from myork.bench.tables import Columns, table
 from myork.console import ProgressCallback
-from myork.core.deck import load_deck
 from myork.core.scene import Scene
 from myork.imaging.phantom import make_phantom
-from myork.model_file import write_model
 from myork.records import Image, Labels, PointCloud
+from myork.reference.materials import MUSCLE
 from myork.stations.build import build_cloud
 
 __all__ = ["bar", "run", "solve_bar"]
 
-_HEAD = """\
-title = "{title}"
-[units]
-force = "N"
-length = "cm"
-[scene]
-dimension = 3
-method = "rkcm-mixed"
-[geometry]
-kind = "model"
-[approximation]
-order = {order}
-support = {support}
-[[material]]
-name = "muscle"
-model = "muscle"
-A10 = 6.43
-A01 = -3.8
-A20 = 0.94
-A02 = 0.0005
-A11 = -0.0043
-K = 5000
-curve = "smooth"
-[[boundary]]
-set = "bottom"
-u_x = 0
-u_y = 0
-u_z = 0
-[[boundary]]
-set = "top"
-u_x = 0
-u_y = 0
-u_z = 0
-[load]
-steps = 1
-activation = 0.05
-"""
-_PROBE = """\
-[[probe]]
-name = "{name}"
-quantity = "{quantity}"
-{where}
-"""
+_FIXED = {"u_x": 0, "u_y": 0, "u_z": 0}
 _SUPPORT = {2: 3, 3: 4}
 #: Numbers compared: the deck's probes
 _NAMES = ("side_u_x", "side_u_z", "stress_zz", "stress_xz", "reaction_x", "reaction_z")
+_BAR_COLUMNS: Columns = (
+    *((name, name) for name in ("voxel", "angle", "order", "sources")),
+    *((name, f"error.{name}") for name in _NAMES),
+    ("J", "J"),
+)
+_MUSCLE_COLUMNS: Columns = (
+    ("collocation", lambda case: str(case["collocation"])),
+    ("source", lambda case: str(case["source"])),
+    *((name, name) for name in ("order", "sources", "force", "spread", "J")),
+)
 
 
 def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
@@ -91,26 +58,13 @@ def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
         "about": "Mixed form on bodies with ragged surfaces, activation 0.05.",
         "cases": [*bars, *muscles],
         "tables": [
-            {
-                "caption": "Turned bar: relative difference from finite elements.",
-                "head": ["voxel", "angle", "order", "sources", *_NAMES, "J"],
-                "rows": [
-                    [c["voxel"], c["angle"], c["order"], c["sources"]]
-                    + [c["error"][name] for name in _NAMES]
-                    + [c["J"]]
-                    for c in bars
-                ],
-            },
-            {
-                "caption": "Phantom muscle: force, spread of section forces over the middle, J "
+            table("Turned bar: relative difference from finite elements.", _BAR_COLUMNS, bars),
+            table(
+                "Phantom muscle: force, spread of section forces over the middle, J "
                 "farther from the rims than half a radius.",
-                "head": ["collocation", "source", "order", "sources", "force", "spread", "J"],
-                "rows": [
-                    [str(c["collocation"]), str(c["source"]), c["order"], c["sources"]]
-                    + [c["force"], c["spread"], c["J"]]
-                    for c in muscles
-                ],
-            },
+                _MUSCLE_COLUMNS,
+                muscles,
+            ),
         ],
     }
 
@@ -174,19 +128,17 @@ def _built(
 
 def solve_bar(voxel: float, angle: float, order: int) -> dict[str, Any]:
     """Solve the turned bar and compare it with the reference of the block."""
-    deck = load_deck(INPUTS / "muscle_fibers.toml", [])
+    deck = read_deck("muscle_fibers")
     right = {
         table["probe"]: np.interp(0.05, table["activation"], table["value"])
         for table in deck["reference"]
     }
     cosine, sine = np.cos(np.radians(angle)), np.sin(np.radians(angle))
-    side = f"point = [{0.5 * cosine}, {0.5 * sine}, 1]"
-    places = {
-        **{f"u_{a}": (f"u_{a}", side) for a in "xyz"},
-        **{f"s_{a}z": (f"cauchy_{a}z", "point = [0, 0, 1]") for a in "xyz"},
-        **{f"r_{a}": (f"force_{a}", 'set = "bottom"') for a in "xyz"},
-    }
-    value, _, volume = _solve(bar(voxel, angle), order, places)
+    side, centre = [0.5 * cosine, 0.5 * sine, 1], [0, 0, 1]
+    probes = [{"name": f"u_{a}", "quantity": f"u_{a}", "point": side} for a in "xyz"]
+    probes += [{"name": f"s_{a}z", "quantity": f"cauchy_{a}z", "point": centre} for a in "xyz"]
+    probes += [{"name": f"r_{a}", "quantity": f"force_{a}", "set": "bottom"} for a in "xyz"]
+    value, _, volume = _solve(bar(voxel, angle), order, probes)
     # along the bar's own x
     found = {
         "side_u_x": cosine * value["u_x"] + sine * value["u_y"],
@@ -212,8 +164,8 @@ def _solve_muscle(
     """Solve the medial gastrocnemius of the phantom with some strides."""
     phantom = make_phantom()
     cloud = _built(phantom.truth, phantom.fiber, collocation, source, [1])
-    places = {"force": ("force_z", 'set = "bottom"')}
-    value, sections, volume = _solve(cloud, order, places)
+    probes = [{"name": "force", "quantity": "force_z", "set": "bottom"}]
+    value, sections, volume = _solve(cloud, order, probes)
     middle = sections[2:-2]
     return {
         "collocation": collocation,
@@ -227,20 +179,22 @@ def _solve_muscle(
 
 
 def _solve(
-    cloud: PointCloud, order: int, places: dict[str, tuple[str, str]]
+    cloud: PointCloud, order: int, probes: list[dict[str, Any]]
 ) -> tuple[dict[str, float], NDArray[Any], dict[str, Any]]:
     """Probe values, force along z through each slice, and the range of J away from the rims."""
-    text = _HEAD.format(title="Body from voxels", order=order, support=_SUPPORT[order])
-    for name, (quantity, where) in places.items():
-        text += _PROBE.format(name=name, quantity=quantity, where=where)
-    with tempfile.TemporaryDirectory(prefix="myork-bench-") as folder:
-        write_model(Path(folder) / "model.h5", cloud)
-        deck = Path(folder) / "body.toml"
-        deck.write_text(text, encoding="utf-8")
-        with Scene(deck) as scene:
-            states = scene.solve()
-            value = scene.probes(states.x, states.load)[-1, :, 0]
-            fields = scene.fields(states.x[-1], states.load[-1])
+    tables = {
+        "title": "Body from voxels",
+        "scene": {"dimension": 3, "method": "rkcm-mixed"},
+        "approximation": {"order": order, "support": _SUPPORT[order]},
+        "material": [{**MUSCLE, "curve": "smooth"}],
+        "boundary": [{"set": end, **_FIXED} for end in ("bottom", "top")],
+        "load": {"steps": 1, "activation": 0.05},
+        "probe": probes,
+    }
+    with Scene.from_tables(tables, cloud) as scene:
+        states = scene.solve()
+        value = scene.probes(states.x, states.load)[-1, :, 0]
+        fields = scene.fields(states.x[-1], states.load[-1])
     volume = np.linalg.det(fields.f)
     # P e_z with the Cauchy stress's components zz, yz, xz: P = J sigma F^-T
     row = fields.cauchy[:, [5, 4, 2]]
@@ -256,4 +210,5 @@ def _solve(
     near = np.linalg.norm(cloud.points[:, np.newaxis] - rim[np.newaxis], axis=2).min(axis=1)
     away = volume[near > 0.5 * radius]
     found = {"sources": len(cloud.source), "J": [float(away.min()), float(away.max())]}
-    return dict(zip(places, value.tolist(), strict=True)), sections, found
+    names = [probe["name"] for probe in probes]
+    return dict(zip(names, value.tolist(), strict=True)), sections, found

@@ -7,18 +7,18 @@ exact state far from the ends (straight fibers).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from myork.bench.runs import INPUTS, outcome_text, solve_case
+from myork.bench.runs import lattice, read_deck, solve_case
+from myork.bench.tables import speed_plot, speed_table
 from myork.console import ProgressCallback
-from myork.core.deck import load_deck
 from myork.reference import exact
 from myork.reference.finite_elements import felupe_tube
-from myork.reference.muscle import along_fibers
+from myork.reference.materials import along_fibers
 
-__all__ = ["Choice", "block_cases", "choice", "plot", "run", "seconds", "table", "tube_cases"]
+__all__ = ["Choice", "block_cases", "choice", "curve_name", "run", "sweep", "tube_cases"]
 
 #: Order, support and method of a curve
 Choice = tuple[int, float, str]
@@ -59,16 +59,63 @@ def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
         "the doubled radius, K = 1000.",
         "cases": [*tube, *straight, *inclined],
         "plots": [
-            plot("Tube: radial stress at the inner surface", tube),
-            plot("Muscle block, straight fibers: axial stress in the middle", straight),
-            plot("Muscle block, fibers inclined 30°: largest error of six probes", inclined),
+            speed_plot("Tube: radial stress at the inner surface", tube),
+            speed_plot("Muscle block, straight fibers: axial stress in the middle", straight),
+            speed_plot("Muscle block, fibers inclined 30°: largest error of six probes", inclined),
         ],
         "tables": [
-            table("Tube.", tube),
-            table("Muscle block, straight fibers, activation 0.15.", straight),
-            table("Muscle block, inclined fibers, up to activation 0.15.", inclined),
+            speed_table("Tube.", tube),
+            speed_table("Muscle block, straight fibers, activation 0.15.", straight),
+            speed_table("Muscle block, inclined fibers, up to activation 0.15.", inclined),
         ],
     }
+
+
+def sweep(
+    progress: ProgressCallback,
+    deck: str,
+    choices: Sequence[Choice],
+    sizes: Sequence[Sequence[int]],
+    overrides: Sequence[str],
+    error: Callable[[dict[str, Any], list[str]], float],
+    *,
+    limit: float,
+    thin: bool = False,
+) -> list[dict[str, Any]]:
+    """Solve a deck with each choice at each size.
+
+    Parameters
+    ----------
+    progress : callable
+        Called with every line of progress.
+    deck : str
+        Name of an installed deck.
+    choices : sequence of Choice
+        One curve each.
+    sizes : sequence of sequence of int
+        Source points along each edge.
+    overrides : sequence of str
+        Further overrides of the deck.
+    error : callable
+        `error` of a case that converged, from its record and its overrides.
+    limit : float
+        Wall time after which a solve is ended [s].
+    thin : bool
+        Also sizes with too few points along an edge to fill the supports of a choice in a box.
+    """
+    cases = []
+    for number, wanted in enumerate(choices):
+        progress(f"{deck} {number + 1}/{len(choices)}  {curve_name(wanted)}")
+        for size in sizes:
+            if min(size) <= wanted[0] + 1 and not thin:
+                continue
+            words = [*lattice(size), *choice(wanted), *overrides]
+            case = solve_case(deck, words, limit=limit)
+            case |= {"curve": curve_name(wanted), "size": " x ".join(str(n) for n in size)}
+            if case["outcome"] == "converged":
+                case["error"] = error(case, words)
+            cases.append(case)
+    return cases
 
 
 def tube_cases(
@@ -77,58 +124,30 @@ def tube_cases(
     sizes: Sequence[tuple[int, int]],
     limit: float,
 ) -> list[dict[str, Any]]:
-    """Inflate the tube with each choice at each size; `error` is that of the inner radial stress.
+    """Inflate the tube; `error` is that of the inner radial stress. Parameters as of `sweep`."""
+    solution = exact.inner_stress(read_deck("tube"))
 
-    Parameters
-    ----------
-    progress : callable
-        Called with every line of progress.
-    choices : sequence of Choice
-        One curve each.
-    sizes : sequence of tuple of int
-        Radial and angular source points.
-    limit : float
-        Wall time after which a solve is ended [s].
-    """
-    deck = load_deck(INPUTS / "tube.toml", [])
-    rubber = exact.Polynomial.from_deck(deck["material"][0])
-    solution = float(exact.tube(rubber, 6.0, 8.0, 6.0).radial[0])
-    cases = []
-    for number, (order, support, method) in enumerate(choices):
-        progress(f"tube {number + 1}/{len(choices)}  order {order}, {support:g} h, {method}")
-        for radial, angular in sizes:
-            case = solve_case(
-                "tube",
-                [
-                    f"geometry.source=[{radial},{angular}]",
-                    f"geometry.collocation=[{2 * radial - 1},{2 * angular - 1}]",
-                    *choice((order, support, method)),
-                    f"load.steps={_STEPS}",
-                ],
-                limit=limit,
-            )
-            case |= {"curve": f"{method}, order {order}, {support:g} h", "solution": solution}
-            case["size"] = f"{radial} x {angular}"
-            if case["outcome"] == "converged":
-                case["error"] = abs(case["probes"]["radial_stress"] / solution - 1.0)
-            cases.append(case)
-    return cases
+    def error(case: dict[str, Any], _: list[str]) -> float:
+        return float(abs(case["probes"]["radial_stress"] / solution - 1.0))
+
+    steps = (f"load.steps={_STEPS}",)
+    return sweep(progress, "tube", choices, sizes, steps, error, limit=limit, thin=True)
 
 
 def _felupe(
     progress: ProgressCallback, elements: tuple[tuple[int, int], ...]
 ) -> list[dict[str, Any]]:
     """Points of the rival; a first, unmeasured solve loads and compiles what it needs."""
-    deck = load_deck(INPUTS / "tube.toml", [])
+    deck = read_deck("tube")
     material, geometry = deck["material"][0], deck["geometry"]
-    solution = float(exact.tube(exact.Polynomial.from_deck(material), 6.0, 8.0, 6.0).radial[0])
+    solution = exact.inner_stress(deck)
     progress("felupe")
     felupe_tube((1, 2), material, geometry, 2)
     cases = []
     for size in elements:
         case = felupe_tube(size, material, geometry, _STEPS)
         case |= {"curve": "felupe, mixed Q2", "size": f"{size[0]} x {size[1]} elements"}
-        case |= {"outcome": "converged", "message": "", "rival": True, "solution": solution}
+        case |= {"outcome": "converged", "message": "", "rival": True}
         case["error"] = abs(case["value"] / solution - 1.0)
         cases.append(case)
     return cases
@@ -141,51 +160,21 @@ def block_cases(
     sizes: Sequence[tuple[int, int, int]],
     limit: float,
 ) -> list[dict[str, Any]]:
-    """Contract a block to activation 0.15 with each choice at each size that its order can fill.
+    """Contract a block to activation 0.15. Parameters as of `sweep`.
 
-    Parameters
-    ----------
-    progress : callable
-        Called with every line of progress.
-    name : str
-        `muscle_block` (`error` against the exact state far from the ends) or `muscle_fibers`
-        (the largest against the references of the deck).
-    choices : sequence of Choice
-        One curve each.
-    sizes : sequence of tuple of int
-        Source points.
-    limit : float
-        Wall time after which a solve is ended [s].
+    The name is `muscle_block` (`error` against the exact state far from the ends) or
+    `muscle_fibers` (the largest against the references of the deck).
     """
-    cases = []
-    for number, (order, support, method) in enumerate(choices):
-        progress(f"{name} {number + 1}/{len(choices)}  order {order}, {support:g} h, {method}")
-        for size in sizes:
-            if any(n <= order + 1 for n in size):
-                continue
-            overrides = [
-                f"geometry.source=[{','.join(str(n) for n in size)}]",
-                f"geometry.collocation=[{','.join(str(2 * n - 1) for n in size)}]",
-                *choice((order, support, method)),
-                "load.activation=0.15",
-                "load.steps=6",
-            ]
-            case = solve_case(name, overrides, limit=limit)
-            case |= {"curve": f"{method}, order {order}, {support:g} h"}
-            case["size"] = " x ".join(str(n) for n in size)
-            if case["outcome"] == "converged":
-                case["error"] = _block_error(case, name, overrides)
-            cases.append(case)
-    return cases
 
+    def error(case: dict[str, Any], words: list[str]) -> float:
+        if name == "muscle_block":
+            deck = read_deck(name, words)
+            wanted = along_fibers(deck["material"][0], 1.0, deck["load"]["activation"])
+            return float(abs(case["probes"]["stress_zz"] / wanted - 1.0))
+        return float(max(max(entry["relative_error"]) for entry in case["reference"].values()))
 
-def _block_error(case: dict[str, Any], name: str, overrides: list[str]) -> float:
-    """Error against the exact state of straight fibers, or the largest against references."""
-    if name == "muscle_block":
-        deck = load_deck(INPUTS / f"{name}.toml", overrides)
-        exact_stress = along_fibers(deck["material"][0], 1.0, deck["load"]["activation"])
-        return abs(case["probes"]["stress_zz"] / exact_stress - 1.0)
-    return max(max(entry["relative_error"]) for entry in case["reference"].values())
+    contracted = ("load.activation=0.15", "load.steps=6")
+    return sweep(progress, name, choices, sizes, contracted, error, limit=limit)
 
 
 def choice(wanted: Choice) -> list[str]:
@@ -204,42 +193,7 @@ def choice(wanted: Choice) -> list[str]:
     ]
 
 
-def seconds(case: Mapping[str, Any]) -> float:
-    """Wall time without the output of files."""
-    timings = case.get("timings_s")
-    return float(timings["total"] - timings["output"] if timings else case["seconds"])
-
-
-def plot(title: str, cases: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Curves of error over time, one for each `curve` of the cases."""
-    series = []
-    for name in dict.fromkeys(case["curve"] for case in cases):
-        points = [case for case in cases if case["curve"] == name and "error" in case]
-        if points:
-            series.append(
-                {
-                    "name": name,
-                    "x": [seconds(case) for case in points],
-                    "y": [case["error"] for case in points],
-                    "rival": points[0].get("rival", False),
-                }
-            )
-    return {"title": title, "x": "wall time [s]", "y": "relative error [-]", "series": series}
-
-
-def table(caption: str, cases: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """All cases with outcome, error and time."""
-    head = ["curve", "size", "outcome", "unknowns", "error", "iterations", "time [s]"]
-    rows = [
-        [
-            case["curve"],
-            case["size"],
-            outcome_text(case),
-            case.get("dofs"),
-            case.get("error"),
-            case.get("iterations"),
-            seconds(case),
-        ]
-        for case in cases
-    ]
-    return {"caption": caption, "head": head, "rows": rows}
+def curve_name(wanted: Choice) -> str:
+    """Name of a choice beside others."""
+    order, support, method = wanted
+    return f"{method}, order {order}, {support:g} h"

@@ -10,27 +10,32 @@ few boundary points counts less than the same integral would.
 
 from __future__ import annotations
 
-import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from myork.bench.runs import Deck, lattice, read_deck, solve_case
+from myork.bench.tables import Columns, plot, table
 from myork.console import ProgressCallback
-from myork.stations.solve import run_deck
+from myork.errors import ConvergenceError
 
 __all__ = ["run"]
 
-_INPUTS = Path(__file__).parents[2] / "inputs"
-
-_ELASTICITY = """\
-title = "Plane strain with a smooth solution"
-units = { force = "N", length = "m" }
-scene = { dimension = 2 }
-geometry = { kind = "box", size = [1, 1], source = [10, 10], collocation = [20, 20] }
-linear = { problem = "elasticity", solution = "sine", E = 1, nu = 0.25, essential = ["x0", "y0"] }
-"""
+_ELASTICITY = {
+    "title": "Plane strain with a smooth solution",
+    "units": {"force": "N", "length": "m"},
+    "scene": {"dimension": 2},
+    "geometry": {"kind": "box", "size": [1, 1], "source": [10, 10], "collocation": [20, 20]},
+    "linear": {
+        "problem": "elasticity",
+        "solution": "sine",
+        "E": 1,
+        "nu": 0.25,
+        "essential": ["x0", "y0"],
+    },
+}
 
 Sizes = tuple[tuple[int, ...], ...]
 
@@ -42,8 +47,8 @@ class _Study(NamedTuple):
     ----------
     problem : str
         Name in tables and curves.
-    deck : str
-        Name of an installed deck, or the text of one.
+    deck : Deck
+        Name of an installed deck, or tables.
     source, collocation : Sizes
         Points along each edge, coarsest grid first.
     order : int
@@ -57,7 +62,7 @@ class _Study(NamedTuple):
     """
 
     problem: str
-    deck: str
+    deck: Deck
     source: Sizes
     collocation: Sizes
     order: int = 2
@@ -145,7 +150,7 @@ def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
     for number, study in enumerate(studies):
         label = _label(study)
         progress(f"study {number + 1}/{len(studies)}  {label}")
-        own = [_case(study, source, points) for source, points in _grids(study)]
+        own = [_case(study, *sizes) for sizes in zip(study.source, study.collocation, strict=True)]
         cases += own
         rates.append({"study": label, **_rates(study, own)})
     return {
@@ -167,38 +172,25 @@ def _label(study: _Study) -> str:
     return label if study.traction == 1.0 else f"{label}, traction weight {study.traction:g}"
 
 
-def _grids(study: _Study) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
-    return list(zip(study.source, study.collocation, strict=True))
-
-
 def _case(study: _Study, source: Sequence[int], points: Sequence[int]) -> dict[str, Any]:
     """Errors of one grid."""
-    with tempfile.TemporaryDirectory(prefix="myork-bench-") as folder:
-        deck = _INPUTS / f"{study.deck}.toml"
-        if "\n" in study.deck:
-            deck = Path(folder) / "deck.toml"
-            deck.write_text(study.deck, encoding="utf-8")
-        overrides = (
-            f"geometry.source={list(source)}",
-            f"geometry.collocation={list(points)}",
-            f"approximation.order={study.order}",
-            f"approximation.support={study.support}",
-            f"solver.weight_traction={study.traction}",
-        )
-        summary = run_deck(deck, Path(folder), overrides=overrides, threads=1, verbosity=-1)
-    size = summary["deck"]["geometry"]["size"][0]
+    overrides = (
+        *lattice(source, points),
+        f"approximation.order={study.order}",
+        f"approximation.support={study.support}",
+        f"solver.weight_traction={study.traction}",
+    )
+    case = solve_case(study.deck, overrides)
+    if "errors" not in case:
+        raise ConvergenceError(f"{_label(study)}: {case['outcome']}: {case['message']}")
     return {
+        **case,
         "study": _label(study),
         "problem": study.problem,
         "order": study.order,
         "source": list(source),
         "collocation": list(points),
-        "h": size / (source[0] - 1),
-        "errors": summary["errors"],
-        "dofs": summary["dofs"],
-        "rows": summary["rows"],
-        "solver": summary["solver"],
-        "timings_s": summary["timings_s"],
+        "h": read_deck(study.deck)["geometry"]["size"][0] / (source[0] - 1),
     }
 
 
@@ -227,40 +219,44 @@ def _rates(study: _Study, cases: Sequence[dict[str, Any]]) -> dict[str, Any]:
 _ROUNDING = 1e-9
 
 
+def _rate(norm: str) -> Callable[[Mapping[str, Any]], Any]:
+    """Fitted rate in a norm."""
+    return lambda rate: "reproduced" if rate["exact"] else round(rate[norm], 2)
+
+
+_COLUMNS: Columns = (
+    ("problem", "problem"),
+    ("order", "order"),
+    ("support [h]", "support"),
+    ("collocation a source point", "density"),
+    ("traction weight", "weight_traction"),
+    ("L2 rate", _rate("L2")),
+    ("theory", "theory.L2"),
+    ("published", "published.L2"),
+    ("H1 rate", _rate("H1")),
+    ("theory", "theory.H1"),
+    ("published", "published.H1"),
+    ("relative L2 error, finest", "finest.relative_L2"),
+    ("relative H1 error, finest", "finest.relative_H1"),
+)
+
+
 def _table(rates: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    head = ["problem", "order", "support [h]", "collocation a source point", "traction weight"]
-    head += ["L2 rate", "theory", "published", "H1 rate", "theory", "published"]
-    head += ["relative L2 error, finest", "relative H1 error, finest"]
-    rows = []
-    for rate in rates:
-        row: list[Any] = [rate["problem"], rate["order"], rate["support"], rate["density"]]
-        row.append(rate["weight_traction"])
-        for norm in ("L2", "H1"):
-            slope = "reproduced" if rate["exact"] else round(rate[norm], 2)
-            row += [slope, rate["theory"][norm], rate["published"].get(norm)]
-        rows.append([*row, rate["finest"]["relative_L2"], rate["finest"]["relative_H1"]])
-    return {
-        "caption": "Fitted convergence rates; theory is (5.18). A cubic solution is reproduced to "
+    return table(
+        "Fitted convergence rates; theory is (5.18). A cubic solution is reproduced to "
         "rounding by orders from 3 on.",
-        "head": head,
-        "rows": rows,
-    }
+        _COLUMNS,
+        rates,
+    )
 
 
 def _plot(cases: Sequence[dict[str, Any]], norm: str) -> dict[str, Any]:
-    """Error over spacing, a curve a study."""
-    labels = list(dict.fromkeys(case["study"] for case in cases))
-    series = []
-    for label in labels:
-        own = [case for case in cases if case["study"] == label]
-        errors = [case["errors"][f"relative_{norm}"] for case in own]
-        if errors[-1] < _ROUNDING and own[0]["problem"] == "cantilever":
-            continue
-        series.append({"name": label, "x": [case["h"] for case in own], "y": errors})
-    return {
-        "title": f"Relative {norm} error",
-        "x": "source spacing [m]",
-        "y": f"relative {norm} error [-]",
-        "scale": "log-log",
-        "series": series,
-    }
+    """Error over spacing, a curve a study, but for a cantilever that is reproduced."""
+    finest = {case["study"]: case["errors"][f"relative_{norm}"] for case in cases}
+    shown = [
+        case
+        for case in cases
+        if case["problem"] != "cantilever" or finest[case["study"]] >= _ROUNDING
+    ]
+    axes = ("source spacing [m]", f"relative {norm} error [-]")
+    return plot(f"Relative {norm} error", axes, shown, "h", f"errors.relative_{norm}", "study")

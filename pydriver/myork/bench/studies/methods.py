@@ -14,13 +14,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from myork.bench.runs import INPUTS, outcome_text, solve_case
-from myork.bench.studies.curves import Choice, block_cases, choice, plot, seconds, table, tube_cases
+from myork.bench.runs import lattice, outcome_text, read_deck, seconds, solve_case
+from myork.bench.studies.curves import Choice, block_cases, choice, sweep, tube_cases
+from myork.bench.tables import Columns, plane_map, speed_plot, speed_table, table
 from myork.console import ProgressCallback
-from myork.core.deck import load_deck
 from myork.reference.finite_elements import felupe_sheet
+from myork.reference.materials import along_fibers
 from myork.reference.measures import oscillation
-from myork.reference.muscle import along_fibers
 from myork.results import Results
 
 __all__ = ["run"]
@@ -29,6 +29,7 @@ _LIMIT = 120.0
 _SHEET = "shear_2d"
 # As many as the slowest method needs; the reference stops after two iterations
 _SHEET_STEPS = 2
+_RAMP = (f"load.steps={_SHEET_STEPS}",)
 _ELEMENTS = ((16, 4), (32, 8), (64, 16))
 #: Source points of tables 5.2 and 5.3 and their unknowns, as the published numbers are keyed
 _TABLES = {"5.2": (17, 5), "5.3": (65, 17)}
@@ -39,6 +40,10 @@ _PUBLISHED = {
     ("5.3", "rkcm"): (86.5, 1.797, 1.455, 82.79),
     ("5.3", "rkpm"): (1148.0, 5.063, 1027.0, 7.597),
 }
+
+
+# Error of a case from its record and its overrides
+_Error = Callable[[dict[str, Any], list[str]], float]
 
 
 class _Method(NamedTuple):
@@ -98,22 +103,27 @@ _GALERKIN_SIZES = ((5, 5, 9), (7, 7, 13))
 
 def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
     """Solve everything; see `myork.bench` for the result."""
-    deck = load_deck(INPUTS / f"{_SHEET}.toml", [])
+    deck = read_deck(_SHEET)
     progress("felupe, sheet")
     sheets = [
         felupe_sheet(n, deck["material"][0], deck["geometry"], _SHEET_STEPS) for n in _ELEMENTS
     ]
     finest = sheets[-1]["shear_stress"]
     wanted = _limit([sheet["shear_stress"] for sheet in sheets])
+
+    def error(case: dict[str, Any], _: list[str]) -> float:
+        return float(abs(case["probes"]["shear_stress"] / wanted - 1.0))
+
     tables = {"5.2": _TABLES["5.2"]} if quick else _TABLES
-    performance = {name: _performance(progress, name, n, wanted) for name, n in tables.items()}
+    performance = {name: _performance(progress, name, n, error) for name, n in tables.items()}
     fields = {name: _figure(progress, name, quick) for name in _FIGURES}
     agreement = [
         _block(progress, method, n)
         for method, edges in _BLOCKS
         for n in edges[: 1 if quick else None]
     ]
-    shear = _shear(progress, _SHEAR_SIZES[: 2 if quick else None], wanted)
+    sizes = _SHEAR_SIZES[: 2 if quick else None]
+    shear = sweep(progress, _SHEET, _SHEAR, sizes, _RAMP, error, limit=_LIMIT)
     # the collocation's points on these bodies are in small in the benchmark `curves`
     count = 1 if quick else None
     tube = tube_cases(progress, _QUADRATIC if quick else _TUBE, _TUBE_SIZES[:count], _LIMIT)
@@ -121,9 +131,9 @@ def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
     if not quick:
         straight = block_cases(progress, "muscle_block", _COMMON, _SIZES, _LIMIT)
         inclined = block_cases(progress, "muscle_fibers", _INCLINED, _SIZES, _LIMIT)
-    sizes = _GALERKIN_SIZES[:count]
-    straight += block_cases(progress, "muscle_block", _LINEAR, sizes, _LIMIT)
-    inclined += block_cases(progress, "muscle_fibers", _LINEAR, sizes, _LIMIT)
+    galerkin = _GALERKIN_SIZES[:count]
+    straight += block_cases(progress, "muscle_block", _LINEAR, galerkin, _LIMIT)
+    inclined += block_cases(progress, "muscle_fibers", _LINEAR, galerkin, _LIMIT)
     curves = {
         "Sheared sheet: shear stress in the middle": shear,
         "Tube: radial stress at the inner surface": tube,
@@ -144,13 +154,13 @@ def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
             *agreement,
             *(case for cases in curves.values() for case in cases),
         ],
-        "plots": [plot(title, cases) for title, cases in curves.items()],
+        "plots": [speed_plot(title, cases) for title, cases in curves.items()],
         "maps": [entry for cases in fields.values() for case in cases for entry in case["maps"]],
         "tables": [
             *(_performance_table(name, cases) for name, cases in performance.items()),
             *(_figure_table(name, cases) for name, cases in fields.items()),
             _block_table(agreement),
-            *(table(title, cases) for title, cases in curves.items()),
+            *(speed_table(title, cases) for title, cases in curves.items()),
         ],
     }
 
@@ -161,81 +171,59 @@ def _limit(values: Sequence[float]) -> float:
     return float(values[2] + second**2 / (first - second))
 
 
-def _lattice(source: Sequence[int]) -> list[str]:
-    """Source points, and collocation points at half their spacing as the reference has them."""
-    return [
-        f"geometry.source=[{','.join(str(n) for n in source)}]",
-        f"geometry.collocation=[{','.join(str(2 * n - 1) for n in source)}]",
-    ]
-
-
 def _performance(
-    progress: ProgressCallback, name: str, source: tuple[int, int], wanted: float
+    progress: ProgressCallback, name: str, source: tuple[int, int], error: _Error
 ) -> list[dict[str, Any]]:
     """The rows of table 5.2 or 5.3."""
     cases = []
     for method in _ROWS:
         progress(f"table {name}  {method.name}")
-        overrides = (*choice(method.choice), *method.overrides)
-        case = _sheared(source, overrides, wanted)
+        words = [*lattice(source), *choice(method.choice), *method.overrides, *_RAMP]
+        case = solve_case(_SHEET, words, limit=_LIMIT)
+        if case["outcome"] == "converged":
+            case["error"] = error(case, words)
         cases.append(case | {"name": method.name})
     return cases
 
 
-def _sheared(source: tuple[int, int], overrides: Sequence[str], wanted: float) -> dict[str, Any]:
-    """The sheet at 100 % shear, with the error of the stress in its middle."""
-    words = [*_lattice(source), *overrides, f"load.steps={_SHEET_STEPS}"]
-    case = solve_case(_SHEET, words, limit=_LIMIT)
-    if case["outcome"] == "converged":
-        case["error"] = abs(case["probes"]["shear_stress"] / wanted - 1.0)
-    return case
-
-
-def _shear(
-    progress: ProgressCallback, sizes: Sequence[tuple[int, int]], wanted: float
-) -> list[dict[str, Any]]:
-    """Curves of the sheet."""
-    cases = []
-    for wish in _SHEAR:
-        order, support, method = wish
-        progress(f"sheet  order {order}, {support:g} h, {method}")
-        for size in sizes:
-            if min(size) > order + 1:
-                case = _sheared(size, choice(wish), wanted)
-                case["curve"] = f"{method}, order {order}, {support:g} h"
-                cases.append(case | {"size": f"{size[0]} x {size[1]}"})
-    return cases
-
-
 def _performance_table(name: str, cases: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    head = ["method", "unknowns", "shape [s]", "assembly [s]", "solution [s]", "total [s]"]
-    head += ["iterations", "two iterations [s]", "error", "outcome"]
-    rows: list[list[Any]] = []
-    for published, label in (("rkcm", "RKCM"), ("rkpm", "RKPM, 5 Gauss points")):
-        total, shape, assembly, solution = _PUBLISHED[name, published]
-        source = _TABLES[name]
-        rows.append(
-            [f"{label}, Basava (2015)", 2 * source[0] * source[1], shape, assembly, solution]
-            + [total, 2, total, None, "published"]
-        )
-    for case in cases:
-        spent = case.get("timings_s", {})
-        iterations = case.get("iterations")
-        two = None
-        if spent and iterations:
-            two = spent["shape"] + 2 * (spent["assemble"] + spent["solve"]) / iterations
-        rows.append(
-            [case["name"], case.get("dofs")]
-            + [spent.get(key) for key in ("shape", "assemble", "solve")]
-            + [seconds(case), iterations, two, case.get("error"), outcome_text(case)]
-        )
     source = _TABLES[name]
-    return {
-        "caption": f"Table {name}: sheet of {source[0]} x {source[1]} source points to 100 % "
+    published = []
+    for key, label in (("rkcm", "RKCM"), ("rkpm", "RKPM, 5 Gauss points")):
+        spent = dict(
+            zip(("total", "shape", "assemble", "solve"), _PUBLISHED[name, key], strict=True)
+        )
+        entry = {"name": f"{label}, Basava (2015)", "dofs": 2 * source[0] * source[1]}
+        entry |= {"iterations": 2, "two": spent["total"], "outcome": "published"}
+        published.append(entry | {"timings_s": spent | {"output": 0.0}})
+    return table(
+        f"Table {name}: sheet of {source[0]} x {source[1]} source points to 100 % "
         "shear; error of the shear stress in the middle",
-        "head": head,
-        "rows": rows,
-    }
+        _TIMES,
+        [*published, *cases],
+    )
+
+
+def _two_iterations(case: Mapping[str, Any]) -> float | None:
+    """Time of shape functions and two iterations [s]."""
+    spent, iterations = case.get("timings_s"), case.get("iterations")
+    if "two" in case or not (spent and iterations):
+        return case.get("two")
+    return float(spent["shape"] + 2 * (spent["assemble"] + spent["solve"]) / iterations)
+
+
+_TIMES: Columns = (
+    ("method", "name"),
+    ("unknowns", "dofs"),
+    ("shape [s]", "timings_s.shape"),
+    ("assembly [s]", "timings_s.assemble"),
+    ("solution [s]", "timings_s.solve"),
+    ("total [s]", seconds),
+    ("iterations", "iterations"),
+    ("two iterations [s]", _two_iterations),
+    ("error", "error"),
+    ("outcome", outcome_text),
+)
 
 
 def _figure(progress: ProgressCallback, name: str, quick: bool) -> list[dict[str, Any]]:
@@ -247,7 +235,7 @@ def _figure(progress: ProgressCallback, name: str, quick: bool) -> list[dict[str
         for method in _FIELDS:
             progress(f"figure {name}  {method.name}, {size}")
             look = _look(component, f"Figure {name}, {method.name}, {size}")
-            words = [*_lattice(source), *choice(method.choice)]
+            words = [*lattice(source), *choice(method.choice)]
             case = solve_case(deck, words, limit=_LIMIT, look=look)
             cases.append({"maps": [], **case, "name": method.name, "size": size})
     return cases
@@ -266,86 +254,86 @@ def _look(component: tuple[int, int], title: str) -> Callable[[Path], dict[str, 
         line = np.flatnonzero(plane & np.isclose(x[:, 1], middle[1]))
         line = line[np.argsort(x[line, 0])]
         inner = line[abs(x[line, 0] - middle[0]) <= 0.2501 * (high[0] - low[0])]
-        axes = "xyz"[component[0]] + "xyz"[component[1]]
+        label = f"Cauchy stress {'xyz'[component[0]]}{'xyz'[component[1]]} [N/cm2]"
         return {
             "line": stress[line].tolist(),
             "oscillation": oscillation(stress[line]),
             "oscillation_inner": oscillation(stress[inner]),
             "range": [float(stress.min()), float(stress.max())],
-            "maps": [
-                {
-                    "title": title,
-                    "label": f"Cauchy stress {axes} [N/cm2]",
-                    "x": x[plane, 0].tolist(),
-                    "y": x[plane, 1].tolist(),
-                    "value": stress[plane].tolist(),
-                }
-            ],
+            "maps": [plane_map(title, label, x[plane, :2], stress[plane])],
         }
 
     return look
 
 
+def _exact(key: str) -> Callable[[Mapping[str, Any]], float | None]:
+    """Entry about the only probe that has an exact solution."""
+
+    def entry(case: Mapping[str, Any]) -> float | None:
+        found: list[Mapping[str, float]] = [*case.get("exact", {}).values()]
+        return found[0].get(key) if found else None
+
+    return entry
+
+
+_STRESSES: Columns = (
+    ("method", "name"),
+    ("source points", "size"),
+    ("middle [N/cm²]", _exact("value")),
+    ("error", _exact("relative_error")),
+    ("least in the body", lambda case: case["range"][0] if "range" in case else None),
+    ("largest", lambda case: case["range"][1] if "range" in case else None),
+    ("oscillation", "oscillation"),
+    ("oscillation, middle half", "oscillation_inner"),
+    ("outcome", outcome_text),
+)
+
+
 def _figure_table(name: str, cases: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    rows = []
-    for case in cases:
-        exact: Mapping[str, float] = next(iter(case.get("exact", {}).values()), {})
-        rows.append(
-            [
-                case["name"],
-                case["size"],
-                exact.get("value"),
-                exact.get("relative_error"),
-                *case.get("range", (None, None)),
-                case.get("oscillation"),
-                case.get("oscillation_inner"),
-                outcome_text(case),
-            ]
-        )
-    head = ["method", "source points", "middle [N/cm²]", "error", "least in the body", "largest"]
-    head += ["oscillation", "oscillation, middle half", "outcome"]
-    return {
-        "caption": f"Figure {name}: stress in the middle against the exact solution of an endless "
+    return table(
+        f"Figure {name}: stress in the middle against the exact solution of an endless "
         "body, and its largest second difference along the middle line over its mean",
-        "head": head,
-        "rows": rows,
-    }
+        _STRESSES,
+        cases,
+    )
 
 
 def _block(progress: ProgressCallback, method: _Method, edge: int) -> dict[str, Any]:
     """The block of figure 5.30 with straight fibers at full activation."""
     source = (edge, edge, 2 * edge - 1)
     progress(f"figure 5.30  {method.name}, {edge}")
-    words = [*_lattice(source), *choice(method.choice), *_SMOOTH]
+    words = [*lattice(source), *choice(method.choice), *_SMOOTH]
     case = solve_case("muscle_block", words, limit=_LIMIT)
     case |= {"name": method.name, "size": " x ".join(str(n) for n in source)}
-    deck = load_deck(INPUTS / "muscle_block.toml", words)
+    deck = read_deck("muscle_block", words)
     case["solution"] = along_fibers(deck["material"][0], 1.0, deck["load"]["activation"])
     return case
 
 
 def _block_table(cases: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Stress and reaction, and how far they are from those of RKPM at the largest size."""
-    probes = ("stress_zz", "reaction")
     known = [case for case in cases if case["outcome"] == "converged"]
     last = known[-1]["probes"] if known else {}
-    rows = []
-    for case in cases:
-        values = [case.get("probes", {}).get(probe) for probe in probes]
-        apart = [
-            None if value is None else value / last[probe] - 1.0
-            for probe, value in zip(probes, values, strict=True)
-        ]
-        rows.append(
-            [case["name"], case["size"], case.get("dofs"), *values, *apart]
-            + [seconds(case), outcome_text(case)]
+
+    def apart(probe: str) -> Callable[[Mapping[str, Any]], float | None]:
+        return lambda case: (
+            case["probes"][probe] / last[probe] - 1.0 if probe in case.get("probes", {}) else None
         )
-    head = ["method", "source points", "unknowns", "stress zz [N/cm²]", "reaction [N]"]
-    head += ["stress from the last row", "reaction from the last row", "time [s]", "outcome"]
-    return {
-        "caption": "Figure 5.30: muscle block with straight fibers at full activation, smooth "
-        "curves; far from the ends the stress is "
-        f"{cases[0]['solution']:.6g} N/cm²",
-        "head": head,
-        "rows": rows,
-    }
+
+    columns: Columns = (
+        ("method", "name"),
+        ("source points", "size"),
+        ("unknowns", "dofs"),
+        ("stress zz [N/cm²]", "probes.stress_zz"),
+        ("reaction [N]", "probes.reaction"),
+        ("stress from the last row", apart("stress_zz")),
+        ("reaction from the last row", apart("reaction")),
+        ("time [s]", seconds),
+        ("outcome", outcome_text),
+    )
+    return table(
+        "Figure 5.30: muscle block with straight fibers at full activation, smooth "
+        f"curves; far from the ends the stress is {cases[0]['solution']:.6g} N/cm²",
+        columns,
+        cases,
+    )

@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from myork.bench.runs import INPUTS, outcome_text, solve_case
+from myork.bench.runs import lattice, outcome_text, read_deck, solve_case
+from myork.bench.tables import Columns, Shown, plane_map, table
 from myork.console import ProgressCallback
-from myork.core.deck import load_deck
 from myork.errors import InstallationError
 from myork.reference.finite_elements import felupe_block
 from myork.results import Results
@@ -33,12 +33,8 @@ _KEPT = 0.02
 
 
 def _size(n: int) -> tuple[str, ...]:
-    """Sources n x n x (2n-1) and collocation points at half their spacing."""
-    fine = 2 * n - 1
-    return (
-        f"geometry.source=[{n},{n},{fine}]",
-        f"geometry.collocation=[{fine},{fine},{4 * n - 3}]",
-    )
+    """Sources n x n x (2n-1)."""
+    return lattice((n, n, 2 * n - 1))
 
 
 _COARSE = _size(5)
@@ -139,15 +135,9 @@ def _look(folder: Path) -> dict[str, Any]:
                 ("Volume ratio J", "-", results.field("J")),
                 ("Cauchy stress zz", "N/cm2", results.field("cauchy")[:, 2, 2]),
             ):
-                maps.append(
-                    {
-                        "title": f"{title} on the middle plane, activation {at:.2g}",
-                        "label": f"{title} [{unit}]",
-                        "x": x[plane, 0].tolist(),
-                        "y": x[plane, 2].tolist(),
-                        "value": values[plane].tolist(),
-                    }
-                )
+                heading = f"{title} on the middle plane, activation {at:.2g}"
+                places = x[plane][:, [0, 2]]
+                maps.append(plane_map(heading, f"{title} [{unit}]", places, values[plane]))
     return {"volume": volume, "maps": maps}
 
 
@@ -156,7 +146,7 @@ def _felupe(
 ) -> dict[str, Any]:
     """The rival's values; nothing where it is not installed."""
     progress(f"felupe, fibers at {angle:g} degrees")
-    deck = load_deck(INPUTS / f"{_DECK}.toml", [f"material.muscle.fiber_angle={angle}"])
+    deck = read_deck(_DECK, [f"material.muscle.fiber_angle={angle}"])
     elements = (2, 2, 4) if quick else _ELEMENTS
     try:
         return felupe_block(elements, deck["material"][0], deck["geometry"], activations)
@@ -169,36 +159,23 @@ def _probes(case: Mapping[str, Any]) -> list[str]:
     return list(case.get("reference") or {})
 
 
-def _value(case: Mapping[str, Any], probe: str, activation: float) -> float | None:
-    """Value of a probe; None where the run did not get there."""
-    for step in case.get("history", []):
-        if abs(step["activation"] - activation) < 1e-9:
-            return float(step["probes"][probe])
+def _from(wanted: Mapping[float, float] | None, value: float | None, at: float) -> float | None:
+    """Signed difference from a reference by activation relative to its size, where both exist."""
+    for activation, right in (wanted or {}).items():
+        if value is not None and abs(activation - at) < 1e-9:
+            return float((value - right) / abs(right))
     return None
 
 
-def _error(case: Mapping[str, Any], probe: str, activation: float) -> float | None:
-    """Signed difference from FEBio relative to its size."""
-    value = _value(case, probe, activation)
-    reference = (case.get("reference") or {}).get(probe)
-    if value is None or not reference:
-        return None
-    for at, wanted in zip(reference["activation"], reference["reference"], strict=True):
-        if abs(at - activation) < 1e-9:
-            return float((value - wanted) / abs(wanted))
-    return None
+def _febio(case: Mapping[str, Any], probe: str) -> dict[float, float]:
+    """Values of FEBio by activation."""
+    entry = (case.get("reference") or {}).get(probe)
+    return dict(zip(entry["activation"], entry["reference"], strict=True)) if entry else {}
 
 
-def _from_rival(
-    case: Mapping[str, Any], rival: Mapping[str, Any], probe: str, activation: float
-) -> float | None:
-    """Signed difference from felupe relative to its size."""
-    value = _value(case, probe, activation)
-    for number, at in enumerate(rival.get("activation", [])):
-        if value is not None and abs(at - activation) < 1e-9:
-            wanted = rival[probe][number]
-            return float((value - wanted) / abs(wanted))
-    return None
+def _felupe_values(rival: Mapping[str, Any], probe: str) -> dict[float, float]:
+    """Values of felupe by activation."""
+    return dict(zip(rival["activation"], rival[probe], strict=True)) if rival else {}
 
 
 def _largest(values: Sequence[float | None]) -> float | None:
@@ -209,90 +186,94 @@ def _largest(values: Sequence[float | None]) -> float | None:
 
 def _comparison(
     case: Mapping[str, Any], rival: Mapping[str, Any], probes: Sequence[str], activation: float
-) -> list[float | None]:
-    """Differences from FEBio, the largest of them, and the largest difference from felupe."""
-    errors = [_error(case, probe, activation) for probe in probes]
-    other = [_from_rival(case, rival, probe, activation) for probe in probes]
-    return [*errors, _largest(errors), _largest(other)]
+) -> dict[str, Any]:
+    """Differences from FEBio and from felupe by probe, and the largest of each."""
+    reached = [s for s in case.get("history", []) if abs(s["activation"] - activation) < 1e-9]
+    found = reached[0]["probes"] if reached else {}
+    febio = {p: _from(_febio(case, p), found.get(p), activation) for p in probes}
+    felupe = {p: _from(_felupe_values(rival, p), found.get(p), activation) for p in probes}
+    largest = {"febio_largest": _largest([*febio.values()])}
+    largest |= {"felupe_largest": _largest([*felupe.values()])}
+    return {"febio": febio, "felupe": felupe, **largest}
 
 
-_HEAD = ("largest", "largest, felupe")
+def _differences(probes: Sequence[str]) -> Columns:
+    """Columns of a comparison."""
+    return (
+        *((probe, f"febio.{probe}") for probe in probes),
+        ("largest", "febio_largest"),
+        ("largest, felupe", "felupe_largest"),
+    )
 
 
 def _choice_table(
     cases: Sequence[Mapping[str, Any]], rival: Mapping[str, Any], activation: float
 ) -> dict[str, Any]:
     probes = max((_probes(case) for case in cases), key=len)
-    return {
-        "caption": f"5 x 5 x 9 source points, activation {activation:g}: relative difference from "
+    return table(
+        f"5 x 5 x 9 source points, activation {activation:g}: relative difference from "
         "FEBio, the largest of them, and the largest from felupe",
-        "head": ["case", "unknowns", *probes, *_HEAD, "time [s]", "outcome"],
-        "rows": [
-            [
-                case["name"],
-                case.get("dofs"),
-                *_comparison(case, rival, probes, activation),
-                case.get("timings_s", {}).get("total"),
-                outcome_text(case),
-            ]
-            for case in cases
-        ],
-    }
+        (
+            ("case", "name"),
+            ("unknowns", "dofs"),
+            *_differences(probes),
+            ("time [s]", "timings_s.total"),
+            ("outcome", outcome_text),
+        ),
+        [{**case, **_comparison(case, rival, probes, activation)} for case in cases],
+    )
 
 
 def _ramp_table(case: Mapping[str, Any], rival: Mapping[str, Any]) -> dict[str, Any]:
     probes = _probes(case)
-    distances = [f"{distance:g}" for distance in _DISTANCES]
-    rows = []
-    for step, volume in zip(case.get("history", []), case.get("volume", []), strict=False):
-        row: list[Any] = [round(step["activation"], 6)]
-        row += _comparison(case, rival, probes, step["activation"])
-        row.append(step["iterations"])
-        for distance in distances:
-            row += [volume[distance][key] for key in ("min", "max", "share")]
-        rows.append(row)
-    head = ["activation", *probes, *_HEAD, "iterations"]
-    for distance in distances:
-        head += [f"least J {distance} from the edges", "largest J", f"share within {_KEPT:.0%}"]
-    return {
-        "caption": f"{case['name']} source points, order 4: relative difference from FEBio, and "
+    steps = [
+        {**step, "volume": volume, **_comparison(case, rival, probes, step["activation"])}
+        for step, volume in zip(case.get("history", []), case.get("volume", []), strict=False)
+    ]
+    columns: list[tuple[str, Shown]] = [("activation", lambda step: round(step["activation"], 6))]
+    columns += [*_differences(probes), ("iterations", "iterations")]
+    for distance in _DISTANCES:
+        for head, key in (
+            (f"least J {distance:g} from the edges", "min"),
+            ("largest J", "max"),
+            (f"share within {_KEPT:.0%}", "share"),
+        ):
+            columns.append((head, ("volume", f"{distance:g}", key)))
+    return table(
+        f"{case['name']} source points, order 4: relative difference from FEBio, and "
         "the volume ratio away from the edges between ends and sides",
-        "head": head,
-        "rows": rows,
-    }
+        columns,
+        steps,
+    )
 
 
 def _spread_table(rival: Mapping[str, Any], case: Mapping[str, Any]) -> dict[str, Any]:
     """The two finite element solutions against each other."""
     probes = _probes(case)
-    rows = []
-    for number, at in enumerate(rival.get("activation", [])):
-        step = {"activation": at, "probes": {probe: rival[probe][number] for probe in probes}}
-        seen = {"history": [step], "reference": case["reference"]}
-        rows.append([at, *(_error(seen, probe, at) for probe in probes)])
-    return {
-        "caption": "felupe, mixed Q2/Q1 elements and smooth curves, relative to FEBio, three-field "
+    return table(
+        "felupe, mixed Q2/Q1 elements and smooth curves, relative to FEBio, three-field "
         "hex20 and published curves",
-        "head": ["activation", *probes],
-        "rows": rows,
-    }
+        (("activation", "activation"), *((probe, probe) for probe in probes)),
+        [
+            {"activation": at}
+            | {p: _from(_febio(case, p), _felupe_values(rival, p)[at], at) for p in probes}
+            for at in rival.get("activation", [])
+        ],
+    )
 
 
 def _straight_table(
     cases: Sequence[Mapping[str, Any]], rival: Mapping[str, Any], activation: float
 ) -> dict[str, Any]:
     probes = ("side_u_x", "stress_zz", "reaction_z")
-    return {
-        "caption": f"Straight fibers, activation {activation:g}: relative difference from felupe",
-        "head": ["source points", *probes, "least J", "largest J", "outcome"],
-        "rows": [
-            [
-                case["name"].split(",")[0],
-                *(_from_rival(case, rival, probe, activation) for probe in probes),
-                case.get("min_J"),
-                case.get("max_J"),
-                outcome_text(case),
-            ]
-            for case in cases
-        ],
-    }
+    return table(
+        f"Straight fibers, activation {activation:g}: relative difference from felupe",
+        (
+            ("source points", lambda case: case["name"].split(",")[0]),
+            *((probe, f"felupe.{probe}") for probe in probes),
+            ("least J", "min_J"),
+            ("largest J", "max_J"),
+            ("outcome", outcome_text),
+        ),
+        [{**case, **_comparison(case, rival, probes, activation)} for case in cases],
+    )

@@ -10,15 +10,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from myork.bench.runs import INPUTS, outcome_text, solve_case
+from myork.bench.runs import METHODS, lattice, outcome_text, read_deck, solve_case
+from myork.bench.tables import Columns, table
 from myork.console import ProgressCallback
-from myork.core.deck import load_deck
 from myork.reference import exact
-from myork.reference.muscle import along_fibers
+from myork.reference.materials import along_fibers
 
 __all__ = ["run"]
-
-METHODS = ("rkcm", "rkcm-mixed")
 
 # Value of a problem from its deck, with a bulk modulus in place of the deck's where given
 _Solution = Callable[[dict[str, Any], float | None], float]
@@ -38,20 +36,9 @@ class _Problem(NamedTuple):
 
 def _of(function: Callable[[exact.Polynomial, float], float], amount: float) -> _Solution:
     """Solution of a homogeneous problem from the deck."""
-    return lambda deck, bulk: function(_rubber(deck, bulk), amount)
-
-
-def _rubber(deck: dict[str, Any], bulk: float | None) -> exact.Polynomial:
-    return exact.Polynomial.from_deck(deck["material"][0], bulk)
-
-
-def _tube(deck: dict[str, Any], bulk: float | None) -> float:
-    geometry = deck["geometry"]
-    moved = next(b["radial"] for b in deck["boundary"] if "radial" in b)
-    inside = exact.tube(
-        _rubber(deck, bulk), geometry["inner_radius"], geometry["outer_radius"], moved
+    return lambda deck, bulk: function(
+        exact.Polynomial.from_deck(deck["material"][0], bulk), amount
     )
-    return float(inside.radial[0])
 
 
 def _fixed_fibers(deck: dict[str, Any], bulk: float | None) -> float:
@@ -63,12 +50,7 @@ def _fixed_fibers(deck: dict[str, Any], bulk: float | None) -> float:
     return along_fibers(table, 1.0, activation)
 
 
-_BLOCK = (
-    "geometry.source=[5,5,9]",
-    "geometry.collocation=[9,9,17]",
-    "load.activation=0.5",
-    "load.steps=5",
-)
+_BLOCK = (*lattice((5, 5, 9)), "load.activation=0.5", "load.steps=5")
 
 _PROBLEMS = (
     _Problem(
@@ -85,11 +67,16 @@ _PROBLEMS = (
     ),
     _Problem("equibiaxial, 2", "equibiaxial", "stress", (), _of(exact.equibiaxial, 2.0)),
     _Problem("dilation, 6", "dilation", "stress", (), _of(exact.dilation, 6.0)),
-    _Problem("tube, K = 1e3", "tube", "radial_stress", (), _tube),
-    _Problem("tube, K = 1e7", "tube", "radial_stress", ("material.K=1e7",), _tube),
-    _Problem("tube, K = 1e10", "tube", "radial_stress", ("material.K=1e10",), _tube),
+    _Problem("tube, K = 1e3", "tube", "radial_stress", (), exact.inner_stress),
+    _Problem("tube, K = 1e7", "tube", "radial_stress", ("material.K=1e7",), exact.inner_stress),
+    _Problem("tube, K = 1e10", "tube", "radial_stress", ("material.K=1e10",), exact.inner_stress),
     _Problem(
-        "tube, K infinite", "tube", "radial_stress", ("material.K=inf",), _tube, mixed_only=True
+        "tube, K infinite",
+        "tube",
+        "radial_stress",
+        ("material.K=inf",),
+        exact.inner_stress,
+        mixed_only=True,
     ),
     _Problem(
         "muscle block, straight fibers",
@@ -109,12 +96,27 @@ _PROBLEMS = (
     ),
 )
 _QUICK = {
-    "shear_3d": ("geometry.source=[5,3,3]", "geometry.collocation=[9,5,5]"),
-    "equibiaxial": ("geometry.source=[5,5,3]", "geometry.collocation=[9,9,5]"),
-    "dilation": ("geometry.source=[4,4,4]", "geometry.collocation=[7,7,7]"),
-    "tube": ("geometry.source=[5,26]", "geometry.collocation=[9,51]", "load.steps=12"),
-    "muscle_block": ("geometry.source=[4,4,7]", "geometry.collocation=[7,7,13]", "load.steps=2"),
+    "shear_3d": lattice((5, 3, 3)),
+    "equibiaxial": lattice((5, 5, 3)),
+    "dilation": lattice((4, 4, 4)),
+    "tube": (*lattice((5, 26)), "load.steps=12"),
+    "muscle_block": (*lattice((4, 4, 7)), "load.steps=2"),
 }
+_COLUMNS: Columns = (
+    ("problem", "name"),
+    ("method", "method"),
+    ("outcome", outcome_text),
+    ("unknowns", "dofs"),
+    ("value [N/cm²]", "value"),
+    ("exact", "solution"),
+    ("error", "error"),
+    ("incompressible", "incompressible"),
+    ("error", "error_incompressible"),
+    ("iterations", "iterations"),
+    ("J", lambda case: [case.get("min_J"), case.get("max_J")]),
+    ("solver", "solver.used"),
+    ("time [s]", lambda case: case.get("timings_s", {}).get("total", case["seconds"])),
+)
 
 
 def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
@@ -130,7 +132,7 @@ def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
         "is that of the stress probe against the exact solution for the bulk modulus of the deck "
         "and against the incompressible closed form.",
         "cases": cases,
-        "tables": [_table(cases)],
+        "tables": [table("Stress at full load against exact solutions.", _COLUMNS, cases)],
     }
 
 
@@ -139,7 +141,7 @@ def _case(problem: _Problem, method: str, quick: bool) -> dict[str, Any]:
     small = _QUICK.get(problem.deck, ()) if quick else ()
     overrides = [*problem.overrides, *small, f"scene.method={method}"]
     case = solve_case(problem.deck, overrides, limit=120.0 if quick else 900.0)
-    deck = load_deck(INPUTS / f"{problem.deck}.toml", overrides)
+    deck = read_deck(problem.deck, overrides)
     case["name"], case["method"], case["note"] = problem.name, method, problem.note
     case["solution"] = problem.solution(deck, None)
     if problem.deck != "dilation":
@@ -150,42 +152,3 @@ def _case(problem: _Problem, method: str, quick: bool) -> dict[str, Any]:
         if "incompressible" in case:
             case["error_incompressible"] = abs(case["value"] / case["incompressible"] - 1.0)
     return case
-
-
-def _table(cases: list[dict[str, Any]]) -> dict[str, Any]:
-    head = [
-        "problem",
-        "method",
-        "outcome",
-        "unknowns",
-        "value [N/cm²]",
-        "exact",
-        "error",
-        "incompressible",
-        "error",
-        "iterations",
-        "J",
-        "solver",
-        "time [s]",
-    ]
-    rows = []
-    for case in cases:
-        timings = case.get("timings_s", {})
-        rows.append(
-            [
-                case["name"],
-                case["method"],
-                outcome_text(case),
-                case.get("dofs"),
-                case.get("value"),
-                case["solution"],
-                case.get("error"),
-                case.get("incompressible"),
-                case.get("error_incompressible"),
-                case.get("iterations"),
-                [case.get("min_J"), case.get("max_J")],
-                case.get("solver", {}).get("used"),
-                timings.get("total", case["seconds"]),
-            ]
-        )
-    return {"caption": "Stress at full load against exact solutions.", "head": head, "rows": rows}

@@ -8,24 +8,31 @@ from __future__ import annotations
 
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from myork.bench.runs import INPUTS, outcome_text, run_command, solve_case
+from myork.bench.runs import (
+    METHODS,
+    Deck,
+    lattice,
+    outcome_text,
+    read_deck,
+    run_command,
+    solve_case,
+)
+from myork.bench.tables import Columns, table
 from myork.console import ProgressCallback
-from myork.core.deck import load_deck
+from myork.core.deck import text_of_tables
 from myork.records import PointCloud
 from myork.reference import exact
-from myork.reference.bodies import box, graded, jittered, write_body
-from myork.reference.muscle import along_fibers
+from myork.reference.bodies import box, graded, jittered, stretched
+from myork.reference.materials import RUBBER, along_fibers
 
 __all__ = ["Case", "cases", "run", "run_case"]
-
-METHODS = ("rkcm", "rkcm-mixed")
 
 #: Verdicts: the answer is right; it is refused or not reached and the message says why; else
 RIGHT, EXPLAINED, WARNED = "right", "explained", "warned"
@@ -38,25 +45,52 @@ class Case(NamedTuple):
     ----------
     name : str
         What is hard.
-    run : callable
-        Takes a folder and a time limit, returns a record with `outcome`, `message`, `seconds`
-        and, of a solve, what `solve_case` returns.
+    deck : Deck
+        Name of an installed deck, or tables.
+    overrides : tuple of str
+        Overrides of the deck.
+    cloud : PointCloud or None
+        Points of the body, where it has no deck of its own.
+    probe : str
+        Probe whose value is judged.
     solution : float or None
-        Right value of the record's `value`; none where the input makes no sense.
+        Right value of the probe; none where the input makes no sense.
     tolerance : float
         Relative error that still counts as right.
     words : tuple of str
         Texts that the message of a refusal contains: it names what is wrong.
     fast : bool
         Takes a second or two.
+    station : str
+        Command of the pipeline that is run on an image.
+    damage : str
+        What is wrong with the image.
     """
 
     name: str
-    run: Callable[[Path, float], dict[str, Any]]
+    deck: Deck
+    overrides: tuple[str, ...] = ()
+    cloud: PointCloud | None = None
+    probe: str = "stress"
     solution: float | None = None
     tolerance: float = 1e-3
     words: tuple[str, ...] = ()
     fast: bool = True
+    station: str = "solve"
+    damage: str = ""
+
+
+_COLUMNS: Columns = (
+    ("case", "name"),
+    ("verdict", "verdict"),
+    ("outcome", outcome_text),
+    ("error", "error"),
+    ("iterations", "iterations"),
+    ("J", lambda record: [record["min_J"], record["max_J"]] if "min_J" in record else None),
+    ("solver", "solver.used"),
+    ("s", "seconds"),
+    ("message", lambda record: record["message"][:300]),
+)
 
 
 def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
@@ -66,21 +100,6 @@ def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
     for number, case in enumerate(chosen):
         progress(f"case {number + 1}/{len(chosen)}  {case.name}")
         records.append(run_case(case, 60.0 if quick else 300.0))
-    head = ["case", "verdict", "outcome", "error", "iterations", "J", "solver", "s", "message"]
-    rows = [
-        [
-            record["name"],
-            record["verdict"],
-            outcome_text(record),
-            record.get("error"),
-            record.get("iterations"),
-            [record["min_J"], record["max_J"]] if "min_J" in record else None,
-            record.get("solver", {}).get("used"),
-            record["seconds"],
-            record["message"][:300],
-        ]
-        for record in records
-    ]
     count = {v: sum(r["verdict"] == v for r in records) for v in (RIGHT, EXPLAINED, WARNED)}
     return {
         "title": "Stability",
@@ -88,7 +107,7 @@ def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
         f"an error that names its reason, {count[WARNED]} are off and warn that they lock, "
         f"{len(records) - sum(count.values())} none of these.",
         "cases": records,
-        "tables": [{"caption": "Hard cases, one line each.", "head": head, "rows": rows}],
+        "tables": [table("Hard cases, one line each.", _COLUMNS, records)],
     }
 
 
@@ -102,9 +121,13 @@ def run_case(case: Case, limit: float) -> dict[str, Any]:
         that is not right), `warned` (the same, but the run warns that its form locks),
         `unexplained` (an error without what it must name), `crashed`, `failed` or `time limit`.
     """
-    with tempfile.TemporaryDirectory(prefix="myork-bench-") as folder:
-        record = case.run(Path(folder), limit)
+    if case.station == "solve":
+        record = solve_case(case.deck, case.overrides, cloud=case.cloud, limit=limit)
+    else:
+        record = _run_station(case, limit)
     record["name"] = case.name
+    if "probes" in record:
+        record["value"] = record["probes"][case.probe]
     if record["outcome"] in ("converged", "done"):
         value = record.get("value")
         if case.solution is None or value is None:
@@ -138,27 +161,27 @@ def cases() -> list[Case]:
     ]
 
 
+def _method(name: str) -> str:
+    return f"scene.method={name}"
+
+
 def _bulk_moduli() -> list[Case]:
     """Tube from compressible to incompressible."""
-    small = ("geometry.source=[7,39]", "geometry.collocation=[13,77]", "load.steps=8")
-    found = [
-        Case(
-            "tube, K = inf, rkcm",
-            _deck("tube", "radial_stress", *small, "material.K=inf"),
-            words=("material.rubber.K", "rkcm-mixed"),
-        )
-    ]
+    small = (*lattice((7, 39)), "load.steps=8")
+    named = ("material.rubber.K", "rkcm-mixed")
+    infinite = (*small, "material.K=inf", _method("rkcm"))
+    found = [Case("tube, K = inf, rkcm", "tube", infinite, probe="radial_stress", words=named)]
+    deck = read_deck("tube")
     for bulk in ("1e3", "1e5", "1e7", "1e10", "1e300", "inf"):
-        deck = load_deck(INPUTS / "tube.toml", [])
-        rubber = exact.Polynomial.from_deck(deck["material"][0], float(bulk))
-        solution = float(exact.tube(rubber, 6.0, 8.0, 6.0).radial[0])
         for method in METHODS if bulk in ("1e3", "1e7") else METHODS[1:]:
             found.append(
                 Case(
                     f"tube, K = {bulk}, {method}",
-                    _deck("tube", "radial_stress", *small, f"material.K={bulk}", method=method),
-                    solution,
-                    0.01,
+                    "tube",
+                    (*small, f"material.K={bulk}", _method(method)),
+                    probe="radial_stress",
+                    solution=exact.inner_stress(deck, float(bulk)),
+                    tolerance=0.01,
                     words=("load",),
                     fast=method == METHODS[1],
                 )
@@ -168,60 +191,50 @@ def _bulk_moduli() -> list[Case]:
 
 def _large_strains() -> list[Case]:
     """Homogeneous states far from rest, and the shear block."""
-    rubber = exact.Polynomial.from_deck(load_deck(INPUTS / "shear_3d.toml", [])["material"][0])
+    rubber = exact.Polynomial.from_deck(read_deck("shear_3d")["material"][0])
     tension, compression = exact.uniaxial(rubber, 6.0), exact.uniaxial(rubber, 0.1)
-    found = []
-    for method in METHODS:
-        found += [
-            Case(
-                f"shear, gamma = 5, {method}",
-                _deck("shear_3d", "shear_stress", method=method),
-                exact.simple_shear(rubber, 5.0),
-                5e-3,
-            ),
-            Case(
-                f"tension to 6, {method}",
-                _deck("uniaxial_tension", "stress", method=method),
-                tension,
-                1e-5,
-            ),
-            Case(
-                f"tension to 6 in one step, {method}",
-                _deck("uniaxial_tension", "stress", "load.steps=1", method=method),
-                tension,
-                1e-5,
-            ),
-            Case(
-                f"compression to 0.1, {method}",
-                _deck("uniaxial_compression", "stress", method=method),
-                compression,
-                1e-5,
-                fast=False,
-            ),
-        ]
-    return found
+    shear = exact.simple_shear(rubber, 5.0)
+    kinds: tuple[tuple[str, str, tuple[str, ...], float], ...] = (
+        ("shear, gamma = 5", "shear_3d", (), shear),
+        ("tension to 6", "uniaxial_tension", (), tension),
+        ("tension to 6 in one step", "uniaxial_tension", ("load.steps=1",), tension),
+        ("compression to 0.1", "uniaxial_compression", (), compression),
+    )
+    return [
+        Case(
+            f"{name}, {method}",
+            deck,
+            (*overrides, _method(method)),
+            probe="shear_stress" if deck == "shear_3d" else "stress",
+            solution=solution,
+            tolerance=5e-3 if deck == "shear_3d" else 1e-5,
+            fast=deck != "uniaxial_compression",
+        )
+        for method in METHODS
+        for name, deck, overrides, solution in kinds
+    ]
 
 
 def _muscle_loads() -> list[Case]:
     """Activation in one step; active stress far above the passive stiffness."""
-    small = ("geometry.source=[4,4,7]", "geometry.collocation=[7,7,13]", "load.steps=1")
-    found = []
-    for method in METHODS:
-        for what, overrides in (
-            ("full activation in one step", ()),
-            ("active stiffness above passive", ("material.sigma_max=300",)),
-        ):
-            deck = load_deck(INPUTS / "muscle_block.toml", overrides)
-            found.append(
-                Case(
-                    f"{what}, {method}",
-                    _deck("muscle_block", "stress_zz", *small, *overrides, method=method),
-                    along_fibers(deck["material"][0], 1.0, 1.0),
-                    0.02,
-                    fast=method == METHODS[0],
-                )
-            )
-    return found
+    small = (*lattice((4, 4, 7)), "load.steps=1")
+    kinds: tuple[tuple[str, tuple[str, ...]], ...] = (
+        ("full activation in one step", ()),
+        ("active stiffness above passive", ("material.sigma_max=300",)),
+    )
+    return [
+        Case(
+            f"{name}, {method}",
+            "muscle_block",
+            (*small, *overrides, _method(method)),
+            probe="stress_zz",
+            solution=along_fibers(read_deck("muscle_block", overrides)["material"][0], 1.0, 1.0),
+            tolerance=0.02,
+            fast=method == METHODS[0],
+        )
+        for method in METHODS
+        for name, overrides in kinds
+    ]
 
 
 def _fiber_curves() -> list[Case]:
@@ -231,15 +244,16 @@ def _fiber_curves() -> list[Case]:
     for method in METHODS:
         for curve in ("published", "smooth"):
             for stretch in (0.35, 1.7):
-                settings: dict[str, Any] = {"move": stretch - 1.0, "activation": 0.5}
-                settings |= {"steps": 13, "curve": curve}
-                muscle = load_deck(INPUTS / "muscle_block.toml", [f"material.curve={curve!r}"])
+                deck = stretched(
+                    method=method, move=stretch - 1.0, activation=0.5, steps=13, curve=curve
+                )
                 found.append(
                     Case(
                         f"fibers to {stretch}, {curve} curve, {method}",
-                        _body(body, method=method, **settings),
-                        along_fibers(muscle["material"][0], stretch, 0.5),
-                        1e-4,
+                        deck,
+                        cloud=body,
+                        solution=along_fibers(deck["material"][0], stretch, 0.5),
+                        tolerance=1e-4,
                         fast=method == METHODS[0],
                     )
                 )
@@ -259,20 +273,14 @@ def _clouds() -> list[Case]:
         "points graded 1 : 37": graded(cube, 3.0),
         "sheet of two layers": box((1.0, 1.0, 0.2), (5, 5, 2), (9, 9, 3)),
     }
-    solution = _rubber_tension(1.2)
-    return [
-        Case(f"{name}, {method}", _body(body, method=method), solution, 1e-4, words=("point",))
+    found = [
+        _tension(f"{name}, {method}", body, ("point",), method=method)
         for name, body in bodies.items()
         for method in METHODS
-    ] + [
-        Case(
-            "points graded 1 : 37, supports all alike",
-            _body(replace(graded(cube, 3.0), spacing=cube.spacing)),
-            solution,
-            1e-4,
-            words=("point", "support"),
-        )
     ]
+    alike = replace(graded(cube, 3.0), spacing=cube.spacing)
+    name = "points graded 1 : 37, supports all alike"
+    return [*found, _tension(name, alike, ("point", "support"))]
 
 
 def _bad_points() -> list[Case]:
@@ -290,28 +298,22 @@ def _bad_points() -> list[Case]:
     )
     bodies = [
         # duplicates are redundant, not contradictory: the answer may be right all the same
-        ("a source point twice", twice, ("point",), _rubber_tension(1.2)),
-        ("a collocation point twice", place, ("point",), _rubber_tension(1.2)),
-        ("one layer of points", box((1.0, 1.0, 0.2), (5, 5, 1), (9, 9, 1)), ("point",), None),
-        ("an island that nothing holds", _with_island(cube), ("island",), None),
-        ("a coordinate that is NaN", _spoilt(cube, "points"), ("point",), None),
-        ("a source point that is NaN", _spoilt(cube, "source"), ("point",), None),
+        ("a source point twice", twice, "point", True),
+        ("a collocation point twice", place, "point", True),
+        ("one layer of points", box((1.0, 1.0, 0.2), (5, 5, 1), (9, 9, 1)), "point", False),
+        ("an island that nothing holds", _with_island(cube), "island", False),
+        ("a coordinate that is NaN", _spoilt(cube, "points"), "point", False),
+        ("a source point that is NaN", _spoilt(cube, "source"), "point", False),
     ]
-    found = [
-        Case(f"{name}, {method}", _body(body, method=method), solution, 1e-4, words=words)
-        for name, body, words, solution in bodies
-        for method in METHODS
-    ]
+    found = []
+    for name, body, word, sound in bodies:
+        for method in METHODS:
+            case = _tension(f"{name}, {method}", body, (word,), method=method)
+            found.append(case if sound else case._replace(solution=None))
     for support in ("1.01", "1.6"):
-        found.append(
-            Case(
-                f"support of {support} spacings at order 2",
-                _body(cube, extra=(f"approximation.support={support}",)),
-                _rubber_tension(1.2),
-                1e-4,
-                words=("support",),
-            )
-        )
+        name = f"support of {support} spacings at order 2"
+        overrides = (f"approximation.support={support}",)
+        found.append(_tension(name, cube, ("support",))._replace(overrides=overrides))
     return found
 
 
@@ -322,79 +324,60 @@ def _fibers() -> list[Case]:
     flipped = body.fiber * random.choice([-1.0, 1.0], (len(body.fiber), 1))
     zero, broken, long = body.fiber.copy(), body.fiber.copy(), body.fiber.copy()
     zero[100], broken[100], long[100] = 0.0, np.nan, 3.0
-    muscle = load_deck(INPUTS / "muscle_block.toml", ["material.curve='smooth'"])["material"][0]
-    solution = along_fibers(muscle, 1.1, 0.2)
-    settings: dict[str, Any] = {"move": 0.1, "activation": 0.2, "curve": "smooth"}
+    deck = stretched(move=0.1, activation=0.2, curve="smooth")
+    wrong = {
+        "a fiber that is NaN": broken,
+        "a fiber of length 3": long,
+        "a muscle point without fiber": zero,
+    }
     return [
         Case(
             "fibers of random sign",
-            _body(replace(body, fiber=flipped), **settings),
-            solution,
-            1e-6,
+            deck,
+            cloud=replace(body, fiber=flipped),
+            solution=along_fibers(deck["material"][0], 1.1, 0.2),
+            tolerance=1e-6,
         ),
-        Case(
-            "a fiber that is NaN", _body(replace(body, fiber=broken), **settings), words=("fiber",)
-        ),
-        Case("a fiber of length 3", _body(replace(body, fiber=long), **settings), words=("fiber",)),
-        Case(
-            "a muscle point without fiber",
-            _body(replace(body, fiber=zero), **settings),
-            words=("fiber",),
+        *(
+            Case(name, deck, cloud=replace(body, fiber=fiber), words=("fiber",))
+            for name, fiber in wrong.items()
         ),
     ]
 
 
+def _tension(name: str, cloud: PointCloud, words: tuple[str, ...], method: str = "rkcm") -> Case:
+    """Rubber under homogeneous tension."""
+    stress = exact.uniaxial(exact.Polynomial.from_deck(RUBBER), 1.2)
+    deck = stretched(method=method)
+    return Case(name, deck, cloud=cloud, solution=stress, tolerance=1e-4, words=words)
+
+
 def _images() -> list[Case]:
     """Label maps and images that are broken."""
+    labels = {**_PLAIN, "build": {"labels": "image.nii.gz"}}
+    anatomy = {"anatomy": "image.nii.gz", "label": "muscle", "phase": "dark"}
     return [
-        Case("NaN in the label map", _build("nan"), words=("labels.nii",)),
-        Case("NaN in the image", _segment("nan"), words=("not finite",)),
-        Case("singular affine", _build("affine"), words=("affine",)),
-        Case("empty label", _build("empty"), words=("label",)),
+        Case(name, labels, words=words, station="build", damage=damage)
+        for name, damage, words in (
+            ("NaN in the label map", "nan", ("image.nii",)),
+            ("singular affine", "affine", ("affine",)),
+            ("empty label", "empty", ("label",)),
+        )
+    ] + [
+        Case(
+            "NaN in the image",
+            {**_PLAIN, "image": anatomy},
+            words=("not finite",),
+            station="segment",
+            damage="nan",
+        )
     ]
 
 
 def _too_large() -> Case:
     """More than any memory holds, refused before it is allocated."""
-    large = ("geometry.source=[400,400,400]", "geometry.collocation=[799,799,799]")
-    return Case(
-        "64 million source points", _deck("muscle_block", "stress_zz", *large), words=("GB",)
-    )
-
-
-def _deck(
-    name: str, probe: str, *overrides: str, method: str = "rkcm"
-) -> Callable[[Path, float], dict[str, Any]]:
-    """Solve an installed deck."""
-
-    def work(folder: Path, limit: float) -> dict[str, Any]:
-        return _solved(solve_case(name, [*overrides, f"scene.method={method}"], limit=limit), probe)
-
-    return work
-
-
-def _body(
-    cloud: PointCloud, *, extra: tuple[str, ...] = (), **settings: Any
-) -> Callable[[Path, float], dict[str, Any]]:
-    """Solve a body from a model file; `settings` are those of `write_body`."""
-
-    def work(folder: Path, limit: float) -> dict[str, Any]:
-        return _solved(
-            solve_case(write_body(folder, cloud, **settings), extra, limit=limit), "stress"
-        )
-
-    return work
-
-
-def _solved(record: dict[str, Any], probe: str) -> dict[str, Any]:
-    if "probes" in record:
-        record["value"] = record["probes"][probe]
-    return record
-
-
-def _rubber_tension(stretch: float) -> float:
-    """Stress of the rubber of `write_body`."""
-    return exact.uniaxial(exact.Polynomial({(1, 0): 37.3, (2, 0): -3.1, (3, 0): 0.5}, 5e3), stretch)
+    large = lattice((400, 400, 400))
+    return Case("64 million source points", "muscle_block", large, words=("GB",))
 
 
 def _with_island(cloud: PointCloud) -> PointCloud:
@@ -423,49 +406,28 @@ def _spoilt(cloud: PointCloud, name: str) -> PointCloud:
     return replace(cloud, **{name: values})
 
 
-def _build(damage: str) -> Callable[[Path, float], dict[str, Any]]:
-    """Run `myork build` on a damaged label map."""
+_PLAIN: Mapping[str, Any] = {"title": "Damaged images", "scene": {"dimension": 3}}
 
-    def work(folder: Path, limit: float) -> dict[str, Any]:
-        data = np.zeros((12, 12, 8), np.float32 if damage == "nan" else np.int16)
-        if damage != "empty":
+
+def _run_station(case: Case, limit: float) -> dict[str, Any]:
+    """One station of the pipeline on a damaged image; it has no value to be right about."""
+    assert isinstance(case.deck, Mapping)
+    if case.station == "build":
+        data = np.zeros((12, 12, 8), np.float32 if case.damage == "nan" else np.int16)
+        if case.damage != "empty":
             data[2:10, 2:10, :] = 1
-        if damage == "nan":
-            data[5, 5, 4] = np.nan
-        _write_image(folder / "labels.nii.gz", data, singular=damage == "affine")
-        deck = folder / "body.toml"
-        deck.write_text(_BUILD_DECK, encoding="utf-8")
-        return _station("build", deck, limit)
-
-    return work
-
-
-def _segment(damage: str) -> Callable[[Path, float], dict[str, Any]]:
-    """Run `myork segment` on a damaged image."""
-
-    def work(folder: Path, limit: float) -> dict[str, Any]:
+    else:
         data = np.random.default_rng(1).uniform(100.0, 110.0, (12, 12, 8)).astype(np.float32)
         data[4:8, 4:8, :] -= 60.0
-        if damage == "nan":
-            data[5, 5, 4] = np.nan
-        _write_image(folder / "anatomy.nii.gz", data, singular=False)
-        deck = folder / "body.toml"
-        deck.write_text(_SEGMENT_DECK, encoding="utf-8")
-        return _station("segment", deck, limit)
-
-    return work
-
-
-_HEAD = """\
-title = "Damaged images"
-[units]
-force = "N"
-length = "cm"
-[scene]
-dimension = 3
-"""
-_BUILD_DECK = _HEAD + '[build]\nlabels = "labels.nii.gz"\n'
-_SEGMENT_DECK = _HEAD + '[image]\nanatomy = "anatomy.nii.gz"\nlabel = "muscle"\nphase = "dark"\n'
+    if case.damage == "nan":
+        data[5, 5, 4] = np.nan
+    with tempfile.TemporaryDirectory(prefix="myork-bench-") as name:
+        folder = Path(name)
+        _write_image(folder / "image.nii.gz", data, singular=case.damage == "affine")
+        deck = folder / "deck.toml"
+        deck.write_text(text_of_tables(case.deck), encoding="utf-8")
+        words = ["-m", "myork", case.station, str(deck), "--out", str(folder / "out"), "-q"]
+        return run_command([sys.executable, *words], limit)._asdict()
 
 
 def _write_image(path: Path, data: Any, singular: bool) -> None:
@@ -480,18 +442,3 @@ def _write_image(path: Path, data: Any, singular: bool) -> None:
         header["srow_z"] = (0, 0, 3, 0)
         image = nibabel.Nifti1Image(data, None, header)
     nibabel.save(image, path)
-
-
-def _station(name: str, deck: Path, limit: float) -> dict[str, Any]:
-    """One station of the pipeline as a record; it has no value to be right about."""
-    words: list[str | Path] = [
-        sys.executable,
-        "-m",
-        "myork",
-        name,
-        deck,
-        "--out",
-        deck.parent / "out",
-        "-q",
-    ]
-    return run_command(words, limit)._asdict()

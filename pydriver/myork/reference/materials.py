@@ -1,6 +1,6 @@
-"""States of a muscle that is stretched along its fibers, its sides free of stress.
+"""Materials of Basava (2015) as tables of a deck, and a muscle stretched along its fibers.
 
-The material is that of the compiled core: what is checked is the discretisation, not the law.
+The law of that state is the compiled core's: it checks the discretisation, not the law.
 """
 
 from __future__ import annotations
@@ -13,11 +13,25 @@ from scipy.optimize import brentq
 
 from myork.core.material import Material, stress
 
-__all__ = ["along_fibers"]
+__all__ = ["MUSCLE", "RUBBER", "along_fibers"]
+
+#: Muscle of table 4.1, per N/cm2
+MUSCLE = {
+    "name": "muscle",
+    "model": "muscle",
+    "A10": 6.43,
+    "A01": -3.8,
+    "A20": 0.94,
+    "A02": 0.0005,
+    "A11": -0.0043,
+    "K": 5e3,
+}
+#: Rubber of section 5.3.10 with a bulk modulus of its own, per N/cm2
+RUBBER = {"name": "rubber", "model": "polynomial", "A10": 37.3, "A20": -3.1, "A30": 0.5, "K": 5e3}
 
 
 def along_fibers(table: Mapping[str, Any], stretch: float, activation: float) -> float:
-    """Cauchy stress along the fibers.
+    """Cauchy stress along the fibers of a muscle whose sides are free of stress.
 
     Parameters
     ----------

@@ -1,0 +1,106 @@
+"""Tables and plots of a benchmark from its cases, by the names of what they show."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from numpy.typing import NDArray
+
+from myork.bench.runs import outcome_text, seconds
+
+__all__ = ["Columns", "Shown", "plane_map", "plot", "speed_plot", "speed_table", "table"]
+
+#: What is shown of a case: a key (`"solver.used"` or a tuple of keys of a mapping within), or a
+#: function of the case
+Shown = str | tuple[str, ...] | Callable[[Mapping[str, Any]], Any]
+
+#: Head of each column with what it shows
+Columns = Sequence[tuple[str, Shown]]
+
+_SPEED: Columns = (
+    ("curve", "curve"),
+    ("size", "size"),
+    ("outcome", outcome_text),
+    ("unknowns", "dofs"),
+    ("error", "error"),
+    ("iterations", "iterations"),
+    ("time [s]", seconds),
+)
+
+
+def table(caption: str, columns: Columns, cases: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Table with a line a case; what a case has not stays empty.
+
+    Parameters
+    ----------
+    caption : str
+        Text above the table.
+    columns : Columns
+        What it shows.
+    cases : sequence of mapping
+        Records of the cases.
+    """
+    return {
+        "caption": caption,
+        "head": [head for head, _ in columns],
+        "rows": [[_entry(case, key) for _, key in columns] for case in cases],
+    }
+
+
+def plot(
+    title: str,
+    axes: tuple[str, str],
+    cases: Sequence[Mapping[str, Any]],
+    x: Shown,
+    y: Shown,
+    by: str = "curve",
+) -> dict[str, Any]:
+    """Curves through the cases that have a value to show.
+
+    Parameters
+    ----------
+    title : str
+        Text above the curves.
+    axes : tuple of str
+        Labels of the axes, with units.
+    cases : sequence of mapping
+        Records of the cases, in the order of their curves.
+    x, y : Shown
+        What is shown.
+    by : str
+        Key that tells the curves apart and names them.
+    """
+    series = []
+    for name in dict.fromkeys(case[by] for case in cases):
+        points = [case for case in cases if case[by] == name and _entry(case, y) is not None]
+        if points:
+            one, other = ([_entry(case, key) for case in points] for key in (x, y))
+            rival = points[0].get("rival", False)
+            series.append({"name": name, "x": one, "y": other, "rival": rival})
+    return {"title": title, "x": axes[0], "y": axes[1], "scale": "log-log", "series": series}
+
+
+def speed_plot(title: str, cases: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Error over wall time, one curve for each `curve` of the cases."""
+    return plot(title, ("wall time [s]", "relative error [-]"), cases, seconds, "error")
+
+
+def speed_table(caption: str, cases: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """All cases with outcome, error and time."""
+    return table(caption, _SPEED, cases)
+
+
+def plane_map(title: str, label: str, places: NDArray[Any], values: NDArray[Any]) -> dict[str, Any]:
+    """Values at the points of a plane, places of shape `(n, 2)`."""
+    x, y = places.T.tolist()
+    return {"title": title, "label": label, "x": x, "y": y, "value": values.tolist()}
+
+
+def _entry(case: Mapping[str, Any], key: Shown) -> Any:
+    if callable(key):
+        return key(case)
+    value: Any = case
+    for part in key.split(".") if isinstance(key, str) else key:
+        value = value.get(part) if isinstance(value, Mapping) else None
+    return value
