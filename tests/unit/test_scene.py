@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from myork.core.scene import Scene, pod_basis
+from myork.core.pod import pod_basis
+from myork.core.scene import Scene
 from myork.errors import InputError
 
 TABLES = {

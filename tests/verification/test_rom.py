@@ -1,11 +1,18 @@
 """Reduced models: modes, projection, and what they lose against the full model."""
 
+import json
+import re
+import shutil
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from myork.core.scene import pod_basis
-from myork.rom.errors_of import displacement_error, gradient_error
+import myork
+from myork.core.deck import load_tables
+from myork.core.pod import pod_basis
+from myork.core.scene import Scene
+from myork.rom.errors import displacement_error, gradient_error
 
 BLOCK = {
     "scene": {"dimension": 3, "method": "rkcm"},
@@ -94,3 +101,117 @@ def test_projected_rows_are_the_product_of_rows_and_modes(full):
         reduced_residual, column = scene.linearise(amplitudes, 0.6, unit, reduced=True)
         assert_allclose(column, product, rtol=0, atol=1e-12 * abs(product).max())
         assert_allclose(reduced_residual, residual, rtol=0, atol=1e-9 * abs(residual).max())
+
+
+# ---- snapshots of a solve that has been made -----------------------------------------------------
+
+STUDY = {
+    **BLOCK,
+    "load": {"steps": 3, "activation": 0.3},
+    "probe": [
+        {"name": "pull", "quantity": "force", "set": "z1"},
+        {"name": "middle", "quantity": "u", "point": [0.5, 0.5, 1.0]},
+    ],
+    "rom": {"modes": [1, 3]},
+}
+
+
+@pytest.fixture(scope="module")
+def solution(tmp_path_factory):
+    """Folder in which the full model was solved, and the study of a folder without it."""
+    out = tmp_path_factory.mktemp("solution")
+    myork.run_deck(STUDY, out, threads=1)
+    return out, myork.run_rom(STUDY, tmp_path_factory.mktemp("empty"), threads=1)
+
+
+@pytest.fixture
+def study_of(solution, tmp_path):
+    """Study in a copy of the folder; the lines that it says."""
+    shutil.copytree(solution[0], tmp_path / "out")
+
+    def study(tables=STUDY, change=lambda out: None, **options):
+        change(tmp_path / "out")
+        lines = []
+        options = {"threads": 1, **options}
+        found = myork.run_rom(tables, tmp_path / "out", progress=lines.append, **options)
+        return found, lines
+
+    return study
+
+
+def plain_numbers(study):
+    """What a study found, without timings and where the snapshots come from."""
+    timed = {"offline_s", "online_s", "online_s_per_state", "speedup_vs_full"}
+    timed |= {"seconds", "seconds_per_state", "origin"}
+    return [
+        {key: value for key, value in part.items() if key not in timed}
+        for part in (study["full"], *study["models"])
+    ]
+
+
+def test_snapshots_of_a_solve_are_read(solution, study_of, monkeypatch):
+    """Nothing is solved again; the answers and the timings are those of the solve."""
+    monkeypatch.setattr(Scene, "solve", lambda *_, **__: pytest.fail("solved again"))
+    study, _ = study_of()
+    assert study["full"]["origin"] == "results.vtkhdf" and solution[1]["full"]["origin"] == ""
+    for old, new in zip(plain_numbers(solution[1]), plain_numbers(study), strict=True):
+        assert old.keys() == new.keys()
+        for key in old.keys() - {"e1", "e2", "stress_error", "force_error", "probes"}:
+            assert old[key] == new[key], key
+        for name, values in old["probes"].items():
+            assert_allclose(new["probes"][name], values, rtol=1e-9, atol=1e-12)
+    assert study["models"][0]["e1"] == pytest.approx(solution[1]["models"][0]["e1"], rel=1e-6)
+    timings = json.loads((solution[0] / "summary.json").read_text())["timings_s"]
+    assert study["full"]["seconds"] == timings["total"] - timings["shape"] - timings["output"]
+    # other modes are no other full model
+    assert study_of(overrides=["rom.modes=[2]"])[0]["full"]["origin"] == "results.vtkhdf"
+
+
+def change_summary(**entries):
+    def change(out):
+        path = out / "summary.json"
+        path.write_text(json.dumps({**json.loads(path.read_text()), **entries}))
+
+    return change
+
+
+def damage(out):
+    (out / "results.vtkhdf").write_bytes((out / "results.vtkhdf").read_bytes()[:5000])
+
+
+def take_away(out):
+    (out / "results.vtkhdf").unlink()
+
+
+def take_summary_away(out):
+    (out / "summary.json").unlink()
+
+
+@pytest.mark.parametrize(
+    ("options", "why"),
+    [
+        ({"overrides": ["load.activation=0.25"]}, "of another deck or other overrides"),
+        ({"tables": {**STUDY, "title": "other"}}, "of another deck or other overrides"),
+        ({"threads": 2}, "has threads 1, not 2"),
+        ({"change": change_summary(converged=False)}, "has converged False, not True"),
+        ({"change": change_summary(version="0.0")}, r"has version 0\.0, not"),
+        ({"change": take_summary_away}, "there is no solution in"),
+        ({"change": take_away}, "cannot be used: .*results.vtkhdf: no such file"),
+        ({"change": damage}, "cannot be used: .*results.vtkhdf"),
+    ],
+)
+def test_what_is_not_of_this_scene_is_solved(study_of, options, why):
+    study, lines = study_of(**options)
+    assert study["full"]["origin"] == ""
+    assert any(re.search(f"full model is solved: .*{why}", line) for line in lines), lines
+
+
+def test_states_of_other_materials_or_points_are_refused(study_of):
+    """Where only the hash is right: a model file may have changed under one deck."""
+    stiffer = {**STUDY, "material": [{**BLOCK["material"][0], "K": 101.0}]}
+    wider = {**STUDY, "geometry": {**BLOCK["geometry"], "size": [1, 1.001, 2]}}
+    for tables in (stiffer, wider):
+        change = change_summary(deck_sha256=load_tables(tables)["sha256"])
+        study, lines = study_of(tables, change)
+        assert study["full"]["origin"] == ""
+        assert any("is not of these points and materials" in line for line in lines), lines

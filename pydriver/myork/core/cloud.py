@@ -12,7 +12,7 @@ from myork import errors
 from myork.model_file import read_model
 from myork.records import PointCloud
 
-__all__ = ["NO_CLOUD", "check_cloud", "model_of", "with_cloud"]
+__all__ = ["NO_CLOUD", "check_cloud", "model_of", "model_path", "with_cloud"]
 
 # One unused point: the wrapper cannot tell the shape of nothing.
 NO_CLOUD = PointCloud(
@@ -36,13 +36,19 @@ NO_CLOUD = PointCloud(
 
 def model_of(deck: dict[str, Any], folder: Path, out: Path | None) -> PointCloud | None:
     """Points of the model file of a deck; None where the deck has a geometry of its own."""
+    path = model_path(deck, folder, out)
+    return None if path is None else read_model(path)
+
+
+def model_path(deck: Mapping[str, Any], folder: Path, out: Path | None) -> Path | None:
+    """Model file of a deck, in the output folder or beside the deck; None where it has none."""
     geometry = deck["geometry"]
     if geometry["kind"] != "model":
         return None
     name = Path(geometry["file"])
     for place in (out, folder):
         if place is not None and (place / name).is_file():
-            return read_model(place / name)
+            return place / name
     raise errors.FileError(
         f"geometry.file: no model {name} in {out or folder} or beside the deck: "
         "run `myork build` first"

@@ -501,27 +501,6 @@ def _close(handle: int, turn: Turn) -> None:
         _core.scene_close(handle)
 
 
-def pod_basis(snapshots: F64Array) -> tuple[F64Array, F64Array]:
-    """Proper orthogonal modes and values of snapshots (6.22).
-
-    Parameters
-    ----------
-    snapshots : F64Array
-        One state a row, shape `(s, n)`.
-
-    Returns
-    -------
-    modes, values : F64Array
-        Orthonormal modes in columns, shape `(n, min(n, s))`, and proper orthogonal values.
-    """
-    snapshots = np.asarray(snapshots, float)
-    if snapshots.ndim != 2 or snapshots.size == 0:
-        raise errors.InputError(f"snapshots must have shape (s, n), not {snapshots.shape}")
-    modes, values, stat, message = _core.pod_basis(min(snapshots.shape), snapshots.T)
-    errors.check(stat, message)
-    return modes, values
-
-
 def _shaped(name: str, array: F64Array, shape: tuple[int, ...]) -> F64Array:
     """An array of the wanted shape: the wrapper would flatten another one silently."""
     array = np.asarray(array, float)

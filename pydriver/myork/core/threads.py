@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 from myork import _core
 
-__all__ = ["core_threads"]
+__all__ = ["core_threads", "thread_count"]
 
 
 @contextmanager
@@ -18,3 +18,8 @@ def core_threads(number: int | None) -> Iterator[None]:
         yield
     finally:
         _core.set_threads(before)
+
+
+def thread_count() -> int:
+    """Number of threads that the core uses where nothing else is said."""
+    return int(_core.set_threads(0))

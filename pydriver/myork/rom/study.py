@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,15 +9,18 @@ from typing import Any
 import numpy as np
 
 from myork.console import ProgressCallback, silent
-from myork.core.scene import Fields, Scene, States, pod_basis
+from myork.core.deck import read_deck
+from myork.core.scene import F64Array, Fields, Scene
+from myork.core.threads import thread_count
 from myork.errors import InputError
-from myork.rom.errors_of import displacement_error, gradient_error, largest_error
+from myork.rom.basis import proper_orthogonal_basis
+from myork.rom.errors import displacement_error, gradient_error, largest_error
+from myork.rom.probes import force_names, named_probes
+from myork.rom.reductor import ReducedStates, solve_reduced
+from myork.rom.snapshots import Snapshots, full_states
 from myork.summary import update_summary
 
 __all__ = ["run_rom"]
-
-# The reduced least squares problem: Householder QR, or Cholesky of (A'U)^T A'U (6.67).
-_SOLVERS = {"qr": "dgels", "cholesky": "normal"}
 
 
 def run_rom(
@@ -29,17 +31,20 @@ def run_rom(
     threads: int | None = None,
     progress: ProgressCallback = silent,
 ) -> dict[str, Any]:
-    """Solve the full model, reduce it, and compare.
+    """Reduce the full model and compare.
 
-    The snapshots are the converged coefficients of all load steps; the modes come from their
-    singular values. Each reduced model solves the same load steps again.
+    The snapshots are the converged coefficients of all load steps: those of `results.vtkhdf` in the
+    folder where it is of this deck, version and number of threads, else of a solve that is made
+    now. The modes come from their singular values. Each reduced model solves the same load steps
+    again.
 
     Parameters
     ----------
     deck : str, Path or mapping
         Deck file, or its tables as data; the table `rom` says how many modes.
     out : str or Path
-        Folder of `summary.json`, to which the entry `rom` is added.
+        Folder of `summary.json`, to which the entry `rom` is added; a solve may have left its
+        results there.
     overrides : sequence of str
         Overrides of the deck, `"table.key=value"`.
     threads : int, optional
@@ -61,8 +66,14 @@ def run_rom(
     """
     out = Path(out)
     out.mkdir(parents=True, exist_ok=True)
+    # what the table [rom] says makes no other full model
+    others = [item for item in overrides if not item.startswith("rom.")]
+    hashes = {read_deck(deck, items)["sha256"] for items in (overrides, others)}
     with _open(deck, overrides, out, threads) as scene:
-        study = _study(scene, progress)
+        _check_modes(scene)
+        progress(f"full model: {scene.dofs} unknowns, {scene.rows} equations")
+        full = full_states(scene, out, hashes, threads or thread_count(), progress)
+        study = _study(scene, full, progress)
     update_summary(out, {"title": scene.deck["title"], "units": scene.deck["units"], "rom": study})
     return study
 
@@ -76,74 +87,80 @@ def _open(
     return Scene(deck, overrides, out, threads)
 
 
-def _study(scene: Scene, progress: ProgressCallback) -> dict[str, Any]:
-    """Full solve, modes, reduced solves."""
-    wanted = scene.deck["rom"]["modes"]
-    limit = min(scene.steps, scene.dofs)
-    if max(wanted) > limit:
+def _check_modes(scene: Scene) -> None:
+    """Refuse more modes than there can be, before anything is solved."""
+    wanted, limit = max(scene.deck["rom"]["modes"]), min(scene.steps, scene.dofs)
+    if wanted > limit:
         raise InputError(
-            f"rom.modes: {max(wanted)} modes are wanted, but {scene.steps} load steps give at most "
+            f"rom.modes: {wanted} modes are wanted, but {scene.steps} load steps give at most "
             f"{limit}: take more load.steps or fewer modes"
         )
-    progress(f"full model: {scene.dofs} unknowns, {scene.rows} equations")
-    started = time.perf_counter()
-    full = scene.solve(progress=progress)
-    full_s = time.perf_counter() - started
-    started = time.perf_counter()
-    modes, values = pod_basis(full.x)
-    pod_s = time.perf_counter() - started
-    full_fields = [scene.fields(x, load) for x, load in zip(full.x, full.load, strict=True)]
 
+
+def _study(scene: Scene, full: Snapshots, progress: ProgressCallback) -> dict[str, Any]:
+    """Modes and reduced models of the full states."""
+    table = scene.deck["rom"]
+    basis = proper_orthogonal_basis(full.x)
+    full_fields = _fields(scene, full.x, full.load)
+    full_probes = named_probes(scene, full.x, full.load)
     models = []
-    for number, r in enumerate(wanted):
-        model = _reduced(scene, full, full_fields, modes[:, :r])
-        model["offline_s"] += pod_s
-        model["speedup_vs_full"] = full_s / scene.steps / model["online_s_per_state"]
+    for number, r in enumerate(table["modes"], start=1):
+        states = solve_reduced(scene, basis.modes[:, :r], table["solver"])
+        online = states.online_s / scene.steps
+        model = {
+            "kind": "reduced",
+            "r": r,
+            "points": scene.collocation_points,
+            **_errors(scene, full.load, full_fields, full_probes, states),
+            "offline_s": states.offline_s + basis.seconds,
+            "online_s": states.online_s,
+            "online_s_per_state": online,
+            "iterations": states.iterations,
+            "speedup_vs_full": full.seconds / scene.steps / online,
+        }
         models.append(model)
         progress(
-            f"model {number + 1}/{len(wanted)}  r {r}  e1 {model['e1']:.2e}  e2 {model['e2']:.2e}  "
-            f"speed-up {model['speedup_vs_full']:.0f}"
+            f"model {number}/{len(table['modes'])}  r {r}  e1 {model['e1']:.2e}  "
+            f"e2 {model['e2']:.2e}  speed-up {model['speedup_vs_full']:.0f}"
         )
     return {
         "snapshots": len(full.x),
-        "pov": values.tolist(),
+        "pov": basis.values.tolist(),
         "full": {
             "dofs": scene.dofs,
             "rows": scene.rows,
             "solver": scene.deck["solver"]["linear"],
-            "seconds": full_s,
-            "seconds_per_state": full_s / scene.steps,
-            "iterations": full.iterations.tolist(),
+            "origin": full.origin,
+            "seconds": full.seconds,
+            "seconds_per_state": full.seconds / scene.steps,
+            "iterations": full.iterations,
             "load": full.load.tolist(),
-            "probes": _named_probes(scene, full.x, full.load),
+            "probes": full_probes,
         },
         "models": models,
     }
 
 
-def _reduced(
-    scene: Scene, full: States, full_fields: list[Fields], modes: np.ndarray
+def _fields(scene: Scene, x: F64Array, load: F64Array) -> list[Fields]:
+    """Fields of states of the full model."""
+    return [scene.fields(state, at) for state, at in zip(x, load, strict=True)]
+
+
+def _errors(
+    scene: Scene,
+    load: F64Array,
+    full_fields: list[Fields],
+    full_probes: Mapping[str, Any],
+    states: ReducedStates,
 ) -> dict[str, Any]:
-    """Solve a reduced model and compare it with the full one."""
-    started = time.perf_counter()
-    scene.reduce(modes)
-    offline_s = time.perf_counter() - started
-    started = time.perf_counter()
-    states = scene.solve_reduced(_SOLVERS[scene.deck["rom"]["solver"]])
-    online_s = time.perf_counter() - started
-    x = states.x @ modes.T
-    fields = [scene.fields(state, load) for state, load in zip(x, full.load, strict=True)]
-    probes = _named_probes(scene, x, full.load)
-    full_probes = _named_probes(scene, full.x, full.load)
+    """Errors of a reduced model against the full one, and its probes."""
+    fields = _fields(scene, states.x, load)
+    probes = named_probes(scene, states.x, load)
     forces = [
         largest_error(np.array(full_probes[name]), np.array(probes[name]))
-        for name in probes
-        if _is_force(scene, name)
+        for name in force_names(scene)
     ]
     return {
-        "kind": "reduced",
-        "r": modes.shape[1],
-        "points": scene.collocation_points,
         "e1": displacement_error(full_fields, fields),
         "e2": gradient_error(full_fields, fields),
         "stress_error": largest_error(
@@ -151,25 +168,5 @@ def _reduced(
             np.array([field.cauchy for field in fields]),
         ),
         "force_error": max(forces) if forces else None,
-        "offline_s": offline_s,
-        "online_s": online_s,
-        "online_s_per_state": online_s / scene.steps,
-        "iterations": states.iterations.tolist(),
         "probes": probes,
     }
-
-
-def _named_probes(scene: Scene, x: np.ndarray, load: np.ndarray) -> dict[str, Any]:
-    """Probe values by name: a list of numbers, or of vectors."""
-    values = scene.probes(x, load)
-    named = {}
-    for i, probe in enumerate(scene.deck.get("probe", [])):
-        vector = probe["quantity"] in ("u", "force")
-        named[probe["name"]] = (
-            values[:, i, : scene.dimension] if vector else values[:, i, 0]
-        ).tolist()
-    return named
-
-
-def _is_force(scene: Scene, name: str) -> bool:
-    return any(p["name"] == name and "set" in p for p in scene.deck["probe"])

@@ -1,0 +1,53 @@
+"""From the full model and modes to the states of the reduced model."""
+
+from __future__ import annotations
+
+import time
+from typing import NamedTuple
+
+from myork.core.scene import F64Array, Scene
+
+__all__ = ["ReducedStates", "solve_reduced"]
+
+# The reduced least squares problem: Householder QR, or Cholesky of (A'U)^T A'U (6.67).
+_SOLVERS = {"qr": "dgels", "cholesky": "normal"}
+
+
+class ReducedStates(NamedTuple):
+    """States of a reduced model at all load steps.
+
+    Attributes
+    ----------
+    x : F64Array
+        Unknowns of the full model that the amplitudes stand for, shape `(nstep, dofs)`.
+    iterations : list of int
+        Iterations of each step.
+    offline_s, online_s : float
+        Wall time of the projection, and of all load steps [s].
+    """
+
+    x: F64Array
+    iterations: list[int]
+    offline_s: float
+    online_s: float
+
+
+def solve_reduced(scene: Scene, modes: F64Array, solver: str) -> ReducedStates:
+    """Project a scene on modes and solve all its load steps.
+
+    Parameters
+    ----------
+    scene : Scene
+        The full model.
+    modes : F64Array
+        Orthonormal columns, shape `(dofs, r)`.
+    solver : str
+        `qr` or `cholesky`.
+    """
+    started = time.perf_counter()
+    scene.reduce(modes)
+    offline_s = time.perf_counter() - started
+    started = time.perf_counter()
+    states = scene.solve_reduced(_SOLVERS[solver])
+    online_s = time.perf_counter() - started
+    return ReducedStates(states.x @ modes.T, states.iterations.tolist(), offline_s, online_s)
