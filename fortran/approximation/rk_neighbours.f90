@@ -1,29 +1,21 @@
 !> Which source points cover which places: cell lists, any cloud, support per source point and
 !> direction.
 module rk_neighbours
+   use rk_csr, only : csr_type, group_by, sort
    use rk_error, only : error_type, fatal_error, err_input
    use rk_kernel, only : window_product, window_radial
    use rk_precision, only : i8, wp
    implicit none
    private
 
-   public :: neighbour_type, find_neighbours, nearest_points, covers
-
-   !> Source points of every place in compressed rows
-   type :: neighbour_type
-      !> Row i is index(offset(i)+1 : offset(i+1)), shape (places + 1)
-      integer(i8), allocatable :: offset(:)
-      !> Source points in ascending order, 1-based
-      integer, allocatable :: index(:)
-   end type neighbour_type
+   public :: find_neighbours, nearest_points, covers
 
    !> Source points sorted into boxes of the size of the largest support
    type :: boxes_type
       integer :: n(3) = 1
       real(wp) :: low(3) = 0.0_wp
       real(wp) :: size(3) = 1.0_wp
-      integer, allocatable :: first(:)
-      integer, allocatable :: member(:)
+      type(csr_type) :: member
    end type boxes_type
 
    !> Points on the rim of a support, where the window vanishes, stay out whatever their rounding
@@ -33,8 +25,8 @@ contains
 
 !> Neighbours of all places
 subroutine find_neighbours(self, source, support, place, window, error)
-   !> Neighbours
-   type(neighbour_type), intent(out) :: self
+   !> Source points of each place, ascending
+   type(csr_type), intent(out) :: self
    !> Source points, shape (nd, ns) [length]
    real(wp), intent(in) :: source(:, :)
    !> Support of each source point, shape (nd, ns), > 0 [length]
@@ -152,8 +144,7 @@ subroutine fill_cells(cells, source, support)
    real(wp), intent(in) :: source(:, :)
    !> Support, shape (nd, ns) [length]
    real(wp), intent(in) :: support(:, :)
-   integer, allocatable :: cell(:), at(:)
-   integer :: d, is, nd, most
+   integer :: cell(size(source, 2)), d, is, nd, most
 
    nd = size(source, 1)
    ! a few wide cells are enough when supports are small or points far apart
@@ -165,21 +156,10 @@ subroutine fill_cells(cells, source, support)
       cells%size(d) = max(cells%size(d), &
          & (maxval(source(d, :)) - cells%low(d))/cells%n(d)*(1.0_wp + 1.0e-12_wp))
    end do
-   allocate (cell(size(source, 2)))
-   allocate (cells%first(product(cells%n) + 1), source=0)
    do is = 1, size(source, 2)
       cell(is) = cell_of(cells, cell_index(cells, source(:, is)))
-      cells%first(cell(is) + 1) = cells%first(cell(is) + 1) + 1
    end do
-   do d = 2, size(cells%first)
-      cells%first(d) = cells%first(d) + cells%first(d - 1)
-   end do
-   allocate (cells%member(size(source, 2)))
-   at = cells%first
-   do is = 1, size(source, 2)
-      at(cell(is)) = at(cell(is)) + 1
-      cells%member(at(cell(is))) = is
-   end do
+   call group_by(product(cells%n), cell, cells%member)
 end subroutine fill_cells
 
 !> Cell coordinates of a place, clipped to the grid
@@ -224,7 +204,8 @@ pure subroutine search(cells, source, support, x, window, n, found)
    integer, intent(out) :: n
    !> Neighbours, shape (n)
    integer, intent(inout), optional :: found(:)
-   integer :: lo(3), hi(3), i, j, k, m, cell, nd
+   integer :: lo(3), hi(3), i, j, k, cell, nd
+   integer(i8) :: m
 
    nd = size(x)
    lo = cell_index(cells, x - cells%size(:nd))
@@ -234,58 +215,15 @@ pure subroutine search(cells, source, support, x, window, n, found)
       do j = lo(2), hi(2)
          do i = lo(1), hi(1)
             cell = cell_of(cells, [i, j, k])
-            do m = cells%first(cell) + 1, cells%first(cell + 1)
-               if (.not. covers(x - source(:, cells%member(m)), &
-                  & support(:, cells%member(m)), window)) cycle
+            do m = cells%member%offset(cell) + 1, cells%member%offset(cell + 1)
+               if (.not. covers(x - source(:, cells%member%index(m)), &
+                  & support(:, cells%member%index(m)), window)) cycle
                n = n + 1
-               if (present(found)) found(n) = cells%member(m)
+               if (present(found)) found(n) = cells%member%index(m)
             end do
          end do
       end do
    end do
 end subroutine search
-
-!> Heap sort in ascending order
-pure subroutine sort(a)
-   !> Numbers
-   integer, intent(inout) :: a(:)
-   integer :: i, n, t
-
-   n = size(a)
-   do i = n/2, 1, -1
-      call sift(a, i, n)
-   end do
-   do i = n, 2, -1
-      t = a(1)
-      a(1) = a(i)
-      a(i) = t
-      call sift(a, 1, i - 1)
-   end do
-end subroutine sort
-
-!> Let an entry sink to its place in the heap a(start:n)
-pure subroutine sift(a, start, n)
-   !> Heap
-   integer, intent(inout) :: a(:)
-   !> Entry that may be too small
-   integer, intent(in) :: start
-   !> Size of the heap
-   integer, intent(in) :: n
-   integer :: parent, child, t
-
-   parent = start
-   t = a(parent)
-   do
-      child = 2*parent
-      if (child > n) exit
-      if (child < n) then
-         if (a(child + 1) > a(child)) child = child + 1
-      end if
-      if (a(child) <= t) exit
-      a(parent) = a(child)
-      parent = child
-   end do
-   a(parent) = t
-end subroutine sift
 
 end module rk_neighbours

@@ -8,9 +8,10 @@
 !>             Liu, Jun, Zhang, Int. J. Numer. Meth. Fluids 20 (1995), doi:10.1002/fld.1650200824
 module rk_shape
    use rk_basis, only : basis_powers, basis_size, max_order, monomials
+   use rk_csr, only : csr_type
    use rk_error, only : error_type, fatal_error, err_input
    use rk_kernel, only : window
-   use rk_neighbours, only : covers, find_neighbours, neighbour_type
+   use rk_neighbours, only : covers, find_neighbours
    use rk_precision, only : i8, wp
    use rk_text, only : to_text
    implicit none
@@ -40,7 +41,7 @@ module rk_shape
       !> Number of source points
       integer :: ns = 0
       !> Source points that cover each place
-      type(neighbour_type) :: neighbour
+      type(csr_type) :: neighbour
       !> Stencil of each place, shape (np)
       integer, allocatable :: stencil(:)
       !> Values of stencil s are value(:, first(s)+1 : first(s+1)), shape (stencils + 1)

@@ -1,6 +1,7 @@
 !> Facets of nodal cells, collected one by one, and the integration points that they enclose.
 module rk_facets
    use rk_cells, only : cells_type
+   use rk_csr, only : csr_type, group_by
    use rk_precision, only : wp
    implicit none
    private
@@ -114,27 +115,18 @@ subroutine close_cells(self, cells, facets, group)
    type(facets_type), intent(in) :: facets
    !> Group of each cell, from 1; groups without cells are left out, shape (cells)
    integer, intent(in) :: group(:)
-   integer :: number(cells), members(0:maxval(group)), i, k, g, nd, side, ms, d
+   type(csr_type) :: members
+   integer :: number(cells), i, k, nd, side, ms, d
    real(wp) :: area(size(facets%x, 1)), x(size(facets%x, 1))
 
    nd = size(facets%x, 1)
-   members = 0
-   do i = 1, cells
-      members(group(i)) = members(group(i)) + 1
-   end do
+   call group_by(maxval(group), group, members)
+   associate (offset => members%offset)
+      self%first = [0, pack(int(offset(2:)), offset(2:) > offset(:size(offset) - 1))]
+   end associate
    self%smoothed = .true.
-   allocate (self%first(1), source=0)
-   do g = 1, maxval(group)
-      if (members(g) > 0) self%first = [self%first, self%first(size(self%first)) + members(g)]
-      members(g) = members(g) + members(g - 1)
-   end do
-   do i = cells, 1, -1
-      number(i) = members(group(i))
-      members(group(i)) = members(group(i)) - 1
-   end do
-
-   allocate (self%node(cells))
-   self%node(number) = [(i, i=1, cells)]
+   self%node = members%index
+   number(self%node) = [(i, i=1, cells)]
    allocate (self%point(nd, cells), self%weight(cells), self%moment(nd, nd, cells), source=0.0_wp)
    do k = 1, facets%n
       do side = 1, merge(1, 2, facets%side(2, k) == 0)

@@ -6,11 +6,12 @@
 !> Reference: Aurenhammer, ACM Comput. Surv. 23 (1991), doi:10.1145/116873.116880
 module rk_voronoi
    use rk_cloud, only : cloud_type
+   use rk_csr, only : csr_type
    use rk_error, only : error_type, fatal_error, err_input
    use rk_facets, only : facets_type
    use rk_kernel, only : window_radial
    use rk_lattice, only : set_number
-   use rk_neighbours, only : find_neighbours, neighbour_type
+   use rk_neighbours, only : find_neighbours
    use rk_precision, only : i8, wp
    use rk_tensor, only : vector_product
    use rk_text, only : to_text
@@ -48,7 +49,7 @@ subroutine voronoi_facets(facets, cloud, error)
    type(cloud_type), intent(in) :: cloud
    !> Error handling: a point whose cell is not closed by the points around
    type(error_type), allocatable, intent(out) :: error
-   type(neighbour_type) :: near
+   type(csr_type) :: near
    type(cell_type), allocatable :: cell
    real(wp) :: low(3), high(3), x(3), spacing, radius
    real(wp), allocatable :: apart(:)

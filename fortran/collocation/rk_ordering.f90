@@ -3,7 +3,7 @@
 !> Reference: George, Liu, Computer Solution of Large Sparse Positive Definite Systems,
 !>            Prentice-Hall (1981), chapter 4
 module rk_ordering
-   use rk_neighbours, only : neighbour_type
+   use rk_csr, only : csr_type, group_by
    use rk_precision, only : i8, wp
    implicit none
    private
@@ -24,17 +24,15 @@ pure subroutine gather(position, place, spacing, order, group)
    integer, allocatable, intent(out) :: order(:)
    !> Box g holds order(group(g)+1 : group(g+1)); no box is empty
    integer, allocatable, intent(out) :: group(:)
-   integer, allocatable :: box(:), start(:)
+   type(csr_type) :: box
    real(wp) :: low(size(spacing))
-   integer :: n(3), c(3), b, d, nbox, g
+   integer :: box_of(size(place)), n(3), c(3), b, d
 
    low = minval(position, dim=2)
    n = 1
    do d = 1, size(spacing)
       n(d) = 1 + int((maxval(position(d, :)) - low(d))/spacing(d) + 1.0e-9_wp)
    end do
-   nbox = product(n)
-   allocate (box(size(place)), start(nbox + 1), source=0)
    do b = 1, size(place)
       c = 0
       do d = 1, size(spacing)
@@ -42,33 +40,21 @@ pure subroutine gather(position, place, spacing, order, group)
          c(d) = min(int((position(d, place(b)) - low(d))/spacing(d) + 1.0e-9_wp), &
             & max(n(d) - 2, 0))
       end do
-      box(b) = 1 + c(1) + n(1)*(c(2) + n(2)*c(3))
-      start(box(b) + 1) = start(box(b) + 1) + 1
+      box_of(b) = 1 + c(1) + n(1)*(c(2) + n(2)*c(3))
    end do
-   do d = 2, nbox + 1
-      start(d) = start(d) + start(d - 1)
-   end do
+   call group_by(product(n), box_of, box)
+   order = box%index
    ! empty boxes make no group
-   allocate (group(count(start(2:) > start(:nbox)) + 1))
-   group(1) = 0
-   g = 1
-   do d = 1, nbox
-      if (start(d + 1) == start(d)) cycle
-      g = g + 1
-      group(g) = start(d + 1)
-   end do
-   allocate (order(size(place)))
-   do b = 1, size(place)
-      start(box(b)) = start(box(b)) + 1
-      order(start(box(b))) = b
-   end do
+   associate (offset => box%offset)
+      group = [0, pack(int(offset(2:)), offset(2:) > offset(:size(offset) - 1))]
+   end associate
 end subroutine gather
 
 !> Elimination order of points along the axis that gives the smallest envelope of the matrix in
 !> which two points meet that share a place
 subroutine envelope_order(neighbour, centre, position, reach)
    !> Points that cover each place
-   type(neighbour_type), intent(in) :: neighbour
+   type(csr_type), intent(in) :: neighbour
    !> Coordinates of the points, shape (nd, ns) [length]
    real(wp), intent(in) :: centre(:, :)
    !> Place of each point in the order, shape (ns)
@@ -140,7 +126,7 @@ end subroutine sort
 !> First point in an order that shares a place with each point
 subroutine find_reach(neighbour, order, reach)
    !> Points that cover each place
-   type(neighbour_type), intent(in) :: neighbour
+   type(csr_type), intent(in) :: neighbour
    !> Place of each point in the order, shape (ns)
    integer, intent(in) :: order(:)
    !> First place of those that share a place, shape (ns)

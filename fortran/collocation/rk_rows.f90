@@ -9,6 +9,7 @@
 !> the two factors is always a first derivative of one of the leading nd fields (the displacement):
 !> value x^T S y + y^T S x, with x the first derivatives alone and y all of them.
 module rk_rows
+   use rk_csr, only : csr_type
    use rk_envelope, only : envelope_type, new_envelope
    use rk_error, only : error_type
    use rk_lapack, only : matmat, syrk
@@ -43,9 +44,8 @@ module rk_rows
       integer, allocatable, private :: lead(:)
       !> Blocks in groups of near places, group g is order(group(g)+1 : group(g+1))
       integer, allocatable, private :: order(:), group(:)
-      !> Places seen by each source point in compressed rows, and their entry in `value`
-      integer(i8), allocatable, private :: seen(:)
-      integer, allocatable, private :: seen_place(:)
+      !> Places that see each source point, and where `value` has the shape function there
+      type(csr_type), private :: seen
       integer(i8), allocatable, private :: seen_value(:)
       !> Mean position of the places that see each source point, shape (nd, ns) [length]
       real(wp), allocatable, private :: centre(:, :)
@@ -90,7 +90,7 @@ subroutine new_rows(self, shape, nc, place, rows, range, position, spacing)
    !> Size of the boxes that gather near places, shape (nd) [length]
    real(wp), intent(in) :: spacing(:)
    integer(i8) :: k
-   integer :: b, is
+   integer :: b, ip, is
 
    self%shape => shape
    self%nc = nc
@@ -109,47 +109,20 @@ subroutine new_rows(self, shape, nc, place, rows, range, position, spacing)
    end do
    allocate (self%coefficient(maxval(rows), nc, shape%nq, size(place)), source=0.0_wp)
    call gather(position, place, spacing, self%order, self%group)
-   call transpose_neighbours(self)
+   call shape%neighbour%transposed(shape%ns, self%seen, self%seen_value)
    allocate (self%centre(size(position, 1), shape%ns), source=0.0_wp)
    do is = 1, shape%ns
-      do k = self%seen(is) + 1, self%seen(is + 1)
-         self%centre(:, is) = self%centre(:, is) + position(:, self%seen_place(k))
+      do k = self%seen%offset(is) + 1, self%seen%offset(is + 1)
+         ip = self%seen%index(k)
+         self%centre(:, is) = self%centre(:, is) + position(:, ip)
+         self%seen_value(k) = self%seen_value(k) + shape%first(shape%stencil(ip)) &
+            & - shape%neighbour%offset(ip)
       end do
-      self%centre(:, is) = self%centre(:, is)/max(self%seen(is + 1) - self%seen(is), 1_i8)
+      self%centre(:, is) = self%centre(:, is) &
+         & /max(self%seen%offset(is + 1) - self%seen%offset(is), 1_i8)
    end do
    call envelope_order(shape%neighbour, self%centre, self%position, self%reach)
 end subroutine new_rows
-
-!> For every source point the places that see it
-subroutine transpose_neighbours(self)
-   !> Rows
-   type(rows_type), intent(inout) :: self
-   integer(i8), allocatable :: at(:)
-   integer(i8) :: k, shift
-   integer :: ip, is
-
-   associate (s => self%shape)
-      allocate (self%seen(s%ns + 1), source=0_i8)
-      do k = 1, size(s%neighbour%index, kind=i8)
-         is = s%neighbour%index(k)
-         self%seen(is + 1) = self%seen(is + 1) + 1
-      end do
-      do is = 1, s%ns
-         self%seen(is + 1) = self%seen(is + 1) + self%seen(is)
-      end do
-      allocate (self%seen_place(self%seen(s%ns + 1)), self%seen_value(self%seen(s%ns + 1)))
-      at = self%seen
-      do ip = 1, s%np
-         shift = s%first(s%stencil(ip)) - s%neighbour%offset(ip)
-         do k = s%neighbour%offset(ip) + 1, s%neighbour%offset(ip + 1)
-            is = s%neighbour%index(k)
-            at(is) = at(is) + 1
-            self%seen_place(at(is)) = ip
-            self%seen_value(at(is)) = k + shift
-         end do
-      end do
-   end associate
-end subroutine transpose_neighbours
 
 !> y = A x
 subroutine apply(self, x, y)
@@ -204,10 +177,10 @@ subroutine apply_transposed(self, x, y)
    !$omp shared(self, dual, y)
    do is = 1, self%shape%ns
       total = 0.0_wp
-      do k = self%seen(is) + 1, self%seen(is + 1)
+      do k = self%seen%offset(is) + 1, self%seen%offset(is + 1)
          do c = 1, self%nc
             total(c) = total(c) + dot_product(self%shape%value(:, self%seen_value(k)), &
-               & dual(:, c, self%seen_place(k)))
+               & dual(:, c, self%seen%index(k)))
          end do
       end do
       y(self%nc*(is - 1) + 1:self%nc*is) = total

@@ -276,8 +276,8 @@ subroutine assemble(self, x, held, load, tangent, r, state)
    !$omp parallel do default(none) schedule(static, 1) ordered private(g, part, force) &
    !$omp shared(self, x, held, load, tangent, r, at, nd)
    do g = 1, size(self%cells%first) - 1
-      associate (member => self%gradient%member(self%gradient%member_start(g) + 1: &
-         & self%gradient%member_start(g + 1)))
+      associate (member => self%gradient%member%index(self%gradient%member%offset(g) + 1: &
+         & self%gradient%member%offset(g + 1)))
          call deform_group(self, g, x, held, at)
          call group_part(self, g, at, held, load, tangent, force, part)
          !$omp ordered
@@ -357,8 +357,8 @@ pure subroutine deform_group(self, g, x, held, at)
 
    nd = self%gradient%nd
    b = self%pressure%count(g)
-   local = x(:, self%gradient%member(self%gradient%member_start(g) + 1: &
-      & self%gradient%member_start(g + 1)))
+   local = x(:, self%gradient%member%index(self%gradient%member%offset(g) + 1: &
+      & self%gradient%member%offset(g + 1)))
    value = 0.0_wp
    do q = self%cells%first(g) + 1, self%cells%first(g + 1)
       call self%gradient%at(q, local, held, h)
@@ -451,7 +451,7 @@ subroutine group_part(self, g, at, held, load, tangent, force, part)
    o = self%cells%first(g)
    n = self%cells%first(g + 1) - o
    b = self%pressure%count(g)
-   members = int(self%gradient%member_start(g + 1) - self%gradient%member_start(g))
+   members = int(self%gradient%member%offset(g + 1) - self%gradient%member%offset(g))
    if (allocated(force)) deallocate (force)
    allocate (force(nd, members), source=0.0_wp)
    if (allocated(part)) deallocate (part)

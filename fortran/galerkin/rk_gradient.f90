@@ -11,6 +11,7 @@
 module rk_gradient
    use rk_blas, only : dgemm
    use rk_cells, only : cells_type
+   use rk_csr, only : csr_type, group_by
    use rk_precision, only : i8, wp
    use rk_shape, only : shape_type
    implicit none
@@ -26,10 +27,8 @@ module rk_gradient
       integer(i8), allocatable :: start(:)
       !> Place of each entry's source point among those of its group
       integer, allocatable :: local(:)
-      !> Group g has source points member_start(g)+1 : member_start(g+1), shape (groups + 1)
-      integer(i8), allocatable :: member_start(:)
-      !> Source points of the groups, ascending
-      integer, allocatable :: member(:)
+      !> Source points of each group, ascending
+      type(csr_type) :: member
       !> Component i of point q has its values at value(:, first(i, q)+1 : ), shape (nd, np)
       integer(i8), allocatable :: first(:, :)
       !> Gradients of the shape functions, shape (nd, :) [1/length]
@@ -61,8 +60,8 @@ subroutine new_gradient(self, cells, ns, inside, facet, surface, essential)
    type(shape_type), intent(in) :: inside, facet, surface
    !> Components prescribed at each surface point, shape (nd, ms)
    logical, intent(in) :: essential(:, :)
-   integer, allocatable :: facet_first(:), facet_list(:), lift_first(:), lift_list(:), touched(:)
-   integer, allocatable :: surface_of(:), surface_first(:), surface_list(:)
+   type(csr_type) :: facets, lifts, surfaces
+   integer, allocatable :: surface_of(:), touched(:)
    real(wp), allocatable :: plain(:, :), taken(:, :, :)
    logical, allocatable :: seen(:)
    real(wp) :: size_
@@ -77,10 +76,10 @@ subroutine new_gradient(self, cells, ns, inside, facet, surface, essential)
    do s = 1, size(cells%set)
       surface_of(cells%lift_first(s) + 1:cells%lift_first(s + 1)) = s
    end do
-   call invert(np, cells%lift_point, lift_first, lift_list)
-   call invert(np/cells%per_cell, reshape(cells%side, [size(cells%side)]), facet_first, facet_list)
-   call invert(np/cells%per_cell, [(1 + (cells%lift_point(cells%lift_first(s) + 1) - 1) &
-      & /cells%per_cell, s=1, size(cells%set))], surface_first, surface_list)
+   call group_by(np, cells%lift_point, lifts)
+   call group_by(np/cells%per_cell, reshape(cells%side, [size(cells%side)]), facets)
+   call group_by(np/cells%per_cell, [(1 + (cells%lift_point(cells%lift_first(s) + 1) - 1) &
+      & /cells%per_cell, s=1, size(cells%set))], surfaces)
    allocate (self%start(np + 1), self%first(nd, np), self%given(nd, nd, np))
    allocate (plain(nd, ns), taken(nd, nd, ns), touched(ns), seen(ns))
    seen = .false.
@@ -102,13 +101,14 @@ subroutine new_gradient(self, cells, ns, inside, facet, surface, essential)
             call gather_gradient(inside, q, 1.0_wp)
          end if
          if (cells%closed) then
-            do k = facet_first(cell) + 1, facet_first(cell + 1)
-               i = (facet_list(k) + 1)/2
-               call gather(facet, i, merge(1, -1, mod(facet_list(k), 2) == 1) &
+            do e = facets%offset(cell) + 1, facets%offset(cell + 1)
+               i = (facets%index(e) + 1)/2
+               call gather(facet, i, merge(1, -1, mod(facets%index(e), 2) == 1) &
                   & *cells%area(:, i)/size_)
             end do
-            do k = surface_first(cell) + 1, surface_first(cell + 1)
-               call gather(surface, surface_list(k), cells%outward(:, surface_list(k))/size_)
+            do e = surfaces%offset(cell) + 1, surfaces%offset(cell + 1)
+               s = surfaces%index(e)
+               call gather(surface, s, cells%outward(:, s)/size_)
             end do
             ! the mean by quadrature gives way to the mean by the divergence theorem
             if (.not. cells%smoothed) then
@@ -117,9 +117,9 @@ subroutine new_gradient(self, cells, ns, inside, facet, surface, essential)
                end do
             end if
          end if
-         do k = lift_first(q) + 1, lift_first(q + 1)
-            s = surface_of(lift_list(k))
-            if (any(essential(:, s))) call gather_lift(s, cells%lift(lift_list(k)))
+         do e = lifts%offset(q) + 1, lifts%offset(q + 1)
+            s = surface_of(lifts%index(e))
+            if (any(essential(:, s))) call gather_lift(s, cells%lift(lifts%index(e)))
          end do
          self%start(q) = entries
          if (pass == 2) then
@@ -148,10 +148,10 @@ subroutine new_gradient(self, cells, ns, inside, facet, surface, essential)
    end do
 
    ! source points of each group, and the entries' places among them
-   allocate (self%member_start(size(cells%first)))
+   allocate (self%member%offset(size(cells%first)))
    do pass = 1, 2
       entries = 0
-      self%member_start(1) = 0
+      self%member%offset(1) = 0
       do g = 1, size(cells%first) - 1
          n = 0
          do e = self%start(cells%first(g) + 1) + 1, self%start(cells%first(g + 1) + 1)
@@ -165,18 +165,18 @@ subroutine new_gradient(self, cells, ns, inside, facet, surface, essential)
             do i = minval(touched(:n)), maxval(touched(:n))
                if (.not. seen(i)) cycle
                k = k + 1
-               self%member(entries + k) = i
+               self%member%index(entries + k) = i
             end do
          end if
          seen(touched(:n)) = .false.
          entries = entries + n
-         self%member_start(g + 1) = entries
+         self%member%offset(g + 1) = entries
       end do
-      if (pass == 1) allocate (self%member(entries))
+      if (pass == 1) allocate (self%member%index(entries))
    end do
    do g = 1, size(cells%first) - 1
-      do e = self%member_start(g) + 1, self%member_start(g + 1)
-         touched(self%member(e)) = int(e - self%member_start(g))
+      do e = self%member%offset(g) + 1, self%member%offset(g + 1)
+         touched(self%member%index(e)) = int(e - self%member%offset(g))
       end do
       do e = self%start(cells%first(g) + 1) + 1, self%start(cells%first(g + 1) + 1)
          self%local(e) = touched(self%local(e))
@@ -274,35 +274,6 @@ subroutine set_essential(self, cells, essential, value)
       end do
    end do
 end subroutine set_essential
-
-!> Places of each number in a list
-pure subroutine invert(n, number, first, list)
-   !> Numbers run from 1 to n; others are left out
-   integer, intent(in) :: n
-   !> List
-   integer, intent(in) :: number(:)
-   !> Number i stands at list(first(i)+1 : first(i+1)), shape (n + 1)
-   integer, allocatable, intent(out) :: first(:)
-   !> Places, shape (size(number))
-   integer, allocatable, intent(out) :: list(:)
-   integer, allocatable :: at(:)
-   integer :: i
-
-   allocate (first(n + 1), source=0)
-   do i = 1, size(number)
-      if (number(i) > 0) first(number(i) + 1) = first(number(i) + 1) + 1
-   end do
-   do i = 1, n
-      first(i + 1) = first(i + 1) + first(i)
-   end do
-   at = first
-   allocate (list(size(number)), source=0)
-   do i = 1, size(number)
-      if (number(i) <= 0) cycle
-      at(number(i)) = at(number(i)) + 1
-      list(at(number(i))) = i
-   end do
-end subroutine invert
 
 !> Displacement gradient at a point
 pure subroutine gradient_at(self, q, x, load, h)

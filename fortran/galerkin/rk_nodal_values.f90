@@ -8,6 +8,7 @@
 !> Reference: Golub, Varga, Numer. Math. 3 (1961), doi:10.1007/BF01386013 (Chebyshev iteration)
 module rk_nodal_values
    use rk_cells, only : cells_type
+   use rk_csr, only : csr_type
    use rk_precision, only : i8, wp
    use rk_shape, only : shape_type
    implicit none
@@ -17,15 +18,11 @@ module rk_nodal_values
 
    !> Map from coefficients to values, in the order of the source points
    type :: nodal_values_type
-      !> Row i has entries start(i)+1 : start(i+1), shape (ns + 1)
-      integer(i8), allocatable :: start(:)
-      !> Source point of each entry
-      integer, allocatable :: column(:)
-      !> Shape function values
+      !> Source points that cover each point, and the values of their shape functions
+      type(csr_type) :: row
       real(wp), allocatable :: value(:)
-      !> The same of the transposed, whose rows do not wait for each other either
-      integer(i8), allocatable :: start_t(:)
-      integer, allocatable :: column_t(:)
+      !> The same of the transposed: threads take rows of it as well
+      type(csr_type) :: row_t
       real(wp), allocatable :: value_t(:)
       !> Middle and half length of the interval that holds the eigenvalues
       real(wp) :: middle = 1.0_wp
@@ -56,12 +53,13 @@ subroutine new_nodal_values(self, cells, inside)
    real(wp) :: own
    integer :: i, k, ns, q
    integer, allocatable :: cell(:)
+   integer(i8), allocatable :: entry(:)
 
    ns = size(cells%node)
-   allocate (self%start(ns + 1), self%column(inside%neighbour%offset(ns + 1)), cell(ns))
-   allocate (self%value(size(self%column)))
+   allocate (self%row%offset(ns + 1), self%row%index(inside%neighbour%offset(ns + 1)), cell(ns))
+   allocate (self%value(size(self%row%index)))
    cell(cells%node) = [(q, q=1, ns)]
-   self%start(1) = 0
+   self%row%offset(1) = 0
    own = 0.0_wp
    do i = 1, ns
       q = cell(i)
@@ -69,14 +67,14 @@ subroutine new_nodal_values(self, cells, inside)
       k = 0
       do at = inside%neighbour%offset(q) + 1, inside%neighbour%offset(q + 1)
          k = k + 1
-         self%column(self%start(i) + k) = inside%neighbour%index(at)
-         self%value(self%start(i) + k) = inside%value(1, at + to_value)
+         self%row%index(self%row%offset(i) + k) = inside%neighbour%index(at)
+         self%value(self%row%offset(i) + k) = inside%value(1, at + to_value)
          if (inside%neighbour%index(at) == i) own = own + inside%value(1, at + to_value)/ns
       end do
-      self%start(i + 1) = self%start(i) + k
+      self%row%offset(i + 1) = self%row%offset(i) + k
    end do
-   call transpose_rows(self%start, self%column, self%value, self%start_t, self%column_t, &
-      & self%value_t)
+   call self%row%transposed(ns, self%row_t, entry)
+   self%value_t = self%value(entry)
    ! on a lattice what changes sign in every direction has this eigenvalue
    own = max(2.0_wp*max(own, 0.0_wp)**(1.0_wp/inside%nd) - 1.0_wp, smallest)**inside%nd
    self%middle = 0.5_wp*(largest + own)
@@ -102,9 +100,9 @@ subroutine invert(self, transposed, x)
    rho = self%half/self%middle
    do k = 1, steps
       if (transposed) then
-         call product_with(self%start_t, self%column_t, self%value_t, step, image)
+         call product_with(self%row_t, self%value_t, step, image)
       else
-         call product_with(self%start, self%column, self%value, step, image)
+         call product_with(self%row, self%value, step, image)
       end if
       r = r - image
       before = rho
@@ -115,10 +113,10 @@ subroutine invert(self, transposed, x)
 end subroutine invert
 
 !> y = T x
-subroutine product_with(start, column, value, x, y)
-   !> Rows, see above
-   integer(i8), intent(in) :: start(:)
-   integer, intent(in) :: column(:)
+subroutine product_with(row, value, x, y)
+   !> Columns of the entries of each row
+   type(csr_type), intent(in) :: row
+   !> Entries
    real(wp), intent(in) :: value(:)
    !> Factor, shape (nd, ns)
    real(wp), contiguous, intent(in) :: x(:, :)
@@ -129,57 +127,24 @@ subroutine product_with(start, column, value, x, y)
    integer :: i
 
    !$omp parallel do default(none) schedule(static) private(k, solid, plane) &
-   !$omp shared(start, column, value, x, y)
+   !$omp shared(row, value, x, y)
    do i = 1, size(x, 2)
       ! lengths that the compiler knows
       if (size(x, 1) == 3) then
          solid = 0.0_wp
-         do k = start(i) + 1, start(i + 1)
-            solid = solid + value(k)*x(:3, column(k))
+         do k = row%offset(i) + 1, row%offset(i + 1)
+            solid = solid + value(k)*x(:3, row%index(k))
          end do
          y(:3, i) = solid
       else
          plane = 0.0_wp
-         do k = start(i) + 1, start(i + 1)
-            plane = plane + value(k)*x(:2, column(k))
+         do k = row%offset(i) + 1, row%offset(i + 1)
+            plane = plane + value(k)*x(:2, row%index(k))
          end do
          y(:2, i) = plane
       end if
    end do
    !$omp end parallel do
 end subroutine product_with
-
-!> Rows of the transposed
-pure subroutine transpose_rows(start, column, value, start_t, column_t, value_t)
-   !> Rows, see above
-   integer(i8), intent(in) :: start(:)
-   integer, intent(in) :: column(:)
-   real(wp), intent(in) :: value(:)
-   !> Rows of the transposed
-   integer(i8), allocatable, intent(out) :: start_t(:)
-   integer, allocatable, intent(out) :: column_t(:)
-   real(wp), allocatable, intent(out) :: value_t(:)
-   integer(i8) :: at(size(start)), k
-   integer :: i
-
-   allocate (start_t(size(start)), source=0_i8)
-   allocate (column_t(size(column)), value_t(size(column)))
-   do k = 1, size(column, kind=i8)
-      start_t(column(k) + 1) = start_t(column(k) + 1) + 1
-   end do
-   do i = 2, size(start)
-      start_t(i) = start_t(i) + start_t(i - 1)
-   end do
-   at = start_t
-   do i = 1, size(start) - 1
-      do k = start(i) + 1, start(i + 1)
-         associate (to => at(column(k)))
-            to = to + 1
-            column_t(to) = i
-            value_t(to) = value(k)
-         end associate
-      end do
-   end do
-end subroutine transpose_rows
 
 end module rk_nodal_values

@@ -10,6 +10,7 @@
 !>            section 4.2, doi:10.1093/acprof:oso/9780199678792.001.0001
 module rk_preconditioner
    use rk_cells, only : cells_type
+   use rk_csr, only : csr_type
    use rk_error, only : error_type
    use rk_nodal_values, only : new_nodal_values, nodal_values_type
    use rk_precision, only : i8, wp
@@ -68,9 +69,9 @@ subroutine new_preconditioner(self, cells, surface, inside, shear, error)
       if (pair(1, k) > pair(2, k)) pair(:, k) = pair([2, 1], k)
    end do
    ! every cell has a diagonal, also one that touches no other
-   call new_symmetric(graph, 1, size(cells%node), [(int(2*k, i8), k=0, size(pair, 2)), &
+   call new_symmetric(graph, 1, size(cells%node), csr_type([(int(2*k, i8), k=0, size(pair, 2)), &
       & (int(2*size(pair, 2) + k, i8), k=1, size(cells%node))], [reshape(pair, [size(pair)]), &
-      & (k, k=1, size(cells%node))])
+      & (k, k=1, size(cells%node))]))
    do k = 1, size(cells%node)
       call graph%add(graph%value, [cells%node(k)], reshape([slight*shear(k) &
          & *cells%weight(k)**(1.0_wp - 2.0_wp/nd)], [1, 1]))

@@ -9,9 +9,10 @@
 !>            doi:10.1016/0045-7825(85)90033-7
 module rk_pressure
    use rk_cells, only : cells_type
+   use rk_csr, only : csr_type
    use rk_error, only : error_type
    use rk_kernel, only : window_product
-   use rk_neighbours, only : covers, find_neighbours, neighbour_type
+   use rk_neighbours, only : covers, find_neighbours
    use rk_precision, only : i8, wp
    implicit none
    private
@@ -32,7 +33,7 @@ module rk_pressure
       !> Polynomials by the monomials 1, (x - centre)/reach, shape (1 + nd, 1 + nd, groups)
       real(wp), allocatable :: monomial(:, :, :)
       !> Groups near each collocation point
-      type(neighbour_type) :: near
+      type(csr_type) :: near
    contains
       !> Blended pressure
       procedure :: at => pressure_at

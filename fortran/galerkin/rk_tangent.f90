@@ -17,6 +17,7 @@
 !>            section 4.2, doi:10.1093/acprof:oso/9780199678792.001.0001
 module rk_tangent
    use rk_cells, only : cells_type
+   use rk_csr, only : csr_type
    use rk_error, only : error_type, fatal_error, err_linalg
    use rk_gradient, only : gradient_type
    use rk_minres, only : minres, symmetric_system
@@ -103,14 +104,13 @@ subroutine new_tangent(self, ns, cells, gradient, surface, inside, shear, limit,
 
    self%formed = .not. cells%smoothed .or. gradient%nd*ns <= limit
    if (self%formed) then
-      call new_symmetric(self%symmetric_matrix, gradient%nd, ns, gradient%member_start, &
-         & gradient%member)
+      call new_symmetric(self%symmetric_matrix, gradient%nd, ns, gradient%member)
       return
    end if
    ! only what never changes: penalty and stabilisation
    associate (skin => surface%shape%neighbour, at => inside%neighbour)
-      call new_symmetric(self%symmetric_matrix, gradient%nd, ns, [at%offset, &
-         & at%offset(size(at%offset)) + skin%offset(2:)], [at%index, skin%index])
+      call new_symmetric(self%symmetric_matrix, gradient%nd, ns, csr_type([at%offset, &
+         & at%offset(size(at%offset)) + skin%offset(2:)], [at%index, skin%index]))
    end associate
    allocate (self%moduli(3, 3, 3, 3, size(shear)), self%cofactor(3, 3, size(shear)))
    allocate (self%bulk(size(cells%first) - 1), self%shear(size(cells%first) - 1))
@@ -156,8 +156,8 @@ subroutine add_groups(self, x, y, volume, pressure)
    !$omp parallel do default(none) schedule(static, 1) ordered private(g, force) &
    !$omp shared(self, x, y, volume, pressure, nd)
    do g = 1, size(self%bulk)
-      associate (member => self%gradient%member(self%gradient%member_start(g) + 1: &
-         & self%gradient%member_start(g + 1)))
+      associate (member => self%gradient%member%index(self%gradient%member%offset(g) + 1: &
+         & self%gradient%member%offset(g + 1)))
          if (present(pressure)) then
             call group_force(self, g, member, x, volume(:, g), force, pressure(:, g))
          else

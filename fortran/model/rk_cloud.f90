@@ -1,8 +1,9 @@
 !> Point clouds: source points, collocation points, boundary sets.
 module rk_cloud
+   use rk_csr, only : csr_type
    use rk_error, only : error_type, fatal_error, err_input
    use rk_kernel, only : window_product
-   use rk_neighbours, only : find_neighbours, neighbour_type
+   use rk_neighbours, only : find_neighbours
    use rk_precision, only : i8, wp
    use rk_text, only : to_text
    implicit none
@@ -126,7 +127,7 @@ subroutine check_source(self, error)
    type(cloud_type), intent(in) :: self
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   type(neighbour_type) :: same
+   type(csr_type) :: same
    integer :: i
    integer(i8) :: k
 

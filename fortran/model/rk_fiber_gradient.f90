@@ -6,10 +6,11 @@
 !> of balance by as much as its fibers spread. N and -N are the same fiber: the slope is that of the
 !> tensor N N, of which N_k,A = (N_k N_l),A N_l because N has unit length.
 module rk_fiber_gradient
+   use rk_csr, only : csr_type
    use rk_error, only : error_type
    use rk_kernel, only : window_product
    use rk_material, only : material_type
-   use rk_neighbours, only : find_neighbours, neighbour_type
+   use rk_neighbours, only : find_neighbours
    use rk_precision, only : i8, wp
    use rk_scene, only : scene_type
    use rk_tensor, only : solve_definite
@@ -39,7 +40,7 @@ subroutine fiber_gradients(scene, slope, error)
    real(wp), allocatable, intent(out) :: slope(:, :, :)
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   type(neighbour_type) :: near
+   type(csr_type) :: near
    real(wp), allocatable :: window(:, :)
    integer :: ip, nc, nd
 

@@ -16,6 +16,7 @@
 !>             Cox, Higham, BIT 38 (1998) 34, doi:10.1007/BF02510913 (heavy rows first)
 module rk_lstsq
    use rk_cgls, only : refine, semi_normal
+   use rk_csr, only : csr_type, group_by
    use rk_error, only : error_type, fatal_error, err_input, err_linalg, err_memory
    use rk_factors, only : dense_factor, envelope_factor
    use rk_lapack, only : solve_pivoted_qr, solve_qr
@@ -271,25 +272,13 @@ subroutine heavy_first(size_of, order)
    real(wp), intent(in) :: size_of(:)
    !> Rows, the heaviest first, shape (m)
    integer, allocatable, intent(out) :: order(:)
-   integer, allocatable :: start(:)
+   type(csr_type) :: rows
    integer :: level(size(size_of))
-   integer :: i, k, top
 
    level = exponent(size_of)
-   top = maxval(level)
-   level = top - level
-   allocate (start(0:maxval(level) + 1), source=0)
-   do i = 1, size(level)
-      start(level(i) + 1) = start(level(i) + 1) + 1
-   end do
-   do k = 1, ubound(start, 1)
-      start(k) = start(k) + start(k - 1)
-   end do
-   allocate (order(size(level)))
-   do i = 1, size(level)
-      start(level(i)) = start(level(i)) + 1
-      order(start(level(i))) = i
-   end do
+   level = 1 + maxval(level) - level
+   call group_by(maxval(level), level, rows)
+   call move_alloc(rows%index, order)
 end subroutine heavy_first
 
 !> Rank revealing QR: the smallest solution, and the names of what is undetermined

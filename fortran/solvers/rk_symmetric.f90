@@ -1,6 +1,7 @@
 !> A sparse symmetric matrix made of small blocks, assembled from dense parts and solved directly:
 !> Cholesky where it is positive definite, LU otherwise.
 module rk_symmetric
+   use rk_csr, only : csr_type, sort
    use rk_envelope, only : envelope_type
    use rk_error, only : error_type, fatal_error, err_input, err_linalg, err_memory
    use rk_lapack, only : solve_band
@@ -24,10 +25,8 @@ module rk_symmetric
       integer(i8), allocatable :: row(:)
       !> Entries
       real(wp), allocatable :: value(:)
-      !> Column of blocks j has blocks first(j)+1 : first(j+1), shape (n/block + 1)
-      integer(i8), allocatable, private :: first(:)
-      !> Row of each block, ascending, the diagonal one last
-      integer, allocatable, private :: above(:)
+      !> Blocks of each column of blocks by their row, ascending, the diagonal one last
+      type(csr_type), private :: above
    contains
       procedure :: apply
       procedure :: apply_transposed => apply
@@ -46,71 +45,54 @@ module rk_symmetric
 contains
 
 !> Places of the entries: blocks of one group are all coupled. Values are zero.
-subroutine new_symmetric(self, block, blocks, start, member)
+subroutine new_symmetric(self, block, blocks, group)
    !> Matrix
    type(symmetric_matrix), intent(out) :: self
    !> Unknowns in a block
    integer, intent(in) :: block
    !> Number of blocks along the diagonal
    integer, intent(in) :: blocks
-   !> Group g has members start(g)+1 : start(g+1), shape (groups + 1)
-   integer(i8), intent(in) :: start(:)
    !> Blocks of each group, ascending
-   integer, intent(in) :: member(:)
-   integer(i8), allocatable :: inverse_start(:), at(:)
-   integer, allocatable :: group(:), mark(:)
+   type(csr_type), intent(in) :: group
+   !> Groups of each block
+   type(csr_type) :: groups
+   integer, allocatable :: mark(:)
    integer(i8) :: k, l
-   integer :: g, i, j, n, pass
+   integer :: i, j, n, pass
 
    self%block = block
    self%n = block*blocks
    self%m = self%n
-   ! groups of each block
-   allocate (inverse_start(blocks + 1), source=0_i8)
-   do k = 1, size(member, kind=i8)
-      inverse_start(member(k) + 1) = inverse_start(member(k) + 1) + 1
-   end do
-   do j = 1, blocks
-      inverse_start(j + 1) = inverse_start(j + 1) + inverse_start(j)
-   end do
-   at = inverse_start
-   allocate (group(size(member, kind=i8)))
-   do g = 1, size(start) - 1
-      do k = start(g) + 1, start(g + 1)
-         at(member(k)) = at(member(k)) + 1
-         group(at(member(k))) = g
-      end do
-   end do
-
-   allocate (self%first(blocks + 1), mark(blocks))
-   self%first(1) = 0
+   call group%transposed(blocks, groups)
+   allocate (self%above%offset(blocks + 1), mark(blocks))
+   self%above%offset(1) = 0
    do pass = 1, 2
       mark = 0
       do j = 1, blocks
          n = 0
-         do k = inverse_start(j) + 1, inverse_start(j + 1)
-            do l = start(group(k)) + 1, start(group(k) + 1)
-               i = member(l)
+         do k = groups%offset(j) + 1, groups%offset(j + 1)
+            do l = group%offset(groups%index(k)) + 1, group%offset(groups%index(k) + 1)
+               i = group%index(l)
                if (i > j) exit
                if (mark(i) == j) cycle
                mark(i) = j
                n = n + 1
-               if (pass == 2) self%above(self%first(j) + n) = i
+               if (pass == 2) self%above%index(self%above%offset(j) + n) = i
             end do
          end do
          if (pass == 1) then
-            self%first(j + 1) = self%first(j) + n
+            self%above%offset(j + 1) = self%above%offset(j) + n
          else
-            call sort(self%above(self%first(j) + 1:self%first(j + 1)))
+            call sort(self%above%index(self%above%offset(j) + 1:self%above%offset(j + 1)))
          end if
       end do
-      if (pass == 1) allocate (self%above(self%first(blocks + 1)))
+      if (pass == 1) allocate (self%above%index(self%above%offset(blocks + 1)))
    end do
 
    allocate (self%start(self%n + 1))
    self%start(1) = 0
    do j = 1, blocks
-      n = int(self%first(j + 1) - self%first(j))
+      n = int(self%above%offset(j + 1) - self%above%offset(j))
       do i = 1, block
          k = (j - 1)*block + i
          self%start(k + 1) = self%start(k) + block*(n - 1) + i
@@ -121,33 +103,15 @@ subroutine new_symmetric(self, block, blocks, start, member)
    do j = 1, blocks
       do i = 1, block
          k = self%start((j - 1)*block + i)
-         do l = self%first(j) + 1, self%first(j + 1)
-            do n = 1, merge(i, block, l == self%first(j + 1))
+         do l = self%above%offset(j) + 1, self%above%offset(j + 1)
+            do n = 1, merge(i, block, l == self%above%offset(j + 1))
                k = k + 1
-               self%row(k) = int(self%above(l) - 1, i8)*block + n - 1
+               self%row(k) = int(self%above%index(l) - 1, i8)*block + n - 1
             end do
          end do
       end do
    end do
 end subroutine new_symmetric
-
-!> Sort a short list by insertion
-pure subroutine sort(a)
-   !> Numbers
-   integer, intent(inout) :: a(:)
-   integer :: i, j, t
-
-   do i = 2, size(a)
-      t = a(i)
-      j = i - 1
-      do while (j > 0)
-         if (a(j) <= t) exit
-         a(j + 1) = a(j)
-         j = j - 1
-      end do
-      a(j + 1) = t
-   end do
-end subroutine sort
 
 !> Add a dense part; of a the upper triangle counts
 subroutine add(self, value, member, a)
@@ -164,14 +128,14 @@ subroutine add(self, value, member, a)
 
    b = self%block
    do j = 1, size(member)
-      l = self%first(member(j))
+      l = self%above%offset(member(j))
       do i = 1, j
          l = l + 1
-         do while (self%above(l) < member(i))
+         do while (self%above%index(l) < member(i))
             l = l + 1
          end do
          do c = 1, b
-            to = self%start((member(j) - 1)*b + c) + b*(l - self%first(member(j)) - 1)
+            to = self%start((member(j) - 1)*b + c) + b*(l - self%above%offset(member(j)) - 1)
             if (i < j) then
                value(to + 1:to + b) = value(to + 1:to + b) + a((i - 1)*b + 1:i*b, (j - 1)*b + c)
             else
@@ -277,33 +241,37 @@ subroutine compressed(self, start, column, value)
    integer(i8), allocatable, intent(out) :: column(:)
    !> Entries
    real(wp), allocatable, intent(out) :: value(:)
-   integer(i8), allocatable :: at(:)
-   integer(i8) :: i, k
-   integer :: j
+   !> Columns of blocks in which each row of blocks has an entry, the diagonal one first
+   type(csr_type) :: later
+   integer(i8), allocatable :: entry(:)
+   integer(i8) :: at, k, l
+   integer :: b, c, i, j, row
 
-   allocate (start(self%n + 1), source=0_i8)
+   b = self%block
+   call self%above%transposed(self%n/b, later, entry)
+   allocate (start(self%n + 1))
+   start(1) = 0
    do j = 1, self%n
-      start(j + 1) = start(j + 1) + self%start(j + 1) - self%start(j)
-      do k = self%start(j) + 1, self%start(j + 1) - 1
-         start(self%row(k) + 2) = start(self%row(k) + 2) + 1
-      end do
-   end do
-   do j = 1, self%n
-      start(j + 1) = start(j + 1) + start(j)
+      start(j + 1) = start(j) + self%start(j + 1) - self%start(j) + b*((j + b - 1)/b) - j &
+         & + b*(later%offset((j + b - 1)/b + 1) - later%offset((j + b - 1)/b) - 1)
    end do
    allocate (column(start(self%n + 1)), value(start(self%n + 1)))
-   ! by symmetry row j begins with the entries of column j; those of later columns follow in order
-   at = start(:self%n)
-   do j = 1, self%n
-      do k = self%start(j) + 1, self%start(j + 1)
-         at(j) = at(j) + 1
-         column(at(j)) = self%row(k)
-         value(at(j)) = self%value(k)
-         if (k == self%start(j + 1)) cycle
-         i = self%row(k) + 1
-         at(i) = at(i) + 1
-         column(at(i)) = j - 1
-         value(at(i)) = self%value(k)
+   do j = 1, self%n/b
+      do i = 1, b
+         row = (j - 1)*b + i
+         ! by symmetry a row begins with the entries of its column; those of later columns follow
+         at = start(row) + self%start(row + 1) - self%start(row)
+         column(start(row) + 1:at) = self%row(self%start(row) + 1:self%start(row + 1))
+         value(start(row) + 1:at) = self%value(self%start(row) + 1:self%start(row + 1))
+         do k = later%offset(j) + 1, later%offset(j + 1)
+            do c = merge(i + 1, 1, later%index(k) == j), b
+               l = (later%index(k) - 1)*b + c
+               at = at + 1
+               column(at) = l - 1
+               value(at) = self%value(self%start(l) &
+                  & + b*(entry(k) - self%above%offset(later%index(k)) - 1) + i)
+            end do
+         end do
       end do
    end do
 end subroutine compressed

@@ -1,0 +1,136 @@
+!> Compressed rows of numbers: neighbours of points, members of groups, places of entries.
+module rk_csr
+   use rk_precision, only : i8
+   implicit none
+   private
+
+   public :: csr_type, group_by, sort
+
+   !> Lists of numbers, one a row
+   type :: csr_type
+      !> Row i is index(offset(i)+1 : offset(i+1)), shape (rows + 1)
+      integer(i8), allocatable :: offset(:)
+      !> Numbers, 1-based, shape (entries)
+      integer, allocatable :: index(:)
+   contains
+      !> Rows in which each number stands
+      procedure :: transposed
+   end type csr_type
+
+contains
+
+!> Rows in which each number stands, ascending
+pure subroutine transposed(self, n, other, entry)
+   !> Rows
+   class(csr_type), intent(in) :: self
+   !> Numbers run from 1 to n
+   integer, intent(in) :: n
+   !> Row j has the rows that hold number j
+   type(csr_type), intent(out) :: other
+   !> Where each entry of the transposed stands in the original, shape (entries)
+   integer(i8), allocatable, intent(out), optional :: entry(:)
+   integer(i8), allocatable :: at(:)
+   integer(i8) :: k
+   integer :: i
+
+   call count_numbers(n, self%index, other%offset)
+   allocate (other%index(other%offset(n + 1)))
+   if (present(entry)) allocate (entry(other%offset(n + 1)))
+   at = other%offset
+   do i = 1, size(self%offset) - 1
+      do k = self%offset(i) + 1, self%offset(i + 1)
+         associate (to => at(self%index(k)))
+            to = to + 1
+            other%index(to) = i
+            if (present(entry)) entry(to) = k
+         end associate
+      end do
+   end do
+end subroutine transposed
+
+!> Places of each number in a list, ascending
+pure subroutine group_by(n, number, places)
+   !> Numbers run from 1 to n; others are left out
+   integer, intent(in) :: n
+   !> List
+   integer, intent(in) :: number(:)
+   !> Row i has the places of number i
+   type(csr_type), intent(out) :: places
+   integer(i8), allocatable :: at(:)
+   integer :: i
+
+   call count_numbers(n, number, places%offset)
+   allocate (places%index(places%offset(n + 1)))
+   at = places%offset
+   do i = 1, size(number)
+      if (number(i) < 1 .or. number(i) > n) cycle
+      at(number(i)) = at(number(i)) + 1
+      places%index(at(number(i))) = i
+   end do
+end subroutine group_by
+
+!> Where the entries of each number begin when they are put in order
+pure subroutine count_numbers(n, number, offset)
+   !> Numbers run from 1 to n; others are left out
+   integer, intent(in) :: n
+   !> List
+   integer, intent(in) :: number(:)
+   !> Entries of smaller numbers, and at the end of all, shape (n + 1)
+   integer(i8), allocatable, intent(out) :: offset(:)
+   integer(i8) :: k
+   integer :: i
+
+   allocate (offset(n + 1), source=0_i8)
+   do k = 1, size(number, kind=i8)
+      if (number(k) < 1 .or. number(k) > n) cycle
+      offset(number(k) + 1) = offset(number(k) + 1) + 1
+   end do
+   do i = 1, n
+      offset(i + 1) = offset(i + 1) + offset(i)
+   end do
+end subroutine count_numbers
+
+!> Heap sort in ascending order
+pure subroutine sort(a)
+   !> Numbers
+   integer, intent(inout) :: a(:)
+   integer :: i, n, t
+
+   n = size(a)
+   do i = n/2, 1, -1
+      call sift(a, i, n)
+   end do
+   do i = n, 2, -1
+      t = a(1)
+      a(1) = a(i)
+      a(i) = t
+      call sift(a, 1, i - 1)
+   end do
+end subroutine sort
+
+!> Let an entry sink to its place in the heap a(start:n)
+pure subroutine sift(a, start, n)
+   !> Heap
+   integer, intent(inout) :: a(:)
+   !> Entry that may be too small
+   integer, intent(in) :: start
+   !> Size of the heap
+   integer, intent(in) :: n
+   integer :: parent, child, t
+
+   parent = start
+   t = a(parent)
+   do
+      child = 2*parent
+      if (child > n) exit
+      if (child < n) then
+         if (a(child + 1) > a(child)) child = child + 1
+      end if
+      if (a(child) <= t) exit
+      a(parent) = a(child)
+      parent = child
+   end do
+   a(parent) = t
+end subroutine sift
+
+end module rk_csr

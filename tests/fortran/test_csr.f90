@@ -1,0 +1,121 @@
+!> Compressed rows: grouping, transposition, order; TAP for `meson test`.
+program test_csr
+   use, intrinsic :: iso_fortran_env, only : output_unit
+   use rk_csr, only : csr_type, group_by, sort
+   use rk_precision, only : i8
+   implicit none
+
+   integer :: ntest = 0, nfailed = 0
+
+   call test_group_by
+   call test_transposed
+   call test_random_rows
+   call test_sort
+   write (output_unit, '(a, i0)') '1..', ntest
+   if (nfailed > 0) error stop
+
+contains
+
+!> Places of numbers in a list
+subroutine test_group_by
+   type(csr_type) :: places
+
+   call group_by(4, [3, 1, 3, 4, 1, 3], places)
+   call check('offsets count smaller numbers, an empty row as well', &
+      & same(int(places%offset), [0, 2, 2, 5, 6]))
+   call check('places ascend within a number', same(places%index, [2, 5, 1, 3, 6, 4]))
+   call group_by(2, [0, 2, -1, 3, 2], places)
+   call check('numbers out of range are left out', &
+      & same(int(places%offset), [0, 0, 2]) .and. same(places%index, [2, 5]))
+   call group_by(3, [integer ::], places)
+   call check('an empty list', same(int(places%offset), [0, 0, 0, 0]) .and. size(places%index) == 0)
+end subroutine test_group_by
+
+!> A small case by hand
+subroutine test_transposed
+   type(csr_type) :: rows, columns, back
+   integer(i8), allocatable :: entry(:)
+
+   ! the second row is empty, no row holds number 4, the order within rows is not ascending
+   rows = csr_type([0_i8, 3_i8, 3_i8, 5_i8, 6_i8], [5, 1, 3, 3, 2, 1])
+   call rows%transposed(5, columns, entry)
+   call check('rows of each number', same(int(columns%offset), [0, 2, 3, 5, 5, 6]) &
+      & .and. same(columns%index, [1, 4, 3, 1, 3, 1]))
+   call check('where the entries come from', same(int(entry), [2, 6, 5, 3, 4, 1]))
+   call columns%transposed(4, back)
+   call check('twice: the same rows', same(int(back%offset), int(rows%offset)))
+   call check('twice: in ascending order', same(back%index, [1, 3, 5, 2, 3, 1]))
+   rows = csr_type([0_i8], [integer ::])
+   call rows%transposed(2, columns)
+   call check('no rows at all', same(int(columns%offset), [0, 0, 0]) .and. size(columns%index) == 0)
+end subroutine test_transposed
+
+!> Many ascending rows: the transposed of the transposed is the original, entry by entry
+subroutine test_random_rows
+   integer, parameter :: n = 40, m = 70
+   type(csr_type) :: rows, columns, back
+   integer(i8), allocatable :: entry(:), back_entry(:)
+   integer :: seed, i, j
+
+   allocate (rows%offset(m + 1), rows%index(0))
+   rows%offset(1) = 0
+   seed = 12345
+   do i = 1, m
+      do j = 1, n
+         ! linear congruences; every tenth row stays empty
+         seed = modulo(1103*seed + 12345, 65536)
+         if (seed < 12000 .and. modulo(i, 10) /= 0) rows%index = [rows%index, j]
+      end do
+      rows%offset(i + 1) = size(rows%index)
+   end do
+   call check('enough entries', size(rows%index) > 300)
+   call rows%transposed(n, columns, entry)
+   call check('an entry stands where it came from', all(rows%index(entry) == &
+      & [((j, i=1, int(columns%offset(j + 1) - columns%offset(j))), j=1, n)]))
+   call columns%transposed(m, back, back_entry)
+   call check('twice is the identity', same(back%index, rows%index) &
+      & .and. same(int(back%offset), int(rows%offset)))
+   call check('and so are the ways back', same(int(entry(back_entry)), [(i, i=1, size(entry))]))
+end subroutine test_random_rows
+
+!> Numbers in ascending order
+subroutine test_sort
+   integer :: few(7), none(0), one(1)
+
+   few = [4, -2, 9, 4, 0, 9, 1]
+   call sort(few)
+   call check('sorted, equal ones kept', same(few, [-2, 0, 1, 4, 4, 9, 9]))
+   few = [7, 6, 5, 4, 3, 2, 1]
+   call sort(few)
+   call check('from descending order', same(few, [1, 2, 3, 4, 5, 6, 7]))
+   call sort(few)
+   call check('sorted ones stay', same(few, [1, 2, 3, 4, 5, 6, 7]))
+   one = 3
+   call sort(one)
+   call sort(none)
+   call check('one number and none', same(one, [3]))
+end subroutine test_sort
+
+!> Equal in length and numbers
+pure logical function same(a, b)
+   !> Lists
+   integer, intent(in) :: a(:), b(:)
+
+   same = size(a) == size(b)
+   if (same) same = all(a == b)
+end function same
+
+!> One line of TAP
+subroutine check(name, passed)
+   !> What is tested
+   character(len=*), intent(in) :: name
+   !> Whether it is so
+   logical, intent(in) :: passed
+
+   ntest = ntest + 1
+   if (.not. passed) nfailed = nfailed + 1
+   write (output_unit, '(2a, i0, 2a)') trim(merge('ok    ', 'not ok', passed)), ' ', ntest, &
+      & ' - ', name
+end subroutine check
+
+end program test_csr
