@@ -213,15 +213,17 @@ subroutine scene_stop(handle)
    if (.not. allocated(error)) slot%states%stop = .true.
 end subroutine scene_stop
 
-!> States of the last solve: unknowns; load, iterations, smallest and largest J; wall times of
-!> assembly and least squares; largest backward error
-subroutine scene_states(handle, n, steps, x, info, seconds, backward, stat, message)
+!> States of the last solve: unknowns; load, iterations, smallest and largest J, smallest eigenvalue
+!> of the acoustic tensor and its point, from 1; wall times of assembly, least squares and checks;
+!> largest backward error and imbalance of forces; L2 and H1 norms of the error and of the solution
+!> of a linear problem, negative for others
+subroutine scene_states(handle, n, steps, x, info, seconds, worst, norms, stat, message)
    use rk_error, only : error_type, fatal_error, err_input
    use rk_handles, only : find_slot, slot_type
    use rk_pack, only : pack_error
    implicit none
    integer, intent(in) :: handle, n, steps
-   double precision, intent(out) :: x(n, steps), info(4, steps), seconds(2), backward
+   double precision, intent(out) :: x(n, steps), info(6, steps), seconds(3), worst(2), norms(4)
    integer, intent(out) :: stat
    character(len=2048), intent(out) :: message
    type(error_type), allocatable :: error
@@ -230,7 +232,8 @@ subroutine scene_states(handle, n, steps, x, info, seconds, backward, stat, mess
    x = 0
    info = 0
    seconds = 0
-   backward = 0
+   worst = 0
+   norms = -1
    call find_slot(handle, slot, error)
    if (.not. allocated(error)) then
       if (.not. allocated(slot%states%x)) then
@@ -243,9 +246,38 @@ subroutine scene_states(handle, n, steps, x, info, seconds, backward, stat, mess
    if (stat /= 0) return
    x = slot%states%x(:n, :steps)
    info = slot%states%info(:, :steps)
-   seconds = [slot%timer%assemble, slot%timer%solve]
-   backward = slot%states%backward_error
+   seconds = [slot%outcome%timer%assemble, slot%outcome%timer%solve, &
+      & slot%outcome%seconds]
+   worst = [slot%states%backward_error, slot%outcome%imbalance]
+   if (.not. allocated(slot%outcome%norms)) return
+   associate (found => slot%outcome%norms)
+      seconds(3) = seconds(3) + found%seconds
+      norms = [found%l2, found%h1, found%l2_solution, found%h1_solution]
+   end associate
 end subroutine scene_states
+
+!> Warnings of the last solve, also of one that failed, each with its line feed. `length` is that of
+!> the whole text; where it is above `capacity` the caller asks again with more.
+subroutine scene_warnings(handle, capacity, text, length, stat, message)
+   use rk_error, only : error_type
+   use rk_handles, only : find_slot, slot_type
+   use rk_pack, only : pack_error
+   implicit none
+   integer, intent(in) :: handle, capacity
+   character(len=capacity), intent(out) :: text
+   integer, intent(out) :: length, stat
+   character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
+   type(slot_type), pointer :: slot
+
+   text = ''
+   length = 0
+   call find_slot(handle, slot, error)
+   call pack_error(error, stat, message)
+   if (stat /= 0 .or. .not. allocated(slot%outcome%warnings)) return
+   length = len(slot%outcome%warnings)
+   text = slot%outcome%warnings
+end subroutine scene_warnings
 
 !> Displacement, deformation gradient and Cauchy stress (xx, yy, zz, xy, yz, xz) at all
 !> collocation points for one state of the full problem

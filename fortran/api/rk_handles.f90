@@ -3,12 +3,12 @@
 !> A handle is serial*64 + row, so that a closed or reused row is recognised. Python owns the
 !> handle and closes it. This table is the one place with module variables.
 module rk_handles
-   use rk_clock, only : timer_type
    use rk_discretisation, only : discretisation_type, free_discretisation
    use rk_error, only : error_type, fatal_error, err_input
    use rk_precision, only : wp
    use rk_recorder, only : iteration_type, recorder_type, step_type
    use rk_reduced, only : reduced_problem
+   use rk_run, only : outcome_type
    use rk_scene, only : scene_type
    use rk_text, only : to_text
    implicit none
@@ -23,7 +23,8 @@ module rk_handles
    type, extends(recorder_type) :: states_type
       !> Unknowns of each step, shape (n, steps)
       real(wp), allocatable :: x(:, :)
-      !> Load, iterations, smallest and largest J of each step, shape (4, steps)
+      !> Load, iterations, smallest and largest J, smallest eigenvalue of the acoustic tensor and
+      !> its collocation point of each step, shape (6, steps)
       real(wp), allocatable :: info(:, :)
       !> Steps and iterations so far
       integer :: steps = 0
@@ -50,8 +51,8 @@ module rk_handles
       type(reduced_problem), pointer :: reduced => null()
       !> States of the last solve
       type(states_type), pointer :: states => null()
-      !> Wall times of the last solve
-      type(timer_type) :: timer
+      !> Warnings, checks and wall times of the last solve
+      type(outcome_type) :: outcome
    end type slot_type
 
    type(slot_type), target, save :: table(0:rows - 1)
@@ -122,7 +123,7 @@ subroutine iteration(self, it)
    self%backward_error = max(self%backward_error, it%backward_error)
 end subroutine iteration
 
-!> Keep a converged state
+!> Keep a converged state; that at rest is not asked for
 subroutine step(self, st, x)
    !> States
    class(states_type), intent(inout) :: self
@@ -131,10 +132,12 @@ subroutine step(self, st, x)
    !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
 
+   if (st%step == 0) return
    self%steps = self%steps + 1
    if (self%steps > size(self%x, 2)) return
    self%x(:, self%steps) = x
-   self%info(:, self%steps) = [st%load, real(st%iterations, wp), st%min_j, st%max_j]
+   self%info(:, self%steps) = [st%load, real(st%iterations, wp), st%min_j, st%max_j, &
+      & st%min_acoustic, real(st%acoustic_point, wp)]
 end subroutine step
 
 !> Whether Python asked to stop

@@ -1,21 +1,18 @@
 !> What the Python boundary does with a scene: open, solve full or reduced, evaluate.
 module rk_session
-   use rk_clock, only : timer_type
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type, take_deck
    use rk_deck_scene, only : new_scene
    use rk_error, only : error_type, fatal_error, err_input
    use rk_handles, only : close_slot, find_slot, open_slot, slot_type
-   use rk_linear_solve, only : solve_linear
    use rk_lstsq, only : row_operator
    use rk_new_problem, only : new_problem
-   use rk_newton, only : newton_type
    use rk_precision, only : wp
    use rk_probes, only : new_probes, probe_value, probes_type
    use rk_problem, only : problem_type, evaluation_type
    use rk_reduced, only : new_reduced
+   use rk_run, only : outcome_type, solve_problem, solve_scene
    use rk_states, only : field_state
-   use rk_static, only : solve_static
    use rk_text, only : to_text
    implicit none
    private
@@ -133,33 +130,23 @@ subroutine solve_session(handle, linear, reduced, error)
    type(error_type), allocatable, intent(out) :: error
    type(slot_type), pointer :: slot
    class(problem_type), pointer :: problem
-   type(newton_type) :: newton
-   real(wp), allocatable :: x(:)
 
    call find_problem(handle, reduced, slot, problem, error)
    if (allocated(error)) return
-   newton%linear = trim(linear)
-   if (linear == '') newton%linear = slot%scene%solver%linear
-   newton%damping%method = slot%scene%solver%newton
-   newton%tolerance = slot%scene%solver%tolerance
-   newton%max_iterations = slot%scene%solver%max_iterations
-   associate (states => slot%states)
+   associate (states => slot%states, steps => slot%scene%load%steps)
       if (allocated(states%x)) deallocate (states%x, states%info)
-      allocate (states%x(problem%n, slot%scene%load%steps), states%info(4, slot%scene%load%steps))
+      allocate (states%x(problem%n, steps), states%info(6, steps))
       states%steps = 0
       states%iterations = 0
       states%backward_error = 0.0_wp
       states%stop = .false.
    end associate
-   slot%timer = timer_type()
-   call system_clock(slot%timer%start)
-   allocate (x(problem%n), source=0.0_wp)
-   if (allocated(slot%scene%equation%kind)) then
-      call solve_linear(problem, newton%linear, x, slot%states, slot%timer, error)
-      return
+   if (reduced) then
+      slot%outcome = outcome_type(warnings='')
+      call solve_problem(problem, slot%scene, linear, slot%states, slot%outcome%timer, error)
+   else
+      call solve_scene(slot%full, linear, slot%states, slot%outcome, error)
    end if
-   call solve_static(problem, newton, slot%scene%load%steps, slot%scene%load%max_halvings, x, &
-      & slot%states, slot%timer, error)
 end subroutine solve_session
 
 !> Problem with its residual and rows at a state

@@ -2,10 +2,8 @@
 module rk_output
    use rk_clock, only : tick
    use rk_discretisation, only : discretisation_type
-   use rk_ellipticity, only : ellipticity_type, find_ellipticity
    use rk_error, only : error_type, fatal_error, err_file
    use rk_fields, only : compute_fields, fields_type
-   use rk_force, only : force_imbalance
    use rk_precision, only : i8, wp
    use rk_probes, only : new_probes, probe_value, probes_type
    use rk_recorder, only : iteration_type, recorder_type, step_type
@@ -24,8 +22,6 @@ module rk_output
       type(step_type) :: step
       !> Probe values, shape (3, probes)
       real(wp), allocatable :: probe(:, :)
-      !> Where the material is nearest to losing its ellipticity
-      type(ellipticity_type) :: ellipticity
    end type step_record
 
    !> Files of a run
@@ -44,14 +40,8 @@ module rk_output
       real(wp) :: backward_error = 0.0_wp
       real(wp) :: misfit = 0.0_wp
       real(wp) :: rcond = 1.0_wp
-      !> Lines that deserve attention
-      character(len=:), allocatable :: warnings
       !> -1 quiet, 0 a line a step, 1 a line an iteration
       integer :: verbosity = 0
-      !> Imbalance of the forces on all sets in the last state [-]
-      real(wp) :: imbalance = 0.0_wp
-      !> A state without ellipticity was met
-      logical, private :: warned = .false.
       !> Wall time of writing [s]
       real(wp) :: seconds = 0.0_wp
       !> First error of writing
@@ -68,7 +58,7 @@ module rk_output
       procedure :: stopped
       !> A line to the log and, unless quiet, to the terminal
       procedure :: say
-      !> A line to the summary, the log and the terminal
+      !> A warning to the log and the terminal
       procedure :: warn
    end type output_type
 
@@ -93,7 +83,6 @@ subroutine open_output(self, problem, folder, deck_text, version, error)
 
    self%problem => problem
    allocate (self%record(0))
-   if (.not. allocated(self%warnings)) self%warnings = ''
    call new_probes(self%probes, problem%scene, error)
    if (allocated(error)) return
    open (newunit=self%history, file=folder//'/history.csv', action='write', status='replace', &
@@ -191,10 +180,6 @@ subroutine step(self, st, x)
       call probe_value(self%problem, self%probes, i, state, grown(n + 1)%probe(:, i))
    end do
    call move_alloc(grown, self%record)
-   if (.not. allocated(self%problem%scene%equation%kind)) then
-      self%imbalance = force_imbalance(self%problem, state)
-      call find_ellipticity(self%problem, state, self%record(n + 1)%ellipticity)
-   end if
    call compute_fields(self%problem, state, fields)
    if (self%problem%fields == 1) then
       call self%results%add_scalar(st%load, fields%u(1, :), x, error)
@@ -216,14 +201,6 @@ subroutine step(self, st, x)
       & st%load, st%iterations, st%gradient, st%step_norm, to_text(st%min_j), to_text(st%max_j), &
       & self%last%seconds
    call self%say(trim(line), level=0)
-   associate (worst => self%record(n + 1)%ellipticity)
-      if (worst%value > 0.0_wp .or. self%warned) return
-      self%warned = .true.
-      call self%warn('the material loses ellipticity at ' &
-         & //to_text(self%problem%scene%cloud%points(:, worst%point))//' (collocation point ' &
-         & //to_text(worst%point)//') from load '//to_text(st%load)//': the answer is no longer ' &
-         & //'unique there')
-   end associate
 end subroutine step
 
 !> Stop on Ctrl-C, and where results cannot be written any more
@@ -259,7 +236,6 @@ subroutine warn(self, line)
    !> Line
    character(len=*), intent(in) :: line
 
-   self%warnings = self%warnings//line//new_line('a')
    call self%say('warning: '//line, level=0)
 end subroutine warn
 

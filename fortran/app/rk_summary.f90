@@ -11,6 +11,7 @@ module rk_summary
    use rk_output, only : output_type
    use rk_precision, only : wp
    use rk_probes, only : quantity_size
+   use rk_run, only : outcome_type
    use rk_system, only : peak_bytes, version_text
    implicit none
    private
@@ -20,8 +21,8 @@ module rk_summary
 contains
 
 !> Write the summary
-subroutine write_summary(path, deck, problem, output, timer, shape_s, total_s, threads, converged, &
-   & message, error, norms)
+subroutine write_summary(path, deck, problem, output, outcome, shape_s, total_s, threads, &
+   & converged, message, error)
    !> File
    character(len=*), intent(in) :: path
    !> Deck
@@ -30,8 +31,8 @@ subroutine write_summary(path, deck, problem, output, timer, shape_s, total_s, t
    class(discretisation_type), intent(in) :: problem
    !> What was recorded
    type(output_type), intent(in) :: output
-   !> Wall times of assembly and least squares
-   type(timer_type), intent(in) :: timer
+   !> What the run found out
+   type(outcome_type), intent(in) :: outcome
    !> Wall times of shape functions and of everything [s]
    real(wp), intent(in) :: shape_s, total_s
    !> Threads
@@ -42,8 +43,6 @@ subroutine write_summary(path, deck, problem, output, timer, shape_s, total_s, t
    character(len=*), intent(in) :: message
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   !> Error of a linear problem
-   type(norms_type), intent(in), optional :: norms
    type(json_type) :: json
 
    associate (scene => problem%scene)
@@ -78,20 +77,20 @@ subroutine write_summary(path, deck, problem, output, timer, shape_s, total_s, t
       if (.not. converged) call json%put('message', message)
       call write_steps(json, problem, output)
       if (converged) call write_exact(json, problem, output)
-      if (present(norms)) call write_norms(json, norms)
+      if (allocated(outcome%norms)) call write_norms(json, outcome%norms)
       call write_references(json, problem, output)
-      call json%put('force_imbalance', output%imbalance)
+      call json%put('force_imbalance', outcome%imbalance)
       call json%begin_object('timings_s')
       call json%put('shape', shape_s)
-      call json%put('assemble', timer%assemble)
-      call json%put('solve', timer%solve)
-      call json%put('output', output%seconds)
-      if (present(norms)) call json%put('errors', norms%seconds)
+      call json%put('assemble', outcome%timer%assemble)
+      call json%put('solve', outcome%timer%solve)
+      call json%put('output', output%seconds + outcome%seconds)
+      if (allocated(outcome%norms)) call json%put('errors', outcome%norms%seconds)
       call json%put('total', total_s)
       call json%end_object()
       call json%put('memory_peak_bytes', peak_bytes())
       call json%begin_array('warnings')
-      call write_lines(json, output%warnings)
+      call write_lines(json, outcome%warnings)
       call json%end_array()
       call json%begin_object('deck')
       call deck%write_json(json)
@@ -156,10 +155,10 @@ subroutine write_steps(json, problem, output)
          call json%put('min_J', record%step%min_j)
          call json%put('max_J', record%step%max_j)
          if (.not. record%step%planned) call json%put('planned', .false.)
-         if (record%ellipticity%point > 0) then
+         if (record%step%acoustic_point > 0) then
             call json%begin_object('min_acoustic')
-            call json%put('value', record%ellipticity%value)
-            call json%put('point', problem%scene%cloud%points(:, record%ellipticity%point))
+            call json%put('value', record%step%min_acoustic)
+            call json%put('point', problem%scene%cloud%points(:, record%step%acoustic_point))
             call json%end_object()
          end if
          call json%begin_object('probes')

@@ -55,6 +55,10 @@ module rk_recorder
       !> Smallest and largest volume ratio [-]
       real(wp) :: min_j = 1.0_wp
       real(wp) :: max_j = 1.0_wp
+      !> Smallest eigenvalue of the acoustic tensor, of the shear modulus at rest [-], and its
+      !> collocation point; 0 where nobody looked
+      real(wp) :: min_acoustic = huge(1.0_wp)
+      integer :: acoustic_point = 0
       !> Whether the load was asked for; false for the last state before a failure
       logical :: planned = .true.
    end type step_type
@@ -68,6 +72,8 @@ module rk_recorder
       procedure(step_interface), deferred :: step
       !> Whether the user wants to stop
       procedure(stop_interface), deferred :: stopped
+      !> Something deserves attention
+      procedure :: warn
    end type recorder_type
 
    abstract interface
@@ -93,5 +99,18 @@ module rk_recorder
          class(recorder_type), intent(inout) :: self
       end function stop_interface
    end interface
+
+contains
+
+!> Something deserves attention; a receiver without a reader keeps still
+subroutine warn(self, line)
+   !> Receiver
+   class(recorder_type), intent(inout) :: self
+   !> Warning
+   character(len=*), intent(in) :: line
+
+   associate (unused => self, unused_line => line)
+   end associate
+end subroutine warn
 
 end module rk_recorder

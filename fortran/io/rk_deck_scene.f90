@@ -19,7 +19,7 @@ module rk_deck_scene
    implicit none
    private
 
-   public :: new_scene, stiffest_ratio
+   public :: new_scene
 
    !> Bulk over shear modulus above which the displacement form is taken to lock [-]
    real(wp), parameter :: locking_ratio = 50.0_wp
@@ -60,7 +60,7 @@ subroutine new_scene(scene, deck, model, error)
    end if
    call read_materials(scene, deck, error)
    if (allocated(error)) return
-   if (scene%method == 'auto' .and. stiffest_ratio(scene) > locking_ratio) &
+   if (scene%method == 'auto' .and. scene%stiffest_ratio() > locking_ratio) &
       & scene%method = 'rkcm-mixed'
    if (scene%method == 'auto') scene%method = 'rkcm'
    if (scene%method == 'rkpm') scene%method = 'rkpm-scni'
@@ -157,18 +157,6 @@ subroutine read_approximation(scene, deck)
    end do
 end subroutine read_approximation
 
-!> Largest ratio of a bulk modulus to its shear modulus, by which the displacement form locks [-]
-pure real(wp) function stiffest_ratio(scene)
-   !> Scene with materials
-   type(scene_type), intent(in) :: scene
-   integer :: k
-
-   stiffest_ratio = 0.0_wp
-   do k = 1, size(scene%tissue)
-      stiffest_ratio = max(stiffest_ratio, scene%tissue(k)%material%bulk &
-         & /scene%tissue(k)%material%shear)
-   end do
-end function stiffest_ratio
 
 !> Number of a boundary set named in the deck
 subroutine find_named_set(cloud, deck, key, set, error)

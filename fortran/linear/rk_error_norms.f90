@@ -3,9 +3,9 @@
 !> Gauss integration over the cells between source points, a slab of cells after the other, so that
 !> memory does not grow with the number of cells.
 module rk_error_norms
+   use rk_discretisation, only : discretisation_type
    use rk_error, only : error_type
    use rk_gauss, only : gauss_rule
-   use rk_linear, only : linear_problem
    use rk_precision, only : wp
    use rk_shape, only : shape_type
    use rk_solutions, only : exact_field
@@ -33,8 +33,8 @@ contains
 
 !> Norms of the error
 subroutine error_norms(problem, x, norms, error)
-   !> Problem
-   type(linear_problem), intent(in) :: problem
+   !> Linear problem
+   class(discretisation_type), intent(in) :: problem
    !> Coefficients, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
    !> Norms
@@ -103,8 +103,8 @@ end subroutine gauss_points
 
 !> Integrals of the squares of error, solution and their gradients
 function integrals(problem, shape, place, weight, x) result(total)
-   !> Problem
-   type(linear_problem), intent(in) :: problem
+   !> Linear problem
+   class(discretisation_type), intent(in) :: problem
    !> Shape functions at the points
    type(shape_type), intent(in) :: shape
    !> Points, shape (nd, np) [length]

@@ -150,6 +150,8 @@ module rk_scene
       procedure :: activation_at
       !> Shape functions at places
       procedure :: shape_at
+      !> Largest ratio of a bulk modulus to its shear modulus
+      procedure :: stiffest_ratio
    end type scene_type
 
 contains
@@ -177,5 +179,18 @@ subroutine shape_at(self, place, shape, error)
 
    call new_shape(shape, self%approximation, self%cloud%source, self%support, place, error)
 end subroutine shape_at
+
+!> Largest ratio of a bulk modulus to its shear modulus, by which the displacement form locks [-]
+pure real(wp) function stiffest_ratio(self)
+   !> Scene with materials
+   class(scene_type), intent(in) :: self
+   integer :: k
+
+   stiffest_ratio = 0.0_wp
+   do k = 1, size(self%tissue)
+      stiffest_ratio = max(stiffest_ratio, self%tissue(k)%material%bulk &
+         & /self%tissue(k)%material%shear)
+   end do
+end function stiffest_ratio
 
 end module rk_scene

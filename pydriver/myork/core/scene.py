@@ -41,8 +41,24 @@ class States(NamedTuple):
         Smallest and largest volume ratio, shape `(nstep,)`.
     assemble_s, solve_s : float
         Wall times of assembly and least squares [s].
+    checks_s : float
+        Wall time of what follows `backward_error` [s].
     backward_error : float
         Largest backward error of a least squares solution.
+    min_acoustic : F64Array
+        Smallest eigenvalue of the acoustic tensor, of the shear modulus at rest; where it is not
+        positive the state is no longer unique, shape `(nstep,)` [-]. Not a number in linear
+        problems and reduced models, as what follows is zero or empty there.
+    min_acoustic_point : F64Array
+        Where it was found, shape `(nstep, dimension)` [length].
+    force_imbalance : float
+        Sum of the forces on all boundary sets in the last state, of the largest of them [-].
+    errors : dict
+        Norms of the error of a linear problem, whose solution is known, by the names of
+        `summary.json`: `L2`, `H1`, `relative_L2`, `relative_H1`.
+    warnings : list of str
+        What deserves attention, the same list as in `summary.json`; the last one is the error
+        that ended a solve.
     """
 
     x: F64Array
@@ -52,7 +68,13 @@ class States(NamedTuple):
     max_j: F64Array
     assemble_s: float
     solve_s: float
+    checks_s: float
     backward_error: float
+    min_acoustic: F64Array
+    min_acoustic_point: F64Array
+    force_imbalance: float
+    errors: dict[str, float]
+    warnings: list[str]
 
 
 class Fields(NamedTuple):
@@ -481,18 +503,53 @@ class Scene:
     def _converged(self, n: int) -> States:
         """States of the core's last solve, of `n` unknowns each."""
         steps = min(int(_core.scene_progress(self._handle)[0]), self.steps)
-        x, info, seconds, backward, stat, message = _core.scene_states(self._handle, n, steps)
+        x, info, seconds, worst, norms, stat, message = _core.scene_states(self._handle, n, steps)
         errors.check(stat, message)
-        return States(
-            x.T,
-            info[0],
-            info[1].astype(np.int64),
-            info[2],
-            info[3],
-            float(seconds[0]),
-            float(seconds[1]),
-            float(backward),
+        places, stat, message = _core.scene_points(
+            self._handle, self.dimension, self.collocation_points
         )
+        errors.check(stat, message)
+        point = info[5].astype(np.int64)
+        seen = point > 0
+        return States(
+            x=x.T,
+            load=info[0],
+            iterations=info[1].astype(np.int64),
+            min_j=info[2],
+            max_j=info[3],
+            assemble_s=float(seconds[0]),
+            solve_s=float(seconds[1]),
+            checks_s=float(seconds[2]),
+            backward_error=float(worst[0]),
+            min_acoustic=np.where(seen, info[4], np.nan),
+            min_acoustic_point=np.where(seen[:, None], places.T[point - 1], np.nan),
+            force_imbalance=float(worst[1]),
+            errors=_error_norms(*norms.tolist()),
+            warnings=self._warnings(),
+        )
+
+    def _warnings(self) -> list[str]:
+        """Warnings of the last solve; the error is one where it ended in one."""
+        capacity = 1 << 12
+        while True:
+            text, length, stat, message = _core.scene_warnings(self._handle, capacity)
+            errors.check(stat, message)
+            if length <= capacity:
+                return str(text[:length].decode("utf-8", "replace")).splitlines()
+            capacity = int(length)
+
+
+def _error_norms(l2: float, h1: float, l2_solution: float, h1_solution: float) -> dict[str, float]:
+    """Norms by their names; none where the core has none."""
+    if l2 < 0:
+        return {}
+    tiny = np.finfo(float).tiny
+    return {
+        "L2": l2,
+        "H1": h1,
+        "relative_L2": l2 / max(l2_solution, tiny),
+        "relative_H1": h1 / max(h1_solution, tiny),
+    }
 
 
 def _close(handle: int, turn: Turn) -> None:

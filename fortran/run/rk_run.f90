@@ -1,0 +1,231 @@
+!> One way through the load of a scene, for the executable and for scenes in memory: settings of the
+!> iteration, load steps or one linear solve, and what deserves a warning.
+module rk_run
+   use rk_clock, only : tick, timer_type
+   use rk_discretisation, only : discretisation_type
+   use rk_ellipticity, only : ellipticity_type, find_ellipticity
+   use rk_error, only : error_type
+   use rk_error_norms, only : error_norms, norms_type
+   use rk_force, only : force_imbalance
+   use rk_linear_solve, only : solve_linear
+   use rk_newton, only : newton_type
+   use rk_precision, only : i8, wp
+   use rk_problem, only : problem_type
+   use rk_recorder, only : iteration_type, recorder_type, step_type
+   use rk_scene, only : scene_type
+   use rk_states, only : field_state
+   use rk_static, only : solve_static
+   use rk_text, only : to_text
+   implicit none
+   private
+
+   public :: outcome_type, solve_scene, solve_problem
+
+   !> Imbalance of forces that deserves a warning [-]
+   real(wp), parameter :: max_imbalance = 0.05_wp
+   !> Bulk over shear modulus from which on the displacement form is known to be off by per cents
+   real(wp), parameter :: doubtful_ratio = 10.0_wp
+
+   !> What a run found out beside its states
+   type :: outcome_type
+      !> What deserves attention, each with its line feed
+      character(len=:), allocatable :: warnings
+      !> Imbalance of the forces on all sets in the last state [-]
+      real(wp) :: imbalance = 0.0_wp
+      !> Error of a linear problem, whose solution is known
+      type(norms_type), allocatable :: norms
+      !> Wall times of assembly and linear algebra
+      type(timer_type) :: timer
+      !> Wall time of the checks behind the warnings [s]
+      real(wp) :: seconds = 0.0_wp
+   contains
+      !> Keep a warning and tell it
+      procedure, private :: warn
+   end type outcome_type
+
+   !> Receiver between the solver and that of a caller: looks at each state before it is handed on
+   type, extends(recorder_type) :: watcher_type
+      !> Problem whose states arrive
+      class(discretisation_type), pointer :: problem => null()
+      !> Receiver of the caller
+      class(recorder_type), pointer :: receiver => null()
+      !> Where warnings are kept
+      type(outcome_type), pointer :: outcome => null()
+      !> A state without ellipticity was met
+      logical :: lost = .false.
+      !> The last state
+      type(field_state) :: last
+   contains
+      procedure :: iteration
+      procedure :: step
+      procedure :: stopped
+   end type watcher_type
+
+contains
+
+!> Solve a scene through all load steps
+subroutine solve_scene(problem, linear, recorder, outcome, error)
+   !> Full problem
+   class(discretisation_type), target, intent(inout) :: problem
+   !> Least squares solver; blank for the scene's
+   character(len=*), intent(in) :: linear
+   !> Receiver of states and warnings; a nonlinear run begins with the state at rest, step 0
+   class(recorder_type), target, intent(inout) :: recorder
+   !> What was found out; warnings hold after an error as well
+   type(outcome_type), target, intent(out) :: outcome
+   !> Error handling: the run ended early, the recorder saw the last converged state
+   type(error_type), allocatable, intent(out) :: error
+   type(watcher_type) :: watcher
+   integer(i8) :: clock
+
+   outcome%warnings = ''
+   watcher%problem => problem
+   watcher%receiver => recorder
+   watcher%outcome => outcome
+   if (.not. allocated(problem%scene%equation%kind)) then
+      call check_locking(problem%scene, outcome, recorder)
+      call problem%state(spread(0.0_wp, 1, problem%n), 0.0_wp, watcher%last)
+      call recorder%step(step_type(load=0.0_wp), watcher%last%x)
+   end if
+   call solve_problem(problem, problem%scene, linear, watcher, outcome%timer, error)
+   call system_clock(clock)
+   if (.not. allocated(problem%scene%equation%kind)) then
+      call check_balance(problem, watcher%last, outcome, recorder)
+      outcome%seconds = outcome%seconds + tick(clock)
+   else if (.not. allocated(error)) then
+      allocate (outcome%norms)
+      call error_norms(problem, watcher%last%x, outcome%norms, error)
+      outcome%norms%seconds = tick(clock)
+   end if
+   if (allocated(error)) call outcome%warn(error%message, recorder)
+end subroutine solve_scene
+
+!> Solve any problem of a scene, full or reduced, with the settings of its deck
+subroutine solve_problem(problem, scene, linear, recorder, timer, error)
+   !> Problem
+   class(problem_type), target, intent(inout) :: problem
+   !> Scene
+   type(scene_type), intent(in) :: scene
+   !> Least squares solver; blank for the scene's
+   character(len=*), intent(in) :: linear
+   !> Receiver of states
+   class(recorder_type), intent(inout) :: recorder
+   !> Wall times
+   type(timer_type), intent(out) :: timer
+   !> Error handling: the run ended early
+   type(error_type), allocatable, intent(out) :: error
+   type(newton_type) :: newton
+   real(wp), allocatable :: x(:)
+
+   newton%linear = trim(linear)
+   if (linear == '') newton%linear = scene%solver%linear
+   newton%damping%method = scene%solver%newton
+   newton%tolerance = scene%solver%tolerance
+   newton%max_iterations = scene%solver%max_iterations
+   allocate (x(problem%n), source=0.0_wp)
+   call system_clock(timer%start)
+   if (allocated(scene%equation%kind)) then
+      call solve_linear(problem, newton%linear, x, recorder, timer, error)
+   else
+      call solve_static(problem, newton, scene%load%steps, scene%load%max_halvings, x, recorder, &
+         & timer, error)
+   end if
+end subroutine solve_problem
+
+!> Keep a warning and tell it
+subroutine warn(self, line, recorder)
+   !> Outcome
+   class(outcome_type), intent(inout) :: self
+   !> Warning
+   character(len=*), intent(in) :: line
+   !> Receiver
+   class(recorder_type), intent(inout) :: recorder
+
+   self%warnings = self%warnings//line//new_line('a')
+   call recorder%warn(line)
+end subroutine warn
+
+!> Warn of a material that the displacement form takes as too stiff
+subroutine check_locking(scene, outcome, recorder)
+   !> Scene
+   type(scene_type), intent(in) :: scene
+   !> Outcome
+   type(outcome_type), intent(inout) :: outcome
+   !> Receiver
+   class(recorder_type), intent(inout) :: recorder
+
+   if (scene%method /= 'rkcm') return
+   if (scene%stiffest_ratio() > doubtful_ratio) call outcome%warn('K is ' &
+      & //to_text(scene%stiffest_ratio(), 2)//' shear moduli: the displacement form may lock, ' &
+      & //'compare with method "rkcm-mixed"', recorder)
+end subroutine check_locking
+
+!> Warn of forces that do not balance
+subroutine check_balance(problem, state, outcome, recorder)
+   !> Problem
+   class(discretisation_type), intent(in) :: problem
+   !> Last state
+   type(field_state), intent(in) :: state
+   !> Outcome
+   type(outcome_type), intent(inout) :: outcome
+   !> Receiver
+   class(recorder_type), intent(inout) :: recorder
+
+   outcome%imbalance = force_imbalance(problem, state)
+   if (outcome%imbalance > max_imbalance) call outcome%warn('the forces on all boundary sets ' &
+      & //'leave '//to_text(100.0_wp*outcome%imbalance, 2)//' % of the largest unbalanced: do ' &
+      & //'not trust them; refine, raise the order'//trim(merge(' or use method "rkcm-mixed"', &
+      & '                           ', problem%scene%method == 'rkcm')), recorder)
+end subroutine check_balance
+
+!> An iteration was done
+subroutine iteration(self, it)
+   !> Watcher
+   class(watcher_type), intent(inout) :: self
+   !> Iteration
+   type(iteration_type), intent(in) :: it
+
+   call self%receiver%iteration(it)
+end subroutine iteration
+
+!> A load step converged: look where its material is nearest to losing its ellipticity
+subroutine step(self, st, x)
+   !> Watcher
+   class(watcher_type), intent(inout) :: self
+   !> Load step
+   type(step_type), intent(in) :: st
+   !> Unknowns, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   type(ellipticity_type) :: worst
+   type(step_type) :: seen
+   integer(i8) :: clock
+
+   call system_clock(clock)
+   call self%problem%state(x, st%load, self%last)
+   seen = st
+   if (allocated(self%problem%scene%equation%kind)) then
+      call self%receiver%step(seen, x)
+      return
+   end if
+   call find_ellipticity(self%problem, self%last, worst)
+   self%outcome%seconds = self%outcome%seconds + tick(clock)
+   seen%min_acoustic = worst%value
+   seen%acoustic_point = worst%point
+   call self%receiver%step(seen, x)
+   if (worst%value > 0.0_wp .or. self%lost) return
+   self%lost = .true.
+   call self%outcome%warn('the material loses ellipticity at ' &
+      & //to_text(self%problem%scene%cloud%points(:, worst%point))//' (collocation point ' &
+      & //to_text(worst%point)//') from load '//to_text(st%load)//': the answer is no longer ' &
+      & //'unique there', self%receiver)
+end subroutine step
+
+!> Whether the caller wants to stop
+logical function stopped(self)
+   !> Watcher
+   class(watcher_type), intent(inout) :: self
+
+   stopped = self%receiver%stopped()
+end function stopped
+
+end module rk_run

@@ -1,0 +1,141 @@
+"""Warnings and checks are the same in memory, through `run_deck` and by the executable itself."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from myork import Scene, run_deck
+from myork.core.scene import States
+from myork.errors import ConvergenceError, InputError, MyorkError
+from myork.stations.solve import find_executable
+
+SMALL_MUSCLE = (
+    "geometry.source=[3,3,5]", "geometry.collocation=[5,5,9]", "load.steps=2",
+    "load.activation=0.3",
+)  # fmt: skip
+
+#: Deck, overrides, a part of each warning in its order, and the error that ends the run
+CASES: dict[str, tuple[str, tuple[str, ...], tuple[str, ...], type[MyorkError] | None]] = {
+    "too stiff for the displacement form": (
+        "shear_3d",
+        ("scene.method=rkcm", "material.K=1e4", "geometry.source=[3,3,3]",
+         "geometry.collocation=[5,5,5]", "load.steps=2"),
+        ("K is 134 shear moduli",),
+        None,
+    ),
+    "a coarse tube": (
+        "tube",
+        ("scene.method=rkcm", "geometry.source=[3,9]", "geometry.collocation=[5,17]",
+         "load.steps=4"),
+        ("K is 13 shear moduli", 'unbalanced: do not trust them; refine, raise the order or use'),
+        None,
+    ),
+    "unbalanced forces of the mixed form": (
+        "tube",
+        ("scene.method=rkcm-mixed", "geometry.source=[3,7]", "geometry.collocation=[5,13]",
+         "load.steps=4"),
+        ("of the largest unbalanced",),
+        None,
+    ),
+    "ellipticity, mixed form": (
+        "muscle_fibers",
+        (*SMALL_MUSCLE, "scene.method=rkcm-mixed", "approximation.order=2",
+         "approximation.support=3"),
+        ("loses ellipticity at",),
+        None,
+    ),
+    "ellipticity, nodal integration": (
+        "muscle_fibers",
+        (*SMALL_MUSCLE, "geometry.source=[5,5,9]", "scene.method=rkpm-scni",
+         "approximation.order=1", "approximation.support=2"),
+        ("loses ellipticity at",),
+        None,
+    ),
+    "ended early": (
+        "shear_2d",
+        ("load.steps=2", "load.max_halvings=0", "solver.max_iterations=3"),
+        ("K is 13 shear moduli", "did not converge at load 0.5"),
+        ConvergenceError,
+    ),
+    "a linear problem with too few equations": (
+        "poisson_2d",
+        ("geometry.source=[9,9]", "geometry.collocation=[5,5]"),
+        ("fewer equations (25) than unknowns (81)",),
+        InputError,
+    ),
+}  # fmt: skip
+
+
+def in_memory(deck: Path, overrides: tuple[str, ...]) -> tuple[States, type[MyorkError] | None]:
+    """States, and the error where the run did not get to its end."""
+    with Scene(deck, overrides, threads=1) as scene:
+        try:
+            return scene.solve(), None
+        except MyorkError as ended:
+            assert scene.states is not None
+            return scene.states, type(ended)
+
+
+def by_executable(deck: Path, overrides: tuple[str, ...], out: Path) -> dict[str, Any]:
+    words = [word for text in overrides for word in ("--set", text)]
+    subprocess.run(
+        [find_executable(), deck, "-o", out, "-t", "1", "-q", *words],
+        capture_output=True,
+        check=False,
+        timeout=300,
+    )
+    summary: dict[str, Any] = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    return summary
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_all_ways_give_the_same_list(case: str, inputs: Path, tmp_path: Path) -> None:
+    name, overrides, parts, error = CASES[case]
+    deck = inputs / f"{name}.toml"
+    states, ended_by = in_memory(deck, overrides)
+    warnings = states.warnings
+    assert ended_by is error
+    assert len(warnings) == len(parts)
+    assert all(part in text for part, text in zip(parts, warnings, strict=True)), warnings
+    summary = by_executable(deck, overrides, tmp_path / "executable")
+    assert summary["warnings"] == warnings
+    try:
+        run_deck(deck, tmp_path / "run", overrides=overrides, threads=1, verbosity=-1)
+    except MyorkError as ended:
+        assert type(ended) is error
+    through = json.loads((tmp_path / "run" / "summary.json").read_text(encoding="utf-8"))
+    assert through["warnings"] == warnings
+    # the file has all digits of a number
+    assert states.force_imbalance == summary["force_imbalance"]
+    for k, step in enumerate(summary["steps"]):
+        assert states.min_acoustic[k] == step["min_acoustic"]["value"]
+        assert states.min_acoustic_point[k].tolist() == step["min_acoustic"]["point"]
+
+
+def test_errors_of_a_linear_problem(inputs: Path, tmp_path: Path) -> None:
+    overrides = ("geometry.source=[9,9]", "geometry.collocation=[17,17]")
+    states, _ = in_memory(inputs / "poisson_2d.toml", overrides)
+    summary = by_executable(inputs / "poisson_2d.toml", overrides, tmp_path)
+    assert states.warnings == summary["warnings"] == []
+    assert set(states.errors) == {"L2", "H1", "relative_L2", "relative_H1"}
+    assert states.errors == summary["errors"]
+    assert states.force_imbalance == 0
+    assert np.isnan(states.min_acoustic).all() and np.isnan(states.min_acoustic_point).all()
+
+
+def test_warnings_are_those_of_the_last_solve(inputs: Path) -> None:
+    """A reduced model has no checks of its own."""
+    overrides = CASES["too stiff for the displacement form"][1]
+    with Scene(inputs / "shear_3d.toml", overrides, threads=1) as scene:
+        full = scene.solve()
+        assert len(full.warnings) == 1 and full.checks_s > 0
+        scene.reduce(np.linalg.qr(full.x.T)[0])
+        reduced = scene.solve_reduced("dgels")
+        assert reduced.warnings == [] and reduced.checks_s == 0
+        assert np.isnan(reduced.min_acoustic).all()
