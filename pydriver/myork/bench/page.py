@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from html import escape
 from pathlib import Path
 from typing import Any
 
+from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from myork.files import write_text
-from myork.report import frame
-from myork.report.numbers import DASH, number
-from myork.report.tables import table
+from myork.report.frame import Section, figure, render, table
+from myork.report.numbers import number
 
 __all__ = ["write_page"]
 
@@ -34,53 +33,41 @@ def write_page(path: Path, record: Mapping[str, Any]) -> None:
 
 def _page(record: Mapping[str, Any]) -> str:
     benches = record["benches"]
-    titles = {name: escape(bench.get("title", name)) for name, bench in benches.items()}
-    links = "".join(f'<a href="#{name}">{title}</a>' for name, title in titles.items())
-    extent = "small cases only" if record["quick"] else "all cases"
-    header = f"""<h1>Benchmarks</h1>
-<p class="about">MyoRK {escape(record["version"])}, {escape(record["date"])},
-{escape(record["processor"])}, {record["cores"]} cores, one thread a solve, {extent}; load of the
-machine at the start {record["load_average"]:.1f}.</p>
-<nav aria-label="Sections">{links}</nav>"""
-    body = "\n".join(
-        frame.section(name, titles[name], _bench(bench)) for name, bench in benches.items()
+    return render(
+        "bench.html",
+        title="Benchmarks",
+        sections=[
+            Section(name, bench.get("title", name), _parts(bench))
+            for name, bench in benches.items()
+        ],
+        extent="small cases only" if record["quick"] else "all cases",
+        again=" ".join(["myork bench", *benches, *(["--quick"] if record["quick"] else [])]),
+        **{key: record[key] for key in ("version", "date", "processor", "cores", "load_average")},
     )
-    again = " ".join(["myork bench", *benches, *(["--quick"] if record["quick"] else [])])
-    footer = f"Made by <code>{escape(again)}</code>; all numbers: <code>bench.json</code>"
-    return frame.document("MyoRK benchmarks", header, body, footer)
 
 
-def _bench(bench: Mapping[str, Any]) -> str:
-    parts = [f"<p>{escape(bench['about'])}</p>"] if "about" in bench else []
+def _parts(bench: Mapping[str, Any]) -> list[Markup]:
+    parts = [Markup("<p>{}</p>").format(bench["about"])] if "about" in bench else []
     for plot in bench.get("plots", []):
-        parts.append(frame.figure(_curves(plot), escape(plot.get("caption", plot["title"]))))
-    for entry in bench.get("maps", []):
-        parts.append(frame.figure(_map(entry), escape(entry["title"])))
-    for entry in bench.get("pictures", []):
-        caption = escape(entry["caption"])
-        parts.append(
-            f'<figure><img alt="{caption}" src="{escape(entry["file"])}">'
-            f"<figcaption>{caption}</figcaption></figure>"
-        )
+        parts.append(figure(_curves(plot), plot.get("caption", plot["title"])))
+    parts += [figure(_map(entry), entry["title"]) for entry in bench.get("maps", [])]
+    parts += [figure(entry["file"], entry["caption"]) for entry in bench.get("pictures", [])]
     for entry in bench.get("tables", []):
         rows = [[_cell(value) for value in row] for row in entry["rows"]]
-        head = [escape(text) for text in entry["head"]]
-        parts.append(table(head, rows, escape(entry["caption"])))
-    return "\n".join(parts)
+        parts.append(table(entry["head"], rows, entry["caption"]))
+    return parts
 
 
 def _cell(value: Any) -> str:
-    if isinstance(value, str):
-        return escape(value)
     if isinstance(value, bool):
         return "yes" if value else "no"
-    return DASH if value is None else number(value)
+    return value if isinstance(value, str) else number(value)
 
 
 def _curves(plot: Mapping[str, Any]) -> Figure:
     """Curves with legends outside, so that they hide no point."""
-    figure = Figure(figsize=(9.0, 5.0), layout="constrained")
-    axes = figure.add_subplot()
+    drawing = Figure(figsize=(9.0, 5.0), layout="constrained")
+    axes = drawing.add_subplot()
     own = 0
     for curve in plot["series"]:
         rival = curve.get("rival", False)
@@ -109,18 +96,18 @@ def _curves(plot: Mapping[str, Any]) -> Figure:
     axes.grid(which="minor", color="#eeeeee", linewidth=0.5)
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False, fontsize=8.5)
-    return figure
+    return drawing
 
 
 def _map(entry: Mapping[str, Any]) -> Figure:
     """Values at points of a plane, in its shape."""
     x, y = entry["x"], entry["y"]
     tall = (max(y) - min(y)) / (max(x) - min(x))
-    figure = Figure(figsize=(5.0, 1.0 + 3.0 * tall), layout="constrained")
-    axes = figure.add_subplot()
+    drawing = Figure(figsize=(5.0, 1.0 + 3.0 * tall), layout="constrained")
+    axes = drawing.add_subplot()
     drawn = axes.tripcolor(x, y, entry["value"], shading="gouraud", cmap="viridis")
     axes.plot(x, y, ".", markersize=1.5, color="#444444")
     axes.set_aspect("equal")
     axes.set_title(entry["title"], fontsize=9)
-    figure.colorbar(drawn, ax=axes, label=entry["label"])
-    return figure
+    drawing.colorbar(drawn, ax=axes, label=entry["label"])
+    return drawing

@@ -6,13 +6,15 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from markupsafe import Markup
+
 __all__ = ["DASH", "fraction", "number", "unit_of"]
 
 DASH = "–"
 _MINUS = "\u2212"
 
 
-def number(value: Any, digits: int = 4) -> str:
+def number(value: Any, digits: int = 4) -> Markup:
     """A number as HTML, powers of ten written out; what is not one becomes a dash.
 
     Parameters
@@ -24,15 +26,15 @@ def number(value: Any, digits: int = 4) -> str:
 
     Returns
     -------
-    str
+    Markup
         HTML.
     """
     if isinstance(value, (list, tuple)):
-        return "(" + ", ".join(number(part, digits) for part in value) + ")"
+        return Markup("({})").format(Markup(", ").join(number(part, digits) for part in value))
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-        return DASH
+        return Markup(DASH)
     if isinstance(value, int):
-        return f"{value:,}".replace(",", "\u202f").replace("-", _MINUS)
+        return Markup(f"{value:,}".replace(",", "\u202f").replace("-", _MINUS))
     if 10 ** (digits - 1) <= abs(value) < 1e6:
         rounded = round(value, digits - 1 - math.floor(math.log10(abs(value))))
         return number(int(rounded))
@@ -40,8 +42,8 @@ def number(value: Any, digits: int = 4) -> str:
     mantissa, _, power = text.partition("e")
     mantissa = mantissa.removesuffix(".").replace("-", _MINUS)
     if not power:
-        return mantissa
-    return f"{mantissa}·10<sup>{int(power)}</sup>".replace("<sup>-", f"<sup>{_MINUS}")
+        return Markup(mantissa)
+    return Markup(f"{mantissa}·10<sup>{int(power)}</sup>".replace("<sup>-", f"<sup>{_MINUS}"))
 
 
 def fraction(value: Any) -> str:

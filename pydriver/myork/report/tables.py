@@ -1,11 +1,13 @@
-"""Numbers and tables as HTML: every number with its unit, every text escaped."""
+"""Tables of a report: every number with its unit."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from html import escape
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+from markupsafe import Markup
+
+from myork.report.frame import table
 from myork.report.numbers import DASH, fraction, number
 
 __all__ = [
@@ -17,7 +19,6 @@ __all__ = [
     "reference_table",
     "rom_table",
     "run_table",
-    "table",
     "timing_table",
 ]
 
@@ -31,48 +32,17 @@ _STAGES = {
 }
 
 
-def table(head: Sequence[str], rows: Iterable[Sequence[str]], caption: str = "") -> str:
-    """A table; its first column names the rows.
-
-    Parameters
-    ----------
-    head : Sequence of str
-        Headings as HTML; none for a table without a head.
-    rows : Iterable of Sequence of str
-        Cells as HTML.
-    caption : str
-        What it shows, HTML.
-
-    Returns
-    -------
-    str
-        HTML that scrolls sideways on a narrow screen.
-    """
-    parts = ['<div class="scroll"><table>']
-    if caption:
-        parts.append(f"<caption>{caption}</caption>")
-    if head:
-        cells = "".join(f'<th scope="col">{cell}</th>' for cell in head)
-        parts.append(f"<thead><tr>{cells}</tr></thead>")
-    parts.append("<tbody>")
-    for first, *others in rows:
-        cells = "".join(f"<td>{cell}</td>" for cell in others)
-        parts.append(f'<tr><th scope="row">{first}</th>{cells}</tr>')
-    parts.append("</tbody></table></div>")
-    return "\n".join(parts)
-
-
-def run_table(summary: Mapping[str, Any]) -> str:
+def run_table(summary: Mapping[str, Any]) -> Markup:
     """What was solved and how: method, sizes, solver, backward error."""
     units = summary.get("units", {})
     solver = summary.get("solver", {})
-    used = escape(str(solver.get("used", DASH)))
+    used = str(solver.get("used", DASH))
     if solver.get("asked") not in (None, solver.get("used")):
-        used += f" (asked: {escape(str(solver['asked']))})"
+        used += f" (asked: {solver['asked']})"
     if solver.get("why"):
-        used += f"<br><small>{escape(str(solver['why']))}</small>"
-    rows = [
-        ("method", escape(str(summary.get("method", DASH)))),
+        used = Markup("{}<br><small>{}</small>").format(used, solver["why"])
+    rows: list[tuple[str, str]] = [
+        ("method", str(summary.get("method", DASH))),
         ("dimension", _dimension(summary.get("dimension"))),
         ("source points", number(summary.get("source_points"))),
         ("collocation points", number(summary.get("collocation_points"))),
@@ -83,16 +53,18 @@ def run_table(summary: Mapping[str, Any]) -> str:
         ("backward error, largest", number(solver.get("backward_error"), 2)),
         ("load steps, iterations", _iterations(summary.get("steps", []))),
         ("threads", number(summary.get("threads"))),
-        ("units", ", ".join(f"{key} {escape(str(unit))}" for key, unit in units.items()) or DASH),
+        ("units", ", ".join(f"{key} {unit}" for key, unit in units.items()) or DASH),
     ]
     overrides = summary.get("overrides")
     if overrides:
-        rows.append(("changed with --set", "<br>".join(escape(str(line)) for line in overrides)))
-    rows.append(("deck, SHA-256", f"<code>{escape(str(summary.get('deck_sha256', DASH)))}</code>"))
+        rows.append(("changed with --set", Markup("<br>").join(str(line) for line in overrides)))
+    rows.append(
+        ("deck, SHA-256", Markup("<code>{}</code>").format(summary.get("deck_sha256", DASH)))
+    )
     return table((), [row for row in rows if row[1] != DASH])
 
 
-def probe_table(steps: Sequence[Mapping[str, Any]], units: Mapping[str, str]) -> str:
+def probe_table(steps: Sequence[Mapping[str, Any]], units: Mapping[str, str]) -> Markup:
     """Values of all probes, a line a step.
 
     Parameters
@@ -104,10 +76,10 @@ def probe_table(steps: Sequence[Mapping[str, Any]], units: Mapping[str, str]) ->
 
     Returns
     -------
-    str
+    Markup
         HTML.
     """
-    head = ["load [-]", *(f"{escape(name)} [{escape(unit)}]" for name, unit in units.items())]
+    head = ["load [-]", *(f"{name} [{unit}]" for name, unit in units.items())]
     rows = [
         [fraction(step.get("load")), *(number(step.get("probes", {}).get(name)) for name in units)]
         for step in steps
@@ -115,11 +87,11 @@ def probe_table(steps: Sequence[Mapping[str, Any]], units: Mapping[str, str]) ->
     return table(head, rows)
 
 
-def exact_table(exact: Mapping[str, Any], units: Mapping[str, str]) -> str:
+def exact_table(exact: Mapping[str, Any], units: Mapping[str, str]) -> Markup:
     """Values beside their exact solutions, both at full load."""
     rows = [
         (
-            f"{escape(name)} [{escape(units.get(name, '?'))}]",
+            f"{name} [{units.get(name, '?')}]",
             number(entry.get("value"), 6),
             number(entry.get("reference"), 6),
             number(entry.get("relative_error"), 2),
@@ -130,7 +102,7 @@ def exact_table(exact: Mapping[str, Any], units: Mapping[str, str]) -> str:
     return table(head, rows, "Exact solutions at full load")
 
 
-def reference_table(reference: Mapping[str, Any], units: Mapping[str, str]) -> str:
+def reference_table(reference: Mapping[str, Any], units: Mapping[str, str]) -> Markup:
     """Largest distance of each probe from reference values of somebody else."""
     rows = []
     for name, entry in reference.items():
@@ -138,12 +110,12 @@ def reference_table(reference: Mapping[str, Any], units: Mapping[str, str]) -> s
         errors = _numbers(entry.get("relative_error"))
         rows.append(
             (
-                f"{escape(name)} [{escape(units.get(name, '?'))}]",
+                f"{name} [{units.get(name, '?')}]",
                 number(len(theirs)),
                 number(values[-1] if values else None),
                 number(theirs[-1] if theirs else None),
                 number(max((abs(error) for error in errors), default=None), 2),
-                escape(str(entry.get("source", DASH))),
+                str(entry.get("source", DASH)),
             )
         )
     head = (
@@ -153,11 +125,11 @@ def reference_table(reference: Mapping[str, Any], units: Mapping[str, str]) -> s
     return table(head, rows, "Distance from reference values")
 
 
-def rom_table(models: Sequence[Mapping[str, Any]]) -> str:
+def rom_table(models: Sequence[Mapping[str, Any]]) -> Markup:
     """Errors, times and speed-up of the reduced models, side by side."""
     head = (
-        "model", "modes r", "points", "e<sub>1</sub> displacement [-]",
-        "e<sub>2</sub> gradient [-]", "stress error [-]", "force error [-]", "offline [s]",
+        "model", "modes r", "points", Markup("e<sub>1</sub> displacement [-]"),
+        Markup("e<sub>2</sub> gradient [-]"), "stress error [-]", "force error [-]", "offline [s]",
         "online, a state [ms]", "speed-up over full", "speed-up over DGELS",
     )  # fmt: skip
     rows = []
@@ -165,7 +137,7 @@ def rom_table(models: Sequence[Mapping[str, Any]]) -> str:
         online = model.get("online_s_per_state")
         rows.append(
             (
-                escape(MODEL_KINDS.get(str(model.get("kind")), str(model.get("kind")))),
+                MODEL_KINDS.get(str(model.get("kind")), str(model.get("kind"))),
                 number(model.get("r")),
                 number(model.get("points")),
                 *(number(model.get(key), 2) for key in ("e1", "e2", "stress_error", "force_error")),
@@ -184,19 +156,19 @@ def rom_table(models: Sequence[Mapping[str, Any]]) -> str:
     )
 
 
-def orientation_table(evidence: Sequence[Mapping[str, Any]], shown: int = 4) -> str:
+def orientation_table(evidence: Sequence[Mapping[str, Any]], shown: int = 4) -> Markup:
     """Evidence for the order of the gradient axes: that of the files and the best others."""
     given, *others = evidence
     others.sort(key=lambda o: (o.get("agreement") or 0.0, o["tract_length_mm"]), reverse=True)
     rows = [
-        (escape(entry["axes"]), number(entry["tract_length_mm"]), number(entry.get("agreement"), 2))
+        (entry["axes"], number(entry["tract_length_mm"]), number(entry.get("agreement"), 2))
         for entry in (given, *others[:shown])
     ]
     head = ("gradient axes", "median tract [mm]", "agreement with anatomy [-]")
     return table(head, rows, "Order of the gradient axes: of the files, and the best others")
 
 
-def label_table(segmentation: Mapping[str, Any], units: Mapping[str, str]) -> str:
+def label_table(segmentation: Mapping[str, Any], units: Mapping[str, str]) -> Markup:
     """Size and, where the truth is known, scores of each label."""
     scores = segmentation.get("scores", {})
     names = dict.fromkeys([*segmentation.get("labels", {}), *scores])
@@ -205,30 +177,30 @@ def label_table(segmentation: Mapping[str, Any], units: Mapping[str, str]) -> st
         label, score = segmentation.get("labels", {}).get(name, {}), scores.get(name, {})
         rows.append(
             (
-                escape(name),
+                name,
                 number(label.get("pixels")),
                 number(label.get("volume")),
                 number(score.get("dice"), 3),
                 number(score.get("pcc"), 3),
             )
         )
-    length = escape(units.get("length", "?"))
+    length = units.get("length", "?")
     head = ("label", "voxels", f"volume [{length}³]", "Dice [-]", "PCC [-]")
     return table(head, rows, "Labels of the segmentation (a dash: no truth to score against)")
 
 
-def timing_table(timings: Mapping[str, Any], memory: Any) -> str:
+def timing_table(timings: Mapping[str, Any], memory: Any) -> Markup:
     """Seconds of each stage with its share, and the largest memory."""
     total = timings.get("total")
-    rows = []
+    rows: list[tuple[str, str, str]] = []
     for key, seconds in timings.items():
         if key == "total":
             continue
         share = 100.0 * seconds / total if seconds is not None and total else None
-        rows.append((escape(_STAGES.get(key, key)), number(seconds, 3), number(share, 2)))
+        rows.append((_STAGES.get(key, key), number(seconds, 3), number(share, 2)))
     rows.append(("total", number(total, 3), number(100 if total else None)))
     if memory is not None:
-        rows.append(("memory, largest", f"{number(memory / 2**20, 3)} MiB", ""))
+        rows.append(("memory, largest", Markup("{} MiB").format(number(memory / 2**20, 3)), ""))
     return table(("stage", "wall time [s]", "share [%]"), rows, "Where the time went")
 
 
@@ -245,7 +217,7 @@ def _iterations(steps: Sequence[Mapping[str, Any]]) -> str:
     if not steps:
         return DASH
     total = sum(step.get("iterations") or 0 for step in steps)
-    return f"{number(len(steps))} steps, {number(total)} iterations"
+    return Markup("{} steps, {} iterations").format(number(len(steps)), number(total))
 
 
 def _numbers(values: Any) -> list[float]:
