@@ -3,6 +3,7 @@ module rk_material_list
    use rk_error, only : error_type
    use rk_material, only : material_item
    use rk_muscle, only : muscle_type
+   use rk_named, only : mooney_rivlin_type, neo_hookean_type, yeoh_type
    use rk_parameters, only : parameters_type
    use rk_polynomial, only : polynomial_type
    implicit none
@@ -11,7 +12,8 @@ module rk_material_list
    public :: new_material
 
    !> Names of the materials
-   character(len=*), parameter :: names(2) = ['polynomial', 'muscle    ']
+   character(len=*), parameter :: names(5) = ['polynomial   ', 'muscle       ', &
+      & 'neo-hookean  ', 'mooney-rivlin', 'yeoh         ']
 
 contains
 
@@ -32,6 +34,12 @@ subroutine new_material(item, parameters, error)
       allocate (polynomial_type :: item%material)
    case ('muscle')
       allocate (muscle_type :: item%material)
+   case ('neo-hookean')
+      allocate (neo_hookean_type :: item%material)
+   case ('mooney-rivlin')
+      allocate (mooney_rivlin_type :: item%material)
+   case ('yeoh')
+      allocate (yeoh_type :: item%material)
    end select
    item%material%name = parameters%name
    call item%material%set(parameters, error)

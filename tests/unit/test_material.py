@@ -13,6 +13,7 @@ import math
 import numpy as np
 import pytest
 
+from myork import Scene
 from myork.core import material as cm
 from myork.core.deck import load_tables
 from myork.errors import InputError
@@ -476,3 +477,93 @@ def test_defaults_are_those_of_decks(model):
     assert ("gamma2" in deck) == (model == "muscle")
     with pytest.raises(AttributeError, match="has no stiffness"):
         _ = cm.Material("it", 7.0, model).stiffness
+
+
+# Materials with names: the same energy with other parameters
+
+NAMED = [
+    (cm.Material("a", 50.0, "neo-hookean", mu=7.0), cm.Material("b", 50.0, A10=3.5)),
+    (cm.Material("a", 50.0, "mooney-rivlin", C1=3.0, C2=-1), cm.Material("b", 50.0, A10=3, A01=-1)),
+    (
+        cm.Material("a", 50.0, "yeoh", C1=3.0, C2=-0.4, C3=0.1),
+        cm.Material("b", 50.0, A10=3, A20=-0.4, A30=0.1),
+    ),
+]
+
+
+@pytest.mark.parametrize(("named", "polynomial"), NAMED, ids=lambda m: m.model)
+def test_named_materials_are_polynomials(named, polynomial):
+    rng = np.random.default_rng(6)
+    f = np.array([random_gradient(rng) for _ in range(8)])
+    h = rng.standard_normal((8, 3, 3, 3))
+    for volumetric in (True, False):
+        np.testing.assert_array_equal(
+            cm.energy(named, f, volumetric=volumetric),
+            cm.energy(polynomial, f, volumetric=volumetric),
+        )
+        ours, theirs = (cm.strong(m, f, h, volumetric=volumetric) for m in (named, polynomial))
+        for one, other in zip(ours, theirs, strict=True):
+            np.testing.assert_array_equal(one, other)
+
+
+def test_neo_hookean_has_the_moduli_of_small_strains():
+    """Simple shear by g gives the stress mu g, dilation by e the pressure 3 K e."""
+    law = NAMED[0][0]
+    shear, dilation = np.eye(3), np.eye(3) * (1 + 1e-7)
+    shear[0, 1] = 1e-7
+    # the relative error of a difference quotient of step 1e-7 is of this size
+    assert cm.stress(law, shear[None])[0, 0, 1] == pytest.approx(7.0 * 1e-7, rel=1e-6)
+    assert cm.stress(law, dilation[None])[0, 0, 0] == pytest.approx(3 * 50.0 * 1e-7, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("material", "words"),
+    [
+        (cm.Material("soft", 50.0, "neo-hookean", mu=0.0), ["'soft'", "mu = 0", "greater than 0"]),
+        (cm.Material("soft", 50.0, "neo-hookean"), ["mu is missing"]),
+        (cm.Material("soft", 50.0, "neo-hookean", mu=1, A10=2), ["A10 is not known here", "mu"]),
+        (cm.Material("soft", 50.0, "mooney-rivlin", C1=1, C2=-1), ["C1 + C2 = 0", "positive"]),
+        (cm.Material("soft", 50.0, "yeoh", C1=1, C2=0), ["C3 is missing"]),
+        (cm.Material("soft", 50.0, "yeoh", C1=-1, C2=0, C3=1), ["C1 = -1", "positive"]),
+    ],
+)
+def test_named_materials_refuse_impossible_parameters(material, words):
+    with pytest.raises(InputError) as caught:
+        cm.stress(material, np.eye(3)[None])
+    for word in words:
+        assert word in str(caught.value)
+
+
+@pytest.mark.parametrize(("named", "polynomial"), NAMED, ids=lambda m: m.model)
+def test_decks_with_named_materials_solve_as_polynomials(named, polynomial):
+    """A sheared and stretched cube, nine collocation points in each direction of the plane."""
+    states = []
+    for law in (named, polynomial):
+        tables = {
+            "scene": {"dimension": 2, "method": "rkcm"},
+            "geometry": {"kind": "box", "size": [1, 1], "source": [5, 5], "collocation": [9, 9]},
+            "material": [{"name": "rubber", **law.parameters}],
+            "boundary": [
+                {"set": "y0", "u_x": 0, "u_y": 0},
+                {"set": "y1", "u_x": 0.2, "u_y": 0.1},
+            ],
+            "load": {"steps": 1},
+        }
+        with Scene.from_tables(tables) as scene:
+            states.append(scene.solve().x)
+    np.testing.assert_array_equal(*states)
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ({"model": "neo-hookean"}, "material.it.mu: missing, a number is needed for model = neo-h"),
+        ({"model": "neo-hookean", "mu": -1}, "material.it.mu: must be greater than 0, not -1"),
+        ({"model": "yeoh", "C1": 1, "C2": 1}, "material.it.C3: missing, a number is needed for mo"),
+        ({"model": "mooney-rivlin", "C1": 1, "C2": 1, "C3": 1}, "material.it.C3: only for model ="),
+        ({"model": "yeoh", "C1": 1, "C2": 1, "C3": 1, "A10": 1}, "material.it.A10: only for mode"),
+    ],
+)
+def test_decks_know_the_parameters_of_named_materials(table, message):
+    with pytest.raises(InputError, match=f"tables: {message}"):
+        load_tables({"material": [{"name": "it", "K": 50, **table}]})
