@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
+from scipy.cluster.vq import kmeans2, vq
 
 from myork.errors import InputError
 from myork.segmentation.regions import otsu
@@ -28,7 +31,7 @@ _BLUR = 1.0  # standard deviation [voxels]
 _HEIGHT = 3.0  # far from contours; several times the width of the step function [-]
 
 _SAMPLE = 20_000  # values that place the centres of k-means
-_RESTARTS = 8
+_RESTARTS, _ROUNDS = 8, 50
 
 
 def kmeans(values: F64, count: int, seed: int = 0) -> tuple[I32, F64]:
@@ -51,19 +54,26 @@ def kmeans(values: F64, count: int, seed: int = 0) -> tuple[I32, F64]:
     References
     ----------
     Arthur, Vassilvitskii, Proc. SODA (2007), k-means++: the start; Lloyd, IEEE Trans. Inf.
-    Theory 28 (1982), doi:10.1109/TIT.1982.1056489
+    Theory 28 (1982), doi:10.1109/TIT.1982.1056489. Both as SciPy has them.
     """
     random = np.random.default_rng(seed)
     some = values
     if len(values) > _SAMPLE:
         some = values[random.choice(len(values), _SAMPLE, replace=False)]
-    best, least = _lloyd(some, _spread(some, count, random))
-    for _ in range(_RESTARTS - 1):
-        centres, rest = _lloyd(some, _spread(some, count, random))
-        if rest < least:
-            best, least = centres, rest
+    best, least = np.unique(some, axis=0), np.inf
+    if len(best) <= count:
+        best = np.resize(best, (count, values.shape[1]))
+    else:
+        for _ in range(_RESTARTS):
+            with warnings.catch_warnings():
+                # a cluster that has lost its values; another start will have less left over
+                warnings.simplefilter("ignore", UserWarning)
+                centres, _ = kmeans2(some, count, iter=_ROUNDS, minit="++", seed=random)
+            rest = float((vq(some, centres)[1] ** 2).sum())
+            if rest < least:
+                best, least = centres, rest
     best = best[np.lexsort(best.T[::-1])]
-    return _nearest(values, best)[0], best
+    return vq(values, best)[0], best
 
 
 def seeded_regions(values: F64, region: NDArray[np.bool_], known: I32, count: int) -> I32:
@@ -92,10 +102,11 @@ def seeded_regions(values: F64, region: NDArray[np.bool_], known: I32, count: in
             "raise it"
         )
     inside = values[region]
-    nearest, away = _nearest(inside, np.stack([values[known == n].mean(axis=0) for n in labels]))
+    nearest, away = vq(inside, np.stack([values[known == n].mean(axis=0) for n in labels]))
     if count > len(labels):
         # Few voxels far from all would drag the threshold.
-        strange = away > otsu(np.minimum(away, np.percentile(away, 99.0)))
+        away = np.minimum(away**2, np.percentile(away, 99.0) ** 2)
+        strange = away > otsu(away)
         if strange.any():
             clusters = kmeans(inside[strange], count - len(labels))[0]
             nearest[strange] = len(labels) + clusters
@@ -103,51 +114,6 @@ def seeded_regions(values: F64, region: NDArray[np.bool_], known: I32, count: in
     result = np.zeros(region.shape, np.int32)
     result[region] = nearest
     return result
-
-
-def _spread(values: F64, count: int, random: np.random.Generator) -> F64:
-    """Centres far from each other, drawn among the values."""
-    centres = values[[int(random.integers(len(values)))]]
-    far = ((values - centres[0]) ** 2).sum(1)
-    while len(centres) < count:
-        total = far.sum()
-        if total > 0:
-            pick = min(int(np.searchsorted(np.cumsum(far), random.random() * total)), len(far) - 1)
-        else:  # fewer different values than clusters
-            pick = int(random.integers(len(values)))
-        centres = np.vstack([centres, values[pick]])
-        far = np.minimum(far, ((values - values[pick]) ** 2).sum(1))
-    return centres
-
-
-def _nearest(values: F64, centres: F64) -> tuple[I32, F64]:
-    """Nearest centre of each value and the squared distance to it."""
-    which = np.empty(len(values), np.int32)
-    least = np.empty(len(values))
-    lengths = (centres**2).sum(1)
-    for first in range(0, len(values), _SAMPLE):
-        some = values[first : first + _SAMPLE]
-        # The squared distance less |value|^2, which is the same for all centres
-        rest = lengths - 2.0 * (some @ centres.T)
-        nearest = rest.argmin(axis=1)
-        which[first : first + _SAMPLE] = nearest
-        least[first : first + _SAMPLE] = ((some - centres[nearest]) ** 2).sum(1)
-    return which, least
-
-
-def _lloyd(values: F64, centres: F64, rounds: int = 100) -> tuple[F64, float]:
-    """Move centres to the means of their clusters until they rest."""
-    for _ in range(rounds):
-        which, distance = _nearest(values, centres)
-        count = np.maximum(np.bincount(which, minlength=len(centres)), 1)
-        moved = np.stack(
-            [np.bincount(which, part, len(centres)) / count for part in values.T], axis=1
-        )
-        moved[np.bincount(which, minlength=len(centres)) == 0] = values[np.argmax(distance)]
-        if np.abs(moved - centres).max() < 1e-6 * max(np.abs(centres).max(), 1e-300):
-            break
-        centres = moved
-    return centres, float(_nearest(values, centres)[1].sum())
 
 
 def threshold_regions(values: F64, region: NDArray[np.bool_]) -> I32:
