@@ -4,7 +4,7 @@ module rk_basis
    implicit none
    private
 
-   public :: basis_size, basis_powers, monomials, max_order
+   public :: basis_size, basis_powers, monomials, second_index, max_order
 
    !> Highest total degree
    integer, parameter :: max_order = 6
@@ -24,6 +24,19 @@ pure integer function basis_size(nd, order)
       basis_size = basis_size*(order + i)/i
    end do
 end function basis_size
+
+!> Number of a second derivative among value, first and second derivatives in the order
+!> 1; 1, 2, 3; 11, 12, 13, 22, 23, 33
+pure integer function second_index(nd, a, b)
+   !> Space dimension, 1..3
+   integer, intent(in) :: nd
+   !> Directions, in any order
+   integer, intent(in) :: a, b
+
+   associate (low => min(a, b), high => max(a, b))
+      second_index = 1 + nd + (low - 1)*nd - (low - 1)*(low - 2)/2 + high - low + 1
+   end associate
+end function second_index
 
 !> Exponents of all monomials, the constant first
 pure subroutine basis_powers(nd, order, powers)
@@ -65,11 +78,11 @@ pure subroutine monomials(nd, order, powers, x, scale, h, dh, ddh)
    real(wp), intent(out) :: h(:)
    !> First derivatives with respect to x, shape (n, nd) [1/length]
    real(wp), intent(out) :: dh(:, :)
-   !> Second derivatives, shape (n, ns), symmetric pairs as in `pair` [1/length^2]
+   !> Second derivatives in the order of second_index, shape (n, nd(nd+1)/2) [1/length^2]
    real(wp), intent(out) :: ddh(:, :)
    ! value, first and second derivative of each power of each coordinate
    real(wp) :: p(0:max_order, 0:2, 3), q
-   integer :: d, k, n, i, j, s, order_d(3)
+   integer :: d, k, n, i, j, order_d(3)
 
    p(:, :, nd + 1:) = 0.0_wp
    p(0, 0, :) = 1.0_wp
@@ -84,17 +97,15 @@ pure subroutine monomials(nd, order, powers, x, scale, h, dh, ddh)
    end do
    do n = 1, size(powers, 2)
       h(n) = p(powers(1, n), 0, 1)*p(powers(2, n), 0, 2)*p(powers(3, n), 0, 3)
-      s = 0
       do i = 1, nd
          order_d = 0
          order_d(i) = 1
          dh(n, i) = product_of(order_d)
          do j = i, nd
-            s = s + 1
             order_d = 0
             order_d(i) = 1
             order_d(j) = order_d(j) + 1
-            ddh(n, s) = product_of(order_d)
+            ddh(n, second_index(nd, i, j) - 1 - nd) = product_of(order_d)
          end do
       end do
    end do

@@ -7,7 +7,7 @@
 !> References: thesis section 4.2.1 and equations (5.1)-(5.5);
 !>             Liu, Jun, Zhang, Int. J. Numer. Meth. Fluids 20 (1995), doi:10.1002/fld.1650200824
 module rk_shape
-   use rk_basis, only : basis_powers, basis_size, max_order, monomials
+   use rk_basis, only : basis_powers, basis_size, max_order, monomials, second_index
    use rk_csr, only : csr_type
    use rk_error, only : error_type, fatal_error, err_input
    use rk_kernel, only : window
@@ -318,7 +318,7 @@ subroutine shape_at_place(approximation, powers, source, support, neighbours, x,
    real(wp), allocatable :: s(:), ds(:, :), dds(:, :), t(:, :), dt(:, :, :)
    real(wp), allocatable :: b(:), db(:, :), ddb(:, :)
    real(wp) :: scale(size(x)), w(size(powers, 2))
-   integer :: nd, nb, n, i, j, k, q, pair(3, 3)
+   integer :: nd, nb, n, i, j, k, q
 
    nd = size(x)
    nb = size(powers, 2)
@@ -329,14 +329,6 @@ subroutine shape_at_place(approximation, powers, source, support, neighbours, x,
    allocate (h(nb, n), dh(nb, nd, n), ddh(nb, nd*(nd + 1)/2, n))
    allocate (m(nb, nb), phi(n), dphi(nd, n), ddphi(nd, nd, n))
    scale = maxval(support(:, neighbours), dim=2)
-   q = 0
-   do i = 1, nd
-      do j = i, nd
-         q = q + 1
-         pair(i, j) = q
-         pair(j, i) = q
-      end do
-   end do
 
    m = 0.0_wp
    do k = 1, n
@@ -384,7 +376,7 @@ subroutine shape_at_place(approximation, powers, source, support, neighbours, x,
    ! M b_,ij = -(M_,ij b + M_,i b_,j + M_,j b_,i)
    do i = 1, nd
       do j = i, nd
-         q = pair(i, j)
+         q = second_index(nd, i, j) - 1 - nd
          ddb(:, q) = 0.0_wp
          do k = 1, n
             ddb(:, q) = ddb(:, q) - phi(k)*s(k)*ddh(:, q, k) &
@@ -402,7 +394,7 @@ subroutine shape_at_place(approximation, powers, source, support, neighbours, x,
       do i = 1, nd
          value(1 + i, k) = dphi(i, k)*s(k) + phi(k)*(ds(i, k) + t(i, k))
          do j = i, nd
-            q = pair(i, j)
+            q = second_index(nd, i, j) - 1 - nd
             value(1 + nd + q, k) = ddphi(i, j, k)*s(k) &
                & + dphi(i, k)*(ds(j, k) + t(j, k)) + dphi(j, k)*(ds(i, k) + t(i, k)) &
                & + phi(k)*(dds(q, k) + dt(i, j, k) + dt(j, i, k) &

@@ -9,6 +9,7 @@
 !>
 !> Reference: Hillman, Chen, Int. J. Numer. Meth. Engng 107 (2016), doi:10.1002/nme.5183
 module rk_stabilisation
+   use rk_basis, only : second_index
    use rk_cells, only : cells_type
    use rk_mixture, only : mixture_type
    use rk_precision, only : i8, wp
@@ -49,7 +50,7 @@ subroutine stabilise(matrix, value, cells, inside, modulus)
       n = inside%count(q)
       allocate (part(nd*n, nd*n), source=0.0_wp)
       do c = 1, nd
-         bend = inside%value([(pair(nd, a, c), a=1, nd)], first + 1:first + n)
+         bend = inside%value([(second_index(nd, a, c), a=1, nd)], first + 1:first + n)
          scaled = modulus(q)*matmul(cells%moment(:, :, q), bend)
          do l = 1, n
             do k = 1, l
@@ -98,17 +99,5 @@ subroutine share_bulk(mixture, cells, nc, stabilisation, local, projected)
       projected(g) = projected(g)/sum(cells%weight(cells%first(g) + 1:cells%first(g + 1)))
    end do
 end subroutine share_bulk
-
-!> Number of a second derivative among all of a shape function
-pure integer function pair(nd, a, b)
-   !> Space dimension
-   integer, intent(in) :: nd
-   !> Directions
-   integer, intent(in) :: a, b
-
-   associate (low => min(a, b), high => max(a, b))
-      pair = 1 + nd + (low - 1)*nd - (low - 1)*(low - 2)/2 + high - low + 1
-   end associate
-end function pair
 
 end module rk_stabilisation

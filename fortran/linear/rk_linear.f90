@@ -8,6 +8,7 @@
 !> Collocation points inside carry L, those on the boundary B^h or B^g only (5.10). With L on the
 !> boundary as well the L2 errors are 4 to 7 times larger and fall more slowly.
 module rk_linear
+   use rk_basis, only : second_index
    use rk_conditions, only : new_boundary
    use rk_displacement, only : displacement_problem
    use rk_error, only : error_type, fatal_error, err_input
@@ -188,10 +189,9 @@ pure function domain_rows(c, nq) result(rows)
    integer :: a, b, q
 
    rows = 0.0_wp
-   q = 1 + size(c, 2)
    do a = 1, size(c, 2)
       do b = a, size(c, 2)
-         q = q + 1
+         q = second_index(size(c, 2), a, b)
          rows(:, :, q) = c(:, a, :, b)
          if (a /= b) rows(:, :, q) = rows(:, :, q) + c(:, b, :, a)
       end do

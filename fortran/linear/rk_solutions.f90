@@ -6,6 +6,7 @@
 !> References: thesis equations (5.22), (5.23), (5.25), (5.26);
 !>             Timoshenko, Goodier, Theory of Elasticity, McGraw-Hill (1970), section 21
 module rk_solutions
+   use rk_basis, only : second_index
    use rk_precision, only : pi, wp
    use rk_scene, only : equation_type
    implicit none
@@ -85,21 +86,19 @@ pure subroutine products(factor, u)
    real(wp), intent(in) :: factor(0:, :)
    !> Value and derivatives, shape (nq)
    real(wp), intent(out) :: u(:)
-   integer :: order(size(factor, 2)), a, b, q, nd
+   integer :: order(size(factor, 2)), a, b, nd
 
    nd = size(factor, 2)
    u(1) = product(factor(0, :))
-   q = 1 + nd
    do a = 1, nd
       order = 0
       order(a) = 1
       u(1 + a) = chosen()
       do b = a, nd
-         q = q + 1
          order = 0
          order(a) = 1
          order(b) = order(b) + 1
-         u(q) = chosen()
+         u(second_index(nd, a, b)) = chosen()
       end do
    end do
 
@@ -126,17 +125,15 @@ pure subroutine polynomial(degree, x, extent, field, u)
    real(wp), intent(out) :: u(:)
    real(wp), parameter :: direction(5) = [0.7_wp, -0.4_wp, 0.5_wp, 0.3_wp, -0.6_wp]
    real(wp) :: a(size(x)), p
-   integer :: i, j, q
+   integer :: i, j
 
    a = direction(field:field + size(x) - 1)/extent
    p = 1.0_wp + dot_product(a, x)
    u(1) = p**degree
-   q = 1 + size(x)
    do i = 1, size(x)
       u(1 + i) = degree*p**max(degree - 1, 0)*a(i)
       do j = i, size(x)
-         q = q + 1
-         u(q) = degree*(degree - 1)*p**max(degree - 2, 0)*a(i)*a(j)
+         u(second_index(size(x), i, j)) = degree*(degree - 1)*p**max(degree - 2, 0)*a(i)*a(j)
       end do
    end do
 end subroutine polynomial

@@ -1,6 +1,7 @@
 !> What all discretisations of a scene share: shape functions at the collocation points, conditions,
 !> and the state of the material at a place. Output and forces know no more of a problem than this.
 module rk_discretisation
+   use rk_basis, only : second_index
    use rk_conditions, only : boundary_type
    use rk_mixture, only : mixture_type
    use rk_precision, only : wp
@@ -206,11 +207,10 @@ pure subroutine deformation(nd, u, f, h)
    do a = 1, 3
       f(a, a) = 1.0_wp
    end do
-   q = 1 + nd
    do a = 1, nd
       f(:nd, a) = f(:nd, a) + u(:nd, 1 + a)
       do b = a, nd
-         q = q + 1
+         q = second_index(nd, a, b)
          h(:nd, b, a) = u(:nd, q)
          h(:nd, a, b) = u(:nd, q)
       end do
