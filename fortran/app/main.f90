@@ -11,6 +11,7 @@ program main
    use rk_error, only : error_type, err_convergence, err_linalg, err_stopped
    use rk_explain, only : explain
    use rk_model_cloud, only : read_model_cloud
+   use rk_json_entries, only : json_entry, read_entries
    use rk_new_problem, only : new_problem
    use rk_output, only : output_type
    use rk_precision, only : i8, wp
@@ -55,8 +56,10 @@ contains
       type(output_type) :: output
       type(outcome_type) :: outcome
       type(error_type), allocatable :: failure, trouble
+      type(json_entry), allocatable :: earlier(:)
       real(wp) :: shape_s
       character(len=:), allocatable :: message
+      logical :: damaged
       integer(i8) :: start
 
       call system_clock(start)
@@ -75,9 +78,13 @@ contains
       call solve_scene(problem, '', output, outcome, failure)
       message = ''
       if (allocated(failure)) message = failure%message
+      call read_entries(config%out//'/summary.json', earlier, damaged)
+      if (damaged) call output%say('the summary.json that was there is damaged: what earlier ' &
+         & //'stations wrote into it is lost', level=0)
       call output%close(trouble)
       call write_summary(config%out//'/summary.json', deck, problem, output, outcome, &
-         & shape_s, tick(clock), omp_get_max_threads(), .not. allocated(failure), message, error)
+         & shape_s, tick(clock), omp_get_max_threads(), .not. allocated(failure), message, &
+         & earlier, error)
       call leave_on(trouble)
       call leave_on(error)
       if (allocated(failure)) then

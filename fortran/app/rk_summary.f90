@@ -8,6 +8,7 @@ module rk_summary
    use rk_error_norms, only : norms_type
    use rk_exact, only : exact_value
    use rk_json, only : json_type
+   use rk_json_entries, only : json_entry
    use rk_output, only : output_type
    use rk_precision, only : wp
    use rk_probes, only : quantity_size
@@ -18,11 +19,15 @@ module rk_summary
 
    public :: write_summary
 
+   !> Entries of the stations before a solve, which hold whatever is solved; all others tell of a
+   !> solution, `rom` as well, and end with it
+   character(len=*), parameter :: kept(*) = [character(len=12) :: 'segmentation', 'tissue', 'model']
+
 contains
 
 !> Write the summary
 subroutine write_summary(path, deck, problem, output, outcome, shape_s, total_s, threads, &
-   & converged, message, error)
+   & converged, message, earlier, error)
    !> File
    character(len=*), intent(in) :: path
    !> Deck
@@ -41,9 +46,12 @@ subroutine write_summary(path, deck, problem, output, outcome, shape_s, total_s,
    logical, intent(in) :: converged
    !> Why not
    character(len=*), intent(in) :: message
+   !> Entries of the file that is there
+   type(json_entry), intent(in) :: earlier(:)
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
    type(json_type) :: json
+   integer :: k
 
    associate (scene => problem%scene)
       call json%begin_object()
@@ -92,6 +100,9 @@ subroutine write_summary(path, deck, problem, output, outcome, shape_s, total_s,
       call json%begin_array('warnings')
       call write_lines(json, outcome%warnings)
       call json%end_array()
+      do k = 1, size(earlier)
+         if (any(kept == earlier(k)%key)) call json%put_json(earlier(k)%key, earlier(k)%value)
+      end do
       call json%begin_object('deck')
       call deck%write_json(json)
       call json%end_object()

@@ -34,6 +34,8 @@ module rk_json
       !> put(key, value) inside an object, put(value) inside an array
       generic :: put => put_integer, put_long, put_real, put_logical, put_text, put_reals, &
          & put_integers, add_integer, add_real, add_logical, add_text, add_reals
+      !> Item of an object whose value is JSON already
+      procedure :: put_json
       !> Write the text to a file, which is there completely or not at all
       procedure :: save => save_text
       procedure, private :: put_integer, put_long, put_real, put_logical, put_text, put_reals, &
@@ -184,6 +186,19 @@ subroutine put_text(self, key, value)
    call self%item(key)
    self%text = self%text//quoted(value)
 end subroutine put_text
+
+!> Item of an object whose value is JSON already
+subroutine put_json(self, key, value)
+   !> JSON text
+   class(json_type), intent(inout) :: self
+   !> Name
+   character(len=*), intent(in) :: key
+   !> Value, a whole one
+   character(len=*), intent(in) :: value
+
+   call self%item(key)
+   self%text = self%text//value
+end subroutine put_json
 
 !> Array of real numbers of an object, on one line
 subroutine put_reals(self, key, value)

@@ -27,4 +27,4 @@ def update_summary(folder: Path, part: Mapping[str, Any]) -> None:
         old = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
     except ValueError:
         old = {}  # a broken summary of an earlier run is no reason to lose this one
-    write_json(path, {**old, **part})
+    write_json(path, {**(old if isinstance(old, dict) else {}), **part})

@@ -3,7 +3,6 @@
 Where only the hand-over to the executable matters, a small script stands in for `myork-solve`.
 """
 
-import json
 import os
 import signal
 import subprocess
@@ -166,18 +165,6 @@ def test_arguments_reach_the_executable(
     named = "--set|scene.method=rkcm|--set|solver.linear=refined"
     lines = capsys.readouterr().out.splitlines()
     assert lines == [f"{deck}|-o|{out}|-t|2|{sets}|{named}", "passive"]
-
-
-def test_solve_keeps_what_earlier_stations_said(
-    solver: Install, deck: Path, tmp_path: Path
-) -> None:
-    """The executable writes summary.json anew; scores and model stay, an old reduced model goes."""
-    path = tmp_path / "summary.json"
-    path.write_text('{"segmentation": {"iterations": 7}, "model": {"h": 1.5}, "rom": {}}')
-    solver(f"open({str(path)!r}, 'w').write('{{\"steps\": [1]}}')")
-    assert status_of("solve", deck, "--out", tmp_path) == 0
-    kept = {"segmentation": {"iterations": 7}, "model": {"h": 1.5}}
-    assert json.loads(path.read_text()) == {"steps": [1], **kept}
 
 
 @pytest.mark.parametrize(

@@ -124,6 +124,59 @@ def test_bad_decks_are_refused(program: str, case: str, tmp_path: Path) -> None:
     assert "Traceback" not in done.stderr
 
 
+#: What stations before a solve say, with all that JSON allows
+EARLIER = {
+    "segmentation": {
+        "labels": {'gastrocnemius "médial"': {"pixels": 12, "volume": 1.5e-7}, "\\\n\u0001": {}},
+        "iterations": 3,
+        "energy": [-1.25e300, 0.0, None, []],
+    },
+    "tissue": {"labels": {}, "found": [True, False, [[1, -2], {"a": {"b": [{}]}}]]},
+    "model": {"warnings": ["die Muskeln berühren sich \U0001f9b5", ""], "volume": {"muscle": 1e22}},
+}
+
+
+def solve_into(folder: Path, deck: Path) -> subprocess.CompletedProcess[str]:
+    steps = ("--set", "load.steps=1", "--set", "geometry.source=[3,3,3]")
+    return run("myork-solve", deck, "-o", folder, *steps)
+
+
+@pytest.mark.parametrize("ascii", [True, False])
+@pytest.mark.parametrize("indent", [None, 1])
+def test_the_executable_keeps_earlier_stations(
+    inputs: Path, tmp_path: Path, ascii: bool, indent: int | None
+) -> None:
+    """Those that hold whatever is solved; what told of another solution goes."""
+    stale = {"rom": {"models": []}, "exact": {}, "errors": {"L2": 1}, "message": "did not converge"}
+    found = {"title": "before", **EARLIER, **stale, "steps": []}
+    path = tmp_path / "summary.json"
+    path.write_text(json.dumps(found, ensure_ascii=ascii, indent=indent), encoding="utf-8")
+    done = solve_into(tmp_path, inputs / "shear_3d.toml")
+    assert done.returncode == 0, done.stderr
+    summary = summary_of(tmp_path)
+    assert {key: summary[key] for key in EARLIER} == EARLIER
+    assert summary["title"] != "before" and len(summary["steps"]) == 1
+    assert not {"rom", "errors", "message"} & set(summary)
+    assert summary["exact"]
+
+
+@pytest.mark.parametrize(
+    "damage",
+    ["", "[1, 2]", "{", '{"model": {"a": 1}', '{"model": 01}', '{"model": 1,}', '{"model": 1} x',
+     '{"model": "a\nb"}', '{"model": "\\u12g4"}', '{"model": nul}', '{"model": [1 2]}',
+     '{"model": ' + "[" * 5000 + "]" * 5000 + "}", '{"model": 1.}', '{"model": NaN}'],
+)  # fmt: skip
+def test_a_damaged_summary_is_dropped_with_a_word(
+    inputs: Path, tmp_path: Path, damage: str
+) -> None:
+    (tmp_path / "summary.json").write_text(damage, encoding="utf-8")
+    done = solve_into(tmp_path, inputs / "shear_3d.toml")
+    assert done.returncode == 0, done.stderr
+    assert "summary.json that was there is damaged" in done.stdout
+    summary = summary_of(tmp_path)
+    assert "model" not in summary and len(summary["steps"]) == 1
+
+
 @pytest.mark.parametrize("program", OUT)
 def test_interrupt_keeps_the_last_converged_state(
     program: str, inputs: Path, tmp_path: Path

@@ -24,13 +24,10 @@ from myork.console import ProgressCallback, silent
 from myork.core.deck import text_of_tables
 from myork.errors import ConvergenceError, InputError, InstallationError, MyorkError, StoppedError
 from myork.files import write_text
-from myork.summary import update_summary
 
 __all__ = ["explain_deck", "find_executable", "run_deck"]
 
 _NAME = "myork-solve"
-# Parts of summary.json that come from earlier stations; the executable writes the file anew.
-_EARLIER = ("segmentation", "tissue", "model")
 
 
 def find_executable() -> Path:
@@ -116,12 +113,7 @@ def run_deck(
         options += ["-t", str(threads)]
     if verbosity:
         options.append("-q" if verbosity < 0 else "-v")
-    earlier = {key: part for key, part in _summary(out).items() if key in _EARLIER}
-    try:
-        _run(deck, [*options, *_set_options(overrides)], progress)
-    finally:
-        if earlier:
-            update_summary(Path(out), earlier)
+    _run(deck, [*options, *_set_options(overrides)], progress)
     summary = _summary(out)
     if "steps" not in summary:
         raise InstallationError(f"{_NAME} ended well but left no summary.json in {out}")
