@@ -1,8 +1,5 @@
 """Level sets: against a plain NumPy sweep written out for two, and on images with an answer."""
 
-import os
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -277,7 +274,7 @@ def test_pixels_outside_the_region_play_no_part():
     assert not a[~region].any()
 
 
-def test_one_and_two_threads_give_the_same_bits():
+def test_one_and_two_threads_give_the_same_bits(with_threads):
     code = (
         "import hashlib, numpy as np\n"
         "from myork.core.level_sets import evolve_level_sets\n"
@@ -288,17 +285,8 @@ def test_one_and_two_threads_give_the_same_bits():
         " channel_weights=[1., 1.], volume=volume)\n"
         "    print(hashlib.sha256(b''.join(a.tobytes() for a in r.values())).hexdigest())\n"
     )
-    runs = [
-        subprocess.run(
-            [sys.executable, "-c", code],
-            env={**os.environ, "OMP_NUM_THREADS": n},
-            capture_output=True,
-            text=True,
-            check=True,
-        ).stdout
-        for n in ("1", "2")
-    ]
-    assert runs[0] == runs[1] != ""
+    one, two = with_threads(code)
+    assert one == two != ""
 
 
 def test_regions_survive_level_sets():

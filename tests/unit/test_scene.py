@@ -4,9 +4,6 @@ Where a state is homogeneous, shape functions of order 2 represent it exactly: w
 rounding times the condition of the rows, about 1e-10 of the largest value.
 """
 
-import os
-import subprocess
-import sys
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -282,7 +279,7 @@ def test_every_load_is_met_exactly_also_after_halvings(open_scene):
     assert_allclose(fields.f[:, 2, 2], 0.1, rtol=1e-4)
 
 
-def test_rows_do_not_depend_on_the_threads(write_deck):
+def test_rows_do_not_depend_on_the_threads(write_deck, with_threads):
     """Every point owns its rows: the same bits. (A solve also uses the threads of BLAS, which
     promises no such thing.)
     """
@@ -293,17 +290,8 @@ with Scene({str(write_deck(TABLES))!r}) as scene:
     x = 1e-2 * np.sin(np.arange(scene.dofs))
     print([part.tobytes().hex() for part in scene.linearise(x, 1.0, x[::-1])])
 """
-    found = [
-        subprocess.run(
-            [sys.executable, "-c", program],
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "OMP_NUM_THREADS": threads},
-            capture_output=True,
-            text=True,
-            check=True,
-        ).stdout
-        for threads in ("1", "2")
-    ]
-    assert found[0] == found[1] != ""
+    one, two = with_threads(program)
+    assert one == two != ""
 
 
 @pytest.mark.parametrize("method", ["rkcm", "rkcm-mixed", "rkpm-gauss", "rkpm-scni"])

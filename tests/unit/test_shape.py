@@ -6,9 +6,6 @@ factor 1/spacing each; errors are measured in that unit.
 """
 
 import itertools
-import os
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -249,7 +246,7 @@ def test_flat_and_repeated_points_have_no_cure():
         shape_functions(copies, 4.0, [[0.2, 0.5]], order=2)
 
 
-def test_same_bits_on_one_and_two_threads():
+def test_same_bits_on_one_and_two_threads(with_threads):
     """Every place owns its part of the result, so nothing depends on the number of threads."""
     program = """
 import hashlib, numpy as np
@@ -258,14 +255,5 @@ points = np.random.default_rng(5).uniform(0, 1, (600, 3))
 shape = shape_functions(points, 0.35, points[::2], order=2)
 print(hashlib.sha256(shape.value.tobytes() + shape.neighbour.tobytes()).hexdigest())
 """
-    found = [
-        subprocess.run(
-            [sys.executable, "-c", program],
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "OMP_NUM_THREADS": threads},
-            capture_output=True,
-            text=True,
-            check=True,
-        ).stdout
-        for threads in ("1", "2")
-    ]
-    assert found[0] == found[1] != ""
+    one, two = with_threads(program)
+    assert one == two != ""

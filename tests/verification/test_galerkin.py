@@ -1,6 +1,5 @@
 """The Galerkin form: patch tests, exact tangent, balance, orders, and the inclined muscle block."""
 
-import os
 import re
 import subprocess
 import sys
@@ -9,35 +8,18 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from myork.core.deck import table_defaults
 from myork.core.scene import Scene
 from myork.errors import InputError
 from myork.records import Labels
-from myork.reference import manufactured
+from myork.reference import manufactured, materials
 from myork.reference.measures import observed_order, oscillation
 from myork.stations.build import build_cloud
 
-RUBBER = {"name": "rubber", "model": "polynomial", "A10": 37.3, "A20": -3.1, "A30": 0.5, "K": 1e3}
-MUSCLE = {
-    "name": "muscle",
-    "model": "muscle",
-    "A10": 6.43,
-    "A01": -3.8,
-    "A20": 0.94,
-    "A11": -0.0043,
-    "A02": 0.0005,
-    "K": 500.0,
-    "curve": "smooth",
-}
+RUBBER = {**materials.RUBBER, "K": 1e3}
+MUSCLE = {**materials.MUSCLE, "K": 500.0, "curve": "smooth"}
 #: Table [build] of a deck
-BUILD = {
-    "ids": [],
-    "islands": "error",
-    "collocation_stride": [1] * 3,
-    "source_stride": [1] * 3,
-    "bone": [],
-    "normals": "distance",
-    "merge": "majority",
-}
+BUILD = {**table_defaults("build"), "source_stride": [1] * 3}
 LINEAR = {"order": 1, "support": 2.0, "kernel": "cubic"}
 QUADRATIC = {"order": 2, "support": 3.5, "kernel": "quintic"}
 #: A displacement gradient without symmetry, J = 1.096 in space
@@ -157,29 +139,21 @@ def test_tangent_is_the_derivative_of_the_forces(open_scene, method, nd, materia
     assert other @ product == pytest.approx(direction @ turned, rel=1e-11)
 
 
-def test_same_bits_with_two_threads(write_deck):
+def test_same_bits_with_two_threads(write_deck, with_threads):
     """Parts are added in one order, whoever computed them."""
     deck = write_deck(
         body(3, "rkpm", box(3, 5), LINEAR, ["z0"], {**MUSCLE, "fiber": [0.3, -0.5, 0.8]})
     )
     program = f"""
 import numpy as np
+from myork.core.deck import table_defaults
 from myork.core.scene import Scene
 with Scene({str(deck)!r}) as scene:
     x = 1e-3 * np.sin(np.arange(scene.dofs))
     print([part.tobytes().hex() for part in scene.linearise(x, 1.0, x[::-1])])
 """
-    found = [
-        subprocess.run(
-            [sys.executable, "-c", program],
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "OMP_NUM_THREADS": threads},
-            capture_output=True,
-            text=True,
-            check=True,
-        ).stdout
-        for threads in ("1", "2")
-    ]
-    assert found[0] == found[1] != ""
+    one, two = with_threads(program)
+    assert one == two != ""
 
 
 #: Exact Cauchy stresses of the homogeneous decks

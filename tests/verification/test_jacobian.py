@@ -3,18 +3,10 @@
 import numpy as np
 import pytest
 
-MUSCLE = {
-    "name": "muscle",
-    "model": "muscle",
-    "A10": 6.43,
-    "A01": -3.8,
-    "A20": 0.94,
-    "A11": -0.0043,
-    "A02": 0.0005,
-    "K": 500.0,
-    "curve": "smooth",
-}
-RUBBER = {"name": "rubber", "model": "polynomial", "A10": 37.3, "A20": -3.1, "A30": 0.5, "K": 1e3}
+from myork.reference import materials
+
+MUSCLE = {**materials.MUSCLE, "K": 500.0, "curve": "smooth"}
+RUBBER = {**materials.RUBBER, "K": 1e3}
 SOLID = {
     "scene": {"dimension": 3, "method": "rkcm"},
     "geometry": {"kind": "box", "size": [1, 1, 2], "source": [3, 3, 4], "collocation": [4, 4, 6]},

@@ -7,23 +7,12 @@ import pytest
 
 from myork.errors import InputError
 from myork.records import Labels, PointCloud
+from myork.reference import materials
 from myork.stations.build import build_cloud
 
 SOFT = {"name": "soft", "label": 1, "model": "polynomial", "A10": 5.0, "K": 20.0}
 STIFF = {"name": "stiff", "label": 2, "model": "polynomial", "A10": 30.0, "A20": 80.0, "K": 120.0}
-MUSCLE = {
-    "name": "muscle",
-    "label": 2,
-    "model": "muscle",
-    "A10": 6.43,
-    "A01": -3.8,
-    "A20": 0.94,
-    "A11": -0.0043,
-    "A02": 0.0005,
-    "K": 500.0,
-    "curve": "smooth",
-    "fiber": [0.3, -0.5, 0.8],
-}
+MUSCLE = {**materials.MUSCLE, "K": 500.0, "curve": "smooth", "label": 2, "fiber": [0.3, -0.5, 0.8]}
 SIDES = [
     {"set": "x0", "u_x": 0},
     {"set": "x1", "u_x": 0.3},

@@ -98,8 +98,10 @@ def _cards(summary: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
         cards.append(("segmentation", number(score.get("dice"), 3), "Dice", name))
     total = summary.get("timings_s", {}).get("total")
     if total is not None:
-        threads = Markup("{} threads").format(number(summary.get("threads")))
-        cards.append(("full solution", number(total, 3), "s", threads))
+        threads = summary.get("threads")
+        word = "thread" if threads == 1 else "threads"
+        note = Markup("{} {}").format(number(threads), word)
+        cards.append(("full solution", number(total, 3), "s", note))
     return cards
 
 

@@ -23,6 +23,7 @@ from scipy import ndimage
 from myork.bench.runs import outcome_text, solve_case
 from myork.bench.tables import table
 from myork.console import ProgressCallback
+from myork.core.deck import table_defaults
 from myork.core.scene import Scene
 from myork.imaging.phantom import make_phantom
 from myork.records import Image, Labels, PointCloud
@@ -223,16 +224,8 @@ def solve_muscle(
         `(2, nstep)`) [N].
     """
     labels, fiber = labelled(muscle)
-    stride = [block, block, 1]
-    table = {
-        "ids": [1, 2, 3],
-        "bone": [],
-        "collocation_stride": stride,
-        "source_stride": stride,
-        "merge": "sample",
-        "islands": "error",
-        "normals": "distance",
-    }
+    strides = dict.fromkeys(("collocation_stride", "source_stride"), [block, block, 1])
+    table = {**table_defaults("build"), **strides, "ids": [1, 2, 3], "merge": "sample"}
     cloud, _ = build_cloud(labels, fiber, table, "cm")
     words = (f"load.steps={steps}", *overrides)
     case = solve_case(_TABLES, words, cloud=cloud)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from myork.bench.runs import read_deck
 from myork.bench.tables import Columns, table
 from myork.console import ProgressCallback
+from myork.core.deck import table_defaults
 from myork.core.scene import Scene
 from myork.imaging.phantom import make_phantom
 from myork.records import Image, Labels, PointCloud
@@ -114,15 +115,8 @@ def _built(
     labels: Labels, fiber: Image, collocation: Sequence[int], source: Sequence[int], ids: list[int]
 ) -> PointCloud:
     """Points of some labels, or of all, with the strides of both lattices."""
-    table = {
-        "ids": ids,
-        "bone": [],
-        "collocation_stride": list(collocation),
-        "source_stride": list(source),
-        "merge": "majority",
-        "islands": "error",
-        "normals": "distance",
-    }
+    strides = {"collocation_stride": list(collocation), "source_stride": list(source)}
+    table = {**table_defaults("build"), **strides, "ids": ids}
     return build_cloud(labels, fiber, table, "cm")[0]
 
 
