@@ -3,8 +3,8 @@
 !> The force on a fixed, plane set is the work of the stress in a virtual motion that is 1 on the
 !> set and falls to 0 before the next fixed set: R = -integral of P grad w over the body. It sees
 !> interior sections only, where stresses are smooth, not the singular tractions at the rim of the
-!> set. A component for which that motion meets other fixed points falls back to the traction
-!> integral over the set.
+!> set. A component for which that motion meets other fixed points, or has no room, falls back to
+!> the traction integral over the set.
 module rk_section_force
    use rk_discretisation, only : discretisation_type
    use rk_precision, only : pi, wp
@@ -67,7 +67,7 @@ subroutine find_reach(problem, set, normal, origin, reach, usable)
    real(wp), intent(out) :: reach
    !> Components for which no other fixed point is met
    logical, intent(out) :: usable(3)
-   real(wp) :: depth, deepest
+   real(wp) :: across, depth, deepest
    integer :: e, b, first, nd
 
    nd = size(normal)
@@ -92,6 +92,9 @@ subroutine find_reach(problem, set, normal, origin, reach, usable)
          if (depth < 1.0e-6_wp*deepest) cycle
          if (all(problem%boundary%essential(:, b))) reach = min(reach, depth)
       end do
+      ! a motion that ends within a cell or two is seen by hardly a point, or by none
+      across = dot_product(abs(normal), sum(cloud%spacing, dim=2))/size(cloud%spacing, 2)
+      if (reach < 1.5_wp*across) return
       usable(:nd) = .true.
       do b = 1, size(problem%boundary%point)
          depth = -dot_product(normal, cloud%points(:, problem%boundary%point(b)) - origin)
