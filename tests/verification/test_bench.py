@@ -9,6 +9,7 @@ import pytest
 from myork.bench import run_benches
 from myork.bench.page import write_page
 from myork.bench.runs import METHODS
+from myork.bench.tables import Columns, plot, table
 from myork.errors import InputError
 from myork.reference.measures import oscillation
 
@@ -53,6 +54,28 @@ def test_page_is_whole_and_escaped(tmp_path: Path) -> None:
     html = (tmp_path / "bench.html").read_text(encoding="utf-8")
     assert "Toy &amp; more" in html and "x&lt;y" in html and "&lt;chip&gt;" in html
     assert html.count("<img alt=") == 2 and "myork bench toy --quick" in html
+
+
+def test_tables_and_curves_show_what_cases_have() -> None:
+    """Keys within mappings, keys with dots, functions; what a case lacks is an empty cell or no
+    point, and a curve without points is left out."""
+    cases = [
+        {"curve": "a", "h": 0.5, "solver": {"used": "lu"}, "J": {"0.25": 1.1}, "error": 0.0},
+        {"curve": "a", "h": 0.1, "solver": None},
+        {"curve": "b", "h": 0.1},
+    ]
+    columns: Columns = (
+        ("solver", "solver.used"),
+        ("J", ("J", "0.25")),
+        ("1/h", lambda case: round(1 / case["h"])),
+    )
+    assert table("c", columns, cases) == {
+        "caption": "c",
+        "head": ["solver", "J", "1/h"],
+        "rows": [["lu", 1.1, 2], [None, None, 10], [None, None, 10]],
+    }
+    (curve,) = plot("t", ("h [cm]", "error [-]"), cases, "h", "error")["series"]
+    assert (curve["name"], curve["x"], curve["y"]) == ("a", [0.5], [0.0])
 
 
 def test_unknown_bench_is_refused(tmp_path: Path) -> None:

@@ -1,6 +1,6 @@
 """Benchmarks: tables and curves of the reference problems, solved anew in every run.
 
-Each module of the registry has one function ``run(out, progress, quick) -> dict`` (folder for
+Each module of `studies` has one function ``run(out, progress, quick) -> dict`` (folder for
 files, callable for lines of progress, whether small cases are enough). Its result is written to
 `bench.json` as it is and drawn on `bench.html` from these keys, all optional:
 
@@ -26,18 +26,19 @@ from myork.files import write_json
 
 __all__ = ["BENCHES", "run_benches"]
 
-BENCHES = {
-    "linear": "myork.bench.studies.linear",
-    "nonlinear": "myork.bench.studies.nonlinear",
-    "stability": "myork.bench.studies.stability",
-    "curves": "myork.bench.studies.curves",
-    "methods": "myork.bench.studies.methods",
-    "mixed": "myork.bench.studies.mixed",
-    "mms": "myork.bench.studies.mms",
-    "clouds": "myork.bench.studies.clouds",
-    "gallery": "myork.bench.studies.gallery",
-    "aging": "myork.bench.studies.aging",
-}
+#: Modules of `studies`
+BENCHES = (
+    "linear",
+    "nonlinear",
+    "stability",
+    "curves",
+    "methods",
+    "mixed",
+    "mms",
+    "clouds",
+    "gallery",
+    "aging",
+)
 
 
 def run_benches(
@@ -52,7 +53,7 @@ def run_benches(
     Parameters
     ----------
     names : list of str
-        Keys of `BENCHES`.
+        From `BENCHES`.
     out : Path
         Folder of the results; made if it is missing.
     quick : bool
@@ -80,7 +81,8 @@ def run_benches(
     record: dict[str, Any] = {**machine(), "quick": quick, "benches": {}}
     for number, name in enumerate(dict.fromkeys(names)):
         progress(f"bench {number + 1}/{len(names)}  {name}")
-        record["benches"][name] = import_module(BENCHES[name]).run(out, progress, quick)
+        study = import_module(f"myork.bench.studies.{name}")
+        record["benches"][name] = study.run(out, progress, quick)
         # after each one: a later one that fails or is stopped costs nothing that was measured
         write_json(out / "bench.json", record)
         write_page(out / "bench.html", record)

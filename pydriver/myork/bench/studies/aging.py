@@ -147,17 +147,7 @@ _CHANGES: tuple[tuple[str, Muscle, Muscle, int, tuple[str, ...]], ...] = (
 
 
 def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
-    """Run the study.
-
-    Parameters
-    ----------
-    out : Path
-        Not used; every solve has a folder of its own.
-    progress : callable
-        Called with every line of progress.
-    quick : bool
-        Only the coarsest blocks.
-    """
+    """Run the study; see `myork.bench` for the result, which has the `pairs` as well."""
     pairs = [
         _pair(progress, reading, YOUNG, OLD, block, steps if reading == "own" else 2, overrides)
         for reading, overrides in (("own", ()), ("nearest", _NEAREST))

@@ -17,6 +17,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from myork.bench.tables import Columns, table
 from myork.console import ProgressCallback
 from myork.core.level_sets import evolve_level_sets
 from myork.imaging.phantom import make_phantom
@@ -32,8 +33,23 @@ __all__ = ["chan_vese_energy", "run"]
 
 F64 = NDArray[np.float64]
 
-_TIMED = ("name", "iterations", "seconds", "energy", "one_sided_energy", "dice", "ratio")
-_ENERGIES = ("energy, central", "energy, one-sided")
+_COLUMNS: Columns = (
+    ("example", "name"),
+    ("Dice", "dice"),
+    ("correlation", "correlation"),
+    ("iterations", "iterations"),
+    ("energy at the start", "first_energy"),
+    ("at the end", "last_energy"),
+)
+_TIMED: Columns = (
+    ("program", "name"),
+    ("iterations", "iterations"),
+    ("s", "seconds"),
+    ("energy, central", "energy"),
+    ("energy, one-sided", "one_sided_energy"),
+    ("Dice", "dice"),
+    ("times faster", "ratio"),
+)
 
 
 def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
@@ -49,23 +65,17 @@ def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
         pictures.append({"file": file, "caption": caption})
     progress("time against scikit-image")
     timing = _timing(128 if quick else 256)
-    head = ["example", "Dice", "correlation", "iterations", "energy at the start", "at the end"]
-    keys = ("name", "dice", "correlation", "iterations", "first_energy", "last_energy")
+    size = f"{timing['size']} x {timing['size']}"
     tables = [
-        {
-            "caption": "Agreement with the truth; Dice is the mean over the regions.",
-            "head": head,
-            "rows": [[case.get(key) for key in keys] for case in cases],
-        },
-        {
-            "caption": f"Two regions on a noisy slice of {timing['size']} x {timing['size']} "
-            "pixels. Energy: length of the contour and squared differences from the two means, "
-            "of the labels, the length by central or by one-sided differences. All start from "
-            "Otsu's threshold. Times faster: than scikit-image to energies not above its own, "
-            "with either length.",
-            "head": ["program", "iterations", "s", *_ENERGIES, "Dice", "times faster"],
-            "rows": [[run.get(key) for key in _TIMED] for run in timing["runs"]],
-        },
+        table("Agreement with the truth; Dice is the mean over the regions.", _COLUMNS, cases),
+        table(
+            f"Two regions on a noisy slice of {size} pixels. Energy: length of the contour and "
+            "squared differences from the two means, of the labels, the length by central or by "
+            "one-sided differences. All start from Otsu's threshold. Times faster: than "
+            "scikit-image to energies not above its own, with either length.",
+            _TIMED,
+            timing["runs"],
+        ),
     ]
     return {
         "title": "Segmentation",

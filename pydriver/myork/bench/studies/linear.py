@@ -127,23 +127,7 @@ def _studies(quick: bool) -> list[_Study]:
 
 
 def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
-    """Solve all studies and fit their rates.
-
-    Parameters
-    ----------
-    out : Path
-        Folder of the benchmark; this one leaves no files there.
-    progress : callable
-        Called with a line a study.
-    quick : bool
-        Fewer orders and grids.
-
-    Returns
-    -------
-    dict
-        `name`, `title`, `about`, `cases` (one mapping a solve), `rates` (one a study), `tables`
-        and `plots`.
-    """
+    """Solve all studies and fit their rates; see `myork.bench` for the result."""
     cases: list[dict[str, Any]] = []
     rates: list[dict[str, Any]] = []
     studies = _studies(quick)

@@ -58,17 +58,7 @@ _SIZES = (5, 6, 7)
 
 
 def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
-    """Solve all cases.
-
-    Parameters
-    ----------
-    out : Path
-        Not used; every solve has a folder of its own.
-    progress : callable
-        Called with every line of progress.
-    quick : bool
-        Only small cases at low activation.
-    """
+    """Solve all cases; see `myork.bench` for the result."""
     activations = _ACTIVATIONS[:1] if quick else _ACTIVATIONS
     rival = {angle: _felupe(progress, angle, activations, quick) for angle in (30, 0)}
     choices = [_case(progress, *choice, activations) for choice in _CHOICES[: 4 if quick else None]]
