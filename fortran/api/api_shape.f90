@@ -39,18 +39,19 @@ subroutine shape_fill(order, kernel, window, nd, ns, np, nq, nnz, source, suppor
    double precision, intent(out) :: values(nq, nnz)
    character(len=2048), intent(out) :: message
    type(error_type), allocatable :: error
-   type(shape_type) :: shape
-   integer :: ip, k, n
+   type(shape_type), target :: shape
+   double precision, pointer, contiguous :: row(:, :)
+   integer, pointer, contiguous :: nodes(:)
+   integer :: ip, k
 
    call new_shape(shape, approximation_type(order, kernel, window), source, support, place, error)
    call pack_error(error, stat, message)
    if (stat /= 0) return
-   neighbours = shape%neighbour%index - 1
    k = 0
    do ip = 1, np
-      n = shape%count(ip)
-      values(:, k + 1:k + n) = shape%value(:, shape%first(shape%stencil(ip)) + 1: &
-         & shape%first(shape%stencil(ip)) + n)
-      k = k + n
+      call shape%row(ip, nodes, row)
+      neighbours(k + 1:k + size(nodes)) = nodes - 1
+      values(:, k + 1:k + size(nodes)) = row
+      k = k + size(nodes)
    end do
 end subroutine shape_fill

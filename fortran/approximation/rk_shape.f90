@@ -45,12 +45,16 @@ module rk_shape
       !> Stencil of each place, shape (np)
       integer, allocatable :: stencil(:)
       !> Values of stencil s are value(:, first(s)+1 : first(s+1)), shape (stencils + 1)
-      integer(i8), allocatable :: first(:)
+      integer(i8), allocatable, private :: first(:)
       !> Value and derivatives of each neighbour's shape function, shape (nq, entries)
       real(wp), allocatable :: value(:, :)
    contains
       !> Number of neighbours of a place
       procedure :: count => shape_count
+      !> Neighbours of a place and their shape functions
+      procedure :: row => shape_row
+      !> Places that see each source point
+      procedure :: transposed => shape_transposed
       !> Largest number of neighbours
       procedure :: max_count => shape_max_count
       !> Fields from coefficients at one place
@@ -141,6 +145,40 @@ pure integer function shape_count(self, ip)
 
    shape_count = int(self%neighbour%offset(ip + 1) - self%neighbour%offset(ip))
 end function shape_count
+
+!> Neighbours of a place and their shape functions, as views that live as long as these do
+subroutine shape_row(self, ip, nodes, values)
+   !> Shape functions
+   class(shape_type), target, intent(in) :: self
+   !> Place
+   integer, intent(in) :: ip
+   !> Source points that cover it, ascending, shape (n)
+   integer, pointer, contiguous, intent(out) :: nodes(:)
+   !> Value and derivatives of their shape functions there, shape (nq, n)
+   real(wp), pointer, contiguous, intent(out) :: values(:, :)
+
+   associate (offset => self%neighbour%offset, first => self%first(self%stencil(ip)))
+      nodes => self%neighbour%index(offset(ip) + 1:offset(ip + 1))
+      values => self%value(:, first + 1:first + size(nodes))
+   end associate
+end subroutine shape_row
+
+!> Places that see each source point, and where its shape function there is kept
+subroutine shape_transposed(self, places, column)
+   !> Shape functions
+   class(shape_type), intent(in) :: self
+   !> Places that see each source point
+   type(csr_type), intent(out) :: places
+   !> Its shape function there is value(:, column), shape (entries)
+   integer(i8), allocatable, intent(out) :: column(:)
+   integer(i8) :: k
+
+   call self%neighbour%transposed(self%ns, places, column)
+   do k = 1, size(column, kind=i8)
+      column(k) = column(k) + self%first(self%stencil(places%index(k))) &
+         & - self%neighbour%offset(places%index(k))
+   end do
+end subroutine shape_transposed
 
 !> Largest number of neighbours
 pure integer function shape_max_count(self)

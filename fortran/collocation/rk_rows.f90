@@ -44,7 +44,7 @@ module rk_rows
       integer, allocatable, private :: lead(:)
       !> Blocks in groups of near places, group g is order(group(g)+1 : group(g+1))
       integer, allocatable, private :: order(:), group(:)
-      !> Places that see each source point, and where `value` has the shape function there
+      !> Places that see each source point, and the column of its shape function there
       type(csr_type), private :: seen
       integer(i8), allocatable, private :: seen_value(:)
       !> Mean position of the places that see each source point, shape (nd, ns) [length]
@@ -90,7 +90,7 @@ subroutine new_rows(self, shape, nc, place, rows, range, position, spacing)
    !> Size of the boxes that gather near places, shape (nd) [length]
    real(wp), intent(in) :: spacing(:)
    integer(i8) :: k
-   integer :: b, ip, is
+   integer :: b, is
 
    self%shape => shape
    self%nc = nc
@@ -109,14 +109,11 @@ subroutine new_rows(self, shape, nc, place, rows, range, position, spacing)
    end do
    allocate (self%coefficient(maxval(rows), nc, shape%nq, size(place)), source=0.0_wp)
    call gather(position, place, spacing, self%order, self%group)
-   call shape%neighbour%transposed(shape%ns, self%seen, self%seen_value)
+   call shape%transposed(self%seen, self%seen_value)
    allocate (self%centre(size(position, 1), shape%ns), source=0.0_wp)
    do is = 1, shape%ns
       do k = self%seen%offset(is) + 1, self%seen%offset(is + 1)
-         ip = self%seen%index(k)
-         self%centre(:, is) = self%centre(:, is) + position(:, ip)
-         self%seen_value(k) = self%seen_value(k) + shape%first(shape%stencil(ip)) &
-            & - shape%neighbour%offset(ip)
+         self%centre(:, is) = self%centre(:, is) + position(:, self%seen%index(k))
       end do
       self%centre(:, is) = self%centre(:, is) &
          & /max(self%seen%offset(is + 1) - self%seen%offset(is), 1_i8)
@@ -306,8 +303,9 @@ subroutine add_second(self, g, node, product)
    real(wp), allocatable :: first(:, :), sy(:, :, :), total(:, :)
    !> S y of one place
    real(wp), allocatable :: local(:, :)
-   integer :: i, j, a, b, c, d, k, n, nd, ip, at, row, column, places
-   integer(i8) :: from, to
+   real(wp), pointer, contiguous :: values(:, :)
+   integer, pointer, contiguous :: near(:)
+   integer :: i, j, a, b, c, d, k, nd, ip, at, row, column, places
 
    nd = self%shape%nd
    places = 0
@@ -321,26 +319,22 @@ subroutine add_second(self, g, node, product)
       b = self%order(i)
       ip = self%place(b)
       if (self%lead(ip) /= b) cycle
-      associate (s => self%shape)
-         n = int(s%neighbour%offset(ip + 1) - s%neighbour%offset(ip))
-         from = s%first(s%stencil(ip)) + 1
-         to = from + n - 1
-         allocate (local(nd*nd*self%nc, n))
-         call matmat(reshape(self%second(:, :, :, ip), [nd*nd*self%nc, s%nq]), &
-            & s%value(:, from:to), local)
-         do k = 1, n
-            j = find(node, self%position(s%neighbour%index(s%neighbour%offset(ip) + k)))
-            first(j, at + 1:at + nd) = s%value(2:1 + nd, from + k - 1)
-            do c = 1, self%nc
-               do a = 1, nd
-                  do d = 1, nd
-                     sy(at + a, self%nc*(j - 1) + c, d) = local(d + nd*(a - 1 + nd*(c - 1)), k)
-                  end do
+      call self%shape%row(ip, near, values)
+      allocate (local(nd*nd*self%nc, size(near)))
+      call matmat(reshape(self%second(:, :, :, ip), [nd*nd*self%nc, size(values, 1)]), values, &
+         & local)
+      do k = 1, size(near)
+         j = find(node, self%position(near(k)))
+         first(j, at + 1:at + nd) = values(2:1 + nd, k)
+         do c = 1, self%nc
+            do a = 1, nd
+               do d = 1, nd
+                  sy(at + a, self%nc*(j - 1) + c, d) = local(d + nd*(a - 1 + nd*(c - 1)), k)
                end do
             end do
          end do
-         deallocate (local)
-      end associate
+      end do
+      deallocate (local)
       at = at + nd
    end do
    do d = 1, nd
@@ -428,7 +422,7 @@ subroutine group_rows(self, g, node, unknown, run, rows, m)
 end subroutine group_rows
 
 !> Write the rows of one block into a dense matrix
-pure subroutine write_block(self, b, column, rows, row)
+subroutine write_block(self, b, column, rows, row)
    !> Rows
    class(rows_type), intent(in) :: self
    !> Block
@@ -439,24 +433,22 @@ pure subroutine write_block(self, b, column, rows, row)
    real(wp), intent(inout) :: rows(:, :)
    !> Row before the first one of the block
    integer, intent(in) :: row
-   integer(i8) :: k, shift
-   integer :: c, i, q, at, ip
+   real(wp), pointer, contiguous :: values(:, :)
+   integer, pointer, contiguous :: near(:)
+   integer :: c, i, k, q, at
 
-   ip = self%place(b)
-   associate (s => self%shape)
-      shift = s%first(s%stencil(ip)) - s%neighbour%offset(ip)
-      do k = s%neighbour%offset(ip) + 1, s%neighbour%offset(ip + 1)
-         at = self%nc*(column(s%neighbour%index(k)) - 1)
-         do q = self%range(1, b), self%range(2, b)
-            do c = 1, self%nc
-               do i = 1, self%row(b + 1) - self%row(b)
-                  rows(row + i, at + c) = rows(row + i, at + c) &
-                     & + self%coefficient(i, c, q, b)*s%value(q, k + shift)
-               end do
+   call self%shape%row(self%place(b), near, values)
+   do k = 1, size(near)
+      at = self%nc*(column(near(k)) - 1)
+      do q = self%range(1, b), self%range(2, b)
+         do c = 1, self%nc
+            do i = 1, self%row(b + 1) - self%row(b)
+               rows(row + i, at + c) = rows(row + i, at + c) &
+                  & + self%coefficient(i, c, q, b)*values(q, k)
             end do
          end do
       end do
-   end associate
+   end do
 end subroutine write_block
 
 !> A itself

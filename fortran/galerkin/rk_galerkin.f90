@@ -170,8 +170,7 @@ subroutine set_point_loads(self, body_force, displacement, stress)
    real(wp), intent(in) :: displacement(:, :)
    !> Stress P(i, A) whose traction the other components carry, shape (3, 3, n) [stress]
    real(wp), intent(in) :: stress(:, :, :)
-   integer :: k, nd, np, q, s
-   integer(i8) :: at, first
+   integer :: nd, np, s
 
    nd = self%scene%cloud%nd
    np = size(self%cells%weight)
@@ -183,17 +182,34 @@ subroutine set_point_loads(self, body_force, displacement, stress)
    call self%gradient%set_essential(self%cells, self%surface%essential, self%surface%value)
    self%force = 0.0_wp
    call self%surface%add_forces(self%force)
-   do q = 1, np
-      at = self%inside%neighbour%offset(q)
-      first = self%inside%first(self%inside%stencil(q))
-      do k = 1, self%inside%count(q)
-         associate (node => self%inside%neighbour%index(at + k))
-            self%force(nd*(node - 1) + 1:nd*node) = self%force(nd*(node - 1) + 1:nd*node) &
-               & + self%cells%weight(q)*self%inside%value(1, first + k)*body_force(:nd, q)
+   call add_body_force(self%inside, self%cells%weight, body_force(:nd, :np), self%force)
+end subroutine set_point_loads
+
+!> Forces of a body force, at full load
+subroutine add_body_force(inside, weight, body_force, force)
+   !> Shape functions at the integration points
+   type(shape_type), target, intent(in) :: inside
+   !> Weights of the points, shape (np) [length^nd]
+   real(wp), intent(in) :: weight(:)
+   !> Body force per undeformed volume, shape (nd, np) [force/length^3]
+   real(wp), intent(in) :: body_force(:, :)
+   !> Forces, to which these are added, shape (n) [force]
+   real(wp), intent(inout) :: force(:)
+   real(wp), pointer, contiguous :: values(:, :)
+   integer, pointer, contiguous :: nodes(:)
+   integer :: k, nd, q
+
+   nd = size(body_force, 1)
+   do q = 1, size(weight)
+      call inside%row(q, nodes, values)
+      do k = 1, size(nodes)
+         associate (node => nodes(k))
+            force(nd*(node - 1) + 1:nd*node) = force(nd*(node - 1) + 1:nd*node) &
+               & + weight(q)*values(1, k)*body_force(:, q)
          end associate
       end do
    end do
-end subroutine set_point_loads
+end subroutine add_body_force
 
 !> Forget where the last step came from
 subroutine start_step(self, x, load)

@@ -57,12 +57,14 @@ subroutine new_gradient(self, cells, ns, inside, facet, surface, essential)
    !> Source points
    integer, intent(in) :: ns
    !> Shape functions at the points, the facets and the surface
-   type(shape_type), intent(in) :: inside, facet, surface
+   type(shape_type), target, intent(in) :: inside, facet, surface
    !> Components prescribed at each surface point, shape (nd, ms)
    logical, intent(in) :: essential(:, :)
    type(csr_type) :: facets, lifts, surfaces
    integer, allocatable :: surface_of(:), touched(:)
    real(wp), allocatable :: plain(:, :), taken(:, :, :)
+   real(wp), pointer, contiguous :: psi(:, :)
+   integer, pointer, contiguous :: nodes(:)
    logical, allocatable :: seen(:)
    real(wp) :: size_
    integer :: nd, np, q, n, pass, i, k, s, g, d, cell, o
@@ -197,33 +199,29 @@ contains
 
    !> Values at a place times a vector
    subroutine gather(shape, ip, vector)
-      type(shape_type), intent(in) :: shape
+      type(shape_type), target, intent(in) :: shape
       integer, intent(in) :: ip
       real(wp), intent(in) :: vector(:)
-      integer(i8) :: at, to_value
+      integer :: j
 
-      to_value = shape%first(shape%stencil(ip)) - shape%neighbour%offset(ip)
-      do at = shape%neighbour%offset(ip) + 1, shape%neighbour%offset(ip + 1)
-         associate (node => shape%neighbour%index(at))
-            call touch(node)
-            plain(:, node) = plain(:, node) + shape%value(1, at + to_value)*vector
-         end associate
+      call shape%row(ip, nodes, psi)
+      do j = 1, size(nodes)
+         call touch(nodes(j))
+         plain(:, nodes(j)) = plain(:, nodes(j)) + psi(1, j)*vector
       end do
    end subroutine gather
 
    !> Gradients at a place times a factor
    subroutine gather_gradient(shape, ip, factor)
-      type(shape_type), intent(in) :: shape
+      type(shape_type), target, intent(in) :: shape
       integer, intent(in) :: ip
       real(wp), intent(in) :: factor
-      integer(i8) :: at, to_value
+      integer :: j
 
-      to_value = shape%first(shape%stencil(ip)) - shape%neighbour%offset(ip)
-      do at = shape%neighbour%offset(ip) + 1, shape%neighbour%offset(ip + 1)
-         associate (node => shape%neighbour%index(at))
-            call touch(node)
-            plain(:, node) = plain(:, node) + factor*shape%value(2:1 + nd, at + to_value)
-         end associate
+      call shape%row(ip, nodes, psi)
+      do j = 1, size(nodes)
+         call touch(nodes(j))
+         plain(:, nodes(j)) = plain(:, nodes(j)) + factor*psi(2:1 + nd, j)
       end do
    end subroutine gather_gradient
 
@@ -231,20 +229,16 @@ contains
    subroutine gather_lift(ip, factor)
       integer, intent(in) :: ip
       real(wp), intent(in) :: factor
-      integer(i8) :: at, to_value
-      integer :: c
+      integer :: c, j
 
       lifted = .true.
-      to_value = surface%first(surface%stencil(ip)) - surface%neighbour%offset(ip)
-      do at = surface%neighbour%offset(ip) + 1, surface%neighbour%offset(ip + 1)
-         associate (node => surface%neighbour%index(at))
-            call touch(node)
-            do c = 1, nd
-               if (.not. essential(c, ip)) cycle
-               taken(:, c, node) = taken(:, c, node) &
-                  & + factor*surface%value(1, at + to_value)*cells%outward(:, ip)
-            end do
-         end associate
+      call surface%row(ip, nodes, psi)
+      do j = 1, size(nodes)
+         call touch(nodes(j))
+         do c = 1, nd
+            if (.not. essential(c, ip)) cycle
+            taken(:, c, nodes(j)) = taken(:, c, nodes(j)) + factor*psi(1, j)*cells%outward(:, ip)
+         end do
       end do
    end subroutine gather_lift
 

@@ -48,10 +48,11 @@ subroutine new_nodal_values(self, cells, inside)
    !> Nodal cells
    type(cells_type), intent(in) :: cells
    !> Shape functions at their points
-   type(shape_type), intent(in) :: inside
-   integer(i8) :: at, to_value
+   type(shape_type), target, intent(in) :: inside
+   real(wp), pointer, contiguous :: values(:, :)
+   integer, pointer, contiguous :: nodes(:)
    real(wp) :: own
-   integer :: i, k, ns, q
+   integer :: i, n, ns, q
    integer, allocatable :: cell(:)
    integer(i8), allocatable :: entry(:)
 
@@ -63,15 +64,14 @@ subroutine new_nodal_values(self, cells, inside)
    own = 0.0_wp
    do i = 1, ns
       q = cell(i)
-      to_value = inside%first(inside%stencil(q)) - inside%neighbour%offset(q)
-      k = 0
-      do at = inside%neighbour%offset(q) + 1, inside%neighbour%offset(q + 1)
-         k = k + 1
-         self%row%index(self%row%offset(i) + k) = inside%neighbour%index(at)
-         self%value(self%row%offset(i) + k) = inside%value(1, at + to_value)
-         if (inside%neighbour%index(at) == i) own = own + inside%value(1, at + to_value)/ns
-      end do
-      self%row%offset(i + 1) = self%row%offset(i) + k
+      call inside%row(q, nodes, values)
+      n = size(nodes)
+      associate (at => self%row%offset(i))
+         self%row%index(at + 1:at + n) = nodes
+         self%value(at + 1:at + n) = values(1, :)
+         self%row%offset(i + 1) = at + n
+      end associate
+      own = own + sum(values(1, :), mask=nodes == i)/ns
    end do
    call self%row%transposed(ns, self%row_t, entry)
    self%value_t = self%value(entry)

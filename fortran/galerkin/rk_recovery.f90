@@ -11,7 +11,7 @@
 module rk_recovery
    use rk_cells, only : cells_type
    use rk_error, only : error_type
-   use rk_precision, only : i8, wp
+   use rk_precision, only : wp
    use rk_scene, only : scene_type
    use rk_shape, only : new_shape, shape_type
    implicit none
@@ -64,9 +64,9 @@ subroutine new_recovery(self, scene, cells, error)
 end subroutine new_recovery
 
 !> Deformation gradient at a collocation point or a probe
-pure function gradient_at(self, ip, x, cell) result(f)
+function gradient_at(self, ip, x, cell) result(f)
    !> Recovery
-   class(recovery_type), intent(in) :: self
+   class(recovery_type), target, intent(in) :: self
    !> Collocation point nearest to the place
    integer, intent(in) :: ip
    !> Place, shape (nd) [length]
@@ -74,7 +74,8 @@ pure function gradient_at(self, ip, x, cell) result(f)
    !> Deformation gradients of the cells, shape (3, 3, np) [-]
    real(wp), intent(in) :: cell(:, :, :)
    real(wp) :: f(3, 3)
-   integer(i8) :: k, to_value
+   real(wp), pointer, contiguous :: values(:, :)
+   integer, pointer, contiguous :: nodes(:)
    integer :: at, i
 
    at = ip
@@ -84,9 +85,9 @@ pure function gradient_at(self, ip, x, cell) result(f)
       end do
    end if
    f = 0.0_wp
-   to_value = self%shape%first(self%shape%stencil(at)) - self%shape%neighbour%offset(at)
-   do k = self%shape%neighbour%offset(at) + 1, self%shape%neighbour%offset(at + 1)
-      f = f + self%shape%value(1, k + to_value)*cell(:, :, self%shape%neighbour%index(k))
+   call self%shape%row(at, nodes, values)
+   do i = 1, size(nodes)
+      f = f + values(1, i)*cell(:, :, nodes(i))
    end do
 end function gradient_at
 

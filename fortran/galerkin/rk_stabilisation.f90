@@ -12,7 +12,7 @@ module rk_stabilisation
    use rk_basis, only : second_index
    use rk_cells, only : cells_type
    use rk_mixture, only : mixture_type
-   use rk_precision, only : i8, wp
+   use rk_precision, only : wp
    use rk_shape, only : shape_type
    use rk_symmetric, only : symmetric_matrix
    use rk_tensor, only : identity
@@ -35,22 +35,22 @@ subroutine stabilise(matrix, value, cells, inside, modulus)
    !> Cells with their second moments
    type(cells_type), intent(in) :: cells
    !> Shape functions at the integration points
-   type(shape_type), intent(in) :: inside
+   type(shape_type), target, intent(in) :: inside
    !> Modulus of each cell, shape (np) [stress]
    real(wp), intent(in) :: modulus(:)
    real(wp), allocatable :: part(:, :), scaled(:, :), bend(:, :)
+   real(wp), pointer, contiguous :: values(:, :)
+   integer, pointer, contiguous :: nodes(:)
    real(wp) :: energy
    integer :: c, i, k, l, n, nd, q, a
-   integer(i8) :: at, first
 
    nd = inside%nd
    do q = 1, size(modulus)
-      at = inside%neighbour%offset(q)
-      first = inside%first(inside%stencil(q))
-      n = inside%count(q)
+      call inside%row(q, nodes, values)
+      n = size(nodes)
       allocate (part(nd*n, nd*n), source=0.0_wp)
       do c = 1, nd
-         bend = inside%value([(second_index(nd, a, c), a=1, nd)], first + 1:first + n)
+         bend = values([(second_index(nd, a, c), a=1, nd)], :)
          scaled = modulus(q)*matmul(cells%moment(:, :, q), bend)
          do l = 1, n
             do k = 1, l
@@ -62,7 +62,7 @@ subroutine stabilise(matrix, value, cells, inside, modulus)
             end do
          end do
       end do
-      call matrix%add(value, inside%neighbour%index(at + 1:at + n), part)
+      call matrix%add(value, nodes, part)
       deallocate (part)
    end do
 end subroutine stabilise

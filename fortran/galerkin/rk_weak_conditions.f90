@@ -2,7 +2,7 @@
 !> the forces through boundary sets.
 module rk_weak_conditions
    use rk_cells, only : cells_type
-   use rk_precision, only : i8, wp
+   use rk_precision, only : wp
    use rk_scene, only : scene_type
    use rk_shape, only : shape_type
    use rk_states, only : field_state
@@ -82,23 +82,23 @@ end subroutine set_conditions
 !> Matrix of the penalty
 subroutine add_penalty(self, matrix, value)
    !> Surface
-   class(surface_type), intent(in) :: self
+   class(surface_type), target, intent(in) :: self
    !> Places of the entries
    type(symmetric_matrix), intent(in) :: matrix
    !> Entries, to which those of the penalty are added [force/length]
    real(wp), intent(inout) :: value(:)
    real(wp), allocatable :: part(:, :)
+   real(wp), pointer, contiguous :: values(:, :)
+   integer, pointer, contiguous :: nodes(:)
    integer :: nd, s, i, k, l, n
-   integer(i8) :: at, first
 
    nd = size(self%value, 1)
    do s = 1, size(self%penalty)
       if (.not. any(self%essential(:, s))) cycle
-      at = self%shape%neighbour%offset(s)
-      first = self%shape%first(self%shape%stencil(s))
-      n = self%shape%count(s)
+      call self%shape%row(s, nodes, values)
+      n = size(nodes)
       allocate (part(nd*n, nd*n), source=0.0_wp)
-      associate (psi => self%shape%value(1, first + 1:first + n))
+      associate (psi => values(1, :))
          do l = 1, n
             do k = 1, l
                do i = 1, nd
@@ -108,7 +108,7 @@ subroutine add_penalty(self, matrix, value)
             end do
          end do
       end associate
-      call matrix%add(value, self%shape%neighbour%index(at + 1:at + n), part)
+      call matrix%add(value, nodes, part)
       deallocate (part)
    end do
 end subroutine add_penalty
@@ -116,23 +116,22 @@ end subroutine add_penalty
 !> Forces of tractions and of the penalty's prescribed values, at full load
 subroutine add_forces(self, force)
    !> Surface
-   class(surface_type), intent(in) :: self
+   class(surface_type), target, intent(in) :: self
    !> Forces, to which these are added, shape (n) [force]
    real(wp), intent(inout) :: force(:)
+   real(wp), pointer, contiguous :: values(:, :)
    real(wp) :: push(size(self%value, 1))
+   integer, pointer, contiguous :: nodes(:)
    integer :: nd, s, k
-   integer(i8) :: at, first
 
    nd = size(push)
    do s = 1, size(self%penalty)
       push = merge(self%penalty(s)*self%value(:, s), self%area(s)*self%traction(:, s), &
          & self%essential(:, s))
-      at = self%shape%neighbour%offset(s)
-      first = self%shape%first(self%shape%stencil(s))
-      do k = 1, self%shape%count(s)
-         associate (node => self%shape%neighbour%index(at + k))
-            force(nd*(node - 1) + 1:nd*node) = force(nd*(node - 1) + 1:nd*node) &
-               & + self%shape%value(1, first + k)*push
+      call self%shape%row(s, nodes, values)
+      do k = 1, size(nodes)
+         associate (node => nodes(k))
+            force(nd*(node - 1) + 1:nd*node) = force(nd*(node - 1) + 1:nd*node) + values(1, k)*push
          end associate
       end do
    end do

@@ -22,7 +22,7 @@ module rk_mixture
    use rk_kernel, only : kernel_quintic, window_product
    use rk_material, only : kind_i4
    use rk_neighbours, only : nearest_points
-   use rk_precision, only : i8, wp
+   use rk_precision, only : wp
    use rk_scene, only : scene_type
    use rk_shape, only : approximation_type, new_shape, shape_type
    implicit none
@@ -138,9 +138,9 @@ subroutine new_mixture(self, scene, position, nearest, error)
 end subroutine new_mixture
 
 !> Fractions of all tissues at a place with their gradients
-pure subroutine fractions(shape, owner, ip, part, gradient)
+subroutine fractions(shape, owner, ip, part, gradient)
    !> Shape functions of order 0
-   type(shape_type), intent(in) :: shape
+   type(shape_type), target, intent(in) :: shape
    !> Tissue of each source point
    integer, intent(in) :: owner(:)
    !> Place
@@ -149,17 +149,17 @@ pure subroutine fractions(shape, owner, ip, part, gradient)
    real(wp), intent(out) :: part(:)
    !> Gradients, shape (3, nt) [1/length]
    real(wp), intent(out) :: gradient(:, :)
-   integer(i8) :: entry, to_value
-   integer :: k
+   real(wp), pointer, contiguous :: values(:, :)
+   integer, pointer, contiguous :: nodes(:)
+   integer :: j, k
 
    part = 0.0_wp
    gradient = 0.0_wp
-   to_value = shape%first(shape%stencil(ip)) - shape%neighbour%offset(ip)
-   do entry = shape%neighbour%offset(ip) + 1, shape%neighbour%offset(ip + 1)
-      k = owner(shape%neighbour%index(entry))
-      part(k) = part(k) + shape%value(1, entry + to_value)
-      gradient(:shape%nd, k) = gradient(:shape%nd, k) &
-         & + shape%value(2:1 + shape%nd, entry + to_value)
+   call shape%row(ip, nodes, values)
+   do j = 1, size(nodes)
+      k = owner(nodes(j))
+      part(k) = part(k) + values(1, j)
+      gradient(:shape%nd, k) = gradient(:shape%nd, k) + values(2:1 + shape%nd, j)
    end do
    where (part < nothing) part = 0.0_wp
 end subroutine fractions
