@@ -1,36 +1,74 @@
-"""Other formats than NIfTI: NRRD and MetaImage by SimpleITK, DICOM series by pydicom.
+"""NRRD and MetaImage by SimpleITK, an extra of the package.
 
-Both libraries are extras of the package. Their world has x to the left and y backwards; here it
-is right, anterior, superior.
+Its world has x to the left and y backwards; here it is right, anterior, superior. What its
+readers take for granted is asked here before: they allocate what a header promises, and the one
+of MetaImage goes astray on numbers of axes, sizes and types that there are not.
 """
 
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable
+import math
+import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from myork.errors import FileError, InputError, InstallationError
+from myork.errors import FileError, InputError, InstallationError, MyorkError
+from myork.imaging.promises import DEFLATE_RATIO, check_promise, check_stream
 
-__all__ = ["ITK_SUFFIXES", "load_dicom", "load_itk", "save_itk"]
+__all__ = ["FLIP", "ITK_SUFFIXES", "library", "load_itk", "save_itk"]
 
-ITK_SUFFIXES = (".nrrd", ".nhdr", ".mha", ".mhd")
+_META_SUFFIXES = (".mha", ".mhd")
+ITK_SUFFIXES = (".nrrd", ".nhdr", *_META_SUFFIXES)
 
-_FLIP = np.diag([-1.0, -1.0, 1.0, 1.0])
+#: Turns the axes of the world of SimpleITK and DICOM into those of this package, and back
+FLIP = np.diag([-1.0, -1.0, 1.0, 1.0])
+# No header is longer [bytes].
+_LONGEST_HEADER = 1 << 20
+# Of an image: x, y, z and time
+_MOST_AXES = 4
+# Keys of the file that holds the data
+_DATA_KEYS = ("elementdatafile", "data file", "datafile")
+# Bytes of the types of MetaImage that are plain numbers
+_META_BYTES = {
+    "MET_CHAR": 1,
+    "MET_UCHAR": 1,
+    "MET_SHORT": 2,
+    "MET_USHORT": 2,
+    "MET_INT": 4,
+    "MET_UINT": 4,
+    "MET_LONG": 4,
+    "MET_ULONG": 4,
+    "MET_LONG_LONG": 8,
+    "MET_ULONG_LONG": 8,
+    "MET_FLOAT": 4,
+    "MET_DOUBLE": 8,
+}
 # Units of a NRRD header, in mm
 _UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 0.001, "microns": 0.001}
 
 
 def load_itk(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Values as they are stored, shape `(ni, nj, nk)` or with more axes, and the affine [mm]."""
-    itk = _library("SimpleITK", "formats", path)
+    itk = library("SimpleITK", "formats", path)
+    header, length = _header(path)
+    if path.suffix in _META_SUFFIXES:
+        _check_metaimage(path, header, length)
+    unit, stored = _nrrd_unit(path, header), _stored(path, header, length)
+    reader = itk.ImageFileReader()
+    reader.SetFileName(str(path))
     try:
-        image = itk.ReadImage(str(path))
-    except RuntimeError as reason:
-        raise FileError(f"{path}: cannot be read: {str(reason).splitlines()[-1].strip()}") from None
+        reader.ReadImageInformation()
+        shape = [int(n) for n in (*reader.GetSize(), reader.GetNumberOfComponents())]
+        check_promise(str(path), shape, math.prod(shape), DEFLATE_RATIO * stored)
+        image = reader.Execute()
+    except MyorkError:
+        raise
+    except Exception as reason:
+        raise FileError(f"{path}: cannot be read: {_last_line(reason)}") from None
     dimension = image.GetDimension()
     data = itk.GetArrayFromImage(image)
     vectors = image.GetNumberOfComponentsPerPixel() > 1
@@ -42,19 +80,20 @@ def load_itk(path: Path) -> tuple[np.ndarray, np.ndarray]:
     n = min(dimension, 3)
     affine[:n, :n] = (direction * size)[:n, :n]
     affine[:n, 3] = image.GetOrigin()[:n]
-    affine[:3] *= _nrrd_unit(path)
+    affine[:3] *= unit
     data = data.transpose(order)
+    _check_data(path, header, length, stored, data)
     if dimension == 2 and vectors:
         data = data[:, :, np.newaxis, :]
-    return data, _FLIP @ affine
+    return data, FLIP @ affine
 
 
 def save_itk(path: Path, data: np.ndarray, affine: np.ndarray) -> None:
     """Write values of shape `(ni, nj, nk)` or `(ni, nj, nk, nvalue)` and their affine [mm]."""
-    itk = _library("SimpleITK", "formats", path)
+    itk = library("SimpleITK", "formats", path)
     order = (2, 1, 0, 3)[: data.ndim]
     image = itk.GetImageFromArray(np.ascontiguousarray(data.transpose(order)), data.ndim == 4)
-    turned = _FLIP @ affine
+    turned = FLIP @ affine
     size = np.linalg.norm(turned[:3, :3], axis=0)
     image.SetSpacing(size.tolist())
     image.SetDirection((turned[:3, :3] / size).ravel().tolist())
@@ -62,114 +101,135 @@ def save_itk(path: Path, data: np.ndarray, affine: np.ndarray) -> None:
     try:
         itk.WriteImage(image, str(path), True)
     except RuntimeError as reason:
-        raise FileError(
-            f"{path}: cannot be written: {str(reason).splitlines()[-1].strip()}"
-        ) from None
+        raise FileError(f"{path}: cannot be written: {_last_line(reason)}") from None
 
 
-def load_dicom(folder: Path) -> tuple[np.ndarray, np.ndarray]:
-    """A series of slices in a folder, sorted by position: values, shape `(ni, nj, nk)`, and affine.
-
-    Rescale slope and intercept are applied. Files that are no DICOM images are passed over.
-    """
-    dicom = _library("pydicom", "dicom", folder)
-    slices = []
-    for path in sorted(folder.iterdir()):
-        if path.is_file():
-            try:
-                data = dicom.dcmread(path)
-            except (dicom.errors.InvalidDicomError, OSError):
-                continue
-            if "PixelData" in data:
-                slices.append((path, data))
-    if not slices:
-        raise FileError(f"{folder}: holds no DICOM images")
-    _check_series(folder, slices)
-    first = slices[0][1]
-    along_row, along_column = np.array(first.ImageOrientationPatient, float).reshape(2, 3)
-    normal = np.cross(along_row, along_column)
-    height = [float(np.dot(normal, np.array(d.ImagePositionPatient, float))) for _, d in slices]
-    order = np.argsort(height)
-    gaps = np.diff(np.array(height)[order])
-    if len(gaps) and gaps.min() <= 0.01 * gaps.max():
-        same = [slices[order[int(np.argmin(gaps)) + step]][0].name for step in (0, 1)]
-        raise InputError(
-            f"{folder}: {same[0]} and {same[1]} lie at the same position, so the folder mixes "
-            "echoes, times, or magnitude and phase; keep the files of one image in a folder"
-        )
-    if len(gaps) and np.ptp(gaps) > 0.05 * gaps.mean():
-        raise InputError(
-            f"{folder}: the distances of the slices run from {gaps.min():.3g} to {gaps.max():.3g} "
-            "mm; a slice is missing, or the series must be resampled"
-        )
-    try:
-        stack = [_values(slices[index][1]) for index in order]
-    except Exception as reason:  # pydicom's decoders raise what they like
-        raise FileError(f"{folder}: the pixels cannot be decoded: {reason}") from None
-    affine = np.eye(4)
-    rows, columns = (float(value) for value in first.PixelSpacing)
-    affine[:3, 0], affine[:3, 1] = along_row * columns, along_column * rows
-    affine[:3, 2] = normal * (gaps.mean() if len(gaps) else float(first.get("SliceThickness", 1.0)))
-    affine[:3, 3] = np.array(slices[order[0]][1].ImagePositionPatient, float)
-    return np.stack(stack, axis=-1), _FLIP @ affine
+def _last_line(reason: Exception) -> str:
+    """What SimpleITK says at the end of its many lines."""
+    return (str(reason).strip() or type(reason).__name__).splitlines()[-1].strip()
 
 
-def _check_series(folder: Path, slices: list[tuple[Path, Any]]) -> None:
-    """Refuse files that do not make one stack."""
-    for path, data in slices:
-        for key in ("ImagePositionPatient", "ImageOrientationPatient", "PixelSpacing"):
-            if key not in data:
-                raise InputError(f"{path}: has no {key}; only plain series of slices are read")
-    reference = slices[0]
-    questions: tuple[tuple[str, Callable[[Any], Any]], ...] = (
-        ("series", lambda d: str(d.get("SeriesInstanceUID", ""))),
-        ("sizes", lambda d: (int(d.Rows), int(d.Columns))),
-        (
-            "orientations",
-            lambda d: np.round(np.array(d.ImageOrientationPatient, float), 3).tolist(),
-        ),
-        ("pixel sizes", lambda d: np.round(np.array(d.PixelSpacing, float), 4).tolist()),
-    )
-    for word, answer in questions:
-        wanted = answer(reference[1])
-        other = [path for path, data in slices if answer(data) != wanted]
-        if other:
-            raise InputError(
-                f"{folder}: holds different {word}: {reference[0].name} has {wanted}, "
-                f"{other[0].name} has not ({len(other)} of {len(slices)} files); keep one series "
-                "in a folder"
-            )
-
-
-def _values(data: Any) -> np.ndarray:
-    """Pixels of a slice, columns first, with slope and intercept applied."""
-    pixels = data.pixel_array.T
-    slope, intercept = float(data.get("RescaleSlope", 1)), float(data.get("RescaleIntercept", 0))
-    return pixels if (slope, intercept) == (1.0, 0.0) else pixels * slope + intercept
-
-
-def _nrrd_unit(path: Path) -> float:
-    """Length of the unit in which a NRRD header gives its axes [mm]; 1 for other formats."""
-    if path.suffix not in (".nrrd", ".nhdr"):
-        return 1.0
+def _header(path: Path) -> tuple[dict[str, str], int]:
+    """Keys and values at the beginning of a file, and their length with the line that ends them."""
+    sign, last = ("=", "elementdatafile") if path.suffix in _META_SUFFIXES else (":", "")
+    found: dict[str, str] = {}
+    length = 0
     with path.open("rb") as file:
-        for line in file:
+        for line in file.read(_LONGEST_HEADER).split(b"\n"):
+            length += len(line) + 1
             text = line.decode("latin-1").strip()
             if not text:
                 break
-            if text.lower().startswith("space units:"):
-                words = [word for word in text.split(":", 1)[1].replace('"', " ").split() if word]
-                known = {_UNITS[word] for word in words if word in _UNITS}
-                if len(known) != 1:
-                    raise InputError(
-                        f"{path}: space units {words} are not understood; one of "
-                        f"{', '.join(_UNITS)} for all axes is wanted"
-                    )
-                return known.pop()
-    return 1.0
+            key, _, value = text.partition(sign)
+            found[key.strip().lower()] = value.strip()
+            if key.strip().lower() == last:
+                break
+    return found, length
 
 
-def _library(name: str, extra: str, path: Path) -> Any:
+def _stored(path: Path, header: Mapping[str, str], length: int) -> int:
+    """Length of the data after a header, or in the file that it names [bytes].
+
+    A list or pattern of files counts as all files of the folder.
+    """
+    name = next((header[key] for key in _DATA_KEYS if key in header), "")
+    if name.lower() in ("", "local"):
+        return max(path.stat().st_size - length, 0)
+    data = path.parent / name
+    if re.search(r"%|^list", name, re.IGNORECASE):
+        return sum(file.stat().st_size for file in path.parent.iterdir() if file.is_file())
+    if data.is_file() and not data.samefile(path):
+        return data.stat().st_size
+    raise FileError(
+        f"{path}: cannot be read: its header names the data file {name[:80]!r}, which is not "
+        "there; copy both files"
+    )
+
+
+def _check_data(
+    path: Path, header: Mapping[str, str], length: int, stored: int, data: np.ndarray
+) -> None:
+    """Refuse more plain data than the header promises, and compressed ones that are damaged."""
+    if {"byte skip", "line skip", "headersize"} & set(header):
+        return
+    name = next((header[key] for key in _DATA_KEYS if key in header), "local")
+    place = path if name.lower() == "local" else path.parent / name
+    if not place.is_file():  # a list or a pattern
+        return
+    start = length if place == path else 0
+    if header.get("encoding") in ("gzip", "gz") or _true(header, "compresseddata"):
+        check_stream(place, data.nbytes, start)
+        return
+    plain = header.get("encoding", "raw") == "raw" and _true(header, "binarydata", "true")
+    plane = data.nbytes // max(data.shape[2] if data.ndim > 2 else 1, 1)
+    if plain and stored - data.nbytes >= max(plane, 1):
+        raise FileError(
+            f"{path}: holds {stored - data.nbytes} bytes more than its header promises (shape "
+            f"{data.shape}, {data.dtype}); the header is damaged: write the file anew"
+        )
+
+
+def _true(header: Mapping[str, str], key: str, default: str = "") -> bool:
+    return header.get(key, default)[:1].lower() == "t"
+
+
+def _check_metaimage(path: Path, header: Mapping[str, str], length: int) -> None:
+    """Refuse a MetaImage whose header does not go with itself or with its data."""
+
+    def numbers(key: str, count: int | None, least: float) -> list[float]:
+        try:
+            found = [float(word) for word in header[key].split()]
+        except (KeyError, ValueError):
+            found = []
+        if len(found) != (count or 1) or not all(least <= value < 1e18 for value in found):
+            raise FileError(
+                f"{path}: cannot be read: the header gives {key} = "
+                f"{header.get(key, 'nothing')[:80]!r}; it is damaged: write the file anew"
+            )
+        return found
+
+    axes = int(numbers("ndims", None, 1.0)[0])
+    if axes > _MOST_AXES:
+        raise FileError(f"{path}: cannot be read: the header gives {axes} axes; it is damaged")
+    shape = [int(n) for n in numbers("dimsize", axes, 1.0)]
+    for key, count in (("elementspacing", axes), ("elementsize", axes), ("offset", axes),
+                       ("position", axes), ("origin", axes), ("transformmatrix", axes**2),
+                       ("rotation", axes**2), ("orientation", axes**2)):  # fmt: skip
+        if key in header:
+            numbers(key, count, 1e-30 if key.startswith("element") else -1e18)
+    channels = int(numbers("elementnumberofchannels", None, 1.0)[0]) if (
+        "elementnumberofchannels" in header) else 1  # fmt: skip
+    if "elementdatafile" not in header:
+        raise FileError(f"{path}: cannot be read: the header names no ElementDataFile")
+    kind = header.get("elementtype", "").upper()
+    if kind not in _META_BYTES:
+        raise InputError(
+            f"{path}: values of type {kind[:40] or 'nothing'} are not read; save one plain number "
+            "a voxel"
+        )
+    packed, text = _true(header, "compresseddata"), not _true(header, "binarydata", "true")
+    stored = _stored(path, header, length)
+    # A number in text has two characters at least.
+    room = DEFLATE_RATIO * stored if packed else 4 * stored if text else stored
+    check_promise(str(path), shape, math.prod(shape) * channels * _META_BYTES[kind], room)
+
+
+def _nrrd_unit(path: Path, header: Mapping[str, str]) -> float:
+    """Length of the unit in which a NRRD header gives its axes [mm]; 1 for other formats."""
+    text = header.get("space units")
+    if path.suffix in _META_SUFFIXES or text is None:
+        return 1.0
+    words = text.replace('"', " ").split()
+    known = {_UNITS[word] for word in words if word in _UNITS}
+    if len(known) != 1:
+        raise InputError(
+            f"{path}: space units {words} are not understood; one of "
+            f"{', '.join(_UNITS)} for all axes is wanted"
+        )
+    return known.pop()
+
+
+def library(name: str, extra: str, path: Path) -> Any:
     """An optional library, or an error that names the extra."""
     try:
         return importlib.import_module(name)

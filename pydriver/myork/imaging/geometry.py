@@ -26,6 +26,11 @@ Grid = TypeVar("Grid", Image, Labels)
 # An affine is stored in single precision; spacings and angles are compared with this slack.
 SLACK = 1e-4
 
+# Voxels of a microscope to those of a whale [mm]; a header in another unit lies outside.
+_VOXEL = (1e-4, 1e3)
+# Farther from the scanner's middle single precision does not tell two voxels apart [mm].
+_FARTHEST = 1e6
+
 
 def check_affine(affine: NDArray[np.float64], name: str) -> None:
     """Refuse an affine that does not span a box of voxels with right angles.
@@ -43,6 +48,11 @@ def check_affine(affine: NDArray[np.float64], name: str) -> None:
         raise InputError(
             f"{name}: the affine is singular or not finite (voxel size {size}); "
             "set sform or qform of the file from the scanner's geometry"
+        )
+    if size.min() < _VOXEL[0] or size.max() > _VOXEL[1] or np.abs(affine[:3, 3]).max() > _FARTHEST:
+        raise InputError(
+            f"{name}: the affine is absurd (voxel size {size} mm, first voxel at {affine[:3, 3]} "
+            "mm); check the unit of length and set sform or qform from the scanner's geometry"
         )
     cosines = (columns / size).T @ (columns / size) - np.eye(3)
     if abs(np.linalg.det(columns / size)) < SLACK:

@@ -8,6 +8,7 @@ package directions are in the world frame.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from myork.errors import FileError, InputError
 from myork.imaging.geometry import frame
+from myork.imaging.promises import read_text
 
 __all__ = ["GradientTable", "even_directions", "read_gradients", "write_gradients"]
 
@@ -22,6 +24,9 @@ F64 = NDArray[np.float64]
 
 # Below this an image counts as one without gradient, whose direction may be zero [s/mm^2]
 STILL = 50.0
+
+# No scanner weights more; b values in s/m^2 lie far above [s/mm^2].
+_LARGEST_B = 1e6
 
 
 @dataclass(frozen=True)
@@ -84,7 +89,12 @@ def read_gradients(bval: Path, bvec: Path, affine: F64, volumes: int) -> Gradien
         )
     if (b < 0).any():
         raise InputError(f"{bval}: b values must not be negative, the lowest is {b.min():g}")
-    length = np.linalg.norm(vector, axis=1)
+    if (b > _LARGEST_B).any():
+        raise InputError(
+            f"{bval}: the b value {b.max():g} is absurd; they are wanted in s/mm^2, some 0 to 5000"
+        )
+    with np.errstate(over="ignore"):
+        length = np.linalg.norm(vector, axis=1)
     lost = np.flatnonzero((b > STILL) & (np.abs(length - 1.0) > 0.05))
     if len(lost):
         raise InputError(
@@ -115,10 +125,11 @@ def _fsl_axes(affine: F64) -> F64:
 
 def _numbers(path: Path) -> F64:
     """Numbers of a text file as rows."""
+    text = read_text(path)
+    if not any(line.split("#")[0].strip() for line in text.splitlines()):
+        raise InputError(f"{path}: is empty; rows of numbers are wanted")
     try:
-        found = np.loadtxt(path, dtype=float, ndmin=2)
-    except OSError:
-        raise FileError(f"{path}: there is no such file") from None
+        found = np.loadtxt(StringIO(text), dtype=float, ndmin=2)
     except ValueError as reason:
         raise InputError(f"{path}: rows of numbers are wanted: {reason}") from None
     if not np.isfinite(found).all():

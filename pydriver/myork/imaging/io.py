@@ -8,23 +8,25 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import cast
+from typing import Any
 
-import nibabel
 import numpy as np
-from nibabel.arrayproxy import ArrayProxy
-from nibabel.filebasedimages import ImageFileError
 
 from myork.console import ProgressCallback
 from myork.errors import FileError, InputError
 from myork.files import whole_file, write_text
-from myork.imaging.formats import ITK_SUFFIXES, load_dicom, load_itk, save_itk
+from myork.imaging.dicom import load_dicom
+from myork.imaging.formats import ITK_SUFFIXES, load_itk, save_itk
 from myork.imaging.geometry import check_affine
+from myork.imaging.nifti import load_nifti, save_nifti
+from myork.imaging.promises import check_kind, read_text
 from myork.records import Image, Labels
 
 __all__ = ["read_image", "read_labels", "read_reference", "write_image", "write_labels"]
 
-_TO_MM = {"meter": 1000.0, "micron": 0.001}
+# Larger values are no measurement; squares of smaller ones can be added up.
+_LARGEST = 1e30
+_LAST_LABEL = int(np.iinfo(np.int32).max)
 
 
 def read_image(path: Path, values: int | None = 1) -> Image:
@@ -53,6 +55,12 @@ def read_image(path: Path, values: int | None = 1) -> Image:
                 f"{path}: {len(bad)} voxels are not finite, the first at voxel "
                 f"{tuple(bad[0].tolist())}; replace them (background is usually 0)"
             )
+    bad = np.argwhere((np.abs(data) > _LARGEST) & np.isfinite(data))
+    if len(bad):
+        raise InputError(
+            f"{path}: {len(bad)} values are beyond {_LARGEST:g}, the first at voxel "
+            f"{tuple(bad[0].tolist())}; the file or its scale (scl_slope) is damaged"
+        )
     return Image(data, affine, str(path))
 
 
@@ -63,14 +71,21 @@ def read_labels(path: Path) -> Labels:
     `{"name": label}`, where there is one.
     """
     data, affine = _load(path, raw=True)
+    if data.dtype == np.bool_:
+        data = data.astype(np.uint8)
     if not np.issubdtype(data.dtype, np.integer):
         raise InputError(
             f"{path}: a label map must hold integers, not {data.dtype}; save it "
             "with an integer data type (a probability map must be thresholded first)"
         )
     data = _grid(path, data, 1)
-    if data.size and (data.min() < 0 or data.max() > np.iinfo(np.int32).max):
+    if data.min() < 0:
         raise InputError(f"{path}: labels must not be negative, the lowest is {data.min()}")
+    if data.max() > _LAST_LABEL:
+        raise InputError(
+            f"{path}: labels must not exceed {_LAST_LABEL}, the highest is {data.max()}; the file "
+            "is no label map or damaged"
+        )
     names = _read_names(_names_path(path))
     return Labels(data.astype(np.int32), affine, names, str(path))
 
@@ -113,31 +128,15 @@ def _load(path: Path, raw: bool) -> tuple[np.ndarray, np.ndarray]:
     if path.is_dir():
         data, affine = load_dicom(path)
     elif not path.is_file():
-        raise FileError(f"{path}: there is no such file")
+        what = "is no regular file" if path.exists() else "there is no such file"
+        raise FileError(f"{path}: {what}")
     elif path.suffix in ITK_SUFFIXES:
         data, affine = load_itk(path)
     else:
-        data, affine = _load_nifti(path, raw)
+        data, affine = load_nifti(path, raw)
+    check_kind(str(path), data.dtype)
     check_affine(affine, str(path))
     return data, affine
-
-
-def _load_nifti(path: Path, raw: bool) -> tuple[np.ndarray, np.ndarray]:
-    try:
-        file = nibabel.load(path)
-    except (ImageFileError, OSError, EOFError, ValueError) as reason:
-        raise FileError(f"{path}: is no readable NIfTI file: {reason}") from None
-    if not isinstance(file, nibabel.Nifti1Image):
-        raise InputError(f"{path}: is {type(file).__name__}; convert it to NIfTI (.nii, .nii.gz)")
-    affine = np.array(file.affine, dtype=float)
-    affine[:3] *= _TO_MM.get(file.header.get_xyzt_units()[0], 1.0)
-    check_affine(affine, str(path))
-    try:
-        if raw:
-            return np.asarray(cast(ArrayProxy, file.dataobj).get_unscaled()), affine
-        return np.asarray(file.get_fdata(dtype=np.float64)), affine
-    except (OSError, EOFError, ValueError) as reason:
-        raise FileError(f"{path}: cannot be read: {reason}") from None
 
 
 def _grid(path: Path, data: np.ndarray, values: int | None) -> np.ndarray:
@@ -173,9 +172,36 @@ def _read_names(path: Path) -> dict[int, str]:
     if not path.is_file():
         return {}
     try:
-        return {int(label): str(name) for name, label in json.loads(path.read_text()).items()}
-    except (ValueError, TypeError, AttributeError, OverflowError) as reason:
+        table = json.loads(read_text(path), object_pairs_hook=tuple)
+    except (ValueError, RecursionError) as reason:
         raise InputError(f'{path}: must hold {{"name": label}}: {reason}') from None
+    if not isinstance(table, tuple):
+        raise InputError(f'{path}: must hold {{"name": label}}, not {str(table)[:40]}')
+    names: dict[int, str] = {}
+    for name, label in table:
+        number = _label(label)
+        if number is None:
+            raise InputError(
+                f'{path}: must hold {{"name": label}} with labels from 0 to {_LAST_LABEL}, but '
+                f'"{name[:40]}" has {str(label)[:40]}'
+            )
+        if number in names or name in names.values():
+            raise InputError(
+                f'{path}: "{name[:40]}", label {number}: the name or the label stands there twice'
+            )
+        names[number] = name
+    return names
+
+
+def _label(value: Any) -> int | None:
+    """Label that a value of a table of names stands for, None where it is none."""
+    try:
+        number = int(value)
+    except (ValueError, TypeError, OverflowError):
+        return None
+    if isinstance(value, bool) or (isinstance(value, float) and value != number):
+        return None
+    return number if 0 <= number <= _LAST_LABEL else None
 
 
 def _write(path: Path, data: np.ndarray, affine: np.ndarray) -> None:
@@ -184,8 +210,4 @@ def _write(path: Path, data: np.ndarray, affine: np.ndarray) -> None:
         if path.suffix in ITK_SUFFIXES:
             save_itk(unfinished, data, affine)
         else:
-            file = nibabel.Nifti1Image(data, affine)
-            file.header.set_xyzt_units("mm")
-            file.set_sform(affine, code=1)
-            file.set_qform(affine, code=1)
-            nibabel.save(file, unfinished)
+            save_nifti(unfinished, data, affine)

@@ -8,15 +8,16 @@ from __future__ import annotations
 import importlib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from myork.errors import FileError, InputError, InstallationError
+from myork.errors import InputError
 from myork.imaging.diffusion import tensor_components
+from myork.imaging.promises import read_arrays
 from myork.model.fibers import lead_vector
+from myork.model.mesh_file import read_mesh
 from myork.records import Image, Labels
 
 __all__ = ["read_tracts", "tract_fibers", "voxelise"]
@@ -25,6 +26,8 @@ F64 = NDArray[np.float64]
 
 # Segments of tracts that make the direction of a voxel: about ten tracts at their usual density
 _NEAREST = 24
+# Beyond this a point belongs to no body [mm].
+_FARTHEST = 1e6
 
 
 def voxelise(path: Path, to_mm: float, spacing: Sequence[float], name: str) -> Labels:
@@ -41,33 +44,33 @@ def voxelise(path: Path, to_mm: float, spacing: Sequence[float], name: str) -> L
     name : str
         Name of the label.
     """
-    mesh = _mesh(path)
-    surface = mesh.extract_surface(algorithm="dataset_surface").triangulate().clean()
-    if surface.n_points == 0:
+    mesh = read_mesh(path)
+    if not len(mesh.triangles):
         raise InputError(f"{path}: holds no surface")
-    if not np.isfinite(surface.points).all():
-        raise InputError(f"{path}: a point of the surface is not finite")
-    if surface.n_open_edges:
+    if mesh.open_edges:
         raise InputError(
-            f"{path}: the surface is not closed ({surface.n_open_edges} open edges); close its "
-            "holes first"
+            f"{path}: the surface is not closed ({mesh.open_edges} open edges); close its holes "
+            "first"
         )
     size = np.asarray(spacing, float)
-    low, high = np.reshape(surface.bounds, (3, 2)).T * to_mm
-    count = np.ceil((high - low) / size).astype(int) + 2
-    origin = 0.5 * (low + high) - 0.5 * (count - 1) * size
-    if np.prod(count.astype(float)) > 5e7:
+    corners = mesh.points.astype(float) * to_mm
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    wanted = np.ceil((high - low) / size) + 2
+    if np.prod(wanted) > 5e7:
         raise InputError(
-            f"{path}: {' x '.join(map(str, count))} voxels; the surface is {np.round(high - low)} "
-            "mm large: check build.surface_unit, or raise build.voxel"
+            f"{path}: {' x '.join(f'{n:.0f}' for n in wanted)} voxels; the surface is "
+            f"{np.round(high - low)} mm large: check build.surface_unit, or raise build.voxel"
         )
+    count = wanted.astype(int)
+    origin = 0.5 * (low + high) - 0.5 * (count - 1) * size
     place = np.stack(np.meshgrid(*(np.arange(n) for n in count), indexing="ij"), -1)
     points = (place.reshape(-1, 3) * size + origin) / to_mm
     modeling = importlib.import_module("vtkmodules.vtkFiltersModeling")
     pyvista = importlib.import_module("pyvista")
     inside = modeling.vtkSelectEnclosedPoints()
     inside.SetInputData(pyvista.PolyData(points))
-    inside.SetSurfaceData(surface)
+    triangles = np.column_stack([np.full(len(mesh.triangles), 3), mesh.triangles])
+    inside.SetSurfaceData(pyvista.PolyData(mesh.points, triangles.ravel()))
     inside.Update()
     data = np.asarray(pyvista.wrap(inside.GetOutput())["SelectedPoints"]).astype(np.int32)
     if not data.any():
@@ -94,35 +97,56 @@ def read_tracts(path: Path, to_mm: float) -> list[F64]:
         Points of each line, shape `(m, 3)`, two at least [mm].
     """
     if path.suffix == ".npz":
-        if not path.is_file():
-            raise FileError(f"{path}: there is no such file")
-        try:
-            with np.load(path) as archive:
-                points, offsets = archive["points"].astype(float), archive["offsets"].astype(int)
-        except (OSError, KeyError, ValueError) as reason:
-            raise InputError(f"{path}: needs the arrays points and offsets: {reason}") from None
-        if points.ndim != 2 or points.shape[1] != 3 or offsets.ndim != 1:
-            raise InputError(f"{path}: points must be (n, 3), offsets (m,), not {points.shape}")
-        if (np.diff(offsets) < 0).any() or offsets.min() < 0 or offsets.max() > len(points):
-            raise InputError(f"{path}: offsets must rise from 0 to the number of points")
-        lines = np.split(points, offsets[(offsets > 0) & (offsets < len(points))])
+        lines = _archived_lines(path)
     else:
-        grid = _mesh(path)
-        if not hasattr(grid, "dimensions"):
+        mesh = read_mesh(path)
+        ni, nj, nk = mesh.dimensions
+        if ni * nj * nk == 0:
             raise InputError(f"{path}: fibers must be a structured grid or an archive .npz")
-        ni, nj, nk = grid.dimensions
-        lines = list(np.asarray(grid.points, float).reshape(nk, nj * ni, 3).swapaxes(0, 1))
+        lines = list(mesh.grid.astype(float).reshape(nk, nj * ni, 3).swapaxes(0, 1))
     lines = [line * to_mm for line in lines if len(line) > 1]
     if not lines or not all(np.isfinite(line).all() for line in lines):
         raise InputError(f"{path}: holds no line, or a point that is not finite")
+    if max(np.abs(line).max() for line in lines) > _FARTHEST:
+        raise InputError(
+            f"{path}: a point lies more than {_FARTHEST / 1e6:g} km away; check "
+            "build.surface_unit, or the file is damaged"
+        )
+    if not any(np.ptp(line, axis=0).any() for line in lines):
+        raise InputError(f"{path}: no line has a length, all of its points are the same")
     return lines
 
 
-def tract_fibers(tracts: Sequence[F64], labels: Labels) -> Image:
+def _archived_lines(path: Path) -> list[F64]:
+    """Lines of a NumPy archive, of any number of points."""
+    points, offsets = read_arrays(path, ("points", "offsets"))
+    if points.ndim != 2 or points.shape[1] != 3 or offsets.ndim != 1:
+        raise InputError(
+            f"{path}: points must be (n, 3), offsets (m,), not {points.shape} and {offsets.shape}"
+        )
+    with np.errstate(invalid="ignore"):
+        starts = offsets.astype(np.int64)
+    if not (starts == offsets).all():
+        raise InputError(f"{path}: offsets must be whole numbers")
+    if not len(starts) or (np.diff(starts) < 0).any() or starts[0] < 0 or starts[-1] > len(points):
+        raise InputError(f"{path}: offsets must rise from 0 to the number of points")
+    return np.split(points.astype(float), starts[(starts > 0) & (starts < len(points))])
+
+
+def tract_fibers(tracts: Sequence[F64], labels: Labels, name: str = "tracts") -> Image:
     """Fiber vectors of all voxels of a label map from the nearest pieces of lines.
 
     Directions are averaged as dyads: a line has no sign. Weights fall off with the distance, so
     that a voxel between lines gets the direction of all around it.
+
+    Parameters
+    ----------
+    tracts : sequence
+        Points of each line, shape `(m, 3)` [mm].
+    labels : Labels
+        The body.
+    name : str
+        Of the tracts, for messages.
     """
     start = np.vstack([line[:-1] for line in tracts])
     step = np.vstack([np.diff(line, axis=0) for line in tracts])
@@ -130,8 +154,17 @@ def tract_fibers(tracts: Sequence[F64], labels: Labels) -> Image:
     usable = length > 0
     direction = step[usable] / length[usable][:, np.newaxis]
     tree = cKDTree((start + 0.5 * step)[usable])
+    low, high = start.min(axis=0), start.max(axis=0)
     voxels = np.argwhere(labels.data > 0)
     place = voxels @ labels.affine[:3, :3].T + labels.affine[:3, 3]
+    least, most = place.min(axis=0), place.max(axis=0)
+    if (low > most).any() or (high < least).any():
+        ends = [np.round(corner, 1) for corner in (low, high, least, most)]
+        raise InputError(
+            f"{name}: the lines lie outside of the body of {labels.name}: they run from {ends[0]} "
+            f"to {ends[1]} mm, the body from {ends[2]} to {ends[3]} mm; both files must have one "
+            "unit and one origin"
+        )
     number = min(_NEAREST, len(direction))
     away, near = (a.reshape(len(place), number) for a in tree.query(place, k=number))
     # Never narrower than a voxel: a line through the voxel must not decide alone.
@@ -143,19 +176,3 @@ def tract_fibers(tracts: Sequence[F64], labels: Labels) -> Image:
     fibers = np.zeros((*labels.data.shape, 3))
     fibers[tuple(voxels.T)] = lead_vector(tensor_components(dyad))
     return Image(fibers, labels.affine, "fibers of tracts")
-
-
-def _mesh(path: Path) -> Any:
-    """Mesh of any kind that VTK reads."""
-    try:
-        pyvista = importlib.import_module("pyvista")
-    except ImportError:
-        raise InstallationError(
-            f"{path}: surfaces need pyvista: pip install 'myork[viz]'"
-        ) from None
-    if not path.is_file():
-        raise FileError(f"{path}: there is no such file")
-    try:
-        return pyvista.read(path)
-    except Exception as reason:  # VTK's readers raise what they like
-        raise FileError(f"{path}: cannot be read: {reason}") from None

@@ -22,10 +22,11 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
 from myork.errors import InputError, InstallationError
+from myork.records import Image
 from myork.segmentation.level_sets import Evolve
 from myork.segmentation.starts import kmeans, level_sets_of, regions_of
 
-__all__ = ["BiasField", "clustered_bias", "n4_bias"]
+__all__ = ["BiasField", "check_positive", "clustered_bias", "n4_bias"]
 
 F64 = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -36,6 +37,7 @@ _EPSILON = 0.02
 _DT = 5000.0  # largest time step of the level sets
 _STEPS = 5  # of the level sets between two improvements of the field
 _EDGE = 0.05  # relative change from pixel to pixel that makes an edge; noise of 1/25 makes 0.01
+_NEGATIVE = 0.01  # part of the body's voxels that ringing of a resampled image makes negative
 _DARK = 0.3  # of the median value: what is darker is mostly noise
 
 
@@ -57,6 +59,24 @@ class BiasField:
     field: F64
     energy: F64
     converged: bool
+
+
+def check_positive(image: Image, mask: Mask) -> None:
+    """Refuse an image of which a good part is negative: a factor explains no change of sign.
+
+    Parameters
+    ----------
+    image : Image
+        MR image, shape `(ni, nj, nk)`.
+    mask : NDArray
+        Voxels of the body, same shape.
+    """
+    share = float((image.data[mask] < 0).mean())
+    if share > _NEGATIVE:
+        raise InputError(
+            f"{image.name}: {share:.0%} of the values in the body are negative, which no bias "
+            "field makes; give the magnitude image, or set bias.method = 'none'"
+        )
 
 
 def clustered_bias(

@@ -138,11 +138,12 @@ def group_by_reference(region: I32, reference: Labels) -> Labels:
         Label map on the same grid, for instance of a neighbour's or an atlas.
     """
     found = np.zeros(region.shape, np.int32)
+    known, place = np.unique(reference.data, return_inverse=True)
     for number in np.unique(region[region >= 0]):
         pieces, count = ndimage.label(region == number)
-        votes = np.zeros((count + 1, int(reference.data.max()) + 1), np.int64)
-        np.add.at(votes, (pieces.ravel(), reference.data.ravel()), 1)
-        winner = votes.argmax(axis=1).astype(np.int32)
+        votes = np.zeros((count + 1, len(known)), np.int64)
+        np.add.at(votes, (pieces.ravel(), place.ravel()), 1)
+        winner = known[votes.argmax(axis=1)]
         winner[0] = 0
         found += winner[pieces]
     names = {

@@ -15,6 +15,9 @@ __all__ = ["body_mask", "box_mask", "grown_mask", "otsu", "piece_with_seed"]
 
 Mask = NDArray[np.bool_]
 
+# No bright spot of an image reaches this many times its 99th percentile.
+_OUTLIER = 1e6
+
 
 def otsu(values: ArrayLike, bins: int = 256) -> float:
     """Threshold that parts values into two classes with the largest variance between them.
@@ -36,7 +39,8 @@ def body_mask(image: Image, rim: float = 2.0) -> Mask:
     """Inside of the body (both legs where there are two), without the skin.
 
     Slice by slice, a third of Otsu's threshold parts the body from air even where muscle is much
-    darker than fat or the coil reaches badly; holes are filled.
+    darker than fat or the coil reaches badly; holes are filled. Air is zero, or the lowest value
+    where that is negative.
 
     Parameters
     ----------
@@ -45,18 +49,37 @@ def body_mask(image: Image, rim: float = 2.0) -> Mask:
     rim : float
         Taken off at the skin, where pixels are a mixture of fat and air [pixel].
     """
+    _check_signal(image)
     smooth = ndimage.gaussian_filter(image.data, (1.0, 1.0, 0.0))
     mask = np.zeros(smooth.shape, dtype=bool)
     for k in range(mask.shape[2]):
         section = smooth[:, :, k]
         if np.ptp(section) > 0:
-            full = ndimage.binary_fill_holes(section > otsu(section) / 3.0)
+            air = min(float(section.min()), 0.0)
+            full = ndimage.binary_fill_holes(section > air + (otsu(section) - air) / 3.0)
             mask[:, :, k] = ndimage.distance_transform_edt(np.pad(full, 1))[1:-1, 1:-1] > rim
     pieces, n = ndimage.label(mask)
     size = np.bincount(pieces.ravel(), minlength=n + 1)[1:]
     if not n:
         raise InputError(f"{image.name}: no body found, the image has next to no contrast")
     return np.isin(pieces, 1 + np.flatnonzero(size >= 0.1 * size.max()))
+
+
+def _check_signal(image: Image) -> None:
+    """Refuse values that no MR image has."""
+    positive = image.data[image.data > 0]
+    if not positive.size:
+        raise InputError(
+            f"{image.name}: no value is above zero, the largest is {image.data.max():g}; a "
+            "magnitude image is wanted, bright where there is signal"
+        )
+    typical, largest = np.percentile(positive, 99.0), positive.max()
+    if largest > _OUTLIER * typical:
+        place = np.unravel_index(int(image.data.argmax()), image.data.shape)
+        raise InputError(
+            f"{image.name}: the value {largest:g} at voxel {tuple(int(n) for n in place)} is "
+            f"{largest / typical:.0e} times that of the image; the file is damaged there"
+        )
 
 
 def box_mask(image: Image, box: Sequence[float]) -> Mask:

@@ -90,7 +90,7 @@ def _inputs(
         if "tracts" not in table:
             return labels, None, paths
         paths.append(folder / table["tracts"])
-        return labels, tract_fibers(read_tracts(paths[1], unit), labels), paths
+        return labels, tract_fibers(read_tracts(paths[1], unit), labels, str(paths[1])), paths
     if "tracts" in table:
         raise InputError("build.tracts needs build.surface; for images give build.fibers")
     stem = "tissue" if deck["tissue"]["find"] else "segmentation"

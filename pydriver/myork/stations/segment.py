@@ -37,7 +37,7 @@ from myork.model.fibers import fiber_field
 from myork.model.orientation import check_orientation
 from myork.records import Image, Labels
 from myork.segmentation.assign import label_by_phase, label_by_reference, label_by_rules
-from myork.segmentation.bias import clustered_bias, n4_bias
+from myork.segmentation.bias import check_positive, clustered_bias, n4_bias
 from myork.segmentation.channels import fiber_channels, scaled_values, smoothed_tensor
 from myork.segmentation.grouping import Muscle, check_seeds, rule_seeds
 from myork.segmentation.level_sets import LevelSets, Regions, segment_regions
@@ -265,6 +265,7 @@ def _corrected(
         return image, {"method": "none"}
     progress(f"bias field by {keys['method']}")
     mask = body_mask(image)
+    check_positive(image, mask)
     if keys["method"] == "n4":
         found = n4_bias(image.data, mask, spacing=image.spacing, shrink=keys["shrink"])
     else:
@@ -312,6 +313,11 @@ def _reference(
     if "reference" not in table:
         return None
     reference = read_reference(folder / table["reference"], progress)
+    if not reference.data.any():
+        raise InputError(
+            f"{reference.name}: the reference is empty, no voxel has a label above zero; give the "
+            "label map by which regions are to be grouped"
+        )
     check_same_grid(reference, image)
     return reference
 

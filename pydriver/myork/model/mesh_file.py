@@ -1,0 +1,139 @@
+"""Surfaces and grids from files, read in a process of their own.
+
+VTK's readers end the process that calls them on many damaged files, by a signal or by taking all
+memory; here that is one more error with the name of the file.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from myork.errors import FileError, InputError, InstallationError
+
+__all__ = ["Mesh", "main", "read_mesh"]
+
+F64 = NDArray[np.float64]
+
+# What the reader may take beside the file's size [bytes]: most is its libraries' address space.
+_MEMORY = 4 << 30
+_PER_BYTE = 64
+# Time to read [s], and bytes that are read in a second at the least
+_SECONDS = 60.0
+_PER_SECOND = 1e6
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """What a file of VTK holds.
+
+    Attributes
+    ----------
+    points : NDArray
+        Corners of the skin, shape `(npoint, 3)`.
+    triangles : NDArray
+        Three corners of each triangle of the skin, shape `(ntriangle, 3)`.
+    open_edges : int
+        Edges of one triangle only: a closed surface has none.
+    grid : NDArray
+        Points of a structured grid, the first index running fastest, shape `(ni*nj*nk, 3)`; empty
+        for other meshes.
+    dimensions : tuple
+        Its numbers of points ni, nj and nk, zeros for other meshes.
+    """
+
+    points: NDArray[np.floating]
+    triangles: NDArray[np.int64]
+    open_edges: int
+    grid: NDArray[np.floating]
+    dimensions: tuple[int, int, int]
+
+
+def read_mesh(path: Path) -> Mesh:
+    """Read a mesh of any kind that VTK reads: STL, PLY, OBJ, VTK, VTP, VTS."""
+    if importlib.util.find_spec("pyvista") is None:
+        raise InstallationError(f"{path}: surfaces need pyvista: pip install 'myork[viz]'")
+    if not path.is_file():
+        raise FileError(f"{path}: there is no such file")
+    seconds = _SECONDS + path.stat().st_size / _PER_SECOND
+    one = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "VTK_SMP_MAX_THREADS"), "1")
+    places = {"PYTHONPATH": os.pathsep.join(place for place in sys.path if place)}
+    with tempfile.TemporaryDirectory() as folder:
+        arrays = Path(folder, "mesh.npz")
+        call = "from myork.model.mesh_file import main; main()"
+        try:
+            done = subprocess.run(
+                [sys.executable, "-c", call, os.path.abspath(path), arrays],
+                env={**os.environ, **one, **places},
+                stdin=subprocess.DEVNULL,
+                capture_output=True,
+                timeout=seconds,
+                check=False,
+            )
+        except subprocess.TimeoutExpired:
+            raise FileError(
+                f"{path}: cannot be read: the reader did not end within {seconds:.0f} s; the file "
+                "is damaged"
+            ) from None
+        if done.returncode != 0:
+            said = done.stderr.decode("utf-8", "replace").strip().splitlines()
+            reason = said[-1] if done.returncode == 2 and said else (
+                f"the reader ended with status {done.returncode}")  # fmt: skip
+            raise FileError(
+                f"{path}: cannot be read: {reason}; the file is damaged or no mesh: write it anew"
+            )
+        with np.load(arrays) as found:
+            mesh = Mesh(
+                found["points"],
+                found["triangles"],
+                int(found["open_edges"]),
+                found["grid"],
+                (int(found["ni"]), int(found["nj"]), int(found["nk"])),
+            )
+    if mesh.triangles.size and not 0 <= mesh.triangles.min() <= mesh.triangles.max() < len(
+        mesh.points
+    ):
+        raise InputError(f"{path}: a triangle has a corner that is not there; the file is damaged")
+    return mesh
+
+
+def main() -> None:
+    """Read the file named first and write its arrays to the file named second."""
+    path, arrays = sys.argv[1:3]
+    room = _MEMORY + _PER_BYTE * os.path.getsize(path)
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    hard = resource.getrlimit(resource.RLIMIT_AS)[1]
+    if hard == resource.RLIM_INFINITY or room < hard:
+        resource.setrlimit(resource.RLIMIT_AS, (room, hard))
+    try:
+        pyvista = importlib.import_module("pyvista")
+        with pyvista.VtkErrorCatcher(raise_errors=True):  # it goes on with what it could read
+            mesh = pyvista.read(path)
+        if not np.isfinite(mesh.points).all():
+            raise ValueError("a point is not finite")
+        skin = mesh.extract_surface(algorithm="dataset_surface").triangulate().clean()
+        structured = hasattr(mesh, "dimensions")
+        ni, nj, nk = mesh.dimensions if structured else (0, 0, 0)
+        np.savez(
+            arrays,
+            points=skin.points,
+            triangles=np.reshape(skin.faces, (-1, 4))[:, 1:].astype(np.int64),
+            open_edges=skin.n_open_edges,
+            grid=mesh.points if structured else np.zeros((0, 3)),
+            ni=ni,
+            nj=nj,
+            nk=nk,
+        )
+    except Exception as reason:  # VTK's readers raise what they like
+        print(" ".join(str(reason).split()) or type(reason).__name__, file=sys.stderr)
+        sys.exit(2)
