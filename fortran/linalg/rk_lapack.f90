@@ -7,6 +7,7 @@ module rk_lapack
    use rk_error, only : error_type, fatal_error, err_linalg, err_memory
    use rk_precision, only : i8, wp
    use rk_text, only : to_text
+   use rk_threads, only : hold_threads, release_threads
    implicit none
    private
 
@@ -63,9 +64,11 @@ subroutine cholesky(a, error)
    real(wp), contiguous, intent(inout) :: a(:, :)
    !> Error handling: not positive definite
    type(error_type), allocatable, intent(out) :: error
-   integer :: info
+   integer :: kept, info
 
+   call hold_threads(kept)
    call dpotrf('u', size(a, 1), a, size(a, 1), info)
+   call release_threads(kept)
    if (info /= 0) call fatal_error(error, err_linalg, 'matrix is not positive definite, minor ' &
       & //to_text(info)//' of '//to_text(size(a, 1)))
 end subroutine cholesky
@@ -78,11 +81,13 @@ subroutine reciprocal_condition(r, rcond)
    real(wp), intent(out) :: rcond
    real(wp), allocatable :: work(:)
    integer, allocatable :: iwork(:)
-   integer :: info, n
+   integer :: kept, info, n
 
    n = size(r, 2)
    allocate (work(3*n), iwork(n))
+   call hold_threads(kept)
    call dtrcon('1', 'u', 'n', n, r, size(r, 1), rcond, work, iwork, info)
+   call release_threads(kept)
    if (info /= 0) rcond = 0.0_wp
 end subroutine reciprocal_condition
 
@@ -94,8 +99,11 @@ subroutine solve_triangular(r, b, transposed)
    real(wp), contiguous, intent(inout) :: b(:)
    !> Solve with the transpose
    logical, intent(in) :: transposed
+   integer :: kept
 
+   call hold_threads(kept)
    call dtrsv('u', merge('t', 'n', transposed), 'n', size(b), r, size(r, 1), b, 1)
+   call release_threads(kept)
 end subroutine solve_triangular
 
 !> Least squares by Householder QR (DGELS)
@@ -110,13 +118,15 @@ subroutine solve_qr(a, b, rcond, error)
    type(error_type), allocatable, intent(out) :: error
    real(wp), allocatable :: work(:)
    real(wp) :: query(1)
-   integer :: m, n, info
+   integer :: kept, m, n, info
 
    m = size(a, 1)
    n = size(a, 2)
    call dgels('n', m, n, 1, a, m, b, m, query, -1, info)
    allocate (work(nint(query(1))))
+   call hold_threads(kept)
    call dgels('n', m, n, 1, a, m, b, m, work, size(work), info)
+   call release_threads(kept)
    rcond = 0.0_wp
    if (info /= 0) then
       call fatal_error(error, err_linalg, 'least squares matrix of shape ' &
@@ -145,7 +155,7 @@ subroutine solve_band(start, column, value, b, x, rcond, error)
    real(wp), allocatable :: band(:, :)
    integer, allocatable :: pivot(:)
    integer(i8) :: k
-   integer :: i, info, n, stat, width
+   integer :: kept, i, info, n, stat, width
 
    n = size(b)
    width = 0
@@ -168,7 +178,9 @@ subroutine solve_band(start, column, value, b, x, rcond, error)
       end do
    end do
    x = b
+   call hold_threads(kept)
    call dgbsv(n, width, width, 1, band, size(band, 1), pivot, x, n, info)
+   call release_threads(kept)
    if (info /= 0) then
       call fatal_error(error, err_linalg, 'matrix of '//to_text(n)//' unknowns is singular, ' &
          & //'pivot '//to_text(info))
@@ -195,7 +207,7 @@ subroutine solve_pivoted_qr(a, b, pivot, rank, rcond, error)
    type(error_type), allocatable, intent(out) :: error
    real(wp), allocatable :: work(:)
    real(wp) :: query(1), tolerance
-   integer :: m, n, k, info
+   integer :: kept, m, n, k, info
 
    m = size(a, 1)
    n = size(a, 2)
@@ -205,7 +217,9 @@ subroutine solve_pivoted_qr(a, b, pivot, rank, rcond, error)
    rcond = 0.0_wp
    call dgelsy(m, n, k, a, m, b, m, pivot, tolerance, rank, query, -1, info)
    allocate (work(nint(query(1))))
+   call hold_threads(kept)
    call dgelsy(m, n, k, a, m, b, m, pivot, tolerance, rank, work, size(work), info)
+   call release_threads(kept)
    if (info /= 0) then
       call fatal_error(error, err_linalg, 'rank revealing QR failed, info '//to_text(info))
       return
@@ -228,7 +242,7 @@ subroutine svd(a, u, s, vt, error)
    real(wp), allocatable :: copy(:, :), work(:)
    integer, allocatable :: iwork(:)
    real(wp) :: query(1)
-   integer :: m, n, k, info
+   integer :: kept, m, n, k, info
 
    m = size(a, 1)
    n = size(a, 2)
@@ -237,7 +251,9 @@ subroutine svd(a, u, s, vt, error)
    allocate (u(m, k), s(k), vt(k, n), iwork(8*k))
    call dgesdd('s', m, n, copy, m, s, u, m, vt, k, query, -1, iwork, info)
    allocate (work(nint(query(1))))
+   call hold_threads(kept)
    call dgesdd('s', m, n, copy, m, s, u, m, vt, k, work, size(work), iwork, info)
+   call release_threads(kept)
    if (info /= 0) call fatal_error(error, err_linalg, 'singular value decomposition failed, info ' &
       & //to_text(info)//': are there numbers that are not finite?')
 end subroutine svd
@@ -252,8 +268,11 @@ subroutine syrk(a, rows, columns, c)
    integer, intent(in) :: columns
    !> Product, shape (>= columns, >= columns)
    real(wp), contiguous, intent(inout) :: c(:, :)
+   integer :: kept
 
+   call hold_threads(kept)
    call dsyrk('u', 't', columns, rows, 1.0_wp, a, size(a, 1), 0.0_wp, c, size(c, 1))
+   call release_threads(kept)
 end subroutine syrk
 
 !> y = A x or A^T x
@@ -266,9 +285,12 @@ subroutine matvec(a, x, y, transposed)
    real(wp), contiguous, intent(inout) :: y(:)
    !> Multiply by the transpose
    logical, intent(in) :: transposed
+   integer :: kept
 
+   call hold_threads(kept)
    call dgemv(merge('t', 'n', transposed), size(a, 1), size(a, 2), 1.0_wp, a, size(a, 1), &
       & x, 1, 0.0_wp, y, 1)
+   call release_threads(kept)
 end subroutine matvec
 
 !> C = A B
@@ -279,9 +301,12 @@ subroutine matmat(a, b, c)
    real(wp), contiguous, intent(in) :: b(:, :)
    !> Product, shape (m, n)
    real(wp), contiguous, intent(inout) :: c(:, :)
+   integer :: kept
 
+   call hold_threads(kept)
    call dgemm('n', 'n', size(a, 1), size(b, 2), size(a, 2), 1.0_wp, a, size(a, 1), &
       & b, size(b, 1), 0.0_wp, c, size(c, 1))
+   call release_threads(kept)
 end subroutine matmat
 
 end module rk_lapack

@@ -10,6 +10,7 @@ module rk_sparse
    use rk_operator, only : factor_type, row_operator
    use rk_precision, only : i8, wp
    use rk_text, only : to_text
+   use rk_threads, only : hold_threads, release_threads
    implicit none
    private
 
@@ -78,7 +79,8 @@ subroutine sparse_cholesky(self, matrix, error)
    integer(i8), allocatable :: start(:), row(:)
    real(wp), allocatable :: value(:)
    integer(i8) :: at, k
-   integer :: c, i, j, pass
+   integer :: kept, c, i, j, pass
+   integer(c_int) :: stat
 
    self%position = matrix%position
    allocate (start(0:matrix%n))
@@ -102,7 +104,10 @@ subroutine sparse_cholesky(self, matrix, error)
       if (pass == 1) allocate (row(k), value(k))
    end do
    call self%free()
-   call complain(rk_sparse_cholesky(int(matrix%n, i8), start, row, value, self%handle), error)
+   call hold_threads(kept)
+   stat = rk_sparse_cholesky(int(matrix%n, i8), start, row, value, self%handle)
+   call release_threads(kept)
+   call complain(stat, error)
 end subroutine sparse_cholesky
 
 !> Least squares by sparse QR of the column-scaled matrix
@@ -122,7 +127,8 @@ subroutine sparse_qr(self, op, b, x, rank, error)
    integer(i8), allocatable :: start(:), column(:)
    real(wp), allocatable :: value(:)
    integer(i8) :: k, found
-   integer :: j
+   integer :: kept, j
+   integer(c_int) :: stat
 
    self%position = [(j, j=1, op%n)]
    call op%compressed(start, column, value)
@@ -136,8 +142,11 @@ subroutine sparse_qr(self, op, b, x, rank, error)
    do k = 1, size(value, kind=i8)
       value(k) = value(k)/self%scale(column(k) + 1)
    end do
-   call complain(rk_sparse_qr(int(op%m, i8), int(op%n, i8), start, column, value, b, &
-      & op%n*epsilon(1.0_wp), x, found, self%handle), error)
+   call hold_threads(kept)
+   stat = rk_sparse_qr(int(op%m, i8), int(op%n, i8), start, column, value, b, &
+      & op%n*epsilon(1.0_wp), x, found, self%handle)
+   call release_threads(kept)
+   call complain(stat, error)
    rank = int(found)
    if (allocated(error)) return
    x = x/self%scale
@@ -157,11 +166,15 @@ subroutine factor_upper(self, n, start, row, value, error)
    real(wp), contiguous, intent(in) :: value(:)
    !> Error handling: not positive definite, no memory, no SuiteSparse
    type(error_type), allocatable, intent(out) :: error
-   integer :: j
+   integer :: kept, j
+   integer(c_int) :: stat
 
    self%position = [(j, j=1, n)]
    call self%free()
-   call complain(rk_sparse_cholesky(int(n, i8), start, row, value, self%handle), error)
+   call hold_threads(kept)
+   stat = rk_sparse_cholesky(int(n, i8), start, row, value, self%handle)
+   call release_threads(kept)
+   call complain(stat, error)
 end subroutine factor_upper
 
 !> Solve equations with a square matrix
@@ -185,9 +198,14 @@ subroutine solve_sparse(n, start, row, value, definite, b, x, rcond, error)
    real(wp), intent(out) :: rcond
    !> Error handling: not positive definite, singular, no memory, no SuiteSparse
    type(error_type), allocatable, intent(out) :: error
+   integer :: kept
+   integer(c_int) :: stat
 
-   call complain(rk_sparse_direct(int(n, i8), start, row, value, merge(1, 0, definite), b, x, &
-      & rcond), error)
+   call hold_threads(kept)
+   stat = rk_sparse_direct(int(n, i8), start, row, value, merge(1, 0, definite), b, x, &
+      & rcond)
+   call release_threads(kept)
+   call complain(stat, error)
 end subroutine solve_sparse
 
 !> What the shim's answer means
@@ -216,12 +234,14 @@ subroutine solve(self, x)
    class(sparse_factor), intent(in) :: self
    !> Right hand side, replaced by the solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
-
    real(wp), allocatable :: y(:)
+   integer :: kept
 
    allocate (y(size(x)))
    y(self%position) = x
+   call hold_threads(kept)
    call rk_sparse_solve(self%handle, y)
+   call release_threads(kept)
    x = y(self%position)
 end subroutine solve
 

@@ -280,9 +280,7 @@ def test_every_load_is_met_exactly_also_after_halvings(open_scene):
 
 
 def test_rows_do_not_depend_on_the_threads(write_deck, with_threads):
-    """Every point owns its rows: the same bits. (A solve also uses the threads of BLAS, which
-    promises no such thing.)
-    """
+    """Every point owns its rows: the same bits."""
     program = f"""
 import numpy as np
 from myork.core.scene import Scene

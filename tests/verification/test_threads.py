@@ -1,0 +1,152 @@
+"""One and two threads give the same bits: every method, every solver, the executable and Python.
+
+Sums of the core run in an order that does not depend on the threads, and the libraries whose order
+does (BLAS, LAPACK, SuiteSparse) are held to one thread where the core does not call them from
+threads of its own. The bodies are large enough for OpenBLAS to divide their matrices when it may:
+without the hold every case with a dense or sparse factor differs, between 1e-16 and 1e-10.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import h5py
+import pytest
+
+from myork.stations.solve import find_executable
+
+_BLOCK = ("geometry.source=[4,4,7]", "geometry.collocation=[7,7,13]", "load.steps=2",
+          "load.activation=0.01")  # fmt: skip
+_LINEAR = ("approximation.order=1", "approximation.support=2", *_BLOCK)
+_MIXED = ("scene.method=rkcm-mixed", "approximation.order=2", "approximation.support=3", *_BLOCK)
+
+#: Deck and overrides of a small body for every method, and for every solver of least squares
+CASES: dict[str, tuple[str, tuple[str, ...]]] = {
+    "linear": ("poisson_2d", ("solver.linear=dgels",)),
+    "linear, elastic": (
+        "cantilever",
+        ("geometry.source=[25,7]", "geometry.collocation=[49,13]", "solver.linear=spqr"),
+    ),
+    "mixed": ("muscle_fibers", _MIXED),
+    "mixed, Newton": ("muscle_fibers", (*_MIXED, "solver.newton=full")),
+    "Gauss cells": ("muscle_fibers", ("scene.method=rkpm-gauss", *_LINEAR)),
+    "nodal cells": ("muscle_fibers", ("scene.method=rkpm-scni", *_LINEAR)),
+    "nodal cells, not formed": (
+        "muscle_fibers",
+        ("scene.method=rkpm-scni", "galerkin.direct_limit=0", *_LINEAR),
+    ),
+    **{
+        f"displacement, {solver}": ("muscle_block", (*_BLOCK, f"solver.linear={solver}"))
+        for solver in ("dgels", "dgelsy", "normal", "refined", "spqr", "sparse-normal")
+    },
+}
+
+#: What Python hands out of all cases, once on each number of threads
+PROGRAM = """
+import hashlib, json, sys
+import numpy as np
+from myork.core.least_squares import SOLVERS, least_squares
+from myork.core.level_sets import evolve_level_sets
+from myork.core.pod import pod_basis
+from myork.core.scene import Scene
+from myork.core.threads import core_threads
+
+def digest(*arrays):
+    data = b"".join(np.ascontiguousarray(array).tobytes() for array in arrays)
+    return hashlib.sha256(data).hexdigest()
+
+def solved(scene):
+    states = scene.solve()
+    fields = scene.fields(states.x[-1], 1.0)
+    return states, digest(states.x, fields.u, fields.f, fields.cauchy)
+
+def level_sets():
+    rng = np.random.default_rng(1)
+    disc = np.hypot(*np.mgrid[-1:1:40j, -1:1:30j]) < 0.5
+    image = disc[..., None, None] + 0.1 * rng.standard_normal((40, 30, 6, 1))
+    start = rng.standard_normal((*image.shape[:3], 2))
+    found = evolve_level_sets(
+        image, np.ones(image.shape[:3]), start, spacing=(1.0, 1.0, 1.0), mu=0.01, nu=0.0,
+        epsilon=0.5, dt=500.0, tolerance=1e-4, iterations=20, lambdas=np.ones(4),
+        channel_weights=np.ones(1), volume=True,
+    )
+    return digest(found["phi"], found["energy"], found["means"])
+
+def all_cases(threads):
+    for name, (deck, overrides) in json.load(open(sys.argv[1])).items():
+        with Scene(deck, overrides, threads=threads) as scene:
+            states, table = solved(scene)
+            yield name, table
+            if name == "displacement, refined":
+                modes, values = pod_basis(states.x)
+                scene.reduce(modes)
+                yield "reduced", digest(modes, values, scene.solve_reduced("").x)
+    rng = np.random.default_rng(2)
+    a, b = rng.standard_normal((500, 300)), rng.standard_normal(500)
+    for solver in SOLVERS:
+        yield f"matrix, {solver}", digest(least_squares(a, b, solver).x)
+    yield "level sets", level_sets()
+
+for threads in (1, 2):
+    with core_threads(threads):
+        print(json.dumps(dict(all_cases(threads))))
+"""
+
+
+def clean_environment() -> dict[str, str]:
+    """Without the limits that the tests run under: libraries may use what the machine has."""
+    kept = {k: v for k, v in os.environ.items() if not k.startswith(("OMP_", "OPENBLAS_"))}
+    return {**kept, "OMP_WAIT_POLICY": "passive", "PYTHONPATH": os.pathsep.join(sys.path)}
+
+
+def solved(deck: Path, overrides: tuple[str, ...], out: Path, threads: int) -> dict[str, str]:
+    """Hashes of all that the executable writes of a solution."""
+    words = [word for text in overrides for word in ("--set", text)]
+    command = [find_executable(), deck, "-o", out, "-q", "-t", threads, *words]
+    done = subprocess.run(
+        [str(word) for word in command], env=clean_environment(), capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    found = {}
+
+    def note(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset):
+            found[name] = hashlib.sha256(item[()].tobytes()).hexdigest()
+
+    with h5py.File(out / "results.vtkhdf") as file:
+        file.visititems(note)
+    steps = json.loads((out / "summary.json").read_text(encoding="utf-8"))["steps"]
+    return {**found, "steps": json.dumps(steps)}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_executable(case: str, inputs: Path, tmp_path: Path) -> None:
+    deck, overrides = CASES[case]
+    one, two = (
+        solved(inputs / f"{deck}.toml", overrides, tmp_path / str(threads), threads)
+        for threads in (1, 2)
+    )
+    assert len(one) > 10
+    assert [name for name in one if one[name] != two[name]] == []
+
+
+def test_python(inputs: Path, tmp_path: Path) -> None:
+    """Scenes, reduced models, least squares of a matrix and level sets in one process."""
+    cases = {name: (str(inputs / f"{deck}.toml"), more) for name, (deck, more) in CASES.items()}
+    (tmp_path / "cases.json").write_text(json.dumps(cases), encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM, str(tmp_path / "cases.json")],
+        env=clean_environment(),
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    one, two = (json.loads(line) for line in done.stdout.splitlines())
+    assert len(one) == len(CASES) + 9
+    assert [name for name in one if one[name] != two[name]] == []
