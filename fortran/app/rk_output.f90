@@ -190,7 +190,7 @@ subroutine step(self, st, x)
    if (allocated(error) .and. .not. allocated(self%error)) call move_alloc(error, self%error)
    self%seconds = self%seconds + tick(clock)
    if (st%step == 0) return
-   if (allocated(self%problem%scene%equation%kind)) then
+   if (self%problem%is_linear()) then
       write (line, '("linear: one least squares solve, ", a, "  relative |A''r| ", es7.1, '// &
          & '"  ", f0.1, " s")') self%last%solver, st%gradient, self%last%seconds
       call self%say(trim(line), level=0)

@@ -10,14 +10,11 @@
 !> They fade towards edges between clamped and free faces, where the solution is singular, and are
 !> lower on faces, edges and corners, where a point stands for less.
 module rk_mixed
-   use rk_conditions, only : new_boundary
    use rk_discretisation, only : deformation
-   use rk_displacement, only : add_curvature, displacement_problem
+   use rk_equilibrium, only : add_curvature, equilibrium_problem, new_equilibrium, &
+      & point_curvature, point_rows
    use rk_error, only : error_type
-   use rk_mixture, only : new_mixture
-   use rk_neighbours, only : nearest_points
    use rk_precision, only : wp
-   use rk_rows, only : new_rows
    use rk_scene, only : scene_type
    use rk_states, only : field_state, point_state
    use rk_tensor, only : cofactor, cross, cross_form, determinant
@@ -28,11 +25,7 @@ module rk_mixed
    public :: mixed_problem, new_mixed
 
    !> Mixed problem of a scene; the pressure is the last field
-   type, extends(displacement_problem) :: mixed_problem
-      !> Weight of the momentum rows of each collocation point, shape (nc) [length]
-      real(wp), allocatable :: domain_weight(:)
-      !> Weight of the traction rows of each boundary point, shape (nb) [-]
-      real(wp), allocatable :: traction_weight(:)
+   type, extends(equilibrium_problem) :: mixed_problem
       !> Weight of each volume row, shape (nv) [stress]
       real(wp), allocatable :: volume_weight(:)
       !> The same in shear moduli, shape (nv) [-]
@@ -49,6 +42,10 @@ module rk_mixed
       procedure :: rejection
       procedure :: evaluate_place
       procedure :: curvature
+      procedure :: add_pressure
+      procedure :: add_traction_pressure
+      procedure :: add_pressure_curvature
+      procedure :: add_traction_curvature
       procedure :: at_place
    end type mixed_problem
 
@@ -74,43 +71,12 @@ subroutine new_mixed(self, scene, error)
    type(scene_type), target, intent(in) :: scene
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   integer, allocatable :: place(:), range(:, :), rows(:)
-   real(wp), allocatable :: position(:, :)
-   integer :: nd, nc, nb, nv, b, d
+   integer :: k
 
-   self%scene => scene
-   nd = scene%cloud%nd
-   self%fields = nd + 1
-   call new_boundary(self%boundary, scene%cloud, scene%condition, error)
+   call new_equilibrium(self, scene, scene%cloud%nd + 1, scene%cloud%volume_points, error)
    if (allocated(error)) return
-   nc = size(scene%cloud%points, 2)
-   nb = size(self%boundary%point)
-   nv = size(scene%cloud%volume_points, 2)
-   position = reshape([scene%cloud%points, scene%cloud%volume_points], [nd, nc + nv])
-   allocate (self%shape)
-   call scene%shape_at(position, self%shape, error)
-   if (allocated(error)) return
-   call new_mixture(self%mixture, scene, position, &
-      & [[(b, b=1, nc)], nearest_points(scene%cloud%points, scene%cloud%volume_points)], error)
-   if (allocated(error)) return
-
-   place = [[(b, b=1, nc)], self%boundary%point, [(nc + b, b=1, nv)]]
-   rows = [[(nd, b=1, nc + nb)], [(1, b=1, nv)]]
-   allocate (range(2, nc + nb + nv))
-   range(1, :nc) = 2
-   range(2, :nc) = self%shape%nq
-   range(1, nc + 1:) = 1
-   range(2, nc + 1:) = 1 + nd
-   call new_rows(self%rows, self%shape, nd + 1, place, rows, range, position, &
-      & [(minval(scene%cloud%spacing(d, :)), d=1, nd)])
-   self%m = self%rows%m
-   self%n = self%rows%n
-   self%extent = sqrt(real(nd*self%shape%ns, wp))*maxval(maxval(scene%cloud%source, dim=2) &
-      & - minval(scene%cloud%source, dim=2))
    self%pressure_extent = sqrt(real(self%shape%ns, wp)) &
-      & *maxval([(scene%tissue(b)%material%shear, b=1, size(scene%tissue))])
-   allocate (self%boundary_of(nc), source=0)
-   self%boundary_of(self%boundary%point) = [(b, b=1, nb)]
+      & *maxval([(scene%tissue(k)%material%shear, k=1, size(scene%tissue))])
    call set_weights(self)
 end subroutine new_mixed
 
@@ -125,8 +91,7 @@ subroutine set_weights(self)
    associate (scene => self%scene, cloud => self%scene%cloud)
       nc = size(cloud%points, 2)
       nv = size(cloud%volume_points, 2)
-      allocate (self%domain_weight(nc), self%traction_weight(size(self%boundary%point)), &
-         & self%weight(size(self%boundary%point)), self%volume_weight(nv), self%volume_share(nv))
+      allocate (self%volume_weight(nv), self%volume_share(nv))
       self%spacing = cloud%mean_spacing()
       reach = scene%mixed%edge_length
       if (.not. reach > 0.0_wp) reach = 0.5_wp*minval(maxval(cloud%points, dim=2) &
@@ -200,7 +165,7 @@ subroutine start_step(self, x, load)
       ip = self%boundary%point(b)
       call self%field(ip, x, 1 + nd, u)
       call deformation(nd, u, f, h)
-      self%weight(b) = self%scene%mixed%displacement_weight &
+      self%essential_weight(b) = self%scene%mixed%displacement_weight &
          & *self%mixture%shear_modulus(ip, f)/self%spacing
    end do
    do iv = 1, size(self%volume_share)
@@ -318,7 +283,7 @@ subroutine evaluate_place(self, ip, x, load, tangent, r, volume)
    real(wp), intent(out) :: volume
 
    if (ip <= size(self%domain_weight)) then
-      call evaluate_point(self, ip, x, load, tangent, r, volume)
+      call point_rows(self, ip, x, load, tangent, r, volume)
    else
       call evaluate_cell(self, ip, x, tangent, r, volume)
    end if
@@ -361,119 +326,67 @@ subroutine evaluate_cell(self, ip, x, tangent, r, volume)
    end associate
 end subroutine evaluate_cell
 
-!> Momentum rows of one collocation point and, where it lies on the boundary, its conditions
-subroutine evaluate_point(self, ip, x, load, tangent, r, volume)
-   !> Problem
+!> Stress of the pressure p: p cof F, whose divergence is cof F grad p
+subroutine add_pressure(self, ip, u, f, tangent, p, divergence, t)
+   !> Problem, whose rows get their coefficients of the pressure
    class(mixed_problem), intent(inout) :: self
    !> Collocation point
    integer, intent(in) :: ip
-   !> Unknowns, shape (n)
-   real(wp), contiguous, intent(in) :: x(:)
-   !> Load [-]
-   real(wp), intent(in) :: load
+   !> Displacement and pressure with derivatives, shape (nd + 1, nq)
+   real(wp), intent(in) :: u(:, :)
+   !> Deformation gradient F(i, A) [-]
+   real(wp), intent(in) :: f(3, 3)
    !> Linearise
    logical, intent(in) :: tangent
-   !> Residuals, shape (m)
-   real(wp), intent(inout) :: r(:)
-   !> Volume ratio J [-]
-   real(wp), intent(out) :: volume
-   real(wp) :: u(self%fields, self%shape%nq), f(3, 3), h(3, 3, 3), p(3, 3), c4(3, 3, 3, 3)
-   real(wp) :: t(3, 3, 3), c(3, 3), divergence(3), slope(3), w
-   integer :: nd, i, k, q, ca, cb, row
+   !> First Piola-Kirchhoff stress P(i, A)
+   real(wp), intent(inout) :: p(3, 3)
+   !> Its divergence P_iA,A
+   real(wp), intent(inout) :: divergence(3)
+   !> Derivative of the divergence by F(k, C)
+   real(wp), intent(inout) :: t(3, 3, 3)
+   real(wp) :: c(3, 3), slope(3)
+   integer :: a, nd
 
    nd = self%scene%cloud%nd
-   call self%field(ip, x, self%shape%nq, u)
-   call deformation(nd, u, f, h)
-   volume = determinant(f)
-   row = self%rows%row(ip)
-   if (.not. volume > 0.0_wp) then
-      ! no stress exists; the caller rejects the state
-      r(row + 1:row + nd) = 0.0_wp
-      return
-   end if
-   call self%mixture%strong(ip, nd, f, h, load, divergence, p, c4, t, volumetric=.false.)
    c = cofactor(f)
+   p = p + u(nd + 1, 1)*c
    slope = 0.0_wp
    slope(:nd) = u(nd + 1, 2:1 + nd)
-   w = self%domain_weight(ip)
    divergence(:nd) = divergence(:nd) + matmul(c(:nd, :nd), slope(:nd))
-   if (allocated(self%scene%body_force)) divergence = divergence &
-      & + load*self%scene%body_force(:, ip)
-   r(row + 1:row + nd) = w*divergence(:nd)
-   if (tangent) then
-      t = t + cofactor_slope(f, slope)
-      do k = 1, nd
-         do i = 1, nd
-            q = 1 + nd
-            do ca = 1, nd
-               self%rows%coefficient(i, k, 1 + ca, ip) = w*t(i, k, ca)
-               do cb = ca, nd
-                  q = q + 1
-                  self%rows%coefficient(i, k, q, ip) = w*merge(c4(i, ca, k, ca), &
-                     & c4(i, ca, k, cb) + c4(i, cb, k, ca), ca == cb)
-               end do
-            end do
-         end do
-      end do
-      do ca = 1, nd
-         self%rows%coefficient(:nd, nd + 1, 1 + ca, ip) = w*c(:nd, ca)
-      end do
-   end if
-   if (self%boundary_of(ip) > 0) call evaluate_boundary(self, self%boundary_of(ip), u, load, f, c, &
-      & p, c4, tangent, r)
-end subroutine evaluate_point
+   if (.not. tangent) return
+   t = t + cofactor_slope(f, slope)
+   do a = 1, nd
+      self%rows%coefficient(:nd, nd + 1, 1 + a, ip) = self%domain_weight(ip)*c(:nd, a)
+   end do
+end subroutine add_pressure
 
-!> Rows of one boundary point
-subroutine evaluate_boundary(self, b, u, load, f, c, p, c4, tangent, r)
-   !> Problem
+!> Derivatives of the traction p cof F N by F and by p
+subroutine add_traction_pressure(self, block, i, u, f, n, w, slope)
+   !> Problem, whose rows get their coefficients of the pressure
    class(mixed_problem), intent(inout) :: self
-   !> Boundary point
-   integer, intent(in) :: b
-   !> Displacement and pressure, shape (nd + 1, nq)
+   !> Block of rows
+   integer, intent(in) :: block
+   !> Component
+   integer, intent(in) :: i
+   !> Displacement and pressure with derivatives, shape (nd + 1, nq)
    real(wp), intent(in) :: u(:, :)
-   !> Load [-]
-   real(wp), intent(in) :: load
-   !> Deformation gradient F(i, A) and its cofactors [-]
-   real(wp), intent(in) :: f(3, 3), c(3, 3)
-   !> Isochoric stress P_iso(i, A)
-   real(wp), intent(in) :: p(3, 3)
-   !> Its tangent C4(i, A, j, B)
-   real(wp), intent(in) :: c4(3, 3, 3, 3)
-   !> Linearise
-   logical, intent(in) :: tangent
-   !> Residuals, shape (m)
-   real(wp), intent(inout) :: r(:)
-   real(wp) :: n(3), slope(3, 3, 3), pressure
-   integer :: nd, block, row, i, k, cb
+   !> Deformation gradient F(i, A) [-]
+   real(wp), intent(in) :: f(3, 3)
+   !> Normal
+   real(wp), intent(in) :: n(3)
+   !> Weight of the row
+   real(wp), intent(in) :: w
+   !> Derivative of the traction by F(k, C)
+   real(wp), intent(inout) :: slope(3, 3)
+   real(wp) :: c(3, 3), t(3, 3, 3)
+   integer :: nd
 
    nd = self%scene%cloud%nd
-   block = size(self%domain_weight) + b
-   row = self%rows%row(block)
-   pressure = u(nd + 1, 1)
-   do i = 1, nd
-      if (tangent) self%rows%coefficient(i, :, :, block) = 0.0_wp
-      if (self%boundary%essential(i, b)) then
-         r(row + i) = self%weight(b)*(u(i, 1) - load*self%boundary%value(i, b))
-         if (tangent) self%rows%coefficient(i, i, 1, block) = self%weight(b)
-      else
-         n = 0.0_wp
-         n(:nd) = self%boundary%normal(:, i, b)
-         associate (w => self%traction_weight(b)*self%scene%solver%weight_traction)
-            r(row + i) = w*(dot_product(p(i, :) + pressure*c(i, :), n) &
-               & - load*self%boundary%traction(i, b))
-            if (.not. tangent) cycle
-            slope = cofactor_slope(f, n)
-            do cb = 1, nd
-               do k = 1, nd
-                  self%rows%coefficient(i, k, 1 + cb, block) = w*(dot_product(c4(i, :nd, k, cb), &
-                     & n(:nd)) + pressure*slope(i, k, cb))
-               end do
-            end do
-            self%rows%coefficient(i, nd + 1, 1, block) = w*dot_product(c(i, :), n)
-         end associate
-      end if
-   end do
-end subroutine evaluate_boundary
+   c = cofactor(f)
+   t = cofactor_slope(f, n)
+   slope(:nd, :nd) = slope(:nd, :nd) + u(nd + 1, 1)*t(i, :nd, :nd)
+   self%rows%coefficient(i, nd + 1, 1, block) = w*dot_product(c(i, :), n)
+end subroutine add_traction_pressure
 
 !> Second derivatives of the residuals at one place
 subroutine curvature(self, ip, x, load, r, form)
@@ -489,54 +402,75 @@ subroutine curvature(self, ip, x, load, r, form)
    real(wp), contiguous, intent(in) :: r(:)
    !> Form as in rk_rows, shape (nd*nd, nd + 1, nq)
    real(wp), contiguous, intent(inout) :: form(:, :, :)
-   real(wp) :: u(self%fields, self%shape%nq), f(3, 3), h(3, 3, 3), weighted(3, 3), slope(3, 3)
-   real(wp) :: ff(9, 9), fh(9, 9, 3), rho(3)
-   integer :: nd, nc, nb, i, a, b, row
+   real(wp) :: u(self%fields, self%shape%nq), f(3, 3), h(3, 3, 3), fh(9, 9, 3)
+   integer :: iv, nd, row
 
+   if (ip <= size(self%domain_weight)) then
+      call point_curvature(self, ip, x, load, r, form)
+      return
+   end if
+   ! J in the volume row
    nd = self%scene%cloud%nd
-   nc = size(self%domain_weight)
-   nb = size(self%boundary%point)
+   iv = ip - size(self%domain_weight)
+   row = self%rows%row(size(self%boundary%point) + ip) + 1
    call self%field(ip, x, self%shape%nq, u)
    call deformation(nd, u, f, h)
    form = 0.0_wp
    fh = 0.0_wp
-   if (ip > nc) then
-      ! J in the volume row
-      row = self%rows%row(nb + ip) + 1
-      call add_curvature(nd, self%volume_weight(ip - nc)*r(row)*cross_form(f), fh, form)
-      return
-   end if
-   row = self%rows%row(ip)
-   rho = 0.0_wp
-   rho(:nd) = self%domain_weight(ip)*r(row + 1:row + nd)
-   call self%mixture%strong_curvature(ip, nd, f, h, rho, load, ff, fh, volumetric=.false.)
-   ! rho_i (cof F)_iA p_,A
+   call add_curvature(nd, self%volume_weight(iv)*r(row)*cross_form(f), fh, form)
+end subroutine curvature
+
+!> Second derivatives of rho_i (cof F)_iA p_,A
+subroutine add_pressure_curvature(self, u, f, rho, ff, form)
+   !> Problem
+   class(mixed_problem), intent(in) :: self
+   !> Displacement and pressure with derivatives, shape (nd + 1, nq)
+   real(wp), intent(in) :: u(:, :)
+   !> Deformation gradient F(i, A) [-]
+   real(wp), intent(in) :: f(3, 3)
+   !> Residuals times weight
+   real(wp), intent(in) :: rho(3)
+   !> Second derivatives by F_iA and F_jB, index i + 3 (A - 1)
+   real(wp), intent(inout) :: ff(9, 9)
+   !> Form as in rk_rows, shape (nd*nd, nd + 1, nq)
+   real(wp), intent(inout) :: form(:, :, :)
+   real(wp) :: slope(3, 3), weighted(3, 3)
+   integer :: a, nd
+
+   nd = self%scene%cloud%nd
    slope = 0.0_wp
    do a = 1, nd
       slope(:, a) = rho*u(nd + 1, 1 + a)
       weighted = 0.0_wp
       weighted(:, a) = rho
-      call add_pressure(nd, cross(f, weighted), 1 + a, form)
+      call add_mixed_curvature(nd, cross(f, weighted), 1 + a, form)
    end do
-   call add_curvature(nd, ff + cross_form(slope), fh, form)
+   ff = ff + cross_form(slope)
+end subroutine add_pressure_curvature
 
-   b = self%boundary_of(ip)
-   if (b == 0) return
-   row = self%rows%row(nc + b)
-   weighted = 0.0_wp
-   do i = 1, nd
-      if (self%boundary%essential(i, b)) cycle
-      weighted(i, :nd) = self%traction_weight(b)*self%scene%solver%weight_traction*r(row + i) &
-         & *self%boundary%normal(:, i, b)
-   end do
-   call self%mixture%stress_curvature(ip, f, weighted, load, ff, volumetric=.false.)
-   fh = 0.0_wp
-   call add_curvature(nd, ff + u(nd + 1, 1)*cross_form(weighted), fh, form)
-   call add_pressure(nd, cross(f, weighted), 1, form)
-end subroutine curvature
+!> Second derivatives of R_iA p (cof F)_iA
+subroutine add_traction_curvature(self, u, f, weighted, ff, form)
+   !> Problem
+   class(mixed_problem), intent(in) :: self
+   !> Displacement and pressure with derivatives, shape (nd + 1, nq)
+   real(wp), intent(in) :: u(:, :)
+   !> Deformation gradient F(i, A) [-]
+   real(wp), intent(in) :: f(3, 3)
+   !> Residuals times weight and normal, R(i, A)
+   real(wp), intent(in) :: weighted(3, 3)
+   !> Second derivatives by F_iA and F_jB, index i + 3 (A - 1)
+   real(wp), intent(inout) :: ff(9, 9)
+   !> Form as in rk_rows, shape (nd*nd, nd + 1, nq)
+   real(wp), intent(inout) :: form(:, :, :)
+   integer :: nd
+
+   nd = self%scene%cloud%nd
+   ff = ff + u(nd + 1, 1)*cross_form(weighted)
+   call add_mixed_curvature(nd, cross(f, weighted), 1, form)
+end subroutine add_traction_curvature
 
 !> Add second derivatives by F and a derivative of the pressure to the form of a place
-pure subroutine add_pressure(nd, slope, q, form)
+pure subroutine add_mixed_curvature(nd, slope, q, form)
    !> Space dimension
    integer, intent(in) :: nd
    !> Second derivatives by F(i, A)
@@ -547,6 +481,6 @@ pure subroutine add_pressure(nd, slope, q, form)
    real(wp), intent(inout) :: form(:, :, :)
 
    form(:, nd + 1, q) = form(:, nd + 1, q) + reshape(slope(:nd, :nd), [nd*nd])
-end subroutine add_pressure
+end subroutine add_mixed_curvature
 
 end module rk_mixed

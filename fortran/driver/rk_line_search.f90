@@ -55,7 +55,7 @@ subroutine search(problem, load, a, da, r, slope, blind, downhill, trial, new, s
    scale = 1.0_wp
    do cut = 0, max_cuts
       trial = a + scale*da
-      call problem%evaluate(trial, load, .true., new, state)
+      call problem%linearise(trial, load, new, state)
       ! as a product of differences, which keeps its digits where the merit hardly changes
       gain = 0.5_wp*sum((r - new)*(r + new))
       if (state%valid) then

@@ -41,7 +41,7 @@ subroutine solve_linear(problem, method, x, recorder, timer, error)
    x = 0.0_wp
    call system_clock(clock)
    call problem%start_step(x, 1.0_wp)
-   call problem%evaluate(x, 1.0_wp, .true., r, state)
+   call problem%linearise(x, 1.0_wp, r, state)
    op => problem%operator()
    timer%assemble = tick(clock)
    call op%apply_transposed(r, g)
@@ -51,7 +51,7 @@ subroutine solve_linear(problem, method, x, recorder, timer, error)
    call solve_lstsq(op, r, method, x, report, error)
    timer%solve = tick(clock)
    if (allocated(error)) return
-   call problem%evaluate(x, 1.0_wp, .false., r, state)
+   call problem%evaluate(x, 1.0_wp, r, state)
    call op%apply_transposed(r, g)
    it%step = 1
    it%load = 1.0_wp

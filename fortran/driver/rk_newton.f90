@@ -111,9 +111,8 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
       return
    end if
    do
-      call system_clock(clock)
+      call problem%start_iteration()
       op => problem%operator()
-      timer%assemble = timer%assemble + tick(clock)
       call op%apply_transposed(r, g)
       it%gradient = norm2(g)
       merit = norm2(r)
@@ -130,7 +129,7 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
       end if
       call self%damping%choose(self%iterations, it%gradient, merit, self%step_norm, &
          & self%tolerance, self%left)
-      call check_end(self, load, rejected, recorder, error)
+      call check_end(self, problem, load, rejected, recorder, error)
       if (allocated(error)) return
 
       imposed = self%damping%lambda
@@ -160,7 +159,7 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
          ! back to where the step began, with more damping
          rejected = rejected + 1
          call self%damping%reject()
-         call problem%evaluate(a, load, .true., r, self%state)
+         call problem%linearise(a, load, r, self%state)
       end if
       timer%assemble = timer%assemble + tick(clock)
       if (self%iterations == 1) then
@@ -208,13 +207,14 @@ subroutine begin(self, problem, load, a, r, g, first_gradient)
 
    call problem%start_step(a, load)
    call problem%predict(a, self%done, load, r, self%state)
+   call problem%start_iteration()
    op => problem%operator()
    call op%apply_transposed(r, g)
    first_gradient = norm2(g)
    if (.not. allocated(self%slope)) return
    ahead = a + (load - self%done)*self%slope
    allocate (new, mold=r)
-   call problem%evaluate(ahead, load, .true., new, state)
+   call problem%linearise(ahead, load, new, state)
    if (state%valid .and. norm2(new) < norm2(r)) then
       a = ahead
       r = new
@@ -225,9 +225,11 @@ subroutine begin(self, problem, load, a, r, g, first_gradient)
 end subroutine begin
 
 !> Reasons to end without convergence
-subroutine check_end(self, load, rejected, recorder, error)
+subroutine check_end(self, problem, load, rejected, recorder, error)
    !> Iteration
    type(newton_type), intent(inout) :: self
+   !> Problem
+   class(problem_type), intent(in) :: problem
    !> Load [-]
    real(wp), intent(in) :: load
    !> Steps rejected in a row
@@ -247,9 +249,8 @@ subroutine check_end(self, load, rejected, recorder, error)
    self%pinned = self%step_norm < self%tolerance &
       & .and. (rejected == max_rejected .or. self%damping%stalled())
    if (self%pinned) then
-      call fatal_error(error, err_convergence, 'steps vanish, the gradient does not: a material ' &
-         & //'with kinks, then use curve = "smooth", or a K whose rounding outweighs the rest, ' &
-         & //'then use method "rkcm-mixed"'//reached)
+      call fatal_error(error, err_convergence, 'steps vanish, the gradient does not: ' &
+         & //problem%advice()//reached)
    else if (rejected == max_rejected) then
       call fatal_error(error, err_convergence, 'no step length reduces the residual or keeps ' &
          & //'J > 0'//reached)

@@ -3,7 +3,7 @@ module rk_newton_step
    use rk_damping, only : damping_type
    use rk_error, only : error_type
    use rk_lstsq, only : lstsq_report, row_operator, solve_lstsq
-   use rk_operator, only : square_operator, square_report
+   use rk_operator, only : square_report
    use rk_precision, only : wp
    use rk_problem, only : problem_type
    use rk_recorder, only : iteration_type
@@ -48,15 +48,14 @@ subroutine find_step(problem, op, linear, load, a, r, g, damping, da, newton, pr
    type(shifted_report) :: shifted
    type(square_report) :: square
    real(wp), allocatable :: matrix(:, :)
+   logical :: found
 
    it%refinements = 0
    it%misfit = 0.0_wp
-   select type (op)
-   class is (square_operator)
-      ! as many equations as unknowns: Newton's step itself
-      newton = .false.
-      call op%solve_square(damping%lambda, -r, da, square, error)
-      if (allocated(error)) return
+   newton = .false.
+   call problem%square_step(damping%lambda, r, da, found, square, error)
+   if (allocated(error)) return
+   if (found) then
       predicted = -0.5_wp*dot_product(g, da)
       it%backward_error = square%backward_error
       it%rcond = square%rcond
@@ -64,7 +63,7 @@ subroutine find_step(problem, op, linear, load, a, r, g, damping, da, newton, pr
       it%refinements = square%iterations
       it%why = square%why
       return
-   end select
+   end if
    newton = damping%curved
    if (newton .or. damping%lambda > 0.0_wp) then
       allocate (matrix(problem%n, problem%n))

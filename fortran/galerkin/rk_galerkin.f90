@@ -15,7 +15,7 @@ module rk_galerkin
    use rk_mixture, only : new_mixture
    use rk_neighbours, only : nearest_points
    use rk_nodal_cells, only : nodal_cells
-   use rk_operator, only : row_operator
+   use rk_operator, only : row_operator, square_report
    use rk_precision, only : i8, wp
    use rk_pressure, only : new_pressure, pressure_type
    use rk_problem, only : evaluation_type
@@ -26,7 +26,8 @@ module rk_galerkin
    use rk_states, only : field_state, point_state
    use rk_tangent, only : add_forces, new_tangent, tangent_type
    use rk_tensor, only : cross, cross_form, determinant, identity
-   use rk_weak_conditions, only : set_conditions, surface_type
+   use rk_text, only : to_text
+   use rk_weak_conditions, only : add_body_force, set_conditions, surface_type
    implicit none
    private
 
@@ -64,8 +65,11 @@ module rk_galerkin
    contains
       procedure :: start_step
       procedure :: evaluate
+      procedure :: linearise
       procedure :: predict
+      procedure :: start_iteration
       procedure :: operator
+      procedure :: square_step
       procedure :: state
       procedure :: at_place
       procedure :: load_points
@@ -185,32 +189,6 @@ subroutine set_point_loads(self, body_force, displacement, stress)
    call add_body_force(self%inside, self%cells%weight, body_force(:nd, :np), self%force)
 end subroutine set_point_loads
 
-!> Forces of a body force, at full load
-subroutine add_body_force(inside, weight, body_force, force)
-   !> Shape functions at the integration points
-   type(shape_type), target, intent(in) :: inside
-   !> Weights of the points, shape (np) [length^nd]
-   real(wp), intent(in) :: weight(:)
-   !> Body force per undeformed volume, shape (nd, np) [force/length^3]
-   real(wp), intent(in) :: body_force(:, :)
-   !> Forces, to which these are added, shape (n) [force]
-   real(wp), intent(inout) :: force(:)
-   real(wp), pointer, contiguous :: values(:, :)
-   integer, pointer, contiguous :: nodes(:)
-   integer :: k, nd, q
-
-   nd = size(body_force, 1)
-   do q = 1, size(weight)
-      call inside%row(q, nodes, values)
-      do k = 1, size(nodes)
-         associate (node => nodes(k))
-            force(nd*(node - 1) + 1:nd*node) = force(nd*(node - 1) + 1:nd*node) &
-               & + weight(q)*values(1, k)*body_force(:, q)
-         end associate
-      end do
-   end do
-end subroutine add_body_force
-
 !> Forget where the last step came from
 subroutine start_step(self, x, load)
    !> Problem
@@ -225,28 +203,42 @@ subroutine start_step(self, x, load)
    if (allocated(self%base)) deallocate (self%base)
 end subroutine start_step
 
-!> Residual and tangent (4.31), (4.32): internal less external forces
-subroutine evaluate(self, x, load, tangent, r, state)
+!> Residual (4.31): internal less external forces
+subroutine evaluate(self, x, load, r, seen)
    !> Problem
    class(galerkin_problem), target, intent(inout) :: self
    !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
    !> Load [-]
    real(wp), intent(in) :: load
-   !> Linearise
-   logical, intent(in) :: tangent
    !> Residuals, shape (n) [force]
    real(wp), contiguous, intent(inout) :: r(:)
    !> What was seen
-   type(evaluation_type), intent(out) :: state
+   type(evaluation_type), intent(out) :: seen
 
-   call assemble(self, x, load, load, tangent, r, state)
+   call assemble(self, x, load, load, .false., r, seen)
 end subroutine evaluate
 
-!> The same with essential values of the last converged state: they jump at the start of a load
-!> step, and the gradients into which they are lifted might not even keep J > 0. The jump acts
-!> linearly.
-subroutine predict(self, x, done, load, r, state)
+!> Residual and tangent (4.32)
+subroutine linearise(self, x, load, r, seen)
+   !> Problem
+   class(galerkin_problem), target, intent(inout) :: self
+   !> Unknowns, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> Residuals, shape (n) [force]
+   real(wp), contiguous, intent(inout) :: r(:)
+   !> What was seen
+   type(evaluation_type), intent(out) :: seen
+
+   call assemble(self, x, load, load, .true., r, seen)
+end subroutine linearise
+
+!> Residual and tangent with essential values of the last converged state: they jump at the start of
+!> a load step, and the gradients into which they are lifted might not even keep J > 0. The jump
+!> acts linearly.
+subroutine predict(self, x, done, load, r, seen)
    !> Problem
    class(galerkin_problem), target, intent(inout) :: self
    !> Unknowns of the last converged state, shape (n)
@@ -258,15 +250,15 @@ subroutine predict(self, x, done, load, r, state)
    !> Residuals, shape (n) [force]
    real(wp), contiguous, intent(inout) :: r(:)
    !> What was seen
-   type(evaluation_type), intent(out) :: state
+   type(evaluation_type), intent(out) :: seen
 
-   call assemble(self, x, done, load, .true., r, state)
+   call assemble(self, x, done, load, .true., r, seen)
 end subroutine predict
 
 !> Sum over the groups
-subroutine assemble(self, x, held, load, tangent, r, state)
+subroutine assemble(self, x, held, load, tangent, r, seen)
    !> Problem
-   type(galerkin_problem), intent(inout) :: self
+   type(galerkin_problem), target, intent(inout) :: self
    !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
    !> Load of the essential values in the gradients [-]
@@ -278,7 +270,7 @@ subroutine assemble(self, x, held, load, tangent, r, state)
    !> Residuals, shape (n) [force]
    real(wp), contiguous, intent(inout) :: r(:)
    !> What was seen
-   type(evaluation_type), intent(out) :: state
+   type(evaluation_type), intent(out) :: seen
    type(field_state) :: at
    real(wp), allocatable :: part(:, :), force(:, :)
    integer :: g, nd
@@ -303,13 +295,17 @@ subroutine assemble(self, x, held, load, tangent, r, state)
       end associate
    end do
    !$omp end parallel do
-   state%worst = minloc(at%j, dim=1)
-   state%min_j = at%j(state%worst)
-   state%max_j = maxval(at%j)
+   seen%worst = minloc(at%j, dim=1)
+   seen%min_j = at%j(seen%worst)
+   seen%max_j = maxval(at%j)
    ! comparisons that a NaN fails
-   state%valid = all(at%j > 0.0_wp) .and. all(abs(r) <= huge(1.0_wp))
-   state%worst = self%nearest(state%worst)
-   if (tangent) call move_alloc(at%f, self%origin)
+   seen%valid = all(at%j > 0.0_wp) .and. all(abs(r) <= huge(1.0_wp))
+   seen%worst = self%nearest(seen%worst)
+   if (.not. tangent) return
+   call move_alloc(at%f, self%origin)
+   self%matrix%cells => self%cells
+   self%matrix%gradient => self%gradient
+   self%matrix%pressure => self%pressure
 end subroutine assemble
 
 !> State of the body with stresses
@@ -373,8 +369,11 @@ pure subroutine deform_group(self, g, x, held, at)
 
    nd = self%gradient%nd
    b = self%pressure%count(g)
-   local = x(:, self%gradient%member%index(self%gradient%member%offset(g) + 1: &
+   associate (member => self%gradient%member%index(self%gradient%member%offset(g) + 1: &
       & self%gradient%member%offset(g + 1)))
+      allocate (local(nd, size(member)))
+      local = x(:, member)
+   end associate
    value = 0.0_wp
    do q = self%cells%first(g) + 1, self%cells%first(g + 1)
       call self%gradient%at(q, local, held, h)
@@ -388,32 +387,6 @@ pure subroutine deform_group(self, g, x, held, at)
    value(:b) = self%bulk(g)*(value(:b) - self%pressure%total(:b, g))
    at%pressure(:, g) = value
 end subroutine deform_group
-
-!> Pressure of a group of a mixed Newton iteration, in which it is linear in the step: with
-!> K (J - 1) of the new place instead, the stiffness suffers from every bit of volume that a step
-!> leaves
-pure function linear_pressure(self, g, at) result(value)
-   !> Problem
-   class(galerkin_problem), intent(in) :: self
-   !> Group
-   integer, intent(in) :: g
-   !> State with the deformation of the group
-   type(field_state), intent(in) :: at
-   real(wp) :: value(size(at%pressure, 1))
-   integer :: b, q
-
-   value = at%pressure(:, g)
-   if (.not. allocated(self%base)) return
-   b = self%pressure%count(g)
-   value = 0.0_wp
-   do q = self%cells%first(g) + 1, self%cells%first(g + 1)
-      associate (base => self%base(:, :, q))
-         value(:b) = value(:b) + self%cells%weight(q)*self%pressure%basis(:b, q) &
-            & *(determinant(base) + 0.5_wp*sum(cross(base, base)*(at%f(:, :, q) - base)))
-      end associate
-   end do
-   value(:b) = self%bulk(g)*(value(:b) - self%pressure%total(:b, g))
-end function linear_pressure
 
 !> Pressure at a point: of the projected change of volume, and of that of the point itself [stress]
 pure real(wp) function pressure_at(self, g, q, j, coefficient)
@@ -456,7 +429,6 @@ subroutine group_part(self, g, at, held, load, tangent, force, part)
    real(wp) :: h(self%gradient%nd, self%gradient%nd), p(3, 3), cofactor(3, 3)
    real(wp) :: linear(size(at%pressure, 1)), jump(size(at%pressure, 1))
    integer :: nc, nd, n, q, o, i, k, members, b
-   integer(i8) :: e
    logical :: formed, stacked
 
    formed = tangent .and. self%matrix%formed
@@ -477,7 +449,9 @@ subroutine group_part(self, g, at, held, load, tangent, force, part)
 
    jump = 0.0_wp
    if (tangent) then
-      linear = linear_pressure(self, g, at)
+      linear = at%pressure(:, g)
+      if (allocated(self%base)) linear = self%pressure%along_step(g, self%cells, self%bulk(g), &
+         & at%f, self%base)
       allocate (c4(3, 3, 3, 3, n))
       if (stacked) allocate (volume(nd*members, b), source=0.0_wp)
    end if
@@ -509,17 +483,8 @@ subroutine group_part(self, g, at, held, load, tangent, force, part)
       cofactor = self%cells%weight(o + q)*cofactor
       if (tangent .and. .not. formed) self%matrix%cofactor(:, :, o + q) = cofactor
       call self%gradient%add_force(o + q, p, force)
-      if (.not. stacked) cycle
-      do e = self%gradient%start(o + q) + 1, self%gradient%start(o + q + 1)
-         k = int(e - self%gradient%start(o + q))
-         do i = 1, nd
-            associate (grad => self%gradient%value(:, self%gradient%first(i, o + q) + k), &
-               & to => self%gradient%local(e))
-               volume(nd*(to - 1) + i, :) = volume(nd*(to - 1) + i, :) &
-                  & + dot_product(cofactor(i, :nd), grad)*self%pressure%basis(:b, o + q)
-            end associate
-         end do
-      end do
+      if (stacked) call self%gradient%add_work(o + q, cofactor, self%pressure%basis(:b, o + q), &
+         & volume)
    end do
    if (.not. tangent) return
    if (stacked) force = force + self%bulk(g)*reshape(matmul(volume, jump(:b)), shape(force))
@@ -532,19 +497,46 @@ subroutine group_part(self, g, at, held, load, tangent, force, part)
    call self%gradient%add_stiffness(o, c4, part)
 end subroutine group_part
 
+!> The volume of the next tangent is linear in the step from here
+subroutine start_iteration(self)
+   !> Problem, linearised
+   class(galerkin_problem), intent(inout) :: self
+
+   self%base = self%origin
+end subroutine start_iteration
+
 !> Tangent
 function operator(self) result(op)
-   !> Problem
-   class(galerkin_problem), target, intent(inout) :: self
+   !> Problem, linearised
+   class(galerkin_problem), target, intent(in) :: self
    class(row_operator), pointer :: op
 
-   ! asked for at the places where steps begin
-   self%base = self%origin
-   self%matrix%cells => self%cells
-   self%matrix%gradient => self%gradient
-   self%matrix%pressure => self%pressure
    op => self%matrix
 end function operator
+
+!> Newton's step by the tangent itself
+subroutine square_step(self, shift, r, dx, found, report, error)
+   !> Problem, linearised
+   class(galerkin_problem), target, intent(inout) :: self
+   !> Damping in units of the diagonal, >= 0 [-]
+   real(wp), intent(in) :: shift
+   !> Residuals, shape (n) [force]
+   real(wp), contiguous, intent(in) :: r(:)
+   !> Step, shape (n) [length]
+   real(wp), contiguous, intent(inout) :: dx(:)
+   !> Always
+   logical, intent(out) :: found
+   !> What was used and how good it is
+   type(square_report), intent(out) :: report
+   !> Error handling: singular matrix, no memory, no convergence
+   type(error_type), allocatable, intent(out) :: error
+
+   found = .true.
+   call self%matrix%solve_square(shift, -r, dx, report, error)
+   if (allocated(error) .and. .not. self%matrix%formed) error%message = error%message//': ' &
+      & //'take galerkin.stabilisation = 1, galerkin.penalty = 10, smaller load steps, or a ' &
+      & //'galerkin.direct_limit of '//to_text(self%n)//' where memory allows'
+end subroutine square_step
 
 !> Stress and deformation at a place from the displacement and the pressure there
 subroutine at_place(self, state, ip, x, u, local)

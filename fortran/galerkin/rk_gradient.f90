@@ -40,6 +40,8 @@ module rk_gradient
       procedure :: at => gradient_at
       !> Forces that a stress makes
       procedure :: add_force
+      !> Rows of the work of a stress
+      procedure :: add_work
       !> Stiffness that tangent moduli make
       procedure :: add_stiffness
       !> Set the essential values
@@ -342,6 +344,32 @@ pure subroutine add_force(self, q, p, force)
       end do
    end do
 end subroutine add_force
+
+!> Add the work of a stress at a point as rows by the displacements, with several factors
+pure subroutine add_work(self, q, p, factor, rows)
+   !> Gradients
+   class(gradient_type), intent(in) :: self
+   !> Point
+   integer, intent(in) :: q
+   !> First Piola-Kirchhoff stress times weight, shape (3, 3), index (i, A) [stress length^nd]
+   real(wp), intent(in) :: p(:, :)
+   !> Factor of each row, shape (b)
+   real(wp), intent(in) :: factor(:)
+   !> Rows by the displacements of the group's source points, shape (nd*members, b)
+   real(wp), intent(inout) :: rows(:, :)
+   integer(i8) :: e
+   integer :: i, k
+
+   do e = self%start(q) + 1, self%start(q + 1)
+      k = int(e - self%start(q))
+      do i = 1, self%nd
+         associate (row => self%nd*(self%local(e) - 1) + i)
+            rows(row, :) = rows(row, :) &
+               & + dot_product(p(i, :self%nd), self%value(:, self%first(i, q) + k))*factor
+         end associate
+      end do
+   end do
+end subroutine add_work
 
 !> Add the stiffness of tangent moduli at the points of a group: their gradients are stacked, so
 !> that the work is in a few large products

@@ -14,6 +14,7 @@ module rk_pressure
    use rk_kernel, only : window_product
    use rk_neighbours, only : covers, find_neighbours
    use rk_precision, only : i8, wp
+   use rk_tensor, only : cross, determinant
    implicit none
    private
 
@@ -35,6 +36,8 @@ module rk_pressure
       !> Groups near each collocation point
       type(csr_type) :: near
    contains
+      !> Pressure of a group that is linear in a step
+      procedure :: along_step
       !> Blended pressure
       procedure :: at => pressure_at
    end type pressure_type
@@ -109,6 +112,33 @@ subroutine new_pressure(self, cells, degree, place, error)
    end do
    call find_neighbours(self%near, self%centre, list*self%reach, place, window_product, error)
 end subroutine new_pressure
+
+!> Pressure of a group at the end of a step, linear in the step as in a mixed Newton iteration: with
+!> K (J - 1) of the new place instead, the stiffness suffers from every bit of volume that a step
+!> leaves
+pure function along_step(self, g, cells, bulk, f, base) result(value)
+   !> Polynomials
+   class(pressure_type), intent(in) :: self
+   !> Group
+   integer, intent(in) :: g
+   !> Integration points
+   type(cells_type), intent(in) :: cells
+   !> Bulk modulus of the group [stress]
+   real(wp), intent(in) :: bulk
+   !> F(i, A) at all points at the end and at the start of the step, shape (3, 3, np) [-]
+   real(wp), intent(in) :: f(:, :, :), base(:, :, :)
+   !> Coefficients [stress length^(nd/2)]
+   real(wp) :: value(size(self%total, 1))
+   integer :: b, q
+
+   value = 0.0_wp
+   b = self%count(g)
+   do q = cells%first(g) + 1, cells%first(g + 1)
+      value(:b) = value(:b) + cells%weight(q)*self%basis(:b, q)*(determinant(base(:, :, q)) &
+         & + 0.5_wp*sum(cross(base(:, :, q), base(:, :, q))*(f(:, :, q) - base(:, :, q))))
+   end do
+   value(:b) = bulk*(value(:b) - self%total(:b, g))
+end function along_step
 
 !> Blended pressure at a place: a partition of unity of the groups' polynomials
 pure real(wp) function pressure_at(self, ip, x, coefficient) result(p)

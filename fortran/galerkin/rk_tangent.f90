@@ -284,9 +284,7 @@ recursive subroutine solve_square(self, shift, b, x, report, error)
       & //'displacements and pressures, the tangent is not formed'
    if (.not. report%backward_error <= acceptable) call fatal_error(error, err_linalg, &
       & 'minimal residuals reached '//to_text(report%backward_error, 2)//' in ' &
-      & //to_text(report%iterations)//' iterations: take galerkin.stabilisation = 1, ' &
-      & //'galerkin.penalty = 10, smaller load steps, or a galerkin.direct_limit of '// &
-      & to_text(self%n)//' where memory allows')
+      & //to_text(report%iterations)//' iterations')
 end subroutine solve_square
 
 !> Displacement and pressure rows

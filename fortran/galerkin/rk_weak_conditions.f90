@@ -1,5 +1,5 @@
-!> Conditions on the surface of a weak form: penalty of prescribed displacements and tractions, and
-!> the forces through boundary sets.
+!> Conditions on the surface of a weak form: penalty of prescribed displacements and tractions, the
+!> forces of these and of loads inside, and those through boundary sets.
 module rk_weak_conditions
    use rk_cells, only : cells_type
    use rk_precision, only : wp
@@ -10,7 +10,7 @@ module rk_weak_conditions
    implicit none
    private
 
-   public :: surface_type, set_conditions
+   public :: surface_type, set_conditions, add_body_force
 
    !> What holds at the surface points of integration cells
    type :: surface_type
@@ -136,6 +136,32 @@ subroutine add_forces(self, force)
       end do
    end do
 end subroutine add_forces
+
+!> Forces of a body force, at full load
+subroutine add_body_force(inside, weight, body_force, force)
+   !> Shape functions at the integration points
+   type(shape_type), target, intent(in) :: inside
+   !> Weights of the points, shape (np) [length^nd]
+   real(wp), intent(in) :: weight(:)
+   !> Body force per undeformed volume, shape (nd, np) [force/length^3]
+   real(wp), intent(in) :: body_force(:, :)
+   !> Forces, to which these are added, shape (n) [force]
+   real(wp), intent(inout) :: force(:)
+   real(wp), pointer, contiguous :: values(:, :)
+   integer, pointer, contiguous :: nodes(:)
+   integer :: k, nd, q
+
+   nd = size(body_force, 1)
+   do q = 1, size(weight)
+      call inside%row(q, nodes, values)
+      do k = 1, size(nodes)
+         associate (node => nodes(k))
+            force(nd*(node - 1) + 1:nd*node) = force(nd*(node - 1) + 1:nd*node) &
+               & + weight(q)*values(1, k)*body_force(:, q)
+         end associate
+      end do
+   end do
+end subroutine add_body_force
 
 !> Force that the surroundings exert on the body through a set: what does work when the set moves
 function set_force(self, cells, set, state) result(force)

@@ -10,7 +10,6 @@
 module rk_linear
    use rk_basis, only : second_index
    use rk_conditions, only : new_boundary
-   use rk_displacement, only : displacement_problem
    use rk_error, only : error_type, fatal_error, err_input
    use rk_precision, only : wp
    use rk_problem, only : evaluation_type
@@ -18,6 +17,7 @@ module rk_linear
    use rk_scene, only : condition_type, equation_type, scene_type
    use rk_solutions, only : exact_field
    use rk_states, only : field_state, point_state
+   use rk_strong, only : strong_problem
    use rk_tensor, only : determinant
    use rk_text, only : to_text
    implicit none
@@ -26,7 +26,7 @@ module rk_linear
    public :: linear_problem, new_linear, essential_weight
 
    !> Linear problem of a scene
-   type, extends(displacement_problem) :: linear_problem
+   type, extends(strong_problem) :: linear_problem
       !> Moduli c(i, A, k, B), shape (fields, nd, fields, nd)
       real(wp), allocatable :: modulus(:, :, :, :)
       !> Points inside; their blocks of rows come before those of the boundary points
@@ -34,7 +34,9 @@ module rk_linear
       !> Weighted right hand side, shape (m)
       real(wp), allocatable :: b(:)
    contains
+      procedure :: is_linear
       procedure :: evaluate
+      procedure :: linearise
       procedure :: at_place
    end type linear_problem
 
@@ -52,7 +54,6 @@ subroutine new_linear(self, scene, error)
    integer :: nd, nb, b, d
 
    self%scene => scene
-   self%nonlinear = .false.
    nd = scene%cloud%nd
    self%modulus = moduli(scene%equation, nd)
    self%fields = size(self%modulus, 1)
@@ -77,7 +78,6 @@ subroutine new_linear(self, scene, error)
    self%m = self%rows%m
    self%n = self%rows%n
    allocate (self%b(self%m))
-   allocate (self%weight(nb), source=1.0_wp)
 end subroutine new_linear
 
 !> Moduli of the operators
@@ -235,26 +235,50 @@ pure real(wp) function essential_weight(scene)
       & *maxval(lame_constants(scene%equation))
 end function essential_weight
 
-!> Residuals A x - load b; the rows are the same in every state
-subroutine evaluate(self, x, load, tangent, r, state)
+!> Whether residuals are linear in the unknowns
+pure logical function is_linear(self)
+   !> Problem
+   class(linear_problem), intent(in) :: self
+
+   associate (unused => self)
+   end associate
+   is_linear = .true.
+end function is_linear
+
+!> Residuals A x - load b
+subroutine evaluate(self, x, load, r, seen)
+   !> Problem, its rows assembled
+   class(linear_problem), target, intent(inout) :: self
+   !> Unknowns, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> Residuals, shape (m)
+   real(wp), contiguous, intent(inout) :: r(:)
+   !> What was seen
+   type(evaluation_type), intent(out) :: seen
+
+   call self%rows%apply(x, r)
+   r = r - load*self%b
+   seen%valid = all(abs(r) <= huge(1.0_wp))
+end subroutine evaluate
+
+!> Assemble the rows, which are the same in every state, and evaluate
+subroutine linearise(self, x, load, r, seen)
    !> Problem
    class(linear_problem), target, intent(inout) :: self
    !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
    !> Load [-]
    real(wp), intent(in) :: load
-   !> Assemble the rows first
-   logical, intent(in) :: tangent
    !> Residuals, shape (m)
    real(wp), contiguous, intent(inout) :: r(:)
    !> What was seen
-   type(evaluation_type), intent(out) :: state
+   type(evaluation_type), intent(out) :: seen
 
-   if (tangent) call assemble(self)
-   call self%rows%apply(x, r)
-   r = r - load*self%b
-   state%valid = all(abs(r) <= huge(1.0_wp))
-end subroutine evaluate
+   call assemble(self)
+   call self%evaluate(x, load, r, seen)
+end subroutine linearise
 
 !> Small strain stress at a place; of a scalar problem the value alone
 subroutine at_place(self, state, ip, x, u, local)

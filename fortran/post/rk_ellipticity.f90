@@ -34,7 +34,7 @@ subroutine find_ellipticity(problem, state, worst)
    integer :: ip, nd
 
    nd = problem%scene%cloud%nd
-   mixed = problem%fields > nd
+   mixed = problem%has_pressure()
    allocate (least(size(problem%scene%cloud%points, 2)))
    !$omp parallel do default(none) schedule(static) private(ip, u, f, h, p, c4) &
    !$omp shared(problem, state, least, nd, mixed)

@@ -3,6 +3,7 @@
 module rk_discretisation
    use rk_basis, only : second_index
    use rk_conditions, only : boundary_type
+   use rk_error, only : error_type, fatal_error, err_input
    use rk_mixture, only : mixture_type
    use rk_precision, only : wp
    use rk_problem, only : problem_type
@@ -27,12 +28,15 @@ module rk_discretisation
       type(boundary_type) :: boundary
       !> Materials of the collocation points and of further places behind them
       type(mixture_type) :: mixture
-      !> Fields and derivatives of modes at each place, shape (fields, nq, r, np); where they are
-      !> given the unknowns are the modes' amplitudes
-      real(wp), allocatable :: mode(:, :, :, :)
    contains
       !> Unknown fields and derivatives at a place from the unknowns
       procedure :: field
+      !> Whether the pressure is a field of its own
+      procedure :: has_pressure
+      !> The same problem in terms of the amplitudes of modes
+      procedure :: reduce
+      !> What a user can do where steps vanish but the gradient does not
+      procedure :: advice
       !> State of the body, for questions about it
       procedure :: state
       !> State at a place, from the displacement there
@@ -79,23 +83,51 @@ subroutine field(self, ip, x, last, u)
    class(discretisation_type), intent(in) :: self
    !> Place
    integer, intent(in) :: ip
-   !> Unknowns: coefficients, or amplitudes of the modes, shape (n)
+   !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
    !> Last derivative wanted
    integer, intent(in) :: last
    !> Fields with derivatives, shape (fields, nq); displacement [length], [-], [1/length]
    real(wp), intent(out) :: u(:, :)
-   integer :: k
 
-   if (.not. allocated(self%mode)) then
-      call self%shape%interpolate(ip, x, 1, last, u)
-      return
-   end if
-   u = 0.0_wp
-   do k = 1, size(self%mode, 3)
-      u(:, :last) = u(:, :last) + x(k)*self%mode(:, :last, k, ip)
-   end do
+   call self%shape%interpolate(ip, x, 1, last, u)
 end subroutine field
+
+!> Whether the pressure is a field of its own, which replaces the volumetric part of the stress
+pure logical function has_pressure(self)
+   !> Problem
+   class(discretisation_type), intent(in) :: self
+
+   has_pressure = self%fields > self%scene%cloud%nd
+end function has_pressure
+
+!> The same problem in terms of the amplitudes of modes, of those forms that can be reduced
+subroutine reduce(self, modes, problem, error)
+   !> Full problem
+   class(discretisation_type), intent(in) :: self
+   !> Orthonormal modes, shape (n, r)
+   real(wp), intent(in) :: modes(:, :)
+   !> Its copy in modes, which uses the shape functions of the full one
+   class(discretisation_type), allocatable, intent(out) :: problem
+   !> Error handling: a form that cannot be reduced
+   type(error_type), allocatable, intent(out) :: error
+
+   associate (unused => modes, unused_too => problem)
+   end associate
+   call fatal_error(error, err_input, 'reduced models are made of collocation methods for ' &
+      & //'nonlinear problems, not of method "'//self%scene%method//'"')
+end subroutine reduce
+
+!> What a user can do where steps vanish but the gradient does not, in the words of the deck
+function advice(self) result(text)
+   !> Problem
+   class(discretisation_type), intent(in) :: self
+   character(len=:), allocatable :: text
+
+   associate (unused => self)
+   end associate
+   text = 'a material with kinks, then use curve = "smooth"'
+end function advice
 
 !> State of the body; a form that needs more than unknowns and load to answer adds it
 subroutine state(self, x, load, at)

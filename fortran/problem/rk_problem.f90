@@ -1,7 +1,8 @@
 !> What a nonlinear solver may know of a problem: residuals of an overdetermined system in terms of
 !> the unknowns and the load, and their linearisation.
 module rk_problem
-   use rk_lstsq, only : row_operator
+   use rk_error, only : error_type
+   use rk_operator, only : row_operator, square_report
    use rk_precision, only : wp
    implicit none
    private
@@ -35,31 +36,32 @@ module rk_problem
    contains
       !> Size of a change of the unknowns
       procedure :: scaled_norms
+      !> Whether residuals are linear in the unknowns: one solve, no load steps
+      procedure :: is_linear
       !> Fix what stays constant during a load step: row weights
-      procedure(start_interface), deferred :: start_step
-      !> Residuals and, where wanted, their linearisation
+      procedure :: start_step
+      !> Residuals; the linearisation stays what it was
       procedure(evaluate_interface), deferred :: evaluate
-      !> The same at the start of a load step
+      !> Residuals and their linearisation, which operator, hessian and square_step then give
+      procedure(evaluate_interface), deferred :: linearise
+      !> Linearise at the start of a load step
       procedure :: predict
+      !> A step begins where the problem was linearised last
+      procedure :: start_iteration
+      !> The linearisation
+      procedure(operator_interface), deferred :: operator
+      !> Second derivatives of r.r/2 where the problem was linearised
+      procedure :: hessian
+      !> Newton's step of a square linearisation
+      procedure :: square_step
       !> What speaks against a converged state
       procedure :: rejection
-      !> The linearisation of the last evaluation
-      procedure(operator_interface), deferred :: operator
-      !> Second derivatives of r.r/2 at the last evaluation
-      procedure :: hessian
+      !> What a user can do where steps vanish but the gradient does not
+      procedure :: advice
    end type problem_type
 
    abstract interface
-      subroutine start_interface(self, x, load)
-         import :: problem_type, wp
-         !> Problem
-         class(problem_type), target, intent(inout) :: self
-         !> Unknowns at the start of the step, shape (n)
-         real(wp), contiguous, intent(in) :: x(:)
-         !> Load at the end of the step, 0..1 [-]
-         real(wp), intent(in) :: load
-      end subroutine start_interface
-      subroutine evaluate_interface(self, x, load, tangent, r, state)
+      subroutine evaluate_interface(self, x, load, r, seen)
          import :: problem_type, evaluation_type, wp
          !> Problem
          class(problem_type), target, intent(inout) :: self
@@ -67,17 +69,15 @@ module rk_problem
          real(wp), contiguous, intent(in) :: x(:)
          !> Load, 0..1 [-]
          real(wp), intent(in) :: load
-         !> Linearise
-         logical, intent(in) :: tangent
          !> Residuals, shape (m)
          real(wp), contiguous, intent(inout) :: r(:)
          !> What was seen
-         type(evaluation_type), intent(out) :: state
+         type(evaluation_type), intent(out) :: seen
       end subroutine evaluate_interface
       function operator_interface(self) result(op)
          import :: problem_type, row_operator
          !> Problem
-         class(problem_type), target, intent(inout) :: self
+         class(problem_type), target, intent(in) :: self
          class(row_operator), pointer :: op
       end function operator_interface
    end interface
@@ -98,9 +98,32 @@ pure function scaled_norms(self, x) result(norms)
    if (self%extent > 0.0_wp) norms(1) = norms(1)/self%extent
 end function scaled_norms
 
+!> Fix what stays constant during a load step
+subroutine start_step(self, x, load)
+   !> Problem
+   class(problem_type), target, intent(inout) :: self
+   !> Unknowns at the start of the step, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Load at the end of the step, 0..1 [-]
+   real(wp), intent(in) :: load
+
+   associate (unused => self, unused_x => x, unused_load => load)
+   end associate
+end subroutine start_step
+
+!> Whether residuals are linear in the unknowns
+pure logical function is_linear(self)
+   !> Problem
+   class(problem_type), intent(in) :: self
+
+   associate (unused => self)
+   end associate
+   is_linear = .false.
+end function is_linear
+
 !> Residuals and linearisation at the start of a load step. Where the load enters in a way that
 !> makes the start no good state, a problem may linearise in the load as well.
-subroutine predict(self, x, done, load, r, state)
+subroutine predict(self, x, done, load, r, seen)
    !> Problem
    class(problem_type), target, intent(inout) :: self
    !> Unknowns of the last converged state, shape (n)
@@ -112,12 +135,44 @@ subroutine predict(self, x, done, load, r, state)
    !> Residuals, shape (m)
    real(wp), contiguous, intent(inout) :: r(:)
    !> What was seen
-   type(evaluation_type), intent(out) :: state
+   type(evaluation_type), intent(out) :: seen
 
    associate (unused => done)
    end associate
-   call self%evaluate(x, load, .true., r, state)
+   call self%linearise(x, load, r, seen)
 end subroutine predict
+
+!> A step begins where the problem was linearised last; a linearisation at its end may depend on it
+subroutine start_iteration(self)
+   !> Problem
+   class(problem_type), intent(inout) :: self
+
+   associate (unused => self)
+   end associate
+end subroutine start_iteration
+
+!> Newton's step of a linearisation with as many equations as unknowns, solved as they are. Others
+!> find none here: theirs is a least squares problem.
+subroutine square_step(self, shift, r, dx, found, report, error)
+   !> Problem, linearised
+   class(problem_type), target, intent(inout) :: self
+   !> Damping in units of the diagonal, >= 0 [-]
+   real(wp), intent(in) :: shift
+   !> Residuals, shape (m)
+   real(wp), contiguous, intent(in) :: r(:)
+   !> Step, shape (n)
+   real(wp), contiguous, intent(inout) :: dx(:)
+   !> Whether there is such a step
+   logical, intent(out) :: found
+   !> What was used and how good it is
+   type(square_report), intent(out) :: report
+   !> Error handling: singular matrix, no memory, no convergence
+   type(error_type), allocatable, intent(out) :: error
+
+   associate (unused => self, unused_shift => shift, unused_r => r, unused_dx => dx)
+   end associate
+   found = .false.
+end subroutine square_step
 
 !> Why a converged state is no answer of the equations that stand behind the rows, empty where
 !> nothing speaks against it: a least squares functional may have several stationary points
@@ -153,5 +208,16 @@ subroutine hessian(self, x, load, r, a)
    op => self%operator()
    call op%normal(a)
 end subroutine hessian
+
+!> What a user can do where steps vanish but the gradient does not, in the words of the deck
+function advice(self) result(text)
+   !> Problem
+   class(problem_type), intent(in) :: self
+   character(len=:), allocatable :: text
+
+   associate (unused => self)
+   end associate
+   text = 'the residuals may have kinks'
+end function advice
 
 end module rk_problem

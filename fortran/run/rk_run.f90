@@ -82,14 +82,14 @@ subroutine solve_scene(problem, linear, recorder, outcome, error)
    watcher%problem => problem
    watcher%receiver => recorder
    watcher%outcome => outcome
-   if (.not. allocated(problem%scene%equation%kind)) then
+   if (.not. problem%is_linear()) then
       call check_locking(problem%scene, outcome, recorder)
       call problem%state(spread(0.0_wp, 1, problem%n), 0.0_wp, watcher%last)
       call recorder%step(step_type(load=0.0_wp), watcher%last%x)
    end if
    call solve_problem(problem, problem%scene, linear, watcher, outcome%timer, error)
    call system_clock(clock)
-   if (.not. allocated(problem%scene%equation%kind)) then
+   if (.not. problem%is_linear()) then
       call check_balance(problem, watcher%last, outcome, recorder)
       outcome%seconds = outcome%seconds + tick(clock)
    else if (.not. allocated(error)) then
@@ -124,7 +124,7 @@ subroutine solve_problem(problem, scene, linear, recorder, timer, error)
    newton%max_iterations = scene%solver%max_iterations
    allocate (x(problem%n), source=0.0_wp)
    call system_clock(timer%start)
-   if (allocated(scene%equation%kind)) then
+   if (problem%is_linear()) then
       call solve_linear(problem, newton%linear, x, recorder, timer, error)
    else
       call solve_static(problem, newton, scene%load%steps, scene%load%max_halvings, x, recorder, &
@@ -203,7 +203,7 @@ subroutine step(self, st, x)
    call system_clock(clock)
    call self%problem%state(x, st%load, self%last)
    seen = st
-   if (allocated(self%problem%scene%equation%kind)) then
+   if (self%problem%is_linear()) then
       call self%receiver%step(seen, x)
       return
    end if

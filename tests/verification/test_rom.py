@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ import myork
 from myork.core.deck import load_tables
 from myork.core.pod import pod_basis
 from myork.core.scene import Scene
+from myork.errors import InputError
 from myork.rom.errors import displacement_error, gradient_error
 
 BLOCK = {
@@ -215,3 +217,11 @@ def test_states_of_other_materials_or_points_are_refused(study_of):
         study, lines = study_of(tables, change)
         assert study["full"]["origin"] == ""
         assert any("is not of these points and materials" in line for line in lines), lines
+
+
+def test_linear_problems_are_not_reduced(inputs: Path) -> None:
+    """One solve leaves nothing to save; their rows know no modes."""
+    with Scene(inputs / "poisson_1d.toml") as scene:
+        modes = np.linalg.qr(np.ones((scene.dofs, 1)))[0]
+        with pytest.raises(InputError, match="collocation methods for nonlinear problems"):
+            scene.reduce(modes)
