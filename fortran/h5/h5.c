@@ -323,7 +323,9 @@ static int read_text(hid_t attribute, hid_t type, char *text, int size, int *len
    int failed = H5Aread(attribute, memory, variable ? (void *)&words : fixed) < 0;
    if (!failed) {
       const char *found = variable ? (words ? words : "") : fixed;
-      *length = (int)strnlen(found, MAX_TEXT);
+      /* strnlen is not in C11 */
+      const char *end = memchr(found, '\0', MAX_TEXT);
+      *length = end ? (int)(end - found) : MAX_TEXT;
       memcpy(text, found, (size_t)(*length < size ? *length : size));
    }
    if (variable && words) H5free_memory(words);
