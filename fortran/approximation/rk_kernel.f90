@@ -4,13 +4,17 @@
 !>             2. cubic B-spline, Liu, Jun, Zhang, Int. J. Numer. Meth. Fluids 20 (1995),
 !>                doi:10.1002/fld.1650200824
 module rk_kernel
+   use rk_error, only : err_input, error_type, fatal_error
    use rk_precision, only : wp
    implicit none
    private
 
    public :: kernel_quintic, kernel_cubic, window_product, window_radial
-   public :: window
+   public :: find_kernel, find_window, window
 
+   !> Names of the kernels and of the windows in decks, in the order of the numbers below
+   character(len=*), parameter :: kernel_names(2) = ['quintic', 'cubic  ']
+   character(len=*), parameter :: window_names(2) = ['product', 'radial ']
    !> Quintic B-spline, C4: collocation
    integer, parameter :: kernel_quintic = 1
    !> Cubic B-spline, C2: Galerkin
@@ -21,6 +25,54 @@ module rk_kernel
    integer, parameter :: window_radial = 2
 
 contains
+
+!> Kernel of a name
+subroutine find_kernel(name, kernel, error)
+   !> Name
+   character(len=*), intent(in) :: name
+   !> One of the kernel_* constants
+   integer, intent(out) :: kernel
+   !> Error handling: no such kernel
+   type(error_type), allocatable, intent(out) :: error
+
+   call find_name(kernel_names, 'kernel', name, kernel, error)
+end subroutine find_kernel
+
+!> Window of a name
+subroutine find_window(name, shape, error)
+   !> Name
+   character(len=*), intent(in) :: name
+   !> One of the window_* constants
+   integer, intent(out) :: shape
+   !> Error handling: no such window
+   type(error_type), allocatable, intent(out) :: error
+
+   call find_name(window_names, 'window', name, shape, error)
+end subroutine find_window
+
+!> Place of a name in a list
+subroutine find_name(names, what, name, number, error)
+   !> Names
+   character(len=*), intent(in) :: names(:)
+   !> What they are names of
+   character(len=*), intent(in) :: what
+   !> Name
+   character(len=*), intent(in) :: name
+   !> Its place, 0 without
+   integer, intent(out) :: number
+   !> Error handling: not in the list
+   type(error_type), allocatable, intent(out) :: error
+   character(len=:), allocatable :: known
+   integer :: i
+
+   number = findloc(names, name, dim=1)
+   if (number > 0) return
+   known = ''
+   do i = 1, size(names)
+      known = known//' '//trim(names(i))
+   end do
+   call fatal_error(error, err_input, what//" '"//trim(name)//"' is none of:"//known)
+end subroutine find_name
 
 !> One-dimensional window w(z) and derivatives; w1z is w'(z)/z, finite at z = 0
 pure subroutine spline(kernel, z, w, w1z, w2)
@@ -42,7 +94,8 @@ pure subroutine spline(kernel, z, w, w1z, w2)
    w2 = 0.0_wp
    if (.not. z < 1.0_wp) return
    t = 1.0_wp - z
-   if (kernel == kernel_cubic) then
+   select case (kernel)
+   case (kernel_cubic)
       if (z < 0.5_wp) then
          w = 2.0_wp/3.0_wp - 4.0_wp*z**2 + 4.0_wp*z**3
          w1z = -8.0_wp + 12.0_wp*z
@@ -52,17 +105,19 @@ pure subroutine spline(kernel, z, w, w1z, w2)
          w1z = -4.0_wp*t**2/z
          w2 = 8.0_wp*t
       end if
-   else if (z < 1.0_wp/3.0_wp) then
-      w = 11.0_wp/20.0_wp - 4.5_wp*z**2 + 20.25_wp*z**4 - 20.25_wp*z**5
-      w1z = -9.0_wp + 81.0_wp*z**2 - 101.25_wp*z**3
-      w2 = -9.0_wp + 243.0_wp*z**2 - 405.0_wp*z**3
-   else
-      ! second and third branch of (5.6) as truncated powers
-      s = max(2.0_wp/3.0_wp - z, 0.0_wp)
-      w = c*(t**5 - 6.0_wp*s**5)
-      w1z = c*(-5.0_wp*t**4 + 30.0_wp*s**4)/z
-      w2 = c*(20.0_wp*t**3 - 120.0_wp*s**3)
-   end if
+   case (kernel_quintic)
+      if (z < 1.0_wp/3.0_wp) then
+         w = 11.0_wp/20.0_wp - 4.5_wp*z**2 + 20.25_wp*z**4 - 20.25_wp*z**5
+         w1z = -9.0_wp + 81.0_wp*z**2 - 101.25_wp*z**3
+         w2 = -9.0_wp + 243.0_wp*z**2 - 405.0_wp*z**3
+      else
+         ! second and third branch of (5.6) as truncated powers
+         s = max(2.0_wp/3.0_wp - z, 0.0_wp)
+         w = c*(t**5 - 6.0_wp*s**5)
+         w1z = c*(-5.0_wp*t**4 + 30.0_wp*s**4)/z
+         w2 = c*(20.0_wp*t**3 - 120.0_wp*s**3)
+      end if
+   end select
 end subroutine spline
 
 !> Window of one source point at one place with gradient and second derivatives

@@ -22,11 +22,11 @@ module rk_shape
    !> Choice of the approximation
    type :: approximation_type
       !> Order of the basis, 0..6
-      integer :: order = 2
+      integer :: order
       !> One of the kernel_* constants
-      integer :: kernel = 1
+      integer :: kernel
       !> One of the window_* constants
-      integer :: window = 1
+      integer :: window
    end type approximation_type
 
    !> Shape functions at places. Derivatives are counted: 1 value, then nd first derivatives, then

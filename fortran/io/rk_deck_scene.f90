@@ -9,7 +9,7 @@ module rk_deck_scene
    use rk_deck_materials, only : read_materials
    use rk_error, only : error_type, fatal_error, err_input, err_memory
    use rk_estimate, only : estimate_cost, estimate_type
-   use rk_kernel, only : kernel_cubic, kernel_quintic, window_product, window_radial
+   use rk_kernel, only : find_kernel, find_window
    use rk_lattice, only : jitter, new_annulus, new_box
    use rk_memory, only : available_bytes
    use rk_precision, only : wp
@@ -49,7 +49,8 @@ subroutine new_scene(scene, deck, model, error)
    if (allocated(error)) return
    call read_geometry(scene%cloud, deck, model, error)
    if (allocated(error)) return
-   call read_approximation(scene, deck)
+   call read_approximation(scene, deck, error)
+   if (allocated(error)) return
    call read_solver(scene, deck)
    if (is_linear) then
       scene%method = 'rkcm'
@@ -133,11 +134,13 @@ subroutine read_geometry(cloud, deck, model, error)
 end subroutine read_geometry
 
 !> Order, kernel, window and support
-subroutine read_approximation(scene, deck)
+subroutine read_approximation(scene, deck, error)
    !> Scene with points
    type(scene_type), intent(inout) :: scene
    !> Deck
    type(deck_type), intent(in) :: deck
+   !> Error handling: a name that the deck's check knows and this one does not
+   type(error_type), allocatable, intent(out) :: error
    character(len=:), allocatable :: kernel, window, fibers
    real(wp), allocatable :: support(:)
    integer :: d
@@ -149,8 +152,10 @@ subroutine read_approximation(scene, deck)
    call deck%get('approximation.interface', scene%interface%reach)
    call deck%get('approximation.interface_fibers', fibers)
    scene%interface%own_fibers = fibers == 'own'
-   scene%approximation%kernel = merge(kernel_cubic, kernel_quintic, kernel == 'cubic')
-   scene%approximation%window = merge(window_radial, window_product, window == 'radial')
+   call find_kernel(kernel, scene%approximation%kernel, error)
+   if (allocated(error)) return
+   call find_window(window, scene%approximation%window, error)
+   if (allocated(error)) return
    allocate (scene%support, mold=scene%cloud%spacing)
    do d = 1, scene%cloud%nd
       scene%support(d, :) = support(min(d, size(support)))*scene%cloud%spacing(d, :)

@@ -8,9 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from myork import _core, errors
-
-KERNELS = {"quintic": 1, "cubic": 2}
-WINDOWS = {"product": 1, "radial": 2}
+from myork.core.deck import table_defaults
 
 
 class ShapeFunctions(NamedTuple):
@@ -40,9 +38,9 @@ def shape_functions(
     support: ArrayLike,
     place: ArrayLike,
     *,
-    order: int = 2,
-    kernel: str = "quintic",
-    window: str = "product",
+    order: int | None = None,
+    kernel: str | None = None,
+    window: str | None = None,
 ) -> ShapeFunctions:
     """Evaluate all shape functions and their derivatives at all places.
 
@@ -54,10 +52,10 @@ def shape_functions(
         Support sizes, broadcast to the shape of `source`, positive [length].
     place : ArrayLike
         Places, shape `(nplace, ndim)` [length].
-    order : int
-        Order of the basis, 1 to 6.
-    kernel, window : str
-        `quintic` (5.6) or `cubic`; `product` or `radial`.
+    order : int, optional
+        Order of the basis, 0 to 6; decks' default where absent, as of kernel and window.
+    kernel, window : str, optional
+        Names in decks: `quintic` (5.6), `cubic`; `product`, `radial`.
 
     Raises
     ------
@@ -75,7 +73,12 @@ def shape_functions(
         raise errors.InputError(
             f"support of shape {np.shape(support)} does not fit source {source.shape}"
         ) from None
-    args = (order, _choice(KERNELS, kernel), _choice(WINDOWS, window))
+    default = table_defaults("approximation")
+    args = (
+        default["order"] if order is None else order,
+        (kernel or default["kernel"]).encode(),
+        (window or default["window"]).encode(),
+    )
     points = (source.T, np.asfortranarray(support.T), place.T)
     counts, stencils, stat, message = _core.shape_count(*args, *points)
     errors.check(stat, message)
@@ -92,9 +95,3 @@ def as_points(name: str, points: ArrayLike) -> NDArray[np.float64]:
     if array.ndim != 2 or array.shape[1] not in (1, 2, 3) or len(array) == 0:
         raise errors.InputError(f"{name} must have shape (n, 1..3), not {array.shape}")
     return array
-
-
-def _choice(choices: dict[str, int], name: str) -> int:
-    if name not in choices:
-        raise errors.InputError(f"'{name}' is none of: {' '.join(choices)}")
-    return choices[name]
