@@ -10,7 +10,7 @@
 namespace {
 
 struct Entry {
-   std::string key, where, text;
+   std::string key, where, address, text;
    int kind = 0;
    std::vector<double> numbers;
 };
@@ -64,6 +64,7 @@ void add_section(Flat &flat, const rk::Section &section) {
       Entry table;
       table.key = prefix;
       table.where = flat.deck.where(section.origin);
+      table.address = flat.deck.address(section);
       flat.entries.push_back(table);
    }
    for (const rk::KeySpec &spec : section.spec->keys) {
@@ -73,6 +74,7 @@ void add_section(Flat &flat, const rk::Section &section) {
       Entry entry = flatten(*value);
       entry.key = prefix.empty() ? spec.name : prefix + "." + spec.name;
       entry.where = flat.deck.where(value->origin);
+      entry.address = flat.deck.address(section, spec.name);
       entry.kind = kind_of(spec, *value);
       flat.entries.push_back(entry);
    }
@@ -152,10 +154,11 @@ int rk_deck_size(const void *handle) {
 
 // Entry number `index` (from 0); returns its kind
 int rk_deck_entry(const void *handle, int index, const char **key, const char **where,
-                  const char **text, int *count, const double **numbers) {
+                  const char **address, const char **text, int *count, const double **numbers) {
    const Entry &entry = static_cast<const Flat *>(handle)->entries[static_cast<std::size_t>(index)];
    *key = entry.key.c_str();
    *where = entry.where.c_str();
+   *address = entry.address.c_str();
    *text = entry.text.c_str();
    *count = static_cast<int>(entry.numbers.size());
    *numbers = entry.numbers.data();

@@ -16,7 +16,10 @@ module rk_deck
    implicit none
    private
 
-   public :: deck_type, open_deck, parse_deck, take_deck, table_defaults
+   public :: deck_type, open_deck, parse_deck, take_deck, table_defaults, word_length
+
+   !> Longest key, and longest word of an array of texts
+   integer, parameter :: word_length = 32
 
    !> Kinds of entries, as deck_c.cpp counts them
    integer, parameter :: is_table = 0, is_text = 1, is_texts = 2, is_number = 3, is_integer = 4, &
@@ -28,6 +31,8 @@ module rk_deck
       character(len=:), allocatable :: key
       !> File and line, or the override
       character(len=:), allocatable :: where
+      !> Key as a user would write it, "material.fat.K"
+      character(len=:), allocatable :: address
       !> Value of a text; of texts, a line each
       character(len=:), allocatable :: text
       !> Values of numbers
@@ -56,6 +61,8 @@ module rk_deck
       procedure :: keys => keys_of_table
       !> Where a key was written: file and line, or the override
       procedure :: where => where_written
+      !> Complain about a key: one more line of an error
+      procedure :: complain
       !> Is the value a text (where a number is possible as well)?
       procedure :: is_text => value_is_text
       !> Value of a key. Ask `has` first where a key has no default: without a value numbers come
@@ -164,7 +171,7 @@ subroutine take(deck, handle, error)
    type(c_ptr), intent(in) :: handle
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   type(c_ptr) :: key, where, text, numbers
+   type(c_ptr) :: key, where, address, text, numbers
    real(c_double), pointer :: values(:)
    integer(c_int) :: n
    integer :: i, status
@@ -176,9 +183,11 @@ subroutine take(deck, handle, error)
    deck%folder = to_fortran(rk_deck_property(handle, 5))
    allocate (deck%entry(rk_deck_size(handle)))
    do i = 1, size(deck%entry)
-      deck%entry(i)%kind = rk_deck_entry(handle, i - 1, key, where, text, n, numbers)
+      deck%entry(i)%kind = rk_deck_entry(handle, i - 1, key, where, address, text, n, &
+         & numbers)
       deck%entry(i)%key = to_fortran(key)
       deck%entry(i)%where = to_fortran(where)
+      deck%entry(i)%address = to_fortran(address)
       deck%entry(i)%text = to_fortran(text)
       allocate (deck%entry(i)%numbers(n))
       if (n == 0) cycle
@@ -236,18 +245,17 @@ subroutine keys_of_table(self, table, keys)
    class(deck_type), intent(in) :: self
    !> Table, for an array of tables with the entry's number
    character(len=*), intent(in) :: table
-   !> Keys, as long as the longest of them
-   character(len=:), allocatable, intent(out) :: keys(:)
-   character(len=:), allocatable :: lines
+   !> Keys
+   character(len=word_length), allocatable, intent(out) :: keys(:)
    integer :: i
 
-   lines = ''
+   keys = [character(len=word_length) ::]
    do i = 1, size(self%entry)
       associate (key => self%entry(i)%key)
-         if (index(key, table//'.') == 1) lines = lines//key(len(table) + 2:)//new_line('a')
+         if (index(key, table//'.') == 1) &
+            & keys = [character(len=word_length) :: keys, key(len(table) + 2:)]
       end associate
    end do
-   call split(lines, keys)
 end subroutine keys_of_table
 
 !> Where a key was written; for one that is absent, its table or the file
@@ -269,6 +277,32 @@ pure recursive function where_written(self, key) result(place)
       place = self%path
    end if
 end function where_written
+
+!> Complain about a key. The error grows by a line, so that a user sees all complaints at once
+subroutine complain(self, key, what, error)
+   !> Deck
+   class(deck_type), intent(in) :: self
+   !> Full key
+   character(len=*), intent(in) :: key
+   !> What is wrong, and what to do about it
+   character(len=*), intent(in) :: what
+   !> Error so far, if any
+   type(error_type), allocatable, intent(inout) :: error
+   character(len=:), allocatable :: address, lines
+   integer :: number, table
+
+   number = self%find(key)
+   if (number > 0) then
+      address = self%entry(number)%address
+   else
+      address = key
+      table = self%find(key(:index(key, '.', back=.true.) - 1))
+      if (table > 0) address = self%entry(table)%address//key(index(key, '.', back=.true.):)
+   end if
+   lines = ''
+   if (allocated(error)) lines = error%message//new_line('a')
+   call fatal_error(error, err_input, lines//self%where(key)//': '//address//': '//what)
+end subroutine complain
 
 !> Is the value of a key a text?
 pure function value_is_text(self, key) result(yes)
@@ -376,39 +410,25 @@ subroutine get_integers(self, key, value)
    value = nint(values)
 end subroutine get_integers
 
-!> An array of texts, as long as the longest of them
+!> An array of words
 subroutine get_texts(self, key, value)
    !> Deck
    class(deck_type), intent(in) :: self
    !> Full key
    character(len=*), intent(in) :: key
    !> Its values
-   character(len=:), allocatable, intent(out) :: value(:)
+   character(len=word_length), allocatable, intent(out) :: value(:)
    character(len=:), allocatable :: lines
+   integer :: i
 
    call self%get(key, lines)
-   call split(lines, value)
+   value = [character(len=word_length) ::]
+   i = 1
+   do while (len(line(lines, i)) > 0)
+      value = [character(len=word_length) :: value, line(lines, i)]
+      i = i + 1
+   end do
 end subroutine get_texts
-
-!> Lines of a text as an array
-pure subroutine split(text, lines)
-   !> Text; every line ends with a line feed
-   character(len=*), intent(in) :: text
-   !> Lines, as long as the longest of them
-   character(len=:), allocatable, intent(out) :: lines(:)
-   integer :: i, longest, n
-
-   n = 0
-   longest = 0
-   do while (len(line(text, n + 1)) > 0)
-      n = n + 1
-      longest = max(longest, len(line(text, n)))
-   end do
-   allocate (character(len=longest) :: lines(n))
-   do i = 1, n
-      lines(i) = line(text, i)
-   end do
-end subroutine split
 
 !> One line of a text; empty behind the last
 pure function line(text, number) result(found)

@@ -51,12 +51,13 @@ module rk_deck_c
          integer(c_int) :: size
       end function rk_deck_size
 
-      function rk_deck_entry(handle, index, key, where, text, count, numbers) result(kind) bind(c)
+      function rk_deck_entry(handle, index, key, where, address, text, count, numbers) &
+         & result(kind) bind(c)
          import :: c_int, c_ptr
          implicit none
          type(c_ptr), value :: handle
          integer(c_int), value :: index
-         type(c_ptr), intent(out) :: key, where, text, numbers
+         type(c_ptr), intent(out) :: key, where, address, text, numbers
          integer(c_int), intent(out) :: count
          integer(c_int) :: kind
       end function rk_deck_entry

@@ -1,6 +1,8 @@
 !> From the table [linear] of a checked deck to the equation of a scene.
 module rk_deck_linear
-   use rk_deck, only : deck_type
+   use rk_deck, only : deck_type, word_length
+   use rk_deck_boundary, only : find_named_set
+   use rk_error, only : error_type
    use rk_linear, only : essential_weight
    use rk_precision, only : wp
    use rk_scene, only : scene_type
@@ -13,14 +15,17 @@ module rk_deck_linear
 contains
 
 !> Operators, known solution and where its values are prescribed
-subroutine read_linear(scene, deck)
+subroutine read_linear(scene, deck, error)
    !> Scene with points and solver
    type(scene_type), intent(inout) :: scene
    !> Deck
    type(deck_type), intent(in) :: deck
+   !> Error handling, one line more for each unknown side
+   type(error_type), allocatable, intent(inout) :: error
    character(len=:), allocatable :: at, word
+   character(len=word_length), allocatable :: side(:)
    real(wp), allocatable :: point(:)
-   integer :: k
+   integer :: k, set
 
    associate (equation => scene%equation)
       call deck%get('linear.problem', equation%kind)
@@ -34,10 +39,15 @@ subroutine read_linear(scene, deck)
       end if
       if (equation%solution == 'cantilever') call deck%get('linear.force', equation%force)
       equation%extent(:scene%cloud%nd) = maxval(scene%cloud%points, dim=2)
-      ! an array of texts is one text here, a line each
-      call deck%get('linear.essential', word)
-      equation%essential = pack([(k, k=1, size(scene%cloud%set_name))], &
-         & [(index(word, trim(scene%cloud%set_name(k))) > 0, k=1, size(scene%cloud%set_name))])
+      call deck%get('linear.essential', side)
+      allocate (equation%essential(size(side)))
+      do k = 1, size(side)
+         call find_named_set(scene%cloud, deck, 'linear.essential', side(k), &
+            & equation%essential(k), error)
+      end do
+      ! in the order of the sets, whatever that of the deck
+      equation%essential = pack([(set, set=1, size(scene%cloud%set_name))], &
+         & [(any(equation%essential == set), set=1, size(scene%cloud%set_name))])
       allocate (equation%pin(deck%count('pin')))
       do k = 1, size(equation%pin)
          at = 'pin.'//to_text(k)

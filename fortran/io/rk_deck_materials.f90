@@ -1,6 +1,6 @@
 !> From the tables [[material]] of a checked deck to materials, and which one fills which point.
 module rk_deck_materials
-   use rk_deck, only : deck_type
+   use rk_deck, only : deck_type, word_length
    use rk_error, only : error_type, fatal_error, err_input
    use rk_material, only : material_item
    use rk_material_list, only : new_material
@@ -50,13 +50,12 @@ subroutine read_materials(scene, deck, error)
          call move_alloc(item%material, tissue%material)
          call fill_points(scene, k, deck%has(at//'.label'))
          if (.not. any(scene%tissue_of == k)) then
-            call fatal_error(error, err_input, deck%where(at)//': material.label: no point has ' &
-               & //'label '//to_text(tissue%label)//' of material '//tissue%name)
+            call deck%complain(at//'.label', 'no point has label '//to_text(tissue%label), error)
             return
          end if
          if (tissue%material%fibered) then
             call read_direction(deck, at, scene%cloud%nd, direction)
-            call set_fibers(scene, k, direction, deck%where(at), error)
+            call set_fibers(scene, k, direction, deck, at, error)
          else
             call clear_fibers(scene, k)
          end if
@@ -79,7 +78,8 @@ subroutine read_parameters(deck, at, name, parameters)
    character(len=*), intent(in) :: name
    !> Parameters by their keys
    type(parameters_type), intent(out) :: parameters
-   character(len=:), allocatable :: key(:), word
+   character(len=word_length), allocatable :: key(:)
+   character(len=:), allocatable :: word
    real(wp) :: number
    integer :: i
 
@@ -138,26 +138,28 @@ subroutine read_direction(deck, at, nd, direction)
 end subroutine read_direction
 
 !> Fibers of a muscle's points
-subroutine set_fibers(scene, k, direction, place, error)
+subroutine set_fibers(scene, k, direction, deck, at, error)
    !> Scene
    type(scene_type), intent(inout) :: scene
    !> Material
    integer, intent(in) :: k
    !> Uniform direction or nothing
    real(wp), intent(in) :: direction(:)
-   !> Where the material stands in the deck
-   character(len=*), intent(in) :: place
+   !> Deck
+   type(deck_type), intent(in) :: deck
+   !> Key of the material
+   character(len=*), intent(in) :: at
    !> Error handling: no direction at a point
-   type(error_type), allocatable, intent(out) :: error
+   type(error_type), allocatable, intent(inout) :: error
    integer :: ip
 
    do ip = 1, size(scene%tissue_of)
       if (scene%tissue_of(ip) /= k) cycle
       if (size(direction) > 0) scene%cloud%fiber(:, ip) = direction
       if (norm2(scene%cloud%fiber(:, ip)) > 0.5_wp) cycle
-      call fatal_error(error, err_input, place//': material '//scene%tissue(k)%name//' has no ' &
-         & //'fiber at collocation point '//to_text(ip)//' at ' &
-         & //to_text(scene%cloud%points(:, ip))//': give material.fiber or repair the model')
+      call deck%complain(at//'.fiber', 'missing, collocation point '//to_text(ip)//' at ' &
+         & //to_text(scene%cloud%points(:, ip))//' has no direction: give fiber or fiber_angle, ' &
+         & //'or a model with fibers', error)
       return
    end do
 end subroutine set_fibers

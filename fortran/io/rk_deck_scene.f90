@@ -5,6 +5,7 @@
 module rk_deck_scene
    use rk_cloud, only : check_cloud, cloud_type
    use rk_deck, only : deck_type
+   use rk_deck_boundary, only : read_conditions, read_probes
    use rk_deck_linear, only : read_linear
    use rk_deck_materials, only : read_materials
    use rk_error, only : error_type, fatal_error, err_input, err_memory
@@ -13,7 +14,7 @@ module rk_deck_scene
    use rk_lattice, only : jitter, new_annulus, new_box
    use rk_memory, only : available_bytes
    use rk_precision, only : wp
-   use rk_scene, only : condition_type, scene_type
+   use rk_scene, only : scene_type
    use rk_text, only : to_text
    use rk_volume_points, only : volume_patches
    implicit none
@@ -55,7 +56,7 @@ subroutine new_scene(scene, deck, model, error)
    if (is_linear) then
       scene%method = 'rkcm'
       call read_weights(scene, deck)
-      call read_linear(scene, deck)
+      call read_linear(scene, deck, error)
       call read_probes(scene, deck, error)
       return
    end if
@@ -74,7 +75,6 @@ subroutine new_scene(scene, deck, model, error)
    if (scene%method == 'rkcm-mixed' .and. .not. allocated(scene%cloud%volume_points)) &
       & call volume_patches(scene%cloud)
    call read_conditions(scene, deck, error)
-   if (allocated(error)) return
    call read_probes(scene, deck, error)
 end subroutine new_scene
 
@@ -163,78 +163,6 @@ subroutine read_approximation(scene, deck, error)
 end subroutine read_approximation
 
 
-!> Number of a boundary set named in the deck
-subroutine find_named_set(cloud, deck, key, set, error)
-   !> Points
-   type(cloud_type), intent(in) :: cloud
-   !> Deck
-   type(deck_type), intent(in) :: deck
-   !> Key that holds the name
-   character(len=*), intent(in) :: key
-   !> Number of the set
-   integer, intent(out) :: set
-   !> Error handling: unknown set
-   type(error_type), allocatable, intent(out) :: error
-   character(len=:), allocatable :: name, known
-   integer :: i
-
-   call deck%get(key, name)
-   set = cloud%find_set(name)
-   if (set > 0) return
-   known = ''
-   do i = 1, size(cloud%set_name)
-      known = known//' '//trim(cloud%set_name(i))
-   end do
-   call fatal_error(error, err_input, deck%where(key)//': '//key//": no boundary set '"//name &
-      & //"', the sets are:"//known)
-end subroutine find_named_set
-
-!> Boundary conditions
-subroutine read_conditions(scene, deck, error)
-   !> Scene with points
-   type(scene_type), intent(inout) :: scene
-   !> Deck
-   type(deck_type), intent(in) :: deck
-   !> Error handling
-   type(error_type), allocatable, intent(out) :: error
-   character(len=:), allocatable :: at
-   character(len=*), parameter :: component(3) = ['.u_x', '.u_y', '.u_z']
-   real(wp), allocatable :: traction(:)
-   integer :: i, k
-
-   allocate (scene%condition(deck%count('boundary')))
-   do k = 1, size(scene%condition)
-      at = 'boundary.'//to_text(k)
-      associate (condition => scene%condition(k))
-         call find_named_set(scene%cloud, deck, at//'.set', condition%set, error)
-         if (allocated(error)) return
-         do i = 1, scene%cloud%nd
-            condition%fixed(i) = deck%has(at//component(i))
-            if (condition%fixed(i)) call deck%get(at//component(i), condition%value(i))
-         end do
-         condition%is_radial = deck%has(at//'.radial')
-         if (condition%is_radial) call deck%get(at//'.radial', condition%radial)
-         call deck%get(at//'.traction', traction)
-         condition%traction(:size(traction)) = traction
-      end associate
-   end do
-   if (.not. any_fixed(scene%condition)) call fatal_error(error, err_input, &
-      & deck%where('boundary.1')//': boundary: no displacement is prescribed anywhere: the body ' &
-      & //'can move freely')
-end subroutine read_conditions
-
-!> Whether anything holds the body
-pure logical function any_fixed(condition)
-   !> Conditions
-   type(condition_type), intent(in) :: condition(:)
-   integer :: k
-
-   any_fixed = .false.
-   do k = 1, size(condition)
-      any_fixed = any_fixed .or. any(condition(k)%fixed) .or. condition(k)%is_radial
-   end do
-end function any_fixed
-
 !> Loads, iteration, weights
 subroutine read_solver(scene, deck)
    !> Scene
@@ -291,69 +219,5 @@ subroutine read_weights(scene, deck)
       if (weight == 'balanced') solver%weight_c4 = scene%mixed%displacement_weight/h**2
    end associate
 end subroutine read_weights
-
-!> Probes with exact and reference values
-subroutine read_probes(scene, deck, error)
-   !> Scene with points
-   type(scene_type), intent(inout) :: scene
-   !> Deck
-   type(deck_type), intent(in) :: deck
-   !> Error handling
-   type(error_type), allocatable, intent(out) :: error
-   character(len=:), allocatable :: at
-   real(wp), allocatable :: point(:)
-   integer :: k
-
-   allocate (scene%probe(deck%count('probe')), scene%exact(deck%count('exact')), &
-      & scene%reference(deck%count('reference')))
-   do k = 1, size(scene%probe)
-      at = 'probe.'//to_text(k)
-      associate (probe => scene%probe(k))
-         call deck%get(at//'.name', probe%name)
-         call deck%get(at//'.quantity', probe%quantity)
-         call deck%get(at//'.point', point)
-         probe%point(:size(point)) = point
-         if (deck%has(at//'.set')) call find_named_set(scene%cloud, deck, at//'.set', probe%set, &
-            & error)
-         if (allocated(error)) return
-      end associate
-   end do
-   do k = 1, size(scene%exact)
-      at = 'exact.'//to_text(k)
-      scene%exact(k)%probe = probe_number(scene, deck, at)
-      call deck%get(at//'.solution', scene%exact(k)%solution)
-      call deck%get(at//'.amount', scene%exact(k)%amount)
-   end do
-   do k = 1, size(scene%reference)
-      at = 'reference.'//to_text(k)
-      associate (reference => scene%reference(k))
-         reference%probe = probe_number(scene, deck, at)
-         call deck%get(at//'.value', reference%value)
-         call deck%get(at//'.source', reference%source)
-         if (deck%has(at//'.activation')) then
-            call deck%get(at//'.activation', reference%load)
-            reference%load = reference%load/max(scene%load%activation, tiny(1.0_wp))
-         else
-            call deck%get(at//'.load', reference%load)
-         end if
-      end associate
-   end do
-end subroutine read_probes
-
-!> Number of the probe that an entry names; the deck check knows that it exists
-integer function probe_number(scene, deck, at)
-   !> Scene with probes
-   type(scene_type), intent(in) :: scene
-   !> Deck
-   type(deck_type), intent(in) :: deck
-   !> Key of the entry
-   character(len=*), intent(in) :: at
-   character(len=:), allocatable :: name
-
-   call deck%get(at//'.probe', name)
-   do probe_number = 1, size(scene%probe)
-      if (scene%probe(probe_number)%name == name) return
-   end do
-end function probe_number
 
 end module rk_deck_scene

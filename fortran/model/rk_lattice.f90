@@ -8,6 +8,11 @@ module rk_lattice
    private
 
    public :: new_box, new_annulus, jitter, lattice_frame, set_number, digits_of, place_of
+   public :: outside_lattice
+
+   !> Names of the faces, in the order of set_number
+   character(len=*), parameter :: box_faces(6) = ['x0', 'x1', 'y0', 'y1', 'z0', 'z1'], &
+      & annulus_faces(4) = ['inner', 'outer', 'x0   ', 'y0   ']
 
 contains
 
@@ -45,16 +50,16 @@ subroutine new_box(self, size_, source, place, error)
    call default_tissue(self)
    at = grid(place)
    self%volume = [(share(at(:, ip), 0), ip=1, size(at, 2))]
-   self%set_name = [character(len=32) :: 'x0', 'x1', 'y0', 'y1', 'z0', 'z1']
-   self%set_name = self%set_name(:2*self%nd)
+   allocate (self%set_name(2*self%nd))
+   self%set_name = box_faces(:2*self%nd)
    n = 0
    call start_boundary(self, 2*sum([(product(place)/place(d), d=1, self%nd)]))
    do d = 1, self%nd
       do side = 0, 1
          do ip = 1, size(at, 2)
             if (at(d, ip) /= side*(place(d) - 1)) cycle
-            call add_entry(self, n, ip, 2*d - 1 + side, axis(self%nd, d, 2*side - 1), &
-               & share(at(:, ip), d))
+            call add_entry(self, n, ip, set_number(.false., d, side), &
+               & axis(self%nd, d, 2*side - 1), share(at(:, ip), d))
          end do
       end do
    end do
@@ -115,7 +120,8 @@ subroutine new_annulus(self, inner, outer, source, place, error)
          & 0.5_wp*pi*norm2(self%source(:, is))/(source(2) - 1))
    end do
    call default_tissue(self)
-   self%set_name = [character(len=32) :: 'inner', 'outer', 'x0', 'y0']
+   allocate (self%set_name(size(annulus_faces)))
+   self%set_name = annulus_faces
    n = 0
    call start_boundary(self, 2*sum(place))
    at = grid(place)
@@ -126,10 +132,14 @@ subroutine new_annulus(self, inner, outer, source, place, error)
       weight_t = r*quadrature(at(2, ip), place(2), 0.5_wp*pi)
       weight_r = quadrature(at(1, ip), place(1), outer - inner)
       self%volume(ip) = weight_r*weight_t
-      if (at(1, ip) == 0) call add_entry(self, n, ip, 1, -[cos(t), sin(t)], weight_t)
-      if (at(1, ip) == place(1) - 1) call add_entry(self, n, ip, 2, [cos(t), sin(t)], weight_t)
-      if (at(2, ip) == place(2) - 1) call add_entry(self, n, ip, 3, [-1.0_wp, 0.0_wp], weight_r)
-      if (at(2, ip) == 0) call add_entry(self, n, ip, 4, [0.0_wp, -1.0_wp], weight_r)
+      if (at(1, ip) == 0) call add_entry(self, n, ip, set_number(.true., 1, 0), &
+         & -[cos(t), sin(t)], weight_t)
+      if (at(1, ip) == place(1) - 1) call add_entry(self, n, ip, set_number(.true., 1, 1), &
+         & [cos(t), sin(t)], weight_t)
+      if (at(2, ip) == place(2) - 1) call add_entry(self, n, ip, set_number(.true., 2, 1), &
+         & [-1.0_wp, 0.0_wp], weight_r)
+      if (at(2, ip) == 0) call add_entry(self, n, ip, set_number(.true., 2, 0), &
+         & [0.0_wp, -1.0_wp], weight_r)
    end do
 
 contains
@@ -195,6 +205,24 @@ pure subroutine lattice_frame(cloud, low, step)
       end do
    end if
 end subroutine lattice_frame
+
+!> Whether a place lies outside the body of a lattice; points on the surface may be off it by
+!> rounding
+pure logical function outside_lattice(cloud, x)
+   !> Cloud with a lattice
+   type(cloud_type), intent(in) :: cloud
+   !> Place, shape (nd) [length]
+   real(wp), intent(in) :: x(:)
+   real(wp), parameter :: slack = 1.0e-9_wp
+   real(wp) :: low(3), step(3), at(3), extent(3)
+
+   call lattice_frame(cloud, low, step)
+   at(:cloud%nd) = x
+   if (cloud%polar) at(:2) = [norm2(x), atan2(x(2), x(1))]
+   extent(:cloud%nd) = step(:cloud%nd)*(cloud%lattice - 1)
+   outside_lattice = any(abs(at(:cloud%nd) - low(:cloud%nd) - 0.5_wp*extent(:cloud%nd)) &
+      & > (0.5_wp + slack)*extent(:cloud%nd))
+end function outside_lattice
 
 !> Boundary set of a face of a lattice
 pure integer function set_number(polar, axis, end)

@@ -1,0 +1,158 @@
+!> From a checked deck to conditions on boundary sets, and to probes at points and on sets with what
+!> they are compared with.
+module rk_deck_boundary
+   use rk_cloud, only : cloud_type
+   use rk_deck, only : deck_type
+   use rk_error, only : error_type
+   use rk_lattice, only : outside_lattice, set_number
+   use rk_precision, only : wp
+   use rk_scene, only : scene_type
+   use rk_text, only : to_text
+   implicit none
+   private
+
+   public :: read_conditions, read_probes, find_named_set
+
+contains
+
+!> Boundary conditions
+subroutine read_conditions(scene, deck, error)
+   !> Scene with points
+   type(scene_type), intent(inout) :: scene
+   !> Deck
+   type(deck_type), intent(in) :: deck
+   !> Error handling, one line more for each unknown set
+   type(error_type), allocatable, intent(inout) :: error
+   character(len=:), allocatable :: at, name
+   character(len=*), parameter :: component(3) = ['.u_x', '.u_y', '.u_z']
+   real(wp), allocatable :: traction(:)
+   integer :: i, k
+
+   allocate (scene%condition(deck%count('boundary')))
+   do k = 1, size(scene%condition)
+      at = 'boundary.'//to_text(k)
+      associate (condition => scene%condition(k))
+         call deck%get(at//'.set', name)
+         call find_named_set(scene%cloud, deck, at//'.set', name, condition%set, error)
+         do i = 1, scene%cloud%nd
+            condition%fixed(i) = deck%has(at//component(i))
+            if (condition%fixed(i)) call deck%get(at//component(i), condition%value(i))
+         end do
+         condition%is_radial = deck%has(at//'.radial')
+         if (condition%is_radial) call deck%get(at//'.radial', condition%radial)
+         ! the other sides of an annulus are its planes of symmetry
+         if (condition%is_radial .and. all(condition%set /= [set_number(.true., 1, 0), &
+            & set_number(.true., 1, 1)])) call deck%complain(at//'.radial', 'only on the sets ' &
+            & //'inner and outer', error)
+         call deck%get(at//'.traction', traction)
+         condition%traction(:size(traction)) = traction
+      end associate
+   end do
+end subroutine read_conditions
+
+!> Probes with exact and reference values
+subroutine read_probes(scene, deck, error)
+   !> Scene with points
+   type(scene_type), intent(inout) :: scene
+   !> Deck
+   type(deck_type), intent(in) :: deck
+   !> Error handling, one line more for each unknown set and each point outside
+   type(error_type), allocatable, intent(inout) :: error
+   character(len=:), allocatable :: at, name
+   real(wp), allocatable :: point(:)
+   integer :: k
+
+   allocate (scene%probe(deck%count('probe')), scene%exact(deck%count('exact')), &
+      & scene%reference(deck%count('reference')))
+   do k = 1, size(scene%probe)
+      at = 'probe.'//to_text(k)
+      associate (probe => scene%probe(k))
+         call deck%get(at//'.name', probe%name)
+         call deck%get(at//'.quantity', probe%quantity)
+         call deck%get(at//'.point', point)
+         probe%point(:size(point)) = point
+         if (deck%has(at//'.set')) then
+            call deck%get(at//'.set', name)
+            call find_named_set(scene%cloud, deck, at//'.set', name, probe%set, error)
+         else if (allocated(scene%cloud%lattice)) then
+            if (outside_lattice(scene%cloud, point)) call deck%complain(at//'.point', &
+               & to_text(point)//' lies outside the '//body_of(deck), error)
+         end if
+      end associate
+   end do
+   do k = 1, size(scene%exact)
+      at = 'exact.'//to_text(k)
+      scene%exact(k)%probe = probe_number(scene, deck, at)
+      call deck%get(at//'.solution', scene%exact(k)%solution)
+      call deck%get(at//'.amount', scene%exact(k)%amount)
+   end do
+   do k = 1, size(scene%reference)
+      at = 'reference.'//to_text(k)
+      associate (reference => scene%reference(k))
+         reference%probe = probe_number(scene, deck, at)
+         call deck%get(at//'.value', reference%value)
+         call deck%get(at//'.source', reference%source)
+         if (deck%has(at//'.activation')) then
+            call deck%get(at//'.activation', reference%load)
+            reference%load = reference%load/max(scene%load%activation, tiny(1.0_wp))
+         else
+            call deck%get(at//'.load', reference%load)
+         end if
+      end associate
+   end do
+end subroutine read_probes
+
+!> Number of the probe that an entry names; the deck check knows that it exists
+integer function probe_number(scene, deck, at)
+   !> Scene with probes
+   type(scene_type), intent(in) :: scene
+   !> Deck
+   type(deck_type), intent(in) :: deck
+   !> Key of the entry
+   character(len=*), intent(in) :: at
+   character(len=:), allocatable :: name
+
+   call deck%get(at//'.probe', name)
+   do probe_number = 1, size(scene%probe)
+      if (scene%probe(probe_number)%name == name) return
+   end do
+end function probe_number
+
+!> Number of a boundary set that a key names
+subroutine find_named_set(cloud, deck, key, name, set, error)
+   !> Points
+   type(cloud_type), intent(in) :: cloud
+   !> Deck
+   type(deck_type), intent(in) :: deck
+   !> Key that holds the name
+   character(len=*), intent(in) :: key
+   !> Name
+   character(len=*), intent(in) :: name
+   !> Number of the set, 0 where there is none
+   integer, intent(out) :: set
+   !> Error handling, one line more for an unknown set
+   type(error_type), allocatable, intent(inout) :: error
+   character(len=:), allocatable :: known
+   integer :: i
+
+   set = cloud%find_set(name)
+   if (set > 0) return
+   known = ''
+   do i = 1, size(cloud%set_name)
+      if (i > 1) known = known//', '
+      known = known//trim(cloud%set_name(i))
+   end do
+   call deck%complain(key, "'"//trim(name)//"' is no side of this "//body_of(deck)// &
+      & '; there are '//known, error)
+end subroutine find_named_set
+
+!> What kind of body it is, for messages
+function body_of(deck) result(kind)
+   !> Deck
+   type(deck_type), intent(in) :: deck
+   character(len=:), allocatable :: kind
+
+   call deck%get('geometry.kind', kind)
+end function body_of
+
+end module rk_deck_boundary
