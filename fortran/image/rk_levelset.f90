@@ -24,22 +24,22 @@ module rk_levelset
 
    public :: level_set_options, evolve_level_sets, ended_at_limit, ended_at_rest, ended_lowest
 
-   !> Weights of the energy and steering of the iteration
+   !> Weights of the energy and steering of the iteration; the schema of decks has their defaults
    type :: level_set_options
       !> Weight of the contours' length, >= 0 [-]
-      real(wp) :: mu = 0.01_wp
+      real(wp) :: mu
       !> Weight of the areas inside [-]
-      real(wp) :: nu = 0.0_wp
+      real(wp) :: nu
       !> Width of the regularised step function, > 0 [-]
-      real(wp) :: epsilon = 0.5_wp
+      real(wp) :: epsilon
       !> Largest artificial time step, > 0 [-]
-      real(wp) :: dt = 500.0_wp
+      real(wp) :: dt
       !> Voxel sizes, > 0 [-]
-      real(wp) :: spacing(3) = 1.0_wp
+      real(wp) :: spacing(3)
       !> Largest part of the voxels that may change their region in `window` iterations at rest [-]
-      real(wp) :: tolerance = 1.0e-4_wp
+      real(wp) :: tolerance
       !> Largest number of iterations
-      integer :: iterations = 300
+      integer :: iterations
       !> Weight of the misfit of each region, > 0, shape (regions): more than half of 2**n, up to
       !> 2**n [-]
       real(wp), allocatable :: lambda(:)

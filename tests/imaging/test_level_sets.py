@@ -1,10 +1,9 @@
 """Level sets: against a plain NumPy sweep written out for two, and on images with an answer."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
+from myork.core.deck import table_defaults
 from myork.core.level_sets import evolve_level_sets
 from myork.errors import InputError
 from myork.imaging.phantom import make_phantom
@@ -15,12 +14,18 @@ from myork.segmentation.regions import body_mask, box_mask, otsu, piece_with_see
 from myork.segmentation.scores import dice
 from myork.segmentation.starts import kmeans, level_sets_of, regions_of
 
-STEERING = dict(mu=0.01, nu=0.0, epsilon=0.5, dt=500.0, tolerance=1e-4, iterations=300)
+DEFAULTS = table_defaults("image")
+STEERING = {key: DEFAULTS[key] for key in ("mu", "nu", "epsilon", "dt", "tolerance", "iterations")}
+
+
+def choice(**changes):
+    """Level sets as a deck without a word about them has them, with some fields changed."""
+    return LevelSets.of_table(DEFAULTS, **changes)
 
 
 def evolve(channels, phi, **change):
     """The core with weights of one; `change` names what differs."""
-    choice = {
+    options = {
         "spacing": (1.0, 1.0, 1.0),
         "lambdas": np.ones(2 ** phi.shape[-1]),
         "channel_weights": np.ones(channels.shape[-1]),
@@ -29,7 +34,7 @@ def evolve(channels, phi, **change):
         **STEERING,
         **change,
     }
-    return evolve_level_sets(channels, choice.pop("weight"), phi, **choice)
+    return evolve_level_sets(channels, options.pop("weight"), phi, **options)
 
 
 def shifted(a, axis, side):
@@ -157,7 +162,7 @@ def disc(n=64, radius=18.0, noise=0.0, seed=5):
 def phase_of(image, region, phase="dark", **change):
     grey = scaled_values(image, region)
     result = segment_regions(
-        grey[..., None], region, evolve_level_sets, replace(LevelSets(), **change),
+        grey[..., None], region, evolve_level_sets, choice(**change),
         spacing=image.spacing, name=image.name,
     )  # fmt: skip
     return wanted_phase(result, grey, phase), result
@@ -197,7 +202,7 @@ def test_three_level_sets_find_five_regions_with_triple_junctions():
     truth, u = five_regions(0.05)
     result = segment_regions(
         u[..., None, None], np.ones((*u.shape, 1), bool), evolve_level_sets,
-        LevelSets(regions=5, mu=0.02), spacing=(1, 1, 1),
+        choice(regions=5, mu=0.02), spacing=(1, 1, 1),
     )  # fmt: skip
     for number in range(5):
         mine = result.region[..., 0][truth == number]
@@ -214,7 +219,7 @@ def test_colours_part_what_no_channel_parts_alone():
     colours = colours + np.random.default_rng(6).normal(0, 0.1, colours.shape)
     result = segment_regions(
         colours[:, :, None], np.ones((*truth.shape, 1), bool), evolve_level_sets,
-        LevelSets(regions=3, mu=0.02), spacing=(1, 1, 1),
+        choice(regions=3, mu=0.02), spacing=(1, 1, 1),
     )  # fmt: skip
     for number in range(3):
         major = np.bincount(result.region[..., 0][truth == number]).argmax()
@@ -243,7 +248,7 @@ def test_labels_of_ones_own_as_start():
     grey = scaled_values(image, inside >= 0)
     start = 7 * np.roll(inside, 5, axis=0).astype(np.int32)
     result = segment_regions(
-        grey[..., None], inside >= 0, evolve_level_sets, LevelSets(start="labels", mu=0.05),
+        grey[..., None], inside >= 0, evolve_level_sets, choice(start="labels", mu=0.05),
         spacing=image.spacing, labels=start,
     )  # fmt: skip
     assert dice(result.region == 1, inside) > 0.985
@@ -336,7 +341,7 @@ def test_more_labels_than_regions():
     image, inside = disc()
     with pytest.raises(InputError, match="the start has 3 regions, image.regions is 2"):
         segment_regions(
-            image.data[..., None], inside >= 0, evolve_level_sets, LevelSets(start="labels"),
+            image.data[..., None], inside >= 0, evolve_level_sets, choice(start="labels"),
             spacing=(1, 1, 1), labels=np.arange(64 * 64).reshape(64, 64, 1) % 3,
         )  # fmt: skip
 
@@ -345,7 +350,7 @@ def test_not_a_number_in_the_region_is_named():
     u = np.zeros((4, 4, 3, 2))
     u[1, 1, 2, 1] = np.nan
     with pytest.raises(InputError, match=r"channel 1 is not finite at voxel \(1, 1, 2\)"):
-        segment_regions(u, np.ones((4, 4, 3), bool), evolve_level_sets, LevelSets(),
+        segment_regions(u, np.ones((4, 4, 3), bool), evolve_level_sets, choice(),
                         spacing=(1, 1, 1))  # fmt: skip
     with pytest.raises(InputError, match="must be finite"):
         evolve(u[..., :1] * 0, u[..., :1] + np.inf)

@@ -39,6 +39,11 @@ _COVERED = 0.6
 _STANDS_OUT = 2.5
 # Skin, and pixels of fat and air mixed, are as grey as muscle, no deeper than this [mm].
 _SKIN = 3.0
+# Two phases of a slice. The choice is this method's own: a leg has no keys for it.
+_PHASES = LevelSets(
+    regions=2, volume=False, start="otsu", mu=0.01, nu=0.0, lambdas=(1.0,), epsilon=0.5, dt=500.0,
+    tolerance=1e-4, iterations=300,
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -224,7 +229,7 @@ def _phase(image: Image, region: Mask, evolve: Evolve, phase: str) -> Mask:
         grey[..., np.newaxis],
         region,
         evolve,
-        LevelSets(regions=2, start="otsu"),
+        _PHASES,
         spacing=image.spacing,
         name=image.name,
     )

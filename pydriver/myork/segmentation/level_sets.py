@@ -13,8 +13,8 @@ Comput. Vis. 50 (2002), doi:10.1023/A:1020874308076
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -38,7 +38,7 @@ Evolve = Callable[..., dict[str, NDArray[Any]]]
 
 @dataclass(frozen=True)
 class LevelSets:
-    """What to segment with.
+    """What to segment with; the schema of decks has the defaults of all these.
 
     Attributes
     ----------
@@ -62,16 +62,24 @@ class LevelSets:
         Largest number of iterations.
     """
 
-    regions: int = 2
-    volume: bool = False
-    start: str = "kmeans"
-    mu: float = 0.01
-    nu: float = 0.0
-    lambdas: Sequence[float] = (1.0,)
-    epsilon: float = 0.5
-    dt: float = 500.0
-    tolerance: float = 1e-4
-    iterations: int = 300
+    regions: int
+    volume: bool
+    start: str
+    mu: float
+    nu: float
+    lambdas: Sequence[float]
+    epsilon: float
+    dt: float
+    tolerance: float
+    iterations: int
+
+    @classmethod
+    def of_table(cls, table: Mapping[str, Any], **changes: Any) -> LevelSets:
+        """What the `[image]` table of a deck says, with some fields changed."""
+        named = {
+            field.name: "lambda" if field.name == "lambdas" else field.name for field in fields(cls)
+        }
+        return cls(**{name: table[key] for name, key in named.items()} | changes)
 
 
 @dataclass(frozen=True)

@@ -49,8 +49,6 @@ from myork.summary import update_summary
 
 __all__ = ["segment"]
 
-_CHOICES = ("volume", "mu", "nu", "epsilon", "dt", "tolerance", "iterations")
-
 
 def segment(
     deck: str | Path | Mapping[str, Any],
@@ -113,11 +111,8 @@ def _segment(
         weights += [table["fiber_weight"]] * channels[1].shape[3]
     values = np.concatenate(channels, axis=3)
     start = _start_labels(table, folder, image, region, muscles, values * np.sqrt(weights))
-    choice = LevelSets(
-        regions=table["regions"],
-        lambdas=table["lambda"],
-        start="labels" if table["start"] == "seeds" else table["start"],
-        **{key: table[key] for key in _CHOICES},
+    choice = LevelSets.of_table(
+        table, start="labels" if table["start"] == "seeds" else table["start"]
     )
     progress(f"segmenting {int(region.sum())} pixels in {image.data.shape[2]} slices")
     result = segment_regions(

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from myork.bench.tables import Columns, table
 from myork.console import ProgressCallback
+from myork.core.deck import table_defaults
 from myork.core.level_sets import evolve_level_sets
 from myork.imaging.phantom import make_phantom
 from myork.records import Image
@@ -128,6 +129,11 @@ def _noisy(values: NDArray[np.floating[Any]], sigma: float, seed: int = 1) -> F6
     return values + np.random.default_rng(seed).normal(0.0, sigma, values.shape)
 
 
+def _choice(**changes: Any) -> LevelSets:
+    """Level sets as a deck without a word about them has them, with some fields changed."""
+    return LevelSets.of_table(table_defaults("image"), **changes)
+
+
 def _segment(values: F64, choice: LevelSets, labels: NDArray[Any] | None = None) -> Regions:
     """Segment a picture of shape `(n, n)` or `(n, n, nchannel)`, maybe from labels."""
     channels = values[:, :, None, None] if values.ndim == 2 else values[:, :, None]
@@ -180,8 +186,8 @@ def _blob(n: int) -> NDArray[np.int32]:
 def _two_regions(n: int) -> tuple[list[dict[str, Any]], Figure, str]:
     truth = _blob(n)
     image = _noisy(0.25 + 0.5 * truth, 0.15)
-    start = _segment(image, LevelSets(start="circles", mu=0.1, iterations=1))
-    result = _segment(image, LevelSets(start="circles", mu=0.1))
+    start = _segment(image, _choice(start="circles", mu=0.1, iterations=1))
+    result = _segment(image, _choice(start="circles", mu=0.1))
     figure = _panels(
         [
             ("circles at the start", image, start.region[..., 0]),
@@ -203,7 +209,7 @@ def _length(n: int) -> tuple[list[dict[str, Any]], Figure, str]:
     image = _noisy(0.2 + 0.6 * detail, 0.08)
     cases, panels = [], []
     for mu, truth, name in ((0.01, detail, "small"), (1.0, large, "large")):
-        result = _segment(image, LevelSets(start="labels", mu=mu), np.hypot(x, y) < 0.9)
+        result = _segment(image, _choice(start="labels", mu=mu), np.hypot(x, y) < 0.9)
         cases.append(_score(f"{name} length weight, mu = {mu:g}", result, truth))
         panels.append((f"μ = {mu:g}", image, result.region[..., 0]))
     text = (
@@ -219,7 +225,7 @@ def _area(n: int) -> tuple[list[dict[str, Any]], Figure, str]:
     image = _noisy(np.clip(1.2 - np.hypot(x, y), 0.0, 1.0), 0.05)
     cases, panels = [], []
     for nu in (-0.1, 0.0, 0.1):
-        result = _segment(image, LevelSets(mu=0.02, nu=nu))
+        result = _segment(image, _choice(mu=0.02, nu=nu))
         label = result.region[..., 0]
         case = _score(f"area weight, nu = {nu:g}", result, truth)
         case["area"] = int((label == 1).sum())
@@ -235,7 +241,7 @@ def _five_regions(n: int) -> tuple[list[dict[str, Any]], Figure, str]:
     sector = 1 + (x > 0) + 2 * (y > 0.2 * x)
     truth = np.where(np.hypot(x, y) < 0.75, sector, 0).astype(np.int32)
     image = _noisy(truth / 4.0, 0.06)
-    result = _segment(image, LevelSets(regions=5, mu=0.02))
+    result = _segment(image, _choice(regions=5, mu=0.02))
     panels = [("contours", image, result.region[..., 0])]
     panels += [
         (f"level set {k + 1}", image, (result.phi[..., 0, k] > 0).astype(int))
@@ -251,7 +257,7 @@ def _colours(n: int) -> tuple[list[dict[str, Any]], Figure, str]:
     truth = np.where((np.abs(x - 0.4) < 0.35) & (np.abs(y) < 0.6), 2, truth).astype(np.int32)
     colours = np.array([[0.2, 0.25, 0.65], [0.75, 0.25, 0.2], [0.2, 0.65, 0.2]])
     image = _noisy(colours[truth], 0.1)
-    result = _segment(image, LevelSets(regions=3, mu=0.02))
+    result = _segment(image, _choice(regions=3, mu=0.02))
     figure = _panels(
         [("image", image, None), ("contours", image, result.region[..., 0])]
         + [(f"channel {name}", image[..., k], None) for k, name in enumerate("RGB")]
@@ -322,7 +328,7 @@ def _timing(size: int) -> dict[str, Any]:
         )
 
     for limit in (1, 2, 3, 5, 10, 20, 40, 300):
-        choice = LevelSets(mu=mu, start="otsu", epsilon=0.1, iterations=limit)
+        choice = _choice(mu=mu, start="otsu", epsilon=0.1, iterations=limit)
         seconds, result = _fastest(partial(_segment, values, choice))
         note("MyoRK", (seconds, result.region[..., 0] == 1), int(result.iterations[0]))
     ours = list(runs)
