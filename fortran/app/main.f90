@@ -17,8 +17,9 @@ program main
    use rk_precision, only : i8, wp
    use rk_run, only : outcome_type, solve_scene
    use rk_scene, only : scene_type
-   use rk_summary, only : write_summary
-   use rk_system, only : catch_signals, make_folder, version_text
+   use rk_summary, only : is_complete, mark_summary, write_summary
+   use rk_system, only : catch_signals, lock_folder, make_folder, prepare_process, tell, &
+      & version_text
    use rk_text, only : to_text
    implicit none
    type(config_type) :: config
@@ -29,6 +30,7 @@ program main
    integer(i8) :: clock
 
    call system_clock(clock)
+   call prepare_process()
    call read_arguments(config, error)
    call leave_on(error)
    if (allocated(config%answer)) then
@@ -55,11 +57,11 @@ contains
       class(discretisation_type), allocatable, target :: problem
       type(output_type) :: output
       type(outcome_type) :: outcome
-      type(error_type), allocatable :: failure, trouble
+      type(error_type), allocatable :: failure
       type(json_entry), allocatable :: earlier(:)
       real(wp) :: shape_s
       character(len=:), allocatable :: message
-      logical :: damaged
+      logical :: damaged, replaces
       integer(i8) :: start
 
       call system_clock(start)
@@ -68,6 +70,8 @@ contains
       call leave_on(error)
       shape_s = tick(start)
       call make_folder(config%out, error)
+      call leave_on(error)
+      call lock_folder(config%out, error)
       call leave_on(error)
       output%verbosity = config%verbosity
       call output%open(problem, config%out, deck%text, version_text(), error)
@@ -81,26 +85,44 @@ contains
       call read_entries(config%out//'/summary.json', earlier, damaged)
       if (damaged) call output%say('the summary.json that was there is damaged: what earlier ' &
          & //'stations wrote into it is lost', level=0)
-      call output%close(trouble)
-      call write_summary(config%out//'/summary.json', deck, problem, output, outcome, &
-         & shape_s, tick(clock), omp_get_max_threads(), .not. allocated(failure), message, &
-         & earlier, error)
-      call leave_on(trouble)
+      replaces = .not. allocated(failure) .or. .not. has_results() &
+         & .or. (output%loaded_states() > 0 .and. .not. is_complete(earlier))
+      call output%close(error)
+      call leave_on(error)
+      if (replaces) then
+         call write_summary(config%out//'/summary.json', deck, problem, output, outcome, &
+            & shape_s, tick(clock), omp_get_max_threads(), .not. allocated(failure), message, &
+            & earlier, error)
+         if (.not. allocated(error)) call output%publish(error)
+      else
+         call mark_summary(config%out//'/summary.json', earlier, message, error)
+      end if
       call leave_on(error)
       if (allocated(failure)) then
-         failure%message = failure%message//' (written to '//config%out//')'
+         if (replaces) then
+            failure%message = failure%message//' (written to '//config%out//')'
+         else
+            failure%message = failure%message//' (the results of an earlier run in ' &
+               & //config%out//' stay; what this one reached is in results.vtkhdf.part)'
+         end if
          call leave_on(failure)
       end if
-      if (config%verbosity >= 0) print '(a)', 'converged: '//to_text(tick(clock), 3) &
-         & //' s, results in '//config%out
+      if (config%verbosity >= 0) call tell('converged: '//to_text(tick(clock), 3) &
+         & //' s, results in '//config%out)
    end subroutine run
+
+   !> Whether an earlier run left results
+   logical function has_results()
+      inquire (file=config%out//'/results.vtkhdf', exist=has_results)
+   end function has_results
 
    !> Print an error and leave with its exit status
    subroutine leave_on(error)
       type(error_type), allocatable, intent(in) :: error
+      integer :: ignored
 
       if (.not. allocated(error)) return
-      write (error_unit, '(a)') error%message
+      write (error_unit, '(a)', iostat=ignored) error%message
       if (any(error%code == [err_convergence, err_linalg, err_stopped])) stop 1, quiet=.true.
       stop 2, quiet=.true.
    end subroutine leave_on

@@ -2,15 +2,16 @@
 module rk_output
    use rk_clock, only : tick
    use rk_discretisation, only : discretisation_type
-   use rk_error, only : error_type, fatal_error, err_file
+   use rk_error, only : error_type
    use rk_fields, only : compute_fields, fields_type
    use rk_precision, only : i8, wp
    use rk_probes, only : new_probes, probe_value, probes_type
    use rk_recorder, only : iteration_type, recorder_type, step_type
    use rk_results, only : results_type
    use rk_states, only : field_state
-   use rk_system, only : interrupted
+   use rk_system, only : interrupted, tell
    use rk_text, only : to_text
+   use rk_text_file, only : text_file
    implicit none
    private
 
@@ -46,16 +47,20 @@ module rk_output
       real(wp) :: seconds = 0.0_wp
       !> First error of writing
       type(error_type), allocatable :: error
-      integer, private :: history = 0
-      integer, private :: log = 0
+      type(text_file), private :: history
+      type(text_file), private :: log
    contains
       !> Open the files
       procedure :: open => open_output
-      !> Complete the files
+      !> Complete the files under their temporary names
       procedure :: close => close_output
+      !> Give them their names
+      procedure :: publish
       procedure :: iteration
       procedure :: step
       procedure :: stopped
+      !> States that converged under load
+      procedure :: loaded_states
       !> A line to the log and, unless quiet, to the terminal
       procedure :: say
       !> A warning to the log and the terminal
@@ -79,22 +84,16 @@ subroutine open_output(self, problem, folder, deck_text, version, error)
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
    real(wp), allocatable :: points(:, :), source(:, :)
-   integer :: stat
 
    self%problem => problem
    allocate (self%record(0))
    call new_probes(self%probes, problem%scene, error)
    if (allocated(error)) return
-   open (newunit=self%history, file=folder//'/history.csv', action='write', status='replace', &
-      & iostat=stat)
-   if (stat == 0) open (newunit=self%log, file=folder//'/run.log', action='write', &
-      & status='replace', iostat=stat)
-   if (stat /= 0) then
-      call fatal_error(error, err_file, 'history.csv and run.log cannot be written in '//folder)
-      return
-   end if
-   write (self%history, '(a)') 'step,load,iteration,residual,gradient,step_norm,min_J,max_J,' &
-      & //'backward_error,solver,seconds'
+   call self%history%create(folder//'/history.csv', error)
+   if (.not. allocated(error)) call self%log%create(folder//'/run.log', error)
+   if (.not. allocated(error)) call self%history%line('step,load,iteration,residual,gradient,' &
+      & //'step_norm,min_J,max_J,backward_error,solver,seconds', error)
+   if (allocated(error)) return
    associate (cloud => problem%scene%cloud)
       points = in_space(cloud%points)
       source = in_space(cloud%source)
@@ -113,21 +112,55 @@ pure function in_space(x) result(y)
    y(:size(x, 1), :) = x
 end function in_space
 
-!> Complete the files; the results get their name only now
+!> Complete the files under their temporary names
 subroutine close_output(self, error)
    !> Files
    class(output_type), intent(inout) :: self
-   !> Error handling
+   !> Error handling: the first failure of all writing
    type(error_type), allocatable, intent(out) :: error
    integer(i8) :: clock
 
    call system_clock(clock)
-   call self%results%close(error)
-   close (self%history)
-   close (self%log)
+   call self%history%close(error)
+   call keep(self, error)
+   call self%log%close(error)
+   call keep(self, error)
+   call self%results%close(error, unfinished=.true.)
+   call keep(self, error)
    self%seconds = self%seconds + tick(clock)
    if (allocated(self%error)) call move_alloc(self%error, error)
 end subroutine close_output
+
+!> Give the completed files their names, in place of those of an earlier run
+subroutine publish(self, error)
+   !> Closed files, all of them whole
+   class(output_type), intent(inout) :: self
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+
+   call self%results%publish(error)
+   if (.not. allocated(error)) call self%history%publish(error)
+   if (.not. allocated(error)) call self%log%publish(error)
+end subroutine publish
+
+!> Keep the first failure of writing
+subroutine keep(self, error)
+   !> Files
+   class(output_type), intent(inout) :: self
+   !> Failure, if any
+   type(error_type), allocatable, intent(inout) :: error
+
+   if (allocated(error) .and. .not. allocated(self%error)) call move_alloc(error, self%error)
+end subroutine keep
+
+!> States that converged under load, the state at rest not counted
+pure integer function loaded_states(self)
+   !> Files
+   class(output_type), intent(in) :: self
+   integer :: i
+
+   loaded_states = count([(self%record(i)%step%step > 0, i=1, size(self%record))])
+end function loaded_states
 
 !> An iteration was done
 subroutine iteration(self, it)
@@ -135,16 +168,18 @@ subroutine iteration(self, it)
    class(output_type), intent(inout) :: self
    !> Iteration
    type(iteration_type), intent(in) :: it
-   character(len=200) :: line
+   type(error_type), allocatable :: error
+   character(len=300) :: line
 
    self%last = it
    self%backward_error = max(self%backward_error, it%backward_error)
    self%misfit = max(self%misfit, it%misfit)
    self%rcond = min(self%rcond, it%rcond)
-   write (self%history, '(i0, ",", es23.16e3, ",", i0, 5(",", es15.8e3), ",", es9.2e3, '// &
+   write (line, '(i0, ",", es23.16e3, ",", i0, 5(",", es15.8e3), ",", es9.2e3, '// &
       & '",", a, ",", f0.3)') it%step, it%load, it%iteration, it%residual, it%gradient, &
       & it%step_norm, it%min_j, it%max_j, it%backward_error, it%solver, it%seconds
-   flush (self%history)
+   call self%history%line(trim(line), error)
+   call keep(self, error)
    write (line, '("  iteration ", i0, "  |r| ", es8.1, "  |A''r| ", es8.1, "  |da| ", es8.1, '// &
       & '"  J ", a, "..", a, "  ", a, " ", es7.0)') it%iteration, it%residual, it%gradient, &
       & it%step_norm, to_text(it%min_j), to_text(it%max_j), it%solver, it%backward_error
@@ -187,7 +222,7 @@ subroutine step(self, st, x)
       call self%results%add_step(st%load, self%problem%scene%activation_at(st%load), fields%u, &
          & fields%f, fields%j, fields%cauchy, fields%principal, fields%pressure, x, error)
    end if
-   if (allocated(error) .and. .not. allocated(self%error)) call move_alloc(error, self%error)
+   call keep(self, error)
    self%seconds = self%seconds + tick(clock)
    if (st%step == 0) return
    if (self%problem%is_linear()) then
@@ -219,14 +254,11 @@ subroutine say(self, line, level)
    character(len=*), intent(in) :: line
    !> Smallest verbosity that shows it
    integer, intent(in) :: level
+   type(error_type), allocatable :: error
 
-   if (self%log /= 0) then
-      write (self%log, '(a)') line
-      flush (self%log)
-   end if
-   if (self%verbosity < level) return
-   write (*, '(a)') line
-   flush (6)
+   call self%log%line(line, error)
+   call keep(self, error)
+   if (self%verbosity >= level) call tell(line)
 end subroutine say
 
 !> A warning

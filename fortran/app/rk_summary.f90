@@ -17,7 +17,7 @@ module rk_summary
    implicit none
    private
 
-   public :: write_summary
+   public :: write_summary, mark_summary, is_complete
 
    !> Entries of the stations before a solve, which hold whatever is solved; all others tell of a
    !> solution, `rom` as well, and end with it
@@ -110,6 +110,40 @@ subroutine write_summary(path, deck, problem, output, outcome, shape_s, total_s,
    end associate
    call json%save(path, error)
 end subroutine write_summary
+
+!> Whether a summary is that of a solve that reached full load
+pure logical function is_complete(entries)
+   !> Entries of the file
+   type(json_entry), intent(in) :: entries(:)
+   integer :: k
+
+   is_complete = .false.
+   do k = 1, size(entries)
+      if (entries(k)%key == 'converged') is_complete = entries(k)%value == 'true'
+   end do
+end function is_complete
+
+!> Leave an earlier summary as it is, but for a word on the solve that could not take its place
+subroutine mark_summary(path, earlier, message, error)
+   !> File
+   character(len=*), intent(in) :: path
+   !> Its entries
+   type(json_entry), intent(in) :: earlier(:)
+   !> How the solve ended
+   character(len=*), intent(in) :: message
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   type(json_type) :: json
+   integer :: k
+
+   call json%begin_object()
+   do k = 1, size(earlier)
+      if (earlier(k)%key /= 'failed') call json%put_json(earlier(k)%key, earlier(k)%value)
+   end do
+   call json%put('failed', message)
+   call json%end_object()
+   call json%save(path, error)
+end subroutine mark_summary
 
 !> Each line as an item
 subroutine write_lines(json, text)

@@ -1,18 +1,30 @@
 !> Signals, folders, memory and version, from system.c.
 module rk_system
    use, intrinsic :: iso_c_binding, only : c_char, c_double, c_int, c_null_char, c_ptr
+   use, intrinsic :: iso_fortran_env, only : output_unit
    use rk_cstring, only : to_fortran
    use rk_error, only : error_type, fatal_error, err_file
    use rk_precision, only : wp
+   use rk_text, only : to_text
    implicit none
    private
 
-   public :: catch_signals, interrupted, peak_bytes, make_folder, version_text
+   public :: catch_signals, prepare_process, interrupted, peak_bytes, make_folder, lock_folder
+   public :: version_text, tell
 
    interface
       !> Install the handlers
       subroutine catch_signals() bind(c, name='rk_catch_signals')
       end subroutine catch_signals
+      !> Settings of the process: limits, and the parent to end with
+      subroutine prepare_process() bind(c, name='rk_prepare_process')
+      end subroutine prepare_process
+      function c_lock_folder(path, owner) result(status) bind(c, name='rk_lock_folder')
+         import :: c_char, c_int
+         character(kind=c_char), intent(in) :: path(*)
+         integer(c_int), intent(out) :: owner
+         integer(c_int) :: status
+      end function c_lock_folder
       function c_interrupted() result(yes) bind(c, name='rk_interrupted')
          import :: c_int
          integer(c_int) :: yes
@@ -61,6 +73,35 @@ subroutine make_folder(path, error)
    if (status /= 0) call fatal_error(error, err_file, 'folder '//path &
       & //' cannot be used for output: '//to_fortran(c_error_text(status)))
 end subroutine make_folder
+
+!> Claim a folder until the program ends: two runs would mix their files
+subroutine lock_folder(path, error)
+   !> Folder, which exists
+   character(len=*), intent(in) :: path
+   !> Error handling: another process has it
+   type(error_type), allocatable, intent(out) :: error
+   integer(c_int) :: owner, status
+
+   status = c_lock_folder(path//c_null_char, owner)
+   if (status == 0) return
+   if (owner > 0) then
+      call fatal_error(error, err_file, 'folder '//path//' is in use by another run (process ' &
+         & //to_text(int(owner))//'): wait for its end or name another folder')
+   else
+      call fatal_error(error, err_file, 'folder '//path//' cannot be claimed for output: ' &
+         & //to_fortran(c_error_text(status)))
+   end if
+end subroutine lock_folder
+
+!> Print a line; a reader that has gone away is no reason to end
+subroutine tell(line)
+   !> Line
+   character(len=*), intent(in) :: line
+   integer :: ignored
+
+   write (output_unit, '(a)', iostat=ignored) line
+   flush (output_unit, iostat=ignored)
+end subroutine tell
 
 !> Version of the program
 function version_text() result(text)

@@ -1,9 +1,15 @@
 /* What the program needs of the operating system and Fortran does not offer. */
 #define _GNU_SOURCE
 #include <errno.h>
+#include <fcntl.h>
 #include <signal.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/file.h>
+#ifdef __linux__
+#include <sys/prctl.h>
+#endif
 #include <sys/resource.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -16,13 +22,59 @@ static void on_signal(int number) {
    interrupted = 1;
 }
 
-/* Let the first Ctrl-C or termination request set a flag; the second one ends the program. */
-void rk_catch_signals(void) {
-   struct sigaction action;
+/* The terminal or the parent has gone; however often it is said, results are written first. */
+static void on_hangup(int number) {
+   (void)number;
+   interrupted = 1;
+}
+
+static void handle(int number, void (*handler)(int)) {
+   struct sigaction action, before;
    memset(&action, 0, sizeof action);
-   action.sa_handler = on_signal;
-   sigaction(SIGINT, &action, NULL);
-   sigaction(SIGTERM, &action, NULL);
+   action.sa_handler = handler;
+   if (sigaction(number, NULL, &before) == 0 && before.sa_handler == SIG_IGN) return;
+   sigaction(number, &action, NULL);
+}
+
+/* Let the first Ctrl-C or termination request set a flag; the second one ends the program. A
+   reader of the output that goes away ends nothing. What the caller ignores stays ignored. */
+void rk_catch_signals(void) {
+   handle(SIGINT, on_signal);
+   handle(SIGTERM, on_signal);
+   handle(SIGHUP, on_hangup);
+   signal(SIGPIPE, SIG_IGN);
+}
+
+/* A limit on the size of files is an error of the write that meets it. And the program ends with the
+   process named in MYORK_PARENT, however that one ends: a solve that nobody waits for stops after its
+   iteration with the last converged state written. */
+void rk_prepare_process(void) {
+   signal(SIGXFSZ, SIG_IGN);
+   const char *parent = getenv("MYORK_PARENT");
+   if (parent == NULL) return;
+#ifdef __linux__
+   prctl(PR_SET_PDEATHSIG, SIGHUP);
+#endif
+   if (getppid() != (pid_t)atol(parent)) interrupted = 1;
+}
+
+/* Claim a folder for this process until it ends: 0, or EWOULDBLOCK with the process that has it.
+   File systems without locks are accepted. */
+int rk_lock_folder(const char *path, int *owner) {
+   char name[4096];
+   *owner = 0;
+   if (snprintf(name, sizeof name, "%s/.lock", path) >= (int)sizeof name) return ENAMETOOLONG;
+   int file = open(name, O_RDWR | O_CREAT | O_CLOEXEC, 0666);
+   if (file < 0) return errno;
+   if (flock(file, LOCK_EX | LOCK_NB) != 0) {
+      char text[32] = "";
+      int busy = errno == EWOULDBLOCK;
+      if (busy && read(file, text, sizeof text - 1) > 0) *owner = atoi(text);
+      close(file);
+      return busy ? EWOULDBLOCK : 0;
+   }
+   if (ftruncate(file, 0) == 0) dprintf(file, "%ld\n", (long)getpid());
+   return 0;   /* the file stays open, and with it the lock, until the process ends */
 }
 
 int rk_interrupted(void) { return interrupted != 0; }

@@ -6,9 +6,10 @@
 !> References: 1. RFC 8259, The JavaScript Object Notation, doi:10.17487/RFC8259
 module rk_json
    use, intrinsic :: ieee_arithmetic, only : ieee_is_finite
-   use rk_error, only : err_file, error_type, fatal_error
+   use rk_error, only : error_type
    use rk_precision, only : i8, wp
    use rk_text, only : to_text
+   use rk_text_file, only : save_text
    implicit none
    private
 
@@ -37,7 +38,7 @@ module rk_json
       !> Item of an object whose value is JSON already
       procedure :: put_json
       !> Write the text to a file, which is there completely or not at all
-      procedure :: save => save_text
+      procedure :: save => save_json
       procedure, private :: put_integer, put_long, put_real, put_logical, put_text, put_reals, &
          & put_integers, add_integer, add_real, add_logical, add_text, add_reals
       procedure, private :: item
@@ -287,48 +288,17 @@ subroutine add_reals(self, value)
    self%text = self%text//reals_text(value)
 end subroutine add_reals
 
-!> Write the text to a file: under another name first, so that no reader sees half of it
-subroutine save_text(self, path, error)
+!> Write the text to a file, which is there completely or not at all
+subroutine save_json(self, path, error)
    !> JSON text
    class(json_type), intent(in) :: self
    !> File
    character(len=*), intent(in) :: path
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   character(len=256) :: why
-   integer :: unit, stat
 
-   open (newunit=unit, file=path//'.part', access='stream', form='unformatted', status='replace', &
-      & action='write', iostat=stat, iomsg=why)
-   if (stat == 0) write (unit, iostat=stat, iomsg=why) self%text, new_line('a')
-   if (stat == 0) close (unit, iostat=stat, iomsg=why)
-   if (stat == 0) then
-      stat = c_rename(path//'.part', path)
-      why = 'it cannot take the place of the file that is there'
-   end if
-   if (stat /= 0) call fatal_error(error, err_file, path//': cannot be written: '//trim(why))
-end subroutine save_text
-
-!> Rename a file over another
-function c_rename(old, new) result(stat)
-   use, intrinsic :: iso_c_binding, only : c_char, c_int, c_null_char
-   !> Present name
-   character(len=*), intent(in) :: old
-   !> Name it gets
-   character(len=*), intent(in) :: new
-   !> 0 for success
-   integer :: stat
-   interface
-      function rename_file(from, to) result(status) bind(c, name='rename')
-         import :: c_char, c_int
-         implicit none
-         character(kind=c_char), intent(in) :: from(*), to(*)
-         integer(c_int) :: status
-      end function rename_file
-   end interface
-
-   stat = rename_file(old//c_null_char, new//c_null_char)
-end function c_rename
+   call save_text(path, self%text, error)
+end subroutine save_json
 
 !> Text in quotation marks, with JSON's escapes
 pure function quoted(value) result(text)

@@ -46,6 +46,8 @@ module rk_hdf5
       procedure :: flush => flush_file
       !> Close; a new file takes its real name
       procedure :: close => close_file
+      !> Give a closed file its real name
+      procedure :: publish
       !> Whether a dataset or group exists
       procedure :: has
       !> Append along the last Fortran dimension; the first call creates the dataset
@@ -119,12 +121,14 @@ subroutine flush_file(self, error)
    if (rkh5_flush(self%handle, why, nwhy) /= 0) call write_error(self, "", why, error)
 end subroutine flush_file
 
-!> Close; a new file takes its real name unless a write has failed
-subroutine close_file(self, error)
+!> Close; a new file takes its real name unless a write has failed or it is to be left unfinished
+subroutine close_file(self, error, unfinished)
    !> Open file; nothing happens to a closed one
    class(h5_type), intent(inout) :: self
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
+   !> Keep the temporary name
+   logical, intent(in), optional :: unfinished
    character(kind=c_char) :: why(nwhy)
    integer(c_int) :: stat
 
@@ -134,14 +138,30 @@ subroutine close_file(self, error)
    if (.not. self%writing) return
    if (stat /= 0) then
       call write_error(self, "", why, error)
-   else if (self%damaged) then
+      return
+   end if
+   if (present(unfinished)) then
+      if (unfinished) return
+   end if
+   call self%publish(error)
+end subroutine close_file
+
+!> Give a closed file that was written its real name, unless a write has failed
+subroutine publish(self, error)
+   !> Closed file
+   class(h5_type), intent(in) :: self
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   character(kind=c_char) :: why(nwhy)
+
+   if (self%damaged) then
       call fatal_error(error, err_file, self%path//": not replaced, because writing "// &
          part_of(self%path)//" has failed")
    else if (rkh5_rename(c_text(part_of(self%path)), c_text(self%path), why, nwhy) /= 0) then
       call fatal_error(error, err_file, self%path//": cannot take the place of the file: "// &
          f_text(why)//"; the results are in "//part_of(self%path))
    end if
-end subroutine close_file
+end subroutine publish
 
 !> Whether a dataset or group exists
 function has(self, name)

@@ -46,6 +46,8 @@ module rk_results
       procedure :: add_scalar
       !> Complete the file and give it its name
       procedure :: close => close_results
+      !> Give a closed file its name
+      procedure :: publish
    end type results_type
 
 contains
@@ -252,15 +254,28 @@ subroutine finish_step(self, load, activation, coefficients, fields, error)
    call self%file%flush(error)
 end subroutine finish_step
 
-!> Complete the file and give it its name; after a failed write it keeps the name `path.part`
-subroutine close_results(self, error)
-   !> Result file
+!> Complete the file and give it its name; after a failed write, or where it is to be left
+!> unfinished, it keeps the name `path.part`
+subroutine close_results(self, error, unfinished)
+   !> File
+   class(results_type), intent(inout) :: self
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   !> Keep the temporary name
+   logical, intent(in), optional :: unfinished
+
+   call self%file%close(error, unfinished)
+end subroutine close_results
+
+!> Give a closed file its name
+subroutine publish(self, error)
+   !> Closed file
    class(results_type), intent(inout) :: self
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
 
-   call self%file%close(error)
-end subroutine close_results
+   call self%file%publish(error)
+end subroutine publish
 
 !> What a later run needs to go on from this step
 subroutine add_state(file, load, activation, coefficients, error)

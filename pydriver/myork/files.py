@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import math
 import os
@@ -12,7 +13,45 @@ from typing import Any
 
 from myork.errors import FileError
 
-__all__ = ["whole_file", "write_json", "write_text"]
+__all__ = ["claimed", "whole_file", "write_json", "write_text"]
+
+
+@contextmanager
+def claimed(folder: Path) -> Iterator[None]:
+    """Have an output folder alone while a station writes to it; it is made if it is missing.
+
+    The executable `myork-solve` claims its folder in the same way. File systems without locks are
+    accepted.
+
+    Raises
+    ------
+    FileError
+        Another run has the folder, or it cannot be written to.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        file = os.open(folder / ".lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+    except OSError as reason:
+        raise FileError(
+            f"folder {folder} cannot be used for output: {reason.strerror or reason}"
+        ) from None
+    try:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            owner = os.read(file, 20).decode("ascii", "replace").strip()
+            raise FileError(
+                f"folder {folder} is in use by another run (process {owner or 'unknown'}): wait "
+                "for its end or name another folder"
+            ) from None
+        except OSError:
+            pass
+        else:
+            os.ftruncate(file, 0)
+            os.write(file, f"{os.getpid()}\n".encode())
+        yield
+    finally:
+        os.close(file)
 
 
 @contextmanager

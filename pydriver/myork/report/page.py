@@ -14,6 +14,7 @@ from myork.report import figures, image_figures, tables
 from myork.report.frame import Section, figure, render
 from myork.report.numbers import fraction, number, unit_of
 from myork.report.sources import RunFolder, read_folder
+from myork.summary import failures
 
 __all__ = ["make_report"]
 
@@ -108,6 +109,7 @@ def _cards(summary: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
 def _warnings(folder: RunFolder) -> list[str]:
     """Warnings of the run, and files that could not be read."""
     return [
+        *failures(folder.summary),
         *folder.summary.get("segmentation", {}).get("warnings", []),
         *folder.summary.get("warnings", []),
         *folder.problems,

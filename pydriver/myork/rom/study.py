@@ -18,7 +18,7 @@ from myork.rom.errors import displacement_error, gradient_error, largest_error
 from myork.rom.probes import force_names, named_probes
 from myork.rom.reductor import ReducedStates, solve_reduced
 from myork.rom.snapshots import Snapshots, full_states
-from myork.summary import update_summary
+from myork.summary import renewing, update_summary
 
 __all__ = ["run_rom"]
 
@@ -65,16 +65,16 @@ def run_rom(
         The full or a reduced model did not converge.
     """
     out = Path(out)
-    out.mkdir(parents=True, exist_ok=True)
     # what the table [rom] says makes no other full model
     others = [item for item in overrides if not item.startswith("rom.")]
     hashes = {read_deck(deck, items)["sha256"] for items in (overrides, others)}
-    with _open(deck, overrides, out, threads) as scene:
+    with renewing(out, "rom"), _open(deck, overrides, out, threads) as scene:
         _check_modes(scene)
         progress(f"full model: {scene.dofs} unknowns, {scene.rows} equations")
         full = full_states(scene, out, hashes, threads or thread_count(), progress)
         study = _study(scene, full, progress)
-    update_summary(out, {"title": scene.deck["title"], "units": scene.deck["units"], "rom": study})
+        named = {"title": scene.deck["title"], "units": scene.deck["units"], "rom": study}
+        update_summary(out, named)
     return study
 
 

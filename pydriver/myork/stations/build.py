@@ -21,7 +21,7 @@ from myork.model.mesh import read_tracts, tract_fibers, voxelise
 from myork.model.surface import surface_offsets
 from myork.model_file import write_model
 from myork.records import Image, Labels, PointCloud
-from myork.summary import update_summary
+from myork.summary import renewing, update_summary
 
 __all__ = ["build", "build_cloud"]
 
@@ -59,16 +59,18 @@ def build(
     """
     values, out = read_deck(deck, overrides, "build"), Path(out)
     table = values["build"]
-    labels, fibers, paths = _inputs(values, table, Path(values["folder"]), out)
-    progress(f"points from {', '.join(path.name for path in paths)}")
-    source_images = "\n".join(
-        f"{path.name} {hashlib.sha256(path.read_bytes()).hexdigest()}" for path in paths
-    )
-    cloud, warnings = build_cloud(labels, fibers, table, values["units"]["length"], source_images)
-    out.mkdir(parents=True, exist_ok=True)
-    write_model(out / "model.h5", cloud)
-    summary = _summary(values, cloud, warnings)
-    update_summary(out, summary)
+    with renewing(out, "model"):
+        labels, fibers, paths = _inputs(values, table, Path(values["folder"]), out)
+        progress(f"points from {', '.join(path.name for path in paths)}")
+        source_images = "\n".join(
+            f"{path.name} {hashlib.sha256(path.read_bytes()).hexdigest()}" for path in paths
+        )
+        cloud, warnings = build_cloud(
+            labels, fibers, table, values["units"]["length"], source_images
+        )
+        write_model(out / "model.h5", cloud)
+        summary = _summary(values, cloud, warnings)
+        update_summary(out, summary)
     model = summary["model"]
     progress(
         f"{model['source_points']} source points, {model['collocation_points']} collocation "

@@ -22,7 +22,7 @@ from myork.console import ProgressCallback, silent
 from myork.core.deck import read_deck
 from myork.core.level_sets import evolve_level_sets
 from myork.core.threads import core_threads
-from myork.errors import FileError, InputError
+from myork.errors import InputError
 from myork.imaging.diffusion import read_tensors
 from myork.imaging.geometry import check_same_grid, length_factor
 from myork.imaging.io import (
@@ -45,7 +45,7 @@ from myork.segmentation.regions import body_mask, box_mask, grown_mask, piece_wi
 from myork.segmentation.scores import label_scores
 from myork.segmentation.starts import seeded_regions
 from myork.stations.tissue import find_tissues
-from myork.summary import update_summary
+from myork.summary import renewing, update_summary
 
 __all__ = ["segment"]
 
@@ -79,9 +79,9 @@ def segment(
     dict
         What was added to `summary.json`.
     """
-    values = read_deck(deck, overrides, "segment")
-    with core_threads(threads):
-        return _segment(values, Path(values["folder"]), Path(out), progress)
+    values, out = read_deck(deck, overrides, "segment"), Path(out)
+    with renewing(out, "segmentation", "tissue"), core_threads(threads):
+        return _segment(values, Path(values["folder"]), out, progress)
 
 
 def _segment(
@@ -91,7 +91,6 @@ def _segment(
     table = deck["image"]
     muscles = _muscles(deck)
     _check_rules(table, muscles)
-    _make(out)
     image, tensor, truth = _inputs(deck, table, folder, out, progress)
     if truth is not None:
         _check_truth(truth, table["truth_labels"])
@@ -171,13 +170,6 @@ def _segment(
     for line in (*_lines(summary), *(f"warning: {text}" for text in warnings)):
         progress(line)
     return summary
-
-
-def _make(out: Path) -> None:
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as reason:
-        raise FileError(f"{out}: the output folder cannot be made: {reason}") from None
 
 
 def _inputs(

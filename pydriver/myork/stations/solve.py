@@ -159,7 +159,8 @@ def _set_options(overrides: Sequence[str]) -> list[str]:
 
 def _run(deck: str | Path, options: Sequence[str], progress: ProgressCallback) -> None:
     """Run the executable, hand on its lines, turn its exit status into an exception."""
-    environment = {"OMP_WAIT_POLICY": "passive", **os.environ}
+    # The child ends with this process, whatever ends it.
+    environment = {"OMP_WAIT_POLICY": "passive", **os.environ, "MYORK_PARENT": str(os.getpid())}
     executable = find_executable()
     with tempfile.TemporaryFile() as complaints:
         try:

@@ -1,0 +1,168 @@
+!> Text files that are there whole or not at all.
+!>
+!> A file is written under the name `path.part` and takes its real name when it is published; until
+!> then an earlier file stays as it was. Every write reaches the operating system at once, and a
+!> full disk is an error.
+module rk_text_file
+   use, intrinsic :: iso_c_binding, only : c_associated, c_char, c_int, c_null_char, c_null_ptr, &
+      & c_ptr, c_size_t
+   use rk_error, only : error_type, fatal_error, err_file
+   implicit none
+   private
+
+   public :: text_file, save_text
+
+   !> Room for the reason of a failure
+   integer(c_int), parameter :: nwhy = 200
+
+   !> A file being written
+   type :: text_file
+      private
+      !> Name that it takes at the end
+      character(len=:), allocatable :: path
+      !> Open stream of C
+      type(c_ptr) :: handle = c_null_ptr
+      !> A write has failed: such a file never takes its real name
+      logical :: damaged = .false.
+   contains
+      !> Start a file under a temporary name
+      procedure :: create
+      !> Write a line
+      procedure :: line
+      !> Close; the file keeps its temporary name
+      procedure :: close => close_file
+      !> Give a closed file its name
+      procedure :: publish
+   end type text_file
+
+   interface
+      integer(c_int) function rkf_create(path, handle, why, nwhy) bind(c)
+         import :: c_char, c_int, c_ptr
+         character(kind=c_char), intent(in) :: path(*)
+         type(c_ptr), intent(out) :: handle
+         character(kind=c_char), intent(out) :: why(*)
+         integer(c_int), value :: nwhy
+      end function rkf_create
+      integer(c_int) function rkf_write(handle, text, length, why, nwhy) bind(c)
+         import :: c_char, c_int, c_ptr, c_size_t
+         type(c_ptr), value :: handle
+         character(kind=c_char), intent(in) :: text(*)
+         integer(c_size_t), value :: length
+         character(kind=c_char), intent(out) :: why(*)
+         integer(c_int), value :: nwhy
+      end function rkf_write
+      integer(c_int) function rkf_close(handle, why, nwhy) bind(c)
+         import :: c_char, c_int, c_ptr
+         type(c_ptr), value :: handle
+         character(kind=c_char), intent(out) :: why(*)
+         integer(c_int), value :: nwhy
+      end function rkf_close
+      integer(c_int) function rkf_rename(from, to, why, nwhy) bind(c)
+         import :: c_char, c_int
+         character(kind=c_char), intent(in) :: from(*), to(*)
+         character(kind=c_char), intent(out) :: why(*)
+         integer(c_int), value :: nwhy
+      end function rkf_rename
+   end interface
+
+contains
+
+!> Start a file under a temporary name
+subroutine create(self, path, error)
+   !> File
+   class(text_file), intent(inout) :: self
+   !> Name that it takes when it is published
+   character(len=*), intent(in) :: path
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   character(kind=c_char) :: why(nwhy)
+
+   self%path = path
+   self%damaged = .false.
+   call check(self, rkf_create(path//'.part'//c_null_char, self%handle, why, nwhy), why, error)
+end subroutine create
+
+!> Write a line
+subroutine line(self, text, error)
+   !> Open file; nothing is written to another one
+   class(text_file), intent(inout) :: self
+   !> Line
+   character(len=*), intent(in) :: text
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   character(kind=c_char) :: why(nwhy)
+
+   if (.not. c_associated(self%handle)) return
+   call check(self, rkf_write(self%handle, text//new_line('a'), len(text, c_size_t) + 1, why, &
+      & nwhy), why, error)
+end subroutine line
+
+!> Close; the file keeps its temporary name
+subroutine close_file(self, error)
+   !> File; nothing happens to a closed one
+   class(text_file), intent(inout) :: self
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   character(kind=c_char) :: why(nwhy)
+
+   if (.not. c_associated(self%handle)) return
+   call check(self, rkf_close(self%handle, why, nwhy), why, error)
+   self%handle = c_null_ptr
+end subroutine close_file
+
+!> Give a closed file its name, unless a write has failed
+subroutine publish(self, error)
+   !> Closed file
+   class(text_file), intent(inout) :: self
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   character(kind=c_char) :: why(nwhy)
+
+   if (self%damaged) return
+   call check(self, rkf_rename(self%path//'.part'//c_null_char, self%path//c_null_char, why, &
+      & nwhy), why, error)
+end subroutine publish
+
+!> Write a text to a file, which is there completely or not at all
+subroutine save_text(path, text, error)
+   !> File
+   character(len=*), intent(in) :: path
+   !> Text, without the last line feed
+   character(len=*), intent(in) :: text
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   type(error_type), allocatable :: trouble
+   type(text_file) :: file
+
+   call file%create(path, error)
+   if (allocated(error)) return
+   call file%line(text, error)
+   call file%close(trouble)
+   if (allocated(trouble) .and. .not. allocated(error)) call move_alloc(trouble, error)
+   if (.not. allocated(error)) call file%publish(error)
+end subroutine save_text
+
+!> Turn the answer of C into an error
+subroutine check(self, status, why, error)
+   !> File
+   class(text_file), intent(inout) :: self
+   !> 0 for success
+   integer(c_int), intent(in) :: status
+   !> Reason
+   character(kind=c_char), intent(in) :: why(:)
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   character(len=:), allocatable :: reason
+   integer :: i
+
+   if (status == 0) return
+   self%damaged = .true.
+   reason = ''
+   do i = 1, size(why)
+      if (why(i) == c_null_char) exit
+      reason = reason//why(i)
+   end do
+   call fatal_error(error, err_file, self%path//': cannot be written: '//reason)
+end subroutine check
+
+end module rk_text_file
