@@ -127,7 +127,8 @@ subroutine new_galerkin(self, scene, error)
       & [nd, nc + np]), [[(ip, ip=1, nc)], self%nearest], error)
    if (allocated(error)) return
    shear = [(self%mixture%shear_modulus(nc + ip, identity), ip=1, np)]
-   call set_conditions(self%surface, scene, self%cells, shear)
+   call set_conditions(self%surface, scene, self%cells, shear, error)
+   if (allocated(error)) return
    call new_gradient(self%gradient, self%cells, size(scene%cloud%source, 2), self%inside, facet, &
       & self%surface%shape, self%surface%essential)
    call self%gradient%set_essential(self%cells, self%surface%essential, self%surface%value)

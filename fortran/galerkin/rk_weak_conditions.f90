@@ -2,6 +2,8 @@
 !> forces of these and of loads inside, and those through boundary sets.
 module rk_weak_conditions
    use rk_cells, only : cells_type
+   use rk_conditions, only : conditions_at
+   use rk_error, only : error_type
    use rk_precision, only : wp
    use rk_scene, only : scene_type
    use rk_shape, only : shape_type
@@ -38,7 +40,7 @@ module rk_weak_conditions
 contains
 
 !> Conditions at the points, from those on their sets
-subroutine set_conditions(self, scene, cells, shear)
+subroutine set_conditions(self, scene, cells, shear, error)
    !> Surface with shape functions
    type(surface_type), intent(inout) :: self
    !> Scene
@@ -47,31 +49,24 @@ subroutine set_conditions(self, scene, cells, shear)
    type(cells_type), intent(in) :: cells
    !> Shear modulus at each integration point [stress]
    real(wp), intent(in) :: shear(:)
-   real(wp) :: x(2), spacing, step(size(cells%outward, 1))
-   integer :: c, s, nd, ms, q
+   !> Error handling: no direction on the axis
+   type(error_type), allocatable, intent(out) :: error
+   real(wp) :: value(3), traction(3), spacing, step(size(cells%outward, 1))
+   logical :: fixed(3)
+   integer :: s, nd, ms, q
 
    nd = scene%cloud%nd
    ms = size(cells%set)
-   allocate (self%essential(nd, ms), source=.false.)
-   allocate (self%value(nd, ms), self%traction(nd, ms), self%penalty(ms), source=0.0_wp)
+   allocate (self%essential(nd, ms), self%value(nd, ms), self%traction(nd, ms), self%penalty(ms))
    self%area = norm2(cells%outward, dim=1)
    step = sum(scene%cloud%spacing, dim=2)/size(scene%cloud%spacing, 2)
    do s = 1, ms
-      do c = 1, size(scene%condition)
-         associate (condition => scene%condition(c))
-            if (condition%set /= cells%set(s)) cycle
-            self%traction(:, s) = self%traction(:, s) + condition%traction(:nd)
-            where (condition%fixed(:nd))
-               self%essential(:, s) = .true.
-               self%value(:, s) = condition%value(:nd)
-            end where
-            if (.not. condition%is_radial) cycle
-            x = cells%surface(:2, s)
-            self%essential(:2, s) = .true.
-            self%value(:2, s) = condition%radial*x/norm2(x)
-         end associate
-      end do
-      where (self%essential(:, s)) self%traction(:, s) = 0.0_wp
+      call conditions_at(scene%cloud, scene%condition, cells%set(s), cells%surface(:, s), fixed, &
+         & value, traction, error)
+      if (allocated(error)) return
+      self%essential(:, s) = fixed(:nd)
+      self%value(:, s) = value(:nd)
+      self%traction(:, s) = merge(0.0_wp, traction(:nd), fixed(:nd))
       q = cells%lift_point(cells%lift_first(s) + 1)
       ! the spacing across the surface
       spacing = norm2(cells%outward(:, s)*step)/self%area(s)

@@ -1,4 +1,5 @@
-!> One condition for each component at each boundary point, from conditions on sets.
+!> What holds at places of the boundary, from conditions on sets: for strong forms one condition for
+!> each component at each boundary point, for weak forms at each point of a set.
 !>
 !> A component is essential where any set of the point prescribes it. Otherwise it carries a
 !> traction row with the normal of the sets that leave it free, the mean normal where these meet.
@@ -11,7 +12,7 @@ module rk_conditions
    implicit none
    private
 
-   public :: boundary_type, new_boundary
+   public :: boundary_type, new_boundary, conditions_at
 
    !> Boundary points with what holds there
    type :: boundary_type
@@ -42,9 +43,10 @@ subroutine new_boundary(self, cloud, condition, error)
    !> Error handling: contradicting conditions
    type(error_type), allocatable, intent(out) :: error
    integer, allocatable :: number(:)
-   real(wp) :: g(3), length
-   logical :: fixed(3)
-   integer :: b, e, i, c, nd, n
+   real(wp), allocatable :: traction(:, :)
+   logical, allocatable :: fixed(:, :)
+   real(wp) :: value(3), length
+   integer :: b, e, i, nd, n
 
    nd = cloud%nd
    allocate (number(size(cloud%points, 2)), source=0)
@@ -63,51 +65,38 @@ subroutine new_boundary(self, cloud, condition, error)
    self%traction = 0.0_wp
    self%point(number(cloud%point)) = cloud%point
 
+   allocate (fixed(3, size(cloud%point)), traction(3, size(cloud%point)))
    do e = 1, size(cloud%point)
       b = number(cloud%point(e))
-      do c = 1, size(condition)
-         if (condition(c)%set /= cloud%set(e)) cycle
-         call prescribed(condition(c), cloud%points(:, cloud%point(e)), fixed, g)
-         if (.not. all(abs(g) <= huge(1.0_wp))) then
-            call fatal_error(error, err_input, 'boundary set ' &
-               & //trim(cloud%set_name(cloud%set(e)))//': a radial displacement has no direction ' &
-               & //'at '//to_text(cloud%points(:, cloud%point(e)))//' on the axis')
-            return
-         end if
+      associate (x => cloud%points(:, cloud%point(e)))
+         call conditions_at(cloud, condition, cloud%set(e), x, fixed(:, e), value, traction(:, e), &
+            & error)
+         if (allocated(error)) return
          do i = 1, nd
-            if (.not. fixed(i)) cycle
-            if (self%essential(i, b)) then
-               if (abs(self%value(i, b) - g(i)) > 1.0e-9_wp*max(abs(g(i)), 1.0e-3_wp)) then
-                  call fatal_error(error, err_input, 'boundary sets prescribe two displacements, ' &
-                     & //to_text(self%value(i, b))//' and '//to_text(g(i))//', for component ' &
-                     & //to_text(i)//' at '//to_text(cloud%points(:, cloud%point(e))))
-                  return
-               end if
+            if (.not. fixed(i, e)) cycle
+            if (self%essential(i, b) .and. abs(self%value(i, b) - value(i)) &
+               & > 1.0e-9_wp*max(abs(value(i)), 1.0e-3_wp)) then
+               call fatal_error(error, err_input, 'boundary sets prescribe two displacements, ' &
+                  & //to_text(self%value(i, b))//' and '//to_text(value(i))//', for component ' &
+                  & //to_text(i)//' at '//to_text(x))
+               return
             end if
             self%essential(i, b) = .true.
-            self%value(i, b) = g(i)
+            self%value(i, b) = value(i)
          end do
-      end do
+      end associate
    end do
 
    ! a face held along itself meets one that is not; symmetry planes, held across only, do no harm
    self%singular = .false.
    do e = 1, size(cloud%point)
       b = number(cloud%point(e))
-      fixed = .false.
-      g = 0.0_wp
-      do c = 1, size(condition)
-         if (condition(c)%set /= cloud%set(e)) cycle
-         fixed = fixed .or. condition(c)%fixed
-         fixed(:2) = fixed(:2) .or. condition(c)%is_radial
-         g = g + condition(c)%traction
-      end do
       self%singular(b) = self%singular(b) .or. &
-         & (all(self%essential(:, b)) .and. .not. any(fixed(:nd)))
+         & (all(self%essential(:, b)) .and. .not. any(fixed(:nd, e)))
       do i = 1, nd
-         if (fixed(i)) cycle
+         if (fixed(i, e)) cycle
          self%normal(:, i, b) = self%normal(:, i, b) + cloud%normal(:, e)
-         self%traction(i, b) = self%traction(i, b) + g(i)
+         self%traction(i, b) = self%traction(i, b) + traction(i, e)
       end do
    end do
    do b = 1, n
@@ -127,23 +116,48 @@ subroutine new_boundary(self, cloud, condition, error)
    end do
 end subroutine new_boundary
 
-!> Components a condition prescribes at a place
-pure subroutine prescribed(condition, x, fixed, value)
-   !> Condition
-   type(condition_type), intent(in) :: condition
+!> What the conditions of a set prescribe at one of its places, for strong and for weak forms
+subroutine conditions_at(cloud, condition, set, x, fixed, value, traction, error)
+   !> Points, whose sets have names
+   type(cloud_type), intent(in) :: cloud
+   !> Conditions on sets
+   type(condition_type), intent(in) :: condition(:)
+   !> Set
+   integer, intent(in) :: set
    !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
    !> Prescribed components
    logical, intent(out) :: fixed(3)
-   !> Values [length]
+   !> Their displacement at full load [length]
    real(wp), intent(out) :: value(3)
+   !> Traction at full load, which acts where nothing is prescribed [force/area]
+   real(wp), intent(out) :: traction(3)
+   !> Error handling: no direction on the axis
+   type(error_type), allocatable, intent(out) :: error
+   logical :: own(3)
+   real(wp) :: g(3)
+   integer :: c
 
-   fixed = condition%fixed
-   value = condition%value
-   if (condition%is_radial) then
-      fixed(:2) = .true.
-      value(:2) = condition%radial*x(:2)/norm2(x(:2))
-   end if
-end subroutine prescribed
+   fixed = .false.
+   value = 0.0_wp
+   traction = 0.0_wp
+   do c = 1, size(condition)
+      if (condition(c)%set /= set) cycle
+      own = condition(c)%fixed
+      g = condition(c)%value
+      if (condition(c)%is_radial) then
+         own(:2) = .true.
+         if (.not. norm2(x(:2)) > 0.0_wp) then
+            call fatal_error(error, err_input, 'boundary set '//trim(cloud%set_name(set)) &
+               & //': a radial displacement has no direction at '//to_text(x)//' on the axis')
+            return
+         end if
+         g(:2) = condition(c)%radial*x(:2)/norm2(x(:2))
+      end if
+      fixed = fixed .or. own
+      where (own) value = g
+      traction = traction + condition(c)%traction
+   end do
+end subroutine conditions_at
 
 end module rk_conditions

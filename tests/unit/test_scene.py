@@ -227,7 +227,11 @@ def test_a_free_component_of_a_condition_is_free_of_traction(open_scene):
     assert abs(top[:2]).max() < 1e-8 * abs(top[2])
 
 
-def test_contradicting_conditions_are_refused(open_scene):
+METHODS = ["rkcm", "rkcm-mixed", "rkpm-gauss", "rkpm-scni"]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_contradicting_conditions_are_refused(method, open_scene):
     contradiction = {
         **TABLES,
         "boundary": [
@@ -236,7 +240,7 @@ def test_contradicting_conditions_are_refused(open_scene):
         ],
     }
     with pytest.raises(InputError, match=r"two displacements, .*component 1 at \(0, 0, 0\)"):
-        open_scene(contradiction)
+        open_scene(contradiction, f'scene.method="{method}"')
 
 
 def test_the_same_condition_twice_is_none_too_many(open_scene):
@@ -292,7 +296,7 @@ with Scene({str(write_deck(TABLES))!r}) as scene:
     assert one == two != ""
 
 
-@pytest.mark.parametrize("method", ["rkcm", "rkcm-mixed", "rkpm-gauss", "rkpm-scni"])
+@pytest.mark.parametrize("method", METHODS)
 def test_answers_do_not_depend_on_what_was_asked_before(method, open_scene):
     """Every question is about the state it names: the same bits whatever was asked or solved in
     between, and those that a scene of its own gives.
@@ -321,7 +325,7 @@ def test_answers_do_not_depend_on_what_was_asked_before(method, open_scene):
     assert [values.tobytes() for values in together[::-1, None]] == [first[3], last[3]]
 
 
-@pytest.mark.parametrize("method", ["rkcm", "rkcm-mixed", "rkpm-gauss", "rkpm-scni"])
+@pytest.mark.parametrize("method", METHODS)
 def test_questions_leave_no_trace_in_a_linearisation(method, open_scene):
     """Residuals and rows are those of the state they are asked at, whatever was asked before."""
     scene = open_scene(TABLES, f'scene.method="{method}"')
