@@ -6,6 +6,7 @@
 !>
 !> The unknowns may be the amplitudes of modes: then rows and second derivatives are those by them.
 module rk_equilibrium
+   use rk_basis, only : second_index
    use rk_conditions, only : new_boundary
    use rk_discretisation, only : discretisation_type, deformation
    use rk_error, only : error_type
@@ -263,13 +264,12 @@ subroutine point_rows(self, ip, x, load, tangent, r, volume)
    associate (w => self%domain_weight(ip))
       r(row + 1:row + nd) = w*divergence(:nd)
       if (tangent) then
-         do k = 1, nd
-            do i = 1, nd
-               q = 1 + nd
-               do ca = 1, nd
-                  self%rows%coefficient(i, k, 1 + ca, ip) = w*t(i, k, ca)
-                  do cb = ca, nd
-                     q = q + 1
+         do ca = 1, nd
+            self%rows%coefficient(:nd, :nd, 1 + ca, ip) = w*t(:nd, :nd, ca)
+            do cb = ca, nd
+               q = second_index(nd, ca, cb)
+               do k = 1, nd
+                  do i = 1, nd
                      self%rows%coefficient(i, k, q, ip) = w*merge(c4(i, ca, k, ca), &
                         & c4(i, ca, k, cb) + c4(i, cb, k, ca), ca == cb)
                   end do
@@ -512,23 +512,25 @@ pure subroutine add_curvature(nd, ff, fh, form)
    real(wp), intent(in) :: fh(9, 9, 3)
    !> Form as in rk_rows, shape (nd*nd, fields, nq)
    real(wp), intent(inout) :: form(:, :, :)
-   integer :: a, b, c, i, j, q, row
+   integer :: a, b, c, j, q
 
-   do a = 1, nd
-      do i = 1, nd
-         row = i + nd*(a - 1)
-         do j = 1, nd
-            q = 1 + nd
-            do c = 1, nd
+   do c = 1, nd
+      do j = 1, nd
+         do a = 1, nd
+            associate (rows => form(nd*(a - 1) + 1:nd*a, j, 1 + c))
                ! the form counts products of first derivatives twice
-               form(row, j, 1 + c) = form(row, j, 1 + c) &
-                  & + 0.5_wp*ff(i + 3*(a - 1), j + 3*(c - 1))
-               do b = c, nd
-                  q = q + 1
-                  form(row, j, q) = form(row, j, q) + fh(i + 3*(a - 1), j + 3*(b - 1), c)
-                  if (b /= c) form(row, j, q) = form(row, j, q) &
-                     & + fh(i + 3*(a - 1), j + 3*(c - 1), b)
-               end do
+               rows = rows + 0.5_wp*ff(3*(a - 1) + 1:3*(a - 1) + nd, j + 3*(c - 1))
+            end associate
+         end do
+      end do
+      do b = c, nd
+         q = second_index(nd, c, b)
+         do j = 1, nd
+            do a = 1, nd
+               associate (rows => form(nd*(a - 1) + 1:nd*a, j, q))
+                  rows = rows + fh(3*(a - 1) + 1:3*(a - 1) + nd, j + 3*(b - 1), c)
+                  if (b /= c) rows = rows + fh(3*(a - 1) + 1:3*(a - 1) + nd, j + 3*(c - 1), b)
+               end associate
             end do
          end do
       end do
