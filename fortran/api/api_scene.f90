@@ -1,20 +1,22 @@
 ! Python boundary of scenes: a handle in, arrays out. Python checks shapes before it calls.
 
 !> Open the scene of a deck, whose text is blank where it is a file; the arrays are those of a model
-!> and may be empty. Not threadsafe: gfortran keeps the lengths of character function results in
-!> static storage, and keys are made of such results
-subroutine scene_open(path, text, nover, overrides, ns, nc, nb, nset, source, spacing, place, &
-   & centre, volume, label, fiber, point, set, normal, area, names, handle, stat, message)
+!> and may be empty, voxels of size 0 stand for none. Not threadsafe: gfortran keeps the lengths of
+!> character function results in static storage, and keys are made of such results
+subroutine scene_open(path, text, nover, overrides, ns, nc, nb, nset, source, spacing, points, &
+   & voxel, voxel_size, voxel_origin, volume, label, fiber, boundary_point, boundary_set, normal, &
+   & area, set_names, length_unit, handle, stat, message)
    use rk_cloud, only : cloud_type
    use rk_error, only : error_type
    use rk_pack, only : pack_error
    use rk_session, only : open_session
    implicit none
    integer, intent(in) :: nover, ns, nc, nb, nset
-   character(len=*), intent(in) :: path, text, overrides(nover), names(nset)
-   double precision, intent(in) :: source(3, ns), spacing(3, ns), place(3, nc), fiber(3, nc)
-   double precision, intent(in) :: centre(3, nc), normal(3, nb), area(nb), volume(nc)
-   integer, intent(in) :: label(nc), point(nb), set(nb)
+   character(len=*), intent(in) :: path, text, overrides(nover), set_names(nset), length_unit
+   double precision, intent(in) :: source(3, ns), spacing(3, ns), points(3, nc), fiber(3, nc)
+   double precision, intent(in) :: voxel_size(3), voxel_origin(3), volume(nc)
+   double precision, intent(in) :: normal(3, nb), area(nb)
+   integer, intent(in) :: voxel(3, nc), label(nc), boundary_point(nb), boundary_set(nb)
    integer, intent(out) :: handle, stat
    character(len=2048), intent(out) :: message
    type(error_type), allocatable :: error
@@ -23,17 +25,22 @@ subroutine scene_open(path, text, nover, overrides, ns, nc, nb, nset, source, sp
    model%nd = 3
    model%source = source
    model%spacing = spacing
-   model%points = place
-   model%voxel_centre = centre
+   model%points = points
+   if (all(voxel_size > 0)) then
+      model%voxels%index = voxel
+      model%voxels%size = voxel_size
+      model%voxels%origin = voxel_origin
+   end if
    model%volume = volume
    model%label = label
    model%fiber = fiber
-   model%point = point + 1
-   model%set = set + 1
+   model%boundary_point = boundary_point + 1
+   model%boundary_set = boundary_set + 1
    model%normal = normal
    model%area = area
-   allocate (model%set_name(nset))
-   model%set_name = names
+   allocate (model%set_names(nset))
+   model%set_names = set_names
+   model%length_unit = trim(length_unit)
    call open_session(path, text, overrides, model, handle, error)
    call pack_error(error, stat, message)
 end subroutine scene_open

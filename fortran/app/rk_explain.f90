@@ -41,7 +41,7 @@ subroutine explain(deck, model, scene)
       & //to_text(scene%approximation%order)//', about '//to_text(nint(cost%neighbours)) &
       & //' neighbours a point'
    print '(a)', '  points        '//to_text(nint(cost%ns))//' source, '//to_text(nint(cost%nc)) &
-      & //' collocation, '//to_text(size(scene%cloud%point))//' boundary entries'
+      & //' collocation, '//to_text(size(scene%cloud%boundary_point))//' boundary entries'
    print '(a)', '  equations     '//to_text(nint(cost%equations))//' for ' &
       & //to_text(nint(cost%unknowns))//' unknowns'
    do k = 1, size(scene%tissue)
@@ -54,7 +54,7 @@ subroutine explain(deck, model, scene)
    end do
    do k = 1, size(scene%condition)
       associate (condition => scene%condition(k))
-         print '(a)', '  boundary      '//trim(scene%cloud%set_name(condition%set))//': ' &
+         print '(a)', '  boundary      '//trim(scene%cloud%set_names(condition%set))//': ' &
             & //merge('radial displacement', 'displacement       ', condition%is_radial)//' of ' &
             & //to_text(count(condition%fixed(:scene%cloud%nd)))//' components'
       end associate
@@ -86,7 +86,7 @@ subroutine explain_equation(scene)
          & //'H1 errors'
       text = ''
       do k = 1, size(equation%essential)
-         text = text//trim(scene%cloud%set_name(equation%essential(k)))//' '
+         text = text//trim(scene%cloud%set_names(equation%essential(k)))//' '
       end do
       print '(a)', '  boundary      values on '//text//merge('and ', '    ', text /= '') &
          & //to_text(size(equation%pin))//' pins, flux elsewhere'

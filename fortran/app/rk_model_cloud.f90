@@ -3,7 +3,7 @@ module rk_model_cloud
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type
    use rk_error, only : error_type, fatal_error, err_file
-   use rk_model_file, only : model_type, read_model
+   use rk_model_file, only : read_model
    implicit none
    private
 
@@ -21,7 +21,6 @@ subroutine read_model_cloud(cloud, deck, out, error)
    character(len=*), intent(in) :: out
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   type(model_type) :: model
    character(len=:), allocatable :: kind, file, path, beside
    logical :: found
 
@@ -38,25 +37,10 @@ subroutine read_model_cloud(cloud, deck, out, error)
    end if
    if (.not. found) then
       call fatal_error(error, err_file, deck%where('geometry.file')//': geometry.file: no model ' &
-         & //file//' in '//out//' or beside the deck: run "myork build" first')
+         & //file//' in '//out//' or beside the deck: run `myork build` first')
       return
    end if
-   call read_model(model, path, error)
-   if (allocated(error)) return
-   cloud%nd = 3
-   call move_alloc(model%source, cloud%source)
-   call move_alloc(model%spacing, cloud%spacing)
-   call move_alloc(model%points, cloud%points)
-   call move_alloc(model%centre, cloud%voxel_centre)
-   call move_alloc(model%volume, cloud%volume)
-   call move_alloc(model%label, cloud%label)
-   call move_alloc(model%fiber, cloud%fiber)
-   call move_alloc(model%boundary_point, cloud%point)
-   call move_alloc(model%boundary_set, cloud%set)
-   call move_alloc(model%boundary_normal, cloud%normal)
-   call move_alloc(model%boundary_area, cloud%area)
-   allocate (cloud%set_name(size(model%set_names)))
-   cloud%set_name = model%set_names
+   call read_model(cloud, path, error)
 end subroutine read_model_cloud
 
 end module rk_model_cloud

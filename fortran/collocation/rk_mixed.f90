@@ -99,8 +99,8 @@ subroutine set_weights(self)
       self%regular = [(rim_distance(self, cloud%points(:, ip)) >= one_spacing*self%spacing, &
          & ip=1, nc)]
       allocate (faces(nc), source=0)
-      do e = 1, size(cloud%point)
-         faces(cloud%point(e)) = faces(cloud%point(e)) + 1
+      do e = 1, size(cloud%boundary_point)
+         faces(cloud%boundary_point(e)) = faces(cloud%boundary_point(e)) + 1
       end do
       do ip = 1, nc
          near = closeness(self, cloud%points(:, ip), reach)

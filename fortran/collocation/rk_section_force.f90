@@ -74,15 +74,15 @@ subroutine find_reach(problem, set, normal, origin, reach, usable)
    usable = .false.
    reach = 0.0_wp
    associate (cloud => problem%scene%cloud)
-      first = findloc(cloud%set, set, dim=1)
+      first = findloc(cloud%boundary_set, set, dim=1)
       if (first == 0) return
       normal = cloud%normal(:, first)
-      origin = cloud%points(:, cloud%point(first))
+      origin = cloud%points(:, cloud%boundary_point(first))
       deepest = maxval(-matmul(normal, cloud%points - spread(origin, 2, size(cloud%points, 2))))
-      do e = 1, size(cloud%point)
-         if (cloud%set(e) /= set) cycle
+      do e = 1, size(cloud%boundary_point)
+         if (cloud%boundary_set(e) /= set) cycle
          if (dot_product(cloud%normal(:, e), normal) < 1.0_wp - 1.0e-9_wp) return
-         if (abs(dot_product(normal, cloud%points(:, cloud%point(e)) - origin)) &
+         if (abs(dot_product(normal, cloud%points(:, cloud%boundary_point(e)) - origin)) &
             & > 1.0e-6_wp*deepest) return
       end do
       ! the next set that is fixed as a whole ends the motion
@@ -120,9 +120,9 @@ function traction_integral(problem, set, state) result(force)
    nd = problem%scene%cloud%nd
    force = 0.0_wp
    associate (cloud => problem%scene%cloud)
-      do e = 1, size(cloud%point)
-         if (cloud%set(e) /= set) cycle
-         ip = cloud%point(e)
+      do e = 1, size(cloud%boundary_point)
+         if (cloud%boundary_set(e) /= set) cycle
+         ip = cloud%boundary_point(e)
          call problem%at_point(state, ip, local)
          force(:nd) = force(:nd) + matmul(local%p(:nd, :nd), cloud%normal(:, e))*cloud%area(e)
       end do

@@ -56,8 +56,8 @@ module rk_hdf5
       procedure, private :: append_real1, append_real2, append_int1, append_long1
       procedure, private :: append_byte1, append_text
       !> Read a whole dataset
-      generic :: read => read_real1, read_real2, read_int1, read_text
-      procedure, private :: read_real1, read_real2, read_int1, read_text
+      generic :: read => read_real1, read_real2, read_int1, read_int2, read_text
+      procedure, private :: read_real1, read_real2, read_int1, read_int2, read_text
       !> Set an attribute of a group or dataset
       generic :: put_attribute => put_integers, put_text
       procedure, private :: put_integers, put_text
@@ -332,6 +332,24 @@ subroutine read_int1(self, name, values, error)
    allocate (values(dims(1)))
    call read_any(self, name, kind_int, c_loc(values), error)
 end subroutine read_int1
+
+!> Read a table of integers
+subroutine read_int2(self, name, values, error)
+   !> Open file
+   class(h5_type), intent(in) :: self
+   !> Path in the file
+   character(len=*), intent(in) :: name
+   !> Numbers, shape (m,n)
+   integer, allocatable, target, intent(out) :: values(:, :)
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   integer(i8) :: dims(2)
+
+   call get_shape(self, name, kind_int, dims, error)
+   if (allocated(error)) return
+   allocate (values(dims(1), dims(2)))
+   call read_any(self, name, kind_int, c_loc(values), error)
+end subroutine read_int2
 
 !> Read a text stored as bytes
 subroutine read_text(self, name, text, error)

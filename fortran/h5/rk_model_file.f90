@@ -1,8 +1,10 @@
 !> Reads `model.h5`, the cloud that Python's `build` makes of an image.
 !>
-!> What the file holds is written down in pydriver/myork/model/store.py, which writes it. Indices
-!> count from 0 in the file and from 1 here.
+!> Datasets have the names of the cloud's components; pydriver/myork/model_file.py writes them.
+!> Indices count from 0 in the file and from 1 here, but for those of voxels, whose grid has no
+!> first one. Files of format 2 have other names and centres of voxels instead of their grid.
 module rk_model_file
+   use rk_cloud, only : cloud_type, voxels_type
    use rk_error, only : err_input, error_type, fatal_error
    use rk_hdf5, only : h5_type
    use rk_precision, only : wp
@@ -10,148 +12,230 @@ module rk_model_file
    implicit none
    private
 
-   public :: model_type, read_model
+   public :: read_model
 
-   !> Mark of the files this module reads
-   character(len=*), parameter :: format = "myork-model 2"
-
-   !> A cloud with labels, fibers and boundary sets; np collocation and ns source points
-   type :: model_type
-      !> Source points, shape (3,ns) [length]
-      real(wp), allocatable :: source(:, :)
-      !> Distance of neighbouring source points in each direction, shape (3,ns) [length]
-      real(wp), allocatable :: spacing(:, :)
-      !> Collocation points, shape (3,np) [length]
-      real(wp), allocatable :: points(:, :)
-      !> Centres of the voxels that belong to them, shape (3,np) [length]
-      real(wp), allocatable :: centre(:, :)
-      !> Label of each collocation point, shape (np)
-      integer, allocatable :: label(:)
-      !> Unit fiber direction, zero where the label has none, shape (3,np) [-]
-      real(wp), allocatable :: fiber(:, :)
-      !> Volume that belongs to each collocation point, shape (np) [length^3]
-      real(wp), allocatable :: volume(:)
-      !> Collocation point of each boundary entry, from 1, shape (nb)
-      integer, allocatable :: boundary_point(:)
-      !> Boundary set of each boundary entry, from 1, shape (nb)
-      integer, allocatable :: boundary_set(:)
-      !> Outward unit normal of each boundary entry, shape (3,nb) [-]
-      real(wp), allocatable :: boundary_normal(:, :)
-      !> Surface that belongs to each boundary entry, shape (nb) [length^2]
-      real(wp), allocatable :: boundary_area(:)
-      !> Names of the boundary sets, shape (nset)
-      character(len=:), allocatable :: set_names(:)
-      !> Lines "number name", one for each label, shape (nlabel)
-      character(len=:), allocatable :: label_names(:)
-      !> Unit of all lengths, as "mm"
-      character(len=:), allocatable :: length_unit
-   end type model_type
+   !> Mark of the files this module reads, and of the older ones that it reads as well
+   character(len=*), parameter :: format = "myork-model 3", format_2 = "myork-model 2"
+   !> Greatest index of a voxel; no image has more voxels along an edge
+   integer, parameter :: max_index = 1000000
+   !> Names of datasets: here and in files of format 2
+   character(len=*), parameter :: names(2, 11) = reshape([character(len=20) :: &
+      "source", "source/points", &
+      "spacing", "source/spacing", &
+      "points", "collocation/points", &
+      "label", "collocation/label", &
+      "fiber", "collocation/fiber", &
+      "volume", "collocation/volume", &
+      "boundary_point", "boundary/point", &
+      "boundary_set", "boundary/set", &
+      "normal", "boundary/normal", &
+      "area", "boundary/area", &
+      "set_names", "boundary/names"], [2, 11])
 
 contains
 
 !> Read a model and check that its parts fit together
-subroutine read_model(model, path, error)
-   !> Model that was read
-   type(model_type), intent(out) :: model
+subroutine read_model(cloud, path, error)
+   !> Cloud that was read
+   type(cloud_type), intent(out) :: cloud
    !> Name of the file
    character(len=*), intent(in) :: path
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
    type(error_type), allocatable :: ignored
    type(h5_type) :: file
+   character(len=:), allocatable :: mark
 
    call file%open_read(path, error)
    if (allocated(error)) return
-   call read_parts(model, file, path, error)
+   call file%get_attribute("/", "format", mark, error)
+   if (allocated(error)) mark = ""
+   if (mark /= format .and. mark /= format_2) then
+      call fatal_error(error, err_input, path//": not a model written by 'myork build' of this "// &
+         "version (attribute 'format' must be '"//format//"' or '"//format_2//"')")
+   else
+      call read_parts(cloud, file, merge(1, 2, mark == format), path, error)
+   end if
    call file%close(ignored)
-   if (.not. allocated(error)) call check_model(model, path, error)
+   if (.not. allocated(error)) call check_model(cloud, merge(1, 2, mark == format), path, error)
 end subroutine read_model
 
 !> Read all datasets
-subroutine read_parts(model, file, path, error)
-   !> Model that was read
-   type(model_type), intent(inout) :: model
+subroutine read_parts(cloud, file, column, path, error)
+   !> Cloud that was read
+   type(cloud_type), intent(inout) :: cloud
+   !> Open file
+   type(h5_type), intent(in) :: file
+   !> Of the names
+   integer, intent(in) :: column
+   !> Name of the file
+   character(len=*), intent(in) :: path
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   character(len=:), allocatable :: text
+
+   cloud%nd = 3
+   call file%get_attribute("/", "length_unit", cloud%length_unit, error)
+   if (allocated(error)) return
+   call file%read(name_of("source", column), cloud%source, error)
+   if (allocated(error)) return
+   call file%read(name_of("spacing", column), cloud%spacing, error)
+   if (allocated(error)) return
+   call file%read(name_of("points", column), cloud%points, error)
+   if (allocated(error)) return
+   call file%read(name_of("label", column), cloud%label, error)
+   if (allocated(error)) return
+   call file%read(name_of("fiber", column), cloud%fiber, error)
+   if (allocated(error)) return
+   call file%read(name_of("volume", column), cloud%volume, error)
+   if (allocated(error)) return
+   call file%read(name_of("boundary_point", column), cloud%boundary_point, error)
+   if (allocated(error)) return
+   call file%read(name_of("boundary_set", column), cloud%boundary_set, error)
+   if (allocated(error)) return
+   call file%read(name_of("normal", column), cloud%normal, error)
+   if (allocated(error)) return
+   call file%read(name_of("area", column), cloud%area, error)
+   if (allocated(error)) return
+   call file%read(name_of("set_names", column), text, error)
+   if (allocated(error)) return
+   call split_lines(text, cloud%set_names)
+   cloud%boundary_point = cloud%boundary_point + 1
+   cloud%boundary_set = cloud%boundary_set + 1
+   if (column == 1) then
+      call read_voxels(cloud%voxels, file, path, error)
+   else
+      call recover_voxels(cloud, file, error)
+   end if
+end subroutine read_parts
+
+!> Name of a dataset in files of a format
+pure function name_of(name, column) result(dataset)
+   !> Component of the cloud
+   character(len=*), intent(in) :: name
+   !> Of the names
+   integer, intent(in) :: column
+   character(len=:), allocatable :: dataset
+
+   dataset = trim(names(column, findloc(names(1, :), name, dim=1)))
+end function name_of
+
+!> Read the grid of the voxels, where the file has one
+subroutine read_voxels(voxels, file, path, error)
+   !> Grid
+   type(voxels_type), intent(inout) :: voxels
    !> Open file
    type(h5_type), intent(in) :: file
    !> Name of the file
    character(len=*), intent(in) :: path
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   character(len=:), allocatable :: mark, text
+   real(wp), allocatable :: edges(:), origin(:)
+   integer, allocatable :: index(:, :)
 
-   call file%get_attribute("/", "format", mark, error)
-   if (allocated(error)) mark = ""
-   if (mark /= format) then
-      call fatal_error(error, err_input, path//": not a model written by 'myork build' of this "// &
-         "version (attribute 'format' must be '"//format//"')")
+   if (.not. file%has("voxels")) return
+   call file%read("voxels/index", index, error)
+   if (allocated(error)) return
+   call file%read("voxels/size", edges, error)
+   if (allocated(error)) return
+   call file%read("voxels/origin", origin, error)
+   if (allocated(error)) return
+   if (size(edges) /= 3 .or. size(origin) /= 3) then
+      call fatal_error(error, err_input, path//": 'voxels/size' and 'voxels/origin' must "// &
+         "have 3 numbers each; run 'myork build' again")
       return
    end if
-   call file%get_attribute("/", "length_unit", model%length_unit, error)
+   voxels = voxels_type(index, edges, origin)
+end subroutine read_voxels
+
+!> Recover the grid from the centres of voxels: their smallest distance along each direction is the
+!> size. Bodies whose points have other volumes were not made of voxels and have no grid.
+subroutine recover_voxels(cloud, file, error)
+   !> Cloud
+   type(cloud_type), intent(inout) :: cloud
+   !> Open file
+   type(h5_type), intent(in) :: file
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   real(wp), allocatable :: centre(:, :)
+   type(voxels_type) :: grid
+   integer :: d
+
+   call file%read("collocation/centre", centre, error)
    if (allocated(error)) return
-   call file%read("source/points", model%source, error)
-   if (allocated(error)) return
-   call file%read("source/spacing", model%spacing, error)
-   if (allocated(error)) return
-   call file%read("collocation/points", model%points, error)
-   if (allocated(error)) return
-   call file%read("collocation/centre", model%centre, error)
-   if (allocated(error)) return
-   call file%read("collocation/label", model%label, error)
-   if (allocated(error)) return
-   call file%read("collocation/fiber", model%fiber, error)
-   if (allocated(error)) return
-   call file%read("collocation/volume", model%volume, error)
-   if (allocated(error)) return
-   call file%read("boundary/point", model%boundary_point, error)
-   if (allocated(error)) return
-   call file%read("boundary/set", model%boundary_set, error)
-   if (allocated(error)) return
-   call file%read("boundary/normal", model%boundary_normal, error)
-   if (allocated(error)) return
-   call file%read("boundary/area", model%boundary_area, error)
-   if (allocated(error)) return
-   call file%read("boundary/names", text, error)
-   if (allocated(error)) return
-   call split_lines(text, model%set_names)
-   call file%read("labels/names", text, error)
-   if (allocated(error)) return
-   call split_lines(text, model%label_names)
-   model%boundary_point = model%boundary_point + 1
-   model%boundary_set = model%boundary_set + 1
-end subroutine read_parts
+   ! what does not fit together is told by who checks the cloud
+   if (size(centre) == 0 .or. any(shape(centre) /= shape(cloud%points))) return
+   if (size(cloud%spacing) == 0 .or. size(cloud%volume) /= size(centre, 2)) return
+   if (.not. all(abs(centre) <= huge(centre))) return
+   do d = 1, 3
+      grid%origin(d) = minval(centre(d, :))
+      grid%size(d) = least_gap(centre(d, :), 1.0e-6_wp*minval(cloud%spacing(d, :)))
+      if (.not. grid%size(d) > 0.0_wp) grid%size(d) = minval(cloud%spacing(d, :))
+   end do
+   if (.not. all(abs(cloud%volume - product(grid%size)) < 1.0e-6_wp*product(grid%size))) return
+   if (any(maxval(centre, dim=2) - grid%origin > max_index*grid%size)) return
+   grid%index = nint((centre - spread(grid%origin, 2, size(centre, 2))) &
+      /spread(grid%size, 2, size(centre, 2)))
+   cloud%voxels = grid
+end subroutine recover_voxels
+
+!> Smallest distance of different numbers, 0 if all are the same
+pure real(wp) function least_gap(x, tolerance)
+   !> Numbers
+   real(wp), intent(in) :: x(:)
+   !> Numbers nearer than this are the same
+   real(wp), intent(in) :: tolerance
+   real(wp) :: here, next
+
+   least_gap = 0.0_wp
+   here = minval(x)
+   do
+      if (.not. any(x > here + tolerance)) return
+      next = minval(x, mask=x > here + tolerance)
+      if (least_gap > 0.0_wp) then
+         least_gap = min(least_gap, next - here)
+      else
+         least_gap = next - here
+      end if
+      here = next
+   end do
+end function least_gap
 
 !> Shapes and indices must fit, numbers must be finite
-subroutine check_model(model, path, error)
-   !> Model that was read
-   type(model_type), intent(in) :: model
+subroutine check_model(cloud, column, path, error)
+   !> Cloud that was read
+   type(cloud_type), intent(in) :: cloud
+   !> Of the names
+   integer, intent(in) :: column
    !> Name of the file
    character(len=*), intent(in) :: path
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
    integer :: nb, np
 
-   np = size(model%label)
-   nb = size(model%boundary_point)
-   if (size(model%source, 2) == 0) call complain("it has no source points")
-   call check_columns("source/points", model%source, size(model%source, 2))
-   call check_columns("collocation/points", model%points, np)
-   call check_columns("collocation/centre", model%centre, np)
-   call check_columns("collocation/fiber", model%fiber, np)
-   call check_columns("boundary/normal", model%boundary_normal, nb)
-   call check_columns("source/spacing", model%spacing, size(model%source, 2))
-   call check_length("collocation/volume", model%volume, np)
-   call check_length("boundary/area", model%boundary_area, nb)
-   if (size(model%boundary_set) /= nb) call complain("'boundary/set' has "// &
-      to_text(size(model%boundary_set))//" entries, but 'boundary/point' has "//to_text(nb))
-   call check_range("boundary/point", model%boundary_point, np)
-   call check_range("boundary/set", model%boundary_set, size(model%set_names))
+   np = size(cloud%label)
+   nb = size(cloud%boundary_point)
+   if (size(cloud%source, 2) == 0) call complain("it has no source points")
+   call check_columns("source", cloud%source, size(cloud%source, 2))
+   call check_columns("points", cloud%points, np)
+   call check_columns("fiber", cloud%fiber, np)
+   call check_columns("normal", cloud%normal, nb)
+   call check_columns("spacing", cloud%spacing, size(cloud%source, 2))
+   call check_length("volume", cloud%volume, np)
+   call check_length("area", cloud%area, nb)
+   if (size(cloud%boundary_set) /= nb) call complain("'"//name_of("boundary_set", column)// &
+      "' has "//to_text(size(cloud%boundary_set))//" entries, but '"// &
+      name_of("boundary_point", column)//"' has "//to_text(nb))
+   call check_range("boundary_point", cloud%boundary_point, np)
+   call check_range("boundary_set", cloud%boundary_set, size(cloud%set_names))
    if (np == 0) call complain("it has no collocation points")
+   if (allocated(cloud%voxels%index)) call check_voxels(cloud%voxels)
 
 contains
 
    !> Three finite numbers for each of n entries
    subroutine check_columns(name, values, n)
-      !> Path in the file
+      !> Component of the cloud
       character(len=*), intent(in) :: name
       !> Numbers
       real(wp), intent(in) :: values(:, :)
@@ -159,17 +243,17 @@ contains
       integer, intent(in) :: n
 
       if (size(values, 1) /= 3 .or. size(values, 2) /= n) then
-         call complain("'"//name//"' has shape ("//to_text(size(values, 2))//", "// &
-            to_text(size(values, 1))//"), but ("//to_text(n)//", 3) is needed")
+         call complain("'"//name_of(name, column)//"' has shape ("//to_text(size(values, 2))// &
+            ", "//to_text(size(values, 1))//"), but ("//to_text(n)//", 3) is needed")
       else if (.not. all(abs(values) <= huge(values))) then
-         call complain("'"//name//"' has a number that is not finite, first in entry "// &
-            to_text(first_bad(any(.not. abs(values) <= huge(values), dim=1))))
+         call complain("'"//name_of(name, column)//"' has a number that is not finite, first "// &
+            "in entry "//to_text(first_bad(any(.not. abs(values) <= huge(values), dim=1))))
       end if
    end subroutine check_columns
 
    !> One finite number for each of n entries
    subroutine check_length(name, values, n)
-      !> Path in the file
+      !> Component of the cloud
       character(len=*), intent(in) :: name
       !> Numbers
       real(wp), intent(in) :: values(:)
@@ -177,17 +261,17 @@ contains
       integer, intent(in) :: n
 
       if (size(values) /= n) then
-         call complain("'"//name//"' has "//to_text(size(values))//" entries, but "// &
-            to_text(n)//" are needed")
+         call complain("'"//name_of(name, column)//"' has "//to_text(size(values))// &
+            " entries, but "//to_text(n)//" are needed")
       else if (.not. all(abs(values) <= huge(values))) then
-         call complain("'"//name//"' has a number that is not finite, first in entry "// &
-            to_text(first_bad(.not. abs(values) <= huge(values))))
+         call complain("'"//name_of(name, column)//"' has a number that is not finite, first "// &
+            "in entry "//to_text(first_bad(.not. abs(values) <= huge(values))))
       end if
    end subroutine check_length
 
    !> Indices from 1 to n
    subroutine check_range(name, indices, n)
-      !> Path in the file
+      !> Component of the cloud
       character(len=*), intent(in) :: name
       !> Indices
       integer, intent(in) :: indices(:)
@@ -197,9 +281,26 @@ contains
 
       at = first_bad(indices < 1 .or. indices > n)
       if (at < 0) return
-      call complain("'"//name//"' must hold indices from 0 to "//to_text(n - 1)//", but entry "// &
-         to_text(at)//" is "//to_text(indices(at + 1) - 1))
+      call complain("'"//name_of(name, column)//"' must hold indices from 0 to "// &
+         to_text(n - 1)//", but entry "//to_text(at)//" is "//to_text(indices(at + 1) - 1))
    end subroutine check_range
+
+   !> A voxel for each collocation point, in a grid that can be
+   subroutine check_voxels(voxels)
+      !> Grid
+      type(voxels_type), intent(in) :: voxels
+
+      if (size(voxels%index, 1) /= 3 .or. size(voxels%index, 2) /= np) then
+         call complain("'voxels/index' has shape ("//to_text(size(voxels%index, 2))//", "// &
+            to_text(size(voxels%index, 1))//"), but ("//to_text(np)//", 3) is needed")
+      else if (any(abs(voxels%index) > max_index)) then
+         call complain("'voxels/index' has an index beyond any image in entry "// &
+            to_text(first_bad(any(abs(voxels%index) > max_index, dim=1))))
+      else if (.not. all(voxels%size > 0.0_wp .and. voxels%size <= huge(1.0_wp) &
+         .and. abs(voxels%origin) <= huge(1.0_wp))) then
+         call complain("'voxels/size' must be positive and finite, 'voxels/origin' finite")
+      end if
+   end subroutine check_voxels
 
    !> The first complaint is kept
    subroutine complain(what)
@@ -226,12 +327,13 @@ pure subroutine split_lines(text, lines)
    !> Text with newlines
    character(len=*), intent(in) :: text
    !> Lines, padded with blanks
-   character(len=:), allocatable, intent(out) :: lines(:)
+   character(len=*), allocatable, intent(inout) :: lines(:)
    character(len=1), parameter :: newline = achar(10)
    integer :: first, last, n
 
    n = 1 + count(transfer(text, newline, len(text)) == newline)
-   allocate (character(len=len(text)) :: lines(n))
+   if (allocated(lines)) deallocate (lines)
+   allocate (lines(n))
    n = 0
    first = 1
    do while (first <= len(text))

@@ -138,9 +138,9 @@ subroutine find_named_set(cloud, deck, key, name, set, error)
    set = cloud%find_set(name)
    if (set > 0) return
    known = ''
-   do i = 1, size(cloud%set_name)
+   do i = 1, size(cloud%set_names)
       if (i > 1) known = known//', '
-      known = known//trim(cloud%set_name(i))
+      known = known//trim(cloud%set_names(i))
    end do
    call deck%complain(key, "'"//trim(name)//"' is no side of this "//body_of(deck)// &
       & '; there are '//known, error)

@@ -46,8 +46,8 @@ subroutine read_linear(scene, deck, error)
             & equation%essential(k), error)
       end do
       ! in the order of the sets, whatever that of the deck
-      equation%essential = pack([(set, set=1, size(scene%cloud%set_name))], &
-         & [(any(equation%essential == set), set=1, size(scene%cloud%set_name))])
+      equation%essential = pack([(set, set=1, size(scene%cloud%set_names))], &
+         & [(any(equation%essential == set), set=1, size(scene%cloud%set_names))])
       allocate (equation%pin(deck%count('pin')))
       do k = 1, size(equation%pin)
          at = 'pin.'//to_text(k)

@@ -128,10 +128,29 @@ subroutine read_geometry(cloud, deck, model, error)
       call deck%get('geometry.outer_radius', outer)
       call new_annulus(cloud, inner, outer, source, collocation, error)
    case default
+      call check_unit(deck, model, error)
+      if (allocated(error)) return
       cloud = model
    end select
    if (allocated(error)) error%message = deck%where('geometry')//': geometry: '//error%message
 end subroutine read_geometry
+
+!> Refuse points in another unit than the deck's
+subroutine check_unit(deck, model, error)
+   !> Deck
+   type(deck_type), intent(in) :: deck
+   !> Points of the model file
+   type(cloud_type), intent(in) :: model
+   !> Error handling: another unit
+   type(error_type), allocatable, intent(out) :: error
+   character(len=:), allocatable :: unit
+
+   if (.not. allocated(model%length_unit)) return
+   call deck%get('units.length', unit)
+   if (model%length_unit == '' .or. model%length_unit == unit) return
+   call fatal_error(error, err_input, deck%where('units.length')//": units.length: '"//unit &
+      & //"', but the lengths of the points are in "//model%length_unit)
+end subroutine check_unit
 
 !> Order, kernel, window and support
 subroutine read_approximation(scene, deck, error)

@@ -61,7 +61,7 @@ function estimate_cost(deck, model) result(self)
    else
       self%ns = size(model%source, 2)
       self%nc = size(model%points, 2)
-      boundary = size(model%point)
+      boundary = size(model%boundary_point)
       do d = 1, self%nd
          layers(d) = (maxval(model%source(d, :)) - minval(model%source(d, :))) &
             & /minval(model%spacing(d, :)) + 1.0_wp

@@ -9,10 +9,25 @@ module rk_cloud
    implicit none
    private
 
-   public :: cloud_type, check_cloud
+   public :: cloud_type, voxels_type, check_cloud
+
+   !> Regular grid of the voxels that a model was made of
+   type :: voxels_type
+      !> Place of each collocation point's voxel in the grid, shape (3, nc); not allocated for
+      !> bodies that are not made of voxels
+      integer, allocatable :: index(:, :)
+      !> Edges of a voxel [length]
+      real(wp) :: size(3) = 0.0_wp
+      !> Centre of the voxel at place 0, 0, 0 [length]
+      real(wp) :: origin(3) = 0.0_wp
+   contains
+      !> Centre of a collocation point's voxel
+      procedure :: centre
+   end type voxels_type
 
    !> Points of a body. A boundary entry is a collocation point seen as part of one boundary set; a
-   !> point on an edge has one entry for each set.
+   !> point on an edge has one entry for each set. Components have the names of the same arrays in
+   !> Python's PointCloud and in model.h5.
    type :: cloud_type
       !> Space dimension, 2 or 3
       integer :: nd = 0
@@ -22,9 +37,8 @@ module rk_cloud
       real(wp), allocatable :: spacing(:, :)
       !> Collocation points, shape (nd, nc) [length]
       real(wp), allocatable :: points(:, :)
-      !> Centres of the voxels of a model that belong to the collocation points, shape (nd, nc)
-      !> [length]; not allocated for other bodies
-      real(wp), allocatable :: voxel_centre(:, :)
+      !> Voxels of the collocation points of a model
+      type(voxels_type) :: voxels
       !> Where volume rows stand: centres of the cells between source points or of patches, shape
       !> (nd, nv) [length]
       real(wp), allocatable :: volume_points(:, :)
@@ -35,15 +49,17 @@ module rk_cloud
       !> Fiber direction, unit vectors or zeros, shape (3, nc)
       real(wp), allocatable :: fiber(:, :)
       !> Collocation point of each boundary entry, shape (nb)
-      integer, allocatable :: point(:)
+      integer, allocatable :: boundary_point(:)
       !> Set of each boundary entry, shape (nb)
-      integer, allocatable :: set(:)
+      integer, allocatable :: boundary_set(:)
       !> Outward unit normal, shape (nd, nb)
       real(wp), allocatable :: normal(:, :)
       !> Area (length in 2-D) that belongs to the entry, shape (nb) [length^(nd-1)]
       real(wp), allocatable :: area(:)
       !> Names of the sets
-      character(len=32), allocatable :: set_name(:)
+      character(len=32), allocatable :: set_names(:)
+      !> Unit of all lengths, not allocated or blank where the deck's holds
+      character(len=:), allocatable :: length_unit
       !> Source points along each direction of a box or (radial, angular) an annulus, shape (nd);
       !> not allocated for other bodies
       integer, allocatable :: lattice(:)
@@ -60,6 +76,17 @@ module rk_cloud
 
 contains
 
+!> Centre of a collocation point's voxel [length]
+pure function centre(self, ip) result(x)
+   !> Voxels
+   class(voxels_type), intent(in) :: self
+   !> Collocation point
+   integer, intent(in) :: ip
+   real(wp) :: x(3)
+
+   x = self%origin + self%index(:, ip)*self%size
+end function centre
+
 !> Number of a set by its name, 0 if unknown
 pure integer function find_set(self, name)
    !> Cloud
@@ -69,8 +96,8 @@ pure integer function find_set(self, name)
    integer :: i
 
    find_set = 0
-   do i = 1, size(self%set_name)
-      if (self%set_name(i) == name) find_set = i
+   do i = 1, size(self%set_names)
+      if (self%set_names(i) == name) find_set = i
    end do
 end function find_set
 
@@ -106,16 +133,18 @@ subroutine check_cloud(self, error)
          return
       end if
    end do
-   do i = 1, size(self%point)
-      if (self%point(i) < 1 .or. self%point(i) > size(self%points, 2) .or. self%set(i) < 1 &
-         & .or. self%set(i) > size(self%set_name)) then
-         call fatal_error(error, err_input, 'boundary entry '//to_text(i)//' names point ' &
-            & //to_text(self%point(i))//' and set '//to_text(self%set(i))//', which do not exist')
-         return
-      end if
+   do i = 1, size(self%boundary_point)
+      associate (point => self%boundary_point(i), set => self%boundary_set(i))
+         if (point < 1 .or. point > size(self%points, 2) .or. set < 1 &
+            & .or. set > size(self%set_names)) then
+            call fatal_error(error, err_input, 'boundary entry '//to_text(i)//' names point ' &
+               & //to_text(point)//' and set '//to_text(set)//', which do not exist')
+            return
+         end if
+      end associate
       if (.not. abs(norm2(self%normal(:, i)) - 1.0_wp) < 1.0e-6_wp) then
          call fatal_error(error, err_input, 'normal of boundary entry '//to_text(i)//' at ' &
-            & //to_text(self%points(:, self%point(i)))//' is not a unit vector')
+            & //to_text(self%points(:, self%boundary_point(i)))//' is not a unit vector')
          return
       end if
    end do

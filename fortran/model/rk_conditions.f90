@@ -50,7 +50,7 @@ subroutine new_boundary(self, cloud, condition, error)
 
    nd = cloud%nd
    allocate (number(size(cloud%points, 2)), source=0)
-   number(cloud%point) = 1
+   number(cloud%boundary_point) = 1
    n = 0
    do i = 1, size(number)
       if (number(i) == 0) cycle
@@ -63,14 +63,14 @@ subroutine new_boundary(self, cloud, condition, error)
    self%value = 0.0_wp
    self%normal = 0.0_wp
    self%traction = 0.0_wp
-   self%point(number(cloud%point)) = cloud%point
+   self%point(number(cloud%boundary_point)) = cloud%boundary_point
 
-   allocate (fixed(3, size(cloud%point)), traction(3, size(cloud%point)))
-   do e = 1, size(cloud%point)
-      b = number(cloud%point(e))
-      associate (x => cloud%points(:, cloud%point(e)))
-         call conditions_at(cloud, condition, cloud%set(e), x, fixed(:, e), value, traction(:, e), &
-            & error)
+   allocate (fixed(3, size(cloud%boundary_point)), traction(3, size(cloud%boundary_point)))
+   do e = 1, size(cloud%boundary_point)
+      b = number(cloud%boundary_point(e))
+      associate (x => cloud%points(:, cloud%boundary_point(e)))
+         call conditions_at(cloud, condition, cloud%boundary_set(e), x, fixed(:, e), value, &
+            & traction(:, e), error)
          if (allocated(error)) return
          do i = 1, nd
             if (.not. fixed(i, e)) cycle
@@ -89,8 +89,8 @@ subroutine new_boundary(self, cloud, condition, error)
 
    ! a face held along itself meets one that is not; symmetry planes, held across only, do no harm
    self%singular = .false.
-   do e = 1, size(cloud%point)
-      b = number(cloud%point(e))
+   do e = 1, size(cloud%boundary_point)
+      b = number(cloud%boundary_point(e))
       self%singular(b) = self%singular(b) .or. &
          & (all(self%essential(:, b)) .and. .not. any(fixed(:nd, e)))
       do i = 1, nd
@@ -148,7 +148,7 @@ subroutine conditions_at(cloud, condition, set, x, fixed, value, traction, error
       if (condition(c)%is_radial) then
          own(:2) = .true.
          if (.not. norm2(x(:2)) > 0.0_wp) then
-            call fatal_error(error, err_input, 'boundary set '//trim(cloud%set_name(set)) &
+            call fatal_error(error, err_input, 'boundary set '//trim(cloud%set_names(set)) &
                & //': a radial displacement has no direction at '//to_text(x)//' on the axis')
             return
          end if

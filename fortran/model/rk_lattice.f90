@@ -50,8 +50,8 @@ subroutine new_box(self, size_, source, place, error)
    call default_tissue(self)
    at = grid(place)
    self%volume = [(share(at(:, ip), 0), ip=1, size(at, 2))]
-   allocate (self%set_name(2*self%nd))
-   self%set_name = box_faces(:2*self%nd)
+   allocate (self%set_names(2*self%nd))
+   self%set_names = box_faces(:2*self%nd)
    n = 0
    call start_boundary(self, 2*sum([(product(place)/place(d), d=1, self%nd)]))
    do d = 1, self%nd
@@ -120,8 +120,8 @@ subroutine new_annulus(self, inner, outer, source, place, error)
          & 0.5_wp*pi*norm2(self%source(:, is))/(source(2) - 1))
    end do
    call default_tissue(self)
-   allocate (self%set_name(size(annulus_faces)))
-   self%set_name = annulus_faces
+   allocate (self%set_names(size(annulus_faces)))
+   self%set_names = annulus_faces
    n = 0
    call start_boundary(self, 2*sum(place))
    at = grid(place)
@@ -362,7 +362,7 @@ subroutine start_boundary(self, n)
    !> Number of entries
    integer, intent(in) :: n
 
-   allocate (self%point(n), self%set(n), self%normal(self%nd, n), self%area(n))
+   allocate (self%boundary_point(n), self%boundary_set(n), self%normal(self%nd, n), self%area(n))
 end subroutine start_boundary
 
 !> Write the next boundary entry
@@ -381,8 +381,8 @@ subroutine add_entry(self, n, point, set, normal, area)
    real(wp), intent(in) :: area
 
    n = n + 1
-   self%point(n) = point
-   self%set(n) = set
+   self%boundary_point(n) = point
+   self%boundary_set(n) = set
    self%area(n) = area
    self%normal(:, n) = normal
 end subroutine add_entry

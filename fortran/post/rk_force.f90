@@ -24,7 +24,7 @@ real(wp) function force_imbalance(problem, state)
 
    total = 0.0_wp
    largest = 0.0_wp
-   do set = 1, size(problem%scene%cloud%set_name)
+   do set = 1, size(problem%scene%cloud%set_names)
       if (.not. any(problem%scene%condition%set == set)) cycle
       force = problem%set_force(set, state, 0.5_wp)
       total = total + force

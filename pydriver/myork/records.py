@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Image", "Labels", "PointCloud"]
+__all__ = ["Image", "Labels", "PointCloud", "Voxels"]
 
 F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]
@@ -72,8 +72,32 @@ class Labels:
 
 
 @dataclass(frozen=True)
+class Voxels:
+    """Regular grid of the voxels that a model was made of.
+
+    Attributes
+    ----------
+    index : NDArray
+        Place of each collocation point's voxel in the grid, shape `(npoint, 3)`.
+    size : NDArray
+        Edges of a voxel, shape `(3,)` [length].
+    origin : NDArray
+        Centre of the voxel at place 0, 0, 0, shape `(3,)` [length].
+    """
+
+    index: I32
+    size: F64
+    origin: F64
+
+    @property
+    def centre(self) -> F64:
+        """Centre of each voxel, shape `(npoint, 3)` [length]."""
+        return self.origin + self.index * self.size
+
+
+@dataclass(frozen=True)
 class PointCloud:
-    """Points of a model, as written to `model.h5`.
+    """Points of a model; `model.h5` and the core have the same names.
 
     Attributes
     ----------
@@ -85,9 +109,6 @@ class PointCloud:
     points : NDArray
         Collocation points, those from voxels in lexicographic order of these, shape `(npoint, 3)`
         [length].
-    centre : NDArray
-        Centres of the voxels that belong to the collocation points; those of surface voxels are not
-        the points themselves, which lie on the surface, shape `(npoint, 3)` [length].
     label : NDArray
         Label of each collocation point, shape `(npoint,)`.
     fiber : NDArray
@@ -111,12 +132,14 @@ class PointCloud:
         Unit of all lengths.
     source_images : str
         Images behind the points: a line each, file name and SHA-256.
+    voxels : Voxels, optional
+        Voxels that belong to the collocation points; None for bodies that are not made of voxels.
+        Points of surface voxels lie on the surface, not in the centres of these.
     """
 
     source: F64
     spacing: F64
     points: F64
-    centre: F64
     label: I32
     fiber: F64
     volume: F64
@@ -128,3 +151,4 @@ class PointCloud:
     label_names: dict[int, str]
     length_unit: str
     source_images: str
+    voxels: Voxels | None = None

@@ -6,9 +6,10 @@
 !> `test_h5 model FILE` reads a model written by Python and prints what it found.
 program test_h5
    use, intrinsic :: iso_fortran_env, only : error_unit, output_unit
+   use rk_cloud, only : cloud_type
    use rk_error, only : err_file, err_input, error_type
    use rk_hdf5, only : h5_type
-   use rk_model_file, only : model_type, read_model
+   use rk_model_file, only : read_model
    use rk_precision, only : wp
    use rk_results, only : results_type
    implicit none
@@ -111,7 +112,7 @@ subroutine print_model(path, error)
    character(len=*), intent(in) :: path
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   type(model_type) :: model
+   type(cloud_type) :: model
    integer :: i
 
    call read_model(model, path, error)
@@ -119,19 +120,20 @@ subroutine print_model(path, error)
    write (output_unit, '(a, *(1x, es23.16))') "source", model%source
    write (output_unit, '(a, *(1x, es23.16))') "spacing", model%spacing
    write (output_unit, '(a, *(1x, es23.16))') "points", model%points
-   write (output_unit, '(a, *(1x, es23.16))') "centre", model%centre
    write (output_unit, '(a, *(1x, i0))') "label", model%label
    write (output_unit, '(a, *(1x, es23.16))') "fiber", model%fiber
    write (output_unit, '(a, *(1x, es23.16))') "volume", model%volume
    write (output_unit, '(a, *(1x, i0))') "boundary_point", model%boundary_point
    write (output_unit, '(a, *(1x, i0))') "boundary_set", model%boundary_set
-   write (output_unit, '(a, *(1x, es23.16))') "boundary_normal", model%boundary_normal
-   write (output_unit, '(a, *(1x, es23.16))') "boundary_area", model%boundary_area
+   write (output_unit, '(a, *(1x, es23.16))') "normal", model%normal
+   write (output_unit, '(a, *(1x, es23.16))') "area", model%area
    write (output_unit, '(a, *(1x, a))') "set_names", (trim(model%set_names(i)), &
       i = 1, size(model%set_names))
-   write (output_unit, '(a, *(1x, a))') "label_names", (trim(model%label_names(i)), &
-      i = 1, size(model%label_names))
    write (output_unit, '(2a)') "length_unit ", model%length_unit
+   if (.not. allocated(model%voxels%index)) return
+   write (output_unit, '(a, *(1x, i0))') "voxels/index", model%voxels%index
+   write (output_unit, '(a, *(1x, es23.16))') "voxels/size", model%voxels%size
+   write (output_unit, '(a, *(1x, es23.16))') "voxels/origin", model%voxels%origin
 end subroutine print_model
 
 !> What was written is read back, the steps one behind the other
@@ -240,7 +242,7 @@ end subroutine test_refused_steps
 
 !> A file that is no model
 subroutine test_foreign_model
-   type(model_type) :: model
+   type(cloud_type) :: model
 
    call write_sample("foreign.h5", 1, error)
    call read_model(model, "foreign.h5", error)

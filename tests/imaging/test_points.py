@@ -51,6 +51,8 @@ def test_block_by_hand():
     centre = [-9.6, 2.6, 0.7] + index * [0.2, 0.3, 0.5]
     below = np.all((index[:, :2] > 0) & (index[:, :2] < [4, 3]), axis=1)
     np.testing.assert_allclose(cloud.points[below], centre[below])
+    assert np.array_equal(cloud.voxels.index - cloud.voxels.index[0], index)
+    np.testing.assert_allclose(cloud.voxels.centre, centre)
     assert np.all(np.abs(cloud.points - centre) <= [0.12, 0.18, 1e-9])
     np.testing.assert_allclose(np.ptp(cloud.points, axis=0), [1.0, 1.2, 2.5], rtol=0.05)
     np.testing.assert_allclose(cloud.volume, 0.2 * 0.3 * 0.5)
@@ -269,8 +271,10 @@ def test_model_file_comes_back(tmp_path, mg):
             # the file has the spacing of each source point
             value = np.broadcast_to(value, cloud.source.shape) if name == "spacing" else value
             assert np.array_equal(getattr(again, name), value), name
-        else:
+        elif name != "voxels":
             assert getattr(again, name) == value, name
+    for name, value in vars(cloud.voxels).items():
+        assert np.array_equal(getattr(again.voxels, name), value), name
     assert [path.name for path in tmp_path.iterdir()] == ["model.h5"]
 
 

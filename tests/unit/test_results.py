@@ -6,6 +6,7 @@ import resource
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -13,7 +14,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from myork import model_file
 from myork.errors import FileError, InputError
+from myork.model_file import write_model
+from myork.records import PointCloud, Voxels
 from myork.results import Results
 
 ROOT = Path(__file__).parents[2]
@@ -216,26 +220,55 @@ def test_killed_run_keeps_the_old_file(test_h5: Path, tmp_path: Path) -> None:
         assert_allclose(results.field("F", 1), [shear(1 / 3)] * 3, rtol=1e-15)
 
 
+CLOUD = PointCloud(
+    source=np.arange(6.0).reshape(2, 3),
+    spacing=np.array([[1.0, 2.0, 3.0], [1.0, 2.0, 4.0]]),
+    points=np.arange(9.0).reshape(3, 3) / 7,
+    label=np.array([1, 2, 2], np.int32),
+    fiber=np.array([[0.0, 0.6, 0.8], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]),
+    volume=np.full(3, 0.25 * 0.5 * 2.0),
+    boundary_point=np.array([0, 2, 2], np.int32),
+    boundary_set=np.array([0, 0, 1], np.int32),
+    normal=np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]]),
+    area=np.array([4.0, 5.0, 6.0]),
+    set_names=("bottom", "top"),
+    label_names={1: "muscle", 2: "fat"},
+    length_unit="mm",
+    source_images="phantom",
+    voxels=Voxels(
+        np.array([[5, -1, 2], [6, 0, 2], [8, 0, 3]], np.int32),
+        np.array([0.25, 0.5, 2.0]),
+        np.array([0.1, -3.0, 7.0]),
+    ),
+)
+
+
 @pytest.fixture
 def model(tmp_path: Path) -> Path:
     """A small model as `myork build` writes it."""
     path = tmp_path / "model.h5"
+    write_model(path, CLOUD)
+    return path
+
+
+def write_format_2(path: Path, centre: np.ndarray) -> None:
+    """The same cloud as it was written before: groups, centres of voxels, no grid."""
     with h5py.File(path, "w") as file:
-        file.attrs.update(format="myork-model 2", length_unit="mm", source_images="phantom")
-        file["source/points"] = np.arange(6.0).reshape(2, 3)
-        file["source/spacing"] = [[1.0, 2.0, 3.0], [1.0, 2.0, 4.0]]
-        file["collocation/points"] = np.arange(9.0).reshape(3, 3) / 7
-        file["collocation/centre"] = np.arange(9.0).reshape(3, 3) / 8
-        file["collocation/label"] = np.array([1, 2, 2], dtype=np.int32)
-        file["collocation/fiber"] = [[0.0, 0.6, 0.8], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]
-        file["collocation/volume"] = [0.5, 0.25, 0.125]
-        file["boundary/point"] = np.array([0, 2, 2], dtype=np.int32)
-        file["boundary/set"] = np.array([0, 0, 1], dtype=np.int32)
-        file["boundary/normal"] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]]
-        file["boundary/area"] = [4.0, 5.0, 6.0]
+        texts = {"format": "myork-model 2", "length_unit": "mm", "source_images": "phantom"}
+        file.attrs.update({name: np.bytes_(text) for name, text in texts.items()})
+        file["source/points"] = CLOUD.source
+        file["source/spacing"] = CLOUD.spacing
+        file["collocation/points"] = CLOUD.points
+        file["collocation/centre"] = centre
+        file["collocation/label"] = CLOUD.label
+        file["collocation/fiber"] = CLOUD.fiber
+        file["collocation/volume"] = CLOUD.volume
+        file["boundary/point"] = CLOUD.boundary_point
+        file["boundary/set"] = CLOUD.boundary_set
+        file["boundary/normal"] = CLOUD.normal
+        file["boundary/area"] = CLOUD.area
         file["boundary/names"] = np.frombuffer(b"bottom\ntop", dtype=np.uint8)
         file["labels/names"] = np.frombuffer(b"1 muscle\n2 fat", dtype=np.uint8)
-    return path
 
 
 def read_model(test_h5: Path, path: Path) -> tuple[dict[str, list[str]], str]:
@@ -246,40 +279,89 @@ def read_model(test_h5: Path, path: Path) -> tuple[dict[str, list[str]], str]:
     return {line[0]: line[1:] for line in lines}, done.stderr
 
 
+REALS = ("source", "spacing", "points", "fiber", "volume", "normal", "area")
+
+
 def test_model_round_trip(test_h5: Path, model: Path) -> None:
+    """Names are those of the record, in the file, in the core and in Python."""
     values, error = read_model(test_h5, model)
     assert not error
-    with h5py.File(model) as file:
-        for name, dataset in {
-            "source": "source/points",
-            "spacing": "source/spacing",
-            "points": "collocation/points",
-            "centre": "collocation/centre",
-            "label": "collocation/label",
-            "fiber": "collocation/fiber",
-            "volume": "collocation/volume",
-            "boundary_normal": "boundary/normal",
-            "boundary_area": "boundary/area",
-        }.items():
-            assert_array_equal(np.array(values[name], dtype=float), file[dataset][()].ravel())
+    again = model_file.read_model(model)
+    for name in REALS:
+        assert_array_equal(np.array(values[name], dtype=float), getattr(CLOUD, name).ravel())
+    for name in (*REALS, "label", "boundary_point", "boundary_set"):
+        assert_array_equal(getattr(again, name), getattr(CLOUD, name))
+    for name in ("set_names", "label_names", "length_unit", "source_images"):
+        assert getattr(again, name) == getattr(CLOUD, name)
+    assert values["label"] == ["1", "2", "2"]
     assert values["boundary_point"] == ["1", "3", "3"], "indices count from 1 in Fortran"
     assert values["boundary_set"] == ["1", "1", "2"]
     assert values["set_names"] == ["bottom", "top"]
-    assert values["label_names"] == ["1", "muscle", "2", "fat"]
     assert values["length_unit"] == ["mm"]
+    assert again.voxels is not None
+    for name in ("index", "size", "origin"):
+        wanted = getattr(CLOUD.voxels, name)
+        assert_array_equal(np.array(values[f"voxels/{name}"], dtype=float), wanted.ravel())
+        assert_array_equal(getattr(again.voxels, name), wanted)
+
+
+def test_model_without_voxels(test_h5: Path, tmp_path: Path) -> None:
+    write_model(tmp_path / "model.h5", replace(CLOUD, voxels=None))
+    values, error = read_model(test_h5, tmp_path / "model.h5")
+    assert not error and len(values["points"]) == 9
+    assert not any(name.startswith("voxels") for name in values)
+    assert model_file.read_model(tmp_path / "model.h5").voxels is None
+
+
+def test_model_of_format_2(test_h5: Path, tmp_path: Path) -> None:
+    """The grid of the voxels is found again, counted from its own corner."""
+    path = tmp_path / "model.h5"
+    assert CLOUD.voxels is not None
+    centre = CLOUD.voxels.centre
+    write_format_2(path, centre)
+    values, error = read_model(test_h5, path)
+    assert not error
+    again = model_file.read_model(path)
+    for name in REALS:
+        assert_array_equal(np.array(values[name], dtype=float), getattr(CLOUD, name).ravel())
+        assert_array_equal(getattr(again, name), getattr(CLOUD, name))
+    assert again.set_names == ("bottom", "top") and values["set_names"] == ["bottom", "top"]
+    assert again.label_names == CLOUD.label_names
+    wanted = CLOUD.voxels.index - CLOUD.voxels.index.min(axis=0)
+    assert again.voxels is not None
+    assert_array_equal(again.voxels.index, wanted)
+    assert_array_equal(np.array(values["voxels/index"], dtype=int), wanted.ravel())
+    # a difference of numbers up to 13
+    assert_allclose(again.voxels.size, CLOUD.voxels.size, rtol=0, atol=13 * np.finfo(float).eps)
+    assert_array_equal(np.array(values["voxels/size"], dtype=float), again.voxels.size)
+    assert_array_equal(np.array(values["voxels/origin"], dtype=float), again.voxels.origin)
+    assert_allclose(again.voxels.centre, centre, rtol=1e-14)
+
+
+def test_points_of_format_2_that_are_no_voxels(test_h5: Path, tmp_path: Path) -> None:
+    path = tmp_path / "model.h5"
+    write_format_2(path, np.array([[0.0, 0, 0], [0.3, 1, 1], [1, 2, 0.1]]))
+    values, error = read_model(test_h5, path)
+    assert not error and "voxels/index" not in values
+    assert model_file.read_model(path).voxels is None
 
 
 @pytest.mark.parametrize(
     ("dataset", "value", "message"),
     [
-        ("collocation/volume", None, "dataset 'collocation/volume' is missing"),
-        ("collocation/fiber", np.ones((2, 3)), "'collocation/fiber' has shape (2, 3), but (3, 3)"),
-        ("collocation/points", np.full((3, 3), np.nan), "not finite, first in entry 0"),
-        ("boundary/point", np.array([0, 3, 1]), "indices from 0 to 2, but entry 1 is 3"),
-        ("boundary/set", np.array([0, 0, -1]), "indices from 0 to 1, but entry 2 is -1"),
-        ("boundary/area", np.ones(2), "'boundary/area' has 2 entries, but 3 are needed"),
-        ("source/points", np.ones(6), "'source/points' has 1 dimension(s), but 2 are needed"),
-        ("source/points", np.ones((0, 3)), "it has no source points"),
+        ("volume", None, "dataset 'volume' is missing"),
+        ("fiber", np.ones((2, 3)), "'fiber' has shape (2, 3), but (3, 3)"),
+        ("points", np.full((3, 3), np.nan), "not finite, first in entry 0"),
+        ("boundary_point", np.array([0, 3, 1]), "indices from 0 to 2, but entry 1 is 3"),
+        ("boundary_set", np.array([0, 0, -1]), "indices from 0 to 1, but entry 2 is -1"),
+        ("area", np.ones(2), "'area' has 2 entries, but 3 are needed"),
+        ("source", np.ones(6), "'source' has 1 dimension(s), but 2 are needed"),
+        ("voxels/index", np.ones((2, 3), int), "'voxels/index' has shape (2, 3), but (3, 3)"),
+        ("voxels/index", np.full((3, 3), -(2**30)), "an index beyond any image in entry 0"),
+        ("voxels/size", np.array([1.0, 0.0, 1.0]), "'voxels/size' must be positive and finite"),
+        ("voxels/size", np.ones(2), "must have 3 numbers each"),
+        ("voxels/origin", np.array([1.0, np.nan, 1.0]), "'voxels/origin' finite"),
+        ("source", np.ones((0, 3)), "it has no source points"),
     ],
 )
 def test_bad_models_are_refused(
@@ -324,9 +406,9 @@ def test_attributes_that_are_no_single_text_are_refused(
 @pytest.mark.parametrize(
     ("dataset", "value", "message"),
     [
-        ("collocation/label", np.array([1.5, 2.0, 2.0]), "it holds no whole numbers"),
-        ("collocation/volume", np.array([b"1", b"2", b"3"]), "it holds no numbers"),
-        ("boundary/names", np.array([b"bottom", b"top"]), "it holds no whole numbers"),
+        ("label", np.array([1.5, 2.0, 2.0]), "it holds no whole numbers"),
+        ("volume", np.array([b"1", b"2", b"3"]), "it holds no numbers"),
+        ("set_names", np.array([b"bottom", b"top"]), "it holds no whole numbers"),
     ],
 )
 def test_datasets_of_another_kind_are_refused(
@@ -345,7 +427,7 @@ def test_shapes_that_the_file_cannot_fill_are_refused(
 ) -> None:
     """As a damaged header would have it: far more numbers than bytes; none is stored here."""
     with h5py.File(model, "a") as file:
-        del file["collocation/points"]
-        file.create_dataset("collocation/points", claimed, chunks=(1000, 3), dtype=float)
+        del file["points"]
+        file.create_dataset("points", claimed, chunks=(1000, 3), dtype=float)
     _, error = read_model(test_h5, model)
     assert "its shape claims far more numbers than the file holds" in error

@@ -50,7 +50,6 @@ def cloud() -> PointCloud:
         source=grid(4, 4, 5),
         spacing=size / [3, 3, 4],
         points=points,
-        centre=points,
         label=np.ones(len(points), np.int32),
         fiber=np.zeros((len(points), 3)),
         volume=np.full(len(points), size.prod() / len(points)),

@@ -189,7 +189,6 @@ def cloud(rotation=None, fiber=(0.0, 0.0, 0.0)):
         source=grid(4) @ turn.T,
         spacing=np.full(3, 1 / 3),
         points=points @ turn.T,
-        centre=points @ turn.T,
         label=np.ones(len(points), np.int32),
         fiber=np.tile(np.asarray(fiber) @ turn.T, (len(points), 1)),
         volume=np.full(len(points), 1 / 125),

@@ -40,7 +40,6 @@ def bar(cells, length, interface, spacing_ratio=2):
         source=np.array(list(itertools.product(*source))),
         spacing=size / np.array(cells),
         points=points,
-        centre=points,
         label=np.where(points[:, 0] > interface, 2, 1).astype(np.int32),
         fiber=np.zeros_like(points),
         volume=np.full(len(points), 1.0 / len(points)),

@@ -19,7 +19,6 @@ NO_CLOUD = PointCloud(
     source=np.zeros((1, 3)),
     spacing=np.ones(3),
     points=np.zeros((1, 3)),
-    centre=np.zeros((1, 3)),
     label=np.zeros(1, np.int32),
     fiber=np.zeros((1, 3)),
     volume=np.zeros(1),
@@ -75,17 +74,10 @@ def check_cloud(deck: Mapping[str, Any], cloud: PointCloud) -> None:
             f"--set geometry.kind={deck['geometry']['kind']}: a cloud was given, whose points are "
             "the geometry"
         )
-    unit = deck["units"]["length"]
-    if cloud.length_unit not in ("", unit):
-        raise errors.InputError(
-            f"tables: units.length: '{unit}', but the lengths of the cloud are in "
-            f"{cloud.length_unit}"
-        )
     ns, nc, nb = len(cloud.source), len(cloud.points), len(cloud.boundary_point)
     wanted: dict[str, tuple[int, ...]] = {
         "source": (ns, 3),
         "points": (nc, 3),
-        "centre": (nc, 3),
         "fiber": (nc, 3),
         "label": (nc,),
         "volume": (nc,),
@@ -98,6 +90,15 @@ def check_cloud(deck: Mapping[str, Any], cloud: PointCloud) -> None:
         found = np.shape(getattr(cloud, name))
         if found != shape:
             raise errors.InputError(f"cloud: {name} must have shape {shape}, not {found}")
+    if cloud.voxels is not None and (
+        np.shape(cloud.voxels.index) != (nc, 3)
+        or any(np.shape(edge) != (3,) for edge in (cloud.voxels.size, cloud.voxels.origin))
+        or not np.all(np.asarray(cloud.voxels.size) > 0)
+    ):
+        raise errors.InputError(
+            f"cloud: voxels must have an index of shape ({nc}, 3), a positive size and an origin "
+            "of shape (3,)"
+        )
     if np.shape(cloud.spacing) not in ((3,), (ns, 3)):
         raise errors.InputError(
             f"cloud: spacing must have shape (3,) or ({ns}, 3), not {np.shape(cloud.spacing)}"

@@ -17,7 +17,7 @@ from myork import _core, errors
 from myork.core.calls import Turn, call_in_thread
 from myork.core.cloud import NO_CLOUD, check_cloud, model_of, with_cloud
 from myork.core.deck import as_texts, check_deck, load_deck, load_tables, text_of_tables
-from myork.records import PointCloud
+from myork.records import PointCloud, Voxels
 from myork.tables import read_only
 
 if TYPE_CHECKING:
@@ -218,6 +218,9 @@ class Scene:
         """Hand deck and points to the core; the text is empty where the deck is a file."""
         self.deck = read_only(deck)
         cloud = NO_CLOUD if model is None else model
+        # a size of zero stands for none
+        none = Voxels(np.zeros((len(cloud.points), 3), np.int32), np.zeros(3), np.zeros(3))
+        voxels = cloud.voxels or none
         names = np.char.ljust(np.array([name.encode() for name in cloud.set_names]), 32)
         handle, stat, message = _core.scene_open(
             os.fsencode(deck["path"]),
@@ -226,7 +229,9 @@ class Scene:
             cloud.source.T,
             np.broadcast_to(cloud.spacing, cloud.source.shape).T,
             cloud.points.T,
-            cloud.centre.T,
+            voxels.index.T,
+            voxels.size,
+            voxels.origin,
             cloud.volume,
             cloud.label,
             cloud.fiber.T,
@@ -235,6 +240,7 @@ class Scene:
             cloud.normal.T,
             cloud.area,
             names,
+            cloud.length_unit.encode() or b" ",
         )
         check_deck(stat, message, text)
         self._handle = handle

@@ -48,7 +48,6 @@ def box(
         source=_grid(size, source)[0],
         spacing=spacing,
         points=points,
-        centre=points,
         label=np.ones(len(points), np.int32),
         fiber=np.tile(np.asarray(fiber, float), (len(points), 1)),
         volume=np.full(len(points), np.prod(size) / len(points)),
@@ -87,7 +86,7 @@ def graded(cloud: PointCloud, power: float) -> PointCloud:
 
 def _moved(cloud: PointCloud, source: F64Array, points: F64Array) -> PointCloud:
     spacing = source_spacing(source, cloud.spacing)
-    return replace(cloud, source=source, spacing=spacing, points=points, centre=points)
+    return replace(cloud, source=source, spacing=spacing, points=points)
 
 
 def stretched(

@@ -20,7 +20,7 @@ from myork.model.fibers import fibers_at_points
 from myork.model.mesh import read_tracts, tract_fibers, voxelise
 from myork.model.surface import surface_offsets
 from myork.model_file import write_model
-from myork.records import Image, Labels, PointCloud
+from myork.records import Image, Labels, PointCloud, Voxels
 from myork.summary import renewing, update_summary
 
 __all__ = ["build", "build_cloud"]
@@ -159,8 +159,8 @@ def build_cloud(
     source = points.source_voxels(body, step)
     boundary = points.boundary_sets(coarse, table["normals"])
     label = coarse.data[body]
-    centre = points.positions(coarse, voxels)
-    place = centre.copy()
+    place = points.positions(coarse, voxels)
+    origin = points.positions(coarse, np.zeros(3, np.int32))
     wall = np.flatnonzero(np.isin(np.array(boundary.names)[boundary.set], ("surface", "bone")))
     # A point between skin and bone stands in both sets, with one normal.
     point, first = np.unique(boundary.point[wall], return_index=True)
@@ -181,7 +181,6 @@ def build_cloud(
         source=points.positions(coarse, source) * factor,
         spacing=size * step,
         points=place * factor,
-        centre=centre * factor,
         label=label,
         fiber=fiber,
         volume=np.full(len(voxels), size.prod()),
@@ -193,6 +192,7 @@ def build_cloud(
         label_names={int(i): coarse.label_name(int(i)) for i in np.unique(label)},
         length_unit=unit,
         source_images=source_images,
+        voxels=Voxels(voxels.astype(np.int32), size, origin * factor),
     )
     return cloud, warnings
 

@@ -262,7 +262,8 @@ def _contracting(overrides: Sequence[str], cloud: PointCloud) -> float:
     times the deviator of N N, whose norm is sqrt(2/3). Stress is given at the model's points: here
     those of the surface, too, lie in the middle of their cells.
     """
-    cells = replace(cloud, points=cloud.centre)
+    assert cloud.voxels is not None
+    cells = replace(cloud, points=cloud.voxels.centre)
     with Scene.from_tables(_TABLES, cells, overrides=overrides, threads=1) as scene:
         sigma_max = scene.deck["material"][0]["sigma_max"]
         stress = scene.fields(np.zeros(scene.dofs), 1.0).cauchy
@@ -272,8 +273,9 @@ def _contracting(overrides: Sequence[str], cloud: PointCloud) -> float:
 
 def _interface_area(cloud: PointCloud) -> float:
     """Area of the cell faces between muscle and passive tissue [cm^2]."""
-    size = cloud.spacing
-    place = np.rint((cloud.centre - cloud.centre.min(axis=0)) / size).astype(int)
+    assert cloud.voxels is not None
+    size = cloud.voxels.size
+    place = cloud.voxels.index - cloud.voxels.index.min(axis=0)
     label = np.zeros(place.max(axis=0) + 1, dtype=np.int32)
     label[tuple(place.T)] = cloud.label
     area = 0.0

@@ -291,7 +291,6 @@ def _bad_points() -> list[Case]:
     place = replace(
         cube,
         points=points,
-        centre=points,
         label=np.append(cube.label, 1).astype(np.int32),
         fiber=np.vstack([cube.fiber, cube.fiber[:1]]),
         volume=np.append(cube.volume, 1.0),
@@ -388,7 +387,6 @@ def _with_island(cloud: PointCloud) -> PointCloud:
         cloud,
         source=np.vstack([cloud.source, cloud.source + far]),
         points=np.vstack([cloud.points, cloud.points + far]),
-        centre=np.vstack([cloud.centre, cloud.centre + far]),
         label=np.tile(cloud.label, 2),
         fiber=np.tile(cloud.fiber, (2, 1)),
         volume=np.tile(cloud.volume, 2),
