@@ -6,7 +6,8 @@ import pytest
 from myork.core.level_sets import evolve_level_sets
 from myork.errors import InputError, InstallationError
 from myork.imaging.phantom import make_phantom
-from myork.segmentation.bias import clustered_bias, n4_bias
+from myork.records import Image
+from myork.segmentation.bias import check_positive, clustered_bias, n4_bias
 from myork.segmentation.regions import body_mask
 
 
@@ -84,3 +85,17 @@ def test_empty_mask():
             spacing=(1, 1, 1),
             regions=2,
         )
+
+
+def test_images_without_a_field_are_refused():
+    image, mask, _ = shaded(0.3, (96, 96, 3))
+    options = {"spacing": (1, 1, 1), "regions": 2}
+    with pytest.raises(InputError, match="blocks of 97 x 97 pixels leave no image"):
+        clustered_bias(image.data, mask, evolve_level_sets, shrink=97, **options)
+    with pytest.raises(InputError, match="the body has no signal"):
+        clustered_bias(0.0 * image.data, mask, evolve_level_sets, **options)
+    with pytest.raises(InputError, match="N4 finds no field .*lower bias.shrink"):
+        n4_bias(image.data[:5, :5], mask[40:45, 40:45], spacing=(1, 1, 1), shrink=4)
+    check_positive(image, mask)
+    with pytest.raises(InputError, match="100% of the values in the body are negative"):
+        check_positive(Image(-image.data, image.affine), mask)

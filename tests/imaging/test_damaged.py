@@ -50,9 +50,9 @@ def what_is_wrong(fault, status, said):
         return "" if fault.message is None else f"{fault.name}: accepted"
     if status != 2 or "internal error" in said:
         return f"{fault.name}: exit {status}: {said}"
-    # Names of labels are read with their map.
-    beside = fault.path.with_suffix(".nii.gz").name
-    if fault.path.name not in said and beside not in said:
+    # Names of labels are read with their map; what a reference leaves is told of the image.
+    others = (fault.path.with_suffix(".nii.gz").name, "image.reference")
+    if fault.path.name not in said and not any(name in said for name in others):
         return f"{fault.name}: does not name the file: {said}"
     if fault.message is not None and not re.search(fault.message, said):
         return f"{fault.name}: does not say '{fault.message}': {said}"

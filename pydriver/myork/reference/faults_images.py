@@ -232,9 +232,13 @@ def _values(folder: Path, sound: NDArray[Any]) -> Iterator[Fault]:
     for name, data, message in cases:
         path = _save(folder / f"{name}.nii.gz", data)
         yield Fault(f"values-{name}", path, "segment", image_deck(path), message)
-    path = _save(folder / "sign.nii.gz", shaded)
-    deck = {**image_deck(path), "bias": {"method": "level-sets"}}
-    yield Fault("values-sign", path, "segment", deck, "of the values in the body are negative")
+    needles = _save(folder / "needles.nii.gz", sound, np.diag([50.0, 1e-3, 1e-3, 1.0]))
+    for path, message in (
+        (_save(folder / "sign.nii.gz", shaded), "of the values in the body are negative"),
+        (needles, None),
+    ):
+        deck = {**image_deck(path), "bias": {"method": "level-sets"}}
+        yield Fault(f"values-{path.name[:-7]}", path, "segment", deck, message)
 
 
 def _no_files(folder: Path) -> Iterator[Fault]:
@@ -266,8 +270,10 @@ def _labels(folder: Path, sound: NDArray[Any]) -> Iterator[Fault]:
         deck = image_deck(anatomy, **{key: path}, **other)
         return Fault(f"labels-{name}", path, "segment", deck, message)
 
-    empty, moved = np.zeros_like(label), _AFFINE + np.eye(4, k=3)
+    empty, moved, corner = np.zeros_like(label), _AFFINE + np.eye(4, k=3), np.zeros_like(label)
+    corner[0, 0] = 1
     yield fault("empty-reference", "reference", empty, "the reference is empty")
+    yield fault("reference-in-air", "reference", corner, "the segmentation is empty")
     yield fault("empty-truth", "truth", empty, "no voxel has one of image.truth_labels")
     yield fault("empty-region", "region", empty, "the region is empty")
     yield fault("other-truth", "truth", label, "no voxel has one of", truth_labels=[7])

@@ -127,9 +127,17 @@ def clustered_bias(
     small = _mean_of_blocks(np.where(mask, values, 0.0), shrink)
     share = _mean_of_blocks(mask.astype(float), shrink)
     inside = share > 0.5
+    if min(inside.shape[:2]) < 2 or not inside.any():
+        raise InputError(
+            f"bias: blocks of {shrink} x {shrink} pixels leave no image of the body; lower "
+            "bias.shrink, or set bias.method = 'none'"
+        )
     size = np.asarray(spacing) * (shrink, shrink, 1)
     image = np.where(inside, small / np.where(inside, share, 1.0), 0.0)
-    image /= np.percentile(image[inside], 99.0)
+    bright = np.percentile(image[inside], 99.0)
+    if not bright > 0:
+        raise InputError("bias: the body has no signal, its 99th percentile is not above zero")
+    image /= bright
     trust = _trust(image, inside)
     counts = trust > 0
     if not counts.any():
@@ -160,7 +168,10 @@ def _improved(
 ) -> tuple[F64, list[float], bool]:
     """Field from a first one, energy of every round, and whether it rests."""
     counts = trust > 0
-    widths = [sigma / h if n > 1 else 0.0 for h, n in zip(size, image.shape, strict=True)]
+    # Wider than ten images it is flat over the image, and longer to compute.
+    widths = [
+        min(sigma / h, 10.0 * n) if n > 1 else 0.0 for h, n in zip(size, image.shape, strict=True)
+    ]
 
     def blurred(a: F64) -> F64:
         # The same discrete kernel stands in every convolution, so cutting it off costs nothing.
@@ -201,7 +212,13 @@ def _improved(
         field = np.divide(
             blurred(trust * image * true), below, out=np.zeros_like(image), where=inside
         )
-        field /= field[inside].mean()
+        mean = field[inside].mean()
+        if not (mean > 0 and np.isfinite(field).all()):
+            raise InputError(
+                f"bias: too few of the {int(inside.sum())} voxels lie away from edges to tell a "
+                "field; lower bias.shrink, or set bias.method = 'none'"
+            )
+        field /= mean
         converged = float(np.sqrt(np.mean((field - before)[inside] ** 2))) <= tolerance
     return field, energy, converged
 
@@ -230,6 +247,8 @@ def n4_bias(values: F64, mask: Mask, *, spacing: ArrayLike, shrink: int = 1) -> 
             "bias.method = 'n4' needs SimpleITK, which is not installed: "
             "pip install 'myork[seg]', or take bias.method = 'level-sets'"
         ) from None
+    if not mask.any():
+        raise InputError("bias: no voxel to estimate the field from; check the mask")
     # N4 works on logarithms
     image = sitk.GetImageFromArray(np.maximum(values, 1e-6 * values.max()).T.astype(np.float32))
     inside = sitk.GetImageFromArray(mask.T.astype(np.uint8))
@@ -243,12 +262,21 @@ def n4_bias(values: F64, mask: Mask, *, spacing: ArrayLike, shrink: int = 1) -> 
     filter_.SetConvergenceThreshold(1e-6)
     filter_.SetBiasFieldFullWidthAtHalfMaximum(0.3)
     filter_.SetMaximumNumberOfIterations([100] * 4)
-    filter_.Execute(*small)
+    try:
+        filter_.Execute(*small)
+    except RuntimeError as reason:
+        raise InputError(
+            f"bias: N4 finds no field ({str(reason).strip().splitlines()[-1].strip()}); lower "
+            "bias.shrink, or set bias.method = 'none'"
+        ) from None
     field = np.exp(sitk.GetArrayFromImage(filter_.GetLogBiasFieldAsImage(image))).T
     return BiasField(_of_mean_one(field.astype(float), mask), np.array([]), True)
 
 
 def _of_mean_one(field: F64, mask: Mask) -> F64:
+    """Field with the mean one inside a mask, one outside; refused where it is no factor."""
+    if not (np.isfinite(field[mask]) & (field[mask] > 0)).all():
+        raise InputError("bias: the field is not positive everywhere; set bias.method = 'none'")
     return np.where(mask, field / field[mask].mean(), 1.0)
 
 

@@ -134,6 +134,11 @@ def _segment(
     else:
         labels = label_by_phase(table, image, grey, result)
     inside = labels.data > 0
+    if not inside.any():
+        raise InputError(
+            f"{image.name}: the segmentation is empty, no voxel got a label; look whether "
+            "image.reference or the seeds of [[muscle]] lie in the body"
+        )
     write_image(out / "anatomy.nii.gz", image)
     write_labels(out / "regions.nii.gz", Labels(result.region + 1, image.affine))
     write_labels(out / "segmentation.nii.gz", labels)
@@ -253,16 +258,19 @@ def _corrected(
     progress(f"bias field by {keys['method']}")
     mask = body_mask(image)
     check_positive(image, mask)
-    if keys["method"] == "n4":
-        found = n4_bias(image.data, mask, spacing=image.spacing, shrink=keys["shrink"])
-    else:
-        found = clustered_bias(
-            image.data,
-            mask,
-            evolve_level_sets,
-            spacing=image.spacing,
-            **{key: keys[key] for key in ("regions", "sigma", "mu", "shrink")},
-        )
+    try:
+        if keys["method"] == "n4":
+            found = n4_bias(image.data, mask, spacing=image.spacing, shrink=keys["shrink"])
+        else:
+            found = clustered_bias(
+                image.data,
+                mask,
+                evolve_level_sets,
+                spacing=image.spacing,
+                **{key: keys[key] for key in ("regions", "sigma", "mu", "shrink")},
+            )
+    except InputError as reason:
+        raise InputError(f"{image.name}: {reason}") from None
     write_image(path, replace(image, data=found.field))
     inside = found.field[mask]
     record = {
