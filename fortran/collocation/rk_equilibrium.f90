@@ -47,6 +47,8 @@ module rk_equilibrium
       procedure :: linearise
       procedure :: operator
       procedure :: hessian
+      procedure :: set_curvature
+      procedure :: apply_curvature
       procedure :: reduce
       !> Residuals and rows of one place
       procedure :: evaluate_place => point_rows
@@ -83,6 +85,7 @@ subroutine new_equilibrium(self, scene, fields, further, error)
    self%scene => scene
    nd = scene%cloud%nd
    self%fields = fields
+   self%curved = .true.
    call new_boundary(self%boundary, scene%cloud, scene%condition, error)
    if (allocated(error)) return
    nc = size(scene%cloud%points, 2)
@@ -401,6 +404,26 @@ subroutine hessian(self, x, load, r, a)
    real(wp), contiguous, intent(in) :: r(:)
    !> Upper triangle, shape (n, n)
    real(wp), contiguous, intent(inout) :: a(:, :)
+
+   call self%set_curvature(x, load, r)
+   if (allocated(self%modes)) then
+      call self%projected%normal(a)
+      call self%modes%add_second(self%rows%second, a)
+   else
+      call self%rows%expand(.true., a)
+   end if
+end subroutine hessian
+
+!> Find the second derivatives of the residuals, weighted with the residuals
+subroutine set_curvature(self, x, load, r)
+   !> Problem
+   class(equilibrium_problem), intent(inout) :: self
+   !> Unknowns, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> Residuals, shape (m)
+   real(wp), contiguous, intent(in) :: r(:)
    integer :: ip, nd
 
    nd = self%scene%cloud%nd
@@ -411,13 +434,19 @@ subroutine hessian(self, x, load, r, a)
       call self%curvature(ip, x, load, r, self%rows%second(:, :, :, ip))
    end do
    !$omp end parallel do
-   if (allocated(self%modes)) then
-      call self%projected%normal(a)
-      call self%modes%add_second(self%rows%second, a)
-   else
-      call self%rows%hessian(a)
-   end if
-end subroutine hessian
+end subroutine set_curvature
+
+!> Product of these second derivatives with a vector of the full problem
+subroutine apply_curvature(self, x, y)
+   !> Problem
+   class(equilibrium_problem), intent(in) :: self
+   !> Vector, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Product, shape (n)
+   real(wp), contiguous, intent(inout) :: y(:)
+
+   call self%rows%apply_second(x, y)
+end subroutine apply_curvature
 
 !> Second derivatives of the residuals at one collocation point, weighted with the residuals
 subroutine point_curvature(self, ip, x, load, r, form)

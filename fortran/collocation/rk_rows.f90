@@ -58,7 +58,9 @@ module rk_rows
       procedure :: envelope
       procedure :: normal
       !> Upper triangle of A^T A and the second derivatives
-      procedure :: hessian
+      procedure :: expand
+      !> Product of the second derivatives alone with a vector
+      procedure :: apply_second
       procedure :: dense
       procedure :: compressed
       procedure :: entries
@@ -146,7 +148,7 @@ subroutine apply(self, x, y)
    !$omp end parallel do
 end subroutine apply
 
-!> x = A^T y; every source point sums over the places that see it, so threads never meet
+!> x = A^T y
 subroutine apply_transposed(self, x, y)
    !> Rows
    class(rows_type), intent(in) :: self
@@ -155,9 +157,7 @@ subroutine apply_transposed(self, x, y)
    !> Coefficients of the unknowns, shape (n)
    real(wp), contiguous, intent(inout) :: y(:)
    real(wp), allocatable :: dual(:, :, :)
-   real(wp) :: total(self%nc)
-   integer(i8) :: k
-   integer :: b, c, i, ip, is, q
+   integer :: b, c, i, ip, q
 
    allocate (dual(self%shape%nq, self%nc, self%shape%np), source=0.0_wp)
    do b = 1, size(self%place)
@@ -170,6 +170,57 @@ subroutine apply_transposed(self, x, y)
          end do
       end do
    end do
+   call collect(self, dual, y)
+end subroutine apply_transposed
+
+!> Product of the second derivatives with a vector
+subroutine apply_second(self, x, y)
+   !> Rows with second derivatives
+   class(rows_type), intent(in) :: self
+   !> Coefficients of the unknowns, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Product, shape (n)
+   real(wp), contiguous, intent(inout) :: y(:)
+   real(wp), allocatable :: dual(:, :, :)
+   real(wp) :: u(self%nc, self%shape%nq)
+   integer :: a, c, i, ip, nd, q
+
+   nd = self%shape%nd
+   allocate (dual(self%shape%nq, self%nc, self%shape%np), source=0.0_wp)
+   !$omp parallel do default(none) schedule(static) private(a, c, i, ip, q, u) &
+   !$omp shared(self, x, dual, nd)
+   do ip = 1, self%shape%np
+      call self%shape%interpolate(ip, x, 1, self%shape%nq, u)
+      do q = 1, self%shape%nq
+         do c = 1, self%nc
+            do a = 1, nd
+               do i = 1, nd
+                  associate (s => self%second(i + nd*(a - 1), c, q, ip))
+                     dual(q, c, ip) = dual(q, c, ip) + s*u(i, 1 + a)
+                     dual(1 + a, i, ip) = dual(1 + a, i, ip) + s*u(c, q)
+                  end associate
+               end do
+            end do
+         end do
+      end do
+   end do
+   !$omp end parallel do
+   call collect(self, dual, y)
+end subroutine apply_second
+
+!> Coefficients of what acts on the derivatives at the places; every source point sums over the
+!> places that see it, so threads never meet
+subroutine collect(self, dual, y)
+   !> Rows
+   class(rows_type), intent(in) :: self
+   !> Factor of each derivative, shape (nq, nc, np)
+   real(wp), intent(in) :: dual(:, :, :)
+   !> Coefficients, shape (n)
+   real(wp), contiguous, intent(inout) :: y(:)
+   real(wp) :: total(self%nc)
+   integer(i8) :: k
+   integer :: c, is
+
    !$omp parallel do default(none) schedule(dynamic, 16) private(is, k, c, total) &
    !$omp shared(self, dual, y)
    do is = 1, self%shape%ns
@@ -183,7 +234,7 @@ subroutine apply_transposed(self, x, y)
       y(self%nc*(is - 1) + 1:self%nc*is) = total
    end do
    !$omp end parallel do
-end subroutine apply_transposed
+end subroutine collect
 
 !> A^T A in its envelope
 subroutine envelope(self, a, error)
@@ -203,35 +254,29 @@ subroutine normal(self, a)
    class(rows_type), intent(in) :: self
    !> Matrix, shape (n, n)
    real(wp), contiguous, intent(inout) :: a(:, :)
-   type(envelope_type) :: matrix
-   type(error_type), allocatable :: error
 
-   call accumulate(self, .false., matrix, error)
-   if (allocated(error)) then
-      ! no memory beside the larger matrix of the caller: a matrix that nothing accepts
-      a = 0.0_wp
-   else
-      call matrix%expand(a)
-   end if
+   call expand(self, .false., a)
 end subroutine normal
 
-!> Upper triangle of A^T A and the second derivatives
-subroutine hessian(self, a)
-   !> Rows with second derivatives
+!> Upper triangle of A^T A, with the second derivatives where wanted
+subroutine expand(self, curved, a)
+   !> Rows
    class(rows_type), intent(in) :: self
+   !> Include second derivatives
+   logical, intent(in) :: curved
    !> Matrix, shape (n, n)
    real(wp), contiguous, intent(inout) :: a(:, :)
    type(envelope_type) :: matrix
    type(error_type), allocatable :: error
 
-   call accumulate(self, .true., matrix, error)
+   call accumulate(self, curved, matrix, error)
    if (allocated(error)) then
       ! no memory beside the larger matrix of the caller: a matrix that nothing accepts
       a = 0.0_wp
    else
       call matrix%expand(a)
    end if
-end subroutine hessian
+end subroutine expand
 
 !> Matrix summed over groups of near places
 subroutine accumulate(self, curved, a, error)

@@ -10,8 +10,10 @@ module rk_newton
    use rk_clock, only : tick, timer_type
    use rk_damping, only : damping_type
    use rk_error, only : error_type, fatal_error, err_convergence, err_stopped
+   use rk_factors, only : envelope_factor
    use rk_line_search, only : search
    use rk_lstsq, only : row_operator
+   use rk_minimum, only : find_descent, leave_saddle
    use rk_newton_step, only : find_step
    use rk_precision, only : wp
    use rk_problem, only : dense_limit, problem_type, evaluation_type
@@ -21,6 +23,16 @@ module rk_newton
    private
 
    public :: newton_type, solve_step
+
+   !> A stationary point that is no minimum
+   type :: saddle_type
+      !> Unknowns, shape (n)
+      real(wp), allocatable :: x(:)
+      !> |r|, relative gradient and step
+      real(wp) :: residual = 0.0_wp
+      real(wp) :: gradient = 0.0_wp
+      real(wp) :: step_norm = 0.0_wp
+   end type saddle_type
 
    !> Settings and outcome of the iteration
    type :: newton_type
@@ -49,6 +61,13 @@ module rk_newton
       real(wp) :: left = 0.0_wp
       !> The last step moved nothing beside the size of the body
       logical :: still = .false.
+      !> Iterations after which this load step is given up
+      integer :: limit = 0
+      !> The last matrix had second derivatives and was positive definite as it stood
+      logical :: minimum = .false.
+      !> Saddles left in this load step, and the first of them
+      integer :: saddles = 0
+      type(saddle_type) :: saddle
       !> The iteration ended at a jump of the residuals, which smaller load steps do not remove
       logical :: pinned = .false.
       !> Volume ratios of the last state
@@ -57,6 +76,8 @@ module rk_newton
 
    !> Rejected steps in a row before giving up
    integer, parameter :: max_rejected = 3
+   !> Saddles that are left before the state is taken as it is
+   integer, parameter :: max_saddles = 3
    !> Damping that leaves a step whole, rounding of an ill-conditioned matrix [-]
    real(wp), parameter :: slight = 1.0e-8_wp
    !> Fall of the merit, of the merit, that drowns in the rounding of residuals of stiff materials
@@ -85,17 +106,22 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
    !> Error handling: no convergence, failed factorisation, stopped
    type(error_type), allocatable, intent(out) :: error
    class(row_operator), pointer :: op
+   type(envelope_factor) :: factor
    type(iteration_type) :: it
    real(wp), allocatable :: a(:), da(:), r(:), g(:), trial(:), new(:)
    real(wp) :: merit, first_gradient, first(2), moved(2), scale, predicted, gain, imposed
    integer(int64) :: clock
    integer :: rejected
    character(len=:), allocatable :: reason
-   logical :: newton, blind
+   logical :: newton, blind, factored, left, returned
 
    allocate (a, source=x)
    allocate (da(problem%n), g(problem%n), r(problem%m), trial(problem%n), new(problem%m))
    self%iterations = 0
+   self%limit = self%max_iterations
+   self%minimum = .false.
+   self%saddles = 0
+   factored = .false.
    self%step_norm = huge(1.0_wp)
    self%left = huge(1.0_wp)
    self%still = .false.
@@ -118,27 +144,34 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
       merit = norm2(r)
       self%gradient = it%gradient/max(first_gradient, tiny(1.0_wp))
       if (converged(self)) then
+         call descend(self, problem, op, factor, factored, load, a, r, left)
+         if (left) then
+            ! the size of the new state, not of the saddle, is what steps are small against
+            first = max(first, problem%scaled_norms(a))
+            cycle
+         end if
          reason = problem%rejection(a)
          if (len(reason) > 0) then
             call fatal_error(error, err_convergence, reason)
             return
          end if
-         x = a
-         call self%damping%finish()
-         return
+         exit
       end if
       call self%damping%choose(self%iterations, it%gradient, merit, self%step_norm, &
          & self%tolerance, self%left)
       call check_end(self, problem, load, rejected, recorder, error)
-      if (allocated(error)) return
+      if (gave_up()) return
+      if (returned) exit
 
       imposed = self%damping%lambda
       call system_clock(clock)
       call find_step(problem, op, self%linear, load, a, r, g, self%damping, da, newton, predicted, &
-         & it, error)
+         & factor, factored, it, error)
       timer%solve = timer%solve + tick(clock)
-      if (allocated(error)) return
+      if (gave_up()) return
+      if (returned) exit
       self%iterations = self%iterations + 1
+      self%minimum = newton .and. .not. self%damping%lambda > 0.0_wp
 
       call system_clock(clock)
       self%left = predicted/max(0.5_wp*merit**2, tiny(1.0_wp))
@@ -181,7 +214,108 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
       it%seconds = tick(timer%start)
       call recorder%iteration(it)
    end do
+   x = a
+   call self%damping%finish()
+   if (self%saddles > 0) call recorder%warn(saddle_text(self, load, norm2(r)))
+
+contains
+
+   !> Whether the step failed; where a saddle was left, it is the answer
+   logical function gave_up()
+      returned = .false.
+      gave_up = allocated(error)
+      if (.not. gave_up) return
+      if (self%saddles == 0 .or. error%code == err_stopped) return
+      deallocate (error)
+      gave_up = .false.
+      returned = .true.
+      call return_to_saddle(self, problem, load, a, r)
+   end function gave_up
+
 end subroutine solve_step
+
+!> See whether the iteration ended at a minimum, and go on below a saddle
+subroutine descend(self, problem, op, factor, factored, load, a, r, left)
+   !> Iteration
+   type(newton_type), intent(inout) :: self
+   !> Problem, linearised at a
+   class(problem_type), target, intent(inout) :: problem
+   !> Linearised rows
+   class(row_operator), intent(in) :: op
+   !> Factor of A^T A
+   type(envelope_factor), intent(inout) :: factor
+   !> There is such a factor of the last step
+   logical, intent(in) :: factored
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> Unknowns, shape (n)
+   real(wp), contiguous, intent(inout) :: a(:)
+   !> Residuals, shape (m)
+   real(wp), contiguous, intent(inout) :: r(:)
+   !> The state was a saddle and has changed
+   logical, intent(out) :: left
+   type(saddle_type) :: here
+   real(wp), allocatable :: v(:)
+   logical :: found
+
+   left = .false.
+   if (self%minimum .or. self%saddles == max_saddles) return
+   allocate (v(problem%n))
+   call find_descent(problem, op, factor, factored, a, load, r, found, v)
+   if (.not. found) return
+   here = saddle_type(a, norm2(r), self%gradient, self%step_norm)
+   call leave_saddle(problem, load, v, a, r, self%state, left)
+   if (.not. left) return
+   if (self%saddles == 0) self%saddle = here
+   self%saddles = self%saddles + 1
+   self%limit = self%iterations + self%max_iterations
+   self%step_norm = huge(1.0_wp)
+   self%left = huge(1.0_wp)
+   self%still = .false.
+   ! Gauss-Newton alone would go back and be driven away again
+   call self%damping%start()
+   call self%damping%reject()
+end subroutine descend
+
+!> Back to the saddle from which no minimum was reached: a state as good as Newton's method finds
+subroutine return_to_saddle(self, problem, load, a, r)
+   !> Iteration
+   type(newton_type), intent(inout) :: self
+   !> Problem
+   class(problem_type), target, intent(inout) :: problem
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> Unknowns, shape (n)
+   real(wp), contiguous, intent(inout) :: a(:)
+   !> Residuals, shape (m)
+   real(wp), contiguous, intent(inout) :: r(:)
+
+   a = self%saddle%x
+   call problem%linearise(a, load, r, self%state)
+   self%gradient = self%saddle%gradient
+   self%step_norm = self%saddle%step_norm
+end subroutine return_to_saddle
+
+!> What became of a saddle, as a warning
+function saddle_text(self, load, residual) result(text)
+   !> Iteration
+   type(newton_type), intent(in) :: self
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> |r| in the end
+   real(wp), intent(in) :: residual
+   character(len=:), allocatable :: text
+
+   text = 'load '//to_text(load, 4)//': the residuals balance at a state that is no minimum of ' &
+      & //'|r| but a saddle of '//to_text(self%saddle%residual, 4)
+   if (residual < self%saddle%residual) then
+      text = text//'; the iteration went on to a minimum of '//to_text(residual, 4)
+   else
+      text = text//', from which no minimum was reached'
+   end if
+   text = text//'. The equations are met too badly to tell one answer from others: use more ' &
+      & //'points, a higher order or another method'
+end function saddle_text
 
 !> Start of a load step: the last converged state, or the secant through the last two of them where
 !> that has less residual. The gradient that ends the iteration is relative to that of the last
@@ -256,7 +390,7 @@ subroutine check_end(self, problem, load, rejected, recorder, error)
          & //'J > 0'//reached)
    else if (self%damping%stalled()) then
       call fatal_error(error, err_convergence, 'the iteration stalls or cycles'//reached)
-   else if (self%iterations == self%max_iterations) then
+   else if (self%iterations == self%limit) then
       call fatal_error(error, err_convergence, 'no convergence in '//to_text(self%iterations) &
          & //' iterations'//reached)
    end if

@@ -2,6 +2,7 @@
 module rk_newton_step
    use rk_damping, only : damping_type
    use rk_error, only : error_type
+   use rk_factors, only : envelope_factor
    use rk_lstsq, only : lstsq_report, row_operator, solve_lstsq
    use rk_operator, only : square_report
    use rk_precision, only : wp
@@ -17,7 +18,8 @@ module rk_newton_step
 contains
 
 !> Step of the chosen matrix
-subroutine find_step(problem, op, linear, load, a, r, g, damping, da, newton, predicted, it, error)
+subroutine find_step(problem, op, linear, load, a, r, g, damping, da, newton, predicted, factor, &
+   & factored, it, error)
    !> Problem, linearised at a
    class(problem_type), target, intent(inout) :: problem
    !> Linearised rows
@@ -40,6 +42,10 @@ subroutine find_step(problem, op, linear, load, a, r, g, damping, da, newton, pr
    logical, intent(out) :: newton
    !> Fall of r.r/2 that the quadratic model promises
    real(wp), intent(out) :: predicted
+   !> Factor of A^T A, where the least squares solver made one
+   type(envelope_factor), intent(inout) :: factor
+   !> There is such a factor of this step
+   logical, intent(out) :: factored
    !> Record of the iteration: the solver's part
    type(iteration_type), intent(inout) :: it
    !> Error handling: failed factorisation
@@ -52,6 +58,7 @@ subroutine find_step(problem, op, linear, load, a, r, g, damping, da, newton, pr
 
    it%refinements = 0
    it%misfit = 0.0_wp
+   factored = .false.
    newton = .false.
    call problem%square_step(damping%lambda, r, da, found, square, error)
    if (allocated(error)) return
@@ -92,8 +99,9 @@ subroutine find_step(problem, op, linear, load, a, r, g, damping, da, newton, pr
       newton = newton .and. (shifted%positive .or. damping%lambda > 0.0_wp)
    end if
    if (.not. newton .and. .not. damping%lambda > 0.0_wp) then
-      call solve_lstsq(op, -r, linear, da, report, error)
+      call solve_lstsq(op, -r, linear, da, report, error, factor)
       if (allocated(error)) return
+      factored = report%used == 'normal' .or. report%used == 'refined'
       predicted = -0.5_wp*dot_product(g, da)
       it%backward_error = report%backward_error
       it%misfit = report%misfit

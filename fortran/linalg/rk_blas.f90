@@ -7,7 +7,7 @@ module rk_blas
    implicit none
    private
 
-   public :: dgemm, dgemv, dpotrf, dsyrk, dtrsm, dtrsv
+   public :: dgemm, dgemv, dpotrf, dsteqr, dsyrk, dtrsm, dtrsv
 
    interface
       subroutine dgemm(transa, transb, m, n, k, alpha, a, lda, b, ldb, beta, c, ldc)
@@ -31,6 +31,14 @@ module rk_blas
          real(wp), intent(inout) :: a(lda, *)
          integer, intent(out) :: info
       end subroutine dpotrf
+      subroutine dsteqr(compz, n, d, e, z, ldz, work, info)
+         import :: wp
+         character, intent(in) :: compz
+         integer, intent(in) :: n, ldz
+         real(wp), intent(inout) :: d(*), e(*), z(ldz, *)
+         real(wp), intent(out) :: work(*)
+         integer, intent(out) :: info
+      end subroutine dsteqr
       subroutine dsyrk(uplo, trans, n, k, alpha, a, lda, beta, c, ldc)
          import :: wp
          character, intent(in) :: uplo, trans

@@ -33,6 +33,8 @@ module rk_problem
       integer :: n = 0
       !> Norm of unknowns that would move every point by the size of the body, 0 where it has none
       real(wp) :: extent = 0.0_wp
+      !> The residuals have second derivatives that set_curvature finds
+      logical :: curved = .false.
    contains
       !> Size of a change of the unknowns
       procedure :: scaled_norms
@@ -52,6 +54,10 @@ module rk_problem
       procedure(operator_interface), deferred :: operator
       !> Second derivatives of r.r/2 where the problem was linearised
       procedure :: hessian
+      !> Second derivatives of the residuals, weighted with the residuals
+      procedure :: set_curvature
+      !> Their product with a vector
+      procedure :: apply_curvature
       !> Newton's step of a square linearisation
       procedure :: square_step
       !> What speaks against a converged state
@@ -208,6 +214,35 @@ subroutine hessian(self, x, load, r, a)
    op => self%operator()
    call op%normal(a)
 end subroutine hessian
+
+!> Find the sum of r_i times the second derivatives of r_i; nothing where there are none
+subroutine set_curvature(self, x, load, r)
+   !> Problem
+   class(problem_type), intent(inout) :: self
+   !> Unknowns, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Load, 0..1 [-]
+   real(wp), intent(in) :: load
+   !> Residuals, shape (m)
+   real(wp), contiguous, intent(in) :: r(:)
+
+   associate (unused => self, unused_x => x, unused_load => load, unused_r => r)
+   end associate
+end subroutine set_curvature
+
+!> Product of this sum, as last found, with a vector
+subroutine apply_curvature(self, x, y)
+   !> Problem
+   class(problem_type), intent(in) :: self
+   !> Vector, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Product, shape (n)
+   real(wp), contiguous, intent(inout) :: y(:)
+
+   associate (unused => self, unused_x => x)
+   end associate
+   y = 0.0_wp
+end subroutine apply_curvature
 
 !> What a user can do where steps vanish but the gradient does not, in the words of the deck
 function advice(self) result(text)

@@ -59,6 +59,7 @@ module rk_run
       procedure :: iteration
       procedure :: step
       procedure :: stopped
+      procedure :: warn => pass_on
    end type watcher_type
 
 contains
@@ -219,6 +220,16 @@ subroutine step(self, st, x)
       & //to_text(worst%point)//') from load '//to_text(st%load)//': the answer is no longer ' &
       & //'unique there', self%receiver)
 end subroutine step
+
+!> Something deserves attention
+subroutine pass_on(self, line)
+   !> Watcher
+   class(watcher_type), intent(inout) :: self
+   !> Warning
+   character(len=*), intent(in) :: line
+
+   call self%outcome%warn(line, self%receiver)
+end subroutine pass_on
 
 !> Whether the caller wants to stop
 logical function stopped(self)

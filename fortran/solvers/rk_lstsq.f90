@@ -72,7 +72,7 @@ module rk_lstsq
 contains
 
 !> Solve min |A x - b|
-subroutine solve_lstsq(op, b, method, x, report, error)
+subroutine solve_lstsq(op, b, method, x, report, error, factor)
    !> Matrix
    class(row_operator), intent(in) :: op
    !> Right hand side, shape (m)
@@ -85,6 +85,10 @@ subroutine solve_lstsq(op, b, method, x, report, error)
    type(lstsq_report), intent(out) :: report
    !> Error handling: rank deficient, fewer rows than columns
    type(error_type), allocatable, intent(out) :: error
+   !> Factor of the normal matrix, where `used` is "normal" or "refined" in the end; its storage is
+   !> used again
+   type(envelope_factor), intent(inout), optional :: factor
+   type(envelope_factor) :: own
    real(wp) :: work
 
    report%why = 'asked for'
@@ -116,7 +120,11 @@ subroutine solve_lstsq(op, b, method, x, report, error)
    case ('spqr')
       call solve_spqr(op, b, x, report, error)
    case default
-      call solve_normal(op, b, x, report, error)
+      if (present(factor)) then
+         call solve_normal(op, b, x, factor, report, error)
+      else
+         call solve_normal(op, b, x, own, report, error)
+      end if
    end select
    if (allocated(error)) then
       if (error%code == err_linalg) call fall_back(op, b, x, report, error)
@@ -370,21 +378,22 @@ end subroutine solve_spqr
 
 !> Cholesky of the column-scaled normal matrix, then CGLS with it as preconditioner where that is
 !> wanted or needed
-subroutine solve_normal(op, b, x, report, error)
+subroutine solve_normal(op, b, x, dense, report, error)
    !> Matrix
    class(row_operator), intent(in) :: op
    !> Right hand side, shape (m)
    real(wp), contiguous, intent(in) :: b(:)
    !> Solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
+   !> Factor, empty where the sparse one takes its place
+   type(envelope_factor), intent(inout) :: dense
    !> What was done; `used` says which method is meant
    type(lstsq_report), intent(inout) :: report
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   type(envelope_factor) :: dense
    type(sparse_factor) :: sparse
 
-   allocate (dense%scale(op%n))
+   if (.not. allocated(dense%scale)) allocate (dense%scale(op%n))
    call op%envelope(dense%matrix, error)
    if (allocated(error)) return
    call dense%matrix%equilibrate(dense%scale)

@@ -107,7 +107,7 @@ end subroutine test_written
 !> A^T A, and with second derivatives, whose order of elimination must not show
 subroutine test_squared
    real(wp) :: square(rows%n, rows%n), expected(rows%n, rows%n), bend(rows%n, rows%n)
-   real(wp) :: first(rows%n, nd*nd), second(rows%n)
+   real(wp) :: first(rows%n, nd*nd), second(rows%n), x(rows%n), y(rows%n)
    real(wp), pointer, contiguous :: values(:, :)
    integer, pointer, contiguous :: nodes(:)
    integer :: c, d, i, ip, j, q
@@ -137,9 +137,14 @@ subroutine test_squared
          end do
       end do
    end do
-   call rows%hessian(square)
+   call rows%expand(.true., square)
    call check('and second derivatives', same_upper(square, expected + bend + transpose(bend)))
    call check('which matter', .not. same_upper(square, expected))
+   x = [(number(), j=1, rows%n)]
+   call rows%apply_second(x, y)
+   expected = bend + transpose(bend)
+   call check('times a vector', all(abs(y - matmul(expected, x)) <= tight*maxval(abs(expected)) &
+      & *rows%n))
 end subroutine test_squared
 
 !> Whether upper triangles are equal up to rounding

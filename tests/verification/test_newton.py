@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from myork.core.least_squares import SOLVERS
 from myork.core.scene import Scene
 from myork.errors import ConvergenceError
 from myork.stations.solve import find_executable
@@ -163,6 +164,54 @@ def test_newton_passes_where_gauss_newton_crawls(inputs: Path, tmp_path: Path) -
     done = run(inputs / "muscle_fibers.toml", tmp_path, *overrides)
     assert done.returncode == 0, done.stderr
     assert sum(row["step"] == "6" for row in history(tmp_path)) <= 8
+
+
+#: A block so coarse that its displacement form is stationary, but no minimum, where it is
+#: symmetric: the sum of squares falls to a quarter when the middle turns about the fibers
+SADDLE = ("geometry.source=[4,4,5]", "geometry.collocation=[7,7,9]", "load.activation=0.05",
+          "load.steps=2")  # fmt: skip
+
+
+def least_curvature(scene: Scene, x: np.ndarray, load: float, start: np.ndarray) -> float:
+    """Least eigenvalue of the second derivatives, scaled to a unit diagonal."""
+    second = scene.hessian(x, load, start=start)[1]
+    size = np.sqrt(abs(np.diag(second)))
+    return float(np.linalg.eigvalsh(second / np.outer(size, size))[0])
+
+
+def test_no_solver_ends_at_a_saddle(inputs: Path) -> None:
+    """Second derivatives of a minimum are positive definite, and the way there does not matter.
+
+    Rounding alone told the solvers apart here: each Gauss-Newton iteration makes a turn that
+    rounding began 17 times as large, so one more or one less decided between |r| = 1.88 and 0.90.
+    Condition and answer are asked of every solver, and of Newton's method, which is drawn to
+    saddles as well.
+    """
+    middle = {}
+    for choice in [f"linear={name}" for name in SOLVERS if name != "auto"] + [
+        "newton=gauss-newton",
+        "newton=full",
+    ]:
+        with Scene(inputs / "muscle_block.toml", [*SADDLE, f"solver.{choice}"], threads=1) as scene:
+            states = scene.solve()
+            start = np.zeros(scene.dofs)
+            for x, load in zip(states.x, states.load, strict=True):
+                assert least_curvature(scene, x, float(load), start) > 0, choice
+                start = x
+            middle[choice] = scene.fields(states.x[-1], 1.0).cauchy[:, 2].max()
+            assert any("no minimum of |r| but a saddle" in line for line in states.warnings)
+    values = np.array(list(middle.values()))
+    np.testing.assert_allclose(values, values[0], rtol=1e-6, err_msg=str(middle))
+
+
+def test_minima_are_not_taken_for_saddles(inputs: Path) -> None:
+    """The same block with points enough; and rubber whose residuals are rounding."""
+    for deck, overrides in {
+        "muscle_block": ["geometry.source=[5,5,9]", "geometry.collocation=[9,9,17]", *SADDLE[2:]],
+        "uniaxial_tension": ["load.steps=5", "scene.method=rkcm"],
+    }.items():
+        with Scene(inputs / f"{deck}.toml", overrides, threads=1) as scene:
+            assert not [line for line in scene.solve().warnings if "saddle" in line]
 
 
 @pytest.mark.parametrize("method", ["gauss-newton", "full", "auto"])
