@@ -222,15 +222,15 @@ end subroutine scene_stop
 
 !> States of the last solve: unknowns; load, iterations, smallest and largest J, smallest eigenvalue
 !> of the acoustic tensor and its point, from 1; wall times of assembly, least squares and checks;
-!> largest backward error and imbalance of forces; L2 and H1 norms of the error and of the solution
-!> of a linear problem, negative for others
+!> largest backward error, imbalance of forces, mismatch of works; L2 and H1 norms of the error and
+!> of the solution of a linear problem, negative for others
 subroutine scene_states(handle, n, steps, x, info, seconds, worst, norms, stat, message)
    use rk_error, only : error_type, fatal_error, err_input
    use rk_handles, only : find_slot, slot_type
    use rk_pack, only : pack_error
    implicit none
    integer, intent(in) :: handle, n, steps
-   double precision, intent(out) :: x(n, steps), info(6, steps), seconds(3), worst(2), norms(4)
+   double precision, intent(out) :: x(n, steps), info(6, steps), seconds(3), worst(3), norms(4)
    integer, intent(out) :: stat
    character(len=2048), intent(out) :: message
    type(error_type), allocatable :: error
@@ -255,7 +255,7 @@ subroutine scene_states(handle, n, steps, x, info, seconds, worst, norms, stat, 
    info = slot%states%info(:, :steps)
    seconds = [slot%outcome%timer%assemble, slot%outcome%timer%solve, &
       & slot%outcome%seconds]
-   worst = [slot%states%backward_error, slot%outcome%imbalance]
+   worst = [slot%states%backward_error, slot%outcome%imbalance, slot%outcome%work_mismatch]
    if (.not. allocated(slot%outcome%norms)) return
    associate (found => slot%outcome%norms)
       seconds(3) = seconds(3) + found%seconds

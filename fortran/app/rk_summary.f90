@@ -88,6 +88,7 @@ subroutine write_summary(path, deck, problem, output, outcome, shape_s, total_s,
       if (allocated(outcome%norms)) call write_norms(json, outcome%norms)
       call write_references(json, problem, output)
       call json%put('force_imbalance', outcome%imbalance)
+      call json%put('work_mismatch', outcome%work_mismatch)
       call json%begin_object('timings_s')
       call json%put('shape', shape_s)
       call json%put('assemble', outcome%timer%assemble)

@@ -19,8 +19,10 @@ module rk_equilibrium
    use rk_problem, only : evaluation_type
    use rk_rows, only : new_rows
    use rk_scene, only : scene_type
+   use rk_states, only : field_state
    use rk_strong, only : strong_problem
    use rk_tensor, only : determinant
+   use rk_work_balance, only : own_work_mismatch
    implicit none
    private
 
@@ -50,6 +52,7 @@ module rk_equilibrium
       procedure :: set_curvature
       procedure :: apply_curvature
       procedure :: reduce
+      procedure :: work_mismatch
       !> Residuals and rows of one place
       procedure :: evaluate_place => point_rows
       !> Second derivatives of the residuals at one place
@@ -65,6 +68,16 @@ module rk_equilibrium
    end type equilibrium_problem
 
 contains
+
+!> Work of the stress in the state's own displacement less that of the forces, relative [-]
+real(wp) function work_mismatch(self, state)
+   !> Problem
+   class(equilibrium_problem), intent(in) :: self
+   !> State
+   type(field_state), intent(in) :: state
+
+   work_mismatch = own_work_mismatch(self, state)
+end function work_mismatch
 
 !> Set up shape functions, materials, conditions and rows
 subroutine new_equilibrium(self, scene, fields, further, error)

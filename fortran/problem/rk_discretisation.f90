@@ -45,6 +45,8 @@ module rk_discretisation
       procedure :: at_point
       !> Force that the surroundings exert on the body through a boundary set
       procedure(force_interface), deferred :: set_force
+      !> Work of the stress against that of the forces
+      procedure :: work_mismatch
       !> Points where set_point_loads wants values
       procedure :: load_points
       !> Set what varies over the points and has no place in a deck
@@ -145,6 +147,19 @@ subroutine state(self, x, load, at)
    at%x = x
    at%load = load
 end subroutine state
+
+!> Work of the stress in the state's own displacement less that of the forces, relative; weak forms
+!> keep the two equal by construction [-]
+real(wp) function work_mismatch(self, state)
+   !> Problem
+   class(discretisation_type), intent(in) :: self
+   !> State
+   type(field_state), intent(in) :: state
+
+   associate (unused => self, unused_too => state)
+   end associate
+   work_mismatch = 0.0_wp
+end function work_mismatch
 
 !> State at a collocation point
 subroutine at_point(self, state, ip, local)

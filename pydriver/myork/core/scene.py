@@ -53,6 +53,9 @@ class States(NamedTuple):
         Where it was found, shape `(nstep, dimension)` [length].
     force_imbalance : float
         Sum of the forces on all boundary sets in the last state, of the largest of them [-].
+    work_mismatch : float
+        Work of the stress in the last state's own displacement less that of the forces, relative;
+        0 in weak forms by construction [-].
     errors : dict
         Norms of the error of a linear problem, whose solution is known, by the names of
         `summary.json`: `L2`, `H1`, `relative_L2`, `relative_H1`.
@@ -73,6 +76,7 @@ class States(NamedTuple):
     min_acoustic: F64Array
     min_acoustic_point: F64Array
     force_imbalance: float
+    work_mismatch: float
     errors: dict[str, float]
     warnings: list[str]
 
@@ -530,6 +534,7 @@ class Scene:
             min_acoustic=np.where(seen, info[4], np.nan),
             min_acoustic_point=np.where(seen[:, None], places.T[point - 1], np.nan),
             force_imbalance=float(worst[1]),
+            work_mismatch=float(worst[2]),
             errors=_error_norms(*norms.tolist()),
             warnings=self._warnings(),
         )

@@ -1,0 +1,96 @@
+!> Virtual work of a state in its own displacement: stresses against forces.
+!>
+!> In equilibrium the work of the stress in any smooth virtual displacement is that of the forces in
+!> it; the displacement itself is one. A strong form sets the divergence of the stress to zero in a
+!> weighted mean only, and where a body bends the mean hardly sees what is missing: tips of
+!> cantilevers 90 % off leave the forces on the ends in balance, but not this work.
+module rk_work_balance
+   use rk_conditions, only : conditions_at
+   use rk_discretisation, only : discretisation_type
+   use rk_error, only : error_type
+   use rk_precision, only : wp
+   use rk_states, only : field_state, point_state
+   implicit none
+   private
+
+   public :: own_work_mismatch
+
+contains
+
+!> Work of the stress less that of the forces, over the larger of the forces' work and the integral
+!> of |P : grad u|; 0 for a body at rest [-]
+real(wp) function own_work_mismatch(problem, state) result(mismatch)
+   !> Full problem
+   class(discretisation_type), intent(in) :: problem
+   !> State
+   type(field_state), intent(in) :: state
+   type(point_state) :: local
+   real(wp) :: inside, outside, total, density, force(3)
+   integer :: a, c, ip, nd, set
+
+   nd = problem%scene%cloud%nd
+   inside = 0.0_wp
+   total = 0.0_wp
+   outside = 0.0_wp
+   associate (cloud => problem%scene%cloud, condition => problem%scene%condition)
+      do ip = 1, size(cloud%points, 2)
+         call problem%at_point(state, ip, local)
+         do a = 1, nd
+            local%f(a, a) = local%f(a, a) - 1.0_wp
+         end do
+         density = sum(local%p(:nd, :nd)*local%f(:nd, :nd))*cloud%volume(ip)
+         inside = inside + density
+         total = total + abs(density)
+      end do
+      do set = 1, size(cloud%set_names)
+         if (.not. any(condition%set == set)) cycle
+         outside = outside + surface_work(problem, set, state, &
+            & any(condition%is_radial .and. condition%set == set))
+      end do
+      do c = 1, size(condition)
+         if (condition(c)%is_radial) cycle
+         if (.not. any(condition(c)%fixed .and. abs(condition(c)%value) > 0.0_wp)) cycle
+         force = problem%set_force(condition(c)%set, state, 1.0_wp)
+         outside = outside + state%load*sum(force*condition(c)%value, mask=condition(c)%fixed)
+      end do
+   end associate
+   mismatch = 0.0_wp
+   total = max(total, abs(outside))
+   if (total > 0.0_wp) mismatch = (inside - outside)/total
+end function own_work_mismatch
+
+!> Work of prescribed tractions, or of the stress where a wall moves by other amounts at each point
+real(wp) function surface_work(problem, set, state, by_stress) result(work)
+   !> Full problem
+   class(discretisation_type), intent(in) :: problem
+   !> Boundary set
+   integer, intent(in) :: set
+   !> State
+   type(field_state), intent(in) :: state
+   !> The wall moves radially
+   logical, intent(in) :: by_stress
+   type(error_type), allocatable :: error
+   type(point_state) :: local
+   real(wp) :: pull(3), traction(3), value(3)
+   logical :: fixed(3)
+   integer :: e, ip, nd
+
+   nd = problem%scene%cloud%nd
+   work = 0.0_wp
+   associate (cloud => problem%scene%cloud)
+      do e = 1, size(cloud%boundary_point)
+         if (cloud%boundary_set(e) /= set) cycle
+         ip = cloud%boundary_point(e)
+         call conditions_at(cloud, problem%scene%condition, set, cloud%points(:, ip), fixed, &
+            & value, traction, error)
+         if (allocated(error)) return
+         call problem%at_point(state, ip, local)
+         pull = state%load*merge(0.0_wp, traction, fixed)
+         if (by_stress) pull(:nd) = pull(:nd) + merge(matmul(local%p(:nd, :nd), &
+            & cloud%normal(:, e)), 0.0_wp, fixed(:nd))
+         work = work + dot_product(pull(:nd), local%u(:nd))*cloud%area(e)
+      end do
+   end associate
+end function surface_work
+
+end module rk_work_balance
