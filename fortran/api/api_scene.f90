@@ -286,37 +286,53 @@ subroutine scene_warnings(handle, capacity, text, length, stat, message)
    text = slot%outcome%warnings
 end subroutine scene_warnings
 
-!> Displacement, deformation gradient and Cauchy stress (xx, yy, zz, xy, yz, xz) at all
-!> collocation points for one state of the full problem
-subroutine scene_fields(handle, n, nc, x, load, u, f, cauchy, stat, message)
+!> Names and components of the fields of a body, a line each
+subroutine scene_field_list(text)
+   use rk_fields, only : field_names, field_sizes
+   use rk_text, only : to_text
+   implicit none
+   character(len=1024), intent(out) :: text
+   integer :: k
+
+   text = ''
+   do k = 1, size(field_names)
+      text = trim(text)//trim(field_names(k))//' '//to_text(field_sizes(k))//new_line('a')
+   end do
+end subroutine scene_field_list
+
+!> All fields at all collocation points for one state of the full problem, one under the other in
+!> the order of the list
+subroutine scene_fields(handle, n, nc, rows, x, load, values, stat, message)
    use rk_error, only : error_type
-   use rk_fields, only : compute_fields, fields_type
+   use rk_fields, only : compute_fields
    use rk_handles, only : find_slot, slot_type
    use rk_pack, only : pack_error
+   use rk_point_field, only : point_field
    use rk_states, only : field_state
    implicit none
    !f2py threadsafe
-   integer, intent(in) :: handle, n, nc
+   integer, intent(in) :: handle, n, nc, rows
    double precision, intent(in) :: x(n), load
-   double precision, intent(out) :: u(3, nc), f(3, 3, nc), cauchy(6, nc)
+   double precision, intent(out) :: values(rows, nc)
    integer, intent(out) :: stat
    character(len=2048), intent(out) :: message
    type(error_type), allocatable :: error
    type(slot_type), pointer :: slot
    type(field_state) :: state
-   type(fields_type) :: fields
+   type(point_field), allocatable :: fields(:)
+   integer :: k, row
 
-   u = 0
-   f = 0
-   cauchy = 0
+   values = 0
    call find_slot(handle, slot, error)
    call pack_error(error, stat, message)
    if (stat /= 0) return
    call slot%full%state(x, load, state)
    call compute_fields(slot%full, state, fields)
-   u = fields%u
-   f = fields%f
-   cauchy = fields%cauchy
+   row = 0
+   do k = 1, size(fields)
+      values(row + 1:row + size(fields(k)%value, 1), :) = fields(k)%value
+      row = row + size(fields(k)%value, 1)
+   end do
 end subroutine scene_fields
 
 !> Gradient A^T r and second derivatives (upper triangle) of r.r/2, with the row weights of a load

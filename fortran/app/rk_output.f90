@@ -3,7 +3,8 @@ module rk_output
    use rk_clock, only : tick
    use rk_discretisation, only : discretisation_type
    use rk_error, only : error_type
-   use rk_fields, only : compute_fields, fields_type
+   use rk_fields, only : compute_fields
+   use rk_point_field, only : point_field
    use rk_precision, only : i8, wp
    use rk_probes, only : new_probes, probe_value, probes_type
    use rk_recorder, only : iteration_type, recorder_type, step_type
@@ -198,7 +199,7 @@ subroutine step(self, st, x)
    real(wp), contiguous, intent(in) :: x(:)
    type(step_record), allocatable :: grown(:)
    type(field_state) :: state
-   type(fields_type) :: fields
+   type(point_field), allocatable :: fields(:)
    type(error_type), allocatable :: error
    character(len=200) :: line
    integer(i8) :: clock
@@ -216,12 +217,7 @@ subroutine step(self, st, x)
    end do
    call move_alloc(grown, self%record)
    call compute_fields(self%problem, state, fields)
-   if (self%problem%fields == 1) then
-      call self%results%add_scalar(st%load, fields%u(1, :), x, error)
-   else
-      call self%results%add_step(st%load, self%problem%scene%activation_at(st%load), fields%u, &
-         & fields%f, fields%j, fields%cauchy, fields%principal, fields%pressure, x, error)
-   end if
+   call self%results%add_step(st%load, self%problem%scene%activation_at(st%load), fields, x, error)
    call keep(self, error)
    self%seconds = self%seconds + tick(clock)
    if (st%step == 0) return

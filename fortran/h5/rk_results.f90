@@ -12,6 +12,7 @@ module rk_results
    use, intrinsic :: iso_fortran_env, only : int8
    use rk_error, only : err_input, error_type, fatal_error
    use rk_hdf5, only : h5_type
+   use rk_point_field, only : point_field
    use rk_precision, only : i8, wp
    use rk_text, only : to_text
    implicit none
@@ -42,8 +43,6 @@ module rk_results
       procedure :: open => open_results
       !> Append a converged state
       procedure :: add_step
-      !> Append the state of a problem of one unknown, which has no other fields
-      procedure :: add_scalar
       !> Complete the file and give it its name
       procedure :: close => close_results
       !> Give a closed file its name
@@ -126,85 +125,38 @@ subroutine write_geometry(file, points, error)
 end subroutine write_geometry
 
 !> Append a converged state; the first one is the undeformed state
-subroutine add_step(self, load, activation, u, f, j, cauchy, principal, pressure, coefficients, &
-   error)
+subroutine add_step(self, load, activation, fields, coefficients, error)
    !> Result file
    class(results_type), intent(inout) :: self
    !> Fraction of the full load, greater than that of the step before [-]
    real(wp), intent(in) :: load
    !> Activation of the muscle fibers [-]
    real(wp), intent(in) :: activation
-   !> Displacement, shape (3,np) [length]
-   real(wp), intent(in), contiguous :: u(:, :)
-   !> Deformation gradient F(i,A), shape (3,3,np) [-]
-   real(wp), intent(in) :: f(:, :, :)
-   !> Its determinant, shape (np) [-]
-   real(wp), intent(in), contiguous :: j(:)
-   !> Cauchy stress xx, yy, zz, xy, yz, xz, shape (6,np) [force/length^2]
-   real(wp), intent(in), contiguous :: cauchy(:, :)
-   !> Principal Cauchy stresses, greatest first, shape (3,np) [force/length^2]
-   real(wp), intent(in), contiguous :: principal(:, :)
-   !> Pressure, minus a third of the trace of the Cauchy stress, shape (np) [force/length^2]
-   real(wp), intent(in), contiguous :: pressure(:)
+   !> Fields at the points, the same in every step
+   type(point_field), intent(in), target :: fields(:)
    !> Coefficients of the approximation, shape (ndof)
    real(wp), intent(in), contiguous :: coefficients(:)
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   integer :: np
+   integer :: k
 
-   np = self%npoint
    call start_step(self, load, coefficients, error)
    if (allocated(error)) return
-   call check_shape("u", shape(u), [3, np], error)
-   if (allocated(error)) return
-   call check_shape("F", shape(f), [3, 3, np], error)
-   if (allocated(error)) return
-   call check_shape("J", shape(j), [np], error)
-   if (allocated(error)) return
-   call check_shape("cauchy", shape(cauchy), [6, np], error)
-   if (allocated(error)) return
-   call check_shape("principal_stress", shape(principal), [3, np], error)
-   if (allocated(error)) return
-   call check_shape("pressure", shape(pressure), [np], error)
-   if (allocated(error)) return
-
-   call self%file%append(vtk//"/PointData/u", u, error)
-   if (allocated(error)) return
-   call self%file%append(vtk//"/PointData/F", by_rows(f), error)
-   if (allocated(error)) return
-   call self%file%append(vtk//"/PointData/J", j, error)
-   if (allocated(error)) return
-   call self%file%append(vtk//"/PointData/cauchy", cauchy, error)
-   if (allocated(error)) return
-   call self%file%append(vtk//"/PointData/principal_stress", principal, error)
-   if (allocated(error)) return
-   call self%file%append(vtk//"/PointData/pressure", pressure, error)
-   if (allocated(error)) return
-   call finish_step(self, load, activation, coefficients, [character(len=16) :: "u", "F", "J", &
-      "cauchy", "principal_stress", "pressure"], error)
+   do k = 1, size(fields)
+      associate (field => fields(k))
+         call check_shape(field%name, shape(field%value), [size(field%value, 1), self%npoint], &
+            error)
+         if (allocated(error)) return
+         if (size(field%value, 1) == 1) then
+            call self%file%append(vtk//"/PointData/"//field%name, field%value(1, :), error)
+         else
+            call self%file%append(vtk//"/PointData/"//field%name, field%value, error)
+         end if
+         if (allocated(error)) return
+      end associate
+   end do
+   call finish_step(self, load, activation, coefficients, fields, error)
 end subroutine add_step
-
-!> Append a state of one unknown
-subroutine add_scalar(self, load, u, coefficients, error)
-   !> Result file
-   class(results_type), intent(inout) :: self
-   !> Fraction of the full load, greater than that of the step before [-]
-   real(wp), intent(in) :: load
-   !> Unknown, shape (np)
-   real(wp), intent(in), contiguous :: u(:)
-   !> Coefficients of the approximation, shape (ndof)
-   real(wp), intent(in), contiguous :: coefficients(:)
-   !> Error handling
-   type(error_type), allocatable, intent(out) :: error
-
-   call start_step(self, load, coefficients, error)
-   if (allocated(error)) return
-   call check_shape("u", shape(u), [self%npoint], error)
-   if (allocated(error)) return
-   call self%file%append(vtk//"/PointData/u", u, error)
-   if (allocated(error)) return
-   call finish_step(self, load, 0.0_wp, coefficients, [character(len=16) :: "u"], error)
-end subroutine add_scalar
 
 !> Refuse what cannot follow the steps before
 subroutine start_step(self, load, coefficients, error)
@@ -236,8 +188,8 @@ subroutine finish_step(self, load, activation, coefficients, fields, error)
    real(wp), intent(in) :: activation
    !> Coefficients of the approximation, shape (ndof)
    real(wp), intent(in), contiguous :: coefficients(:)
-   !> Names of the fields that were written
-   character(len=*), intent(in) :: fields(:)
+   !> Fields that were written
+   type(point_field), intent(in) :: fields(:)
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
 
@@ -305,8 +257,8 @@ subroutine add_offsets(file, load, first, fields, error)
    real(wp), intent(in) :: load
    !> Index, from 0, of the step's first value in every field
    integer(i8), intent(in) :: first
-   !> Names of the fields
-   character(len=*), intent(in) :: fields(:)
+   !> Fields
+   type(point_field), intent(in) :: fields(:)
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
    character(len=*), parameter :: steps = vtk//"/Steps/"
@@ -324,23 +276,10 @@ subroutine add_offsets(file, load, first, fields, error)
       if (allocated(error)) return
    end do
    do i = 1, size(fields)
-      call file%append(steps//"PointDataOffsets/"//trim(fields(i)), [first], error)
+      call file%append(steps//"PointDataOffsets/"//fields(i)%name, [first], error)
       if (allocated(error)) return
    end do
 end subroutine add_offsets
-
-!> Tensors as VTK and NumPy want them: the nine components row by row
-pure function by_rows(tensors) result(rows)
-   !> Tensors, shape (3,3,n)
-   real(wp), intent(in) :: tensors(:, :, :)
-   !> Components xx, xy, xz, yx, ..., zz, shape (9,n)
-   real(wp) :: rows(9, size(tensors, 3))
-   integer :: ip
-
-   do ip = 1, size(tensors, 3)
-      rows(:, ip) = reshape(transpose(tensors(:, :, ip)), [9])
-   end do
-end function by_rows
 
 !> An array must have the shape its file promises
 subroutine check_shape(name, found, wanted, error)

@@ -1,60 +1,81 @@
 !> Fields of a converged state at the collocation points.
+!>
+!> They are a list: result files, the Python boundary and their readers go through it by name, so a
+!> new field is a name, its number of components and its value at one place, all of them here.
 module rk_fields
    use rk_discretisation, only : discretisation_type
+   use rk_point_field, only : point_field
    use rk_precision, only : wp
    use rk_states, only : field_state, point_state
    use rk_tensor, only : principal_values
    implicit none
    private
 
-   public :: fields_type, compute_fields
+   public :: compute_fields, field_names, field_sizes
 
-   !> Fields at all collocation points. Components run fastest.
-   type :: fields_type
-      !> Displacement, shape (3, nc) [length]
-      real(wp), allocatable :: u(:, :)
-      !> Deformation gradient F(i, A), shape (3, 3, nc) [-]
-      real(wp), allocatable :: f(:, :, :)
-      !> Volume ratio, shape (nc) [-]
-      real(wp), allocatable :: j(:)
-      !> Cauchy stress xx, yy, zz, xy, yz, xz, shape (6, nc) [stress]
-      real(wp), allocatable :: cauchy(:, :)
-      !> Principal Cauchy stresses, descending, shape (3, nc) [stress]
-      real(wp), allocatable :: principal(:, :)
-      !> Pressure, minus the mean Cauchy stress, shape (nc) [stress]
-      real(wp), allocatable :: pressure(:)
-   end type fields_type
+   !> Names of the fields of a body: displacement [length], deformation gradient row by row and
+   !> volume ratio [-], Cauchy stress xx, yy, zz, xy, yz, xz, principal Cauchy stresses, descending,
+   !> and pressure, minus the mean Cauchy stress [stress]
+   character(len=*), parameter :: field_names(6) = ['u               ', 'F               ', &
+      & 'J               ', 'cauchy          ', 'principal_stress', 'pressure        ']
+   !> Their components
+   integer, parameter :: field_sizes(size(field_names)) = [3, 9, 1, 6, 3, 1]
 
 contains
 
-!> Fields at all collocation points
+!> Fields at all collocation points; a problem of one unknown has no others
 subroutine compute_fields(problem, state, fields)
    !> Full problem
    class(discretisation_type), intent(in) :: problem
    !> State
    type(field_state), intent(in) :: state
    !> Fields
-   type(fields_type), intent(out) :: fields
+   type(point_field), allocatable, intent(out) :: fields(:)
    type(point_state) :: local
-   integer :: ip, nc
+   integer :: ip, k, nc
 
    nc = size(problem%scene%cloud%points, 2)
-   allocate (fields%u(3, nc), fields%f(3, 3, nc), fields%j(nc), fields%cauchy(6, nc), &
-      & fields%principal(3, nc), fields%pressure(nc))
-   !$omp parallel do default(none) schedule(static) private(ip, local) &
+   allocate (fields(merge(1, size(field_names), problem%fields == 1)))
+   do k = 1, size(fields)
+      fields(k)%name = trim(field_names(k))
+      allocate (fields(k)%value(merge(1, field_sizes(k), problem%fields == 1), nc))
+   end do
+   !$omp parallel do default(none) schedule(static) private(ip, k, local) &
    !$omp shared(problem, state, fields, nc)
    do ip = 1, nc
       call problem%at_point(state, ip, local)
-      associate (s => local%cauchy)
-         fields%u(:, ip) = local%u
-         fields%f(:, :, ip) = local%f
-         fields%j(ip) = local%j
-         fields%cauchy(:, ip) = [s(1, 1), s(2, 2), s(3, 3), s(1, 2), s(2, 3), s(1, 3)]
-         fields%principal(:, ip) = principal_values(s)
-         fields%pressure(ip) = -(s(1, 1) + s(2, 2) + s(3, 3))/3.0_wp
-      end associate
+      do k = 1, size(fields)
+         call evaluate(fields(k)%name, local, fields(k)%value(:, ip))
+      end do
    end do
    !$omp end parallel do
 end subroutine compute_fields
+
+!> Value of a field at one place
+pure subroutine evaluate(name, local, value)
+   !> Name of the field
+   character(len=*), intent(in) :: name
+   !> State of the material
+   type(point_state), intent(in) :: local
+   !> Its value, shape (components)
+   real(wp), intent(out) :: value(:)
+
+   associate (s => local%cauchy)
+      select case (name)
+      case ('u')
+         value = local%u(:size(value))
+      case ('F')
+         value = reshape(transpose(local%f), [9])
+      case ('J')
+         value = local%j
+      case ('cauchy')
+         value = [s(1, 1), s(2, 2), s(3, 3), s(1, 2), s(2, 3), s(1, 3)]
+      case ('principal_stress')
+         value = principal_values(s)
+      case ('pressure')
+         value = -(s(1, 1) + s(2, 2) + s(3, 3))/3.0_wp
+      end select
+   end associate
+end subroutine evaluate
 
 end module rk_fields

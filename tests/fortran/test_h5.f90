@@ -10,6 +10,7 @@ program test_h5
    use rk_error, only : err_file, err_input, error_type
    use rk_hdf5, only : h5_type
    use rk_model_file, only : read_model
+   use rk_point_field, only : point_field
    use rk_precision, only : wp
    use rk_results, only : results_type
    implicit none
@@ -89,22 +90,36 @@ subroutine add_sheared(res, points, load, activation, error)
    real(wp), intent(in) :: activation
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   real(wp) :: u(3, size(points, 2)), f(3, 3, size(points, 2)), cauchy(6, size(points, 2))
-   real(wp) :: j(size(points, 2)), principal(3, size(points, 2)), pressure(size(points, 2))
-   integer :: ip
+   type(point_field) :: fields(6)
+   real(wp) :: f(3, 3)
+   integer :: ip, np
 
-   do ip = 1, size(points, 2)
-      f(:, :, ip) = reshape([1.0_wp, 0.0_wp, 0.0_wp, load, 1.0_wp, 2.0_wp*load, 0.0_wp, 0.0_wp, &
-         1.0_wp], [3, 3])
-      u(:, ip) = matmul(f(:, :, ip), points(:, ip)) - points(:, ip)
-      cauchy(:, ip) = load*[1.0_wp, 2.0_wp, 3.0_wp, 4.0_wp, 5.0_wp, 6.0_wp] + ip - 1
-      principal(:, ip) = load*[3.0_wp, 2.0_wp, 1.0_wp] + ip - 1
-      pressure(ip) = -load - ip + 1
-      j(ip) = 1.0_wp + 0.01_wp*(ip - 1)
+   np = size(points, 2)
+   fields = [zeros('u', 3, np), zeros('F', 9, np), zeros('J', 1, np), zeros('cauchy', 6, np), &
+      zeros('principal_stress', 3, np), zeros('pressure', 1, np)]
+   f = reshape([1.0_wp, 0.0_wp, 0.0_wp, load, 1.0_wp, 2.0_wp*load, 0.0_wp, 0.0_wp, 1.0_wp], [3, 3])
+   do ip = 1, np
+      fields(1)%value(:, ip) = matmul(f, points(:, ip)) - points(:, ip)
+      fields(2)%value(:, ip) = reshape(transpose(f), [9])
+      fields(3)%value(:, ip) = 1.0_wp + 0.01_wp*(ip - 1)
+      fields(4)%value(:, ip) = load*[1.0_wp, 2.0_wp, 3.0_wp, 4.0_wp, 5.0_wp, 6.0_wp] + ip - 1
+      fields(5)%value(:, ip) = load*[3.0_wp, 2.0_wp, 1.0_wp] + ip - 1
+      fields(6)%value(:, ip) = -load - ip + 1
    end do
-   call res%add_step(load, activation, u, f, j, cauchy, principal, pressure, &
+   call res%add_step(load, activation, fields, &
       [load, 2.0_wp*load, 3.0_wp*load, 4.0_wp*load], error)
 end subroutine add_sheared
+
+!> A field without values
+type(point_field) function zeros(name, components, np)
+   !> Name
+   character(len=*), intent(in) :: name
+   !> Components and points
+   integer, intent(in) :: components, np
+
+   zeros%name = name
+   allocate (zeros%value(components, np), source=0.0_wp)
+end function zeros
 
 !> What a reader of the model sees, one value per line
 subroutine print_model(path, error)

@@ -133,6 +133,14 @@ def test_fields_of_a_homogeneous_state(open_scene):
     sigma = 2 * 37.3 * j ** (-5 / 3) * (b - np.trace(b) / 3 * np.eye(3)) + 100 * (j - 1) * np.eye(3)
     wanted = sigma[[0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]]
     assert_allclose(fields.cauchy, np.broadcast_to(wanted, fields.cauchy.shape), rtol=1e-9)
+    # all of them by the names in result files
+    principal = np.linalg.eigvalsh(sigma)[::-1]
+    for name, value in {
+        "u": fields.u[0], "F": f.ravel(), "J": [j], "cauchy": wanted,
+        "principal_stress": principal, "pressure": [-np.trace(sigma) / 3],
+    }.items():  # fmt: skip
+        assert_allclose(fields.named[name][0], value, rtol=1e-9, atol=1e-10)
+    assert len(fields.named) == 6
 
 
 def test_fields_in_the_plane(open_scene):

@@ -6,6 +6,7 @@ import contextlib
 import os
 import weakref
 from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -92,11 +93,15 @@ class Fields(NamedTuple):
         Deformation gradient `F[point, i, A]`, shape `(npoint, 3, 3)`.
     cauchy : F64Array
         Cauchy stress xx, yy, zz, xy, yz, xz, shape `(npoint, 6)` [stress].
+    named : dict
+        These and all others by the names they have in result files, shape
+        `(npoint, components)`; tensors row by row.
     """
 
     u: F64Array
     f: F64Array
     cauchy: F64Array
+    named: dict[str, F64Array]
 
 
 class Scene:
@@ -462,11 +467,14 @@ class Scene:
         """Fields of a state of the full model, coefficients of shape `(dofs,)`."""
         x = _shaped("x", x, (self.dofs,))
         with self._turn.short():
-            u, f, cauchy, stat, message = _core.scene_fields(
-                self._handle, self.collocation_points, x, load
+            values, stat, message = _core.scene_fields(
+                self._handle, self.collocation_points, sum(_field_sizes().values()), x, load
             )
         errors.check(stat, message)
-        return Fields(u.T, np.moveaxis(f, -1, 0), cauchy.T)
+        cuts = np.cumsum(list(_field_sizes().values()))[:-1]
+        named = dict(zip(_field_sizes(), np.split(values.T, cuts, axis=1), strict=True))
+        f = named["F"].reshape(-1, 3, 3)
+        return Fields(named["u"], f, named["cauchy"], named)
 
     def probes(self, x: F64Array, load: F64Array) -> F64Array:
         """Probe values of states of the full model, shape `(nstep, nprobe, 3)`."""
@@ -567,6 +575,13 @@ def _close(handle: int, turn: Turn) -> None:
     """Close a scene when nothing runs in it; Python calls this at its exit as well."""
     with turn.last(lambda: _core.scene_stop(handle)):
         _core.scene_close(handle)
+
+
+@cache
+def _field_sizes() -> dict[str, int]:
+    """Components of the fields of a body by name, in the core's order."""
+    lines = _core.scene_field_list().decode().split("\n")
+    return {name: int(size) for name, size in (line.split() for line in lines if line.strip())}
 
 
 def _shaped(name: str, array: F64Array, shape: tuple[int, ...]) -> F64Array:
