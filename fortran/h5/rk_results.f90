@@ -138,6 +138,7 @@ subroutine add_step(self, load, activation, fields, coefficients, error)
    real(wp), intent(in), contiguous :: coefficients(:)
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
+   real(wp), pointer, contiguous :: flat(:)
    integer :: k
 
    call start_step(self, load, coefficients, error)
@@ -148,7 +149,9 @@ subroutine add_step(self, load, activation, fields, coefficients, error)
             error)
          if (allocated(error)) return
          if (size(field%value, 1) == 1) then
-            call self%file%append(vtk//"/PointData/"//field%name, field%value(1, :), error)
+            ! one number a point has no axis of its own in the file
+            flat(1:self%npoint) => fields(k)%value
+            call self%file%append(vtk//"/PointData/"//field%name, flat, error)
          else
             call self%file%append(vtk//"/PointData/"//field%name, field%value, error)
          end if
