@@ -7,6 +7,9 @@ module rk_cli
 
    public :: config_type, read_arguments, usage
 
+   !> More threads than any machine that shares memory has; the system would refuse to start them
+   integer, parameter :: most_threads = 1024
+
    !> What the program was asked to do
    type :: config_type
       !> Deck
@@ -89,11 +92,18 @@ subroutine read_arguments(config, error)
                call fatal_error(error, err_input, '--set '//value(:40)//'...: too long')
                return
             end if
+            if (scan(value, new_line('a')//achar(13)) > 0) then
+               call fatal_error(error, err_input, '--set '//value//': an override is a ' &
+                  & //'single line')
+               return
+            end if
             config%overrides = [character(len=len(config%overrides)) :: config%overrides, value]
          else
             read (value, *, iostat=stat) config%threads
-            if (stat /= 0 .or. config%threads < 1 .or. verify(value, '0123456789') > 0) then
-               call fatal_error(error, err_input, '-t '//value//': a number of threads is needed')
+            if (stat /= 0 .or. config%threads < 1 .or. config%threads > most_threads &
+               & .or. verify(value, '0123456789') > 0) then
+               call fatal_error(error, err_input, '-t '//value//': a number of threads is ' &
+                  & //'needed, from 1 to 1024')
                return
             end if
          end if

@@ -115,6 +115,24 @@ __attribute__((constructor)) static void wait_passively(int argc, char **argv) {
    if (setenv("OMP_WAIT_POLICY", "passive", 1) == 0) execv("/proc/self/exe", argv);
 }
 
+/* OpenBLAS asks for its buffers when it is loaded, again and again where the system refuses them: it
+   would never end. A program sees its limit before its libraries start only in .preinit_array. */
+#ifdef __linux__
+enum { LEAST_MEGABYTES = 800 };
+
+static void refuse_little_memory(void) {
+   struct rlimit limit;
+   if (getrlimit(RLIMIT_AS, &limit) != 0 || limit.rlim_cur == RLIM_INFINITY) return;
+   if (limit.rlim_cur >= (rlim_t)LEAST_MEGABYTES * 1000000) return;
+   dprintf(STDERR_FILENO, "the limit of the memory (ulimit -v) is %.0f MB: at least %d MB are needed\n",
+           (double)limit.rlim_cur / 1e6, LEAST_MEGABYTES);
+   _exit(2);
+}
+
+__attribute__((section(".preinit_array"), used)) static void (*const before_libraries)(void) =
+   refuse_little_memory;
+#endif
+
 const char *rk_error_text(int number) { return strerror(number); }
 
 const char *rk_version_text(void) { return MYORK_VERSION; }

@@ -120,7 +120,7 @@ void Deck::complain(const Origin &origin, const std::string &address, const std:
    const int order = origin.set.empty() ? origin.line : std::numeric_limits<int>::max();
    const std::string column = origin.column > 0 ? ":" + std::to_string(origin.column) : "";
    complaints_.push_back(
-       {order, where(origin) + column + ": " + (address.empty() ? "" : address + ": ") + what});
+       {order, where(origin) + column + ": " + (address.empty() ? "" : shown(address) + ": ") + what});
 }
 
 std::string Deck::where(const Origin &origin) const {

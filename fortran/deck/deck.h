@@ -164,5 +164,7 @@ std::string similar_file(const std::string &path);
 bool is_blank(const std::string &text);
 std::string join(const std::vector<std::string> &words, const char *separator);
 std::string quoted(const std::string &word);
+// The word with control characters as escapes, cut off where it is very long
+std::string shown(const std::string &word);
 
 } // namespace rk

@@ -9,6 +9,9 @@
 
 namespace rk {
 
+// Of a title, a name or a path [byte]
+constexpr std::size_t longest_text = 4096;
+
 static bool is_array(Type type) {
    return type == Type::texts || type == Type::integers || type == Type::numbers;
 }
@@ -55,6 +58,12 @@ static std::string refusal(const KeySpec &key, const Value &value) {
       return std::string("must be ") + wanted(key) + ", not " + value.described();
    if (value.kind == Value::Kind::text && is_blank(value.text))
       return "must not be empty";
+   // texts go through C, where they would end there
+   if (value.kind == Value::Kind::text && value.text.find('\0') != std::string::npos)
+      return "must not contain the character \\u0000";
+   if (value.kind == Value::Kind::text && value.text.size() > longest_text)
+      return "must not be longer than " + std::to_string(longest_text) + " bytes, not " +
+             std::to_string(value.text.size());
    if (!key.choices.empty() && !(key.or_number && number)) {
       const std::string word = value.plain();
       if (std::find(key.choices.begin(), key.choices.end(), word) == key.choices.end()) {

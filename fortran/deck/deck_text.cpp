@@ -23,8 +23,24 @@ bool is_blank(const std::string &text) {
    return text.find_first_not_of(" \t\r\n\xef\xbb\xbf") == std::string::npos;
 }
 
+std::string shown(const std::string &word) {
+   constexpr std::size_t longest = 200;
+   std::size_t end = std::min(word.size(), longest);
+   // not within a character of UTF-8
+   while (end < word.size() && end > 0 && (static_cast<unsigned char>(word[end]) & 0xc0) == 0x80)
+      --end;
+   std::string clean;
+   for (std::size_t i = 0; i < end; ++i) {
+      std::array<char, 8> code{};
+      const auto letter = static_cast<unsigned char>(word[i]);
+      std::snprintf(code.data(), code.size(), letter < 32 || letter == 127 ? "\\u%04x" : "%c", letter);
+      clean += code.data();
+   }
+   return clean + (end < word.size() ? "..." : "");
+}
+
 std::string quoted(const std::string &word) {
-   return "'" + word + "'";
+   return "'" + shown(word) + "'";
 }
 
 // Number of inserted, removed, changed or swapped letters between two words, case ignored
@@ -49,11 +65,15 @@ static std::size_t distance(const std::string &a, const std::string &b) {
 
 std::string suggest(const std::string &word, const std::vector<std::string> &known,
                     const std::string &otherwise) {
+   // a word much longer than all known ones resembles none
+   constexpr std::size_t longest = 200;
    std::vector<std::string> best;
    std::size_t nearest = word.size() < 2 ? 0 : std::max<std::size_t>(1, word.size() / 3);
    for (const std::string &candidate : known) {
       const bool begins = word.size() > 2 && candidate.compare(0, word.size(), word) == 0;
-      const std::size_t steps = begins ? 1 : distance(word, candidate);
+      const std::size_t steps = begins                  ? 1
+                                : word.size() > longest ? word.size()
+                                                        : distance(word, candidate);
       if (steps > nearest)
          continue;
       if (steps < nearest)

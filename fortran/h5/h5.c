@@ -11,6 +11,7 @@
 #include <stdint.h>
 #include <stdio.h>
 #include <string.h>
+#include <sys/stat.h>
 
 enum { KIND_REAL8 = 1, KIND_INT4 = 2, KIND_INT8 = 3, KIND_UINT1 = 4 };
 enum { MAX_RANK = 4 };
@@ -80,6 +81,12 @@ static void reverse(int rank, const int64_t *dims, hsize_t *reversed)
 int rkh5_open(const char *path, int writing, int64_t *file, char *why, int nwhy)
 {
    struct reason reason;
+   struct stat info;
+   /* opening a pipe would wait for its other end */
+   if (!writing && stat(path, &info) == 0 && !S_ISREG(info.st_mode)) {
+      snprintf(why, (size_t)nwhy, "it is no regular file");
+      return -1;
+   }
    H5dont_atexit();   /* a full disk would make the clean-up at exit fail again */
    listen(&reason);
    hid_t access = H5Pcreate(H5P_FILE_ACCESS);

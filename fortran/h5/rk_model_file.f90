@@ -58,6 +58,9 @@ subroutine read_model(cloud, path, error)
    end if
    call file%close(ignored)
    if (.not. allocated(error)) call check_model(cloud, merge(1, 2, mark == format), path, error)
+   if (allocated(error)) return
+   cloud%boundary_point = cloud%boundary_point + 1
+   cloud%boundary_set = cloud%boundary_set + 1
 end subroutine read_model
 
 !> Read all datasets
@@ -100,8 +103,6 @@ subroutine read_parts(cloud, file, column, path, error)
    call file%read(name_of("set_names", column), text, error)
    if (allocated(error)) return
    call split_lines(text, cloud%set_names)
-   cloud%boundary_point = cloud%boundary_point + 1
-   cloud%boundary_set = cloud%boundary_set + 1
    if (column == 1) then
       call read_voxels(cloud%voxels, file, path, error)
    else
@@ -203,7 +204,7 @@ end function least_gap
 
 !> Shapes and indices must fit, numbers must be finite
 subroutine check_model(cloud, column, path, error)
-   !> Cloud that was read
+   !> Cloud that was read, indices from 0 still: one more may be no integer
    type(cloud_type), intent(in) :: cloud
    !> Of the names
    integer, intent(in) :: column
@@ -251,7 +252,7 @@ contains
       end if
    end subroutine check_columns
 
-   !> One finite number for each of n entries
+   !> One finite number, not below zero, for each of n entries
    subroutine check_length(name, values, n)
       !> Component of the cloud
       character(len=*), intent(in) :: name
@@ -266,23 +267,26 @@ contains
       else if (.not. all(abs(values) <= huge(values))) then
          call complain("'"//name_of(name, column)//"' has a number that is not finite, first "// &
             "in entry "//to_text(first_bad(.not. abs(values) <= huge(values))))
+      else if (any(values < 0.0_wp)) then
+         call complain("'"//name_of(name, column)//"' has a negative number, first in entry "// &
+            to_text(first_bad(values < 0.0_wp)))
       end if
    end subroutine check_length
 
-   !> Indices from 1 to n
+   !> Indices from 0 to n - 1
    subroutine check_range(name, indices, n)
       !> Component of the cloud
       character(len=*), intent(in) :: name
       !> Indices
       integer, intent(in) :: indices(:)
-      !> Greatest index
+      !> What they count
       integer, intent(in) :: n
       integer :: at
 
-      at = first_bad(indices < 1 .or. indices > n)
+      at = first_bad(indices < 0 .or. indices >= n)
       if (at < 0) return
       call complain("'"//name_of(name, column)//"' must hold indices from 0 to "// &
-         to_text(n - 1)//", but entry "//to_text(at)//" is "//to_text(indices(at + 1) - 1))
+         to_text(n - 1)//", but entry "//to_text(at)//" is "//to_text(indices(at + 1)))
    end subroutine check_range
 
    !> A voxel for each collocation point, in a grid that can be
@@ -337,7 +341,8 @@ pure subroutine split_lines(text, lines)
    n = 0
    first = 1
    do while (first <= len(text))
-      last = index(text(first:)//newline, newline) + first - 2
+      last = index(text(first:), newline) + first - 2
+      if (last < first - 1) last = len(text)
       if (last >= first) then
          n = n + 1
          lines(n) = text(first:last)

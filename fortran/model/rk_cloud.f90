@@ -133,6 +133,15 @@ subroutine check_cloud(self, error)
          return
       end if
    end do
+   if (allocated(self%volume)) then
+      i = findloc(self%volume >= 0.0_wp .and. self%volume <= huge(1.0_wp), .false., dim=1)
+      if (i > 0) then
+         call fatal_error(error, err_input, 'volume of collocation point '//to_text(i)//' at ' &
+            & //to_text(self%points(:, i))//' is '//to_text(self%volume(i)) &
+            & //': it must be finite and not negative')
+         return
+      end if
+   end if
    do i = 1, size(self%boundary_point)
       associate (point => self%boundary_point(i), set => self%boundary_set(i))
          if (point < 1 .or. point > size(self%points, 2) .or. set < 1 &
@@ -145,6 +154,12 @@ subroutine check_cloud(self, error)
       if (.not. abs(norm2(self%normal(:, i)) - 1.0_wp) < 1.0e-6_wp) then
          call fatal_error(error, err_input, 'normal of boundary entry '//to_text(i)//' at ' &
             & //to_text(self%points(:, self%boundary_point(i)))//' is not a unit vector')
+         return
+      end if
+      if (.not. (self%area(i) >= 0.0_wp .and. self%area(i) <= huge(1.0_wp))) then
+         call fatal_error(error, err_input, 'area of boundary entry '//to_text(i)//' at ' &
+            & //to_text(self%points(:, self%boundary_point(i)))//' is '//to_text(self%area(i)) &
+            & //': it must be finite and not negative')
          return
       end if
    end do

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import resource
 import shutil
 import signal
 import sys
@@ -27,6 +28,10 @@ exit status: 0 done; 1 ended without convergence, the last state is written; 2 b
 3 a missing or broken part of the installation"""
 
 
+#: OpenBLAS does not end where its buffers are refused; `myork-solve` has the same limit
+_LEAST_BYTES = 800_000_000
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command.
 
@@ -41,6 +46,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         Exit status.
     """
     options = _parser().parse_args(arguments)
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if limit != resource.RLIM_INFINITY and limit < _LEAST_BYTES:
+        return _complain(
+            f"the limit of the memory (ulimit -v) is {limit / 1e6:.0f} MB: at least "
+            f"{_LEAST_BYTES / 1e6:.0f} MB are needed",
+            2,
+        )
     # SIGTERM (time limits, schedulers) ends a run as cleanly as Ctrl-C does.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     if options.threads is not None:
@@ -165,9 +177,15 @@ def _positive(text: str) -> int:
         number = int(text)
     except ValueError:
         number = 0
-    if number < 1:
-        raise argparse.ArgumentTypeError(f"a number of at least 1 is needed, not {text!r}")
+    if not 1 <= number <= 1024:
+        raise argparse.ArgumentTypeError(f"at least 1 and at most 1024 are possible, not {text!r}")
     return number
+
+
+def _folder(text: str) -> Path:
+    if not text.strip():
+        raise argparse.ArgumentTypeError("the name of a folder is needed; . is the current one")
+    return Path(text)
 
 
 def _override(text: str) -> str:
@@ -225,7 +243,7 @@ def _parser() -> argparse.ArgumentParser:
             epilog=f"examples:\n{examples}\n\n{_EXIT_STATUS}",
             formatter_class=raw,
         )
-        command.add_argument("--out", type=Path, metavar="DIR", help=out)
+        command.add_argument("--out", type=_folder, metavar="DIR", help=out)
         command.set_defaults(run=run)
         return command
 
@@ -298,7 +316,8 @@ def _parser() -> argparse.ArgumentParser:
         "names",
         nargs="+",
         metavar="NAME",
-        help="linear, nonlinear, stability, curves, methods, mixed, mms, clouds, aging or gallery",
+        help="linear, nonlinear, stability, curves, methods, mixed, mms, clouds, gallery, aging or "
+        "faults",
     )
     bench.add_argument("--quick", action="store_true", help="small cases only")
     report = add(

@@ -5,6 +5,7 @@ Datasets have the names of the record's arrays.
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import Any
 
@@ -53,12 +54,16 @@ def write_model(path: Path, cloud: PointCloud) -> None:
         arrays["voxels/index"] = np.asarray(cloud.voxels.index, np.int32)
         arrays["voxels/size"] = cloud.voxels.size
         arrays["voxels/origin"] = cloud.voxels.origin
-    with whole_file(path) as unfinished, h5py.File(unfinished, "w") as file:
+    # HDF5 does not survive a full disk: it makes the file in memory
+    content = io.BytesIO()
+    with h5py.File(content, "w") as file:
         file.attrs["format"] = np.bytes_(FORMAT)
         file.attrs["length_unit"] = np.bytes_(cloud.length_unit)
         file.attrs["source_images"] = np.bytes_(cloud.source_images.encode())
         for name, array in arrays.items():
             file[name] = array
+    with whole_file(path) as unfinished:
+        unfinished.write_bytes(content.getvalue())
 
 
 def read_model(path: Path) -> PointCloud:
@@ -74,8 +79,11 @@ def read_model(path: Path) -> PointCloud:
                 )
             names = {name: name for name in _NAMES_2} if stamp == FORMAT else _NAMES_2
             labels = _text(file[names["label_names"]]).splitlines()
-            arrays = {name: file[names[name]][:] for name in ("spacing", *_REALS, *_INTEGERS)}
-            return PointCloud(
+            reals = ("spacing", *_REALS)
+            arrays = {name: _numbers(file, names[name]) for name in reals}
+            arrays |= {name: _indices(file, names[name]) for name in _INTEGERS}
+            _check(path, arrays)
+            cloud = PointCloud(
                 **arrays,
                 set_names=tuple(_text(file[names["set_names"]]).splitlines()),
                 label_names={int(line.split(" ", 1)[0]): line.split(" ", 1)[1] for line in labels},
@@ -83,8 +91,58 @@ def read_model(path: Path) -> PointCloud:
                 source_images=_text(file.attrs["source_images"]),
                 voxels=_voxels(file) if stamp == FORMAT else _recovered(file, arrays),
             )
-    except (OSError, KeyError) as reason:
-        raise FileError(f"{path}: is no readable model: {reason}") from None
+    except (OSError, KeyError, ValueError, TypeError, IndexError, RuntimeError) as reason:
+        # what h5py raises on damaged files is any of these
+        raise FileError(
+            f"{path}: is no readable model: {reason}; run `myork build` again"
+        ) from None
+    for name, index, count in (
+        ("boundary_point", cloud.boundary_point, len(cloud.points)),
+        ("boundary_set", cloud.boundary_set, len(cloud.set_names)),
+    ):
+        if not ((index >= 0) & (index < count)).all():
+            raise InputError(
+                f"{path}: '{name}' must hold indices from 0 to {count - 1}; run `myork build` again"
+            )
+    return cloud
+
+
+def _check(path: Path, arrays: dict[str, NDArray[Any]]) -> None:
+    """Refuse arrays that do not fit together, as the Fortran core does."""
+    counts = {"source": len(arrays["source"]), "spacing": len(arrays["source"])}
+    entries = len(arrays["boundary_point"])
+    counts |= dict.fromkeys(("boundary_point", "boundary_set", "normal", "area"), entries)
+    what = "" if len(arrays["label"]) and len(arrays["source"]) else "it has no points"
+    for name, values in arrays.items():
+        length = counts.get(name, len(arrays["label"]))
+        flat = name in ("label", "volume", "boundary_point", "boundary_set", "area")
+        wanted = (length,) if flat else (length, 3)
+        if what:
+            break
+        if values.shape != wanted:
+            what = f"'{name}' has shape {values.shape}, but {wanted} is needed"
+        elif not np.isfinite(values).all():
+            what = f"'{name}' has a number that is not finite"
+        elif name in ("volume", "area") and (values < 0).any():
+            what = f"'{name}' has a negative number"
+    if what:
+        raise InputError(f"{path}: {what}; run `myork build` again")
+
+
+def _numbers(file: h5py.Group, name: str, kinds: str = "iuf") -> NDArray[Any]:
+    """Dataset of numbers; TypeError where it holds others, ValueError where it claims too much."""
+    found = file[name]
+    if not isinstance(found, h5py.Dataset) or found.dtype.kind not in kinds or not found.ndim:
+        raise TypeError(f"'{name}' holds no {'numbers' if 'f' in kinds else 'whole numbers'}")
+    # Deflate shrinks by a factor of 1032 at the most; a damaged header may claim any shape
+    if found.nbytes > 1100 * found.id.get_storage_size():
+        raise ValueError(f"the shape of '{name}' claims far more numbers than the file holds")
+    return np.asarray(found[()], dtype=float)
+
+
+def _indices(file: h5py.Group, name: str) -> NDArray[Any]:
+    """Dataset of whole numbers; those beyond 32 bits become the last ones, which nothing has."""
+    return _numbers(file, name, "iu").clip(-(2**31), 2**31 - 1).astype(np.int32)
 
 
 def _voxels(file: h5py.File) -> Voxels | None:
@@ -118,5 +176,11 @@ def _bytes(text: str) -> np.ndarray:
     return np.frombuffer(text.encode(), dtype=np.uint8)
 
 
-def _text(value: bytes | h5py.Dataset) -> str:
-    return (value if isinstance(value, bytes) else bytes(value[:])).decode()
+def _text(value: bytes | str | h5py.Dataset) -> str:
+    if isinstance(value, str):
+        return value
+    if isinstance(value, bytes):
+        return value.decode()
+    if not isinstance(value, h5py.Dataset) or value.dtype != np.uint8:
+        raise TypeError("a text is of another type")
+    return _numbers(value.parent, value.name).astype(np.uint8).tobytes().decode()

@@ -153,7 +153,7 @@ def check_deck(stat: int, message: str | bytes, text: str) -> None:
 def _values(path: str | Path, text: str, overrides: Sequence[str], command: str) -> dict[str, Any]:
     """Values of a deck, from its text where there is one."""
     for item in overrides:
-        if "\n" in item:
+        if any(letter in item for letter in "\n\r\0"):
             raise errors.InputError(f"--set {item!r}: an override is a single line")
     deck: dict[str, Any] = json.loads(_deck_json(path, text, overrides, command))
     for material in deck.get("material", []):

@@ -6,13 +6,20 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from myork import _core
+from myork.errors import InputError
 
-__all__ = ["core_threads", "thread_count"]
+__all__ = ["MOST_THREADS", "core_threads", "thread_count"]
+
+#: More than any machine that shares memory has: the system would refuse to start them, and the
+#: process would end
+MOST_THREADS = 1024
 
 
 @contextmanager
 def core_threads(number: int | None) -> Iterator[None]:
     """Let the core use so many threads inside a block, None for as many as before."""
+    if number is not None and not 0 <= number <= MOST_THREADS:
+        raise InputError(f"a number of threads from 1 to {MOST_THREADS} is needed, not {number}")
     before = _core.set_threads(number or 0)
     try:
         yield
