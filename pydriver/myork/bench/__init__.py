@@ -38,6 +38,7 @@ BENCHES = (
     "clouds",
     "gallery",
     "aging",
+    "faults",
 )
 
 
