@@ -61,10 +61,10 @@ def explain(folder: Path, *words: str, **more) -> subprocess.CompletedProcess[st
 @pytest.mark.parametrize(
     ("name", "value", "message"),
     [
-        ("collocation/volume", -1.0, "'collocation/volume' has a negative number"),
-        ("boundary/area", -1.0, "'boundary/area' has a negative number"),
-        ("boundary/point", 2**31 - 1, "'boundary/point' must hold indices from 0 to 342"),
-        ("boundary/set", 3, "'boundary/set' must hold indices from 0 to 2"),
+        ("volume", -1.0, "'volume' has a negative number"),
+        ("area", -1.0, "'area' has a negative number"),
+        ("boundary_point", 2**31 - 1, "'boundary_point' must hold indices from 0 to 342"),
+        ("boundary_set", 3, "'boundary_set' must hold indices from 0 to 2"),
     ],
 )
 def test_impossible_numbers_of_a_model(
@@ -86,8 +86,8 @@ def test_many_names_take_little_memory(tmp_path: Path) -> None:
     write_model(tmp_path / "model.h5", block_cloud())
     names = "left\nright\n" + "\n".join(f"set {i}" for i in range(20_000))
     with h5py.File(tmp_path / "model.h5", "r+") as file:
-        del file["boundary/names"]
-        file["boundary/names"] = np.frombuffer(names.encode(), np.uint8)
+        del file["set_names"]
+        file["set_names"] = np.frombuffer(names.encode(), np.uint8)
     most = 1_500_000_000
     done = explain(
         tmp_path, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (most, most))

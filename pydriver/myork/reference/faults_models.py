@@ -26,10 +26,8 @@ MODEL_DECK: dict[str, Any] = {
     "load": {"steps": 1},
 }
 
-_DATASETS = ("source/points", "source/spacing", "collocation/points", "collocation/centre",
-             "collocation/label", "collocation/fiber", "collocation/volume", "boundary/point",
-             "boundary/set", "boundary/normal", "boundary/area", "boundary/names",
-             "labels/names")  # fmt: skip
+_DATASETS = ("source", "spacing", "points", "label", "fiber", "volume", "boundary_point",
+             "boundary_set", "normal", "area", "set_names", "label_names")  # fmt: skip
 _VALUES = (np.nan, np.inf, -np.inf, -1.0, 0.0, 1e300, -1e300, 1e-300, 2.0**31 - 1, 2.0**40)
 _WHOLE = (-1, -(2**31), 2**31 - 1, 2**31 - 2, 64, 1000)
 
@@ -50,7 +48,6 @@ def block_cloud(n: int = 4) -> PointCloud:
         source=source,
         spacing=np.full((len(source), 3), 1 / (n - 1)),
         points=points,
-        centre=points,
         label=np.ones(len(points), np.int32),
         fiber=np.zeros((len(points), 3)),
         volume=np.full(len(points), 1 / len(points)),
@@ -159,7 +156,7 @@ def _change_attribute(random: np.random.Generator, file: h5py.File) -> str:
         "missing": None,
         "number": 3.0,
         "empty": np.bytes_(b""),
-        "several": np.array([b"myork-model 2"] * 1000),
+        "several": np.array([b"myork-model 3"] * 1000),
         "texts of any length": np.array(["x" * 5000] * 3, dtype=h5py.string_dtype()),
         "long": np.bytes_(b"m" * 60_000),
         "other": "Länge",
