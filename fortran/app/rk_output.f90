@@ -2,11 +2,11 @@
 module rk_output
    use rk_clock, only : tick
    use rk_discretisation, only : discretisation_type
-   use rk_error, only : error_type
+   use rk_error, only : error_type, fatal_error, err_convergence
    use rk_fields, only : compute_fields
    use rk_point_field, only : point_field
    use rk_precision, only : i8, wp
-   use rk_probes, only : new_probes, probe_value, probes_type
+   use rk_probes, only : new_probes, probe_value, probes_type, quantity_size
    use rk_recorder, only : iteration_type, recorder_type, step_type
    use rk_results, only : results_type
    use rk_states, only : field_state
@@ -213,7 +213,13 @@ subroutine step(self, st, x)
    grown(n + 1)%step = st
    allocate (grown(n + 1)%probe(3, size(self%problem%scene%probe)))
    do i = 1, size(self%problem%scene%probe)
-      call probe_value(self%problem, self%probes, i, state, grown(n + 1)%probe(:, i))
+      associate (value => grown(n + 1)%probe(:, i), probe => self%problem%scene%probe(i))
+         call probe_value(self%problem, self%probes, i, state, value)
+         if (all(abs(value(:quantity_size(probe%quantity))) <= huge(1.0_wp))) cycle
+         call fatal_error(error, err_convergence, 'probe '//probe%name//' is not finite at load ' &
+            & //to_text(st%load))
+         call keep(self, error)
+      end associate
    end do
    call move_alloc(grown, self%record)
    call compute_fields(self%problem, state, fields)

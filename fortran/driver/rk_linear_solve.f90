@@ -3,7 +3,7 @@ module rk_linear_solve
    use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
    use, intrinsic :: iso_fortran_env, only : int64
    use rk_clock, only : tick, timer_type
-   use rk_error, only : error_type
+   use rk_error, only : error_type, fatal_error, err_linalg
    use rk_lstsq, only : lstsq_report, row_operator, solve_lstsq
    use rk_precision, only : wp
    use rk_problem, only : problem_type, evaluation_type
@@ -51,6 +51,12 @@ subroutine solve_linear(problem, method, x, recorder, timer, error)
    call solve_lstsq(op, r, method, x, report, error)
    timer%solve = tick(clock)
    if (allocated(error)) return
+   ! comparisons that a NaN fails
+   if (.not. all(abs(x) <= huge(1.0_wp))) then
+      call fatal_error(error, err_linalg, 'the solution holds numbers that are not finite: loads ' &
+         & //'or stiffnesses leave the range of numbers; compare them and their unit')
+      return
+   end if
    call problem%evaluate(x, 1.0_wp, r, state)
    call op%apply_transposed(r, g)
    it%step = 1

@@ -1,5 +1,6 @@
-!> Parts of a body that nothing holds: supports do not reach across, so each part needs prescribed
-!> displacements of its own.
+!> Bodies and parts of them that prescribed displacements leave free to move as a whole. Supports do
+!> not reach across gaps, so each part needs displacements of its own; and in statics a motion that
+!> nothing hinders has no answer, whatever the loads.
 module rk_islands
    use rk_error, only : error_type, fatal_error, err_input
    use rk_precision, only : i8, wp
@@ -10,46 +11,61 @@ module rk_islands
 
    public :: check_islands
 
+   !> A motion whose prescribed components move less than this share of the body's size is free [-]
+   real(wp), parameter :: free = 1.0e-5_wp
+   !> Names of the axes
+   character(len=1), parameter :: axis(3) = ['x', 'y', 'z']
+
 contains
 
-!> Refuse a body with a part where no displacement is prescribed
-subroutine check_islands(shape, place, held, error)
+!> Refuse a body with a part that can move as a whole
+subroutine check_islands(shape, place, point, essential, error)
    !> Shape functions; places beyond those given are ignored
    type(shape_type), intent(in) :: shape
    !> Collocation points, shape (nd, nc) [length]
    real(wp), intent(in) :: place(:, :)
-   !> Whether a displacement is prescribed at a point, shape (nc)
-   logical, intent(in) :: held(:)
-   !> Error handling: names the part
+   !> Collocation point of each boundary point, shape (nb)
+   integer, intent(in) :: point(:)
+   !> Whether a component of the displacement is prescribed there, shape (nd, nb)
+   logical, intent(in) :: essential(:, :)
+   !> Error handling: names the part and its motions
    type(error_type), allocatable, intent(out) :: error
-   integer, allocatable :: part(:)
-   logical, allocatable :: fixed(:)
-   integer :: ip, first, count
+   character(len=:), allocatable :: motions, where_
+   integer, allocatable :: part(:), of_place(:), of_boundary(:), mine(:)
+   integer :: i, ip, first, members
    integer(i8) :: k
 
    allocate (part(shape%ns), source=[(ip, ip=1, shape%ns)])
-   allocate (fixed(shape%ns), source=.false.)
    ! source points that cover one collocation point belong together
-   do ip = 1, size(held)
+   do ip = 1, size(place, 2)
       first = part_of(part, node(ip, 1_i8))
       do k = 2, shape%count(ip)
          part(part_of(part, node(ip, k))) = first
       end do
    end do
-   do ip = 1, size(held)
-      if (held(ip)) fixed(part_of(part, node(ip, 1_i8))) = .true.
-   end do
-   do ip = 1, size(held)
-      first = part_of(part, node(ip, 1_i8))
-      if (fixed(first)) cycle
-      count = 0
-      do k = 1, size(held)
-         if (part_of(part, node(int(k), 1_i8)) == first) count = count + 1
-      end do
-      call fatal_error(error, err_input, 'no displacement is prescribed on ' &
-         & //trim(merge('the body:  ', 'an island: ', count == size(held)))//' '//to_text(count) &
-         & //' collocation points around '//to_text(place(:, ip))//' can move freely; hold them ' &
-         & //'by a boundary set or leave them out of the model')
+   of_place = [(part_of(part, node(ip, 1_i8)), ip=1, size(place, 2))]
+   of_boundary = of_place(point)
+   do ip = 1, size(place, 2)
+      first = of_place(ip)
+      ! each part once, at its first point
+      if (findloc(of_place, first, dim=1) /= ip) cycle
+      mine = pack([(i, i=1, size(point))], of_boundary == first)
+      motions = free_motions(place(:, point(mine)), essential(:, mine))
+      if (len(motions) == 0) cycle
+      members = count(of_place == first)
+      if (any(essential(:, mine))) then
+         where_ = 'the body'
+         if (members < size(place, 2)) where_ = 'the '//to_text(members)//' collocation points ' &
+            & //'around '//to_text(place(:, ip))//', which nothing joins to the others,'
+         call fatal_error(error, err_input, 'the prescribed displacements leave '//where_ &
+            & //' free to '//motions//'; prescribe components that hold it, as those of a ' &
+            & //'symmetry plane')
+      else
+         call fatal_error(error, err_input, 'no displacement is prescribed on ' &
+            & //trim(merge('the body:  ', 'an island: ', members == size(place, 2)))//' ' &
+            & //to_text(members)//' collocation points around '//to_text(place(:, ip)) &
+            & //' can move freely; hold them by a boundary set or leave them out of the model')
+      end if
       return
    end do
 
@@ -64,6 +80,89 @@ contains
    end function node
 
 end subroutine check_islands
+
+!> Rigid motions that prescribed components do not hinder, in words; empty where there are none. The
+!> quadratic form of the motions of these components is eliminated motion by motion: where nothing
+!> is left of a pivot, that motion is free, together with what it takes of those before it.
+function free_motions(place, essential) result(text)
+   !> Boundary points, shape (nd, n) [length]
+   real(wp), intent(in) :: place(:, :)
+   !> Whether a component is prescribed, shape (nd, n)
+   logical, intent(in) :: essential(:, :)
+   character(len=:), allocatable :: text
+   real(wp) :: form(6, 6), row(6), motion(6), x(3), centre(3), size_
+   logical :: held(6)
+   integer :: nd, i, j, k, n, p
+
+   nd = size(place, 1)
+   n = merge(3, 6, nd == 2)
+   centre = 0.0_wp
+   size_ = 1.0_wp
+   if (size(place, 2) > 0) then
+      centre(:nd) = sum(place, dim=2)/size(place, 2)
+      size_ = max(maxval(maxval(place, dim=2) - minval(place, dim=2)), tiny(1.0_wp))
+   end if
+   form = 0.0_wp
+   do p = 1, size(place, 2)
+      x = 0.0_wp
+      x(:nd) = (place(:, p) - centre(:nd))/size_
+      do i = 1, nd
+         if (.not. essential(i, p)) cycle
+         row = 0.0_wp
+         row(i) = 1.0_wp
+         if (nd == 2) then
+            row(3) = merge(-x(2), x(1), i == 1)
+         else
+            ! component i of a turn about axis k: e_k x x
+            row(4 + modulo(i, 3)) = x(1 + modulo(i + 1, 3))
+            row(4 + modulo(i + 1, 3)) = -x(1 + modulo(i, 3))
+         end if
+         do j = 1, n
+            form(:, j) = form(:, j) + row*row(j)
+         end do
+      end do
+   end do
+   form = form/max(size(place, 2), 1)
+   text = ''
+   held = .false.
+   do j = 1, n
+      if (form(j, j) > free**2) then
+         held(j) = .true.
+         do k = j + 1, n
+            form(j + 1:n, k) = form(j + 1:n, k) - form(j + 1:n, j)*form(j, k)/form(j, j)
+         end do
+         cycle
+      end if
+      motion = 0.0_wp
+      motion(j) = 1.0_wp
+      do k = j - 1, 1, -1
+         if (held(k)) motion(k) = -dot_product(form(k, k + 1:j), motion(k + 1:j))/form(k, k)
+      end do
+      if (len(text) > 0) text = text//', to '
+      if (j <= nd) then
+         text = text//'slide along '//direction(motion(:nd))
+      else if (nd == 2) then
+         text = text//'turn in its plane'
+      else
+         text = text//'turn about an axis along '//direction(motion(4:))
+      end if
+   end do
+end function free_motions
+
+!> A direction in words
+function direction(v) result(text)
+   !> Vector, its last entry of length one
+   real(wp), intent(in) :: v(:)
+   character(len=:), allocatable :: text
+   integer :: i, k
+
+   i = maxloc(abs(v), dim=1)
+   if (all(abs(pack(v, [(k, k=1, size(v))] /= i)) < 1.0e-3_wp)) then
+      text = axis(i)
+   else
+      text = to_text(v)
+   end if
+end function direction
 
 !> Representative of a source point's part; paths are halved on the way
 integer function part_of(part, is)

@@ -27,7 +27,6 @@ subroutine new_problem(problem, scene, error)
    type(mixed_problem), allocatable :: mixed
    type(galerkin_problem), allocatable :: galerkin
    type(linear_problem), allocatable :: linear
-   logical, allocatable :: held(:)
 
    if (allocated(scene%equation%kind)) then
       allocate (linear)
@@ -52,9 +51,8 @@ subroutine new_problem(problem, scene, error)
       call fatal_error(error, err_input, "unknown method '"//scene%method//"'")
    end select
    if (allocated(error)) return
-   allocate (held(size(scene%cloud%points, 2)), source=.false.)
-   held(problem%boundary%point) = any(problem%boundary%essential, dim=1)
-   call check_islands(problem%shape, scene%cloud%points, held, error)
+   call check_islands(problem%shape, scene%cloud%points, problem%boundary%point, &
+      & problem%boundary%essential, error)
 end subroutine new_problem
 
 end module rk_new_problem

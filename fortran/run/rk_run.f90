@@ -4,7 +4,7 @@ module rk_run
    use rk_clock, only : tick, timer_type
    use rk_discretisation, only : discretisation_type
    use rk_ellipticity, only : ellipticity_type, find_ellipticity
-   use rk_error, only : error_type
+   use rk_error, only : error_type, fatal_error, err_convergence
    use rk_error_norms, only : error_norms, norms_type
    use rk_force, only : force_imbalance
    use rk_linear_solve, only : solve_linear
@@ -13,7 +13,7 @@ module rk_run
    use rk_problem, only : problem_type
    use rk_recorder, only : iteration_type, recorder_type, step_type
    use rk_scene, only : scene_type
-   use rk_states, only : field_state
+   use rk_states, only : field_state, point_state
    use rk_static, only : solve_static
    use rk_text, only : to_text
    implicit none
@@ -28,6 +28,8 @@ module rk_run
    real(wp), parameter :: max_work_mismatch = 0.02_wp
    !> Bulk over shear modulus from which on the displacement form is known to be off by per cents
    real(wp), parameter :: doubtful_ratio = 10.0_wp
+   !> Displacements below this share of the body are roundings, stresses below that of a modulus [-]
+   real(wp), parameter :: rounding = 1.0e-13_wp, drowned = 1.0e4_wp*epsilon(1.0_wp)
 
    !> What a run found out beside its states
    type :: outcome_type
@@ -96,6 +98,7 @@ subroutine solve_scene(problem, linear, recorder, outcome, error)
    call solve_problem(problem, problem%scene, linear, watcher, outcome%timer, error)
    call system_clock(clock)
    if (.not. problem%is_linear()) then
+      if (.not. allocated(error)) call check_response(problem, watcher%last, error)
       call check_balance(problem, watcher%last, outcome, recorder)
       outcome%seconds = outcome%seconds + tick(clock)
    else if (.not. allocated(error)) then
@@ -165,6 +168,45 @@ subroutine check_locking(scene, outcome, recorder)
       & //to_text(scene%stiffest_ratio(), 2)//' shear moduli: the displacement form may lock, ' &
       & //'compare with method "rkcm-mixed"', recorder)
 end subroutine check_locking
+
+!> Refuse a state in which neither displacements nor stresses are more than roundings: a load that
+!> the stiffness of some material drowns. The iteration ends there at once, for nothing moves.
+subroutine check_response(problem, state, error)
+   !> Problem
+   class(discretisation_type), intent(in) :: problem
+   !> Last state
+   type(field_state), intent(in) :: state
+   !> Error handling: no answer to the load
+   type(error_type), allocatable, intent(out) :: error
+   type(point_state) :: local
+   real(wp) :: stress, modulus
+   integer :: ip, k
+
+   associate (scene => problem%scene)
+      if (.not. (scene%activation_at(state%load) > 0.0_wp .or. any([(any(abs(scene%condition(k) &
+         & %traction) > 0.0_wp) .or. any(abs(scene%condition(k)%value) > 0.0_wp), &
+         & k=1, size(scene%condition))]))) return
+      associate (size_of => problem%scaled_norms(state%x))
+         if (size_of(1) > rounding) return
+      end associate
+      modulus = 0.0_wp
+      do k = 1, size(scene%tissue)
+         modulus = max(modulus, scene%tissue(k)%material%shear)
+         if (.not. scene%tissue(k)%material%incompressible()) &
+            & modulus = max(modulus, scene%tissue(k)%material%bulk)
+      end do
+      stress = 0.0_wp
+      do ip = 1, size(scene%cloud%points, 2)
+         call problem%at_point(state, ip, local)
+         stress = max(stress, maxval(abs(local%p)))
+      end do
+   end associate
+   if (.not. stress > 0.0_wp .or. stress > drowned*modulus) return
+   call fatal_error(error, err_convergence, 'the load moves the body by less than the rounding ' &
+      & //'of its size, and its stresses, up to '//to_text(stress, 2)//', are roundings of a ' &
+      & //'stiffness of '//to_text(modulus, 2)//': nothing can be said of the answer; compare ' &
+      & //'the constants of the materials and their unit with the load')
+end subroutine check_response
 
 !> Warn of forces that do not balance
 subroutine check_balance(problem, state, outcome, recorder)

@@ -110,6 +110,19 @@ def test_both_programs_find_the_same_numbers(inputs: Path, tmp_path: Path) -> No
         assert mine["probes"] == pytest.approx(theirs["probes"], rel=1e-10)
 
 
+@pytest.mark.parametrize("program", OUT)
+def test_numbers_that_are_not_finite_are_no_answer(
+    program: str, inputs: Path, tmp_path: Path
+) -> None:
+    """Squares of 1e300 leave the range of numbers: exit 1 and the reason, in the summary too."""
+    deck, out = inputs / "cantilever.toml", tmp_path / "out"
+    done = run(program, deck, OUT[program], out, "--set", "linear.force=1e300")
+    assert done.returncode == 1, done.stdout + done.stderr
+    assert "not finite" in done.stderr
+    assert summary_of(out)["converged"] is False
+    assert any("not finite" in line for line in summary_of(out)["warnings"])
+
+
 @pytest.mark.parametrize("case", BAD_DECKS)
 @pytest.mark.parametrize("program", OUT)
 def test_bad_decks_are_refused(program: str, case: str, tmp_path: Path) -> None:

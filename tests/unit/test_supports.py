@@ -1,0 +1,137 @@
+"""What holds a body, and runs whose numbers say nothing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from myork import Scene
+from myork.errors import ConvergenceError, InputError
+from myork.records import PointCloud
+
+METHODS = ("rkcm", "rkcm-mixed", "rkpm-gauss", "rkpm-scni")
+BLOCK: dict[str, Any] = {
+    "geometry": {"kind": "box", "size": [1, 1, 2], "source": [3, 3, 4], "collocation": [4, 4, 7]},
+    "material": [{"name": "rubber", "model": "polynomial", "A10": 10.0, "K": 500.0}],
+}
+
+
+def tables(dimension: int, method: str, **sets: str) -> dict[str, Any]:
+    """A block, or its plane, with the given components of these sets at rest."""
+    geometry = {
+        key: value if isinstance(value, str) else value[:dimension]
+        for key, value in BLOCK["geometry"].items()
+    }
+    held = [{"set": name, **{f"u_{axis}": 0 for axis in axes}} for name, axes in sets.items()]
+    return {
+        **BLOCK,
+        "scene": {"dimension": dimension, "method": method},
+        "approximation": {"order": 1 if method.startswith("rkpm") else 2, "support": 2.5},
+        "geometry": geometry,
+        "boundary": held,
+    }
+
+
+#: Motions that prescribed components do not hinder, counted by hand; in the last line of space the
+#: axis of the turn lies in both planes
+FREE = [
+    (3, {"x1": "x"}, "slide along y, to slide along z, to turn about an axis along x"),
+    (3, {"x0": "x", "y0": "y"}, "slide along z"),
+    (3, {"z0": "z", "z1": "z"}, "slide along x, to slide along y, to turn about an axis along z"),
+    (
+        3,
+        {"x0": "yz"},
+        "slide along x, to turn about an axis along y, to turn about an axis along z",
+    ),
+    (3, {"z0": "xy", "x0": "z"}, "turn about an axis along y"),
+    (2, {"x0": "x"}, "slide along y"),
+    (2, {"x0": "y"}, "slide along x, to turn in its plane"),
+]
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(("dimension", "sets", "motions"), FREE)
+def test_motions_that_nothing_hinders(
+    dimension: int, sets: dict[str, str], motions: str, method: str
+) -> None:
+    with pytest.raises(InputError) as caught:
+        Scene.from_tables(tables(dimension, method, **sets))
+    assert f"leave the body free to {motions};" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("dimension", "sets"),
+    [
+        (3, {"z0": "xyz"}),
+        (3, {"x0": "x", "y0": "y", "z0": "z"}),
+        (3, {"x0": "yz", "x1": "x"}),
+        (2, {"x0": "x", "y0": "y"}),
+    ],
+)
+def test_bodies_that_are_held(dimension: int, sets: dict[str, str]) -> None:
+    """Clamped, by planes of symmetry, by sides of which each holds what the other leaves."""
+    for method in METHODS:
+        Scene.from_tables(tables(dimension, method, **sets)).close()
+
+
+def pinned(points: np.ndarray) -> PointCloud:
+    """A cube of which these points are the only set."""
+    axes = np.linspace(0, 1, 4)
+    cube = np.stack(np.meshgrid(axes, axes, axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    place = np.array([np.linalg.norm(cube - point, axis=1).argmin() for point in points])
+    return PointCloud(
+        source=cube,
+        spacing=np.full(3, 1 / 3),
+        points=cube,
+        label=np.ones(64, np.int32),
+        fiber=np.zeros((64, 3)),
+        volume=np.full(64, 1 / 64),
+        boundary_point=place.astype(np.int32),
+        boundary_set=np.zeros(len(place), np.int32),
+        normal=np.tile([0.0, 0, -1], (len(place), 1)),
+        area=np.full(len(place), 1 / 16),
+        set_names=("pins",),
+        label_names={1: "rubber"},
+        length_unit="cm",
+        source_images="",
+    )
+
+
+def test_a_hinge_is_no_support_and_three_pins_are() -> None:
+    """Points held on a diagonal leave the turn about it; one beside it ends that."""
+    deck = {
+        "scene": {"dimension": 3, "method": "rkcm"},
+        "material": BLOCK["material"],
+        "boundary": [{"set": "pins", "u_x": 0, "u_y": 0, "u_z": 0}],
+        "approximation": {"order": 2, "support": 3},
+    }
+    diagonal = np.array([[0, 0, 0], [1 / 3, 1 / 3, 0], [2 / 3, 2 / 3, 0], [1, 1, 0]])
+    with pytest.raises(InputError, match=r"free to turn about an axis along \(1, 1, 0\);"):
+        Scene.from_tables(deck, pinned(diagonal))
+    Scene.from_tables(deck, pinned(np.vstack([diagonal, [1, 0, 0]]))).close()
+
+
+# ---- numbers that say nothing --------------------------------------------------------------------
+
+#: A stiffness beside which the stress of the muscle, 1.5, is less than a rounding
+DROWNED = (
+    "geometry.source=[4,4,5]", "geometry.collocation=[7,7,9]", "load.steps=2",
+    "load.activation=0.05", "material.A10=9e18",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("method", ["rkcm", "rkpm-gauss"])
+def test_a_load_that_drowns_in_rounding_has_no_answer(inputs: Path, method: str) -> None:
+    with (
+        Scene(inputs / "muscle_block.toml", [*DROWNED, f"scene.method={method}"]) as scene,
+        pytest.raises(ConvergenceError, match=r"roundings of a stiffness of 1\.8E\+19"),
+    ):
+        scene.solve()
+
+
+def test_no_load_is_no_reason_to_complain(inputs: Path) -> None:
+    with Scene(inputs / "muscle_block.toml", [*DROWNED[:3], "load.activation=0"]) as scene:
+        assert not scene.solve().x.any()
