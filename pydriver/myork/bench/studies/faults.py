@@ -219,7 +219,8 @@ def _images(place: Path, count: int) -> Found:
         deck = place / f"{number}.toml"
         deck.write_text(text_of_tables(fault.tables), encoding="utf-8")
         # names of labels are read with their map
-        names = (fault.path.name, fault.path.with_suffix(".nii.gz").name)
+        # what is segmented by a map that does not fit is said of the image
+        names = (fault.path.name, fault.path.with_suffix(".nii.gz").name, "anatomy.nii.gz")
         out = str(place / "out")
         items.append((fault.command, str(deck), out, names, fault.message is not None))
     verdicts = isolated(_read_image, items, 2 * _LIMIT)
@@ -301,7 +302,9 @@ def _signals(place: Path, count: int) -> Found:
             # before a handler is there, and by SIGKILL, a signal ends a process; nothing is begun
             begun = re.search(r'cli\.py", line \d+, in main', said)
             early = said.rstrip().endswith("KeyboardInterrupt") and not begun
-            by_signal = early or child.returncode in (-kind, 128 + kind)
+            # Python ends by SIGINT when its start as a module was interrupted, whatever was caught
+            codes = (-kind, 128 + kind, -signal.SIGINT)
+            by_signal = early or child.returncode in codes
             end = Verdict("ended", said) if by_signal else _verdict(child.returncode, said)
         if end.outcome in OUTCOMES:
             end = _kept(earlier, out, end)
