@@ -302,7 +302,7 @@ def _signals(place: Path, count: int) -> Found:
             # before a handler is there, and by SIGKILL, a signal ends a process; nothing is begun
             begun = re.search(r'cli\.py", line \d+, in main', said)
             early = said.rstrip().endswith("KeyboardInterrupt") and not begun
-            # Python ends by SIGINT when its start as a module was interrupted, whatever was caught
+            # Python may end by SIGINT although the command has caught the interrupt and said so
             codes = (-kind, 128 + kind, -signal.SIGINT)
             by_signal = early or child.returncode in codes
             end = Verdict("ended", said) if by_signal else _verdict(child.returncode, said)

@@ -302,7 +302,7 @@ def _bad_points() -> list[Case]:
         ("one layer of points", box((1.0, 1.0, 0.2), (5, 5, 1), (9, 9, 1)), "point", False),
         ("an island that nothing holds", _with_island(cube), "island", False),
         ("a coordinate that is NaN", _spoilt(cube, "points"), "point", False),
-        ("a source point that is NaN", _spoilt(cube, "source"), "point", False),
+        ("a source point that is NaN", _spoilt(cube, "source"), "not finite", False),
     ]
     found = []
     for name, body, word, sound in bodies:
