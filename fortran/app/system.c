@@ -42,6 +42,7 @@ void rk_catch_signals(void) {
    handle(SIGINT, on_signal);
    handle(SIGTERM, on_signal);
    handle(SIGHUP, on_hangup);
+   signal(SIGUSR1, on_hangup);   /* the end of the parent, also where hangups are ignored */
    signal(SIGPIPE, SIG_IGN);
 }
 
@@ -53,7 +54,7 @@ void rk_prepare_process(void) {
    const char *parent = getenv("MYORK_PARENT");
    if (parent == NULL) return;
 #ifdef __linux__
-   prctl(PR_SET_PDEATHSIG, SIGHUP);
+   prctl(PR_SET_PDEATHSIG, SIGUSR1);
 #endif
    if (getppid() != (pid_t)atol(parent)) interrupted = 1;
 }
