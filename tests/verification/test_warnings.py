@@ -155,26 +155,27 @@ CANTILEVER = {
 
 @pytest.mark.parametrize("method", ["rkcm", "rkcm-mixed"])
 def test_a_body_that_bends_is_told_by_its_work(method: str) -> None:
-    """Least squares of second derivatives lose it; the Galerkin form is within 1 % (0.917).
+    """Least squares of second derivatives lose it.
 
-    The reference is the Galerkin form at 33x9 and 65x17 points, 0.910 and 0.915, which finite
-    elements confirm on a cantilever like it. The stress then does as much less work as the tip is
-    too low: both are linear in the part of the bending that is there.
+    The reference is where the Galerkin form goes: 0.9017, 0.9104, 0.9132 and 0.9141 at 17x5 to
+    129x33 points, 0.9145 in the limit. The stress then does as much less work as the tip is too
+    low: both are linear in the part of the bending that is there.
     """
     with Scene.from_tables({**CANTILEVER, "scene": {"dimension": 2, "method": method}}) as scene:
         states = scene.solve()
         tip = scene.probes(states.x[-1:], states.load[-1:])[0, 0, 0]
-    assert tip < 0.2 * 0.917
+    assert tip < 0.2 * 0.9145
     assert states.work_mismatch < -0.8
     assert any("less work than the forces" in text for text in states.warnings)
 
 
-def test_a_weak_form_keeps_work(inputs: Path) -> None:
+def test_a_weak_form_keeps_work() -> None:
+    """Within 2 % of its own limit, see above; 17x5 points are 1.4 % below it."""
     tables = {**CANTILEVER, "scene": {"dimension": 2, "method": "rkpm-gauss"}}
     with Scene.from_tables({**tables, "approximation": {"order": 1, "support": 2}}) as scene:
         states = scene.solve()
         tip = scene.probes(states.x[-1:], states.load[-1:])[0, 0, 0]
-    assert abs(tip - 0.917) < 0.03
+    assert abs(tip / 0.9145 - 1) < 0.02
     assert states.work_mismatch == 0 and not states.warnings
 
 

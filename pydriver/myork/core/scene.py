@@ -55,8 +55,9 @@ class States(NamedTuple):
     force_imbalance : float
         Sum of the forces on all boundary sets in the last state, of the largest of them [-].
     work_mismatch : float
-        Work of the stress in the last state's own displacement less that of the forces, relative;
-        0 in weak forms by construction [-].
+        Work of the stress in the last state's own displacement less that of the forces, relative
+        [-]. 0 where it is not compared: weak forms, which keep it by construction, linear
+        problems, and loads that `set_fields` has set.
     errors : dict
         Norms of the error of a linear problem, whose solution is known, by the names of
         `summary.json`: `L2`, `H1`, `relative_L2`, `relative_H1`.
