@@ -1,6 +1,5 @@
 !> Cells of integration close around their points and fill the body; TAP for `meson test`.
 program test_cells
-   use, intrinsic :: iso_fortran_env, only : output_unit
    use rk_cells, only : cells_type
    use rk_cloud, only : cloud_type
    use rk_error, only : error_type
@@ -8,12 +7,12 @@ program test_cells
    use rk_lattice, only : jitter, new_annulus, new_box
    use rk_nodal_cells, only : nodal_cells
    use rk_precision, only : pi, wp
+   use tap, only : check, finish
    implicit none
 
    !> Rounding of sums over some hundred facets of bodies of the size 1 to 3
    real(wp), parameter :: tight = 1.0e-12_wp
    real(wp), parameter :: plane(2) = [2.0_wp, 3.0_wp], solid(3) = [1.0_wp, 2.0_wp, 1.5_wp]
-   integer :: ntest = 0, nfailed = 0
 
    call test_nodal('lattice in the plane', plane, [4, 6], 0.0_wp)
    call test_nodal('lattice in space', solid, [3, 5, 4], 0.0_wp)
@@ -23,8 +22,7 @@ program test_cells
    call test_gauss('Gauss cells in space', solid, [3, 4, 4])
    call test_moments
    call test_tube
-   write (output_unit, '(a, i0)') '1..', ntest
-   if (nfailed > 0) error stop
+   call finish()
 
 contains
 
@@ -217,18 +215,5 @@ subroutine test_tube
    call check('tube: the inner one to the axis', all(pack(sum(cells%outward*cells%surface, &
       & dim=1), cells%set == 1) < 0.0_wp))
 end subroutine test_tube
-
-!> One line of TAP
-subroutine check(name, passed)
-   !> What is tested
-   character(len=*), intent(in) :: name
-   !> Whether it is so
-   logical, intent(in) :: passed
-
-   ntest = ntest + 1
-   if (.not. passed) nfailed = nfailed + 1
-   write (output_unit, '(2a, i0, 2a)') trim(merge('ok    ', 'not ok', passed)), ' ', ntest, &
-      & ' - ', name
-end subroutine check
 
 end program test_cells

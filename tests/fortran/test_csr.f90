@@ -1,18 +1,16 @@
 !> Compressed rows: grouping, transposition, order; TAP for `meson test`.
 program test_csr
-   use, intrinsic :: iso_fortran_env, only : output_unit
    use rk_csr, only : csr_type, group_by, sort
    use rk_precision, only : i8
+   use tap, only : check, finish
    implicit none
 
-   integer :: ntest = 0, nfailed = 0
 
    call test_group_by
    call test_transposed
    call test_random_rows
    call test_sort
-   write (output_unit, '(a, i0)') '1..', ntest
-   if (nfailed > 0) error stop
+   call finish()
 
 contains
 
@@ -104,18 +102,5 @@ pure logical function same(a, b)
    same = size(a) == size(b)
    if (same) same = all(a == b)
 end function same
-
-!> One line of TAP
-subroutine check(name, passed)
-   !> What is tested
-   character(len=*), intent(in) :: name
-   !> Whether it is so
-   logical, intent(in) :: passed
-
-   ntest = ntest + 1
-   if (.not. passed) nfailed = nfailed + 1
-   write (output_unit, '(2a, i0, 2a)') trim(merge('ok    ', 'not ok', passed)), ' ', ntest, &
-      & ' - ', name
-end subroutine check
 
 end program test_csr

@@ -1,11 +1,11 @@
 !> Rows of a collocation matrix against the dense matrix written out by hand; TAP for `meson test`.
 program test_rows
-   use, intrinsic :: iso_fortran_env, only : output_unit
    use rk_error, only : error_type
    use rk_kernel, only : kernel_quintic, window_product
    use rk_precision, only : i8, wp
    use rk_rows, only : new_rows, rows_type
    use rk_shape, only : approximation_type, new_shape, shape_type
+   use tap, only : check, finish
    implicit none
 
    !> Rounding of sums of some hundred products of numbers of the size 1 to 10
@@ -14,14 +14,13 @@ program test_rows
    type(shape_type), target :: shape
    type(rows_type) :: rows
    real(wp), allocatable :: a(:, :)
-   integer :: ntest = 0, nfailed = 0, seed = 1
+   integer :: seed = 1
 
    call set_up
    call test_products
    call test_written
    call test_squared
-   write (output_unit, '(a, i0)') '1..', ntest
-   if (nfailed > 0) error stop
+   call finish()
 
 contains
 
@@ -165,18 +164,5 @@ real(wp) function number()
    seed = int(modulo(16807_i8*seed, 2147483647_i8))
    number = 2.0_wp*real(seed, wp)/2147483647.0_wp - 1.0_wp
 end function number
-
-!> One line of TAP
-subroutine check(name, passed)
-   !> What is tested
-   character(len=*), intent(in) :: name
-   !> Whether it is so
-   logical, intent(in) :: passed
-
-   ntest = ntest + 1
-   if (.not. passed) nfailed = nfailed + 1
-   write (output_unit, '(2a, i0, 2a)') trim(merge('ok    ', 'not ok', passed)), ' ', ntest, &
-      & ' - ', name
-end subroutine check
 
 end program test_rows

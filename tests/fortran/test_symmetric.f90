@@ -1,21 +1,19 @@
 !> Sparse symmetric matrices of blocks against dense ones; TAP for `meson test`.
 program test_symmetric
-   use, intrinsic :: iso_fortran_env, only : output_unit
    use rk_csr, only : csr_type
    use rk_error, only : error_type
    use rk_operator, only : square_report
    use rk_precision, only : i8, wp
    use rk_symmetric, only : new_symmetric, symmetric_matrix
+   use tap, only : check, finish
    implicit none
 
-   integer :: ntest = 0, nfailed = 0
 
    call test_blocks(1)
    call test_blocks(2)
    call test_blocks(3)
    call test_indefinite
-   write (output_unit, '(a, i0)') '1..', ntest
-   if (nfailed > 0) error stop
+   call finish()
 
 contains
 
@@ -102,18 +100,5 @@ pure function symmetric_part(n, number) result(a)
       a(j, j) = n + 0.1_wp*j
    end do
 end function symmetric_part
-
-!> One line of TAP
-subroutine check(name, passed)
-   !> What is tested
-   character(len=*), intent(in) :: name
-   !> Whether it is so
-   logical, intent(in) :: passed
-
-   ntest = ntest + 1
-   if (.not. passed) nfailed = nfailed + 1
-   write (output_unit, '(2a, i0, 2a)') trim(merge('ok    ', 'not ok', passed)), ' ', ntest, &
-      & ' - ', name
-end subroutine check
 
 end program test_symmetric

@@ -1,9 +1,9 @@
 !> Matrices of space against closed forms; TAP for `meson test`.
 program test_tensor
-   use, intrinsic :: iso_fortran_env, only : output_unit
    use rk_precision, only : wp
    use rk_tensor, only : cofactor, cross, cross_form, determinant, identity, principal_values, &
       & solve_definite, vector_product
+   use tap, only : check, finish
    implicit none
 
    !> Rounding of a few products of numbers up to 10
@@ -16,14 +16,12 @@ program test_tensor
    !> A rotation: columns are a right-handed orthonormal basis
    real(wp), parameter :: turn(3, 3) = reshape([2.0_wp, -1.0_wp, 2.0_wp, 2.0_wp, 2.0_wp, -1.0_wp, &
       & -1.0_wp, 2.0_wp, 2.0_wp]/3.0_wp, [3, 3])
-   integer :: ntest = 0, nfailed = 0
 
    call test_determinant
    call test_products
    call test_principal_values
    call test_solve
-   write (output_unit, '(a, i0)') '1..', ntest
-   if (nfailed > 0) error stop
+   call finish()
 
 contains
 
@@ -108,18 +106,5 @@ elemental logical function near(a, b)
 
    near = abs(a - b) <= tight*max(1.0_wp, abs(b))
 end function near
-
-!> One line of TAP
-subroutine check(name, passed)
-   !> What is tested
-   character(len=*), intent(in) :: name
-   !> Whether it is so
-   logical, intent(in) :: passed
-
-   ntest = ntest + 1
-   if (.not. passed) nfailed = nfailed + 1
-   write (output_unit, '(2a, i0, 2a)') trim(merge('ok    ', 'not ok', passed)), ' ', ntest, &
-      & ' - ', name
-end subroutine check
 
 end program test_tensor
