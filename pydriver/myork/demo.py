@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -46,6 +45,7 @@ def run_demo(
     from myork.stations.build import build
     from myork.stations.segment import segment
     from myork.stations.solve import run_deck
+    from myork.summary import read_summary
 
     out = Path(out)
     out.mkdir(parents=True, exist_ok=True)
@@ -60,7 +60,7 @@ def run_demo(
         station(_DECK, out, overrides=overrides, threads=threads, progress=progress)
     progress("station 5/5  report")
     page = make_report(out)
-    summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    summary = read_summary(out)
     deck = load_deck(_DECK, overrides)
     return "\n".join([*_forces(deck, summary), *_models(summary), f"report: {page}"])
 

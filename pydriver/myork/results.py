@@ -6,7 +6,8 @@ restart needs in its group MyoRK.
 
 from __future__ import annotations
 
-import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -18,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from myork.errors import FileError, InputError
+from myork.summary import read_summary
 
 __all__ = ["RestartState", "Results"]
 
@@ -25,8 +27,12 @@ F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]
 
 _FILE = "results.vtkhdf"
+_DAMAGES = (KeyError, AttributeError, OSError, ValueError, TypeError, IndexError, RuntimeError,
+            OverflowError, MemoryError)  # fmt: skip
 # Where VTK's six components xx, yy, zz, xy, yz, xz stand in the tensor, row by row
 _SYMMETRIC = [0, 3, 5, 3, 1, 4, 5, 4, 2]
+# Components of scalars, vectors, symmetric and other tensors
+_WIDTHS = (1, 3, 6, 9)
 
 
 @dataclass(frozen=True)
@@ -90,17 +96,20 @@ class Results:
         self.path = path / _FILE if path.is_dir() else path
         self._file = _open(self.path)
         try:
-            vtk = self._file["VTKHDF"]
-            self.nstep = int(vtk["Steps"].attrs["NSteps"])
-            self.npoint = int(vtk["Points"].shape[0])
-            self.fields: tuple[str, ...] = tuple(vtk["PointData"])
-            _ = self._file["MyoRK"]
-        except (KeyError, AttributeError) as error:
+            with _damage(self.path, "it"):
+                vtk = self._file["VTKHDF"]
+                self.nstep = int(vtk["Steps"].attrs["NSteps"])
+                self.npoint = int(vtk["Points"].shape[0])
+                self.fields: tuple[str, ...] = tuple(vtk["PointData"])
+                steps = len(self._file["MyoRK/load"])
+            if not 1 <= self.nstep <= steps or self.npoint < 1:
+                raise FileError(
+                    f"{self.path}: damaged: {self.nstep} steps, {self.npoint} points and "
+                    f"{steps} loads do not fit together; solve again"
+                )
+        except FileError:
             self._file.close()
-            raise FileError(
-                f"{self.path}: not a result file of myork: {error.args[0]}; "
-                "give a file that 'myork solve' has written"
-            ) from error
+            raise
 
     def close(self) -> None:
         """Close the file; arrays that were read stay valid."""
@@ -167,11 +176,18 @@ class Results:
                 f"{self.path}: no field {name!r}; there are {', '.join(sorted(self.fields))}"
             )
         step = self._step(step)
-        first = int(self._file[f"VTKHDF/Steps/PointDataOffsets/{name}"][step])
+        with _damage(self.path, f"field {name}"):
+            first = int(self._file[f"VTKHDF/Steps/PointDataOffsets/{name}"][step])
         values = self._read(f"VTKHDF/PointData/{name}", slice(first, first + self.npoint))
-        if values.ndim == 1 or values.shape[1] == 3:
+        width = values.shape[1] if values.ndim == 2 else 1
+        if first < 0 or len(values) != self.npoint or values.ndim > 2 or width not in _WIDTHS:
+            raise FileError(
+                f"{self.path}: field {name} is damaged: shape {values.shape} of step {step} for "
+                f"{self.npoint} points; solve again"
+            )
+        if values.ndim == 1 or width in (1, 3):
             return values
-        if values.shape[1] == 6:
+        if width == 6:
             values = values[:, _SYMMETRIC]
         return values.reshape(-1, 3, 3)
 
@@ -200,19 +216,22 @@ class Results:
             coefficients=self._read("MyoRK/coefficients", step),
             source=self._read("MyoRK/source"),
             deck=self._read("MyoRK/deck").tobytes().decode("utf-8", "replace"),
-            version=_text(self._file["MyoRK"].attrs["version"]),
+            version=self._version(),
         )
+
+    def _version(self) -> str:
+        with _damage(self.path, "the version"):
+            return _text(self._file["MyoRK"].attrs["version"])
 
     @cached_property
     def summary(self) -> dict[str, Any]:
-        """`summary.json` of the same folder."""
-        path = self.path.parent / "summary.json"
-        try:
-            return dict(json.loads(path.read_text(encoding="utf-8")))
-        except OSError as error:
-            raise FileError(f"{path}: cannot be read: {error.strerror}") from error
-        except ValueError as error:
-            raise FileError(f"{path}: not a complete JSON file: {error}") from error
+        """`summary.json` of the same folder; FileError where there is none."""
+        found = read_summary(self.path.parent)
+        if not found:
+            raise FileError(
+                f"{self.path.parent / 'summary.json'}: cannot be read: there is no such file"
+            )
+        return found
 
     def probe(self, name: str) -> tuple[F64, F64]:
         """Values of a probe in all steps of the summary.
@@ -247,10 +266,27 @@ class Results:
 
     def _read(self, name: str, part: Any = ()) -> NDArray[Any]:
         """Numbers of a dataset; what is broken becomes an error that names the file."""
-        try:
-            return np.asarray(self._file[name][part])
-        except (KeyError, OSError, ValueError) as error:
-            raise FileError(f"{self.path}: {name} cannot be read: {error}") from error
+        with _damage(self.path, name):
+            found = self._file[name]
+            # Deflate shrinks by a factor of 1032 at the most; a damaged header may claim any shape
+            if found.nbytes > 1100 * max(found.id.get_storage_size(), 1):
+                raise ValueError("its shape claims far more numbers than the file holds")
+            values = np.asarray(found[part])
+            if values.dtype.kind not in "iuf":
+                raise TypeError("it holds no numbers")
+        return values
+
+
+@contextmanager
+def _damage(path: Path, what: str) -> Iterator[None]:
+    """Name the file where h5py raises one of the many errors that it has for damaged ones."""
+    try:
+        yield
+    except _DAMAGES as reason:
+        raise FileError(
+            f"{path}: not a result file of myork, or damaged: {what} cannot be read: "
+            f"{reason}; give a file that 'myork solve' has written"
+        ) from None
 
 
 def _open(path: Path) -> h5py.File:

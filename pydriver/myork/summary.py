@@ -11,7 +11,7 @@ from typing import Any
 from myork.errors import FileError
 from myork.files import claimed, write_json
 
-__all__ = ["failures", "renewing", "update_summary"]
+__all__ = ["failures", "read_summary", "renewing", "update_summary"]
 
 
 @contextmanager
@@ -68,10 +68,35 @@ def update_summary(folder: Path, part: Mapping[str, Any]) -> None:
     write_json(folder / "summary.json", {**_read(folder), **part})
 
 
+def read_summary(folder: Path) -> dict[str, Any]:
+    """Entries of `summary.json`; nothing where it is missing.
+
+    Raises
+    ------
+    FileError
+        The file is no JSON object, or cannot be read.
+    """
+    path = folder / "summary.json"
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse)
+    except FileNotFoundError:
+        return {}
+    except (OSError, ValueError) as reason:
+        raise FileError(f"{path}: not a complete JSON file: {reason}") from None
+    except RecursionError:
+        raise FileError(f"{path}: not a complete JSON file: too deep") from None
+    if not isinstance(content, dict):
+        raise FileError(f"{path}: not a summary: an object is needed")
+    return content
+
+
+def _refuse(name: str) -> None:
+    raise ValueError(f"{name} is no number of JSON")
+
+
 def _read(folder: Path) -> dict[str, Any]:
     """Entries of the file; a broken one of an earlier run is no reason to lose this run."""
     try:
-        old = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        return read_summary(folder)
+    except FileError:
         return {}
-    return old if isinstance(old, dict) else {}

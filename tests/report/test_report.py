@@ -148,14 +148,46 @@ def test_gaps_in_the_summary(folder: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["results.vtkhdf", "segmentation.nii.gz", "summary.json", "fibers.nii.gz"]
+    "name",
+    ["results.vtkhdf", "segmentation.nii.gz", "summary.json", "fibers.nii.gz", "history.csv"],
 )
-def test_broken_file_is_named_and_the_rest_shown(folder: Path, name: str) -> None:
-    keep(folder, name, "history.csv")
-    (folder / name).write_bytes((folder / name).read_bytes()[:300])
-    page = Page(make_report(folder))
-    assert f"{folder / name}: " in page.text
-    assert page.sections == ["convergence"]
+def test_damaged_files_are_refused_by_name(folder: Path, name: str) -> None:
+    content = (folder / name).read_bytes()
+    for cut in (0, 1, 300):
+        (folder / name).write_bytes(content[:cut])
+        with pytest.raises(FileError, match=re.escape(f"{folder / name}:")):
+            make_report(folder)
+    assert not (folder / "report.html").exists()
+
+
+@pytest.mark.parametrize(
+    ("where", "value", "message"),
+    [
+        (["steps", 3, "probes", "reaction"], "x", r"steps\[3\]\.probes\.reaction: a number or"),
+        (["steps", 3, "probes", "tip"], [1.0], "probe tip of steps: as many components"),
+        (["steps"], {}, "steps: a list is needed, not {}"),
+        (["rom", "models", 0, "r"], [], r"rom\.models\[0\]\.r: a number is needed"),
+        (["reference", "reaction", "load"], [0.5], "reference.reaction.*: 1 values are needed"),
+        (["timings_s", "solve"], 1e300, "timings_s.solve: a number is needed"),
+        (["deck"], None, ""),
+        (["rom", "full"], None, ""),
+        (["segmentation", "scores", "muscle"], None, ""),
+    ],
+)
+def test_wrong_entries_of_the_summary_are_named(
+    folder: Path, where: list[Any], value: Any, message: str
+) -> None:
+    def change(summary: Any) -> None:
+        for key in where[:-1]:
+            summary = summary[key]
+        summary[where[-1]] = value
+
+    change_summary(folder, change)
+    if message:
+        with pytest.raises(FileError, match=message):
+            make_report(folder)
+    else:
+        assert make_report(folder).is_file()
 
 
 def test_refused_folders(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> None:

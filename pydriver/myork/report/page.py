@@ -107,12 +107,11 @@ def _cards(summary: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
 
 
 def _warnings(folder: RunFolder) -> list[str]:
-    """Warnings of the run, and files that could not be read."""
+    """Warnings of the run and of the segmentation, and what is of an earlier run."""
     return [
         *failures(folder.summary),
         *folder.summary.get("segmentation", {}).get("warnings", []),
         *folder.summary.get("warnings", []),
-        *folder.problems,
     ]
 
 

@@ -1,9 +1,8 @@
-"""What an output folder holds, read into one record; what is absent or broken is left out."""
+"""What an output folder holds, read into one record; what is absent is left out."""
 
 from __future__ import annotations
 
 import csv
-import json
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,12 +14,19 @@ from numpy.typing import NDArray
 from myork.errors import FileError, MyorkError
 from myork.imaging.io import read_image, read_labels
 from myork.records import Image, Labels
+from myork.report.structure import check_summary
 from myork.results import Results
+from myork.summary import read_summary
 
 __all__ = ["Deformation", "RunFolder", "read_folder"]
 
 F64 = NDArray[np.float64]
 T = TypeVar("T")
+
+# Columns of history.csv that are no numbers
+_TEXTS = ("solver",)
+# Beyond this a number is damage, or of no use in a picture
+_LARGEST = 1e150
 
 
 @dataclass(frozen=True)
@@ -67,8 +73,6 @@ class RunFolder:
     labels, tissue, image, fibers : Labels, Image or None
         Output of `segment`: label map, materials of a leg, image and fiber vectors (three values
         a voxel).
-    problems : tuple of str
-        Files that are there and cannot be read, and why.
     """
 
     path: Path
@@ -79,7 +83,6 @@ class RunFolder:
     tissue: Labels | None = None
     image: Image | None = None
     fibers: Image | None = None
-    problems: tuple[str, ...] = ()
 
 
 def read_folder(path: Path) -> RunFolder:
@@ -93,7 +96,12 @@ def read_folder(path: Path) -> RunFolder:
     Returns
     -------
     RunFolder
-        Its content; a file that cannot be read becomes one of the `problems`.
+        Its content.
+
+    Raises
+    ------
+    FileError
+        There is nothing to report, or files are damaged: the message names all of them.
     """
     if not path.is_dir():
         raise FileError(f"{path}: no such folder; give the output folder of a command")
@@ -117,9 +125,11 @@ def read_folder(path: Path) -> RunFolder:
         tissue=read("tissue.nii.gz", read_labels),
         image=read("anatomy.nii.gz", read_image),
         fibers=read("fibers.nii.gz", lambda file: read_image(file, values=3)),
-        problems=tuple(problems),
     )
-    if not (folder.summary or folder.deformation or folder.labels or problems):
+    if problems:
+        rest = "run the command again, or remove the file to see a report of the rest"
+        raise FileError("\n".join([*problems, rest]))
+    if not (folder.summary or folder.deformation or folder.labels):
         raise FileError(
             f"{path}: nothing to report: neither summary.json nor results.vtkhdf nor "
             "segmentation.nii.gz is there; give the output folder of a command"
@@ -128,39 +138,67 @@ def read_folder(path: Path) -> RunFolder:
 
 
 def _read_summary(path: Path) -> dict[str, Any]:
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise FileError(f"{path}: cannot be read as JSON: {error}") from error
-    if not isinstance(content, dict):
-        raise FileError(f"{path}: not a summary: an object is needed")
-    return content
+    return check_summary(path, read_summary(path.parent))
 
 
 def _read_history(path: Path) -> dict[str, NDArray[Any]]:
-    """Columns as numbers where every entry is one; an empty entry is not a number."""
+    """Columns as numbers, but for the names of solvers; an empty entry is not a number."""
     try:
-        with path.open(newline="", encoding="utf-8") as file:
-            rows = list(csv.DictReader(file, restval=""))
+        text = path.read_bytes().decode("utf-8")
+        rows = list(csv.reader(text.splitlines(keepends=True), strict=True))
     except (OSError, ValueError, csv.Error) as error:
-        raise FileError(f"{path}: cannot be read as CSV: {error}") from error
+        raise FileError(f"{path}: cannot be read as CSV: {error}") from None
+    head = rows[0] if rows else []
+    if not {"step", "load"} <= set(head) or len(set(head)) < len(head):
+        raise FileError(f"{path}: damaged: its first line is no head with the columns step, load")
+    if not text.endswith("\n"):
+        raise FileError(f"{path}: cut off in the middle of its last line")
+    for line, row in enumerate(rows[1:], 2):
+        if len(row) != len(head):
+            raise FileError(f"{path}:{line}: {len(head)} entries are needed, not {len(row)}")
     columns: dict[str, NDArray[Any]] = {}
-    for name in rows[0] if rows else ():
-        entries = [row[name] for row in rows]
-        try:
-            columns[name] = np.array([float(entry or "nan") for entry in entries])
-        except ValueError:
+    if len(rows) == 1:
+        return columns
+    for name, *entries in zip(*rows, strict=True):
+        if name in _TEXTS:
             columns[name] = np.array(entries)
+            continue
+        numbers = [_number_of(entry) for entry in entries]
+        if None in numbers:
+            line = numbers.index(None) + 2
+            raise FileError(f"{path}:{line}: {name}: {entries[line - 2]!r:.60} is no number")
+        columns[name] = np.array(numbers, float)
     return columns
 
 
-def _read_deformation(path: Path) -> Deformation:
+def _number_of(entry: str) -> float | None:
+    """Number of an entry, None where it is none: also one that cannot be drawn."""
+    try:
+        value = float(entry or "nan")
+    except ValueError:
+        return None
+    return value if not abs(value) > _LARGEST else None
+
+
+def _read_deformation(path: Path) -> Deformation | None:
+    """The last state of a body; None for a scalar field, of which nothing is drawn."""
     with Results(path) as results:
-        return Deformation(
+        displacement = results.field("u")
+        if displacement.ndim == 1 or displacement.shape[1] == 1:
+            return None
+        found = Deformation(
             points=results.points,
-            displacement=results.field("u"),
+            displacement=displacement,
             stress=results.field("principal_stress")[:, 0],
             volume_ratio=results.field("J"),
             loads=results.loads,
             activations=results.activations,
         )
+    n, steps = len(displacement), results.nstep
+    wanted = ((n, 3), (n, 3), (n,), (n,), (steps,), (steps,))
+    for (name, values), shape in zip(vars(found).items(), wanted, strict=True):
+        if values.shape != shape or not (np.abs(values) <= _LARGEST).all():
+            raise FileError(
+                f"{path}: {name}: finite numbers of shape {shape} are needed; the file is damaged"
+            )
+    return found

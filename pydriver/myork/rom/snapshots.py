@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Collection
 from pathlib import Path
@@ -17,6 +16,7 @@ from myork.core.scene import F64Array, Scene
 from myork.errors import MyorkError
 from myork.results import Results
 from myork.rom.probes import named_probes
+from myork.summary import read_summary
 
 __all__ = ["Snapshots", "full_states"]
 
@@ -74,7 +74,7 @@ def full_states(
         found = _stored(scene, out, hashes, threads)
     except _Unusable as reason:
         progress(f"full model is solved: {reason}")
-    except (MyorkError, OSError, KeyError, ValueError, TypeError) as reason:
+    except (MyorkError, OSError, LookupError, ValueError, TypeError, AttributeError) as reason:
         progress(f"full model is solved: the results in {out} cannot be used: {reason}")
     else:
         progress(f"full model: {len(found.x)} states of {found.origin}")
@@ -90,10 +90,9 @@ def full_states(
 
 def _stored(scene: Scene, out: Path, hashes: Collection[str], threads: int) -> Snapshots:
     """States in a folder; whatever does not belong to this scene is refused."""
-    path = out / "summary.json"
-    if not path.is_file():
+    summary = read_summary(out)
+    if not summary:
         raise _Unusable(f"there is no solution in {out}")
-    summary = json.loads(path.read_text(encoding="utf-8"))
     wanted = {"converged": True, "version": myork.__version__, "threads": threads}
     for key, value in wanted.items():
         if summary.get(key) != value:
