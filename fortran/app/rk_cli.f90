@@ -1,11 +1,13 @@
 !> Arguments of the program.
 module rk_cli
+   use omp_lib, only : omp_get_max_threads
    use rk_error, only : error_type, fatal_error, err_input
-   use rk_system, only : version_text
+   use rk_system, only : usage_text, version_text
+   use rk_text, only : to_text
    implicit none
    private
 
-   public :: config_type, read_arguments, usage
+   public :: config_type, read_arguments
 
    !> More threads than any machine that shares memory has; the system would refuse to start them
    integer, parameter :: most_threads = 1024
@@ -30,25 +32,6 @@ module rk_cli
 
 contains
 
-!> Help text
-function usage() result(text)
-   character(len=:), allocatable :: text
-   character(len=1), parameter :: nl = new_line('a')
-
-   text = 'usage: myork-solve DECK [-o DIR] [-t N] [--set table.key=value]... [-q | -v] ' &
-      & //'[--explain]'//nl//nl//'Solve the full model of a deck and write summary.json, ' &
-      & //'results.vtkhdf, history.csv and run.log.'//nl//nl &
-      & //'  -o DIR        folder of the results; default out/<deck>'//nl &
-      & //'  -t N          threads; default all cores'//nl &
-      & //'  --set K=V     override a key of the deck; may be repeated'//nl &
-      & //'  -q, -v        no progress, or a line for every iteration'//nl &
-      & //'  --explain     say what will be modelled and what it costs, and stop'//nl &
-      & //'  --version     version'//nl &
-      & //'  --help        this text'//nl//nl &
-      & //'exit status: 0 done; 1 ended without convergence, the last converged state is written;' &
-      & //' 2 bad input; 3 broken installation'
-end function usage
-
 !> Read the command line
 subroutine read_arguments(config, error)
    !> What was asked
@@ -67,7 +50,7 @@ subroutine read_arguments(config, error)
       word = argument(i)
       select case (word)
       case ('-h', '--help')
-         config%answer = usage()
+         config%answer = usage_text()
          return
       case ('--version')
          config%answer = 'myork-solve '//version_text()
@@ -82,7 +65,7 @@ subroutine read_arguments(config, error)
          i = i + 1
          value = argument(i)
          if (i > command_argument_count() .or. len(value) == 0) then
-            call fatal_error(error, err_input, word//' needs a value'//new_line('a')//usage())
+            call fatal_error(error, err_input, word//' needs a value'//new_line('a')//usage_text())
             return
          end if
          if (word == '-o') then
@@ -110,14 +93,19 @@ subroutine read_arguments(config, error)
       case default
          if (index(word, '-') == 1 .or. len(config%deck) > 0 .or. len(word) == 0) then
             call fatal_error(error, err_input, "unknown argument '"//word//"'"//new_line('a') &
-               & //usage())
+               & //usage_text())
             return
          end if
          config%deck = word
       end select
    end do
    if (len(config%deck) == 0) then
-      call fatal_error(error, err_input, 'which deck?'//new_line('a')//usage())
+      call fatal_error(error, err_input, 'which deck?'//new_line('a')//usage_text())
+      return
+   end if
+   if (config%threads == 0 .and. omp_get_max_threads() > most_threads) then
+      call fatal_error(error, err_input, 'OMP_NUM_THREADS is '//to_text(omp_get_max_threads()) &
+         & //': from 1 to 1024 threads are possible')
       return
    end if
    if (len(config%out) == 0) config%out = 'out/'//stem(config%deck)

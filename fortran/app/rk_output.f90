@@ -11,7 +11,7 @@ module rk_output
    use rk_results, only : results_type
    use rk_states, only : field_state
    use rk_system, only : interrupted, tell
-   use rk_text, only : to_text
+   use rk_text, only : to_power, to_text
    use rk_text_file, only : text_file
    implicit none
    private
@@ -181,9 +181,10 @@ subroutine iteration(self, it)
       & it%step_norm, it%min_j, it%max_j, it%backward_error, it%solver, it%seconds
    call self%history%line(trim(line), error)
    call keep(self, error)
-   write (line, '("  iteration ", i0, "  |r| ", es8.1, "  |A''r| ", es8.1, "  |da| ", es8.1, '// &
-      & '"  J ", a, "..", a, "  ", a, " ", es7.0)') it%iteration, it%residual, it%gradient, &
-      & it%step_norm, to_text(it%min_j), to_text(it%max_j), it%solver, it%backward_error
+   write (line, '("  iteration ", i0, "  |r|  ", a, "  |A''r|  ", a, "  |da|  ", a, '// &
+      & '"  J ", a, "..", a, "  ", a, "  ", a)') it%iteration, to_power(it%residual, 1), &
+      & to_power(it%gradient, 1), to_power(it%step_norm, 1), to_text(it%min_j), &
+      & to_text(it%max_j), it%solver, to_power(it%backward_error, 0)
    if (it%refinements > 0) line = trim(line)//' in ' &
       & //to_text(it%refinements)//' iterations'
    call self%say(trim(line), level=1)
@@ -228,15 +229,15 @@ subroutine step(self, st, x)
    self%seconds = self%seconds + tick(clock)
    if (st%step == 0) return
    if (self%problem%is_linear()) then
-      write (line, '("linear: one least squares solve, ", a, "  relative |A''r| ", es7.1, '// &
-         & '"  ", f0.1, " s")') self%last%solver, st%gradient, self%last%seconds
+      write (line, '("linear: one least squares solve, ", a, "  relative |A''r| ", a, '// &
+         & '"  ", f0.1, " s")') self%last%solver, to_power(st%gradient, 1), self%last%seconds
       call self%say(trim(line), level=0)
       return
    end if
    write (line, '("step ", i3, "/", i0, "  load ", f6.4, "  iterations ", i0, "  |A''r| ", '// &
-      & 'es7.1, "  |da| ", es7.1, "  J ", a, "..", a, "  ", f0.1, " s")') st%step, st%steps, &
-      & st%load, st%iterations, st%gradient, st%step_norm, to_text(st%min_j), to_text(st%max_j), &
-      & self%last%seconds
+      & 'a, "  |da| ", a, "  J ", a, "..", a, "  ", f0.1, " s")') st%step, st%steps, st%load, &
+      & st%iterations, to_power(st%gradient, 1), to_power(st%step_norm, 1), to_text(st%min_j), &
+      & to_text(st%max_j), self%last%seconds
    call self%say(trim(line), level=0)
 end subroutine step
 

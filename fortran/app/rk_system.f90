@@ -10,7 +10,7 @@ module rk_system
    private
 
    public :: catch_signals, prepare_process, interrupted, peak_bytes, make_folder, lock_folder
-   public :: version_text, tell
+   public :: usage_text, version_text, tell
 
    interface
       !> Install the handlers
@@ -43,6 +43,10 @@ module rk_system
          integer(c_int), value :: number
          type(c_ptr) :: text
       end function c_error_text
+      function c_usage_text() result(text) bind(c, name='rk_usage_text')
+         import :: c_ptr
+         type(c_ptr) :: text
+      end function c_usage_text
       function c_version_text() result(text) bind(c, name='rk_version_text')
          import :: c_ptr
          type(c_ptr) :: text
@@ -102,6 +106,13 @@ subroutine tell(line)
    write (output_unit, '(a)', iostat=ignored) line
    flush (output_unit, iostat=ignored)
 end subroutine tell
+
+!> Help text
+function usage_text() result(text)
+   character(len=:), allocatable :: text
+
+   text = to_fortran(c_usage_text())
+end function usage_text
 
 !> Version of the program
 function version_text() result(text)

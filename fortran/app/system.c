@@ -14,6 +14,22 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+static const char usage[] =
+   "usage: myork-solve DECK [-o DIR] [-t N] [--set table.key=value]... [-q | -v] [--explain]\n"
+   "\n"
+   "Solve the full model of a deck and write summary.json, results.vtkhdf, history.csv and run.log.\n"
+   "\n"
+   "  -o DIR        folder of the results; default out/<deck>\n"
+   "  -t N          threads; default all cores\n"
+   "  --set K=V     override a key of the deck; may be repeated\n"
+   "  -q, -v        no progress, or a line for every iteration\n"
+   "  --explain     say what will be modelled and what it costs, and stop\n"
+   "  --version     version\n"
+   "  --help        this text\n"
+   "\n"
+   "exit status: 0 done; 1 ended without convergence, the last converged state is written; 2 bad "
+   "input; 3 broken installation";
+
 static volatile sig_atomic_t interrupted = 0;
 
 static void on_signal(int number) {
@@ -121,19 +137,28 @@ __attribute__((constructor)) static void wait_passively(int argc, char **argv) {
 #ifdef __linux__
 enum { LEAST_MEGABYTES = 800 };
 
-static void refuse_little_memory(void) {
+static void refuse_little_memory(int argc, char **argv) {
    struct rlimit limit;
    if (getrlimit(RLIMIT_AS, &limit) != 0 || limit.rlim_cur == RLIM_INFINITY) return;
    if (limit.rlim_cur >= (rlim_t)LEAST_MEGABYTES * 1000000) return;
+   if (argc == 2) {   /* questions need no library */
+      int help = strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "-h") == 0;
+      int done = help ? dprintf(STDOUT_FILENO, "%s\n", usage) : 0;
+      if (strcmp(argv[1], "--version") == 0)
+         done = dprintf(STDOUT_FILENO, "myork-solve %s\n", MYORK_VERSION);
+      if (done > 0) _exit(0);
+   }
    dprintf(STDERR_FILENO, "the limit of the memory (ulimit -v) is %.0f MB: at least %d MB are needed\n",
            (double)limit.rlim_cur / 1e6, LEAST_MEGABYTES);
    _exit(2);
 }
 
-__attribute__((section(".preinit_array"), used)) static void (*const before_libraries)(void) =
+__attribute__((section(".preinit_array"), used)) static void (*const before_libraries)(int, char **) =
    refuse_little_memory;
 #endif
 
 const char *rk_error_text(int number) { return strerror(number); }
+
+const char *rk_usage_text(void) { return usage; }
 
 const char *rk_version_text(void) { return MYORK_VERSION; }

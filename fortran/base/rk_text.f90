@@ -4,7 +4,7 @@ module rk_text
    implicit none
    private
 
-   public :: to_text
+   public :: to_text, to_power
 
    !> Shortest readable text of a number or a list of numbers
    interface to_text
@@ -61,13 +61,31 @@ pure function real_text(value, digits) result(text)
          text = text(:n)
       end if
    else if (.not. abs(value) <= 0.0_wp) then
-      write (form, '(a, i0, a)') '(es40.', n - 1, ')'
-      write (buffer, form) value
-      text = trim(adjustl(buffer))
+      text = to_power(value, n - 1)
    else
       text = '0'
    end if
 end function real_text
+
+!> Text of a real number with a power of ten, the E also before an exponent of three digits, which
+!> Fortran leaves out
+pure function to_power(value, decimals) result(text)
+   !> Number
+   real(wp), intent(in) :: value
+   !> Digits behind the point
+   integer, intent(in) :: decimals
+   character(len=:), allocatable :: text
+   ! those that rounding may lift to 1e100 as well
+   real(wp), parameter :: small = 9.0e-100_wp, large = 9.0e99_wp
+   character(len=40) :: buffer
+   character(len=16) :: form
+   logical :: long
+
+   long = abs(value) >= large .or. (abs(value) <= small .and. abs(value) > 0.0_wp)
+   write (form, '(a, i0, a)') '(es40.', decimals, trim(merge('e3)', ')  ', long))
+   write (buffer, form) value
+   text = trim(adjustl(buffer))
+end function to_power
 
 !> Text of a list of real numbers, as "(1, 2, 3)"
 pure function reals_text(values) result(text)

@@ -375,7 +375,8 @@ subroutine check_end(self, problem, load, rejected, recorder, error)
    character(len=:), allocatable :: reached
 
    if (recorder%stopped()) then
-      call fatal_error(error, err_stopped, 'stopped at load '//to_text(load))
+      call fatal_error(error, err_stopped, 'stopped on the way to load ' &
+         & //to_text(load))
       return
    end if
    reached = ': relative gradient '//to_text(self%gradient, 2)//', relative step ' &

@@ -1,7 +1,7 @@
 !> Load steps from rest to full load, halved where the iteration fails and grown again afterwards.
 module rk_static
    use rk_clock, only : timer_type
-   use rk_error, only : error_type, err_convergence, err_linalg
+   use rk_error, only : error_type, err_convergence, err_linalg, err_stopped
    use rk_newton, only : newton_type, solve_step
    use rk_precision, only : wp
    use rk_problem, only : problem_type
@@ -89,6 +89,8 @@ contains
          record%planned = .false.
          call recorder%step(record, x)
       end if
+      if (error%code == err_stopped) error%message = error%message//'; last converged load ' &
+         & //to_text(done)
       if (.not. any(error%code == [err_convergence, err_linalg])) return
       error%message = 'did not converge at load '//to_text(load)//': '//error%message &
          & //'; last converged load '//to_text(done)

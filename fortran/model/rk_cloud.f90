@@ -11,6 +11,9 @@ module rk_cloud
 
    public :: cloud_type, voxels_type, check_cloud
 
+   !> Part of the spacing of source points within which points are the same [-]
+   real(wp), parameter :: alike = 1.0e-6_wp
+
    !> Regular grid of the voxels that a model was made of
    type :: voxels_type
       !> Place of each collocation point's voxel in the grid, shape (3, nc); not allocated for
@@ -119,12 +122,9 @@ subroutine check_cloud(self, error)
 
    call check_source(self, error)
    if (allocated(error)) return
+   call check_points(self, error)
+   if (allocated(error)) return
    do i = 1, size(self%points, 2)
-      if (.not. all(abs(self%points(:, i)) <= huge(1.0_wp))) then
-         call fatal_error(error, err_input, 'collocation point '//to_text(i)//' has coordinates ' &
-            & //'that are not finite')
-         return
-      end if
       if (.not. (norm2(self%fiber(:, i)) <= 1.0e-6_wp .or. &
          & abs(norm2(self%fiber(:, i)) - 1.0_wp) <= 1.0e-6_wp)) then
          call fatal_error(error, err_input, 'fiber at collocation point '//to_text(i)//' at ' &
@@ -171,9 +171,7 @@ subroutine check_source(self, error)
    type(cloud_type), intent(in) :: self
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   type(csr_type) :: same
    integer :: i
-   integer(i8) :: k
 
    do i = 1, size(self%source, 2)
       if (all(abs(self%source(:, i)) <= huge(1.0_wp)) .and. all(self%spacing(:, i) > 0.0_wp)) cycle
@@ -182,17 +180,51 @@ subroutine check_source(self, error)
          & //': coordinates must be finite, spacings positive')
       return
    end do
-   call find_neighbours(same, self%source, 1.0e-6_wp*self%spacing, self%source, window_product, &
-      & error)
+   call check_distinct(self%source, alike*self%spacing, 'source', error)
+end subroutine check_source
+
+!> Collocation points must be finite and all different: equal ones count their place twice
+subroutine check_points(self, error)
+   !> Cloud, its source points checked
+   type(cloud_type), intent(in) :: self
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   integer :: i
+
+   do i = 1, size(self%points, 2)
+      if (all(abs(self%points(:, i)) <= huge(1.0_wp))) cycle
+      call fatal_error(error, err_input, 'collocation point '//to_text(i)//' has coordinates ' &
+         & //'that are not finite')
+      return
+   end do
+   call check_distinct(self%points, &
+      & spread(alike*minval(self%spacing, dim=2), 2, size(self%points, 2)), 'collocation', error)
+end subroutine check_points
+
+!> Refuse two points in one place
+subroutine check_distinct(points, near, kind, error)
+   !> Points, shape (nd, n) [length]
+   real(wp), intent(in) :: points(:, :)
+   !> Distance in each direction below which two are the same, shape (nd, n) [length]
+   real(wp), intent(in) :: near(:, :)
+   !> What they are called
+   character(len=*), intent(in) :: kind
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   type(csr_type) :: same
+   integer :: i
+   integer(i8) :: k
+
+   call find_neighbours(same, points, near, points, window_product, error)
    if (allocated(error)) return
-   do i = 1, size(self%source, 2)
+   do i = 1, size(points, 2)
       k = same%offset(i) + 1
       if (same%offset(i + 1) == k) cycle
-      call fatal_error(error, err_input, 'source points '//to_text(same%index(k))//' and ' &
-         & //to_text(same%index(k + 1))//' at '//to_text(self%source(:, i)) &
+      call fatal_error(error, err_input, kind//' points '//to_text(same%index(k))//' and ' &
+         & //to_text(same%index(k + 1))//' at '//to_text(points(:, i)) &
          & //' are the same: remove one')
       return
    end do
-end subroutine check_source
+end subroutine check_distinct
 
 end module rk_cloud

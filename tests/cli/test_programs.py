@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -210,9 +211,13 @@ def test_interrupt_keeps_the_last_converged_state(
     process.send_signal(signal.SIGINT)
     _, message = process.communicate(timeout=PATIENCE)
     assert process.returncode == 1
-    assert "stopped" in message
     summary = summary_of(tmp_path)
     assert summary["converged"] is False
+    attempted = re.search(
+        r"stopped on the way to load (\S+); last converged load (\S+) \(", message
+    )
+    assert attempted, message
+    assert float(attempted[1]) > float(attempted[2]) == pytest.approx(summary["steps"][-1]["load"])
     assert 1 <= len(summary["steps"]) < 1000
     with Results(tmp_path) as results:
         assert results.nstep == 1 + len(summary["steps"])

@@ -1,8 +1,11 @@
 """`myork bench faults`: a part of the corpus, and the damage that had ended badly once."""
 
 import os
+import re
 import resource
 import subprocess
+import sys
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -12,7 +15,8 @@ import pytest
 from myork.bench.isolated import Verdict, isolated
 from myork.bench.studies.faults import WRONG, run
 from myork.cli import main
-from myork.core.deck import load_tables, text_of_tables
+from myork.core.deck import load_deck, load_tables, text_of_tables
+from myork.core.scene import Scene
 from myork.errors import FileError, InputError
 from myork.model_file import read_model, write_model
 from myork.reference.faults_models import MODEL_DECK, block_cloud
@@ -101,6 +105,76 @@ def test_a_pipe_is_no_model(tmp_path: Path) -> None:
     assert done.returncode == 2 and "no regular file" in done.stderr
     with pytest.raises(FileError):
         read_model(tmp_path / "model.h5")
+
+
+def test_a_pipe_is_no_deck(tmp_path: Path) -> None:
+    pipe = tmp_path / "deck.toml"
+    os.mkfifo(pipe)
+    done = subprocess.run(
+        [find_executable(), pipe, "--explain"], capture_output=True, text=True, timeout=PATIENCE
+    )
+    assert done.returncode == 2 and f"{pipe}: the deck cannot be read" in done.stderr
+    with pytest.raises(FileError, match="no regular file"):
+        load_deck(pipe)
+
+
+@pytest.mark.parametrize("kind", ["source", "points"])
+def test_two_points_in_one_place(tmp_path: Path, kind: str) -> None:
+    """Refused by number and place, from a file and from arrays."""
+    cloud = block_cloud()
+    points = getattr(cloud, kind).copy()
+    points[9] = points[3] + 1e-9
+    cloud = replace(cloud, **{kind: points})
+    what = f"{'source' if kind == 'source' else 'collocation'} points 4 and 10 at (0, "
+    write_model(tmp_path / "model.h5", cloud)
+    done = explain(tmp_path)
+    assert done.returncode == 2 and what in done.stderr and "are the same" in done.stderr
+    tables = {key: value for key, value in MODEL_DECK.items() if key != "geometry"}
+    with pytest.raises(InputError, match=re.escape(what)):
+        Scene.from_tables(tables, cloud=cloud)
+
+
+def test_exponents_of_three_digits_keep_their_letter(tmp_path: Path) -> None:
+    spacing = block_cloud().spacing.copy()
+    spacing[0, 1] = -1e-123
+    write_model(tmp_path / "model.h5", replace(block_cloud(), spacing=spacing))
+    done = explain(tmp_path)
+    assert done.returncode == 2 and "(0.333333, -1.00000E-123, 0.333333)" in done.stderr
+    write_model(tmp_path / "model.h5", block_cloud())
+    words = ["-v", "-o", tmp_path, "--set", "material.A10=1e105", "--set", "material.K=1e107"]
+    done = subprocess.run(
+        [find_executable(), tmp_path / "deck.toml", *words],
+        capture_output=True, text=True, timeout=PATIENCE,
+    )  # fmt: skip
+    assert re.search(r"iteration 1  \|r\|  \d\.\dE\+10\d  \|A'r\|  \d\.\dE\+2\d\d  ", done.stdout)
+
+
+def test_threads_of_the_environment(tmp_path: Path) -> None:
+    write_model(tmp_path / "model.h5", block_cloud())
+    many = {**os.environ, "OMP_NUM_THREADS": "100000", "PYTHONPATH": os.pathsep.join(sys.path)}
+    for words in ([], ["-t", "2"]):
+        done = explain(tmp_path, *words, env=many)
+        assert done.returncode == (0 if words else 2), done.stderr
+        assert words or "OMP_NUM_THREADS is 100000" in done.stderr
+    done = subprocess.run(
+        [sys.executable, "-c", "import myork; myork.Scene"],
+        env=many, capture_output=True, text=True, timeout=PATIENCE,
+    )  # fmt: skip
+    assert "InputError: OMP_NUM_THREADS is 100000" in done.stderr
+
+
+@pytest.mark.parametrize("word", ["--help", "--version"])
+def test_little_memory_answers_questions(word: str) -> None:
+    little = 300_000_000
+    ends = [
+        subprocess.run(
+            [find_executable(), word], capture_output=True, text=True, timeout=PATIENCE,
+            preexec_fn=before,
+        )
+        for before in (None, lambda: resource.setrlimit(resource.RLIMIT_AS, (little, little)))
+    ]  # fmt: skip
+    assert ends[0].returncode == ends[1].returncode == 0
+    assert ends[0].stdout == ends[1].stdout and "myork-solve" in ends[0].stdout
 
 
 @pytest.mark.parametrize(
