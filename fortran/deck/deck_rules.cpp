@@ -18,12 +18,10 @@ static void check_materials(Deck &deck) {
    const std::string method = scene ? scene->text("method") : "";
    for (Section *material : materials) {
       const Value *bulk = material->find("K");
-      if (bulk && !std::isfinite(bulk->number()) && !method.empty() && method != "auto" &&
-          method != "rkcm-mixed")
+      if (bulk && !std::isfinite(bulk->number()) && method == "rkcm")
          deck.complain(bulk->origin, deck.address(*material, "K"),
-                       "inf is only for scene.method = rkcm-mixed, where the pressure is an "
-                       "unknown; here scene.method = " +
-                           method);
+                       "inf needs a pressure that is an unknown: take scene.method = rkpm-gauss, "
+                       "rkpm-scni or rkcm-mixed instead of rkcm");
       if (materials.size() > 1 && !material->find("label") && !material->refused.count("label"))
          deck.complain(material->origin, deck.address(*material, "label"),
                        "missing, an integer is needed where there are several materials");

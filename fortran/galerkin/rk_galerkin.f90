@@ -13,6 +13,7 @@ module rk_galerkin
    use rk_gauss_cells, only : gauss_cells
    use rk_gradient, only : gradient_type, new_gradient
    use rk_mixture, only : new_mixture
+   use rk_multiplier, only : multiplier_type, new_multiplier
    use rk_neighbours, only : nearest_points
    use rk_nodal_cells, only : nodal_cells
    use rk_operator, only : row_operator, square_report
@@ -26,7 +27,6 @@ module rk_galerkin
    use rk_states, only : field_state, point_state
    use rk_tangent, only : add_forces, new_tangent, tangent_type
    use rk_tensor, only : cross, cross_form, determinant, identity
-   use rk_text, only : to_text
    use rk_weak_conditions, only : add_body_force, set_conditions, surface_type
    implicit none
    private
@@ -39,8 +39,9 @@ module rk_galerkin
       type(cells_type) :: cells
       !> Gradients there
       type(gradient_type) :: gradient
-      !> Pressure
+      !> Pressure, and where it is an unknown
       type(pressure_type) :: pressure
+      type(multiplier_type) :: multiplier
       !> Shape functions at the integration points
       type(shape_type) :: inside
       !> Gradients of nodal cells anywhere
@@ -63,6 +64,7 @@ module rk_galerkin
       !> Forces at full load: tractions, body forces, penalty of the prescribed values, shape (n)
       real(wp), allocatable :: force(:)
    contains
+      procedure :: scaled_norms
       procedure :: start_step
       procedure :: evaluate
       procedure :: linearise
@@ -78,7 +80,6 @@ module rk_galerkin
       procedure :: set_force
    end type galerkin_problem
 
-
 contains
 
 !> Set up the Galerkin problem of a scene
@@ -91,11 +92,12 @@ subroutine new_galerkin(self, scene, error)
    type(error_type), allocatable, intent(out) :: error
    type(shape_type) :: facet
    real(wp), allocatable :: shear(:)
-   integer :: ip, nc, nd, np
+   integer :: ip, nc, nd, np, ns
 
    self%scene => scene
    nd = scene%cloud%nd
    nc = size(scene%cloud%points, 2)
+   ns = size(scene%cloud%source, 2)
    self%fields = nd
    call new_boundary(self%boundary, scene%cloud, scene%condition, error)
    if (allocated(error)) return
@@ -110,9 +112,7 @@ subroutine new_galerkin(self, scene, error)
    end if
    if (allocated(error)) return
    np = size(self%cells%weight)
-   self%n = nd*size(scene%cloud%source, 2)
-   self%m = self%n
-   self%extent = sqrt(real(self%n, wp))*maxval(maxval(scene%cloud%source, dim=2) &
+   self%extent = sqrt(real(nd*ns, wp))*maxval(maxval(scene%cloud%source, dim=2) &
       & - minval(scene%cloud%source, dim=2))
 
    call scene%shape_at(self%cells%point, self%inside, error)
@@ -129,25 +129,27 @@ subroutine new_galerkin(self, scene, error)
    shear = [(self%mixture%shear_modulus(nc + ip, identity), ip=1, np)]
    call set_conditions(self%surface, scene, self%cells, shear, error)
    if (allocated(error)) return
-   call new_gradient(self%gradient, self%cells, size(scene%cloud%source, 2), self%inside, facet, &
-      & self%surface%shape, self%surface%essential)
+   call new_gradient(self%gradient, self%cells, ns, self%inside, facet, self%surface%shape, &
+      & self%surface%essential)
    call self%gradient%set_essential(self%cells, self%surface%essential, self%surface%value)
    call new_pressure(self%pressure, self%cells, scene%galerkin%pressure_degree, &
       & scene%cloud%points, error)
    if (allocated(error)) return
    call share_bulk(self%mixture, self%cells, nc, scene%galerkin%stabilisation, self%local_bulk, &
       & self%bulk)
+   call new_multiplier(self%multiplier, self%cells, self%bulk, shear, ns, self%gradient%member)
+   self%n = nd*(ns + self%multiplier%extra)
+   self%m = self%n
    if (self%cells%smoothed) call new_recovery(self%recovery, scene, self%cells, error)
    if (allocated(error)) return
-   call new_tangent(self%matrix, size(scene%cloud%source, 2), self%cells, self%gradient, &
-      & self%surface, self%inside, shear, scene%galerkin%direct_limit, error)
+   call new_tangent(self%matrix, ns, self%cells, self%gradient, self%multiplier, self%surface, &
+      & self%inside, shear, scene%galerkin%direct_limit, error)
    if (allocated(error)) return
-   allocate (self%force(self%n))
    allocate (self%constant(size(self%matrix%value, kind=i8)), source=0.0_wp)
    call self%surface%add_penalty(self%matrix%symmetric_matrix, self%constant)
    if (self%cells%smoothed) call stabilise(self%matrix%symmetric_matrix, self%constant, &
       & self%cells, self%inside, scene%galerkin%stabilisation*shear)
-   self%force = 0.0_wp
+   allocate (self%force(self%n), source=0.0_wp)
    call self%surface%add_forces(self%force)
 end subroutine new_galerkin
 
@@ -189,6 +191,20 @@ subroutine set_point_loads(self, body_force, displacement, stress)
    call self%surface%add_forces(self%force)
    call add_body_force(self%inside, self%cells%weight, body_force(:nd, :np), self%force)
 end subroutine set_point_loads
+
+!> Norms of displacements and of the pressures that are unknowns
+pure function scaled_norms(self, x) result(norms)
+   !> Problem
+   class(galerkin_problem), intent(in) :: self
+   !> Unknowns or their change, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   real(wp) :: norms(2)
+
+   associate (nu => self%n - self%gradient%nd*self%multiplier%extra)
+      norms = [norm2(x(:nu))/self%extent, 0.0_wp]
+      if (nu < self%n) norms(2) = norm2(x(nu + 1:))/self%multiplier%extent
+   end associate
+end function scaled_norms
 
 !> Forget where the last step came from
 subroutine start_step(self, x, load)
@@ -274,16 +290,16 @@ subroutine assemble(self, x, held, load, tangent, r, seen)
    type(evaluation_type), intent(out) :: seen
    type(field_state) :: at
    real(wp), allocatable :: part(:, :), force(:, :)
-   integer :: g, nd
+   integer :: g
 
-   nd = self%scene%cloud%nd
    call new_state(self, at)
-   call self%matrix%product(self%constant, x, r)
+   r = 0.0_wp
+   call self%matrix%product(self%constant, x(:self%matrix%n), r(:self%matrix%n))
    r = r - load*self%force
    if (tangent) self%matrix%value = self%constant
    ! parts are added in the order of the groups, so that sums do not depend on the threads
    !$omp parallel do default(none) schedule(static, 1) ordered private(g, part, force) &
-   !$omp shared(self, x, held, load, tangent, r, at, nd)
+   !$omp shared(self, x, held, load, tangent, r, at)
    do g = 1, size(self%cells%first) - 1
       associate (member => self%gradient%member%index(self%gradient%member%offset(g) + 1: &
          & self%gradient%member%offset(g + 1)))
@@ -307,6 +323,7 @@ subroutine assemble(self, x, held, load, tangent, r, seen)
    self%matrix%cells => self%cells
    self%matrix%gradient => self%gradient
    self%matrix%pressure => self%pressure
+   self%matrix%multiplier => self%multiplier
 end subroutine assemble
 
 !> State of the body with stresses
@@ -334,7 +351,8 @@ subroutine state(self, x, load, at)
          ! no stress exists
          if (.not. at%j(q) > 0.0_wp) cycle
          call self%mixture%stress(nc + q, at%f(:, :, q), load, at%p(:, :, q), volumetric=.false.)
-         at%p(:, :, q) = at%p(:, :, q) + pressure_at(self, g, q, at%j(q), at%pressure(:, g)) &
+         at%p(:, :, q) = at%p(:, :, q) + (self%local_bulk(nc + q)*(at%j(q) - 1.0_wp) &
+            & + self%pressure%value(g, q, at%pressure(:, g))) &
             & *(0.5_wp*cross(at%f(:, :, q), at%f(:, :, q)))
       end do
    end do
@@ -349,7 +367,7 @@ pure subroutine new_state(self, at)
    type(field_state), intent(out) :: at
 
    allocate (at%f(3, 3, size(self%cells%weight)), at%j(size(self%cells%weight)))
-   allocate (at%pressure, mold=self%pressure%total)
+   allocate (at%pressure, at%volume, mold=self%pressure%total)
 end subroutine new_state
 
 !> Deformation of a group of points, and the pressure that its change of volume makes
@@ -378,35 +396,19 @@ pure subroutine deform_group(self, g, x, held, at)
    value = 0.0_wp
    do q = self%cells%first(g) + 1, self%cells%first(g + 1)
       call self%gradient%at(q, local, held, h)
-      associate (f => at%f(:, :, q))
-         f = identity
-         f(:nd, :nd) = f(:nd, :nd) + h
-         at%j(q) = determinant(f)
-      end associate
+      at%f(:, :, q) = identity
+      at%f(:nd, :nd, q) = at%f(:nd, :nd, q) + h
+      at%j(q) = determinant(at%f(:, :, q))
       value(:b) = value(:b) + self%cells%weight(q)*at%j(q)*self%pressure%basis(:b, q)
    end do
-   value(:b) = self%bulk(g)*(value(:b) - self%pressure%total(:b, g))
-   at%pressure(:, g) = value
+   value(:b) = value(:b) - self%pressure%total(:b, g)
+   at%volume(:, g) = value
+   if (self%multiplier%free(g)) then
+      at%pressure(:, g) = self%multiplier%pressure(g, local)
+   else
+      at%pressure(:, g) = self%bulk(g)*value
+   end if
 end subroutine deform_group
-
-!> Pressure at a point: of the projected change of volume, and of that of the point itself [stress]
-pure real(wp) function pressure_at(self, g, q, j, coefficient)
-   !> Problem
-   class(galerkin_problem), intent(in) :: self
-   !> Group
-   integer, intent(in) :: g
-   !> Point of the group
-   integer, intent(in) :: q
-   !> Volume ratio at the point [-]
-   real(wp), intent(in) :: j
-   !> Coefficients of the group's pressure, shape (1 + nd) [stress length^(nd/2)]
-   real(wp), intent(in) :: coefficient(:)
-   integer :: b
-
-   b = self%pressure%count(g)
-   pressure_at = self%local_bulk(size(self%scene%cloud%points, 2) + q)*(j - 1.0_wp) &
-      & + dot_product(coefficient(:b), self%pressure%basis(:b, q))
-end function pressure_at
 
 !> Forces and stiffness of a group of points
 subroutine group_part(self, g, at, held, load, tangent, force, part)
@@ -427,7 +429,7 @@ subroutine group_part(self, g, at, held, load, tangent, force, part)
    !> Upper triangle of the stiffness, shape (nd*members, nd*members) [force/length]
    real(wp), allocatable, intent(inout) :: part(:, :)
    real(wp), allocatable :: c4(:, :, :, :, :), volume(:, :)
-   real(wp) :: h(self%gradient%nd, self%gradient%nd), p(3, 3), cofactor(3, 3)
+   real(wp) :: h(self%gradient%nd, self%gradient%nd), p(3, 3), cofactor(3, 3), own
    real(wp) :: linear(size(at%pressure, 1)), jump(size(at%pressure, 1))
    integer :: nc, nd, n, q, o, i, k, members, b
    logical :: formed, stacked
@@ -451,24 +453,25 @@ subroutine group_part(self, g, at, held, load, tangent, force, part)
    jump = 0.0_wp
    if (tangent) then
       linear = at%pressure(:, g)
-      if (allocated(self%base)) linear = self%pressure%along_step(g, self%cells, self%bulk(g), &
-         & at%f, self%base)
+      if (allocated(self%base) .and. .not. self%multiplier%free(g)) linear = &
+         & self%pressure%along_step(g, self%cells, self%bulk(g), at%f, self%base)
       allocate (c4(3, 3, 3, 3, n))
       if (stacked) allocate (volume(nd*members, b), source=0.0_wp)
    end if
    do q = 1, n
       associate (f => at%f(:, :, o + q), j => at%j(o + q))
          cofactor = 0.5_wp*cross(f, f)
+         own = self%local_bulk(nc + o + q)*(j - 1.0_wp)
          if (tangent) then
             call self%mixture%tangent(nc + o + q, f, load, p, c4(:, :, :, :, q), volumetric=.false.)
-            c4(:, :, :, :, q) = self%cells%weight(o + q)*(c4(:, :, :, :, q) &
-               & + pressure_at(self, g, o + q, j, linear)*reshape(cross_form(f), [3, 3, 3, 3]) &
+            c4(:, :, :, :, q) = self%cells%weight(o + q)*(c4(:, :, :, :, q) + (own &
+               & + self%pressure%value(g, o + q, linear))*reshape(cross_form(f), [3, 3, 3, 3]) &
                & + self%local_bulk(nc + o + q)*reshape(matmul(reshape(cofactor, [9, 1]), &
                & reshape(cofactor, [1, 9])), [3, 3, 3, 3]))
          else
             call self%mixture%stress(nc + o + q, f, load, p, volumetric=.false.)
          end if
-         p = p + pressure_at(self, g, o + q, j, at%pressure(:, g))*cofactor
+         p = p + (own + self%pressure%value(g, o + q, at%pressure(:, g)))*cofactor
       end associate
       if (tangent .and. held < load) then
          h = (load - held)*self%gradient%given(:, :, o + q)
@@ -487,14 +490,23 @@ subroutine group_part(self, g, at, held, load, tangent, force, part)
       if (stacked) call self%gradient%add_work(o + q, cofactor, self%pressure%basis(:b, o + q), &
          & volume)
    end do
+   if (self%multiplier%free(g)) then
+      call self%multiplier%set_rows(g, at%volume(:b, g) + jump(:b), force)
+   else if (stacked) then
+      force = force + self%bulk(g)*reshape(matmul(volume, jump(:b)), shape(force))
+   end if
    if (.not. tangent) return
-   if (stacked) force = force + self%bulk(g)*reshape(matmul(volume, jump(:b)), shape(force))
    if (.not. formed) then
       self%matrix%bulk(g) = self%bulk(g)
       self%matrix%moduli(:, :, :, :, o + 1:o + n) = c4
       return
    end if
-   call dsyrk('u', 'n', nd*members, b, self%bulk(g), volume, nd*members, 0.0_wp, part, nd*members)
+   if (self%multiplier%free(g)) then
+      call self%multiplier%set_stiffness(g, volume, part)
+   else
+      call dsyrk('u', 'n', nd*members, b, self%bulk(g), volume, nd*members, 0.0_wp, part, &
+         & nd*members)
+   end if
    call self%gradient%add_stiffness(o, c4, part)
 end subroutine group_part
 
@@ -534,9 +546,6 @@ subroutine square_step(self, shift, r, dx, found, report, error)
 
    found = .true.
    call self%matrix%solve_square(shift, -r, dx, report, error)
-   if (allocated(error) .and. .not. self%matrix%formed) error%message = error%message//': ' &
-      & //'take galerkin.stabilisation = 1, galerkin.penalty = 10, smaller load steps, or a ' &
-      & //'galerkin.direct_limit of '//to_text(self%n)//' where memory allows'
 end subroutine square_step
 
 !> Stress and deformation at a place from the displacement and the pressure there

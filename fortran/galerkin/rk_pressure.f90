@@ -36,6 +36,8 @@ module rk_pressure
       !> Groups near each collocation point
       type(csr_type) :: near
    contains
+      !> Pressure at a point
+      procedure :: value => pressure_value
       !> Pressure of a group that is linear in a step
       procedure :: along_step
       !> Blended pressure
@@ -112,6 +114,20 @@ subroutine new_pressure(self, cells, degree, place, error)
    end do
    call find_neighbours(self%near, self%centre, list*self%reach, place, window_product, error)
 end subroutine new_pressure
+
+!> Pressure at a point of a group [stress]
+pure real(wp) function pressure_value(self, g, q, coefficient)
+   !> Polynomials
+   class(pressure_type), intent(in) :: self
+   !> Group and its point
+   integer, intent(in) :: g, q
+   !> Coefficients of the group's pressure, shape (1 + nd) [stress length^(nd/2)]
+   real(wp), intent(in) :: coefficient(:)
+
+   associate (b => self%count(g))
+      pressure_value = dot_product(coefficient(:b), self%basis(:b, q))
+   end associate
+end function pressure_value
 
 !> Pressure of a group at the end of a step, linear in the step as in a mixed Newton iteration: with
 !> K (J - 1) of the new place instead, the stiffness suffers from every bit of volume that a step

@@ -21,6 +21,7 @@ module rk_tangent
    use rk_error, only : error_type, fatal_error, err_linalg
    use rk_gradient, only : gradient_type
    use rk_minres, only : minres, symmetric_system
+   use rk_multiplier, only : multiplier_type
    use rk_operator, only : square_report
    use rk_precision, only : i8, wp
    use rk_preconditioner, only : new_preconditioner, preconditioner_type
@@ -49,6 +50,7 @@ module rk_tangent
       type(cells_type), pointer :: cells => null()
       type(gradient_type), pointer :: gradient => null()
       type(pressure_type), pointer :: pressure => null()
+      type(multiplier_type), pointer :: multiplier => null()
       !> For the displacements
       type(preconditioner_type), private :: preconditioner
    contains
@@ -81,7 +83,7 @@ module rk_tangent
 contains
 
 !> Set up the places of the entries and, where it is not formed, the preconditioner
-subroutine new_tangent(self, ns, cells, gradient, surface, inside, shear, limit, error)
+subroutine new_tangent(self, ns, cells, gradient, multiplier, surface, inside, shear, limit, error)
    !> Tangent
    type(tangent_type), intent(inout) :: self
    !> Source points
@@ -90,6 +92,8 @@ subroutine new_tangent(self, ns, cells, gradient, surface, inside, shear, limit,
    type(cells_type), intent(in) :: cells
    !> Gradients there
    type(gradient_type), intent(in) :: gradient
+   !> Pressures that are unknowns
+   type(multiplier_type), intent(in) :: multiplier
    !> Conditions on the surface
    type(surface_type), intent(in) :: surface
    !> Shape functions at the integration points
@@ -104,7 +108,8 @@ subroutine new_tangent(self, ns, cells, gradient, surface, inside, shear, limit,
 
    self%formed = .not. cells%smoothed .or. gradient%nd*ns <= limit
    if (self%formed) then
-      call new_symmetric(self%symmetric_matrix, gradient%nd, ns, gradient%member)
+      call new_symmetric(self%symmetric_matrix, gradient%nd, ns + multiplier%extra, gradient%member)
+      self%indefinite = multiplier%extra > 0
       return
    end if
    ! only what never changes: penalty and stabilisation
@@ -133,7 +138,8 @@ subroutine apply(self, x, y)
    real(wp), contiguous, intent(inout) :: y(:)
    real(wp) :: volume(size(self%pressure%total, 1), size(self%pressure%total, 2))
 
-   call self%product(self%value, x, y)
+   y = 0.0_wp
+   call self%product(self%value, x(:self%n), y(:self%n))
    if (.not. self%formed) call add_groups(self, x, y, volume)
 end subroutine apply
 
@@ -159,12 +165,13 @@ subroutine add_groups(self, x, y, volume, pressure)
       associate (member => self%gradient%member%index(self%gradient%member%offset(g) + 1: &
          & self%gradient%member%offset(g + 1)))
          if (present(pressure)) then
-            call group_force(self, g, member, x, volume(:, g), force, pressure(:, g))
+            call group_force(self, g, pack(member, member <= self%n/nd), x, volume(:, g), force, &
+               & pressure(:, g))
          else
             call group_force(self, g, member, x, volume(:, g), force)
          end if
          !$omp ordered
-         call add_forces(member, force, y)
+         call add_forces(member(:size(force, 2)), force, y)
          !$omp end ordered
       end associate
    end do
@@ -196,7 +203,7 @@ pure subroutine group_force(self, g, member, x, volume, force, pressure)
    !> Its source points
    integer, intent(in) :: member(:)
    !> Displacements of all source points [length]
-   real(wp), intent(in) :: x(self%block, self%n/self%block)
+   real(wp), intent(in) :: x(self%block, *)
    !> B u of the group, shape (1 + nd)
    real(wp), intent(out) :: volume(:)
    !> Forces on its source points, shape (nd, members) [force]
@@ -219,8 +226,13 @@ pure subroutine group_force(self, g, member, x, volume, force, pressure)
       volume(:b) = volume(:b) + sum(self%cofactor(:nd, :nd, o + q)*h(:, :, q)) &
          & *self%pressure%basis(:b, o + q)
    end do
-   coefficient = self%bulk(g)*volume
-   if (present(pressure)) coefficient = kept_part(self, g)*volume + pressure
+   if (present(pressure)) then
+      coefficient = kept_part(self, g)*volume + pressure
+   else if (self%multiplier%free(g)) then
+      coefficient = self%multiplier%pressure(g, local)
+   else
+      coefficient = self%bulk(g)*volume
+   end if
    if (allocated(force)) deallocate (force)
    allocate (force(nd, size(member)), source=0.0_wp)
    do q = 1, n
@@ -232,6 +244,8 @@ pure subroutine group_force(self, g, member, x, volume, force, pressure)
       end do
       call self%gradient%add_force(o + q, p, force)
    end do
+   if (self%multiplier%free(g) .and. .not. present(pressure)) &
+      & call self%multiplier%set_rows(g, volume(:b), force)
 end subroutine group_force
 
 !> All entries, both triangles
@@ -240,11 +254,11 @@ subroutine dense(self, a)
    class(tangent_type), intent(in) :: self
    !> Entries, shape (n, n)
    real(wp), contiguous, intent(inout) :: a(:, :)
-   real(wp) :: unit(self%n)
+   real(wp) :: unit(size(a, 1))
    integer :: j
 
    unit = 0.0_wp
-   do j = 1, self%n
+   do j = 1, size(unit)
       unit(j) = 1.0_wp
       call self%apply(unit, a(:, j))
       unit(j) = 0.0_wp
@@ -266,7 +280,8 @@ recursive subroutine solve_square(self, shift, b, x, report, error)
    !> Error handling: singular matrix, no memory, no convergence
    type(error_type), allocatable, intent(out) :: error
    type(saddle_type) :: saddle
-   real(wp), allocatable :: both(:)
+   integer :: g
+   real(wp), allocatable :: both(:), right(:), volume(:, :), pressure(:, :)
 
    if (self%formed) then
       call self%symmetric_matrix%solve_square(shift, b, x, report, error)
@@ -275,16 +290,30 @@ recursive subroutine solve_square(self, shift, b, x, report, error)
    saddle%tangent => self
    saddle%shift = shift
    saddle%size = self%n + size(self%pressure%total)
-   allocate (both(saddle%size))
-   call minres(saddle, [b, spread(0.0_wp, 1, saddle%size - self%n)], tolerance, most, both, &
-      & report%iterations, report%backward_error)
-   x = both(:self%n)
+   allocate (both(saddle%size), right(saddle%size), source=0.0_wp)
+   right(:self%n) = b(:self%n)
+   if (self%multiplier%extra > 0) then
+      allocate (pressure, volume, mold=self%pressure%total)
+      call self%multiplier%from_rows(b(self%n + 1:), pressure)
+      right(self%n + 1:) = reshape(pressure, [size(pressure)])
+      ! the part of K that is kept with the displacements acts on the prescribed volume as well
+      do g = 1, size(self%bulk)
+         pressure(:, g) = kept_part(self, g)*pressure(:, g)
+      end do
+      call add_groups(self, 0.0_wp*right(:self%n), right(:self%n), volume, pressure)
+   end if
+   call minres(saddle, right, tolerance, most, both, report%iterations, report%backward_error)
+   x(:self%n) = both(:self%n)
+   if (self%multiplier%extra > 0) call self%multiplier%to_unknowns(reshape(both(self%n + 1:), &
+      & shape(pressure)), x(self%n + 1:))
    report%used = 'minres'
    report%why = 'a factor of '//to_text(self%n)//' unknowns is large: minimal residuals with ' &
       & //'displacements and pressures, the tangent is not formed'
    if (.not. report%backward_error <= acceptable) call fatal_error(error, err_linalg, &
       & 'minimal residuals reached '//to_text(report%backward_error, 2)//' in ' &
-      & //to_text(report%iterations)//' iterations')
+      & //to_text(report%iterations)//' iterations: take galerkin.stabilisation = 1, ' &
+      & //'galerkin.penalty = 10, smaller load steps, or a galerkin.direct_limit of ' &
+      & //to_text(self%n)//' where memory allows')
 end subroutine solve_square
 
 !> Displacement and pressure rows

@@ -20,7 +20,8 @@ module rk_ellipticity
 
 contains
 
-!> Find the worst point. The mixed form takes the material as incompressible.
+!> Find the worst point. The mixed form takes the material as incompressible,
+!> all forms where K is infinite.
 subroutine find_ellipticity(problem, state, worst)
    !> Full nonlinear problem
    class(discretisation_type), intent(in) :: problem
@@ -30,19 +31,20 @@ subroutine find_ellipticity(problem, state, worst)
    type(ellipticity_type), intent(out) :: worst
    real(wp), allocatable :: least(:)
    real(wp) :: u(problem%fields, problem%shape%nq), f(3, 3), h(3, 3, 3), p(3, 3), c4(3, 3, 3, 3)
-   logical :: mixed
+   logical :: fixed, mixed
    integer :: ip, nd
 
    nd = problem%scene%cloud%nd
    mixed = problem%has_pressure()
    allocate (least(size(problem%scene%cloud%points, 2)))
-   !$omp parallel do default(none) schedule(static) private(ip, u, f, h, p, c4) &
+   !$omp parallel do default(none) schedule(static) private(ip, u, f, h, p, c4, fixed) &
    !$omp shared(problem, state, least, nd, mixed)
    do ip = 1, size(least)
       call problem%field(ip, state%x, 1 + nd, u)
       call deformation(nd, u, f, h)
-      call problem%mixture%tangent(ip, f, state%load, p, c4, volumetric=.not. mixed)
-      least(ip) = least_acoustic(nd, c4, 0.5_wp*cross(f, f), mixed) &
+      fixed = mixed .or. problem%mixture%bulk(ip) > huge(1.0_wp)
+      call problem%mixture%tangent(ip, f, state%load, p, c4, volumetric=.not. fixed)
+      least(ip) = least_acoustic(nd, c4, 0.5_wp*cross(f, f), fixed) &
          & /problem%scene%tissue(problem%scene%tissue_of(ip))%material%shear
    end do
    !$omp end parallel do

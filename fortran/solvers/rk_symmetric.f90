@@ -19,6 +19,8 @@ module rk_symmetric
    type, extends(square_operator) :: symmetric_matrix
       !> Unknowns in a block
       integer :: block = 1
+      !> Known not to be definite: no attempt at Cholesky
+      logical :: indefinite = .false.
       !> Column j has entries start(j)+1 : start(j+1), shape (n + 1)
       integer(i8), allocatable :: start(:)
       !> Row of each entry less 1
@@ -316,9 +318,15 @@ recursive subroutine solve_square(self, shift, b, x, report, error)
    report%used = 'cholesky'
    report%why = 'the tangent is square and symmetric: Cholesky, or LU where it is not positive ' &
       & //'definite'
-   call solve_sparse(self%n, self%start, self%row, self%value, .true., b, x, report%rcond, error)
-   if (allocated(error)) then
-      if (error%code == err_memory) return
+   if (self%indefinite) then
+      report%why = 'the tangent has pressures as unknowns and is not definite: LU'
+   else
+      call solve_sparse(self%n, self%start, self%row, self%value, .true., b, x, report%rcond, error)
+   end if
+   if (self%indefinite .or. allocated(error)) then
+      if (allocated(error)) then
+         if (error%code == err_memory) return
+      end if
       report%used = 'lu'
       call self%compressed(start, column, value)
       call solve_sparse(self%n, start, column, value, .false., b, x, report%rcond, error)

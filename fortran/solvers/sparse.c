@@ -195,14 +195,17 @@ int rk_sparse_direct(int64_t n, int64_t *start, int64_t *row, double *value, int
         return stat;
     }
 #ifdef HAVE_UMFPACK
-    double info[UMFPACK_INFO];
+    double info[UMFPACK_INFO], control[UMFPACK_CONTROL];
+    umfpack_dl_defaults(control);
+    /* the pattern is symmetric also where zeros on the diagonal hide it: columns alone would fill */
+    control[UMFPACK_STRATEGY] = UMFPACK_STRATEGY_SYMMETRIC;
     void *symbolic = NULL, *numeric = NULL;
-    long stat = umfpack_dl_symbolic(n, n, start, row, value, &symbolic, NULL, info);
+    long stat = umfpack_dl_symbolic(n, n, start, row, value, &symbolic, control, info);
     if (stat == UMFPACK_OK)
-        stat = umfpack_dl_numeric(start, row, value, symbolic, &numeric, NULL, info);
+        stat = umfpack_dl_numeric(start, row, value, symbolic, &numeric, control, info);
     if (stat == UMFPACK_OK) {
         *rcond = info[UMFPACK_RCOND];
-        stat = umfpack_dl_solve(UMFPACK_A, start, row, value, x, b, numeric, NULL, info);
+        stat = umfpack_dl_solve(UMFPACK_A, start, row, value, x, b, numeric, control, info);
     }
     umfpack_dl_free_symbolic(&symbolic);
     umfpack_dl_free_numeric(&numeric);

@@ -271,11 +271,11 @@ def test_wrong_override(write: Write, override: str, message: str) -> None:
     assert lines[0].startswith(f"--set {override}: {message}")
 
 
-def test_infinite_bulk_modulus_needs_the_mixed_form(write: Write) -> None:
+def test_infinite_bulk_modulus_needs_a_pressure(write: Write) -> None:
     lines = complaints(write(BLOCK), "material.fat.K=inf", "scene.method=rkcm")
     assert lines == [
-        "--set material.fat.K=inf: material.fat.K: inf is only for scene.method = rkcm-mixed, "
-        "where the pressure is an unknown; here scene.method = rkcm"
+        "--set material.fat.K=inf: material.fat.K: inf needs a pressure that is an unknown: take "
+        "scene.method = rkpm-gauss, rkpm-scni or rkcm-mixed instead of rkcm"
     ]
 
 

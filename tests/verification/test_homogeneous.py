@@ -74,7 +74,7 @@ def test_uniaxial(open_scene, stretch, bulk):
     assert_allclose(fields.cauchy[:, XX], wanted, rtol=1e-4)
 
 
-@pytest.mark.parametrize("method", ["auto", "rkcm-mixed"])
+@pytest.mark.parametrize("method", ["auto", "rkcm-mixed", "rkpm-gauss", "rkpm-scni"])
 def test_infinite_bulk_modulus(open_scene, method):
     """K = inf keeps the volume; nothing but the boundary conditions sets the pressure."""
     stretch = 2.5
