@@ -47,6 +47,9 @@ _LEG = (
     "load.activation=0.2",
 )
 
+#: What the Galerkin forms share with collocation on decks made for that
+_QUINTIC = ("approximation.kernel=quintic", "galerkin.gauss=3")
+
 #: Runs beside those of the regression tests: name, deck and overrides
 CASES = {
     "poisson_1d": ("poisson_1d", ()),
@@ -56,24 +59,34 @@ CASES = {
     "block": ("muscle_block", (*_BLOCK, "load.activation=0.2")),
     "shear-dgels": ("shear_2d", ("solver.linear=dgels", "load.steps=3")),
     "shear-spqr": ("shear_2d", ("solver.linear=spqr", "load.steps=3")),
-    "block-gauss": ("muscle_block", (*_BLOCK, "scene.method=rkpm-gauss", "load.activation=0.1")),
+    "block-gauss": (
+        "muscle_block",
+        (*_BLOCK, "scene.method=rkpm-gauss", *_QUINTIC, "load.activation=0.1"),
+    ),
     "fibers-scni": (
         "muscle_fibers",
         (
             *_BLOCK,
             "scene.method=rkpm-scni",
+            *_QUINTIC,
             "approximation.order=1",
             "approximation.support=2",
             "load.activation=0.05",
         ),
     ),
     "tube-mixed": ("tube", ("scene.method=rkcm-mixed", "load.steps=8")),
-    "tube-gauss": ("tube", ("scene.method=rkpm-gauss", "geometry.source=[5,26]", "load.steps=8")),
+    "tube-gauss": (
+        "tube",
+        ("scene.method=rkpm-gauss", *_QUINTIC, "geometry.source=[5,26]", "load.steps=8"),
+    ),
     "shear-jitter": (
         "shear_2d",
-        ("scene.method=rkpm-scni", "geometry.jitter=0.2", "load.steps=4"),
+        ("scene.method=rkpm-scni", *_QUINTIC, "geometry.jitter=0.2", "load.steps=4"),
     ),
-    "shear-minres": ("shear_2d", ("scene.method=rkpm-gauss", "galerkin.direct_limit=10")),
+    "shear-minres": (
+        "shear_2d",
+        ("scene.method=rkpm-gauss", *_QUINTIC, "galerkin.direct_limit=10"),
+    ),
     "shear-K-infinite": ("shear_2d", ("scene.method=rkcm-mixed", "material.K=inf")),
 }
 #: Runs from images: deck, overrides

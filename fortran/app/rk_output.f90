@@ -66,6 +66,8 @@ module rk_output
       procedure :: say
       !> A warning to the log and the terminal
       procedure :: warn
+      !> What happens between steps, to the log and the terminal
+      procedure :: note
    end type output_type
 
 contains
@@ -273,5 +275,15 @@ subroutine warn(self, line)
 
    call self%say('warning: '//line, level=0)
 end subroutine warn
+
+!> What happened between two steps
+subroutine note(self, line)
+   !> Files
+   class(output_type), intent(inout) :: self
+   !> Line
+   character(len=*), intent(in) :: line
+
+   call self%say('  '//line, level=0)
+end subroutine note
 
 end module rk_output

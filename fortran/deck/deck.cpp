@@ -167,6 +167,9 @@ std::vector<Section *> Deck::entries(const std::string &table) {
 }
 
 std::string Deck::lookup(const Section &section, const std::string &key) const {
+   const auto fact = facts.find(key);
+   if (fact != facts.end())
+      return fact->second;
    const std::size_t dot = key.find('.');
    const Section *place = dot == std::string::npos ? &section : single(key.substr(0, dot));
    const Value *value =

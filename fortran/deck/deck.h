@@ -1,7 +1,7 @@
 // Decks: TOML text + overrides -> checked values with their places in the file.
 //
-// Nothing here knows a key by name except deck_rules.cpp; the keys come from schema.toml through
-// the generated table (make_schema.py).
+// Nothing here knows a key by name except deck_form.cpp and deck_rules.cpp; the keys come from
+// schema.toml through the generated table (make_schema.py).
 #pragma once
 
 #include <cstdint>
@@ -18,10 +18,16 @@ namespace rk {
 
 enum class Type { text, integer, number, boolean, texts, integers, numbers };
 
-// Holds where the value of `key` (of the same table, or "table.key") is one of `values`.
+// Holds where the value of `key` (of the same table, "table.key", or a fact) is one of `values`.
 struct Condition {
    std::string key;
    std::vector<std::string> values;
+};
+
+// A default that holds where all conditions do
+struct Choice {
+   std::string toml; // as written in a deck
+   std::vector<Condition> when;
 };
 
 constexpr int any_length = 0;
@@ -38,6 +44,7 @@ struct KeySpec {
    bool or_number, scalar, nonzero, infinite, unique;
    std::string refers_to;
    std::vector<Condition> required_if, only_if;
+   std::vector<Choice> default_if; // the first one that holds, before default_toml
 };
 
 struct TableSpec {
@@ -114,13 +121,14 @@ class Deck {
    std::string address(const Section &section, const std::string &key = "") const;
    const Section *single(const std::string &table) const;
    std::vector<Section *> entries(const std::string &table);
-   // The value a condition or a length speaks of, as plain text; "" where absent or refused
+   // The value or fact a condition speaks of, as plain text; "" where absent or refused
    std::string lookup(const Section &section, const std::string &key) const;
 
    std::string name, text, sha256, folder;
    std::vector<std::string> overrides;
    std::vector<Section> sections;   // in the order of the schema
    std::set<std::string> misshapen; // tables that are something else in the deck
+   std::map<std::string, std::string> facts; // what follows from several keys, for conditions
    Status status = Status::good;
    std::string message; // all complaints, a line each, in the order of the deck
 
@@ -148,6 +156,8 @@ void apply_overrides(Deck &deck);
 void check_schema(Deck &deck);
 // deck_check.cpp: defaults of a table without a look at what is missing or wrong in it
 void fill_defaults(const Deck &deck, Section &section);
+// deck_form.cpp: the form that scene.method stands for, and what else defaults depend on
+void choose_form(Deck &deck);
 // deck_rules.cpp: what depends on more than the schema can say
 void check_rules(Deck &deck);
 

@@ -163,10 +163,20 @@ static const Condition *failing(const Deck &deck, const Section &section,
    return nullptr;
 }
 
-static void fill_default(Section &section, const KeySpec &key) {
-   if (!key.default_toml || section.find(key.name) || section.refused.count(key.name))
+static std::optional<std::string> default_of(const Deck &deck, const Section &section,
+                                             const KeySpec &key) {
+   for (const Choice &choice : key.default_if) {
+      if (!failing(deck, section, choice.when, false))
+         return choice.toml;
+   }
+   return key.default_toml;
+}
+
+static void fill_default(const Deck &deck, Section &section, const KeySpec &key) {
+   const std::optional<std::string> toml = default_of(deck, section, key);
+   if (!toml || section.find(key.name) || section.refused.count(key.name))
       return;
-   Value value = *parse_value(*key.default_toml);
+   Value value = *parse_value(*toml);
    value.origin = section.origin;
    section.values[key.name] = value;
 }
@@ -174,7 +184,7 @@ static void fill_default(Section &section, const KeySpec &key) {
 void fill_defaults(const Deck &deck, Section &section) {
    for (const KeySpec &key : section.spec->keys) {
       if (!failing(deck, section, key.only_if, false))
-         fill_default(section, key);
+         fill_default(deck, section, key);
    }
 }
 
@@ -208,7 +218,7 @@ static std::set<std::string> check_presence(Deck &deck, Section &section) {
          deck.complain(section.origin, address, what);
          wrong.insert(key.name);
       } else if (!failing(deck, section, key.only_if, false)) {
-         fill_default(section, key);
+         fill_default(deck, section, key);
       }
    }
    return wrong;
@@ -305,10 +315,11 @@ void check_schema(Deck &deck) {
 
    for (Section &section : deck.sections)
       check_values(deck, section);
+   choose_form(deck);
    for (Section &section : deck.sections) {
       for (const KeySpec &key : section.spec->keys) {
          if (key.only_if.empty())
-            fill_default(section, key);
+            fill_default(deck, section, key);
       }
    }
    for (Section &section : deck.sections)

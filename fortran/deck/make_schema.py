@@ -25,8 +25,13 @@ TABLE_ATTRIBUTES = {
 KEY_ATTRIBUTES = {
     "type", "help", "unit", "default", "required", "choices", "min", "max", "above", "below",
     "length", "or_number", "scalar", "nonzero", "infinite", "refers_to", "unique", "required_if",
-    "only_if",
+    "only_if", "default_if",
 }  # fmt: skip
+#: What deck_form.cpp finds out beside the form, for conditions, in words of the reference
+FACTS = {
+    "surface_stress": "a plane `rkpm-gauss` scene with neither order nor support and with a probe "
+    "of a stress on the surface",
+}
 
 
 def read_schema(path: Path) -> dict[str, dict[str, Any]]:
@@ -75,8 +80,15 @@ def check(tables: dict[str, dict[str, Any]]) -> None:
                 wrong.append(f"[{name}.{key}]: type or help is missing")
             if "refers_to" in spec and spec["refers_to"] not in tables:
                 wrong.append(f"[{name}.{key}]: no table {spec['refers_to']}")
-            for other in [*spec.get("required_if", {}), *spec.get("only_if", {})]:
+            choices = spec.get("default_if", [])
+            if any(choice.keys() != {"is", "when"} for choice in choices):
+                wrong.append(f"[{name}.{key}]: default_if takes `is` and `when`")
+                continue
+            others = [other for choice in choices for other in choice["when"]]
+            for other in [*spec.get("required_if", {}), *spec.get("only_if", {}), *others]:
                 where, _, what = other.rpartition(".")
+                if other in FACTS:
+                    continue
                 if what not in tables.get(where or name, {"keys": {}})["keys"]:
                     wrong.append(f"[{name}.{key}]: no key {other}")
     if wrong:
@@ -111,9 +123,18 @@ def flag(spec: dict[str, Any], name: str) -> str:
     return "true" if spec.get(name) else "false"
 
 
-def conditions(spec: dict[str, Any], name: str) -> str:
-    """C++ list of Condition of an attribute."""
-    pairs = [f"{{{quoted(key)}, {texts(values)}}}" for key, values in spec.get(name, {}).items()]
+def conditions(wanted: dict[str, list[Any]]) -> str:
+    """C++ list of Condition."""
+    pairs = [f"{{{quoted(key)}, {texts(values)}}}" for key, values in wanted.items()]
+    return "{" + ", ".join(pairs) + "}"
+
+
+def choices(spec: dict[str, Any]) -> str:
+    """C++ list of Choice of a key."""
+    pairs = [
+        f"{{{quoted(toml_text(choice['is']))}, {conditions(choice['when'])}}}"
+        for choice in spec.get("default_if", [])
+    ]
     return "{" + ", ".join(pairs) + "}"
 
 
@@ -130,8 +151,9 @@ def cpp_key(name: str, spec: dict[str, Any]) -> str:
         "dimension_length" if length == "dimension" else str(length),
         *(flag(spec, word) for word in ("or_number", "scalar", "nonzero", "infinite", "unique")),
         quoted(spec.get("refers_to", "")),
-        conditions(spec, "required_if"),
-        conditions(spec, "only_if"),
+        conditions(spec.get("required_if", {})),
+        conditions(spec.get("only_if", {})),
+        choices(spec),
     ]
     return "         {" + ", ".join(members) + "},\n"
 
@@ -210,6 +232,10 @@ def needed(spec: dict[str, Any]) -> str:
     words = []
     if "default" in spec:
         words.append(f"`{toml_text(spec['default'])}`")
+    words += [
+        f"`{toml_text(choice['is'])}` for {condition_text(choice['when'])}"
+        for choice in spec.get("default_if", [])
+    ]
     if "only_if" in spec:
         need = "needed for" if spec.get("required_if") == spec["only_if"] else "only for"
         words.append(f"{need} {condition_text(spec['only_if'])}")
@@ -220,6 +246,9 @@ def condition_text(conditions: dict[str, list[Any]]) -> str:
     """Conditions in words, long lists cut short."""
     parts = []
     for key, values in conditions.items():
+        if key in FACTS:
+            parts.append(FACTS[key])
+            continue
         short = [*values[:2], "…", values[-1]] if len(values) > 4 else values
         parts.append(f"{key} = {' or '.join(str(value) for value in short)}")
     return " and ".join(parts)

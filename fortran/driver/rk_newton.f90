@@ -408,6 +408,9 @@ pure logical function converged(self)
       ! a full Newton step may end where rounding keeps every further one from being accepted
       & .or. self%gradient < rounding
    converged = converged .or. (self%iterations > 0 .and. self%whole .and. self%still)
+   ! where rounding lets no step through, the last one is damped without an end
+   converged = converged .or. (self%iterations > 0 .and. self%step_norm < rounding &
+      & .and. self%gradient < self%tolerance)
 end function converged
 
 !> Smallest volume ratio and its place

@@ -74,6 +74,8 @@ module rk_recorder
       procedure(stop_interface), deferred :: stopped
       !> Something deserves attention
       procedure :: warn
+      !> Something happened on the way
+      procedure :: note
    end type recorder_type
 
    abstract interface
@@ -112,5 +114,16 @@ subroutine warn(self, line)
    associate (unused => self, unused_line => line)
    end associate
 end subroutine warn
+
+!> Something happened on the way that says nothing about the answer; kept still as well
+subroutine note(self, line)
+   !> Receiver
+   class(recorder_type), intent(inout) :: self
+   !> What happened
+   character(len=*), intent(in) :: line
+
+   associate (unused => self, unused_line => line)
+   end associate
+end subroutine note
 
 end module rk_recorder

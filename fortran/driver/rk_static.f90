@@ -58,6 +58,8 @@ subroutine solve_static(problem, newton, steps, max_halvings, x, recorder, timer
             if (any(error%code == [err_convergence, err_linalg]) .and. halvings < max_halvings &
                & .and. .not. newton%pinned) then
                halvings = halvings + 1
+               call recorder%note('load '//to_text(load, 4)//': '//error%message &
+                  & //'; the load step is halved to '//to_text(0.5_wp*size, 4))
                deallocate (error)
                ! the secant may have led astray
                if (allocated(newton%slope)) deallocate (newton%slope)

@@ -22,9 +22,6 @@ module rk_deck_scene
 
    public :: new_scene
 
-   !> Bulk over shear modulus above which the displacement form is taken to lock [-]
-   real(wp), parameter :: locking_ratio = 50.0_wp
-
 contains
 
 !> Build the scene of a deck
@@ -62,10 +59,6 @@ subroutine new_scene(scene, deck, model, error)
    end if
    call read_materials(scene, deck, error)
    if (allocated(error)) return
-   if (scene%method == 'auto' .and. scene%stiffest_ratio() > locking_ratio) &
-      & scene%method = 'rkcm-mixed'
-   if (scene%method == 'auto') scene%method = 'rkcm'
-   if (scene%method == 'rkpm') scene%method = 'rkpm-scni'
    call check_cloud(scene%cloud, error)
    if (allocated(error)) then
       error%message = deck%where('geometry')//': geometry: '//error%message

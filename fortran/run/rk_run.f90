@@ -69,6 +69,7 @@ module rk_run
       procedure :: step
       procedure :: stopped
       procedure :: warn => pass_on
+      procedure :: note => pass_note
    end type watcher_type
 
 contains
@@ -287,6 +288,16 @@ subroutine pass_on(self, line)
 
    call self%outcome%warn(line, self%receiver)
 end subroutine pass_on
+
+!> Something happened between two steps
+subroutine pass_note(self, line)
+   !> Watcher
+   class(watcher_type), intent(inout) :: self
+   !> What happened
+   character(len=*), intent(in) :: line
+
+   call self%receiver%note(line)
+end subroutine pass_note
 
 !> Whether the caller wants to stop
 logical function stopped(self)

@@ -66,7 +66,7 @@ BAD_DECKS = {
     ),
     "too few neighbours": (
         "collocation = [5, 5, 5]",
-        "collocation = [5, 5, 5]\n[approximation]\nsupport = 1.05",
+        "collocation = [5, 5, 5]\n[approximation]\norder = 2\nsupport = 1.05",
         7,
         "point 1 at (0, 0, 0)",
     ),

@@ -160,14 +160,15 @@ def test_deck_in_inputs(path: Path) -> None:
 def test_defaults_and_absent_keys(write: Write) -> None:
     deck = load_deck(write(BLOCK))
     assert deck["approximation"] == {
-        "order": 2,
-        "support": [3.0, 3.0, 3.0],
-        "kernel": "quintic",
+        "order": 1,
+        "support": [2.0, 2.0, 2.0],
+        "kernel": "cubic",
         "window": "product",
-        "interface": 4.0,
+        "interface": 2.0,
+        "interface_fibers": "nearest",
     }
     muscle, fat = deck["material"]
-    assert muscle["sigma_max"] == 30.0 and muscle["curve"] == "published"
+    assert muscle["sigma_max"] == 30.0 and muscle["curve"] == "smooth"
     assert "sigma_max" not in fat and "fiber" not in fat, "a key of another model"
     assert deck["image"]["truth_labels"] == [] and "anatomy" not in deck["image"]
     assert deck["boundary"][0] == {"set": "z0", "u_x": 0.0}

@@ -13,7 +13,7 @@ TUBE = {
         "source": [9, 51],
         "collocation": [17, 101],
     },
-    "approximation": {"order": 2, "support": 4},
+    "approximation": {"order": 2, "support": 4, "kernel": "quintic"},
     "material": [
         {"name": "rubber", "model": "polynomial", "A10": 37.3, "A20": -3.1, "A30": 0.5, "K": 1e3}
     ],
@@ -25,6 +25,7 @@ TUBE = {
     "load": {"steps": 8},
     "solver": {"weight_essential": "ns-c4", "weight_traction": 1},
     "mixed": {"volume_weight": 3},
+    "galerkin": {"gauss": 3},
     "probe": [{"name": axis, "quantity": f"force_{axis}", "set": f"{axis}0"} for axis in "xy"],
 }
 

@@ -181,15 +181,16 @@ def choice(wanted: Choice) -> list[str]:
     """Overrides for a choice.
 
     A linear basis gets the cubic spline, as in section 4.2 of Basava (2015), and the two Gauss
-    points a direction that are enough for it.
+    points a direction that are enough for it; higher ones the quintic spline and three.
     """
     order, support, method = wanted
-    linear = ["approximation.kernel=cubic", "galerkin.gauss=2"] if order == 1 else []
+    kernel, gauss = ("cubic", 2) if order == 1 else ("quintic", 3)
     return [
         f"approximation.order={order}",
         f"approximation.support={support}",
+        f"approximation.kernel={kernel}",
+        f"galerkin.gauss={gauss}",
         f"scene.method={method}",
-        *linear,
     ]
 
 

@@ -1,0 +1,125 @@
+"""What a deck gets that names no method, order, support or load steps."""
+
+from typing import Any
+
+import pytest
+
+from myork.core.deck import load_tables
+
+#: Tables of small bodies, and what a form gives where they name nothing
+RUBBER = {"name": "rubber", "model": "polynomial", "A10": 10.0, "K": 500.0}
+SHEET: dict[str, Any] = {
+    "scene": {"dimension": 2},
+    "geometry": {"kind": "box", "size": [2, 1], "source": [5, 3], "collocation": [9, 5]},
+    "material": [RUBBER],
+    "boundary": [{"set": "y0", "u_x": 0, "u_y": 0}],
+}
+ANNULUS = {
+    "kind": "annulus",
+    "inner_radius": 1,
+    "outer_radius": 2,
+    "source": [5, 9],
+    "collocation": [9, 17],
+}
+CUBE: dict[str, Any] = {
+    "scene": {"dimension": 3},
+    "geometry": {"kind": "box", "size": [1, 1, 1], "source": [3] * 3, "collocation": [5] * 3},
+}
+GALERKIN = {
+    "order": 1,
+    "support": None,
+    "kernel": "cubic",
+    "window": "product",
+    "interface": 2.0,
+    "interface_fibers": "nearest",
+}
+COLLOCATION = {
+    "order": 2,
+    "support": [3.0, 3.0],
+    "kernel": "quintic",
+    "window": "product",
+    "interface": 4.0,
+}
+
+
+@pytest.mark.parametrize(
+    ("tables", "method"),
+    [
+        ({}, "rkpm-gauss"),
+        ({"scene": {"dimension": 2, "method": "auto"}}, "rkpm-gauss"),
+        ({"scene": {"dimension": 2, "method": "rkpm"}}, "rkpm-scni"),
+        ({"scene": {"dimension": 2, "method": "rkcm"}}, "rkcm"),
+        ({"geometry": {**SHEET["geometry"], "jitter": 0.0}}, "rkpm-gauss"),
+        ({"geometry": {**SHEET["geometry"], "jitter": 0.1}}, "rkpm-scni"),
+        ({"geometry": ANNULUS}, "rkpm-gauss"),
+        ({"scene": {"dimension": 3}, "geometry": {"kind": "model"}}, "rkpm-scni"),
+        ({"material": [{**RUBBER, "K": float("inf")}]}, "rkcm-mixed"),
+        ({"material": [{**RUBBER, "K": 1e7}]}, "rkpm-gauss"),
+    ],
+)
+def test_the_form_that_auto_takes(tables: dict[str, Any], method: str) -> None:
+    assert load_tables({**SHEET, **tables})["scene"]["method"] == method
+
+
+def test_linear_problems_keep_collocation() -> None:
+    linear = {"problem": "poisson", "solution": "exp_xy", "essential": ["x0"]}
+    tables = {key: SHEET[key] for key in ("scene", "geometry")}
+    assert load_tables({**tables, "linear": linear})["scene"]["method"] == "rkcm"
+
+
+@pytest.mark.parametrize("method", ["rkpm-gauss", "rkpm-scni"])
+def test_defaults_of_the_galerkin_forms(method: str) -> None:
+    deck = load_tables({**SHEET, "scene": {"dimension": 2, "method": method}})
+    assert deck["approximation"] == {**GALERKIN, "support": [2.0, 2.0]}
+    assert deck["galerkin"]["gauss"] == 2
+    assert deck["load"] == {"steps": 1, "activation": 0.0, "max_halvings": 10}
+    deck = load_tables(
+        {**SHEET, "scene": {"dimension": 2, "method": method}, "load": {"steps": 5}},
+    )
+    assert deck["load"]["max_halvings"] == 6, "asked for: as many as ever"
+
+
+@pytest.mark.parametrize("method", ["rkcm", "rkcm-mixed"])
+def test_defaults_of_the_collocation_forms(method: str) -> None:
+    deck = load_tables({**SHEET, "scene": {"dimension": 2, "method": method}})
+    assert deck["approximation"] == COLLOCATION
+    assert deck["load"] == {"steps": 10, "activation": 0.0, "max_halvings": 6}
+
+
+@pytest.mark.parametrize(("order", "support"), [(1, 2.0), (2, 2.5), (3, 4.0), (4, 5.0)])
+def test_a_support_that_fits_the_order(order: int, support: float) -> None:
+    deck = load_tables({**SHEET, "approximation": {"order": order}})
+    assert deck["approximation"]["support"] == [support, support]
+
+
+_ON, _WITHIN = [0.5, 1.0], [0.5, 0.5]
+
+
+@pytest.mark.parametrize(
+    ("quantity", "point", "tables", "order", "support"),
+    [
+        ("cauchy_xy", _ON, {}, 2, 2.5),
+        ("pressure", [2.0, 0.3], {}, 2, 2.5),
+        ("principal_max", [0.0, 0.3], {}, 2, 2.5),
+        ("cauchy_xy", _WITHIN, {}, 1, 2.0),
+        ("u_x", _ON, {}, 1, 2.0),
+        ("J", _ON, {}, 1, 2.0),
+        ("cauchy_xy", _ON, {"approximation": {"order": 1}}, 1, 2.0),
+        ("cauchy_xy", _ON, {"approximation": {"support": 1.8}}, 1, 1.8),
+        ("cauchy_xy", _ON, {"approximation": {"kernel": "quintic"}}, 2, 2.5),
+        ("cauchy_xy", _ON, {"scene": {"dimension": 2, "method": "rkcm"}}, 2, 3.0),
+        ("cauchy_xy", _ON, {"scene": {"dimension": 2, "method": "rkpm-scni"}}, 1, 2.0),
+        ("cauchy_rr", [0.6, 0.8], {"geometry": ANNULUS}, 2, 2.5),
+        ("cauchy_rr", [1.2, 1.6], {"geometry": ANNULUS}, 2, 2.5),
+        ("cauchy_tt", [0.0, 1.5], {"geometry": ANNULUS}, 2, 2.5),
+        ("cauchy_rr", [0.9, 1.2], {"geometry": ANNULUS}, 1, 2.0),
+        ("cauchy_xy", [0.5, 1.0, 0.5], CUBE, 1, 2.0),
+    ],
+)
+def test_stress_on_the_surface_of_a_plane_body(
+    quantity: str, point: list[float], tables: dict[str, Any], order: int, support: float
+) -> None:
+    probe = {"name": "there", "quantity": quantity, "point": point}
+    deck = load_tables({**SHEET, **tables, "probe": [probe]})
+    assert deck["approximation"]["order"] == order
+    assert set(deck["approximation"]["support"]) == {support}
