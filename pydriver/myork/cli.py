@@ -316,8 +316,8 @@ def _parser() -> argparse.ArgumentParser:
         "names",
         nargs="+",
         metavar="NAME",
-        help="linear, nonlinear, stability, curves, methods, mixed, mms, clouds, gallery, aging or "
-        "faults",
+        help="linear, nonlinear, stability, curves, methods, mixed, mms, clouds, gallery, aging, "
+        "faults or trust",
     )
     bench.add_argument("--quick", action="store_true", help="small cases only")
     report = add(

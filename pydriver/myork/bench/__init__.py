@@ -39,6 +39,7 @@ BENCHES = (
     "gallery",
     "aging",
     "faults",
+    "trust",
 )
 
 

@@ -60,7 +60,10 @@ _KEPT = (
     "errors",
     "reference",
     "timings_s",
+    "cpu_s",
     "memory_peak_bytes",
+    "verdict",
+    "work_mismatch",
     "warnings",
 )
 
@@ -176,9 +179,9 @@ def solve_case(
     -------
     dict
         `deck`, `overrides`, `outcome`, `message`, `seconds` (wall time of the process), and of a
-        solve that took place the sizes, solver, timings and `iterations`, `min_J`, `max_J`,
-        `load` (reached), `probes` (by name, at the load reached), `history` (probes and
-        activation in all steps).
+        solve that took place the sizes, solver, timings, verdict and `iterations`, `min_J`,
+        `max_J`, `load` (reached), `probes` and `probe_errors` (by name, at the load reached),
+        `history` (probes and activation in all steps).
     """
     with tempfile.TemporaryDirectory(prefix="myork-bench-") as folder:
         if isinstance(deck, Mapping):
@@ -194,11 +197,15 @@ def solve_case(
             words += ["--set", override]
         ending = run_command(words, limit)
         summary = _summary(Path(folder))
+        converged = summary.get("converged", False)
         seen = look(Path(folder)) if look and summary.get("steps") else {}
     case: dict[str, Any] = {
         "deck": deck.get("title") if isinstance(deck, Mapping) else path.stem,
         "overrides": list(overrides),
-        "outcome": "converged" if ending.outcome == "done" else ending.outcome,
+        # an answer that is refused converged none the less, and its numbers are on record
+        "outcome": "converged"
+        if ending.outcome == "done" or (ending.outcome == "not converged" and converged)
+        else ending.outcome,
         "message": ending.message,
         "seconds": ending.seconds,
         **{key: summary[key] for key in _KEPT if key in summary},
@@ -211,6 +218,7 @@ def solve_case(
         case["max_J"] = max(step["max_J"] for step in steps)
         case["load"] = steps[-1]["load"]
         case["probes"] = steps[-1]["probes"]
+        case["probe_errors"] = steps[-1].get("probe_errors", {})
         case["history"] = [
             {key: step[key] for key in ("load", "activation", "iterations", "probes")}
             for step in steps

@@ -1,181 +1,128 @@
-"""Mixed finite elements of felupe, quadratic in displacement: another code to compare with.
+"""Decks of boxes and annuli solved by felupe: another discretisation and code to compare with.
 
 felupe (https://pypi.org/project/felupe) is an optional dependency: `pip install myork[bench]`.
+Displacements are quadratic in each direction, pressure and volume ratio linear and continuous
+(the Taylor-Hood pair), but for a jump where two materials meet. The materials are MyoRK's own, so
+that no difference of laws or force curves enters.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from myork.core.material import Material, stress, strong
-from myork.errors import InstallationError
+from myork.core.material import Material, strong
+from myork.errors import ConvergenceError, InputError, InstallationError
 
-__all__ = ["felupe_block", "felupe_sheet", "felupe_tube"]
+__all__ = ["solve_deck", "solve_half_block"]
 
 F64Array = NDArray[np.float64]
+#: Label of the material at a place, shape `(dim,)`
+Labels = Callable[[F64Array], int]
 
-_PROBES = ("side_u_x", "side_u_z", "stress_zz", "stress_xz", "reaction_x", "reaction_z")
+_AXES = "xyz"
+#: Halvings of a load step that does not converge
+_HALVINGS = 8
+#: Share of an edge by which nodes may miss the surface they lie on
+_ON_FACE = 1e-9
+#: What a load step that is too large may end with
+_FAILURES = (ValueError, RuntimeError, ArithmeticError, np.linalg.LinAlgError)
 
 
-def felupe_tube(
-    elements: tuple[int, int], table: Mapping[str, Any], geometry: Mapping[str, Any], steps: int
+def solve_deck(
+    deck: Mapping[str, Any],
+    elements: Sequence[int],
+    *,
+    loads: Sequence[float] = (1.0,),
+    labels: Labels | None = None,
+    tolerance: float = 1e-8,
 ) -> dict[str, Any]:
-    """Inflate a quarter tube until the inner radius is doubled.
+    """Solve a deck with finite elements.
 
     Parameters
     ----------
-    elements : tuple of int
-        Elements in the radial and the angular direction.
-    table : mapping
-        Table `[[material]]` of the deck.
-    geometry : mapping
-        Table `[geometry]` of the deck.
-    steps : int
-        Load steps.
+    deck : mapping
+        All tables of the deck, defaults included, as `myork.load_deck` gives them; a box or an
+        annulus whose probes lie on corners of elements.
+    elements : sequence of int
+        Elements along each edge of a box, radial and angular of an annulus, shape `(dim,)`.
+    loads : sequence of float
+        Rising shares of the full load after which probes are read; a step that fails is halved.
+    labels : callable, optional
+        Which material lies where; the deck's first one everywhere otherwise. Elements must not
+        straddle materials.
+    tolerance : float
+        Relative residual of a converged load step [-].
 
     Returns
     -------
     dict
-        `value`, the radial stress on the inner surface from the work-conjugate reaction [stress],
-        `dofs`, `iterations`, `seconds`.
+        `load` (as given), `probes` (by name their values at these loads), `forces` (by set the
+        nodes of the last state and their forces, shape `(n, dim)` each), `dofs`, `iterations`,
+        `cpu_s` and the wall time `seconds`.
 
     Raises
     ------
+    InputError
+        The deck has something that is not supported here.
+    ConvergenceError
+        A load step failed although it was halved.
     InstallationError
         felupe is missing.
     """
-    fem = _felupe()
-    inner, outer = float(geometry["inner_radius"]), float(geometry["outer_radius"])
-    started = time.perf_counter()
-    mesh = _rectangle(fem, (inner, 0.0), (outer, 0.5 * np.pi), elements)
-    radius, angle = mesh.points.T.copy()
-    mesh.points[:] = radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
-    inside = np.isclose(radius, inner)
-    body = _Body(_plane_strain(fem, mesh), _rubber(table), float(table["K"]))
-    body.hold("x", angle >= 0.5 * np.pi - 1e-9, (0, 1))
-    body.hold("y", angle <= 1e-9, (1, 0))
-    body.hold("inner_x", inside, (0, 1))
-    body.hold("inner_y", inside, (1, 0))
-    normal = mesh.points[inside] / inner
+    started, clock = time.process_time(), time.perf_counter()
+    body = _Body(deck, elements, labels, tolerance)
     iterations = 0
-    for step in range(1, steps + 1):
-        for axis, name in enumerate(("inner_x", "inner_y")):
-            body.bounds[name].value = normal[:, axis] * inner * step / steps
-        iterations += body.solve(1e-9)
-    force = body.forces()[inside]
+    values: dict[str, list[float]] = {probe["name"]: [] for probe in deck["probe"]}
+    reached = 0.0
+    for load in loads:
+        iterations += body.advance(reached, load)
+        reached = load
+        for probe in deck["probe"]:
+            values[probe["name"]].append(body.probe(probe))
+    sets = {entry["set"] for entry in deck["boundary"]}
+    forces = body.forces()
     return {
-        "value": float(-(force * normal).sum() / (0.5 * np.pi * 2.0 * inner)),
+        "load": [float(load) for load in loads],
+        "probes": values,
+        "forces": {name: (body.points[body.on(name)], forces[body.on(name)]) for name in sets},
+        "dofs": int(sum(part.values.size for part in body.field.fields)),
         "iterations": iterations,
-        **body.cost(started),
+        "cpu_s": time.process_time() - started,
+        "seconds": time.perf_counter() - clock,
     }
 
 
-def felupe_sheet(
-    elements: tuple[int, int], table: Mapping[str, Any], geometry: Mapping[str, Any], steps: int
+def solve_half_block(
+    deck: Mapping[str, Any], elements: Sequence[int], loads: Sequence[float] = (1.0,)
 ) -> dict[str, Any]:
-    """Shear a sheet in plane strain by its height between two held edges; as `felupe_tube`.
+    """Solve the half of a box below its plane of symmetry across y; as `solve_deck`.
 
     Parameters
     ----------
-    elements : tuple of int
-        Elements along and across, even numbers.
-
-    Returns
-    -------
-    dict
-        `shear_stress` in the middle [stress], `top_force` [force/length], `dofs`, `seconds`.
+    deck : mapping
+        All tables of the deck of the whole box, whose probes lie in the half.
+    elements : sequence of int
+        Elements of the half.
+    loads : sequence of float
+        Shares of the full load.
     """
-    fem = _felupe()
-    started = time.perf_counter()
-    size = np.asarray(geometry["size"], float)
-    mesh = _rectangle(fem, (0.0, 0.0), tuple(size), elements)
-    points = mesh.points
-    top = np.isclose(points[:, 1], size[1])
-    body = _Body(_plane_strain(fem, mesh), _rubber(table), float(table["K"]))
-    body.hold("bottom", np.isclose(points[:, 1], 0.0))
-    body.hold("top_x", top, (0, 1))
-    body.hold("top_y", top, (1, 0))
-    for step in range(1, steps + 1):
-        body.bounds["top_x"].value = size[1] * step / steps
-        body.solve(1e-9)
-    gradient = np.eye(3)
-    middle = _node(points, 0.5 * size)
-    gradient[:2, :2] = body.gradient(fem.BiQuadraticQuad(), middle)
-    nominal = stress(Material.of_table(table), gradient[np.newaxis])[0]
-    cauchy = nominal @ gradient.T / np.linalg.det(gradient)
-    return {
-        "shear_stress": float(cauchy[0, 1]),
-        "top_force": float(body.forces()[top, 0].sum()),
-        **body.cost(started),
+    length, width, height = deck["geometry"]["size"]
+    half = {
+        **deck,
+        "geometry": {**deck["geometry"], "size": [length, 0.5 * width, height]},
+        "boundary": [*deck["boundary"], {"set": "y1", "u_y": 0.0}],
     }
-
-
-def felupe_block(
-    elements: tuple[int, int, int],
-    table: Mapping[str, Any],
-    geometry: Mapping[str, Any],
-    activations: Sequence[float],
-) -> dict[str, Any]:
-    """Contract a block held at both ends of z, with fibers in the x-z plane; as `felupe_tube`.
-
-    Triquadratic displacement with trilinear continuous pressure and volume ratio (the Taylor-Hood
-    pair), on the half of the block below its symmetry plane across y. The material is MyoRK's
-    own, so that no difference of laws or force curves enters.
-
-    Parameters
-    ----------
-    elements : tuple of int
-        Elements of the half block in each direction, an even number in x and z.
-    activations : sequence of float
-        Activations, rising [-].
-
-    Returns
-    -------
-    dict
-        `activation`, by names of the deck's probes their values at these activations,
-        `dofs` and `seconds`.
-    """
-    fem = _felupe()
-    started = time.perf_counter()
-    size = np.asarray(geometry["size"], float)
-    middle, half = 0.5 * size, size * [1.0, 0.5, 1.0]
-    angle = np.radians(float(table["fiber_angle"]))
-    law = _Law(table, (np.sin(angle), 0.0, np.cos(angle)))
-    mesh = fem.Cube(b=tuple(half), n=tuple(count + 1 for count in elements))
-    corners = mesh.npoints
-    mesh = mesh.add_midpoints_edges().add_midpoints_faces().add_midpoints_volumes()
-    points = mesh.points
-    region = fem.RegionTriQuadraticHexahedron(mesh)
-    field = fem.FieldsMixed(region, n=3, disconnect=False, npoints=corners)
-    held = np.isclose(points[:, 2], 0.0)
-    body = _Body(field, law, float(table["K"]))
-    body.hold("z0", held)
-    body.hold("z1", np.isclose(points[:, 2], half[2]))
-    body.hold("plane", np.isclose(points[:, 1], half[1]), (1, 0, 1))
-    side = _node(points, (size[0], middle[1], middle[2]))
-    centre = _node(points[:corners], middle)
-    values: dict[str, list[float]] = {name: [] for name in _PROBES}
-    for activation in activations:
-        law.activation = activation
-        body.solve(1e-7)
-        u = field[0].values
-        gradient = body.gradient(fem.TriQuadraticHexahedron(), centre)
-        cauchy = law.stress(gradient[:, :, None])[:, :, 0] @ gradient.T / np.linalg.det(gradient)
-        pressure = float(field[1].values[centre, 0])
-        reaction = 2.0 * body.forces()[held].sum(axis=0)
-        now = (u[side, 0], u[side, 2], cauchy[2, 2] + pressure, cauchy[0, 2])
-        for name, value in zip(_PROBES, (*now, reaction[0], reaction[2]), strict=True):
-            values[name].append(float(value))
-    return {
-        "activation": [float(activation) for activation in activations],
-        **values,
-        **body.cost(started),
-    }
+    found = solve_deck(half, elements, loads=loads)
+    for probe in deck["probe"]:
+        if probe["quantity"].startswith("force"):
+            values = found["probes"][probe["name"]]
+            found["probes"][probe["name"]] = [2.0 * value for value in values]
+    return found
 
 
 def _felupe() -> Any:
@@ -189,119 +136,295 @@ def _felupe() -> Any:
     return felupe
 
 
-def _rectangle(fem: Any, low: Sequence[float], high: Sequence[float], n: Sequence[int]) -> Any:
-    """Mesh of biquadratic elements."""
-    mesh = fem.Rectangle(a=low, b=high, n=tuple(count + 1 for count in n))
-    return mesh.add_midpoints_edges().add_midpoints_faces()
-
-
-def _plane_strain(fem: Any, mesh: Any) -> Any:
-    """Displacement, pressure and volume ratio on such a mesh."""
-    return fem.FieldsMixed(fem.RegionBiQuadraticQuad(mesh), n=3, planestrain=True)
-
-
-def _rubber(table: Mapping[str, Any]) -> Any:
-    """Isochoric part of a deck's polynomial material, by felupe's own automatic derivatives."""
-    try:
-        from felupe.constitution import tensortrax as law
-    except ImportError as error:
-        raise InstallationError(
-            f"the rival needs tensortrax: {error}; pip install 'myork[bench]'"
-        ) from error
-    return law.Hyperelastic(
-        law.models.hyperelastic.yeoh, C10=table["A10"], C20=table["A20"], C30=table["A30"]
-    )
-
-
 class _Body:
-    """A nearly incompressible body, what holds it, and its Newton iterations."""
+    """Mesh, fields, conditions and iterations of a deck."""
 
-    def __init__(self, field: Any, law: Any, bulk: float) -> None:
-        self.fem, self.field = _felupe(), field
-        self.mesh = field.region.mesh
-        self.solid = self.fem.SolidBody(self.fem.NearlyIncompressible(law, bulk=bulk), field)
+    def __init__(
+        self,
+        deck: Mapping[str, Any],
+        elements: Sequence[int],
+        labels: Labels | None,
+        tolerance: float,
+    ) -> None:
+        self.fem = _felupe()
+        self.tolerance = tolerance
+        self.geometry = deck["geometry"]
+        self.dim = int(deck["scene"]["dimension"])
+        mesh, self.corners = self._mesh(elements)
+        self.mesh, self.points = mesh, mesh.points
+        plane = self.dim == 2
+        template = "RegionBiQuadraticQuad" if plane else "RegionTriQuadraticHexahedron"
+        region = getattr(self.fem, template)(mesh)
+        element = "BiQuadraticQuad" if plane else "TriQuadraticHexahedron"
+        self.element = getattr(self.fem, element)()
+        material = self._materials(deck, labels)
+        self.dual = self._dual(material)
+        self.field = self.fem.FieldsMixed(region, n=3, planestrain=plane, mesh=self.dual)
+        self.law = _Law(deck["material"], material, plane)
+        self.activation = float(deck["load"]["activation"])
+        bulk = np.array([float(table["K"]) for table in deck["material"]])[material]
+        bulk = np.broadcast_to(bulk, (region.quadrature.npoints, len(bulk)))
+        material_law = self.fem.NearlyIncompressible(self.law, bulk)
+        # laws that differ from element to element see all elements at once
+        material_law.chunksize = self.law.chunksize = None
+        self.solid = self.fem.SolidBody(material_law, self.field)
+        self.items = [self.solid]
         self.bounds: dict[str, Any] = {}
+        #: Conditions that grow with the load, and their full values
+        self.pulls: list[tuple[Any, Any]] = []
+        for entry in deck["boundary"]:
+            self._hold(entry)
 
-    def hold(self, name: str, mask: NDArray[np.bool_], skip: tuple[int, ...] | None = None) -> None:
-        """Prescribe the displacement of nodes, but for the components to skip."""
-        self.bounds[name] = self.fem.Boundary(
-            self.field[0], mask=mask, **({} if skip is None else {"skip": skip})
-        )
+    def _mesh(self, elements: Sequence[int]) -> tuple[Any, int]:
+        """Quadratic elements, and how many of their nodes are corners."""
+        count = tuple(n + 1 for n in elements)
+        kind = self.geometry["kind"]
+        if kind == "annulus":
+            inner, outer = self.geometry["inner_radius"], self.geometry["outer_radius"]
+            mesh = self.fem.Rectangle(a=(inner, 0.0), b=(outer, 0.5 * np.pi), n=count)
+        elif kind == "box":
+            box = self.fem.Rectangle if self.dim == 2 else self.fem.Cube
+            mesh = box(b=tuple(self.geometry["size"]), n=count)
+        else:
+            raise InputError(f"finite elements take boxes and annuli, not geometry {kind!r}")
+        corners = mesh.npoints
+        mesh = mesh.add_midpoints_edges().add_midpoints_faces()
+        if self.dim == 3:
+            mesh = mesh.add_midpoints_volumes()
+        #: Places of the nodes in the lattice: radius and angle on an annulus
+        self.place = mesh.points.copy()
+        if kind == "annulus":
+            radius, angle = self.place.T
+            mesh.points[:] = radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+        return mesh, corners
 
-    def solve(self, tolerance: float) -> int:
-        """Iterate to equilibrium; return how often."""
+    def _materials(self, deck: Mapping[str, Any], labels: Labels | None) -> NDArray[np.intp]:
+        """Number of each element's material in the deck."""
+        if labels is None:
+            return np.zeros(self.mesh.ncells, np.intp)
+        number = {int(table["label"]): k for k, table in enumerate(deck["material"])}
+        corners = self.points[self.mesh.cells[:, : 2**self.dim]]
+        return np.array([number[labels(place)] for place in corners.mean(axis=1)], np.intp)
+
+    def _dual(self, material: NDArray[np.intp]) -> Any:
+        """Mesh of the pressures: corners of the elements, once for each material that they have."""
+        cells = self.mesh.cells[:, : 2**self.dim]
+        keys = cells * (material.max() + 1) + material[:, None]
+        found, number = np.unique(keys, return_inverse=True)
+        points = self.points[found // (material.max() + 1)]
+        return self.fem.Mesh(points, number.reshape(cells.shape), self.mesh.cell_type)
+
+    def on(self, name: str) -> NDArray[np.bool_]:
+        """Nodes of a set of the deck."""
+        low, high = self.place.min(axis=0), self.place.max(axis=0)
+        if self.geometry["kind"] == "annulus":
+            axis, side = {"inner": (0, 0), "outer": (0, 1), "y0": (1, 0), "x0": (1, 1)}[name]
+        else:
+            axis, side = _AXES.index(name[0]), int(name[1])
+        wall = (low, high)[side][axis]
+        return np.asarray(abs(self.place[:, axis] - wall) < _ON_FACE * (high - low)[axis])
+
+    def _hold(self, entry: Mapping[str, Any]) -> None:
+        """Prescribed displacements and tractions of a set."""
+        mask = self.on(entry["set"])
+        values: dict[int, float | F64Array] = {}
+        for axis in range(self.dim):
+            value = entry.get(f"u_{_AXES[axis]}")
+            if value is not None:
+                values[axis] = float(value)
+        if entry.get("radial") is not None:
+            direction = self.points[mask] / np.linalg.norm(self.points[mask], axis=1)[:, None]
+            values = dict(enumerate((direction * float(entry["radial"])).T))
+        for axis, value in values.items():
+            skip = tuple(int(other != axis) for other in range(self.dim))
+            bound = self.fem.Boundary(self.field[0], mask=mask, skip=skip)
+            self.bounds[f"{entry['set']} {_AXES[axis]}"] = bound
+            self.pulls.append((bound, value))
+        if entry.get("traction") is not None:
+            force = self._areas(entry["set"], mask)[:, None] * np.asarray(entry["traction"], float)
+            for axis in values:
+                force[:, axis] = 0.0
+            load = self.fem.PointLoad(self.field, np.flatnonzero(mask), values=force)
+            self.items.append(load)
+            self.pulls.append((load, force))
+
+    def _areas(self, name: str, mask: NDArray[np.bool_]) -> F64Array:
+        """Area of each node of a box's face: the integral of its shape function."""
+        if self.geometry["kind"] != "box":
+            raise InputError("finite elements take tractions on boxes only")
+        across = [axis for axis in range(self.dim) if axis != _AXES.index(name[0])]
+        area = np.ones(int(mask.sum()))
+        for axis in across:
+            lines, number = np.unique(np.round(self.place[mask, axis], 12), return_inverse=True)
+            # Simpson's rule in each element
+            weight = np.zeros(len(lines))
+            for k in range(0, len(lines) - 2, 2):
+                step = (lines[k + 2] - lines[k]) / 6.0
+                weight[k : k + 3] += np.array([1.0, 4.0, 1.0]) * step
+            area *= weight[number]
+        return area
+
+    def advance(self, start: float, end: float) -> int:
+        """Iterate from one load to another; return how often."""
+        step, reached, iterations = end - start, start, 0
+        while reached < end * (1.0 - 1e-12):
+            at = min(end, reached + step)
+            kept = [part.values.copy() for part in self.field.fields]
+            try:
+                iterations += self._solve(at)
+                reached = at
+            except _FAILURES:
+                for part, values in zip(self.field.fields, kept, strict=True):
+                    part.values[:] = values
+                step *= 0.5
+                if step < (end - start) * 0.5**_HALVINGS:
+                    raise ConvergenceError(
+                        f"finite elements: no convergence beyond load {reached:.4g}"
+                    ) from None
+        return iterations
+
+    def _solve(self, load: float) -> int:
+        """Iterate to equilibrium at a load."""
+        for bound, value in self.pulls:
+            if isinstance(bound, self.fem.PointLoad):
+                bound.update(value * load)
+            else:
+                bound.value = value * load
+        self.law.activation = self.activation * load
         dof0, dof1 = self.fem.dof.partition(self.field, self.bounds)
         prescribed = self.fem.dof.apply(self.field, self.bounds, dof0)
-        found = self.fem.newtonraphson(
-            items=[self.solid], dof0=dof0, dof1=dof1, ext0=prescribed, verbose=0, tol=tolerance
-        )
+        with np.errstate(all="ignore"):
+            found = self.fem.newtonraphson(
+                items=self.items,
+                dof0=dof0,
+                dof1=dof1,
+                ext0=prescribed,
+                verbose=0,
+                tol=self.tolerance,
+            )
         return int(found.iterations)
 
     def forces(self) -> F64Array:
-        """Forces at the nodes, shape `(nnode, dim)` [force]."""
-        points = self.mesh.points
+        """Forces at the nodes that the stress balances, shape `(nnode, dim)` [force]."""
         vector = self.solid.assemble.vector(self.field).toarray().ravel()
-        return np.asarray(vector[: points.size].reshape(points.shape))
+        return np.asarray(vector[: self.points.size].reshape(self.points.shape))
 
-    def gradient(self, element: Any, node: int) -> F64Array:
-        """Deformation gradient at a node: the mean over the elements that meet there.
+    def probe(self, probe: Mapping[str, Any]) -> float:
+        """Value of a probe of the deck."""
+        quantity = probe["quantity"]
+        kind, _, component = quantity.partition("_")
+        if kind == "force":
+            return float(self.forces()[self.on(probe["set"]), _AXES.index(component)].sum())
+        place = np.asarray(probe["point"], float)
+        node = int(np.argmin(np.linalg.norm(self.points - place, axis=1)))
+        if np.linalg.norm(self.points[node] - place) > 1e-6 * np.ptp(self.points):
+            raise InputError(f"finite elements: no node at probe {probe['name']!r}, {place}")
+        if kind == "u":
+            return float(self.field[0].values[node, _AXES.index(component)])
+        stress, f, pressure = self._stress(node)
+        if kind == "cauchy":
+            if component == "rr":
+                unit = np.zeros(3)
+                unit[: self.dim] = place / np.linalg.norm(place)
+                return float(unit @ stress @ unit)
+            return float(stress[_AXES.index(component[0]), _AXES.index(component[1])])
+        if quantity == "pressure":
+            return pressure
+        if quantity == "principal_max":
+            return float(np.linalg.eigvalsh(stress)[-1])
+        if quantity == "J":
+            return float(np.linalg.det(f))
+        raise InputError(f"finite elements do not know the quantity {quantity!r}")
 
-        Each counts with the nearest Gauss point of second order, where the slopes of quadratic
+    def _stress(self, node: int) -> tuple[F64Array, F64Array, float]:
+        """Cauchy stress, deformation gradient and pressure at a corner: means of its elements.
+
+        The slopes are extended from the Gauss points of second order, where those of quadratic
         elements are best.
         """
-        mesh, u = self.mesh, self.field[0].values
-        found = []
-        for cell in mesh.cells[(mesh.cells == node).any(axis=1)]:
-            slope = element.gradient(element.points[int(np.argmax(cell == node))] / np.sqrt(3.0))
-            slope = slope @ np.linalg.inv(mesh.points[cell].T @ slope)
-            found.append(np.eye(mesh.dim) + u[cell].T @ slope)
-        return np.mean(found, axis=0)
+        u = self.field[0].values
+        stress, gradient, pressure = [], [], []
+        near = self._gauss_points()
+        for cell in np.flatnonzero((self.mesh.cells == node).any(axis=1)):
+            nodes = self.mesh.cells[cell]
+            corner = int(np.argmax(nodes == node))
+            weight = (1.0 + np.sqrt(3.0) * near * self.element.points[corner]) / 2.0
+            f = np.eye(3)
+            for place, share in zip(near / np.sqrt(3.0), weight.prod(axis=1), strict=True):
+                slope = self.element.gradient(place)
+                slope = slope @ np.linalg.inv(self.points[nodes].T @ slope)
+                f[: self.dim, : self.dim] += share * (u[nodes].T @ slope)
+            p = float(self.field[1].values[self.dual.cells[cell, corner], 0])
+            nominal = self.law.at(f, int(cell))
+            stress.append(nominal @ f.T / np.linalg.det(f) + p * np.eye(3))
+            gradient.append(f)
+            pressure.append(p)
+        return np.mean(stress, axis=0), np.mean(gradient, axis=0), float(np.mean(pressure))
 
-    def cost(self, started: float) -> dict[str, Any]:
-        """Number of unknowns, and seconds since the clock's value given."""
-        dofs = int(sum(part.values.size for part in self.field.fields))
-        return {"dofs": dofs, "seconds": time.perf_counter() - started}
+    def _gauss_points(self) -> F64Array:
+        """Signs of the coordinates of the Gauss points of second order."""
+        signs = np.meshgrid(*[[-1.0, 1.0]] * self.dim, indexing="ij")
+        return np.stack(signs, axis=-1).reshape(-1, self.dim)
 
 
 class _Law:
-    """Isochoric part of a deck's material in the form that felupe calls."""
+    """Isochoric parts of the deck's materials in the form that felupe calls."""
 
-    def __init__(self, table: Mapping[str, Any], fiber: tuple[float, float, float]) -> None:
-        self.material = Material.of_table(table)
-        self.fiber = fiber
+    def __init__(
+        self, tables: Sequence[Mapping[str, Any]], material: NDArray[np.intp], plane: bool
+    ) -> None:
+        self.materials = [Material.of_table(table) for table in tables]
+        self.fibers = [_fiber(table, plane) for table in tables]
+        self.material = material
         self.activation = 0.0
+        #: Places evaluated at once: all, for labels tell elements apart by their place
+        self.chunksize: int | None = None
         # felupe reads the shapes of the arguments and of the state variables from here
         self.x = [np.zeros((3, 3)), np.zeros(0)]
 
-    def stress(self, gradient: F64Array) -> F64Array:
-        """First Piola-Kirchhoff stress of F[i, A, ...]."""
-        return self._evaluate(gradient)[0]
+    def at(self, gradient: F64Array, cell: int) -> F64Array:
+        """First Piola-Kirchhoff stress of one F[i, A] in an element."""
+        return self._evaluate(gradient[:, :, None, None], [cell])[0][:, :, 0, 0]
 
     def gradient(self, x: list[Any]) -> list[Any]:
         """Stress and state variables of [F, state variables]."""
-        return [self.stress(x[0]), x[-1]]
+        return [self._evaluate(x[0])[0], x[-1]]
 
     def hessian(self, x: list[Any]) -> list[Any]:
         """Tangent of [F, state variables]."""
         return [self._evaluate(x[0])[1]]
 
-    def _evaluate(self, gradient: F64Array) -> tuple[F64Array, F64Array]:
-        places = gradient.shape[2:]
-        f = np.moveaxis(gradient.reshape(3, 3, -1), -1, 0)
-        found = strong(
-            self.material,
-            f,
-            np.zeros((len(f), 3, 3, 3)),
-            fiber=self.fiber,
-            activation=self.activation,
-            volumetric=False,
-        )
-        return (
-            np.moveaxis(found.stress, 0, -1).reshape(3, 3, *places),
-            np.moveaxis(found.tangent, 0, -1).reshape(3, 3, 3, 3, *places),
-        )
+    def _evaluate(
+        self, gradient: F64Array, cells: Sequence[int] | slice = slice(None)
+    ) -> tuple[F64Array, F64Array]:
+        stress = np.empty_like(gradient)
+        tangent = np.empty((3, 3, *gradient.shape))
+        here = self.material[cells]
+        for number in np.unique(here):
+            own = gradient[..., here == number]
+            f = np.moveaxis(own.reshape(3, 3, -1), -1, 0)
+            found = strong(
+                self.materials[number],
+                f,
+                np.zeros((len(f), 3, 3, 3)),
+                fiber=self.fibers[number],
+                activation=self.activation,
+                volumetric=False,
+            )
+            stress[..., here == number] = np.moveaxis(found.stress, 0, -1).reshape(own.shape)
+            tangent[..., here == number] = np.moveaxis(found.tangent, 0, -1).reshape(
+                3, 3, *own.shape
+            )
+        return stress, tangent
 
 
-def _node(points: F64Array, place: Any) -> int:
-    """Node at a place."""
-    return int(np.argmin(np.linalg.norm(points - np.asarray(place), axis=1)))
+def _fiber(table: Mapping[str, Any], plane: bool) -> tuple[float, float, float]:
+    """Unit vector of a material's fibers, zeros where it has none."""
+    if table.get("fiber_angle") is not None:
+        angle = np.radians(float(table["fiber_angle"]))
+        across, along = float(np.sin(angle)), float(np.cos(angle))
+        return (across, along, 0.0) if plane else (across, 0.0, along)
+    if table.get("fiber") is not None:
+        unit = np.asarray(table["fiber"], float) / np.linalg.norm(table["fiber"])
+        return (float(unit[0]), float(unit[1]), float(unit[2]))
+    return (0.0, 0.0, 0.0)

@@ -18,7 +18,7 @@ from myork.bench.runs import lattice, outcome_text, read_deck, seconds, solve_ca
 from myork.bench.studies.curves import Choice, block_cases, choice, sweep, tube_cases
 from myork.bench.tables import Columns, plane_map, speed_plot, speed_table, table
 from myork.console import ProgressCallback
-from myork.reference.finite_elements import felupe_sheet
+from myork.reference.finite_elements import solve_deck
 from myork.reference.materials import along_fibers
 from myork.reference.measures import oscillation
 from myork.results import Results
@@ -105,9 +105,13 @@ def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
     """Solve everything; see `myork.bench` for the result."""
     deck = read_deck(_SHEET)
     progress("felupe, sheet")
-    sheets = [
-        felupe_sheet(n, deck["material"][0], deck["geometry"], _SHEET_STEPS) for n in _ELEMENTS
-    ]
+    loads = [(step + 1) / _SHEET_STEPS for step in range(_SHEET_STEPS)]
+    sheets = []
+    for n in _ELEMENTS:
+        sheet = solve_deck(deck, n, loads=loads, tolerance=1e-9)
+        values = {name: values[-1] for name, values in sheet["probes"].items()}
+        kept = ("dofs", "iterations", "cpu_s", "seconds")
+        sheets.append({**values, **{key: sheet[key] for key in kept}})
     finest = sheets[-1]["shear_stress"]
     wanted = _limit([sheet["shear_stress"] for sheet in sheets])
 

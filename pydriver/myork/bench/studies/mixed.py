@@ -18,7 +18,7 @@ from myork.bench.runs import lattice, outcome_text, read_deck, solve_case
 from myork.bench.tables import Columns, Shown, plane_map, table
 from myork.console import ProgressCallback
 from myork.errors import InstallationError
-from myork.reference.finite_elements import felupe_block
+from myork.reference.finite_elements import solve_half_block
 from myork.results import Results
 
 __all__ = ["run"]
@@ -136,10 +136,13 @@ def _felupe(
 ) -> dict[str, Any]:
     """The rival's values; nothing where it is not installed."""
     progress(f"felupe, fibers at {angle:g} degrees")
-    deck = read_deck(_DECK, [f"material.muscle.fiber_angle={angle}"])
+    words = [f"material.muscle.fiber_angle={angle}", f"load.activation={activations[-1]}"]
+    loads = [activation / activations[-1] for activation in activations]
     elements = (2, 2, 4) if quick else _ELEMENTS
     try:
-        return felupe_block(elements, deck["material"][0], deck["geometry"], activations)
+        found = solve_half_block(read_deck(_DECK, words), elements, loads)
+        return {"activation": list(activations), **found["probes"], "dofs": found["dofs"],
+                "seconds": found["seconds"]}  # fmt: skip
     except InstallationError as error:
         progress(str(error))
         return {}

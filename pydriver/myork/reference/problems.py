@@ -1,0 +1,248 @@
+"""Problems that a new user would bring: boxes and tubes that are stretched, bent, pressed, active.
+
+None of them chose a default of MyoRK. No deck names a method, weights or a curve, so that what is
+tried is what somebody gets who knows none of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+from myork.reference.materials import MUSCLE, RUBBER
+
+__all__ = ["PROBLEMS", "Problem", "probe_kind"]
+
+
+class Problem(NamedTuple):
+    """A problem with the sizes at which it is solved.
+
+    Attributes
+    ----------
+    name : str
+        What tables show.
+    tables : mapping
+        Deck without `geometry.source`.
+    sizes : tuple
+        Source points along each edge, rising.
+    elements : tuple
+        Finite elements along each edge, rising; each coordinate of a probe is a corner.
+    """
+
+    name: str
+    tables: Mapping[str, Any]
+    sizes: tuple[tuple[int, ...], ...]
+    elements: tuple[tuple[int, ...], ...]
+
+
+def probe_kind(probe: Mapping[str, Any], size: Sequence[float] | None = None) -> str:
+    """What a probe tells: `displacement`, `force`, `surface stress` or `stress`.
+
+    Parameters
+    ----------
+    probe : mapping
+        Table `[[probe]]`.
+    size : sequence of float, optional
+        Edges of the box; of other bodies the probe's name says where its point lies.
+    """
+    quantity = str(probe["quantity"])
+    if quantity.startswith("u_"):
+        return "displacement"
+    if quantity.startswith("force"):
+        return "force"
+    if size is None:
+        return "surface stress" if "wall" in probe["name"] else "stress"
+    on = any(x in (0, edge) for x, edge in zip(probe["point"], size, strict=True))
+    return "surface stress" if on else "stress"
+
+
+def _rubber(bulk: float) -> dict[str, Any]:
+    return {**RUBBER, "K": bulk}
+
+
+def _held(name: str, **values: float) -> dict[str, Any]:
+    """A set without motion, but for the components given."""
+    return {"set": name, "u_x": 0.0, "u_y": 0.0, "u_z": 0.0, **values}
+
+
+def _plane(name: str, **values: float) -> dict[str, Any]:
+    """As `_held`, in the plane."""
+    return {"set": name, "u_x": 0.0, "u_y": 0.0, **values}
+
+
+def _probe(name: str, quantity: str, point: Sequence[float]) -> dict[str, Any]:
+    return {"name": name, "quantity": quantity, "point": list(point)}
+
+
+def _force(name: str, axis: str, on: str) -> dict[str, Any]:
+    return {"name": name, "quantity": f"force_{axis}", "set": on}
+
+
+def _tables(
+    title: str,
+    size: Sequence[float],
+    material: Mapping[str, Any],
+    boundary: Sequence[Mapping[str, Any]],
+    probe: Sequence[Mapping[str, Any]],
+    activation: float = 0.0,
+) -> dict[str, Any]:
+    """Deck of a box."""
+    return {
+        "title": title,
+        "units": {"force": "N", "length": "cm"},
+        "scene": {"dimension": len(size)},
+        "geometry": {"kind": "box", "size": list(size)},
+        "material": [dict(material)],
+        "boundary": [dict(entry) for entry in boundary],
+        "load": {"activation": activation},
+        "probe": [dict(entry) for entry in probe],
+    }
+
+
+_SHEET = ((17, 5), (33, 9), (65, 17))
+_SHEET_ELEMENTS = ((16, 4), (32, 8), (64, 16))
+_CUBE = ((5, 5, 5), (7, 7, 7), (9, 9, 9))
+_BLOCK = ((5, 5, 9), (7, 7, 13), (9, 9, 17))
+_BLOCK_ELEMENTS = ((2, 2, 4), (4, 4, 8), (6, 6, 12))
+
+_CANTILEVER = _tables(
+    "Cantilever under a dead end traction",
+    (4, 1),
+    _rubber(1e3),
+    (_plane("x0"), {"set": "x1", "traction": [0, 2.0]}),
+    (
+        _probe("tip", "u_y", (4, 0.5)),
+        _probe("fiber", "cauchy_xx", (2, 0)),
+        _probe("inside", "cauchy_xx", (1, 0.25)),
+        _force("root", "y", "x0"),
+    ),
+)
+_END_SHEAR = _tables(
+    "Beam between two clamps, one moved sideways",
+    (4, 1),
+    _rubber(1e3),
+    (_plane("x0"), _plane("x1", u_y=1.0)),
+    (
+        _probe("quarter", "u_y", (1, 0.5)),
+        _probe("fiber", "cauchy_xx", (1, 0)),
+        _probe("inside", "cauchy_xy", (2, 0.5)),
+        _force("force", "y", "x1"),
+        _force("pull", "x", "x1"),
+    ),
+)
+_SHEAR = _tables(
+    "Near simple shear of a sheet with free ends",
+    (4, 1),
+    _rubber(1e3),
+    (_plane("y0"), _plane("y1", u_x=1.0)),
+    (
+        _probe("end", "u_x", (4, 0.5)),
+        _probe("free_edge", "cauchy_yy", (4, 0.5)),
+        _probe("middle", "cauchy_xy", (2, 0.5)),
+        _force("force", "x", "y1"),
+    ),
+)
+_COLUMN = _tables(
+    "Column under an end load that leans",
+    (1, 1, 3),
+    _rubber(1e3),
+    (_held("z0"), {"set": "z1", "traction": [0.5, 0.0, -3.0]}),
+    (
+        _probe("lean", "u_x", (0.5, 0.5, 3)),
+        _probe("shortening", "u_z", (0.5, 0.5, 3)),
+        _probe("side", "cauchy_zz", (1, 0.5, 1.5)),
+        _probe("inside", "cauchy_zz", (0.5, 0.5, 1.5)),
+        _force("root", "x", "z0"),
+    ),
+)
+_PLATES = _tables(
+    "An eighth of a cube between glued plates, compressed by 30 %",
+    (1, 1, 1),
+    _rubber(1e3),
+    (
+        {"set": "x0", "u_x": 0.0},
+        {"set": "y0", "u_y": 0.0},
+        {"set": "z0", "u_z": 0.0},
+        _held("z1", u_z=-0.3),
+    ),
+    (
+        _probe("bulge", "u_x", (1, 0, 0)),
+        _probe("side", "cauchy_zz", (1, 0, 0)),
+        _probe("centre", "cauchy_zz", (0.5, 0.5, 0.5)),
+        _force("force", "z", "z1"),
+    ),
+)
+_INCLINED = _tables(
+    "Active block with fibers at 30 degrees between held ends",
+    (1, 1, 2),
+    {**MUSCLE, "fiber_angle": 30},
+    (_held("z0"), _held("z1")),
+    (
+        _probe("side_u_x", "u_x", (1, 0.5, 1)),
+        _probe("side_u_z", "u_z", (1, 0.5, 1)),
+        _probe("side", "cauchy_zz", (1, 0.5, 1)),
+        _probe("inside", "cauchy_zz", (0.5, 0.5, 1)),
+        _force("reaction_z", "z", "z0"),
+    ),
+    activation=0.15,
+)
+_STRAIGHT = {
+    **_INCLINED,
+    "title": "Active block with straight fibers between held ends",
+    "material": [{**MUSCLE, "fiber_angle": 0}],
+    "probe": [probe for probe in _INCLINED["probe"] if not probe["name"].startswith("side_u")],
+}
+_STRETCHED = _tables(
+    "Active muscle pulled by a tenth along its fibers",
+    (1, 1, 2),
+    {**MUSCLE, "fiber_angle": 0},
+    (_held("z0"), _held("z1", u_z=0.2)),
+    (
+        _probe("waist", "u_x", (1, 0.5, 1)),
+        _probe("side", "cauchy_zz", (1, 0.5, 1)),
+        _probe("inside", "cauchy_zz", (0.5, 0.5, 1)),
+        _force("reaction", "z", "z1"),
+    ),
+    activation=0.1,
+)
+_TUBE: dict[str, Any] = {
+    **_tables(
+        "Quarter tube, inflated until its inner radius is doubled",
+        (8, 8),
+        _rubber(1e3),
+        (
+            {"set": "x0", "u_x": 0.0},
+            {"set": "y0", "u_y": 0.0},
+            {"set": "inner", "radial": 6.0},
+        ),
+        (
+            _probe("outer", "u_x", (8, 0)),
+            _probe("wall", "cauchy_rr", (6, 0)),
+            _probe("hoop_outer_wall", "cauchy_yy", (8, 0)),
+            _force("force", "x", "x0"),
+        ),
+    ),
+    "geometry": {"kind": "annulus", "inner_radius": 6, "outer_radius": 8},
+}
+_STIFF_TUBE = {**_TUBE, "title": f"{_TUBE['title']}, K = 1e7", "material": [_rubber(1e7)]}
+_TUBE_SIZES = ((5, 26), (9, 51), (17, 101))
+_TUBE_ELEMENTS = ((4, 20), (8, 40), (16, 80))
+
+#: Problems by what they try
+PROBLEMS = (
+    Problem("cantilever, dead traction", _CANTILEVER, _SHEET, _SHEET_ELEMENTS),
+    Problem("clamped beam, end shear", _END_SHEAR, _SHEET, _SHEET_ELEMENTS),
+    Problem("near shear", _SHEAR, _SHEET, _SHEET_ELEMENTS),
+    Problem("tube", _TUBE, _TUBE_SIZES, _TUBE_ELEMENTS),
+    Problem("tube, K = 1e7", _STIFF_TUBE, _TUBE_SIZES, _TUBE_ELEMENTS),
+    Problem(
+        "column, leaning load",
+        _COLUMN,
+        ((5, 5, 13), (7, 7, 19), (9, 9, 25)),
+        ((2, 2, 6), (4, 4, 8), (4, 4, 12)),
+    ),
+    Problem("cube between plates", _PLATES, _CUBE, ((2, 2, 2), (4, 4, 4), (6, 6, 6))),
+    Problem("inclined block", _INCLINED, _BLOCK, _BLOCK_ELEMENTS),
+    Problem("straight block", _STRAIGHT, _BLOCK, _BLOCK_ELEMENTS),
+    Problem("stretched muscle", _STRETCHED, _BLOCK, _BLOCK_ELEMENTS),
+)
