@@ -22,7 +22,7 @@ from typing import Any
 
 from myork.console import ProgressCallback, silent
 from myork.errors import InputError
-from myork.files import write_json
+from myork.files import claimed, write_json
 
 __all__ = ["BENCHES", "run_benches"]
 
@@ -73,13 +73,20 @@ def run_benches(
     InputError
         A name is unknown.
     """
-    from myork.bench.machine import machine
-    from myork.bench.page import write_page
-
     for name in names:
         if name not in BENCHES:
             raise InputError(f"there is no benchmark {name!r}; there are {', '.join(BENCHES)}")
-    out.mkdir(parents=True, exist_ok=True)
+    with claimed(out):
+        return _run_all(names, out, quick, progress)
+
+
+def _run_all(
+    names: list[str], out: Path, quick: bool, progress: ProgressCallback
+) -> dict[str, Any]:
+    """Run benchmarks in a folder of their own."""
+    from myork.bench.machine import machine
+    from myork.bench.page import write_page
+
     record: dict[str, Any] = {**machine(), "quick": quick, "benches": {}}
     for number, name in enumerate(dict.fromkeys(names)):
         progress(f"bench {number + 1}/{len(names)}  {name}")

@@ -1,11 +1,11 @@
 """Damaged input, signals, full disks and small memories: how every command ends.
 
 All input is made anew from numbers of the corpus: a case that is listed here is made again by
-`deck_fault`, `model_fault` or `image_faults` with its seed and number. A command may do the right
-thing (`right`), refuse its input with exit status 2 and the name of the place (`refused`), or end
-with status 1 and what it had (`ended`). Wrong are a signal (`crash`), an internal error or a
-traceback (`internal`), no end (`hang`), a spoilt earlier result (`lost`), and numbers that are not
-finite in a good end (`nonsense`).
+`deck_fault`, `model_fault`, `image_faults` or `output_fault` with its seed and number. A command
+may do the right thing (`right`), refuse its input with exit status 2 and the name of the place
+(`refused`), or end with status 1 and what it had (`ended`). Wrong are a signal (`crash`), an
+internal error or a traceback (`internal`), no end (`hang`), a spoilt earlier result (`lost`), and
+numbers that are not finite in a good end (`nonsense`).
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +42,8 @@ from myork.reference.faults import image_deck
 from myork.reference.faults_decks import deck_fault
 from myork.reference.faults_images import image_faults, sound_image
 from myork.reference.faults_models import MODEL_DECK, model_fault
+from myork.reference.faults_outputs import output_fault
+from myork.report import make_report
 from myork.stations.build import build
 from myork.stations.segment import segment
 from myork.stations.solve import find_executable
@@ -62,13 +65,17 @@ _COUNTS = {
     "models, explained": (30, 500),
     "models, read": (60, 500),
     "images": (12, 120),
-    "signals": (6, 60),
-    "full disk": (4, 40),
-    "no folder": (3, 5),
-    "locked folder": (2, 5),
+    "output folders": (18, 180),
+    "signals": (1, 20),
+    "full disk": (4, 49),
+    "no folder": (3, 8),
+    "locked folder": (2, 7),
     "two writers": (1, 6),
     "little memory": (5, 24),
 }
+
+#: Signals of a command that is shorter or longer than others, as a part of those of the others
+_SHARES = {"myork-solve": 2.0, "bench": 0.5, "demo": 0.4}
 
 #: Time in which each ends that ends [s]
 _LIMIT = 60.0
@@ -93,20 +100,31 @@ def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
     """Run the study; see `myork.bench` for the result."""
     cases: list[dict[str, Any]] = []
     with tempfile.TemporaryDirectory(prefix="myork-faults-") as folder:
-        for kind, counts in _COUNTS.items():
-            count = counts[0 if quick else 1]
+
+        def find(kind: str) -> tuple[list[tuple[str, Verdict]], float]:
             started = time.perf_counter()
             place = Path(folder, kind.replace(", ", "-").replace(" ", "-"))
             place.mkdir()
-            found = list(_KINDS[kind](place, count))
-            cases += [
-                {"kind": kind, "name": name, "outcome": end.outcome, "message": end.said[-2000:]}
-                for name, end in found
-            ]
-            ends = Counter(end.outcome for _, end in found)
-            words = ", ".join(f"{number} {name}" for name, number in ends.items())
-            progress(f"{kind}: {words} in {time.perf_counter() - started:.0f} s")
+            found = list(_KINDS[kind](place, _COUNTS[kind][0 if quick else 1]))
             shutil.rmtree(place, ignore_errors=True)
+            return found, time.perf_counter() - started
+
+        # two at a time; every command has one thread
+        pool = ThreadPoolExecutor(2)
+        try:
+            kinds = sorted(_COUNTS, key=lambda kind: kind != "signals")  # the longest first
+            running = {kind: pool.submit(find, kind) for kind in kinds}
+            for kind in _COUNTS:
+                found, seconds = running[kind].result()
+                cases += [
+                    {"kind": kind, "name": name, "outcome": outcome, "message": said[-2000:]}
+                    for name, (outcome, said) in found
+                ]
+                ends = Counter(end.outcome for _, end in found)
+                words = ", ".join(f"{number} {name}" for name, number in ends.items())
+                progress(f"{kind}: {words} in {seconds:.0f} s")
+        finally:
+            pool.shutdown(cancel_futures=True)
     bad = [case for case in cases if case["outcome"] in WRONG]
     head = ("", *OUTCOMES, *WRONG)
     table = Counter((case["kind"], case["outcome"]) for case in cases)
@@ -240,8 +258,36 @@ def _read_image(item: tuple[str, str, str, tuple[str, ...], bool]) -> Verdict:
     return Verdict("nonsense", "accepted") if must else Verdict("right")
 
 
+def _outputs(place: Path, count: int) -> Found:
+    """Reports of damaged folders."""
+    words, sound = _stations(place), place / "sound"
+    for name in ("solve", "rom", "segment"):
+        end = _command([*words[name], sound], "")
+        if end.outcome != "right":
+            raise RuntimeError(f"{name} does not do sound input: {end.said}")
+    items = [(str(sound), str(place / "out"), number) for number in range(count)]
+    verdicts = isolated(_report_output, items, _LIMIT)
+    yield from zip([f"{number}" for number in range(count)], verdicts, strict=True)
+
+
+def _report_output(item: tuple[str, str, int]) -> Verdict:
+    sound, out, number = Path(item[0]), Path(item[1]), item[2]
+    shutil.rmtree(out, ignore_errors=True)
+    shutil.copytree(sound, out)
+    what, name, must = output_fault(SEED, number, out)
+    try:
+        make_report(out)
+    except MyorkError as error:
+        # names of labels are read with their map
+        names = (name, Path(name).with_suffix(".nii.gz").name)
+        if error.exit_code != 2 or not any(str(out / other) in str(error) for other in names):
+            return Verdict("internal", f"{what}: names no file: {error}")
+        return Verdict("refused", f"{what}: {error}")
+    return Verdict("nonsense" if must else "right", what)
+
+
 def _stations(place: Path) -> dict[str, list[str | Path]]:
-    """Words of each command that writes, on small input; their folder is added."""
+    """Words of each command, on small input; their folder is added."""
     anatomy = place / "anatomy.nii"
     nibabel.save(nibabel.Nifti1Image(sound_image(), np.diag([2.0, 2.0, 5.0, 1.0])), anatomy)
     labels = np.zeros((8, 8, 8), np.int16)
@@ -260,56 +306,73 @@ def _stations(place: Path) -> dict[str, list[str | Path]]:
         deck = place / f"{name}.toml"
         deck.write_text(text, encoding="utf-8")
         words[name] = [sys.executable, "-m", "myork", name, deck, "-q", "--threads", "1", "--out"]
-    solve: list[str | Path] = [find_executable(), place / "solve.toml", "-t", "1", "-q", "-o"]
-    return {"myork-solve": solve, **words}
+    myork: list[str | Path] = [sys.executable, "-m", "myork"]
+    return {
+        "myork-solve": [find_executable(), place / "solve.toml", "-t", "1", "-q", "-o"],
+        **words,
+        "report": [*myork, "report", "-q"],
+        "bench": [*myork, "bench", "linear", "--quick", "-q", "--out"],
+        "demo": [*myork, "demo", "-q", "--threads", "1", "--out"],
+        "explain": [*myork, "explain", place / "solve.toml", "--out"],
+    }
 
 
 def _sound_folder(place: Path, name: str, words: Sequence[str | Path]) -> tuple[Path, float]:
     """Folder with a sound result of a command, and how long it took [s]."""
     out = place / f"{name}-sound"
+    if name == "report":
+        solved, _ = _sound_folder(place, "myork-solve", _stations(place)["myork-solve"])
+        shutil.copytree(solved, out)
+    out.mkdir(exist_ok=True)
     started = time.perf_counter()
-    end = _command([*words, out], "")
+    end = _command([*words, out], "", 10 * _LIMIT)
     if end.outcome != "right":
         raise RuntimeError(f"{name} does not do sound input: {end.said}")
     return out, time.perf_counter() - started
 
 
 def _signals(place: Path, count: int) -> Found:
+    """Signals at random moments of each command, which renews an earlier result of its own."""
     random = np.random.default_rng(SEED)
-    stations = _stations(place)
-    sound = {name: _sound_folder(place, name, words) for name, words in stations.items()}
-    for number in range(count):
-        name = list(stations)[number % len(stations)]
-        kind = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)[number // len(stations) % 3]
-        earlier, seconds = sound[name]
-        out = place / f"out-{number}"
-        shutil.copytree(earlier, out)
-        wait = float(random.uniform(0.02, 1.0)) * seconds
-        child = subprocess.Popen(
-            [str(word) for word in (*stations[name], out)],
-            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
-            encoding="utf-8", errors="replace",
-        )  # fmt: skip
-        time.sleep(wait)
-        child.send_signal(kind)
-        try:
-            said = child.communicate(timeout=_LIMIT)[1]
-        except subprocess.TimeoutExpired:
-            child.kill()
-            child.communicate()
-            end = Verdict("hang", "no end after the signal")
-        else:
-            # before a handler is there, and by SIGKILL, a signal ends a process; nothing is begun
-            begun = re.search(r'cli\.py", line \d+, in main', said)
-            early = said.rstrip().endswith("KeyboardInterrupt") and not begun
-            # Python may end by SIGINT although the command has caught the interrupt and said so
-            codes = (-kind, 128 + kind, -signal.SIGINT)
-            by_signal = early or child.returncode in codes
-            end = Verdict("ended", said) if by_signal else _verdict(child.returncode, said)
-        if end.outcome in OUTCOMES:
-            end = _kept(earlier, out, end)
-        shutil.rmtree(out, ignore_errors=True)
-        yield f"{number} {name} {kind.name} after {wait:.3f} s", end
+    for name, words in _stations(place).items():
+        signals = int(count * _SHARES.get(name, 1.0))
+        if signals == 0:
+            continue
+        earlier, seconds = _sound_folder(place, name, words)
+        for number in range(signals):
+            kind = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)[number % 3]
+            wait = float(random.uniform(0.02, 1.0)) * seconds
+            out = place / f"{name}-{number}"
+            shutil.copytree(earlier, out)
+            end = _signalled([*words, out], kind, wait)
+            if end.outcome in OUTCOMES:
+                end = _kept(earlier, out, end)
+            shutil.rmtree(out, ignore_errors=True)
+            yield f"{name} {number} {kind.name} after {wait:.3f} s", end
+
+
+def _signalled(words: Sequence[str | Path], kind: signal.Signals, wait: float) -> Verdict:
+    """Verdict on a command that gets a signal after a time [s]."""
+    child = subprocess.Popen(
+        [str(word) for word in words],
+        stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+        encoding="utf-8", errors="replace",
+    )  # fmt: skip
+    time.sleep(wait)
+    child.send_signal(kind)
+    try:
+        said = child.communicate(timeout=_LIMIT)[1]
+    except subprocess.TimeoutExpired:
+        child.kill()
+        child.communicate()
+        return Verdict("hang", "no end after the signal")
+    # before a handler is there, and by SIGKILL, a signal ends a process; nothing is begun
+    begun = re.search(r'cli\.py", line \d+, in main', said)
+    early = said.rstrip().endswith("KeyboardInterrupt") and not begun
+    # Python may end by SIGINT although the command has caught the interrupt and said so
+    codes = (-kind, 128 + kind, -signal.SIGINT)
+    by_signal = early or child.returncode in codes
+    return Verdict("ended", said) if by_signal else _verdict(child.returncode, said)
 
 
 def _kept(earlier: Path, out: Path, end: Verdict) -> Verdict:
@@ -334,6 +397,9 @@ def _open(path: Path) -> None:
         raise ValueError("is empty")
     if path.suffix == ".json":
         json.loads(path.read_text(encoding="utf-8"))
+    elif path.suffix == ".html":
+        if not path.read_text(encoding="utf-8").rstrip().endswith("</html>"):
+            raise ValueError("is cut off")
     elif path.suffix in (".h5", ".vtkhdf"):
         with h5py.File(path, "r") as file:
             file.visititems(lambda _, entry: entry[()] if hasattr(entry, "shape") else None)
@@ -343,7 +409,7 @@ def _open(path: Path) -> None:
 
 def _full_disk(place: Path, count: int) -> Found:
     """Limits on the size of files stand for full disks."""
-    stations = _stations(place)
+    stations = _without(place, "demo", "explain")
     sound = {name: _sound_folder(place, name, words)[0] for name, words in stations.items()}
     for number, size in enumerate(np.geomspace(1, 3e5, count).astype(int)):
         name = list(stations)[number % len(stations)]
@@ -360,12 +426,16 @@ def _full_disk(place: Path, count: int) -> Found:
 def _no_folder(place: Path, count: int) -> Found:
     """Folders that cannot be made or written to, for root as well."""
     (place / "file").write_text("no folder", encoding="utf-8")
-    for name, words in list(_stations(place).items())[:count]:
+    for name, words in list(_without(place, "explain").items())[:count]:
         yield name, _refusal(_command([*words, place / "file" / "out"], "file"))
 
 
+def _without(place: Path, *names: str) -> dict[str, list[str | Path]]:
+    return {name: words for name, words in _stations(place).items() if name not in names}
+
+
 def _locked(place: Path, count: int) -> Found:
-    for name, words in list(_stations(place).items())[:count]:
+    for name, words in list(_without(place, "explain", "report").items())[:count]:
         with claimed(place / "out"):
             yield name, _refusal(_command([*words, place / "out"], "in use"))
 
@@ -470,6 +540,7 @@ _KINDS: dict[str, Callable[[Path, int], Found]] = {
     "models, explained": _explained_models,
     "models, read": _read_models,
     "images": _images,
+    "output folders": _outputs,
     "signals": _signals,
     "full disk": _full_disk,
     "no folder": _no_folder,
