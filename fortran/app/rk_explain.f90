@@ -81,7 +81,8 @@ subroutine explain_equation(scene)
             & //trim(merge('stress', 'strain', equation%plane_stress))
          text = text//', E '//to_text(equation%young)//', nu '//to_text(equation%poisson_ratio)
       end if
-      print '(a)', '  equation      '//text//': one assembly, one least squares solve'
+      print '(a)', '  equation      '//text//': one assembly, one ' &
+         & //trim(merge('least squares ', '              ', scene%method == 'rkcm'))//' solve'
       print '(a)', '  solution      '//equation%solution//', known: the summary has the L2 and ' &
          & //'H1 errors'
       text = ''

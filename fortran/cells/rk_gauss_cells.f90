@@ -32,7 +32,7 @@ subroutine gauss_cells(self, cloud, count, degree, error)
    type(error_type), allocatable, intent(out) :: error
    real(wp) :: rule(count), share(count), low(3), step(3), map(3, 3), jacobian
    real(wp) :: outer(3)
-   integer :: cells(3), groups(3), at(3), cell(3), sub(3), from(3), to(3), g(3)
+   integer :: cells(3), groups(3), at(3), cell(3), sub(3), from(3), to(3), g(3), points(3)
    integer, allocatable :: number(:)
    integer :: nd, np, ng, i, j, d, k, side, faces, ms, mf, nl, own
 
@@ -49,6 +49,8 @@ subroutine gauss_cells(self, cloud, count, degree, error)
    groups = group_count(cells)
    ng = product(groups)
    own = count**nd
+   points = 1
+   points(:nd) = count
    np = product(cells)*own
    faces = 0
    mf = 0
@@ -87,7 +89,7 @@ subroutine gauss_cells(self, cloud, count, degree, error)
       do j = 1, product(to - from + 1)
          cell = from + digits_of(j - 1, to - from + 1)
          do k = 1, own
-            at = digits_of(k - 1, [count, count, merge(count, 1, nd == 3)])
+            at = digits_of(k - 1, points)
             call place(cell, rule(at(:nd) + 1))
             self%point(:, np + k) = outer(:nd)
             self%weight(np + k) = jacobian*product(share(at(:nd) + 1))
@@ -185,7 +187,7 @@ contains
       self%surface(:, ms) = outer(:nd)
       self%set(ms) = set_number(cloud%polar, axis, end)
       do q = 1, own
-         digit = digits_of(q - 1, [count, count, merge(count, 1, nd == 3)])
+         digit = digits_of(q - 1, points)
          eta = rule(digit(:nd) + 1)
          nl = nl + 1
          self%lift_point(nl) = np + q

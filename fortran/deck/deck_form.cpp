@@ -1,7 +1,6 @@
 // The form that scene.method stands for, and what else defaults of the schema depend on.
 #include "deck.h"
 
-#include <algorithm>
 #include <cmath>
 
 namespace rk {
@@ -9,27 +8,16 @@ namespace rk {
 // Points this close to a surface, of the size of the body, lie on it
 constexpr double on_surface_tolerance = 1e-9;
 
-static bool is_infinite(Section *material) {
-   const Value *bulk = material->find("K");
-   return bulk && std::isinf(bulk->number());
-}
-
 // Gauss points need cells between source points, nodal cells do not
 static std::string galerkin_form(const Deck &deck) {
    const Section *geometry = deck.single("geometry");
+   // linear problems are posed on boxes, whose cells hold jittered points as well
+   if (deck.single("linear"))
+      return "rkpm-gauss";
    const Value *jitter = geometry ? geometry->find("jitter") : nullptr;
    const bool scattered =
        !geometry || geometry->text("kind") == "model" || (jitter && jitter->number() > 0.0);
    return scattered ? "rkpm-scni" : "rkpm-gauss";
-}
-
-static std::string form_of(Deck &deck) {
-   const std::vector<Section *> materials = deck.entries("material");
-   if (deck.single("linear"))
-      return "rkcm";
-   if (std::any_of(materials.begin(), materials.end(), is_infinite))
-      return "rkcm-mixed";
-   return galerkin_form(deck);
 }
 
 static bool on_surface(const Section &geometry, const Value &point) {
@@ -84,7 +72,7 @@ void choose_form(Deck &deck) {
    if (const Value *given = scene.find("method"))
       method = *given;
    if (method.text.empty() || method.text == "auto")
-      method.text = form_of(deck);
+      method.text = galerkin_form(deck);
    if (method.text == "rkpm")
       method.text = "rkpm-scni";
    scene.values["method"] = method;

@@ -117,9 +117,9 @@ static void check_linear(Deck &deck, const std::string &kind, int dimension) {
       deck.complain(deck.single("geometry")->find("kind")->origin, "geometry.kind",
                     "must be box for a linear problem, not " + kind);
    const Value *method = scene ? scene->find("method") : nullptr;
-   if (method && method->text != "rkcm" && method->text != "auto")
+   if (method && method->text != "rkcm" && method->text != "rkpm-gauss")
       deck.complain(method->origin, "scene.method",
-                    "must be rkcm for a linear problem, not " + method->text);
+                    "must be rkpm-gauss or rkcm for a linear problem, not " + method->text);
    const std::string problem = linear->text("problem"), solution = linear->text("solution");
    const Value *name = linear->find("solution");
    if ((solution == "exp_x" && dimension != 1) || (solution == "exp_xy" && dimension != 2) ||

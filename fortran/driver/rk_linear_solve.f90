@@ -1,10 +1,11 @@
-!> A linear problem: one assembly, one least squares solve, no iteration and no load steps.
+!> A linear problem: one assembly, one solve, no iteration and no load steps.
 module rk_linear_solve
    use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
    use, intrinsic :: iso_fortran_env, only : int64
    use rk_clock, only : tick, timer_type
    use rk_error, only : error_type, fatal_error, err_linalg
    use rk_lstsq, only : lstsq_report, row_operator, solve_lstsq
+   use rk_operator, only : square_report
    use rk_precision, only : wp
    use rk_problem, only : problem_type, evaluation_type
    use rk_recorder, only : iteration_type, recorder_type, step_type
@@ -31,11 +32,13 @@ subroutine solve_linear(problem, method, x, recorder, timer, error)
    type(error_type), allocatable, intent(out) :: error
    class(row_operator), pointer :: op
    type(lstsq_report) :: report
+   type(square_report) :: found
    type(iteration_type) :: it
    type(evaluation_type) :: state
    real(wp), allocatable :: r(:), g(:)
    real(wp) :: first_gradient, none
    integer(int64) :: clock
+   logical :: square
 
    allocate (r(problem%m), g(problem%n))
    x = 0.0_wp
@@ -48,7 +51,9 @@ subroutine solve_linear(problem, method, x, recorder, timer, error)
    first_gradient = max(norm2(g), tiny(1.0_wp))
    r = -r
    call system_clock(clock)
-   call solve_lstsq(op, r, method, x, report, error)
+   call problem%square_step(0.0_wp, -r, x, square, found, error)
+   if (allocated(error)) return
+   if (.not. square) call solve_lstsq(op, r, method, x, report, error)
    timer%solve = tick(clock)
    if (allocated(error)) return
    ! comparisons that a NaN fails
@@ -64,12 +69,20 @@ subroutine solve_linear(problem, method, x, recorder, timer, error)
    it%iteration = 1
    it%residual = norm2(r)
    it%gradient = norm2(g)
-   it%backward_error = report%backward_error
-   it%misfit = report%misfit
-   it%rcond = report%rcond
-   it%solver = trim(report%used)
-   it%refinements = report%iterations
-   it%why = report%why
+   if (square) then
+      it%backward_error = found%backward_error
+      it%rcond = found%rcond
+      it%solver = found%used
+      it%refinements = found%iterations
+      it%why = found%why
+   else
+      it%backward_error = report%backward_error
+      it%misfit = report%misfit
+      it%rcond = report%rcond
+      it%solver = trim(report%used)
+      it%refinements = report%iterations
+      it%why = report%why
+   end if
    it%seconds = tick(timer%start)
    call recorder%iteration(it)
    ! small strains have no volume ratio

@@ -29,6 +29,8 @@ module rk_weak_conditions
       !> Penalty times area of each point, shape (ms) [force/length]
       real(wp), allocatable :: penalty(:)
    contains
+      !> Areas and penalties
+      procedure :: set_penalty
       !> Matrix of the penalty
       procedure :: add_penalty
       !> Forces of tractions and of the penalty's prescribed values
@@ -51,15 +53,13 @@ subroutine set_conditions(self, scene, cells, shear, error)
    real(wp), intent(in) :: shear(:)
    !> Error handling: no direction on the axis
    type(error_type), allocatable, intent(out) :: error
-   real(wp) :: value(3), traction(3), spacing, step(size(cells%outward, 1))
+   real(wp) :: value(3), traction(3)
    logical :: fixed(3)
-   integer :: s, nd, ms, q
+   integer :: s, nd, ms
 
    nd = scene%cloud%nd
    ms = size(cells%set)
-   allocate (self%essential(nd, ms), self%value(nd, ms), self%traction(nd, ms), self%penalty(ms))
-   self%area = norm2(cells%outward, dim=1)
-   step = sum(scene%cloud%spacing, dim=2)/size(scene%cloud%spacing, 2)
+   allocate (self%essential(nd, ms), self%value(nd, ms), self%traction(nd, ms))
    do s = 1, ms
       call conditions_at(scene%cloud, scene%condition, cells%set(s), cells%surface(:, s), fixed, &
          & value, traction, error)
@@ -67,12 +67,33 @@ subroutine set_conditions(self, scene, cells, shear, error)
       self%essential(:, s) = fixed(:nd)
       self%value(:, s) = value(:nd)
       self%traction(:, s) = merge(0.0_wp, traction(:nd), fixed(:nd))
+   end do
+   call self%set_penalty(scene, cells, shear)
+end subroutine set_conditions
+
+!> Areas and penalties of the points
+subroutine set_penalty(self, scene, cells, shear)
+   !> Surface
+   class(surface_type), intent(inout) :: self
+   !> Scene
+   type(scene_type), intent(in) :: scene
+   !> Integration points
+   type(cells_type), intent(in) :: cells
+   !> Modulus at each integration point whose multiple the penalty is, shape (np) [stress]
+   real(wp), intent(in) :: shear(:)
+   real(wp) :: spacing, step(size(cells%outward, 1))
+   integer :: q, s
+
+   allocate (self%penalty(size(cells%set)))
+   self%area = norm2(cells%outward, dim=1)
+   step = sum(scene%cloud%spacing, dim=2)/size(scene%cloud%spacing, 2)
+   do s = 1, size(cells%set)
       q = cells%lift_point(cells%lift_first(s) + 1)
       ! the spacing across the surface
       spacing = norm2(cells%outward(:, s)*step)/self%area(s)
       self%penalty(s) = scene%galerkin%penalty/spacing*self%area(s)*shear(q)
    end do
-end subroutine set_conditions
+end subroutine set_penalty
 
 !> Matrix of the penalty
 subroutine add_penalty(self, matrix, value)
@@ -172,7 +193,7 @@ function set_force(self, cells, set, state) result(force)
    real(wp) :: u(size(self%value, 1), self%shape%nq), p(3, 3)
    integer :: i, k, nd, q, s
 
-   nd = size(self%value, 1)
+   nd = size(cells%outward, 1)
    force = 0.0_wp
    do s = 1, size(cells%set)
       if (cells%set(s) /= set) cycle
@@ -182,7 +203,7 @@ function set_force(self, cells, set, state) result(force)
          q = cells%lift_point(k)
          p = p + cells%lift(k)*cells%weight(q)*state%p(:, :, q)
       end do
-      do i = 1, nd
+      do i = 1, size(self%value, 1)
          if (self%essential(i, s)) then
             force(i) = force(i) + dot_product(p(i, :nd), cells%outward(:, s)) &
                & - self%penalty(s)*(u(i, 1) - state%load*self%value(i, s))

@@ -59,7 +59,6 @@ subroutine read_linear(scene, deck, error)
    end associate
    ! no materials, conditions or load steps
    allocate (scene%tissue(0), scene%tissue_of(0), scene%condition(0))
-   scene%method = 'rkcm'
    scene%load%steps = 1
    scene%load%activation = 0.0_wp
    scene%solver%weight_essential = essential_weight(scene)

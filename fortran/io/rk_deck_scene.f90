@@ -51,7 +51,6 @@ subroutine new_scene(scene, deck, model, error)
    if (allocated(error)) return
    call read_solver(scene, deck)
    if (is_linear) then
-      scene%method = 'rkcm'
       call read_weights(scene, deck)
       call read_linear(scene, deck, error)
       call read_probes(scene, deck, error)

@@ -10,6 +10,7 @@
 module rk_linear
    use rk_basis, only : second_index
    use rk_conditions, only : new_boundary
+   use rk_discretisation, only : discretisation_type
    use rk_error, only : error_type, fatal_error, err_input
    use rk_precision, only : wp
    use rk_problem, only : evaluation_type
@@ -24,6 +25,8 @@ module rk_linear
    private
 
    public :: linear_problem, new_linear, essential_weight
+   ! what the Galerkin form of the same problems shares
+   public :: find_boundary, lame_constants, moduli, small_strain
 
    !> Linear problem of a scene
    type, extends(strong_problem) :: linear_problem
@@ -81,11 +84,13 @@ subroutine new_linear(self, scene, error)
 end subroutine new_linear
 
 !> Moduli of the operators
-pure function moduli(equation, nd) result(c)
+pure function moduli(equation, nd, volumetric) result(c)
    !> Equation
    type(equation_type), intent(in) :: equation
    !> Space dimension
    integer, intent(in) :: nd
+   !> Include Lame's lambda? Default true
+   logical, intent(in), optional :: volumetric
    real(wp), allocatable :: c(:, :, :, :)
    real(wp) :: lame(2)
    integer :: i, k
@@ -99,6 +104,9 @@ pure function moduli(equation, nd) result(c)
    end if
    allocate (c(nd, nd, nd, nd), source=0.0_wp)
    lame = lame_constants(equation)
+   if (present(volumetric)) then
+      if (.not. volumetric) lame(1) = 0.0_wp
+   end if
    do i = 1, nd
       do k = 1, nd
          c(i, i, k, k) = c(i, i, k, k) + lame(1)
@@ -124,8 +132,8 @@ end function lame_constants
 
 !> Which components are prescribed where
 subroutine find_boundary(self, error)
-   !> Problem
-   type(linear_problem), intent(inout) :: self
+   !> Problem with its scene and the number of its fields
+   class(discretisation_type), intent(inout) :: self
    !> Error handling: a pin that is no boundary point, nothing prescribed
    type(error_type), allocatable, intent(out) :: error
    type(condition_type), allocatable :: condition(:)
@@ -294,32 +302,47 @@ subroutine at_place(self, state, ip, x, u, local)
    real(wp), intent(in) :: u(:, :)
    !> State there
    type(point_state), intent(out) :: local
-   real(wp) :: lame(2)
-   integer :: a, d, k, nd
 
    ! moduli are the same everywhere and at every load
    associate (place => ip, unused => state)
    end associate
+   call small_strain(self%scene%equation, self%modulus, x, u, local)
+end subroutine at_place
+
+!> Small strain stress of the derivatives at a place; of a scalar problem the value alone
+pure subroutine small_strain(equation, modulus, x, u, local)
+   !> Equation
+   type(equation_type), intent(in) :: equation
+   !> Moduli c(i, A, k, B), shape (fields, nd, fields, nd)
+   real(wp), intent(in) :: modulus(:, :, :, :)
+   !> Place, shape (nd) [length]
+   real(wp), intent(in) :: x(:)
+   !> Fields with derivatives, shape (fields, nq)
+   real(wp), intent(in) :: u(:, :)
+   !> State there
+   type(point_state), intent(out) :: local
+   real(wp) :: lame(2)
+   integer :: a, d, k, nd
+
    nd = size(x)
    local%x(:nd) = x
-   local%u(:self%fields) = u(:, 1)
+   local%u(:size(u, 1)) = u(:, 1)
    do a = 1, 3
       local%f(a, a) = 1.0_wp
    end do
-   if (self%scene%equation%kind == 'poisson') return
+   if (equation%kind == 'poisson') return
    local%f(:nd, :nd) = local%f(:nd, :nd) + u(:, 2:1 + nd)
    local%j = determinant(local%f)
    do d = 1, nd
       do k = 1, nd
          do a = 1, nd
-            local%p(:nd, a) = local%p(:nd, a) + self%modulus(:, a, k, d)*u(k, 1 + d)
+            local%p(:nd, a) = local%p(:nd, a) + modulus(:, a, k, d)*u(k, 1 + d)
          end do
       end do
    end do
-   lame = lame_constants(self%scene%equation)
-   if (nd == 2 .and. .not. self%scene%equation%plane_stress) local%p(3, 3) = lame(1) &
-      & *(u(1, 2) + u(2, 3))
+   lame = lame_constants(equation)
+   if (nd == 2 .and. .not. equation%plane_stress) local%p(3, 3) = lame(1)*(u(1, 2) + u(2, 3))
    local%cauchy = local%p
-end subroutine at_place
+end subroutine small_strain
 
 end module rk_linear

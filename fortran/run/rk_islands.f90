@@ -19,9 +19,11 @@ module rk_islands
 contains
 
 !> Refuse a body with a part that can move as a whole
-subroutine check_islands(shape, place, point, essential, error)
+subroutine check_islands(shape, link, place, point, essential, error)
    !> Shape functions; places beyond those given are ignored
    type(shape_type), intent(in) :: shape
+   !> Those at the points that join source points: where rows or integrals are
+   type(shape_type), intent(in) :: link
    !> Collocation points, shape (nd, nc) [length]
    real(wp), intent(in) :: place(:, :)
    !> Collocation point of each boundary point, shape (nb)
@@ -36,14 +38,14 @@ subroutine check_islands(shape, place, point, essential, error)
    integer(i8) :: k
 
    allocate (part(shape%ns), source=[(ip, ip=1, shape%ns)])
-   ! source points that cover one collocation point belong together
-   do ip = 1, size(place, 2)
-      first = part_of(part, node(ip, 1_i8))
-      do k = 2, shape%count(ip)
-         part(part_of(part, node(ip, k))) = first
+   ! source points that cover one of these points belong together
+   do ip = 1, link%np
+      first = part_of(part, node(link, ip, 1_i8))
+      do k = 2, link%count(ip)
+         part(part_of(part, node(link, ip, k))) = first
       end do
    end do
-   of_place = [(part_of(part, node(ip, 1_i8)), ip=1, size(place, 2))]
+   of_place = [(part_of(part, node(shape, ip, 1_i8)), ip=1, size(place, 2))]
    of_boundary = of_place(point)
    do ip = 1, size(place, 2)
       first = of_place(ip)
@@ -72,11 +74,12 @@ subroutine check_islands(shape, place, point, essential, error)
 contains
 
    !> Source point number k of a place
-   integer function node(ip, k)
+   integer function node(at, ip, k)
+      type(shape_type), intent(in) :: at
       integer, intent(in) :: ip
       integer(i8), intent(in) :: k
 
-      node = shape%neighbour%index(shape%neighbour%offset(ip) + k)
+      node = at%neighbour%index(at%neighbour%offset(ip) + k)
    end function node
 
 end subroutine check_islands

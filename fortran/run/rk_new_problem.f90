@@ -8,6 +8,7 @@ module rk_new_problem
    use rk_linear, only : linear_problem, new_linear
    use rk_mixed, only : mixed_problem, new_mixed
    use rk_scene, only : scene_type
+   use rk_weak_linear, only : new_weak_linear, weak_linear_problem
    implicit none
    private
 
@@ -27,8 +28,14 @@ subroutine new_problem(problem, scene, error)
    type(mixed_problem), allocatable :: mixed
    type(galerkin_problem), allocatable :: galerkin
    type(linear_problem), allocatable :: linear
+   type(weak_linear_problem), allocatable :: weak
 
-   if (allocated(scene%equation%kind)) then
+   if (allocated(scene%equation%kind) .and. scene%method == 'rkpm-gauss') then
+      allocate (weak)
+      call new_weak_linear(weak, scene, error)
+      call move_alloc(weak, problem)
+      return
+   else if (allocated(scene%equation%kind)) then
       allocate (linear)
       call new_linear(linear, scene, error)
       call move_alloc(linear, problem)
@@ -51,8 +58,15 @@ subroutine new_problem(problem, scene, error)
       call fatal_error(error, err_input, "unknown method '"//scene%method//"'")
    end select
    if (allocated(error)) return
-   call check_islands(problem%shape, scene%cloud%points, problem%boundary%point, &
-      & problem%boundary%essential, error)
+   select type (problem)
+   type is (galerkin_problem)
+      ! its collocation points are places of output, and may be few
+      call check_islands(problem%shape, problem%inside, scene%cloud%points, &
+         & problem%boundary%point, problem%boundary%essential, error)
+   class default
+      call check_islands(problem%shape, problem%shape, scene%cloud%points, &
+         & problem%boundary%point, problem%boundary%essential, error)
+   end select
 end subroutine new_problem
 
 end module rk_new_problem

@@ -35,7 +35,7 @@ def write_linear(write_deck) -> Callable[..., Path]:
         sides = SIDES[: 2 * dimension] if essential is None else essential
         return write_deck(
             {
-                "scene": {"dimension": dimension},
+                "scene": {"dimension": dimension, "method": "rkcm"},
                 "geometry": {
                     "kind": "box",
                     "size": [1.0, 0.5, 2.0][:dimension],
@@ -283,7 +283,7 @@ def test_one_dimension_is_for_linear_problems(tmp_path, inputs):
 
 
 def test_mixed_form_is_refused(tmp_path, inputs):
-    with pytest.raises(InputError, match="must be rkcm for a linear problem"):
+    with pytest.raises(InputError, match="must be rkpm-gauss or rkcm for a linear problem"):
         solve(inputs / "poisson_1d.toml", tmp_path, "scene.method=rkcm-mixed")
 
 

@@ -1,0 +1,448 @@
+!> Galerkin form of linear boundary value problems: the operators of rk_linear, integrated with
+!> Gauss points in the cells between the source points of a box.
+!>
+!> Essential values are lifted into the gradients and held by a penalty as in the nonlinear form.
+!> Of elasticity, Lame's lambda acts on the change of volume that is projected in each group of
+!> cells, so that nearly incompressible bodies do not lock. Source, traction and prescribed values
+!> follow from the known solution.
+module rk_weak_linear
+   use rk_blas, only : dsyrk
+   use rk_cells, only : cells_type
+   use rk_discretisation, only : discretisation_type
+   use rk_error, only : error_type
+   use rk_gauss_cells, only : gauss_cells
+   use rk_gradient, only : gradient_type, new_gradient
+   use rk_linear, only : find_boundary, lame_constants, moduli, small_strain
+   use rk_operator, only : row_operator, square_report
+   use rk_precision, only : wp
+   use rk_pressure, only : new_pressure, pressure_type
+   use rk_problem, only : evaluation_type
+   use rk_scene, only : scene_type
+   use rk_shape, only : shape_type
+   use rk_solutions, only : exact_field
+   use rk_states, only : field_state, point_state
+   use rk_symmetric, only : new_symmetric, symmetric_matrix
+   use rk_basis, only : second_index
+   use rk_tensor, only : identity
+   use rk_weak_conditions, only : add_body_force, surface_type
+   implicit none
+   private
+
+   public :: weak_linear_problem, new_weak_linear
+
+   !> Linear problem of a scene
+   type, extends(discretisation_type) :: weak_linear_problem
+      !> Moduli c(i, A, k, B) without lambda, shape (nd, nd, nd, nd); of a scalar problem the first
+      !> component is the field
+      real(wp), allocatable :: modulus(:, :, :, :)
+      !> Lame's lambda, 0 of a scalar problem [stress]
+      real(wp) :: lambda = 0.0_wp
+      !> Integration points, gradients and shape functions there
+      type(cells_type) :: cells
+      type(gradient_type) :: gradient
+      type(shape_type) :: inside
+      !> Polynomials of the change of volume
+      type(pressure_type) :: pressure
+      !> Surface
+      type(surface_type) :: surface
+      !> Stiffness, and what stands against it at full load, shape (n)
+      type(symmetric_matrix) :: matrix
+      real(wp), allocatable :: force(:)
+   contains
+      procedure :: is_linear
+      procedure :: evaluate
+      procedure :: linearise => evaluate
+      procedure :: operator
+      procedure :: square_step
+      procedure :: state
+      procedure :: at_place
+      procedure :: set_force
+   end type weak_linear_problem
+
+contains
+
+!> Set up the problem of a scene
+subroutine new_weak_linear(self, scene, error)
+   !> Problem
+   type(weak_linear_problem), intent(inout) :: self
+   !> Scene with an equation
+   type(scene_type), target, intent(in) :: scene
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   type(shape_type) :: facet
+   real(wp), allocatable :: c(:, :, :, :)
+   real(wp) :: lame(2), stiffness
+   integer :: nd, ns
+
+   self%scene => scene
+   nd = scene%cloud%nd
+   ns = size(scene%cloud%source, 2)
+   lame = 0.0_wp
+   if (scene%equation%kind == 'elasticity') lame = lame_constants(scene%equation)
+   self%lambda = lame(1)
+   c = moduli(scene%equation, nd, volumetric=.false.)
+   stiffness = maxval(c)
+   self%fields = size(c, 1)
+   allocate (self%modulus(nd, nd, nd, nd), source=0.0_wp)
+   self%modulus(:self%fields, :, :self%fields, :) = c
+   self%n = self%fields*ns
+   self%m = self%n
+   call find_boundary(self, error)
+   if (allocated(error)) return
+   allocate (self%shape)
+   call scene%shape_at(scene%cloud%points, self%shape, error)
+   if (allocated(error)) return
+   call gauss_cells(self%cells, scene%cloud, scene%galerkin%gauss, &
+      & min(scene%approximation%order - 1, 1), error)
+   if (.not. allocated(error)) call scene%shape_at(self%cells%point, self%inside, error)
+   if (.not. allocated(error)) call scene%shape_at(self%cells%surface, self%surface%shape, error)
+   if (.not. allocated(error)) call scene%shape_at(self%cells%facet, facet, error)
+   if (allocated(error)) return
+   call set_surface(self)
+   call self%surface%set_penalty(scene, self%cells, spread(stiffness, 1, size(self%cells%weight)))
+   call set_gradient(self, ns, facet)
+   call new_pressure(self%pressure, self%cells, scene%galerkin%pressure_degree, &
+      & scene%cloud%points, error)
+   if (allocated(error)) return
+   call new_symmetric(self%matrix, self%fields, ns, self%gradient%member)
+   allocate (self%force(self%n), source=0.0_wp)
+   call self%surface%add_penalty(self%matrix, self%matrix%value)
+   call self%surface%add_forces(self%force)
+   call add_body_force(self%inside, self%cells%weight, body_force(self), self%force)
+   call add_pins(self, scene%galerkin%penalty*stiffness)
+   call add_groups(self)
+end subroutine new_weak_linear
+
+!> Prescribed values and tractions of the known solution
+subroutine set_surface(self)
+   !> Problem with its cells
+   type(weak_linear_problem), intent(inout) :: self
+   real(wp) :: u(self%fields, self%shape%nq), p(size(self%modulus, 1), size(self%modulus, 1))
+   integer :: ms, nd, s
+
+   nd = size(self%modulus, 1)
+   ms = size(self%cells%set)
+   allocate (self%surface%essential(self%fields, ms), self%surface%value(self%fields, ms))
+   allocate (self%surface%traction(self%fields, ms))
+   do s = 1, ms
+      call exact_field(self%scene%equation, self%cells%surface(:, s), u)
+      p = plain_stress(self, u)
+      self%surface%essential(:, s) = any(self%scene%equation%essential == self%cells%set(s))
+      self%surface%value(:, s) = u(:, 1)
+      self%surface%traction(:, s) = matmul(p(:self%fields, :), self%cells%outward(:, s)) &
+         & /norm2(self%cells%outward(:, s))
+   end do
+end subroutine set_surface
+
+!> Stress of a displacement gradient, without projection
+pure function plain_stress(self, u) result(p)
+   !> Problem
+   class(weak_linear_problem), intent(in) :: self
+   !> Fields with derivatives, shape (fields, nq)
+   real(wp), intent(in) :: u(:, :)
+   !> Stress, index (i, A)
+   real(wp) :: p(size(self%modulus, 1), size(self%modulus, 1))
+   real(wp) :: h(size(p, 1), size(p, 1))
+   integer :: a
+
+   h = 0.0_wp
+   h(:self%fields, :) = u(:, 2:1 + size(h, 2))
+   p = stress(self, h)
+   do a = 1, size(p, 1)
+      p(a, a) = p(a, a) + self%lambda*sum([(h(a, a), a=1, size(h, 1))])
+   end do
+end function plain_stress
+
+!> Stress of a displacement gradient without the part of lambda
+pure function stress(self, h) result(p)
+   !> Problem
+   class(weak_linear_problem), intent(in) :: self
+   !> Gradient, index (i, A) [-]
+   real(wp), intent(in) :: h(:, :)
+   real(wp) :: p(size(h, 1), size(h, 1))
+   integer :: b, k
+
+   p = 0.0_wp
+   do b = 1, size(h, 1)
+      do k = 1, size(h, 1)
+         p = p + self%modulus(:, :, k, b)*h(k, b)
+      end do
+   end do
+end function stress
+
+!> Lifted gradients; components that a scalar problem has not are none
+subroutine set_gradient(self, ns, facet)
+   !> Problem with its surface
+   type(weak_linear_problem), intent(inout) :: self
+   !> Source points
+   integer, intent(in) :: ns
+   !> Shape functions at the facets
+   type(shape_type), intent(in) :: facet
+   logical :: essential(size(self%modulus, 1), size(self%cells%set))
+   real(wp) :: value(size(self%modulus, 1), size(self%cells%set))
+
+   essential = .false.
+   value = 0.0_wp
+   essential(:self%fields, :) = self%surface%essential
+   value(:self%fields, :) = self%surface%value
+   call new_gradient(self%gradient, self%cells, ns, self%inside, facet, self%surface%shape, &
+      & essential)
+   call self%gradient%set_essential(self%cells, essential, value)
+end subroutine set_gradient
+
+!> Body force of the known solution: minus its operator at the integration points
+function body_force(self) result(b)
+   !> Problem
+   class(weak_linear_problem), intent(in) :: self
+   !> Body force, shape (fields, np)
+   real(wp) :: b(self%fields, size(self%cells%weight))
+   real(wp), allocatable :: c(:, :, :, :)
+   real(wp) :: u(self%fields, self%shape%nq)
+   integer :: a, d, nd, q
+
+   nd = size(self%modulus, 1)
+   c = moduli(self%scene%equation, nd)
+   b = 0.0_wp
+   do q = 1, size(b, 2)
+      call exact_field(self%scene%equation, self%cells%point(:, q), u)
+      do d = 1, nd
+         do a = 1, nd
+            b(:, q) = b(:, q) - matmul(c(:, a, :, d), u(:, second_index(nd, min(a, d), max(a, d))))
+         end do
+      end do
+   end do
+end function body_force
+
+!> Springs at the pins: they hold what nothing pushes
+subroutine add_pins(self, stiffness)
+   !> Problem with its boundary
+   type(weak_linear_problem), intent(inout), target :: self
+   !> Penalty of the pins [stress]
+   real(wp), intent(in) :: stiffness
+   real(wp), allocatable :: part(:, :)
+   real(wp), pointer, contiguous :: values(:, :)
+   integer, pointer, contiguous :: nodes(:)
+   real(wp) :: spring, u(self%fields, self%shape%nq)
+   integer :: b, i, k, l, nd, pin
+
+   nd = self%scene%cloud%nd
+   spring = stiffness*self%scene%cloud%mean_spacing()**(nd - 2)
+   do pin = 1, size(self%scene%equation%pin)
+      associate (pinned => self%scene%equation%pin(pin), points => self%scene%cloud%points)
+         b = minloc([(norm2(points(:, k) - pinned%point(:nd)), k=1, size(points, 2))], dim=1)
+         call exact_field(self%scene%equation, points(:, b), u)
+         call self%shape%row(b, nodes, values)
+         allocate (part(self%fields*size(nodes), self%fields*size(nodes)), source=0.0_wp)
+         do i = 1, self%fields
+            if (.not. pinned%fixed(i)) cycle
+            do l = 1, size(nodes)
+               associate (entry => self%fields*(l - 1) + i, &
+                  & at => self%fields*(nodes(l) - 1) + i)
+                  do k = 1, l
+                     part(self%fields*(k - 1) + i, entry) = spring*values(1, k)*values(1, l)
+                  end do
+                  self%force(at) = self%force(at) + spring*values(1, l)*u(i, 1)
+               end associate
+            end do
+         end do
+      end associate
+      call self%matrix%add(self%matrix%value, nodes, part)
+      deallocate (part)
+   end do
+end subroutine add_pins
+
+!> Add the stiffness of all groups, and the forces of the essential values in the gradients
+subroutine add_groups(self)
+   !> Problem
+   type(weak_linear_problem), intent(inout) :: self
+   real(wp), allocatable :: part(:, :), volume(:, :), c4(:, :, :, :, :), force(:, :)
+   real(wp) :: given(size(self%pressure%total, 1)), p(3, 3)
+   integer :: b, g, k, members, n, nd, o, q
+
+   nd = size(self%modulus, 1)
+   do g = 1, size(self%cells%first) - 1
+      o = self%cells%first(g)
+      n = self%cells%first(g + 1) - o
+      b = self%pressure%count(g)
+      associate (member => self%gradient%member%index(self%gradient%member%offset(g) + 1: &
+         & self%gradient%member%offset(g + 1)))
+         members = size(member)
+         allocate (part(nd*members, nd*members), volume(nd*members, b), source=0.0_wp)
+         allocate (c4(3, 3, 3, 3, n), force(nd, members), source=0.0_wp)
+         given = 0.0_wp
+         do q = 1, n
+            associate (w => self%cells%weight(o + q), h => self%gradient%given(:, :, o + q))
+               c4(:nd, :nd, :nd, :nd, q) = w*self%modulus
+               p = 0.0_wp
+               p(:nd, :nd) = w*stress(self, h)
+               call self%gradient%add_force(o + q, p, force)
+               if (self%fields == 1) cycle
+               call self%gradient%add_work(o + q, w*identity, self%pressure%basis(:b, o + q), &
+                  & volume)
+               given(:b) = given(:b) + w*sum([(h(k, k), k=1, nd)])*self%pressure%basis(:b, o + q)
+            end associate
+         end do
+         force = force + self%lambda*reshape(matmul(volume, given(:b)), shape(force))
+         call dsyrk('u', 'n', nd*members, b, self%lambda, volume, nd*members, 0.0_wp, part, &
+            & nd*members)
+         call self%gradient%add_stiffness(o, c4, part)
+         do k = 1, members
+            associate (own => self%force(self%fields*(member(k) - 1) + 1:self%fields*member(k)))
+               own = own - force(:self%fields, k)
+            end associate
+         end do
+         if (self%fields < nd) part = part(1::nd, 1::nd)
+         call self%matrix%add(self%matrix%value, member, part)
+      end associate
+      deallocate (part, volume, c4, force)
+   end do
+end subroutine add_groups
+
+!> Whether residuals are linear in the unknowns
+pure logical function is_linear(self)
+   !> Problem
+   class(weak_linear_problem), intent(in) :: self
+
+   associate (unused => self)
+   end associate
+   is_linear = .true.
+end function is_linear
+
+!> Residuals: internal less external forces
+subroutine evaluate(self, x, load, r, seen)
+   !> Problem
+   class(weak_linear_problem), target, intent(inout) :: self
+   !> Unknowns, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> Residuals, shape (n)
+   real(wp), contiguous, intent(inout) :: r(:)
+   !> What was seen
+   type(evaluation_type), intent(out) :: seen
+
+   call self%matrix%apply(x, r)
+   r = r - load*self%force
+   seen%valid = all(abs(r) <= huge(1.0_wp))
+end subroutine evaluate
+
+!> Stiffness
+function operator(self) result(op)
+   !> Problem
+   class(weak_linear_problem), target, intent(in) :: self
+   class(row_operator), pointer :: op
+
+   op => self%matrix
+end function operator
+
+!> The solution by the stiffness itself
+subroutine square_step(self, shift, r, dx, found, report, error)
+   !> Problem
+   class(weak_linear_problem), target, intent(inout) :: self
+   !> Damping in units of the diagonal, >= 0 [-]
+   real(wp), intent(in) :: shift
+   !> Residuals, shape (n)
+   real(wp), contiguous, intent(in) :: r(:)
+   !> Step, shape (n)
+   real(wp), contiguous, intent(inout) :: dx(:)
+   !> Always
+   logical, intent(out) :: found
+   !> What was used and how good it is
+   type(square_report), intent(out) :: report
+   !> Error handling: singular matrix, no memory
+   type(error_type), allocatable, intent(out) :: error
+
+   found = .true.
+   call self%matrix%solve_square(shift, -r, dx, report, error)
+end subroutine square_step
+
+!> State of the body: gradients and stresses at the integration points, and the projected change of
+!> volume times lambda
+subroutine state(self, x, load, at)
+   !> Problem
+   class(weak_linear_problem), intent(in) :: self
+   !> Unknowns, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> State
+   type(field_state), intent(out) :: at
+   real(wp), allocatable :: local(:, :)
+   real(wp), allocatable :: h(:, :, :)
+   integer :: b, g, k, n, nd, o, q
+
+   nd = size(self%modulus, 1)
+   at%x = x
+   at%load = load
+   allocate (at%p(3, 3, size(self%cells%weight)), source=0.0_wp)
+   allocate (at%pressure, mold=self%pressure%total)
+   at%pressure = 0.0_wp
+   do g = 1, size(self%cells%first) - 1
+      o = self%cells%first(g)
+      n = self%cells%first(g + 1) - o
+      b = self%pressure%count(g)
+      associate (member => self%gradient%member%index(self%gradient%member%offset(g) + 1: &
+         & self%gradient%member%offset(g + 1)), value => at%pressure(:b, g))
+         allocate (local(nd, size(member)), h(nd, nd, n), source=0.0_wp)
+         do k = 1, size(member)
+            local(:self%fields, k) = x(self%fields*(member(k) - 1) + 1:self%fields*member(k))
+         end do
+         do q = 1, n
+            call self%gradient%at(o + q, local, load, h(:, :, q))
+            value = value + self%lambda*self%cells%weight(o + q) &
+               & *sum([(h(k, k, q), k=1, nd)])*self%pressure%basis(:b, o + q)
+         end do
+         do q = 1, n
+            at%p(:nd, :nd, o + q) = stress(self, h(:, :, q)) &
+               & + identity(:nd, :nd)*self%pressure%value(g, o + q, at%pressure(:, g))
+         end do
+      end associate
+      deallocate (local, h)
+   end do
+end subroutine state
+
+!> Small strain stress at a place; of a scalar problem the value alone
+subroutine at_place(self, state, ip, x, u, local)
+   !> Problem
+   class(weak_linear_problem), intent(in) :: self
+   !> State of the body
+   type(field_state), intent(in) :: state
+   !> Collocation point nearest to the place
+   integer, intent(in) :: ip
+   !> Place, shape (nd) [length]
+   real(wp), intent(in) :: x(:)
+   !> Fields with derivatives, shape (fields, nq)
+   real(wp), intent(in) :: u(:, :)
+   !> State there
+   type(point_state), intent(out) :: local
+   real(wp) :: pressure
+   integer :: a
+
+   call small_strain(self%scene%equation, self%modulus, x, u, local)
+   if (self%fields == 1) return
+   pressure = self%pressure%at(ip, x, state%pressure)
+   do a = 1, size(x)
+      local%p(a, a) = local%p(a, a) + pressure
+   end do
+   if (size(x) == 2 .and. .not. self%scene%equation%plane_stress) local%p(3, 3) = pressure
+   local%cauchy = local%p
+end subroutine at_place
+
+!> Force that the surroundings exert on the body through a set
+function set_force(self, set, state, share) result(force)
+   !> Problem
+   class(weak_linear_problem), intent(in) :: self
+   !> Boundary set
+   integer, intent(in) :: set
+   !> State
+   type(field_state), intent(in) :: state
+   !> Of no meaning: the work of the surface's own points is exact
+   real(wp), intent(in) :: share
+   real(wp) :: force(3)
+
+   associate (unused => share)
+   end associate
+   force = self%surface%force(self%cells, set, state)
+end function set_force
+
+end module rk_weak_linear
