@@ -26,7 +26,7 @@ __all__ = ["run"]
 _ELASTICITY = {
     "title": "Plane strain with a smooth solution",
     "units": {"force": "N", "length": "m"},
-    "scene": {"dimension": 2},
+    "scene": {"dimension": 2, "method": "rkcm"},
     "geometry": {"kind": "box", "size": [1, 1], "source": [10, 10], "collocation": [20, 20]},
     "linear": {
         "problem": "elasticity",
