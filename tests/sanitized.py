@@ -22,10 +22,10 @@ _TUBE = ("geometry.source=[5,12]", "geometry.collocation=[9,24]", "approximation
 
 #: Decks that are solved, with their dimensions and changes: no two are alike
 SOLVED = (
-    ("poisson_1d", 1, ()),
-    ("poisson_2d", 2, ()),
-    ("poisson_3d", 3, ()),
-    ("cantilever", 2, ()),
+    ("poisson_1d", 1, ("scene.method=rkcm",)),
+    ("poisson_2d", 2, ("scene.method=rkcm",)),
+    ("poisson_3d", 3, ("scene.method=rkpm-gauss", *_LOW)),
+    ("cantilever", 2, ("scene.method=rkpm-gauss", *_LOW)),
     ("shear_2d", 2, ("scene.method=rkcm",)),
     ("shear_2d", 2, ("scene.method=rkcm-mixed", "solver.linear=spqr")),
     ("shear_2d", 2, ("scene.method=rkpm-gauss",)),
@@ -33,8 +33,8 @@ SOLVED = (
     ("shear_3d", 3, ("scene.method=rkcm", "solver.linear=normal")),
     ("shear_3d", 3, ("scene.method=rkpm-gauss", *_LOW)),
     ("uniaxial_tension", 3, ("scene.method=rkcm", "solver.linear=dgels")),
-    ("uniaxial_tension", 3, ("scene.method=rkpm-gauss", *_LOW)),
     ("uniaxial_compression", 3, ("scene.method=rkcm-mixed", "load.steps=2")),
+    ("uniaxial_compression", 3, ("scene.method=rkpm-gauss", "material.K=inf", *_LOW)),
     ("equibiaxial", 3, ("scene.method=rkcm", "solver.linear=dgelsy")),
     ("dilation", 3, ("scene.method=rkpm-scni", "galerkin.direct_limit=0", *_LOW)),
     ("tube", 2, ("scene.method=rkcm", *_TUBE)),
