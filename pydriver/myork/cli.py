@@ -14,6 +14,7 @@ import signal
 import sys
 import traceback
 from collections.abc import Callable, Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -59,6 +60,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # Before numpy and the core are loaded: their thread pools read this once.
         os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = str(options.threads)
     try:
+        _load_numpy()
         options.run(options)
     except KeyboardInterrupt:
         return _complain("stopped; what was finished is written", 1)
@@ -67,6 +69,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
             traceback.print_exc()
         return _complain(*_explanation(error))
     return 0
+
+
+def _load_numpy() -> None:
+    """Load numpy before a signal may interrupt.
+
+    Extensions take half of an import for a broken installation, and print a traceback.
+    """
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
+    try:
+        import_module("numpy")
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _complain(message: str, status: int) -> int:

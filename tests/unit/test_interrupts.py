@@ -182,3 +182,23 @@ time.sleep(0.2)
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
+def test_a_signal_amid_the_import_of_numpy(name):
+    """It waits until numpy is whole: half of it had been a broken installation, and a traceback."""
+    code = f"""
+import os, signal, sys
+from myork.cli import main
+
+class Key:
+    def find_spec(self, name, path=None, target=None):
+        if name == "numpy._core.multiarray":
+            os.kill(os.getpid(), signal.{name})
+
+sys.meta_path.insert(0, Key())
+assert "numpy" not in sys.modules
+sys.exit(main(["explain", "deck.toml"]))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 1 and done.stderr == "myork: stopped; what was finished is written\n"
