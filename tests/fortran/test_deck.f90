@@ -16,7 +16,7 @@ program test_deck
    character(len=*), parameter :: sheet = &
       & 'title = "sheet"'//nl// &
       & '[units]'//nl//'force = "N"'//nl//'length = "cm"'//nl// &
-      & '[scene]'//nl//'dimension = 2'//nl// &
+      & '[scene]'//nl//'dimension = 2'//nl//'method = "rkcm"'//nl// &
       & '[geometry]'//nl//'kind = "box"'//nl//'size = [2, 1.5]'//nl//'source = [5, 4]'//nl// &
       & 'collocation = [9, 7]'//nl// &
       & '[[material]]'//nl//'name = "fat"'//nl//'label = 1'//nl//'model = "polynomial"'//nl// &
@@ -75,11 +75,11 @@ subroutine test_values
    call deck%get('geometry.inner_radius', number)
    call deck%get('image.seed', reals)
    call check('nothing is there', text == '' .and. ieee_is_nan(number) .and. size(reals) == 0)
-   call check('place of a key', deck%where('material.2.K') == 'folder/sheet.toml:22')
+   call check('place of a key', deck%where('material.2.K') == 'folder/sheet.toml:23')
    call check('place of a default is its table', deck%where('material.2.A10') == &
-      & 'folder/sheet.toml:18')
+      & 'folder/sheet.toml:19')
    call check('place of a key that is absent', deck%where('material.2.fiber') == &
-      & 'folder/sheet.toml:18')
+      & 'folder/sheet.toml:19')
    call check('folder', deck%folder == 'folder' .and. deck%path == 'folder/sheet.toml')
    call check('text of the deck', deck%text == sheet)
    copy = deck
@@ -113,11 +113,11 @@ subroutine test_errors
    type(error_type), allocatable :: error
 
    call parse_deck(deck, sheet//'Z = 1'//nl//'A10 = "x"'//nl, 'sheet.toml', none, error)
-   call check_error('all complaints, a line each', error, err_input, 'sheet.toml:23: '// &
+   call check_error('all complaints, a line each', error, err_input, 'sheet.toml:24: '// &
       & 'material.skin.Z: unknown key; known keys are: name, label, model, A10, A01, A20, A11, '// &
       & 'A02, A30, A21, A12, A03, mu, C1, C2, C3, K, sigma_max, lambda_o, gamma1, gamma2, '// &
       & 'curve, fiber, fiber_angle'//nl// &
-      & 'sheet.toml:24: material.skin.A10: must be a number, not the text ''x''')
+      & 'sheet.toml:25: material.skin.A10: must be a number, not the text ''x''')
    call open_deck(deck, 'nowhere/sheet.toml', none, error)
    call check_error('missing file', error, err_file, 'nowhere/sheet.toml: the deck cannot be '// &
       & 'read: No such file or directory; there is no folder ''nowhere''')
