@@ -31,6 +31,9 @@ module rk_cells
       real(wp), allocatable :: weight(:)
       !> Group g has points first(g)+1 : first(g+1), shape (groups + 1)
       integer, allocatable :: first(:)
+      !> Directions in which a group is too thin for a pressure that varies, shape (nd, groups); not
+      !> allocated where none is
+      logical, allocatable :: thin(:, :)
       !> Points of facets between cells, shape (nd, facets) [length]
       real(wp), allocatable :: facet(:, :)
       !> Area times normal of each, shape (nd, facets) [length^(nd-1)]

@@ -1,6 +1,10 @@
 !> Gauss points in the cells between the source points of a lattice.
 !>
-!> Cells come in groups of two in each direction, within which the volume change is projected.
+!> Cells come in groups of two in each direction, within which the volume change is projected. Where
+!> their number is odd, one is left over. In space it is a group of its own in the middle, without a
+!> pressure that varies along its width: in groups of three cells volume goes from cell to cell
+!> almost for nothing (a rubber cube of 5^3 cells between plates, 30 % shorter: J from 0.08 to 4.0).
+!> In the plane such groups do no harm.
 module rk_gauss_cells
    use rk_cells, only : cells_type
    use rk_cloud, only : cloud_type
@@ -32,7 +36,8 @@ subroutine gauss_cells(self, cloud, count, degree, error)
    type(error_type), allocatable, intent(out) :: error
    real(wp) :: rule(count), share(count), low(3), step(3), map(3, 3), jacobian
    real(wp) :: outer(3)
-   integer :: cells(3), groups(3), at(3), cell(3), sub(3), from(3), to(3), g(3), points(3)
+   integer :: cells(3), groups(3), pairs(3), ones(3), at(3), cell(3), sub(3), from(3), to(3), g(3)
+   integer :: points(3)
    integer, allocatable :: number(:)
    integer :: nd, np, ng, i, j, d, k, side, faces, ms, mf, nl, own
 
@@ -46,7 +51,7 @@ subroutine gauss_cells(self, cloud, count, degree, error)
    call lattice_frame(cloud, low, step)
    cells = 1
    cells(:nd) = cloud%lattice - 1
-   groups = group_count(cells)
+   call arrange(cells, nd == 3, pairs, ones, groups)
    ng = product(groups)
    own = count**nd
    points = 1
@@ -66,13 +71,15 @@ subroutine gauss_cells(self, cloud, count, degree, error)
    allocate (self%point(nd, np), self%weight(np), self%first(ng + 1))
    allocate (self%surface(nd, faces), self%outward(nd, faces), self%set(faces))
    allocate (self%lift_first(faces + 1), self%lift_point(faces*own), self%lift(faces*own))
+   if (nd == 3 .and. any(ones > 0)) allocate (self%thin(nd, ng))
    self%first(1) = 0
    self%lift_first(1) = 0
    np = 0
    do i = 1, ng
       g = digits_of(i - 1, groups)
-      from = group_start(g, cells)
-      to = group_start(g + 1, cells) - 1
+      from = group_start(g, cells, groups, pairs, ones)
+      to = group_start(g + 1, cells, groups, pairs, ones) - 1
+      if (allocated(self%thin)) self%thin(:, i) = to == from .and. cells > 1
       do j = 1, product(to - from + 1)
          np = np + 1
          number(place_of(from + digits_of(j - 1, to - from + 1), cells)) = np
@@ -84,8 +91,8 @@ subroutine gauss_cells(self, cloud, count, degree, error)
    nl = 0
    do i = 1, ng
       g = digits_of(i - 1, groups)
-      from = group_start(g, cells)
-      to = group_start(g + 1, cells) - 1
+      from = group_start(g, cells, groups, pairs, ones)
+      to = group_start(g + 1, cells, groups, pairs, ones) - 1
       do j = 1, product(to - from + 1)
          cell = from + digits_of(j - 1, to - from + 1)
          do k = 1, own
@@ -206,26 +213,50 @@ contains
 
 end subroutine gauss_cells
 
-!> Groups of cells in one direction: so many that they can lie symmetrically
-elemental integer function group_count(cells)
+!> Groups of cells in one direction, which lie symmetrically where they can
+elemental subroutine arrange(cells, in_space, pairs, ones, groups)
    !> Cells in this direction
    integer, intent(in) :: cells
+   !> Body in three dimensions
+   logical, intent(in) :: in_space
+   !> Groups of two before the single cells; 0 in the plane
+   integer, intent(out) :: pairs
+   !> Single cells, in space only
+   integer, intent(out) :: ones
+   !> All groups
+   integer, intent(out) :: groups
 
-   group_count = max(1, cells/group_size)
-   ! an odd cell is in the middle of a symmetric row of groups, or there is no such row; groups of
-   ! one cell would make the pressure oscillate
-   if (mod(cells, 2) == 1 .and. mod(group_count, 2) == 0 .and. group_count > 2) &
-      & group_count = group_count - 1
-end function group_count
+   pairs = 0
+   ones = 0
+   if (in_space) then
+      if (mod(cells, 2) == 1) ones = merge(1, mod(cells, 4), cells == 3)
+      ! of three cells the pair comes first; three single ones would lock
+      pairs = merge(1, (cells - ones)/4, cells == 3)
+      groups = ones + (cells - ones)/group_size
+   else
+      groups = max(1, cells/group_size)
+      ! an odd cell is in the middle of a symmetric row of groups, or there is no such row; groups
+      ! of one cell would make the pressure oscillate
+      if (mod(cells, 2) == 1 .and. mod(groups, 2) == 0 .and. groups > 2) groups = groups - 1
+   end if
+end subroutine arrange
 
 !> First cell of a group, from 0
-elemental integer function group_start(group, cells)
+elemental integer function group_start(group, cells, groups, pairs, ones)
    !> Group, from 0
    integer, intent(in) :: group
-   !> Cells in this direction
+   !> Cells in this direction, and their groups
    integer, intent(in) :: cells
+   integer, intent(in) :: groups
+   !> Groups of two before the single cells, and those
+   integer, intent(in) :: pairs
+   integer, intent(in) :: ones
 
-   group_start = nint(real(group*cells, wp)/group_count(cells))
+   if (ones == 0) then
+      group_start = nint(real(group*cells, wp)/groups)
+   else
+      group_start = group_size*group - min(max(group - pairs, 0), ones)
+   end if
 end function group_start
 
 end module rk_gauss_cells

@@ -88,6 +88,9 @@ subroutine new_pressure(self, cells, degree, place, error)
          allocate (m(size(w), 1 + nd))
          n = 0
          do i = 1, most
+            if (i > 1 .and. allocated(cells%thin)) then
+               if (cells%thin(i - 1, g)) cycle
+            end if
             c = 0.0_wp
             c(i) = 1.0_wp
             m(:, n + 1) = 1.0_wp
