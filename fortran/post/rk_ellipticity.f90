@@ -1,9 +1,9 @@
 !> Where a state is nearest to losing its ellipticity, at the collocation points.
 module rk_ellipticity
    use rk_acoustic, only : least_acoustic
-   use rk_discretisation, only : discretisation_type, deformation
+   use rk_discretisation, only : discretisation_type
    use rk_precision, only : wp
-   use rk_states, only : field_state
+   use rk_states, only : field_state, point_state
    use rk_tensor, only : cross
    implicit none
    private
@@ -16,6 +16,9 @@ module rk_ellipticity
       real(wp) :: value = huge(1.0_wp)
       !> Its collocation point
       integer :: point = 0
+      !> Smallest and largest volume ratio J = det F there, as fields and probes have it [-]
+      real(wp) :: min_j = 1.0_wp
+      real(wp) :: max_j = 1.0_wp
    end type ellipticity_type
 
 contains
@@ -29,27 +32,30 @@ subroutine find_ellipticity(problem, state, worst)
    type(field_state), intent(in) :: state
    !> Worst point
    type(ellipticity_type), intent(out) :: worst
-   real(wp), allocatable :: least(:)
-   real(wp) :: u(problem%fields, problem%shape%nq), f(3, 3), h(3, 3, 3), p(3, 3), c4(3, 3, 3, 3)
+   type(point_state) :: local
+   real(wp), allocatable :: least(:), j(:)
+   real(wp) :: p(3, 3), c4(3, 3, 3, 3)
    logical :: fixed, mixed
    integer :: ip, nd
 
    nd = problem%scene%cloud%nd
    mixed = problem%has_pressure()
-   allocate (least(size(problem%scene%cloud%points, 2)))
-   !$omp parallel do default(none) schedule(static) private(ip, u, f, h, p, c4, fixed) &
-   !$omp shared(problem, state, least, nd, mixed)
+   allocate (least(size(problem%scene%cloud%points, 2)), j(size(problem%scene%cloud%points, 2)))
+   !$omp parallel do default(none) schedule(static) private(ip, local, p, c4, fixed) &
+   !$omp shared(problem, state, least, j, nd, mixed)
    do ip = 1, size(least)
-      call problem%field(ip, state%x, 1 + nd, u)
-      call deformation(nd, u, f, h)
+      call problem%at_point(state, ip, local)
+      j(ip) = local%j
       fixed = mixed .or. problem%mixture%bulk(ip) > huge(1.0_wp)
-      call problem%mixture%tangent(ip, f, state%load, p, c4, volumetric=.not. fixed)
-      least(ip) = least_acoustic(nd, c4, 0.5_wp*cross(f, f), fixed) &
+      call problem%mixture%tangent(ip, local%f, state%load, p, c4, volumetric=.not. fixed)
+      least(ip) = least_acoustic(nd, c4, 0.5_wp*cross(local%f, local%f), fixed) &
          & /problem%scene%tissue(problem%scene%tissue_of(ip))%material%shear
    end do
    !$omp end parallel do
    worst%point = minloc(least, dim=1)
    worst%value = least(worst%point)
+   worst%min_j = minval(j)
+   worst%max_j = maxval(j)
 end subroutine find_ellipticity
 
 end module rk_ellipticity

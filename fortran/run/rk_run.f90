@@ -270,6 +270,11 @@ subroutine step(self, st, x)
    self%outcome%seconds = self%outcome%seconds + tick(clock)
    seen%min_acoustic = worst%value
    seen%acoustic_point = worst%point
+   ! J is that of the F that is written, also where a form integrates elsewhere
+   if (allocated(self%last%j)) then
+      seen%min_j = worst%min_j
+      seen%max_j = worst%max_j
+   end if
    call self%receiver%step(seen, x)
    if (worst%value > 0.0_wp .or. self%lost) return
    self%lost = .true.

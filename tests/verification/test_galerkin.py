@@ -321,3 +321,23 @@ def test_reduced_models_are_refused(open_scene):
     scene = open_scene(body(2, "rkpm", box(2, 4), LINEAR, ["x0"]))
     with pytest.raises(InputError, match="reduced models are made of collocation methods"):
         scene.reduce(np.eye(scene.dofs)[:, :2])
+
+
+@pytest.mark.parametrize("method", ["rkpm-scni", "rkpm-gauss"])
+def test_j_is_that_of_the_deformation_that_is_written(open_scene, method):
+    """Fields, probes and the range of a state are one quantity; at integration points J strays
+    farther, and its projection, on which K acts, less.
+    """
+    tables = body(2, method, box(2, 6), LINEAR, ["y0"])
+    tables["boundary"].append({"set": "y1", "u_x": 0.5, "u_y": 0.0})
+    tables["probe"] = [{"name": "J", "quantity": "J", "point": [1.0, 1.0]}]
+    scene = open_scene(tables)
+    states = scene.solve()
+    fields = scene.fields(states.x[-1], 1.0)
+    j = np.linalg.det(fields.f)
+    assert_allclose(fields.named["J"][:, 0], j, rtol=1e-12)
+    assert states.min_j[-1] == pytest.approx(j.min(), rel=1e-12)
+    assert states.max_j[-1] == pytest.approx(j.max(), rel=1e-12)
+    corner = np.argmin(np.linalg.norm(scene.points() - 1.0, axis=1))
+    probe = scene.probes(states.x[-1:], np.ones(1))[0, 0, 0]
+    assert probe == pytest.approx(j[corner], rel=1e-12)
