@@ -1,9 +1,10 @@
 """Where the surface of a voxel body lies: surface points are moved onto it.
 
-Centres of surface voxels lie up to half a voxel inside the body. Conditions of a free surface set
-there model a body thinner by a voxel. The body is blurred; across a plane surface the blurred
-body falls like the normal distribution, so that its value tells the distance to the surface, and
-the mean over the stairs of the voxels is the plane they stand for.
+A body is what its voxels fill: a slice is as thick as its spacing, and the ends are the outer
+faces of the first and the last one. Centres of surface voxels lie up to half a voxel inside.
+Conditions of a free surface set there model a body thinner by a voxel. The body is blurred; across
+a plane surface the blurred body falls like the normal distribution, so that its value tells the
+distance to the surface, and the mean over the stairs of the voxels is the plane they stand for.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.special import ndtri
 
-__all__ = ["surface_offsets"]
+__all__ = ["end_offsets", "surface_offsets"]
 
 F64 = NDArray[np.float64]
 
@@ -24,6 +25,31 @@ _LAYERS = 5
 # A rim point moves in its end plane only; where the surface leaves that plane at less than about
 # 17 degrees it stays.
 _FLAT = 0.3
+
+
+def end_offsets(body: NDArray[np.bool_], spacing: F64, voxels: NDArray[np.intp]) -> F64:
+    """Moves that bring the voxels' centres of the end slices onto the ends of the body.
+
+    Parameters
+    ----------
+    body : NDArray
+        Voxels of the body, shape `(ni, nj, nk)`; a single slice is plane and has no ends.
+    spacing : NDArray
+        Voxel size, shape `(3,)` [length].
+    voxels : NDArray
+        Voxels, shape `(n, 3)`.
+
+    Returns
+    -------
+    NDArray
+        Shape `(n, 3)` [length].
+    """
+    move = np.zeros(voxels.shape)
+    last = body.shape[2] - 1
+    if last > 0:
+        at = voxels[:, 2]
+        move[:, 2] = 0.5 * spacing[2] * ((at == last).astype(float) - (at == 0))
+    return move
 
 
 def surface_offsets(

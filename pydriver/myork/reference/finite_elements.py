@@ -21,8 +21,10 @@ from myork.errors import ConvergenceError, InputError, InstallationError
 __all__ = ["solve_deck", "solve_half_block"]
 
 F64Array = NDArray[np.float64]
-#: Label of the material at a place, shape `(dim,)`
+#: Label of the material at a place, shape `(dim,)`; zero where there is none
 Labels = Callable[[F64Array], int]
+#: Nodes of a box, shape `(n, dim)`, to those of the body
+Warp = Callable[[F64Array], F64Array]
 
 _AXES = "xyz"
 #: Halvings of a load step that does not converge
@@ -39,6 +41,7 @@ def solve_deck(
     *,
     loads: Sequence[float] = (1.0,),
     labels: Labels | None = None,
+    warp: Warp | None = None,
     tolerance: float = 1e-8,
 ) -> dict[str, Any]:
     """Solve a deck with finite elements.
@@ -54,7 +57,9 @@ def solve_deck(
         Rising shares of the full load after which probes are read; a step that fails is halved.
     labels : callable, optional
         Which material lies where; the deck's first one everywhere otherwise. Elements must not
-        straddle materials.
+        straddle materials; those with label zero are left out.
+    warp : callable, optional
+        Moves the nodes of a box to their places in a body of another shape; probes lie there.
     tolerance : float
         Relative residual of a converged load step [-].
 
@@ -75,7 +80,7 @@ def solve_deck(
         felupe is missing.
     """
     started, clock = time.process_time(), time.perf_counter()
-    body = _Body(deck, elements, labels, tolerance)
+    body = _Body(deck, elements, labels, warp, tolerance)
     iterations = 0
     values: dict[str, list[float]] = {probe["name"]: [] for probe in deck["probe"]}
     reached = 0.0
@@ -144,20 +149,22 @@ class _Body:
         deck: Mapping[str, Any],
         elements: Sequence[int],
         labels: Labels | None,
+        warp: Warp | None,
         tolerance: float,
     ) -> None:
         self.fem = _felupe()
         self.tolerance = tolerance
         self.geometry = deck["geometry"]
         self.dim = int(deck["scene"]["dimension"])
-        mesh, self.corners = self._mesh(elements)
+        mesh, material = self._mesh(elements, deck, labels)
+        if warp:
+            mesh.points[:] = warp(mesh.points)
         self.mesh, self.points = mesh, mesh.points
         plane = self.dim == 2
         template = "RegionBiQuadraticQuad" if plane else "RegionTriQuadraticHexahedron"
         region = getattr(self.fem, template)(mesh)
         element = "BiQuadraticQuad" if plane else "TriQuadraticHexahedron"
         self.element = getattr(self.fem, element)()
-        material = self._materials(deck, labels)
         self.dual = self._dual(material)
         self.field = self.fem.FieldsMixed(region, n=3, planestrain=plane, mesh=self.dual)
         self.law = _Law(deck["material"], material, plane)
@@ -175,8 +182,10 @@ class _Body:
         for entry in deck["boundary"]:
             self._hold(entry)
 
-    def _mesh(self, elements: Sequence[int]) -> tuple[Any, int]:
-        """Quadratic elements, and how many of their nodes are corners."""
+    def _mesh(
+        self, elements: Sequence[int], deck: Mapping[str, Any], labels: Labels | None
+    ) -> tuple[Any, NDArray[np.intp]]:
+        """Quadratic elements and the number of each one's material in the deck."""
         count = tuple(n + 1 for n in elements)
         kind = self.geometry["kind"]
         if kind == "annulus":
@@ -187,7 +196,15 @@ class _Body:
             mesh = box(b=tuple(self.geometry["size"]), n=count)
         else:
             raise InputError(f"finite elements take boxes and annuli, not geometry {kind!r}")
-        corners = mesh.npoints
+        material = np.zeros(mesh.ncells, np.intp)
+        if labels is not None:
+            number = {int(table["label"]): k for k, table in enumerate(deck["material"])}
+            label = [labels(corners.mean(axis=0)) for corners in mesh.points[mesh.cells]]
+            kept = np.flatnonzero(label)
+            material = np.array([number[label[cell]] for cell in kept], np.intp)
+            used, cells = np.unique(mesh.cells[kept], return_inverse=True)
+            cells = cells.reshape(-1, mesh.cells.shape[1])
+            mesh = self.fem.Mesh(mesh.points[used], cells, mesh.cell_type)
         mesh = mesh.add_midpoints_edges().add_midpoints_faces()
         if self.dim == 3:
             mesh = mesh.add_midpoints_volumes()
@@ -196,15 +213,7 @@ class _Body:
         if kind == "annulus":
             radius, angle = self.place.T
             mesh.points[:] = radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
-        return mesh, corners
-
-    def _materials(self, deck: Mapping[str, Any], labels: Labels | None) -> NDArray[np.intp]:
-        """Number of each element's material in the deck."""
-        if labels is None:
-            return np.zeros(self.mesh.ncells, np.intp)
-        number = {int(table["label"]): k for k, table in enumerate(deck["material"])}
-        corners = self.points[self.mesh.cells[:, : 2**self.dim]]
-        return np.array([number[labels(place)] for place in corners.mean(axis=1)], np.intp)
+        return mesh, material
 
     def _dual(self, material: NDArray[np.intp]) -> Any:
         """Mesh of the pressures: corners of the elements, once for each material that they have."""

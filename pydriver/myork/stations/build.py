@@ -18,7 +18,7 @@ from myork.imaging.io import read_image, read_labels
 from myork.model import points
 from myork.model.fibers import fibers_at_points
 from myork.model.mesh import read_tracts, tract_fibers, voxelise
-from myork.model.surface import surface_offsets
+from myork.model.surface import end_offsets, surface_offsets
 from myork.model_file import write_model
 from myork.records import Image, Labels, PointCloud, Voxels
 from myork.summary import renewing, update_summary
@@ -167,6 +167,7 @@ def build_cloud(
     place[point] += surface_offsets(
         body, coarse.spacing, voxels[point], boundary.normal[wall[first]]
     )
+    place += end_offsets(body, coarse.spacing, voxels)
 
     fiber = np.zeros((len(voxels), 3))
     if fibers is not None:

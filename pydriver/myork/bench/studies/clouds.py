@@ -97,10 +97,10 @@ def bar(voxel: float, angle: float) -> PointCloud:
         if best is None or missing < best[0] - 1e-12:
             best = missing, body, np.array(shift) * voxel / 8
     assert best is not None
-    layers = round(2.0 / voxel) + 1
+    layers = round(2.0 / voxel)
     data = np.repeat(best[1][:, :, np.newaxis], layers, axis=2).astype(np.int32)
     affine = np.diag([10 * voxel, 10 * voxel, 10 * voxel, 1.0])
-    affine[:2, 3] = 10 * (axis[0] + best[2])
+    affine[:3, 3] = 10 * np.array([*(axis[0] + best[2]), 0.5 * voxel])
     fiber = np.zeros((*data.shape, 3))
     lean = np.radians(30.0)
     fiber[data > 0] = [
