@@ -20,6 +20,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -105,12 +106,16 @@ def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
             started = time.perf_counter()
             place = Path(folder, kind.replace(", ", "-").replace(" ", "-"))
             place.mkdir()
-            found = list(_KINDS[kind](place, _COUNTS[kind][0 if quick else 1]))
+            found = []
+            for case in _KINDS[kind](place, _COUNTS[kind][0 if quick else 1]):
+                if ended.is_set():
+                    break
+                found.append(case)
             shutil.rmtree(place, ignore_errors=True)
             return found, time.perf_counter() - started
 
         # two at a time; every command has one thread
-        pool = ThreadPoolExecutor(2)
+        pool, ended = ThreadPoolExecutor(2), threading.Event()
         try:
             kinds = sorted(_COUNTS, key=lambda kind: kind != "signals")  # the longest first
             running = {kind: pool.submit(find, kind) for kind in kinds}
@@ -124,6 +129,7 @@ def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
                 words = ", ".join(f"{number} {name}" for name, number in ends.items())
                 progress(f"{kind}: {words} in {seconds:.0f} s")
         finally:
+            ended.set()
             pool.shutdown(cancel_futures=True)
     bad = [case for case in cases if case["outcome"] in WRONG]
     head = ("", *OUTCOMES, *WRONG)
