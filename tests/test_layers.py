@@ -26,6 +26,7 @@ FORTRAN_LAYERS = [
     {"collocation", "galerkin", "driver", "post"},
     {"linear", "rom"},
     {"io", "run"},
+    {"verdict"},
     {"app", "api"},
 ]
 #: Modules and folders of the package, lowest first

@@ -170,22 +170,23 @@ subroutine scene_set_fields(handle, nc, body_force, displacement, stress, stat, 
 end subroutine scene_set_fields
 
 !> Solve all load steps of the full (reduced = 0) or the reduced problem with a number of threads,
-!> 0 for all cores; threads are a matter of the calling thread, so it is set here
-subroutine scene_solve(handle, linear, reduced, threads, stat, message)
+!> 0 for all cores, without (estimate = 0) or with error bars; threads are a matter of the calling
+!> thread, so it is set here
+subroutine scene_solve(handle, linear, reduced, threads, estimate, stat, message)
    use omp_lib, only : omp_set_num_threads
    use rk_error, only : error_type
    use rk_pack, only : pack_error
    use rk_session, only : solve_session
    implicit none
    !f2py threadsafe
-   integer, intent(in) :: handle, reduced, threads
+   integer, intent(in) :: handle, reduced, threads, estimate
    character(len=*), intent(in) :: linear
    integer, intent(out) :: stat
    character(len=2048), intent(out) :: message
    type(error_type), allocatable :: error
 
    if (threads > 0) call omp_set_num_threads(threads)
-   call solve_session(handle, linear, reduced /= 0, error)
+   call solve_session(handle, linear, reduced /= 0, estimate /= 0, error)
    call pack_error(error, stat, message)
 end subroutine scene_solve
 
@@ -222,9 +223,10 @@ end subroutine scene_stop
 
 !> States of the last solve: unknowns; load, iterations, smallest and largest J, smallest eigenvalue
 !> of the acoustic tensor and its point, from 1; wall times of assembly, least squares and checks;
-!> largest backward error, imbalance of forces, mismatch of works; L2 and H1 norms of the error and
-!> of the solution of a linear problem, negative for others
+!> largest backward error, imbalance of forces, mismatch of works, not a number without one; L2 and
+!> H1 norms of the error and of the solution of a linear problem, negative for others
 subroutine scene_states(handle, n, steps, x, info, seconds, worst, norms, stat, message)
+   use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
    use rk_error, only : error_type, fatal_error, err_input
    use rk_handles, only : find_slot, slot_type
    use rk_pack, only : pack_error
@@ -255,7 +257,9 @@ subroutine scene_states(handle, n, steps, x, info, seconds, worst, norms, stat, 
    info = slot%states%info(:, :steps)
    seconds = [slot%outcome%timer%assemble, slot%outcome%timer%solve, &
       & slot%outcome%seconds]
-   worst = [slot%states%backward_error, slot%outcome%imbalance, slot%outcome%work_mismatch]
+   worst = [slot%states%backward_error, slot%outcome%imbalance, ieee_value(worst(3), &
+      & ieee_quiet_nan)]
+   if (allocated(slot%outcome%work_mismatch)) worst(3) = slot%outcome%work_mismatch
    if (.not. allocated(slot%outcome%norms)) return
    associate (found => slot%outcome%norms)
       seconds(3) = seconds(3) + found%seconds
@@ -285,6 +289,47 @@ subroutine scene_warnings(handle, capacity, text, length, stat, message)
    length = len(slot%outcome%warnings)
    text = slot%outcome%warnings
 end subroutine scene_warnings
+
+!> Verdict on the last solve: 0 for none, 1 accepted, 2 doubtful, 3 refused; its reasons, each with
+!> its line feed; error bars of the probes, three numbers each, at loads and values, not a number
+!> where there is none. `length` is that of the whole text, see scene_warnings.
+subroutine scene_verdict(handle, np, k, load, value, capacity, verdict, bar, text, length, stat, &
+   & message)
+   use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
+   use rk_error, only : error_type
+   use rk_handles, only : find_slot, slot_type
+   use rk_pack, only : pack_error
+   use rk_probes, only : quantity_size
+   implicit none
+   integer, intent(in) :: handle, np, k, capacity
+   double precision, intent(in) :: load(k), value(3, np, k)
+   integer, intent(out) :: verdict, length, stat
+   double precision, intent(out) :: bar(3, np, k)
+   character(len=capacity), intent(out) :: text
+   character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
+   type(slot_type), pointer :: slot
+   integer :: i, j, n
+
+   verdict = 0
+   bar = ieee_value(1.0d0, ieee_quiet_nan)
+   text = ''
+   length = 0
+   call find_slot(handle, slot, error)
+   call pack_error(error, stat, message)
+   if (stat /= 0 .or. .not. allocated(slot%verdict%reasons)) return
+   verdict = slot%verdict%state
+   length = len(slot%verdict%reasons)
+   text = slot%verdict%reasons
+   if (.not. allocated(slot%verdict%bars%change)) return
+   do j = 1, k
+      do i = 1, min(np, size(slot%scene%probe))
+         n = quantity_size(slot%scene%probe(i)%quantity)
+         if (slot%verdict%bars%change(i) >= 0) bar(:n, i, j) = slot%verdict%bars%at(i, load(j), &
+            & value(:n, i, j))
+      end do
+   end do
+end subroutine scene_verdict
 
 !> Names and components of the fields of a body, a line each
 subroutine scene_field_list(text)

@@ -3,6 +3,8 @@
 !> A handle is serial*64 + row, so that a closed or reused row is recognised. Python owns the
 !> handle and closes it. This table is the one place with module variables.
 module rk_handles
+   use rk_cloud, only : cloud_type
+   use rk_deck, only : deck_type
    use rk_discretisation, only : discretisation_type, free_discretisation
    use rk_error, only : error_type, fatal_error, err_input
    use rk_precision, only : wp
@@ -11,6 +13,7 @@ module rk_handles
    use rk_run, only : outcome_type
    use rk_scene, only : scene_type
    use rk_text, only : to_text
+   use rk_verdict, only : verdict_type
    implicit none
    private
 
@@ -53,6 +56,11 @@ module rk_handles
       type(states_type), pointer :: states => null()
       !> Warnings, checks and wall times of the last solve
       type(outcome_type) :: outcome
+      !> Verdict on them
+      type(verdict_type) :: verdict
+      !> Deck and points it was made of
+      type(deck_type) :: deck
+      type(cloud_type) :: model
    end type slot_type
 
    type(slot_type), target, save :: table(0:rows - 1)

@@ -14,6 +14,7 @@ module rk_session
    use rk_run, only : outcome_type, solve_problem, solve_scene
    use rk_states, only : field_state
    use rk_text, only : to_text
+   use rk_verdict, only : judge, verdict_type
    implicit none
    private
 
@@ -53,6 +54,8 @@ subroutine open_session(path, text, overrides, model, handle, error)
       call close_slot(slot)
    else
       handle = slot%handle
+      slot%deck = deck
+      slot%model = model
    end if
 end subroutine open_session
 
@@ -119,13 +122,15 @@ subroutine find_problem(handle, reduced, slot, problem, error)
 end subroutine find_problem
 
 !> Solve the full or the reduced problem through all load steps
-subroutine solve_session(handle, linear, reduced, error)
+subroutine solve_session(handle, linear, reduced, estimate, error)
    !> Handle
    integer, intent(in) :: handle
    !> Least squares solver; blank for the deck's
    character(len=*), intent(in) :: linear
    !> Solve the reduced problem
    logical, intent(in) :: reduced
+   !> Compute a second solution for error bars
+   logical, intent(in) :: estimate
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
    type(slot_type), pointer :: slot
@@ -141,11 +146,14 @@ subroutine solve_session(handle, linear, reduced, error)
       states%backward_error = 0.0_wp
       states%stop = .false.
    end associate
+   slot%verdict = verdict_type(reasons='')
    if (reduced) then
       slot%outcome = outcome_type(warnings='')
       call solve_problem(problem, slot%scene, linear, slot%states, slot%outcome%timer, error)
    else
       call solve_scene(slot%full, linear, slot%states, slot%outcome, error)
+      call judge(slot%verdict, slot%full, slot%deck, slot%model, estimate, slot%states, &
+         & slot%outcome)
    end if
 end subroutine solve_session
 

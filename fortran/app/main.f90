@@ -8,7 +8,7 @@ program main
    use rk_deck, only : deck_type, open_deck
    use rk_deck_scene, only : new_scene
    use rk_discretisation, only : discretisation_type
-   use rk_error, only : error_type, err_convergence, err_linalg, err_stopped
+   use rk_error, only : error_type, fatal_error, err_convergence, err_linalg, err_stopped
    use rk_explain, only : explain
    use rk_model_cloud, only : read_model_cloud
    use rk_json_entries, only : json_entry, read_entries
@@ -21,6 +21,7 @@ program main
    use rk_system, only : catch_signals, lock_folder, make_folder, prepare_process, tell, &
       & version_text
    use rk_text, only : to_text
+   use rk_verdict, only : judge, refused, verdict_type
    implicit none
    type(config_type) :: config
    type(deck_type) :: deck
@@ -57,6 +58,7 @@ contains
       class(discretisation_type), allocatable, target :: problem
       type(output_type) :: output
       type(outcome_type) :: outcome
+      type(verdict_type) :: verdict
       type(error_type), allocatable :: failure
       type(json_entry), allocatable :: earlier(:)
       real(wp) :: shape_s
@@ -80,6 +82,8 @@ contains
       call output%say(scene%title//': '//to_text(problem%n)//' unknowns, '//to_text(problem%m) &
          & //' equations', level=0)
       call solve_scene(problem, '', output, outcome, failure)
+      call judge(verdict, problem, deck, model, config%estimate, output, outcome)
+      call output%tell_verdict(verdict)
       message = ''
       if (allocated(failure)) message = failure%message
       call read_entries(config%out//'/summary.json', earlier, damaged)
@@ -91,8 +95,8 @@ contains
       call leave_on(error)
       if (replaces) then
          call write_summary(config%out//'/summary.json', deck, problem, output, outcome, &
-            & shape_s, tick(clock), omp_get_max_threads(), .not. allocated(failure), message, &
-            & earlier, error)
+            & verdict, shape_s, tick(clock), omp_get_max_threads(), .not. allocated(failure), &
+            & message, earlier, error)
          if (.not. allocated(error)) call output%publish(error)
       else
          call mark_summary(config%out//'/summary.json', earlier, message, error)
@@ -107,7 +111,12 @@ contains
          end if
          call leave_on(failure)
       end if
-      if (config%verbosity >= 0) call tell('converged: '//to_text(tick(clock), 3) &
+      if (verdict%state == refused) then
+         call fatal_error(failure, err_convergence, verdict%sentence()//' (results in ' &
+            & //config%out//')')
+         call leave_on(failure)
+      end if
+      if (config%verbosity >= 0) call tell(verdict%sentence()//': '//to_text(tick(clock), 3) &
          & //' s, results in '//config%out)
    end subroutine run
 

@@ -24,6 +24,8 @@ module rk_cli
       integer :: threads = 0
       !> -1 quiet, 0 a line a step, 1 a line an iteration
       integer :: verbosity = 0
+      !> Compute a second solution for the error bars
+      logical :: estimate = .true.
       !> Only say what would be done
       logical :: explain = .false.
       !> Text to print instead of a run
@@ -57,6 +59,8 @@ subroutine read_arguments(config, error)
          return
       case ('--explain')
          config%explain = .true.
+      case ('--no-error')
+         config%estimate = .false.
       case ('-q')
          config%verbosity = -1
       case ('-v')

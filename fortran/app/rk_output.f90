@@ -9,10 +9,12 @@ module rk_output
    use rk_probes, only : new_probes, probe_value, probes_type, quantity_size
    use rk_recorder, only : iteration_type, recorder_type, step_type
    use rk_results, only : results_type
+   use rk_scene, only : scene_type
    use rk_states, only : field_state
    use rk_system, only : interrupted, tell
    use rk_text, only : to_power, to_text
    use rk_text_file, only : text_file
+   use rk_verdict, only : verdict_type
    implicit none
    private
 
@@ -68,6 +70,8 @@ module rk_output
       procedure :: warn
       !> What happens between steps, to the log and the terminal
       procedure :: note
+      !> Probes with their error bars, and the verdict into the log
+      procedure :: tell_verdict
    end type output_type
 
 contains
@@ -285,5 +289,70 @@ subroutine note(self, line)
 
    call self%say('  '//line, level=0)
 end subroutine note
+
+!> Probes with their error bars, and the verdict into the log
+subroutine tell_verdict(self, verdict)
+   !> Files
+   class(output_type), intent(inout) :: self
+   !> Verdict
+   type(verdict_type), intent(in) :: verdict
+   character(len=:), allocatable :: line
+   integer :: i, n
+
+   if (allocated(verdict%bars%value)) then
+      do i = 1, size(verdict%bars%change)
+         associate (probe => self%problem%scene%probe(i), bars => verdict%bars)
+            n = quantity_size(probe%quantity)
+            if (self%problem%fields == 1) n = 1
+            if (n == 3) n = self%problem%scene%cloud%nd
+            line = '  '//probe%name//' '//numbers(bars%value(:n, i), 6)
+            if (bars%change(i) >= 0.0_wp) line = line//' +- '//numbers(bars%bar(:n, i), 2)
+            line = line//' '//unit_of(self%problem%scene, i)
+            if (bars%unresolved(i)) line = trim(line)//'  not resolved'
+            call self%say(trim(line), level=0)
+         end associate
+      end do
+   end if
+   ! the terminal gets it as the last line
+   call self%say(verdict%sentence(), level=huge(1))
+end subroutine tell_verdict
+
+!> One number or a list of them
+function numbers(values, digits) result(text)
+   !> Values
+   real(wp), intent(in) :: values(:)
+   !> Digits of each
+   integer, intent(in) :: digits
+   character(len=:), allocatable :: text
+   integer :: i
+
+   text = to_text(values(1), digits)
+   if (size(values) == 1) return
+   do i = 2, size(values)
+      text = text//', '//to_text(values(i), digits)
+   end do
+   text = '('//text//')'
+end function numbers
+
+!> Unit of a probe, blank for ratios
+function unit_of(scene, i) result(text)
+   !> Scene
+   type(scene_type), intent(in) :: scene
+   !> Probe
+   integer, intent(in) :: i
+   character(len=:), allocatable :: text
+
+   associate (probe => scene%probe(i))
+      if (probe%set > 0) then
+         text = scene%force_unit
+      else if (probe%quantity(1:1) == 'u') then
+         text = scene%length_unit
+      else if (probe%quantity == 'J') then
+         text = ''
+      else
+         text = scene%force_unit//'/'//scene%length_unit//'^2'
+      end if
+   end associate
+end function unit_of
 
 end module rk_output

@@ -1,7 +1,7 @@
 !> summary.json of a solve.
 module rk_summary
    use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
-   use rk_clock, only : timer_type
+   use rk_bars, only : bars_type
    use rk_deck, only : deck_type
    use rk_discretisation, only : discretisation_type
    use rk_error, only : error_type
@@ -9,11 +9,12 @@ module rk_summary
    use rk_exact, only : exact_value
    use rk_json, only : json_type
    use rk_json_entries, only : json_entry
-   use rk_output, only : output_type
+   use rk_output, only : output_type, step_record
    use rk_precision, only : wp
    use rk_probes, only : quantity_size
    use rk_run, only : outcome_type
-   use rk_system, only : peak_bytes, version_text
+   use rk_system, only : cpu_seconds, peak_bytes, version_text
+   use rk_verdict, only : verdict_names, verdict_type
    implicit none
    private
 
@@ -26,8 +27,8 @@ module rk_summary
 contains
 
 !> Write the summary
-subroutine write_summary(path, deck, problem, output, outcome, shape_s, total_s, threads, &
-   & converged, message, earlier, error)
+subroutine write_summary(path, deck, problem, output, outcome, verdict, shape_s, total_s, &
+   & threads, converged, message, earlier, error)
    !> File
    character(len=*), intent(in) :: path
    !> Deck
@@ -38,6 +39,8 @@ subroutine write_summary(path, deck, problem, output, outcome, shape_s, total_s,
    type(output_type), intent(in) :: output
    !> What the run found out
    type(outcome_type), intent(in) :: outcome
+   !> Whether it can be trusted, and how far
+   type(verdict_type), intent(in) :: verdict
    !> Wall times of shape functions and of everything [s]
    real(wp), intent(in) :: shape_s, total_s
    !> Threads
@@ -83,20 +86,23 @@ subroutine write_summary(path, deck, problem, output, outcome, shape_s, total_s,
       call json%put('threads', threads)
       call json%put('converged', converged)
       if (.not. converged) call json%put('message', message)
-      call write_steps(json, problem, output)
+      call write_verdict(json, verdict)
+      call write_steps(json, problem, output, verdict)
       if (converged) call write_exact(json, problem, output)
       if (allocated(outcome%norms)) call write_norms(json, outcome%norms)
       call write_references(json, problem, output)
       call json%put('force_imbalance', outcome%imbalance)
-      call json%put('work_mismatch', outcome%work_mismatch)
+      if (allocated(outcome%work_mismatch)) call json%put('work_mismatch', outcome%work_mismatch)
       call json%begin_object('timings_s')
       call json%put('shape', shape_s)
       call json%put('assemble', outcome%timer%assemble)
       call json%put('solve', outcome%timer%solve)
       call json%put('output', output%seconds + outcome%seconds)
       if (allocated(outcome%norms)) call json%put('errors', outcome%norms%seconds)
+      if (verdict%companion%seconds > 0.0_wp) call json%put('companion', verdict%companion%seconds)
       call json%put('total', total_s)
       call json%end_object()
+      call json%put('cpu_s', cpu_seconds())
       call json%put('memory_peak_bytes', peak_bytes())
       call json%begin_array('warnings')
       call write_lines(json, outcome%warnings)
@@ -179,13 +185,15 @@ subroutine write_norms(json, norms)
 end subroutine write_norms
 
 !> Load steps with probes
-subroutine write_steps(json, problem, output)
+subroutine write_steps(json, problem, output, verdict)
    !> JSON inside the summary
    type(json_type), intent(inout) :: json
    !> Problem
    class(discretisation_type), intent(in) :: problem
    !> What was recorded
    type(output_type), intent(in) :: output
+   !> Verdict with error bars
+   type(verdict_type), intent(in) :: verdict
    integer :: i, k
 
    call json%begin_array('steps')
@@ -218,11 +226,67 @@ subroutine write_steps(json, problem, output)
             end associate
          end do
          call json%end_object()
+         call write_bars(json, problem, record, verdict%bars)
          call json%end_object()
       end associate
    end do
    call json%end_array()
 end subroutine write_steps
+
+!> Error bars of the probes of a step
+subroutine write_bars(json, problem, record, bars)
+   !> JSON inside the step
+   type(json_type), intent(inout) :: json
+   !> Problem
+   class(discretisation_type), intent(in) :: problem
+   !> The step
+   type(step_record), intent(in) :: record
+   !> Error bars
+   type(bars_type), intent(in) :: bars
+   integer :: i, n
+
+   call json%begin_object('probe_errors')
+   do i = 1, size(problem%scene%probe)
+      if (.not. allocated(bars%change)) exit
+      if (.not. bars%change(i) >= 0.0_wp) cycle
+      associate (probe => problem%scene%probe(i), value => record%probe(:, i))
+         n = problem%scene%cloud%nd
+         if (quantity_size(probe%quantity) == 1 .or. problem%fields == 1) then
+            associate (bar => bars%at(i, record%step%load, value(:1)))
+               call json%put(probe%name, bar(1))
+            end associate
+         else
+            call json%put(probe%name, bars%at(i, record%step%load, value(:n)))
+         end if
+      end associate
+   end do
+   call json%end_object()
+end subroutine write_bars
+
+!> Verdict, its reasons and the second solution
+subroutine write_verdict(json, verdict)
+   !> JSON inside the summary
+   type(json_type), intent(inout) :: json
+   !> Verdict
+   type(verdict_type), intent(in) :: verdict
+
+   call json%begin_object('verdict')
+   call json%put('state', trim(verdict_names(verdict%state)))
+   call json%begin_array('reasons')
+   call write_lines(json, verdict%reasons)
+   call json%end_array()
+   call json%end_object()
+   associate (companion => verdict%companion)
+      if (.not. allocated(companion%seen%value)) return
+      call json%begin_object('companion')
+      call json%put('method', companion%method)
+      call json%put('same_points', companion%same_points)
+      call json%put('source_points', companion%points)
+      call json%put('dofs', companion%unknowns)
+      call json%put('seconds', companion%seconds)
+      call json%end_object()
+   end associate
+end subroutine write_verdict
 
 !> Exact solutions at full load
 subroutine write_exact(json, problem, output)

@@ -9,8 +9,8 @@ module rk_system
    implicit none
    private
 
-   public :: catch_signals, prepare_process, interrupted, peak_bytes, make_folder, lock_folder
-   public :: usage_text, version_text, tell
+   public :: catch_signals, prepare_process, interrupted, peak_bytes, cpu_seconds
+   public :: make_folder, lock_folder, usage_text, version_text, tell
 
    interface
       !> Install the handlers
@@ -33,6 +33,10 @@ module rk_system
          import :: c_double
          real(c_double) :: bytes
       end function c_peak_bytes
+      function c_cpu_seconds() result(seconds) bind(c, name='rk_cpu_seconds')
+         import :: c_double
+         real(c_double) :: seconds
+      end function c_cpu_seconds
       function c_make_folder(path) result(status) bind(c, name='rk_make_folder')
          import :: c_char, c_int
          character(kind=c_char), intent(in) :: path(*)
@@ -64,6 +68,11 @@ end function interrupted
 real(wp) function peak_bytes()
    peak_bytes = real(c_peak_bytes(), wp)
 end function peak_bytes
+
+!> User and system time of the program so far [s]
+real(wp) function cpu_seconds()
+   cpu_seconds = real(c_cpu_seconds(), wp)
+end function cpu_seconds
 
 !> Make a folder that can be written to
 subroutine make_folder(path, error)

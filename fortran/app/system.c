@@ -15,7 +15,8 @@
 #include <unistd.h>
 
 static const char usage[] =
-   "usage: myork-solve DECK [-o DIR] [-t N] [--set table.key=value]... [-q | -v] [--explain]\n"
+   "usage: myork-solve DECK [-o DIR] [-t N] [--set table.key=value]... [-q | -v] "
+   "[--no-error] [--explain]\n"
    "\n"
    "Solve the full model of a deck and write summary.json, results.vtkhdf, history.csv and run.log.\n"
    "\n"
@@ -23,12 +24,13 @@ static const char usage[] =
    "  -t N          threads; default all cores\n"
    "  --set K=V     override a key of the deck; may be repeated\n"
    "  -q, -v        no progress, or a line for every iteration\n"
+   "  --no-error    no second solution, which gives the probes their error bars\n"
    "  --explain     say what will be modelled and what it costs, and stop\n"
    "  --version     version\n"
    "  --help        this text\n"
    "\n"
-   "exit status: 0 done; 1 ended without convergence, the last converged state is written; 2 bad "
-   "input; 3 broken installation";
+   "exit status: 0 done; 1 ended without convergence, the last converged state is written, "
+   "or the answer is refused; 2 bad input; 3 broken installation";
 
 static volatile sig_atomic_t interrupted = 0;
 
@@ -95,6 +97,14 @@ int rk_lock_folder(const char *path, int *owner) {
 }
 
 int rk_interrupted(void) { return interrupted != 0; }
+
+/* User and system time of the process so far [s]. */
+double rk_cpu_seconds(void) {
+   struct rusage usage;
+   if (getrusage(RUSAGE_SELF, &usage) != 0) return 0.0;
+   return (double)(usage.ru_utime.tv_sec + usage.ru_stime.tv_sec) +
+          1e-6 * (double)(usage.ru_utime.tv_usec + usage.ru_stime.tv_usec);
+}
 
 /* Peak memory of the process in bytes. */
 double rk_peak_bytes(void) {

@@ -52,7 +52,7 @@ module rk_equilibrium
       procedure :: set_curvature
       procedure :: apply_curvature
       procedure :: reduce
-      procedure :: work_mismatch
+      procedure :: compare_works
       !> Residuals and rows of one place
       procedure :: evaluate_place => point_rows
       !> Second derivatives of the residuals at one place
@@ -70,14 +70,16 @@ module rk_equilibrium
 contains
 
 !> Work of the stress in the state's own displacement less that of the forces, relative [-]
-real(wp) function work_mismatch(self, state)
+subroutine compare_works(self, state, mismatch)
    !> Problem
    class(equilibrium_problem), intent(in) :: self
    !> State
    type(field_state), intent(in) :: state
+   !> Mismatch
+   real(wp), allocatable, intent(out) :: mismatch
 
-   work_mismatch = own_work_mismatch(self, state)
-end function work_mismatch
+   mismatch = own_work_mismatch(self, state)
+end subroutine compare_works
 
 !> Set up shape functions, materials, conditions and rows
 subroutine new_equilibrium(self, scene, fields, further, error)

@@ -52,6 +52,8 @@ module rk_deck
       !> SHA-256 of the text; overrides are added as lines "--set key=value"
       character(len=:), allocatable :: sha256
       type(entry_type), allocatable, private :: entry(:)
+      !> Overrides, a line each
+      character(len=:), allocatable, private :: overrides
    contains
       !> Is there a value for a key, or a table?
       procedure :: has
@@ -69,6 +71,8 @@ module rk_deck
       !> as NaN or -huge, logicals as .false., texts and arrays empty.
       generic :: get => get_integer, get_real, get_logical, get_text, get_reals, get_integers, &
          & get_texts
+      !> The same deck with further overrides
+      procedure :: vary
       !> Error where a table is absent that a command needs
       procedure :: require
       !> Write all values, defaults included, into a JSON object
@@ -91,7 +95,8 @@ subroutine open_deck(deck, path, overrides, error)
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
 
-   call take(deck, rk_deck_read(trim(path)//c_null_char, joined(overrides)), error)
+   deck%overrides = joined(overrides)
+   call take(deck, rk_deck_read(trim(path)//c_null_char, deck%overrides//c_null_char), error)
 end subroutine open_deck
 
 !> Check a deck that is in memory; `name` stands for the file in messages
@@ -107,8 +112,9 @@ subroutine parse_deck(deck, text, name, overrides, error)
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
 
-   call take(deck, rk_deck_parse(text//c_null_char, trim(name)//c_null_char, joined(overrides)), &
-      & error)
+   deck%overrides = joined(overrides)
+   call take(deck, rk_deck_parse(text//c_null_char, trim(name)//c_null_char, &
+      & deck%overrides//c_null_char), error)
 end subroutine parse_deck
 
 !> Check a deck that is in memory, or read its file where there is no text
@@ -149,7 +155,23 @@ subroutine table_defaults(deck, table, key, value, error)
       & trim(value)//c_null_char), error)
 end subroutine table_defaults
 
-!> Texts as lines for C
+!> The same deck with further overrides, which go before those it has
+subroutine vary(self, overrides, other, error)
+   !> Deck
+   class(deck_type), intent(in) :: self
+   !> "table.key=value" each
+   character(len=*), intent(in) :: overrides(:)
+   !> The other deck
+   type(deck_type), intent(out) :: other
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+
+   other%overrides = self%overrides//joined(overrides)
+   call take(other, rk_deck_parse(self%text//c_null_char, self%path//c_null_char, &
+      & other%overrides//c_null_char), error)
+end subroutine vary
+
+!> Texts as lines
 pure function joined(list) result(lines)
    !> Texts
    character(len=*), intent(in) :: list(:)
@@ -160,7 +182,6 @@ pure function joined(list) result(lines)
    do i = 1, size(list)
       lines = lines//trim(list(i))//new_line('a')
    end do
-   lines = lines//c_null_char
 end function joined
 
 !> Copy everything out of the C++ object and drop that

@@ -21,15 +21,6 @@ module rk_run
 
    public :: outcome_type, solve_scene, solve_problem
 
-   !> Imbalance of forces that deserves a warning [-]
-   real(wp), parameter :: max_imbalance = 0.05_wp
-   !> Mismatch of works that deserves one: cantilevers that are 56 to 98 % off have 54 to 92 %, a
-   !> block that locks 49 %, sheets, tubes and straight blocks at most 1.7 %; an inclined block
-   !> within 2 % has 5 %, since its ends do not move and the work is small. It detects, it is no
-   !> bar of the error [-]
-   real(wp), parameter :: max_work_mismatch = 0.02_wp
-   !> Bulk over shear modulus from which on the displacement form is known to be off by per cents
-   real(wp), parameter :: doubtful_ratio = 10.0_wp
    !> Displacements below this share of the body are roundings, stresses below that of a modulus [-]
    real(wp), parameter :: rounding = 1.0e-13_wp, drowned = 1.0e4_wp*epsilon(1.0_wp)
 
@@ -39,8 +30,15 @@ module rk_run
       character(len=:), allocatable :: warnings
       !> Imbalance of the forces on all sets in the last state [-]
       real(wp) :: imbalance = 0.0_wp
-      !> Work of the stress less that of the forces in the last state [-]
-      real(wp) :: work_mismatch = 0.0_wp
+      !> Work of the stress less that of the forces in the last state, not allocated where they are
+      !> not compared [-]
+      real(wp), allocatable :: work_mismatch
+      !> Where the material lost its ellipticity, in words; not allocated where it did not
+      character(len=:), allocatable :: lost
+      !> Why the run ended early; not allocated where it did not
+      character(len=:), allocatable :: ended
+      !> The last state
+      type(field_state) :: last
       !> Error of a linear problem, whose solution is known
       type(norms_type), allocatable :: norms
       !> Wall times of assembly and linear algebra
@@ -60,10 +58,6 @@ module rk_run
       class(recorder_type), pointer :: receiver => null()
       !> Where warnings are kept
       type(outcome_type), pointer :: outcome => null()
-      !> A state without ellipticity was met
-      logical :: lost = .false.
-      !> The last state
-      type(field_state) :: last
    contains
       procedure :: iteration
       procedure :: step
@@ -94,22 +88,26 @@ subroutine solve_scene(problem, linear, recorder, outcome, error)
    watcher%receiver => recorder
    watcher%outcome => outcome
    if (.not. problem%is_linear()) then
-      call check_locking(problem%scene, outcome, recorder)
-      call problem%state(spread(0.0_wp, 1, problem%n), 0.0_wp, watcher%last)
-      call recorder%step(step_type(load=0.0_wp), watcher%last%x)
+      call problem%state(spread(0.0_wp, 1, problem%n), 0.0_wp, outcome%last)
+      call recorder%step(step_type(load=0.0_wp), outcome%last%x)
    end if
    call solve_problem(problem, problem%scene, linear, watcher, outcome%timer, error)
    call system_clock(clock)
    if (.not. problem%is_linear()) then
-      if (.not. allocated(error)) call check_response(problem, watcher%last, error)
-      call check_balance(problem, watcher%last, outcome, recorder)
+      if (.not. allocated(error)) call check_response(problem, outcome%last, error)
+      outcome%imbalance = force_imbalance(problem, outcome%last)
+      ! loads that vary from point to point are not those of the conditions on sets
+      if (.not. allocated(problem%scene%body_force)) &
+         & call problem%compare_works(outcome%last, outcome%work_mismatch)
       outcome%seconds = outcome%seconds + tick(clock)
    else if (.not. allocated(error)) then
       allocate (outcome%norms)
-      call error_norms(problem, watcher%last%x, outcome%norms, error)
+      call error_norms(problem, outcome%last%x, outcome%norms, error)
       outcome%norms%seconds = tick(clock)
    end if
-   if (allocated(error)) call outcome%warn(error%message, recorder)
+   if (.not. allocated(error)) return
+   outcome%ended = error%message
+   call outcome%warn(error%message, recorder)
 end subroutine solve_scene
 
 !> Solve any problem of a scene, full or reduced, with the settings of its deck
@@ -157,21 +155,6 @@ subroutine warn(self, line, recorder)
    call recorder%warn(line)
 end subroutine warn
 
-!> Warn of a material that the displacement form takes as too stiff
-subroutine check_locking(scene, outcome, recorder)
-   !> Scene
-   type(scene_type), intent(in) :: scene
-   !> Outcome
-   type(outcome_type), intent(inout) :: outcome
-   !> Receiver
-   class(recorder_type), intent(inout) :: recorder
-
-   if (scene%method /= 'rkcm') return
-   if (scene%stiffest_ratio() > doubtful_ratio) call outcome%warn('K is ' &
-      & //to_text(scene%stiffest_ratio(), 2)//' shear moduli: the displacement form may lock, ' &
-      & //'compare with method "rkcm-mixed"', recorder)
-end subroutine check_locking
-
 !> Refuse a state in which neither displacements nor stresses are more than roundings: a load that
 !> the stiffness of some material drowns. The iteration ends there at once, for nothing moves.
 subroutine check_response(problem, state, error)
@@ -211,32 +194,6 @@ subroutine check_response(problem, state, error)
       & //'the constants of the materials and their unit with the load')
 end subroutine check_response
 
-!> Warn of forces that do not balance
-subroutine check_balance(problem, state, outcome, recorder)
-   !> Problem
-   class(discretisation_type), intent(in) :: problem
-   !> Last state
-   type(field_state), intent(in) :: state
-   !> Outcome
-   type(outcome_type), intent(inout) :: outcome
-   !> Receiver
-   class(recorder_type), intent(inout) :: recorder
-
-   outcome%imbalance = force_imbalance(problem, state)
-   ! loads that vary from point to point are not those of the conditions on sets
-   if (.not. allocated(problem%scene%body_force)) &
-      & outcome%work_mismatch = problem%work_mismatch(state)
-   if (outcome%imbalance > max_imbalance) call outcome%warn('the forces on all boundary sets ' &
-      & //'leave '//to_text(100.0_wp*outcome%imbalance, 2)//' % of the largest unbalanced: do ' &
-      & //'not trust them; refine, raise the order'//trim(merge(' or use method "rkcm-mixed"', &
-      & '                           ', problem%scene%method == 'rkcm')), recorder)
-   if (abs(outcome%work_mismatch) > max_work_mismatch) call outcome%warn('the stress does ' &
-      & //to_text(100.0_wp*abs(outcome%work_mismatch), 2)//' % ' &
-      & //trim(merge('less', 'more', outcome%work_mismatch < 0.0_wp))//' work than the forces: ' &
-      & //'the state is off equilibrium, and displacements may be as far off; refine, or compare ' &
-      & //'with method "rkpm-gauss"', recorder)
-end subroutine check_balance
-
 !> An iteration was done
 subroutine iteration(self, it)
    !> Watcher
@@ -260,28 +217,28 @@ subroutine step(self, st, x)
    integer(i8) :: clock
 
    call system_clock(clock)
-   call self%problem%state(x, st%load, self%last)
+   call self%problem%state(x, st%load, self%outcome%last)
    seen = st
    if (self%problem%is_linear()) then
       call self%receiver%step(seen, x)
       return
    end if
-   call find_ellipticity(self%problem, self%last, worst)
+   call find_ellipticity(self%problem, self%outcome%last, worst)
    self%outcome%seconds = self%outcome%seconds + tick(clock)
    seen%min_acoustic = worst%value
    seen%acoustic_point = worst%point
    ! J is that of the F that is written, also where a form integrates elsewhere
-   if (allocated(self%last%j)) then
+   if (allocated(self%outcome%last%j)) then
       seen%min_j = worst%min_j
       seen%max_j = worst%max_j
    end if
    call self%receiver%step(seen, x)
-   if (worst%value > 0.0_wp .or. self%lost) return
-   self%lost = .true.
-   call self%outcome%warn('the material loses ellipticity at ' &
+   if (worst%value > 0.0_wp .or. allocated(self%outcome%lost)) return
+   self%outcome%lost = 'the material loses ellipticity at ' &
       & //to_text(self%problem%scene%cloud%points(:, worst%point))//' (collocation point ' &
       & //to_text(worst%point)//') from load '//to_text(st%load)//': the answer is no longer ' &
-      & //'unique there', self%receiver)
+      & //'unique there'
+   call self%outcome%warn(self%outcome%lost, self%receiver)
 end subroutine step
 
 !> Something deserves attention

@@ -1,7 +1,7 @@
 """Command line `myork`: each command parses, calls one function and says where the result lies.
 
-Exit status: 0 done; 1 the run ended without convergence, the last state is written; 2 bad input;
-3 a missing or broken part of the installation.
+Exit status: 0 done; 1 the run ended without convergence, the last state is written, or its answer
+is refused; 2 bad input; 3 a missing or broken part of the installation.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from myork.errors import MyorkError
 __all__ = ["main"]
 
 _EXIT_STATUS = """\
-exit status: 0 done; 1 ended without convergence, the last state is written; 2 bad input;
-3 a missing or broken part of the installation"""
+exit status: 0 done; 1 ended without convergence, the last state is written, or the answer is
+refused; 2 bad input; 3 a missing or broken part of the installation"""
 
 
 #: OpenBLAS does not end where its buffers are refused; `myork-solve` has the same limit
@@ -116,7 +116,7 @@ def _build(options: argparse.Namespace) -> None:
 def _solve(options: argparse.Namespace) -> None:
     from myork.stations.solve import run_deck
 
-    _run(run_deck, options, verbosity=options.verbosity)
+    _run(run_deck, options, verbosity=options.verbosity, error=not options.no_error)
 
 
 def _rom(options: argparse.Namespace) -> None:
@@ -310,6 +310,11 @@ def _parser() -> argparse.ArgumentParser:
         "--solver",
         metavar="NAME",
         help="override solver.linear: auto, dgels, dgelsy, normal, refined, spqr, sparse-normal",
+    )
+    solve.add_argument(
+        "--no-error",
+        action="store_true",
+        help="no second solution, which gives the probes their error bars",
     )
     add_deck(
         "rom",

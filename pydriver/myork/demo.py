@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from myork.console import ProgressCallback, silent
+from myork.errors import RefusedError
 
 __all__ = ["run_demo"]
 
@@ -57,12 +58,18 @@ def run_demo(
     }
     for number, (what, station) in enumerate(stations.items(), start=1):
         progress(f"station {number}/5  {what}")
-        station(_DECK, out, overrides=overrides, threads=threads, progress=progress)
+        try:
+            station(_DECK, out, overrides=overrides, threads=threads, progress=progress)
+        except RefusedError as reason:
+            # the answer is there, and the report shows why it is refused
+            progress(str(reason))
     progress("station 5/5  report")
     page = make_report(out)
     summary = read_summary(out)
     deck = load_deck(_DECK, overrides)
-    return "\n".join([*_forces(deck, summary), *_models(summary), f"report: {page}"])
+    verdict = summary["verdict"]
+    told = "; ".join([f"verdict: {verdict['state']}", *verdict["reasons"]])
+    return "\n".join([*_forces(deck, summary), told, *_models(summary), f"report: {page}"])
 
 
 def _forces(deck: dict[str, Any], summary: dict[str, Any]) -> list[str]:

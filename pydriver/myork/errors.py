@@ -15,6 +15,7 @@ __all__ = [
     "LinalgError",
     "ModelTooLargeError",
     "MyorkError",
+    "RefusedError",
     "StoppedError",
     "check",
 ]
@@ -27,7 +28,8 @@ class MyorkError(Exception):
     ----------
     exit_code : int
         Exit status of the command `myork` where this error ends it: 1 the run ended without
-        convergence, 2 bad input, 3 a missing or broken part of the installation.
+        convergence or its answer is refused, 2 bad input, 3 a missing or broken part of the
+        installation.
     """
 
     exit_code = 1
@@ -47,6 +49,10 @@ class FileError(MyorkError):
 
 class ConvergenceError(MyorkError):
     """The nonlinear solution was not reached; the last state is written."""
+
+
+class RefusedError(MyorkError):
+    """The answer of a whole run is refused by its own checks; it is written with the reasons."""
 
 
 class LinalgError(MyorkError):

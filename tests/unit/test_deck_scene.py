@@ -56,6 +56,8 @@ activation = [0.005, 0.01]
 value = [1, 2]
 source = "nobody"
 """
+#: Collocation locks in this block, which is refused
+RIGHT = ("scene.method=rkpm-gauss", "approximation.order=1", "approximation.support=2")
 SIDES = "is no side of this box; there are x0, x1, y0, y1, z0, z1"
 
 Write = Callable[[str], Path]
@@ -166,7 +168,7 @@ def test_fiber_angle_gives_the_fiber(write: Write, tmp_path: Path) -> None:
     run_deck(
         write(BLOCK.replace("fiber = [0, 0, 1]", "fiber_angle = 30")),
         tmp_path / "out",
-        overrides=["load.steps=1"],
+        overrides=["load.steps=1", *RIGHT],
         verbosity=-1,
     )
     found = []
@@ -187,7 +189,6 @@ def test_activations_of_references_become_loads(
     write: Write, tmp_path: Path, full: float, loads: list[float]
 ) -> None:
     """Those that the run meets are compared; without activation it meets none."""
-    summary = run_deck(
-        write(BLOCK), tmp_path / "out", overrides=[f"load.activation={full}"], verbosity=-1
-    )
+    overrides = [f"load.activation={full}", *RIGHT]
+    summary = run_deck(write(BLOCK), tmp_path / "out", overrides=overrides, verbosity=-1)
     assert summary["reference"].get("mid", {}).get("load", []) == pytest.approx(loads)

@@ -50,8 +50,9 @@ def test_solve_of_tables_is_that_of_the_file(tmp_path) -> None:
     path = tmp_path / "bar.toml"
     path.write_text(text_of_tables(BAR))
     found = []
+    overrides = ["load.steps=2", "scene.method=rkpm-gauss"]
     for deck, out in ((path, tmp_path / "file"), (BAR, tmp_path / "data")):
-        summary = myork.run_deck(deck, out, overrides=["load.steps=2"], threads=1)
+        summary = myork.run_deck(deck, out, overrides=overrides, threads=1)
         with Results(out) as results:
             found.append((summary["deck_sha256"], results.restart().coefficients.tobytes()))
     assert found[0] == found[1]

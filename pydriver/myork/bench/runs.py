@@ -158,6 +158,7 @@ def solve_case(
     cloud: PointCloud | None = None,
     limit: float = 600.0,
     look: Callable[[Path], Mapping[str, Any]] | None = None,
+    error: bool = False,
 ) -> dict[str, Any]:
     """Solve a deck with one thread and record what the summary says.
 
@@ -174,6 +175,8 @@ def solve_case(
     look : callable, optional
         Called with the folder of the results before it is removed, if a step converged; what it
         returns joins the record.
+    error : bool
+        Compute a second solution for the error bars; its time is in that of the process.
 
     Returns
     -------
@@ -193,6 +196,8 @@ def solve_case(
         if cloud is not None:
             write_model(Path(folder) / "model.h5", cloud)
         words: list[str | Path] = [find_executable(), path, "-o", folder, "-t", "1", "-q"]
+        if not error:
+            words.append("--no-error")
         for override in overrides:
             words += ["--set", override]
         ending = run_command(words, limit)
@@ -218,6 +223,7 @@ def solve_case(
         case["max_J"] = max(step["max_J"] for step in steps)
         case["load"] = steps[-1]["load"]
         case["probes"] = steps[-1]["probes"]
+        case["probe_errors"] = steps[-1].get("probe_errors", {})
         case["probe_errors"] = steps[-1].get("probe_errors", {})
         case["history"] = [
             {key: step[key] for key in ("load", "activation", "iterations", "probes")}

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from myork import _core, errors
 from myork.core.calls import Turn, call_in_thread
 from myork.core.cloud import NO_CLOUD, check_cloud, model_of, with_cloud
 from myork.core.deck import as_texts, check_deck, load_deck, load_tables, text_of_tables
+from myork.core.states import VERDICTS, Fields, States, error_norms
 from myork.records import PointCloud, Voxels
 from myork.tables import read_only
 
@@ -25,84 +26,6 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
 F64Array = NDArray[np.float64]
-
-
-class States(NamedTuple):
-    """Converged states of a solve.
-
-    Attributes
-    ----------
-    x : F64Array
-        Unknowns: coefficients, or amplitudes of the modes, shape `(nstep, n)`.
-    load : F64Array
-        Fraction of the full load, shape `(nstep,)`.
-    iterations : NDArray
-        Iterations of each step, shape `(nstep,)`.
-    min_j, max_j : F64Array
-        Smallest and largest volume ratio, shape `(nstep,)`.
-    assemble_s, solve_s : float
-        Wall times of assembly and least squares [s].
-    checks_s : float
-        Wall time of what follows `backward_error` [s].
-    backward_error : float
-        Largest backward error of a least squares solution.
-    min_acoustic : F64Array
-        Smallest eigenvalue of the acoustic tensor, of the shear modulus at rest; where it is not
-        positive the state is no longer unique, shape `(nstep,)` [-]. Not a number in linear
-        problems and reduced models, as what follows is zero or empty there.
-    min_acoustic_point : F64Array
-        Where it was found, shape `(nstep, dimension)` [length].
-    force_imbalance : float
-        Sum of the forces on all boundary sets in the last state, of the largest of them [-].
-    work_mismatch : float
-        Work of the stress in the last state's own displacement less that of the forces, relative
-        [-]. 0 where it is not compared: weak forms, which keep it by construction, linear
-        problems, and loads that `set_fields` has set.
-    errors : dict
-        Norms of the error of a linear problem, whose solution is known, by the names of
-        `summary.json`: `L2`, `H1`, `relative_L2`, `relative_H1`.
-    warnings : list of str
-        What deserves attention, the same list as in `summary.json`; the last one is the error
-        that ended a solve.
-    """
-
-    x: F64Array
-    load: F64Array
-    iterations: NDArray[np.int64]
-    min_j: F64Array
-    max_j: F64Array
-    assemble_s: float
-    solve_s: float
-    checks_s: float
-    backward_error: float
-    min_acoustic: F64Array
-    min_acoustic_point: F64Array
-    force_imbalance: float
-    work_mismatch: float
-    errors: dict[str, float]
-    warnings: list[str]
-
-
-class Fields(NamedTuple):
-    """Fields at the collocation points.
-
-    Attributes
-    ----------
-    u : F64Array
-        Displacement, shape `(npoint, 3)` [length].
-    f : F64Array
-        Deformation gradient `F[point, i, A]`, shape `(npoint, 3, 3)`.
-    cauchy : F64Array
-        Cauchy stress xx, yy, zz, xy, yz, xz, shape `(npoint, 6)` [stress].
-    named : dict
-        These and all others by the names they have in result files, shape
-        `(npoint, components)`; tensors row by row.
-    """
-
-    u: F64Array
-    f: F64Array
-    cauchy: F64Array
-    named: dict[str, F64Array]
 
 
 class Scene:
@@ -297,8 +220,16 @@ class Scene:
         """Converged states of the last solve, also of one that failed or was stopped."""
         return self._states
 
-    def solve(self, linear: str = "", progress: Callable[[str], None] | None = None) -> States:
-        """Solve the full model through all load steps.
+    def solve(
+        self,
+        linear: str = "",
+        progress: Callable[[str], None] | None = None,
+        *,
+        error: bool = True,
+    ) -> States:
+        """Solve the full model through all load steps, and judge the answer.
+
+        A refused answer raises nothing: look at `verdict`.
 
         Parameters
         ----------
@@ -306,6 +237,8 @@ class Scene:
             Least squares solver; empty for the deck's.
         progress : callable, optional
             Called with a line after each load step.
+        error : bool
+            Compute a second solution, which gives the probes their error bars.
 
         Raises
         ------
@@ -316,7 +249,7 @@ class Scene:
         InputError
             The scene is being solved in another thread.
         """
-        return self._run(linear, 0, self.dofs, progress)
+        return self._run(linear, 0, self.dofs, progress, error)
 
     def points(self) -> F64Array:
         """Collocation points, shape `(collocation_points, dimension)` [length]."""
@@ -385,7 +318,7 @@ class Scene:
 
     def solve_reduced(self, linear: str) -> States:
         """Solve the reduced model through all load steps; `reduce` comes first."""
-        return self._run(linear, 1, self._unknowns, None)
+        return self._run(linear, 1, self._unknowns, None, False)
 
     def linearise(
         self,
@@ -487,7 +420,12 @@ class Scene:
         return np.moveaxis(value, (0, 1, 2), (2, 1, 0))
 
     def _run(
-        self, linear: str, reduced: int, n: int, progress: Callable[[str], None] | None
+        self,
+        linear: str,
+        reduced: int,
+        n: int,
+        progress: Callable[[str], None] | None,
+        estimate: bool,
     ) -> States:
         """Solve in a thread, so that Ctrl-C and progress come through."""
         answer: list[Any] = []
@@ -495,7 +433,9 @@ class Scene:
 
         def work() -> None:
             answer.extend(
-                _core.scene_solve(self._handle, linear.encode() or b" ", reduced, self._threads)
+                _core.scene_solve(
+                    self._handle, linear.encode() or b" ", reduced, self._threads, int(estimate)
+                )
             )
 
         def poll() -> None:
@@ -512,14 +452,14 @@ class Scene:
             finally:
                 # none where the solve was refused before it began
                 with contextlib.suppress(errors.InputError):
-                    self._states = self._converged(n)
+                    self._states = self._converged(n, reduced)
         if interrupted:
             raise KeyboardInterrupt
         errors.check(*answer)
         assert self._states is not None
         return self._states
 
-    def _converged(self, n: int) -> States:
+    def _converged(self, n: int, reduced: int) -> States:
         """States of the core's last solve, of `n` unknowns each."""
         steps = min(int(_core.scene_progress(self._handle)[0]), self.steps)
         x, info, seconds, worst, norms, stat, message = _core.scene_states(self._handle, n, steps)
@@ -528,6 +468,7 @@ class Scene:
             self._handle, self.dimension, self.collocation_points
         )
         errors.check(stat, message)
+        verdict, reasons, probe_errors = self._verdict(x, info[0], reduced)
         point = info[5].astype(np.int64)
         seen = point > 0
         return States(
@@ -544,9 +485,36 @@ class Scene:
             min_acoustic_point=np.where(seen[:, None], places.T[point - 1], np.nan),
             force_imbalance=float(worst[1]),
             work_mismatch=float(worst[2]),
-            errors=_error_norms(*norms.tolist()),
+            errors=error_norms(*norms.tolist()),
             warnings=self._warnings(),
+            verdict=verdict,
+            reasons=reasons,
+            probe_errors=probe_errors,
         )
+
+    def _verdict(
+        self, x: F64Array, load: F64Array, reduced: int
+    ) -> tuple[str, list[str], F64Array]:
+        """Verdict on the core's last solve, its reasons and the error bars of the probes."""
+        steps = len(load)
+        # the wrapper takes no empty arrays
+        value = np.zeros((3, max(self._probes, 1), max(steps, 1)), order="F")
+        if self._probes and steps and not reduced:
+            value, stat, message = _core.scene_probes(self._handle, self._probes, x, load)
+            errors.check(stat, message)
+        load = np.resize(load, value.shape[2])
+        capacity = 1 << 12
+        while True:
+            verdict, bar, text, length, stat, message = _core.scene_verdict(
+                self._handle, load, value, capacity
+            )
+            errors.check(stat, message)
+            if length <= capacity:
+                break
+            capacity = int(length)
+        reasons = str(text[:length].decode("utf-8", "replace")).splitlines()
+        bar = np.moveaxis(bar, (0, 1, 2), (2, 1, 0))[:steps, : self._probes]
+        return VERDICTS[verdict], reasons, bar
 
     def _warnings(self) -> list[str]:
         """Warnings of the last solve; the error is one where it ended in one."""
@@ -557,19 +525,6 @@ class Scene:
             if length <= capacity:
                 return str(text[:length].decode("utf-8", "replace")).splitlines()
             capacity = int(length)
-
-
-def _error_norms(l2: float, h1: float, l2_solution: float, h1_solution: float) -> dict[str, float]:
-    """Norms by their names; none where the core has none."""
-    if l2 < 0:
-        return {}
-    tiny = np.finfo(float).tiny
-    return {
-        "L2": l2,
-        "H1": h1,
-        "relative_L2": l2 / max(l2_solution, tiny),
-        "relative_H1": h1 / max(h1_solution, tiny),
-    }
 
 
 def _close(handle: int, turn: Turn) -> None:

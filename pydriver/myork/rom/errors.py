@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from myork.core.scene import F64Array, Fields
+from myork.core.scene import F64Array
+from myork.core.states import Fields
 
 __all__ = ["displacement_error", "gradient_error", "largest_error"]
 

@@ -80,7 +80,7 @@ def full_states(
         progress(f"full model: {len(found.x)} states of {found.origin}")
         return found
     started = time.perf_counter()
-    states = scene.solve(progress=progress)
+    states = scene.solve(progress=progress, error=False)
     # a reduced state is not looked at for what deserves a warning
     seconds = time.perf_counter() - started - states.checks_s
     for text in states.warnings:

@@ -10,7 +10,8 @@ import numpy as np
 
 from myork.console import ProgressCallback, silent
 from myork.core.deck import read_deck
-from myork.core.scene import F64Array, Fields, Scene
+from myork.core.scene import F64Array, Scene
+from myork.core.states import Fields
 from myork.core.threads import thread_count
 from myork.errors import InputError
 from myork.rom.basis import proper_orthogonal_basis

@@ -22,7 +22,14 @@ from typing import Any
 
 from myork.console import ProgressCallback, silent
 from myork.core.deck import text_of_tables
-from myork.errors import ConvergenceError, InputError, InstallationError, MyorkError, StoppedError
+from myork.errors import (
+    ConvergenceError,
+    InputError,
+    InstallationError,
+    MyorkError,
+    RefusedError,
+    StoppedError,
+)
 from myork.files import write_text
 
 __all__ = ["explain_deck", "find_executable", "run_deck"]
@@ -67,6 +74,7 @@ def run_deck(
     threads: int | None = None,
     progress: ProgressCallback = silent,
     verbosity: int = 0,
+    error: bool = True,
 ) -> dict[str, Any]:
     """Solve the full model of a deck.
 
@@ -87,6 +95,8 @@ def run_deck(
         Called with every line of progress.
     verbosity : int
         -1 no progress, 0 a line a load step, 1 a line an iteration.
+    error : bool
+        Compute a second solution, which gives the probes their error bars.
 
     Returns
     -------
@@ -97,6 +107,8 @@ def run_deck(
     ------
     ConvergenceError
         If the run ended without convergence; the last converged state is in the folder.
+    RefusedError
+        If its own checks refuse the answer, which is in the folder with the reasons.
     StoppedError
         If it was stopped.
     InputError
@@ -113,7 +125,16 @@ def run_deck(
         options += ["-t", str(threads)]
     if verbosity:
         options.append("-q" if verbosity < 0 else "-v")
-    _run(deck, [*options, *_set_options(overrides)], progress)
+    if not error:
+        options.append("--no-error")
+    try:
+        _run(deck, [*options, *_set_options(overrides)], progress)
+    except ConvergenceError as ended:
+        # both are exit status 1; that of an earlier run says that a later one failed
+        summary = _summary(out)
+        if summary.get("converged") and "failed" not in summary:
+            raise RefusedError(str(ended)) from None
+        raise
     summary = _summary(out)
     if "steps" not in summary:
         raise InstallationError(f"{_NAME} ended well but left no summary.json in {out}")

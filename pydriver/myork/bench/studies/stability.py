@@ -104,7 +104,7 @@ def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
     return {
         "title": "Stability",
         "about": f"{len(records)} hard cases: {count[RIGHT]} right, {count[EXPLAINED]} ended with "
-        f"an error that names its reason, {count[WARNED]} are off and warn that they lock, "
+        f"an error that names its reason, {count[WARNED]} are off and say so, "
         f"{len(records) - sum(count.values())} none of these.",
         "cases": records,
         "tables": [table("Hard cases, one line each.", _COLUMNS, records)],
@@ -118,11 +118,11 @@ def run_case(case: Case, limit: float) -> dict[str, Any]:
     -------
     dict
         The record with `name`, `error` and `verdict`: `right`, `explained`, `wrong` (an answer
-        that is not right), `warned` (the same, but the run warns that its form locks),
+        that is not right), `warned` (the same, but the run itself does not accept it),
         `unexplained` (an error without what it must name), `crashed`, `failed` or `time limit`.
     """
     if case.station == "solve":
-        record = solve_case(case.deck, case.overrides, cloud=case.cloud, limit=limit)
+        record = solve_case(case.deck, case.overrides, cloud=case.cloud, limit=limit, error=True)
     else:
         record = _run_station(case, limit)
     record["name"] = case.name
@@ -134,8 +134,8 @@ def run_case(case: Case, limit: float) -> dict[str, Any]:
             record["verdict"] = "wrong"
         else:
             record["error"] = abs(value / case.solution - 1.0)
-            warned = any("lock" in warning for warning in record.get("warnings", []))
-            wrong = WARNED if warned else "wrong"
+            told = record["verdict"]["state"] != "accepted"
+            wrong = WARNED if told else "wrong"
             record["verdict"] = RIGHT if record["error"] <= case.tolerance else wrong
     elif record["outcome"] in ("refused", "not converged"):
         message = record["message"]

@@ -98,7 +98,7 @@ def _problem_cases(
     for name, words in _FORMS:
         for size in sizes:
             progress(f"{problem.name}: {name}, {_text(size)}")
-            case = solve_case(_sized(problem.tables, size), words, limit=_LIMIT)
+            case = solve_case(_sized(problem.tables, size), words, limit=_LIMIT, error=True)
             bars = case.get("probe_errors") or {}
             cases.append(
                 {

@@ -1,0 +1,115 @@
+"""What a scene hands out: converged states of a solve, and fields of one of them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["VERDICTS", "Fields", "States", "error_norms"]
+
+F64Array = NDArray[np.float64]
+
+#: In the order of the core
+VERDICTS = ("", "accepted", "doubtful", "refused")
+
+
+class States(NamedTuple):
+    """Converged states of a solve.
+
+    Attributes
+    ----------
+    x : F64Array
+        Unknowns: coefficients, or amplitudes of the modes, shape `(nstep, n)`.
+    load : F64Array
+        Fraction of the full load, shape `(nstep,)`.
+    iterations : NDArray
+        Iterations of each step, shape `(nstep,)`.
+    min_j, max_j : F64Array
+        Smallest and largest volume ratio, shape `(nstep,)`.
+    assemble_s, solve_s : float
+        Wall times of assembly and least squares [s].
+    checks_s : float
+        Wall time of what follows `backward_error` [s].
+    backward_error : float
+        Largest backward error of a least squares solution.
+    min_acoustic : F64Array
+        Smallest eigenvalue of the acoustic tensor, of the shear modulus at rest; where it is not
+        positive the state is no longer unique, shape `(nstep,)` [-]. Not a number in linear
+        problems and reduced models, as what follows is zero or empty there.
+    min_acoustic_point : F64Array
+        Where it was found, shape `(nstep, dimension)` [length].
+    force_imbalance : float
+        Sum of the forces on all boundary sets in the last state, of the largest of them [-].
+    work_mismatch : float
+        Work of the stress in the last state's own displacement less that of the forces, relative
+        [-]. Not a number where it is not compared: weak forms, which keep it by construction,
+        linear problems, and loads that `set_fields` has set.
+    errors : dict
+        Norms of the error of a linear problem, whose solution is known, by the names of
+        `summary.json`: `L2`, `H1`, `relative_L2`, `relative_H1`.
+    warnings : list of str
+        What deserves attention, the same list as in `summary.json`.
+    verdict : str
+        "accepted", "doubtful" or "refused"; empty for reduced models, of which nothing is judged.
+    reasons : list of str
+        What speaks against the answer, and what was not checked.
+    probe_errors : F64Array
+        Estimated absolute error of each value of `Scene.probes`, shape `(nstep, nprobe, 3)`; not a
+        number where there is no estimate.
+    """
+
+    x: F64Array
+    load: F64Array
+    iterations: NDArray[np.int64]
+    min_j: F64Array
+    max_j: F64Array
+    assemble_s: float
+    solve_s: float
+    checks_s: float
+    backward_error: float
+    min_acoustic: F64Array
+    min_acoustic_point: F64Array
+    force_imbalance: float
+    work_mismatch: float
+    errors: dict[str, float]
+    warnings: list[str]
+    verdict: str
+    reasons: list[str]
+    probe_errors: F64Array
+
+
+class Fields(NamedTuple):
+    """Fields at the collocation points.
+
+    Attributes
+    ----------
+    u : F64Array
+        Displacement, shape `(npoint, 3)` [length].
+    f : F64Array
+        Deformation gradient `F[point, i, A]`, shape `(npoint, 3, 3)`.
+    cauchy : F64Array
+        Cauchy stress xx, yy, zz, xy, yz, xz, shape `(npoint, 6)` [stress].
+    named : dict
+        These and all others by the names they have in result files, shape
+        `(npoint, components)`; tensors row by row.
+    """
+
+    u: F64Array
+    f: F64Array
+    cauchy: F64Array
+    named: dict[str, F64Array]
+
+
+def error_norms(l2: float, h1: float, l2_solution: float, h1_solution: float) -> dict[str, float]:
+    """Norms by their names; none where the core has none."""
+    if l2 < 0:
+        return {}
+    tiny = np.finfo(float).tiny
+    return {
+        "L2": l2,
+        "H1": h1,
+        "relative_L2": l2 / max(l2_solution, tiny),
+        "relative_H1": h1 / max(h1_solution, tiny),
+    }
