@@ -46,6 +46,7 @@ def summary() -> dict[str, Any]:
         "rows": 36411,
         "threads": 2,
         "converged": True,
+        "verdict": {"state": "accepted", "reasons": ["no error estimate: none was wanted"]},
         "overrides": ["load.steps=10"],
         "steps": [
             {
@@ -55,6 +56,7 @@ def summary() -> dict[str, Any]:
                 "newton_decrement": 1e-9,
                 "min_J": 0.98,
                 "max_J": 1.02,
+                "probe_errors": {"reaction": 0.015},
                 "probes": {
                     "reaction": force[number],
                     "stress_zz": -force[number] * 1.02,

@@ -98,7 +98,8 @@ def test_page_is_complete_and_self_contained(folder: Path) -> None:
 
     text = page.text
     assert "Muscle block, fibers inclined 30° <test>" in text, "text is escaped"
-    assert "✓ converged" in text
+    assert "✓ accepted" in text and "no error estimate: none was wanted" in text
+    assert "−3.000 ± 0.015" in text and "Bands: estimated errors." in text
     assert "2 islands with 14 voxels" in text
     for wanted in (
         "reaction [N]", "stress_zz [N/cm²]", "tip [cm]", "−3.000", "mesh-converged finite elements",
@@ -130,6 +131,20 @@ def test_unfinished_run_is_told(folder: Path) -> None:
     keep(folder, "summary.json")
     change_summary(folder, lambda summary: summary.update(converged=False, steps=[]))
     assert "✗ not converged, last state at load 0" in Page(make_report(folder)).text
+
+
+@pytest.mark.parametrize(
+    ("state", "badge"),
+    [("doubtful", "? doubtful"), ("refused", "✗ refused"), (None, "converged")],
+)
+def test_only_an_accepted_answer_is_green(folder: Path, state: str | None, badge: str) -> None:
+    """Nor is one of which nobody asked."""
+    keep(folder, "summary.json")
+    verdict = None if state is None else {"state": state, "reasons": ["it is off"]}
+    change_summary(folder, lambda summary: summary.update(verdict=verdict))
+    page = Page(make_report(folder))
+    assert badge in page.text and 'class="state good"' not in page.source
+    assert ("it is off" in page.text) is (state is not None)
 
 
 def test_gaps_in_the_summary(folder: Path) -> None:

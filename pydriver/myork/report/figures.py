@@ -203,6 +203,11 @@ def probe_figure(
                 places, values[:, part], DASHES[part], color=COLOURS[part],
                 marker=MARKERS[part], markersize=4, label=label,
             )  # fmt: skip
+            bars = _bars(shown, name, part)
+            axes.fill_between(
+                places, values[:, part] - bars, values[:, part] + bars,
+                color=COLOURS[part], alpha=0.2, linewidth=0,
+            )  # fmt: skip
         theirs = reference.get(name, {})
         if theirs.get(across):
             axes.plot(
@@ -333,6 +338,16 @@ def rom_figure(rom: Mapping[str, Any]) -> Figure:
         axes.grid(color="#E5E5E5")
         axes.minorticks_off()
     return figure
+
+
+def _bars(steps: Sequence[Mapping[str, Any]], name: str, part: int) -> F64:
+    """Estimated errors of one component of a probe, gaps where there are none."""
+    found = []
+    for step in steps:
+        value = step.get("probe_errors", {}).get(name)
+        parts = value if isinstance(value, list) else [value]
+        found.append(parts[part] if part < len(parts) else None)
+    return np.array(found, dtype=float)
 
 
 def rom_probe_figure(

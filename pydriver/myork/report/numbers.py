@@ -8,7 +8,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-__all__ = ["DASH", "fraction", "number", "unit_of"]
+__all__ = ["DASH", "fraction", "number", "unit_of", "with_error"]
 
 DASH = "–"
 _MINUS = "\u2212"
@@ -44,6 +44,13 @@ def number(value: Any, digits: int = 4) -> Markup:
     if not power:
         return Markup(mantissa)
     return Markup(f"{mantissa}·10<sup>{int(power)}</sup>".replace("<sup>-", f"<sup>{_MINUS}"))
+
+
+def with_error(value: Any, error: Any) -> Markup:
+    """A value with its estimated error behind it, where there is one."""
+    if error is None:
+        return number(value)
+    return Markup("{} ± {}").format(number(value), number(error, 2))
 
 
 def fraction(value: Any) -> str:

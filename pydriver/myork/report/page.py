@@ -12,7 +12,7 @@ from markupsafe import Markup
 from myork.files import write_text
 from myork.report import figures, image_figures, tables
 from myork.report.frame import Section, figure, render
-from myork.report.numbers import fraction, number, unit_of
+from myork.report.numbers import fraction, number, unit_of, with_error
 from myork.report.sources import RunFolder, read_folder
 from myork.summary import failures
 
@@ -57,6 +57,7 @@ def _page(folder: RunFolder) -> str:
         title=summary.get("title") or folder.path.resolve().name,
         sections=[section for section in sections if section.parts],
         converged=summary.get("converged"),
+        verdict=(summary.get("verdict") or {}).get("state"),
         reached=fraction(steps[-1].get("load")),
         about=_about(summary),
         cards=_cards(summary),
@@ -88,7 +89,8 @@ def _cards(summary: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
     scalars = [name for name in units if isinstance(last.get(name), (int, float))]
     for name in scalars[:4]:
         note = f"at load {fraction(steps[-1].get('load'))}"
-        cards.append((name, number(last[name]), units[name], note))
+        error = steps[-1].get("probe_errors", {}).get(name)
+        cards.append((name, with_error(last[name], error), units[name], note))
     models = [model for model in summary.get("rom", {}).get("models", []) if model.get("e1")]
     if models:
         best = min(models, key=lambda model: model["e1"])
@@ -107,11 +109,14 @@ def _cards(summary: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
 
 
 def _warnings(folder: RunFolder) -> list[str]:
-    """Warnings of the run and of the segmentation, and what is of an earlier run."""
+    """Warnings of the run and of the segmentation, what was not checked, and what is old."""
+    warnings = folder.summary.get("warnings", [])
+    reasons = (folder.summary.get("verdict") or {}).get("reasons", [])
     return [
         *failures(folder.summary),
         *folder.summary.get("segmentation", {}).get("warnings", []),
-        *folder.summary.get("warnings", []),
+        *warnings,
+        *(text for text in reasons if text not in warnings),
     ]
 
 
@@ -186,6 +191,8 @@ def _probes(folder: RunFolder) -> list[Markup]:
     if units and steps:
         curves = figures.probe_figure(steps, units, reference, exact)
         extra = " Open circles: reference values." if reference else ""
+        if any(step.get("probe_errors") for step in steps):
+            extra += " Bands: estimated errors."
         parts.append(figure(curves, f"Probes of the deck in all converged steps.{extra}"))
     if reference:
         parts.append(tables.reference_table(reference, units))

@@ -34,6 +34,7 @@ _REFERENCE = {
 _STEP = {
     **dict.fromkeys(("load", "activation", "iterations"), _NUMBER),
     "probes": _Each(each=_VALUE),
+    "probe_errors": _Each(each=_VALUE),
 }
 _MODEL = {
     "kind!": _TEXT,
@@ -61,6 +62,7 @@ _SUMMARY = {
         _NUMBER,
     ),
     "converged": _FLAG,
+    "verdict": {"state!": _TEXT, "reasons": [_TEXT]},
     "units": _Each(each=_TEXT),
     "solver": {
         **dict.fromkeys(("asked", "used", "why"), _TEXT),

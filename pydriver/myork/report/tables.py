@@ -8,7 +8,7 @@ from typing import Any
 from markupsafe import Markup
 
 from myork.report.frame import table
-from myork.report.numbers import DASH, fraction, number
+from myork.report.numbers import DASH, fraction, number, with_error
 
 __all__ = [
     "MODEL_KINDS",
@@ -81,7 +81,13 @@ def probe_table(steps: Sequence[Mapping[str, Any]], units: Mapping[str, str]) ->
     """
     head = ["load [-]", *(f"{name} [{unit}]" for name, unit in units.items())]
     rows = [
-        [fraction(step.get("load")), *(number(step.get("probes", {}).get(name)) for name in units)]
+        [
+            fraction(step.get("load")),
+            *(
+                with_error(step.get("probes", {}).get(name), step.get("probe_errors", {}).get(name))
+                for name in units
+            ),
+        ]
         for step in steps
     ]
     return table(head, rows)
