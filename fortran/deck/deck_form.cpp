@@ -62,6 +62,24 @@ static bool asks_surface_stress(Deck &deck, const Section &scene) {
    return false;
 }
 
+// States before full load are wanted where somebody else's numbers are given for them
+static bool compares_on_the_way(Deck &deck) {
+   const Section *load = deck.single("load");
+   const Value *full = load ? load->find("activation") : nullptr;
+   for (const Section *reference : deck.entries("reference")) {
+      const Value *shares = reference->find("load"), *levels = reference->find("activation");
+      for (const Value &share : shares ? shares->items : std::vector<Value>{}) {
+         if (share.number() < 1.0)
+            return true;
+      }
+      for (const Value &level : levels ? levels->items : std::vector<Value>{}) {
+         if (full && level.number() < full->number())
+            return true;
+      }
+   }
+   return false;
+}
+
 void choose_form(Deck &deck) {
    const std::vector<Section *> scenes = deck.entries("scene");
    if (scenes.empty() || scenes.front()->refused.count("method"))
@@ -78,6 +96,8 @@ void choose_form(Deck &deck) {
    scene.values["method"] = method;
    if (asks_surface_stress(deck, scene))
       deck.facts["surface_stress"] = "true";
+   if (compares_on_the_way(deck))
+      deck.facts["compared_on_the_way"] = "true";
 }
 
 } // namespace rk

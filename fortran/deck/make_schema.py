@@ -31,6 +31,7 @@ KEY_ATTRIBUTES = {
 FACTS = {
     "surface_stress": "a plane `rkpm-gauss` scene with neither order nor support and with a probe "
     "of a stress on the surface",
+    "compared_on_the_way": "a [[reference]] at less than the full load",
 }
 
 

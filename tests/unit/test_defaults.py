@@ -42,6 +42,10 @@ COLLOCATION = {
 }
 
 
+#: Points of the sheet on its surface and within
+_ON, _WITHIN = [0.5, 1.0], [0.5, 0.5]
+
+
 @pytest.mark.parametrize(
     ("tables", "method"),
     [
@@ -79,6 +83,18 @@ def test_defaults_of_the_galerkin_forms(method: str) -> None:
     assert deck["load"]["max_halvings"] == 6, "asked for: as many as ever"
 
 
+@pytest.mark.parametrize(
+    ("where", "steps"),
+    [({"load": [0.5, 1.0]}, 10), ({"load": [1.0]}, 1), ({"activation": [0.2]}, 10)],
+)
+def test_references_on_the_way_ask_for_steps(where: dict[str, Any], steps: int) -> None:
+    probe = {"name": "u", "quantity": "u_x", "point": _WITHIN}
+    values = [0.0] * len(next(iter(where.values())))
+    reference = {"probe": "u", "value": values, "source": "nobody", **where}
+    tables = {**SHEET, "probe": [probe], "reference": [reference], "load": {"activation": 0.4}}
+    assert load_tables(tables)["load"]["steps"] == steps
+
+
 @pytest.mark.parametrize("method", ["rkcm", "rkcm-mixed"])
 def test_defaults_of_the_collocation_forms(method: str) -> None:
     deck = load_tables({**SHEET, "scene": {"dimension": 2, "method": method}})
@@ -90,9 +106,6 @@ def test_defaults_of_the_collocation_forms(method: str) -> None:
 def test_a_support_that_fits_the_order(order: int, support: float) -> None:
     deck = load_tables({**SHEET, "approximation": {"order": order}})
     assert deck["approximation"]["support"] == [support, support]
-
-
-_ON, _WITHIN = [0.5, 1.0], [0.5, 0.5]
 
 
 @pytest.mark.parametrize(
