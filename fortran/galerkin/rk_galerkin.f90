@@ -91,7 +91,7 @@ subroutine new_galerkin(self, scene, error)
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
    type(shape_type) :: facet
-   real(wp), allocatable :: shear(:)
+   real(wp), allocatable :: shear(:), softness(:)
    integer :: ip, nc, nd, np, ns
 
    self%scene => scene
@@ -132,11 +132,11 @@ subroutine new_galerkin(self, scene, error)
    call new_gradient(self%gradient, self%cells, ns, self%inside, facet, self%surface%shape, &
       & self%surface%essential)
    call self%gradient%set_essential(self%cells, self%surface%essential, self%surface%value)
-   call new_pressure(self%pressure, self%cells, scene%galerkin%pressure_degree, &
+   call share_bulk(self%mixture, self%cells, nc, scene%galerkin%stabilisation, self%local_bulk, &
+      & self%bulk, softness)
+   call new_pressure(self%pressure, self%cells, softness, scene%galerkin%pressure_degree, &
       & scene%cloud%points, error)
    if (allocated(error)) return
-   call share_bulk(self%mixture, self%cells, nc, scene%galerkin%stabilisation, self%local_bulk, &
-      & self%bulk)
    call new_multiplier(self%multiplier, self%cells, self%bulk, shear, ns, self%gradient%member)
    self%n = nd*(ns + self%multiplier%extra)
    self%m = self%n

@@ -20,7 +20,8 @@ module rk_pressure
 
    public :: pressure_type, new_pressure
 
-   !> Orthonormal polynomials of the groups
+   !> Polynomials of the groups, orthonormal by volume over the bulk modulus, so that the energy is
+   !> one modulus times a sum of squares also where soft and stiff tissues meet in a group
    type :: pressure_type
       !> Number of polynomials of each group, shape (groups)
       integer, allocatable :: count(:)
@@ -53,11 +54,13 @@ module rk_pressure
 contains
 
 !> Set up the polynomials
-subroutine new_pressure(self, cells, degree, place, error)
+subroutine new_pressure(self, cells, softness, degree, place, error)
    !> Pressure
    type(pressure_type), intent(out) :: self
    !> Integration points
    type(cells_type), intent(in) :: cells
+   !> Bulk modulus of the group over that of each integration point, shape (np) [-]
+   real(wp), intent(in) :: softness(:)
    !> Degree of the polynomials, 0 or 1
    integer, intent(in) :: degree
    !> Collocation points, shape (nd, nc) [length]
@@ -77,7 +80,9 @@ subroutine new_pressure(self, cells, degree, place, error)
    allocate (self%monomial(1 + nd, 1 + nd, groups), source=0.0_wp)
    do g = 1, groups
       associate (x => cells%point(:, cells%first(g) + 1:cells%first(g + 1)), &
-         & w => cells%weight(cells%first(g) + 1:cells%first(g + 1)))
+         & w => cells%weight(cells%first(g) + 1:cells%first(g + 1)), &
+         & soft => cells%weight(cells%first(g) + 1:cells%first(g + 1)) &
+         & *softness(cells%first(g) + 1:cells%first(g + 1)))
          self%centre(:, g) = matmul(x, w)/sum(w)
          do d = 1, nd
             ! a box of the same second moment has this width
@@ -95,16 +100,16 @@ subroutine new_pressure(self, cells, degree, place, error)
             c(i) = 1.0_wp
             m(:, n + 1) = 1.0_wp
             if (i > 1) m(:, n + 1) = (x(i - 1, :) - self%centre(i - 1, g))/self%reach(i - 1, g)
-            before = sqrt(sum(w))
+            before = sqrt(sum(soft))
             ! twice is enough
             do trial = 1, 2
                do j = 1, n
-                  factor = sum(w*m(:, j)*m(:, n + 1))
+                  factor = sum(soft*m(:, j)*m(:, n + 1))
                   m(:, n + 1) = m(:, n + 1) - factor*m(:, j)
                   c = c - factor*self%monomial(:, j, g)
                end do
             end do
-            factor = sqrt(sum(w*m(:, n + 1)**2))
+            factor = sqrt(sum(soft*m(:, n + 1)**2))
             if (factor <= dependent*before) cycle
             n = n + 1
             m(:, n) = m(:, n)/factor

@@ -23,6 +23,10 @@ module rk_stabilisation
 
    !> Bulk modulus in each cell over its shear modulus: that of a Poisson's ratio of 0.35
    real(wp), parameter :: local_share = 3.0_wp
+   !> Bulk moduli of a group that differ by less, of their mean, are one
+   real(wp), parameter :: equal = 1.0e-12_wp
+   !> Softness of points beside much softer ones: polynomials that only they tell apart keep a norm
+   real(wp), parameter :: least = 1.0e-6_wp
 
 contains
 
@@ -67,8 +71,10 @@ subroutine stabilise(matrix, value, cells, inside, modulus)
    end do
 end subroutine stabilise
 
-!> Share the bulk modulus among the volume ratio at each point and its projection in each group
-subroutine share_bulk(mixture, cells, nc, stabilisation, local, projected)
+!> Share the bulk modulus among the volume ratio at each point and its projection in each group. At
+!> one pressure the changes of volume of soft and stiff points add up: the modulus of a group is the
+!> harmonic mean, or the stiff points would take the others' change of volume away.
+subroutine share_bulk(mixture, cells, nc, stabilisation, local, projected, softness)
    !> Materials of the collocation points and, after them, of the integration points
    type(mixture_type), intent(in) :: mixture
    !> Integration points
@@ -81,22 +87,32 @@ subroutine share_bulk(mixture, cells, nc, stabilisation, local, projected)
    real(wp), allocatable, intent(out) :: local(:)
    !> Part that acts on the projection in each group, shape (groups) [stress]
    real(wp), allocatable, intent(out) :: projected(:)
-   integer :: g, i, q
+   !> Modulus of the group over that of each integration point, shape (np) [-]
+   real(wp), allocatable, intent(out) :: softness(:)
+   real(wp) :: bulk(size(cells%weight))
+   integer :: g, i
 
    allocate (local(nc + size(cells%weight)), source=0.0_wp)
    if (cells%smoothed) then
       do i = 1, size(local)
          ! pressures need a modulus of their own
-         local(i) = min(0.5_wp*mixture%bulk(i), &
+         local(i) = min(0.5_wp*mixture%bulk_at_one_pressure(i), &
             & local_share*stabilisation*mixture%shear_modulus(i, identity))
       end do
    end if
-   allocate (projected(size(cells%first) - 1), source=0.0_wp)
+   bulk = [(mixture%bulk_at_one_pressure(nc + i) - local(nc + i), i=1, size(bulk))]
+   allocate (projected(size(cells%first) - 1))
+   allocate (softness(size(bulk)), source=1.0_wp)
    do g = 1, size(projected)
-      do q = cells%first(g) + 1, cells%first(g + 1)
-         projected(g) = projected(g) + cells%weight(q)*(mixture%bulk(nc + q) - local(nc + q))
-      end do
-      projected(g) = projected(g)/sum(cells%weight(cells%first(g) + 1:cells%first(g + 1)))
+      associate (first => cells%first(g) + 1, last => cells%first(g + 1))
+         projected(g) = sum(cells%weight(first:last)*bulk(first:last)) &
+            & /sum(cells%weight(first:last))
+         ! moduli that differ by rounding are one
+         if (minval(bulk(first:last)) >= (1.0_wp - equal)*projected(g)) cycle
+         projected(g) = sum(cells%weight(first:last)) &
+            & /sum(cells%weight(first:last)/bulk(first:last))
+         softness(first:last) = max(projected(g)/bulk(first:last), least)
+      end associate
    end do
 end subroutine share_bulk
 

@@ -101,8 +101,8 @@ subroutine new_weak_linear(self, scene, error)
    call set_surface(self)
    call self%surface%set_penalty(scene, self%cells, spread(stiffness, 1, size(self%cells%weight)))
    call set_gradient(self, ns, facet)
-   call new_pressure(self%pressure, self%cells, scene%galerkin%pressure_degree, &
-      & scene%cloud%points, error)
+   call new_pressure(self%pressure, self%cells, spread(1.0_wp, 1, size(self%cells%weight)), &
+      & scene%galerkin%pressure_degree, scene%cloud%points, error)
    if (allocated(error)) return
    call new_symmetric(self%matrix, self%fields, ns, self%gradient%member)
    allocate (self%force(self%n), source=0.0_wp)

@@ -51,6 +51,8 @@ module rk_mixture
    contains
       !> Bulk modulus
       procedure :: bulk
+      !> Bulk modulus of tissues that share one pressure
+      procedure :: bulk_at_one_pressure
       !> Shear modulus of a deformed state
       procedure :: shear_modulus
       !> P
@@ -223,6 +225,29 @@ pure real(wp) function bulk(self, ip)
       bulk = bulk + self%fraction(e)*self%scene%tissue(self%tissue(e))%material%bulk
    end do
 end function bulk
+
+!> Bulk modulus at a place where tissues share one pressure: their changes of volume add up, so that
+!> a share of stiff tissue takes no more than its own away [stress]
+pure real(wp) function bulk_at_one_pressure(self, ip) result(bulk)
+   !> Mixture
+   class(mixture_type), intent(in) :: self
+   !> Place
+   integer, intent(in) :: ip
+   real(wp) :: compliance
+   integer :: e
+
+   compliance = 0.0_wp
+   associate (first => self%first(ip) + 1, last => self%first(ip + 1))
+      bulk = self%scene%tissue(self%tissue(first))%material%bulk
+      if (first == last) return
+      do e = first, last
+         compliance = compliance &
+            & + self%fraction(e)/self%scene%tissue(self%tissue(e))%material%bulk
+      end do
+   end associate
+   ! all incompressible: the first one is infinite
+   if (compliance > 0.0_wp) bulk = 1.0_wp/compliance
+end function bulk_at_one_pressure
 
 !> Shear modulus of a deformed state at a place, without fibers [stress]
 pure real(wp) function shear_modulus(self, ip, f)

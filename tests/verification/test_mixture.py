@@ -5,6 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
+from myork.core.deck import table_defaults
 from myork.errors import InputError
 from myork.records import Labels, PointCloud
 from myork.reference import materials
@@ -211,3 +212,49 @@ def test_tangent_where_only_a_part_has_fibers(open_plates):
 def test_strong_forms_refuse_fibers_that_jump(open_plates):
     with pytest.raises(InputError, match="interface_fibers: only for scene.method = rkpm"):
         open_plates("own", method="rkcm")
+
+
+def squeezed(open_scene, bulk, layers):
+    """Force on a cushion 1 x 1 x 2/3 of soft tissues between glued plates, squeezed by 5 %, of
+    two halves with these bulk moduli, one above the other or side by side.
+    """
+    data = np.ones((6, 6, 4), np.int32)
+    data[(slice(None), slice(None), slice(2, None)) if layers else slice(3, None)] = 2
+    table = {**table_defaults("build"), "source_stride": [1] * 3, "collocation_stride": [1] * 3}
+    labels = Labels(data, np.diag([10 / 6] * 3 + [1.0]), {1: "one", 2: "other"})
+    cloud, _ = build_cloud(labels, None, table, "cm")
+    scene = open_scene(
+        {
+            "scene": {"dimension": 3, "method": "rkpm-scni"},
+            "material": [
+                {
+                    "name": f"tissue {k}",
+                    "model": "neo-hookean",
+                    "mu": 1,
+                    "K": bulk[k],
+                    "label": k + 1,
+                }
+                for k in (0, 1)
+            ],
+            "boundary": [
+                {"set": "bottom", "u_x": 0, "u_y": 0, "u_z": 0},
+                {"set": "top", "u_x": 0, "u_y": 0, "u_z": -0.05},
+            ],
+            "probe": [{"name": "F", "quantity": "force_z", "set": "top"}],
+        },
+        cloud=cloud,
+    )
+    return scene.probes(scene.solve().x[-1:], np.ones(1))[0, 0, 0]
+
+
+@pytest.mark.parametrize("layers", [True, False], ids=["above", "beside"])
+def test_bulk_moduli_of_a_thousandfold_difference(open_scene, layers):
+    """The softer half keeps its change of volume: the force lies half way between those of
+    uniform cushions, as in felupe's quadratic elements (0.498 and 0.499 of the way, 4x4x4).
+    Means of K in groups and interfaces made the whole cushion as stiff as its stiffer half (0.98
+    and 1.00). A half with K = inf is no other than a stiff one.
+    """
+    soft, stiff = (squeezed(open_scene, (k, k), layers) for k in (1e2, 1e5))
+    for bulk in ((1e2, 1e5), (1e2, np.inf)):
+        way = (squeezed(open_scene, bulk, layers) - soft) / (stiff - soft)
+        assert way == pytest.approx(0.5, abs=0.03)
