@@ -7,7 +7,7 @@ module rk_explain
    use rk_lapack, only : syrk
    use rk_memory, only : available_bytes
    use rk_precision, only : i8, wp
-   use rk_scene, only : scene_type
+   use rk_scene, only : condition_type, scene_type
    use rk_text, only : to_text
    implicit none
    private
@@ -55,8 +55,7 @@ subroutine explain(deck, model, scene)
    do k = 1, size(scene%condition)
       associate (condition => scene%condition(k))
          print '(a)', '  boundary      '//trim(scene%cloud%set_names(condition%set))//': ' &
-            & //merge('radial displacement', 'displacement       ', condition%is_radial)//' of ' &
-            & //to_text(count(condition%fixed(:scene%cloud%nd)))//' components'
+            & //held(condition, scene%cloud%nd)
       end associate
    end do
    if (.not. allocated(scene%equation%kind)) print '(a)', '  load          ' &
@@ -93,6 +92,27 @@ subroutine explain_equation(scene)
          & //to_text(size(equation%pin))//' pins, flux elsewhere'
    end associate
 end subroutine explain_equation
+
+!> What a condition prescribes
+function held(condition, nd) result(text)
+   !> Condition
+   type(condition_type), intent(in) :: condition
+   !> Dimension
+   integer, intent(in) :: nd
+   character(len=:), allocatable :: text
+   character(len=1), parameter :: axes(3) = ['x', 'y', 'z']
+   integer :: d
+
+   text = ''
+   if (condition%is_radial) text = ', radial displacement '//to_text(condition%radial)
+   do d = 1, nd
+      if (condition%fixed(d)) text = text//', u_'//axes(d)//' '//to_text(condition%value(d))
+   end do
+   if (any(abs(condition%traction(:nd)) > 0.0_wp)) &
+      & text = text//', traction '//to_text(condition%traction(:nd))
+   if (text == '') text = ', free'
+   text = text(3:)
+end function held
 
 !> What of a material is paid for
 function parts(active) result(text)

@@ -65,6 +65,8 @@ module rk_shape
    !> grid coordinates and far below any spacing
    real(wp), parameter :: quantum = 2.0_wp**44
 
+   !> More different coordinates than any basis needs
+   integer, parameter :: most_planes = 10
    !> A pivot below this share of the unit diagonal means a singular moment matrix
    real(wp), parameter :: pivot_min = 1.0e-13_wp
 
@@ -512,12 +514,21 @@ subroutine singular_error(approximation, powers, source, support, x, ip, n, erro
    integer, allocatable :: near(:)
    character(len=:), allocatable :: cure
    real(wp) :: factor
+   character(len=1), parameter :: axes(3) = ['x', 'y', 'z']
    logical :: singular
-   integer :: i, trial
+   integer :: i, trial, across
 
    factor = 1.0_wp
    cure = 'no larger support cures it: do the source points lie in a line or plane, or are' &
       & //' some of them equal?'
+   do i = 1, size(x)
+      across = planes(source(i, :))
+      if (across == 1 .or. across > approximation%order) cycle
+      cure = 'a basis of that order needs '//to_text(approximation%order + 1)//' source points ' &
+         & //'across in each direction, along '//axes(i)//' there are '//to_text(across) &
+         & //': use more of them, or order '//to_text(max(across - 1, 1))
+      exit
+   end do
    do trial = 1, 16
       factor = factor*1.1_wp
       wide = factor*support
@@ -535,5 +546,19 @@ subroutine singular_error(approximation, powers, source, support, x, ip, n, erro
       & //to_text(approximation%order)//' needs at least '//to_text(size(powers, 2)) &
       & //'); '//cure)
 end subroutine singular_error
+
+!> Number of different coordinates, as far as a basis may need them
+pure integer function planes(coordinate)
+   !> Coordinates, shape (ns) [length]
+   real(wp), intent(in) :: coordinate(:)
+   real(wp) :: least, apart
+
+   apart = 1.0e-9_wp*(maxval(coordinate) - minval(coordinate))
+   least = minval(coordinate)
+   do planes = 1, most_planes
+      if (.not. any(coordinate > least + apart)) exit
+      least = minval(coordinate, mask=coordinate > least + apart)
+   end do
+end function planes
 
 end module rk_shape

@@ -162,7 +162,7 @@ def _report(options: argparse.Namespace) -> None:
 
 
 def _explain(options: argparse.Namespace) -> None:
-    from myork.stations.solve import explain_deck
+    from myork.stations.explain import explain_deck
 
     explain_deck(options.deck, out=options.out, overrides=_overrides(options))
 

@@ -237,3 +237,23 @@ def test_interrupt_waits_for_the_clean_end(
     assert process.returncode == 1
     assert message == "myork: stopped in load step 2; step 1 is written\n"
     assert written.read_text() == "1"
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("mg_muscle", ("phantom calf of 96 x 96 x 15", "myork segment, myork build, myork solve")),
+        ("leg_muscles", ("6 muscles: 8 regions", "myork segment, myork build")),
+    ],
+)
+def test_explain_tells_of_images_before_there_is_a_model(
+    name: str,
+    words: tuple[str, ...],
+    inputs: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert cli.main(["explain", str(inputs / f"{name}.toml"), "--out", str(tmp_path)]) == 0
+    said = capsys.readouterr().out
+    for text in words:
+        assert text in said

@@ -225,6 +225,14 @@ def test_refusals_say_what_is_wrong(case):
     assert message in str(refused.value)
 
 
+def test_order_that_wants_more_points_across_says_so():
+    """Three points across carry a basis of order 2, whatever the support."""
+    source = np.array([[x, 0.5 * y] for x in range(7) for y in range(3)], float)
+    with pytest.raises(InputError, match="along y there are 3: use more of them, or order 2"):
+        shape_functions(source, 9.0, [[0.51, 0.52]], order=4)
+    shape_functions(source, 9.0, [[0.51, 0.52]], order=2)
+
+
 def test_support_that_is_too_small_names_a_cure_that_works():
     source, spacing = grid(2, 11)
     place = [[0.51, 0.52]]

@@ -32,7 +32,7 @@ from myork.errors import (
 )
 from myork.files import write_text
 
-__all__ = ["explain_deck", "find_executable", "run_deck"]
+__all__ = ["find_executable", "run_deck", "run_executable", "set_options"]
 
 _NAME = "myork-solve"
 
@@ -128,7 +128,7 @@ def run_deck(
     if not error:
         options.append("--no-error")
     try:
-        _run(deck, [*options, *_set_options(overrides)], progress)
+        run_executable(deck, [*options, *set_options(overrides)], progress)
     except ConvergenceError as ended:
         # both are exit status 1; that of an earlier run says that a later one failed
         summary = _summary(out)
@@ -141,30 +141,6 @@ def run_deck(
     return summary
 
 
-def explain_deck(
-    deck: str | Path,
-    *,
-    out: str | Path | None = None,
-    overrides: Sequence[str] = (),
-    progress: ProgressCallback = print,
-) -> None:
-    """Say what a deck will model: sizes, memory and cost; refuse what does not fit.
-
-    Parameters
-    ----------
-    deck : str or Path
-        Deck file.
-    out : str or Path, optional
-        Folder in which the model of the deck is looked for first.
-    overrides : sequence of str
-        Overrides of the deck, `"table.key=value"`.
-    progress : callable
-        Called with every line of the explanation.
-    """
-    options = ["--explain"] if out is None else ["--explain", "-o", str(out)]
-    _run(deck, [*options, *_set_options(overrides)], progress)
-
-
 def _summary(out: str | Path) -> dict[str, Any]:
     """Content of `summary.json` in a folder, nothing if there is no readable one."""
     try:
@@ -174,11 +150,12 @@ def _summary(out: str | Path) -> dict[str, Any]:
     return content
 
 
-def _set_options(overrides: Sequence[str]) -> list[str]:
+def set_options(overrides: Sequence[str]) -> list[str]:
+    """Overrides as options of the executable."""
     return [word for override in overrides for word in ("--set", override)]
 
 
-def _run(deck: str | Path, options: Sequence[str], progress: ProgressCallback) -> None:
+def run_executable(deck: str | Path, options: Sequence[str], progress: ProgressCallback) -> None:
     """Run the executable, hand on its lines, turn its exit status into an exception."""
     # The child ends with this process, whatever ends it.
     environment = {"OMP_WAIT_POLICY": "passive", **os.environ, "MYORK_PARENT": str(os.getpid())}

@@ -162,7 +162,9 @@ def _errors(
         for name, truth in truths.items()
         if name in probes
     }
-    bar = {name: bars[name] / abs(truths[name].value) for name in error if name in bars}
+    bar = {
+        name: bars[name] / abs(truths[name].value) for name in error if bars.get(name) is not None
+    }
     doubt = {name: truths[name].doubt / abs(truths[name].value) for name in error}
     held = [error[name] <= bar[name] + doubt[name] for name in bar]
     largest = {

@@ -1,0 +1,109 @@
+"""What a deck will do and what that costs, before anything is computed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from myork.console import ProgressCallback
+from myork.core.deck import load_deck
+from myork.imaging.io import read_image
+from myork.stations.solve import run_executable, set_options
+
+__all__ = ["explain_deck"]
+
+
+def explain_deck(
+    deck: str | Path,
+    *,
+    out: str | Path | None = None,
+    overrides: Sequence[str] = (),
+    progress: ProgressCallback = print,
+) -> None:
+    """Say what a deck will model: images, sizes, memory and cost; refuse what does not fit.
+
+    Parameters
+    ----------
+    deck : str or Path
+        Deck file.
+    out : str or Path, optional
+        Folder in which the model of the deck is looked for first.
+    overrides : sequence of str
+        Overrides of the deck, `"table.key=value"`.
+    progress : callable
+        Called with every line of the explanation.
+    """
+    values = load_deck(deck, overrides)
+    geometry = values.get("geometry")
+    folder = Path("out", Path(deck).stem) if out is None else Path(out)
+    if (geometry is None or geometry["kind"] == "model") and not _has_model(values, folder):
+        for line in _stations(values):
+            progress(line)
+        return
+    options = ["--explain"] if out is None else ["--explain", "-o", str(out)]
+    run_executable(deck, [*options, *set_options(overrides)], progress)
+
+
+def _has_model(values: Mapping[str, Any], out: Path) -> bool:
+    """Whether the model of a deck that wants one is there."""
+    geometry = values.get("geometry")
+    if geometry is None:
+        return False
+    folders = (out, Path(values["folder"]))
+    return any((folder / geometry["file"]).is_file() for folder in folders)
+
+
+def _stations(values: Mapping[str, Any]) -> list[str]:
+    """What the stations before the solve will do."""
+    build = values["build"]
+    lines = [values["title"]]
+    if "surface" in build:
+        lines.append(
+            f"  surface       {build['surface']}, cut into voxels of {_by(build['voxel'])} mm"
+        )
+    elif "labels" in build:
+        lines.append(f"  labels        {build['labels']}")
+    else:
+        lines += _images(values)
+    block, stride = build["collocation_stride"], build["source_stride"]
+    lines.append(
+        f"  build         a collocation point for {_by(block)} voxels, a source point for "
+        f"{_by(stride)}"
+    )
+    if "geometry" in values:
+        lines.append(
+            f"  solve         method {values['scene']['method']}, {len(values['material'])} "
+            f"material(s); sizes and cost once model.h5 is built: explain again then"
+        )
+    first = () if "labels" in build or "surface" in build else ("segment",)
+    last = ("solve",) if "geometry" in values else ()
+    lines.append(f"  commands      {', '.join(('myork ' + c) for c in (*first, 'build', *last))}")
+    return lines
+
+
+def _images(values: Mapping[str, Any]) -> list[str]:
+    """The images and how they are segmented."""
+    image, phantom = values["image"], values["phantom"]
+    if image.get("anatomy"):
+        path = Path(values["folder"]) / image["anatomy"]
+        anatomy = read_image(path)
+        size, spacing = anatomy.data.shape[:3], [round(float(s), 4) for s in anatomy.spacing]
+        lines = [f"  image         {path.name}: {_by(size)} voxels of {_by(spacing)} mm"]
+        if image.get("tensor") or image.get("dwi"):
+            lines.append(f"  diffusion     {image.get('tensor') or image.get('dwi')}")
+    else:
+        lines = [
+            f"  image         none is named: a phantom calf of {_by(phantom['size'])} voxels of "
+            f"{_by(phantom['spacing'])} mm with its diffusion tensors"
+        ]
+    what = f"{len(values['muscle'])} muscles" if values["muscle"] else image["label"]
+    lines.append(
+        f"  segment       {what}: {image['regions']} regions by level sets, bias by "
+        f"{values['bias']['method']}, at most {image['iterations']} iterations"
+    )
+    return lines
+
+
+def _by(values: Sequence[float]) -> str:
+    return " x ".join(f"{value:g}" for value in values)
