@@ -3,7 +3,7 @@
 !> A probe that symmetry makes zero says nothing by its own size. Displacements are therefore taken
 !> relative to their own size, but at least to a tenth of that of their kind: the largest
 !> displacement of the body, the largest force on a boundary set, the mean norm of the stress over
-!> the volume.
+!> the volume; stresses inside to three tenths of that.
 module rk_bars
    use, intrinsic :: ieee_arithmetic, only : ieee_is_nan, ieee_quiet_nan, ieee_value
    use rk_cloud, only : cloud_type
@@ -26,8 +26,8 @@ module rk_bars
    real(wp), parameter :: factor_forms = 2.0_wp
    !> No bar is below these shares of the value and of the size [-]
    real(wp), parameter :: least_of_value = 1.0e-3_wp, least_of_size = 1.0e-6_wp
-   !> Least size of a probe, of that of its kind [-]
-   real(wp), parameter :: share_of_kind = 0.1_wp
+   !> Least size of a probe, of that of its kind, and of a stress inside the body [-]
+   real(wp), parameter :: share_of_kind = 0.1_wp, share_inside = 0.3_wp
 
    !> Bars of all probes
    type :: bars_type
@@ -40,6 +40,8 @@ module rk_bars
       real(wp), allocatable :: change(:)
       !> Own size, at least a tenth of that of its kind, shape (probes)
       real(wp), allocatable :: size(:)
+      !> Own size, at least that of its kind, shape (probes)
+      real(wp), allocatable :: kind(:)
       !> Stresses at the surface, shape (probes)
       logical, allocatable :: at_surface(:)
    contains
@@ -63,11 +65,12 @@ subroutine new_bars(self, problem, state, error)
    type(error_type), allocatable, intent(out) :: error
    type(probes_type) :: probes
    type(point_state) :: local
-   real(wp) :: displacement, stress, total, force, weight
+   real(wp) :: displacement, stress, total, force, weight, share
    integer :: i, n, set
 
    n = size(problem%scene%probe)
-   allocate (self%value(3, n), self%bar(3, n), self%change(n), self%size(n), self%at_surface(n))
+   allocate (self%value(3, n), self%bar(3, n), self%change(n), self%size(n), &
+      & self%kind(n), self%at_surface(n))
    self%bar = ieee_value(1.0_wp, ieee_quiet_nan)
    self%change = self%bar(1, :)
    self%at_surface = .false.
@@ -92,6 +95,7 @@ subroutine new_bars(self, problem, state, error)
       end do
       do i = 1, n
          call probe_value(problem, probes, i, state, self%value(:, i))
+         share = share_of_kind
          if (scene%probe(i)%set > 0) then
             self%size(i) = force
          else if (scene%probe(i)%quantity(1:1) == 'u') then
@@ -101,8 +105,11 @@ subroutine new_bars(self, problem, state, error)
          else
             self%size(i) = stress
             self%at_surface(i) = on_surface(scene%cloud, scene%probe(i)%point)
+            if (.not. self%at_surface(i)) share = share_inside
          end if
-         self%size(i) = max(share_of_kind*self%size(i), norm2(self%value(:quantity_size( &
+         self%kind(i) = max(self%size(i), norm2(self%value(:quantity_size( &
+            & scene%probe(i)%quantity), i)))
+         self%size(i) = max(share*self%size(i), norm2(self%value(:quantity_size( &
             & scene%probe(i)%quantity), i)))
       end do
    end associate
@@ -127,6 +134,7 @@ subroutine bars_by_other(self, problem, other, same_form)
       if (.not. same_form) then
          factor = factor_forms
          self%size(i) = max(self%size(i), other%size(i))
+         self%kind(i) = max(self%kind(i), other%kind(i))
       end if
       call set_bar(self, i, quantity_size(problem%scene%probe(i)%quantity), factor, &
          & other%value(:, i))

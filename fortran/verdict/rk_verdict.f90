@@ -35,8 +35,10 @@ module rk_verdict
    real(wp), parameter :: of_inner_works(2) = [0.10_wp, 0.30_wp]
    !> Forces on all boundary sets, of the largest of them
    real(wp), parameter :: of_balance(2) = [0.05_wp, 0.25_wp]
-   !> Change of a probe against the companion: fewer points, and another form
-   real(wp), parameter :: of_change(2) = [0.05_wp, 0.25_wp], of_forms(2) = [0.05_wp, 0.10_wp]
+   !> Change of a probe against the companion: another cloud, of which errors are a half to a fifth,
+   !> but for stresses at the surface; and another form
+   real(wp), parameter :: of_change(2) = [0.10_wp, 0.25_wp], of_surface = 0.05_wp
+   real(wp), parameter :: of_forms(2) = [0.05_wp, 0.10_wp]
    !> Change of all displacements against fewer points, which a coarse companion has most of itself:
    !> inclined blocks 0.3, 0.9 and 1.8 % off are 8, 24 and 29 % away from theirs
    real(wp), parameter :: of_distance(2) = [0.25_wp, 0.50_wp]
@@ -208,8 +210,9 @@ subroutine judge_probes(self, problem, bounds, from, outcome)
    !> What the run found out
    type(outcome_type), intent(inout) :: outcome
    type(verdict_type) :: found
-   integer :: worst
+   real(wp), allocatable :: lower(:), upper(:)
    real(wp) :: limits(2)
+   integer :: worst
 
    found%state = accepted
    found%reasons = ''
@@ -218,15 +221,21 @@ subroutine judge_probes(self, problem, bounds, from, outcome)
    if (self%companion%coarse) limits(2) = huge(1.0_wp)
    call found%compare(self%companion%distance, limits, ' of their norm are the displacements away' &
       & //from)
-   if (size(self%bars%change) > 0) then
-      worst = maxloc(self%bars%change, dim=1)
-      limits = bounds
-      ! there the other form may be the one that is off
-      if ((self%companion%same_points .and. self%bars%at_surface(worst)) &
-         & .or. self%companion%coarse) limits(2) = huge(1.0_wp)
-      if (self%bars%change(worst) >= 0.0_wp) call found%compare(self%bars%change(worst), limits, &
-         & ' of its size is probe '//problem%scene%probe(worst)%name//' away'//from)
-   end if
+   associate (bars => self%bars)
+      allocate (lower(size(bars%change)), upper(size(bars%change)))
+      lower = bounds(1)
+      where (bars%at_surface) lower = min(lower, of_surface)
+      ! what is small among its kind does not speak against the rest
+      upper = bounds(2)*bars%kind/max(bars%size, tiny(1.0_wp))
+      ! at the surface the other form may be the one that is off
+      if (self%companion%same_points) where (bars%at_surface) upper = huge(1.0_wp)
+      if (self%companion%coarse) upper = huge(1.0_wp)
+      worst = maxloc(bars%change/lower, dim=1)
+      if (any(bars%change > upper)) worst = maxloc(bars%change, dim=1, mask=bars%change > upper)
+      if (any(bars%change >= 0.0_wp)) call found%compare(bars%change(worst), &
+         & [lower(worst), upper(worst)], ' of its size is probe ' &
+         & //problem%scene%probe(worst)%name//' away'//from)
+   end associate
    outcome%warnings = outcome%warnings//found%reasons
    self%reasons = self%reasons//found%reasons
    self%state = max(self%state, found%state)

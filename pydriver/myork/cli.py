@@ -336,7 +336,7 @@ def _parser() -> argparse.ArgumentParser:
         nargs="+",
         metavar="NAME",
         help="linear, nonlinear, stability, curves, methods, mixed, mms, clouds, gallery, aging, "
-        "faults or trust",
+        "faults, trust or certify",
     )
     bench.add_argument("--quick", action="store_true", help="small cases only")
     report = add(
