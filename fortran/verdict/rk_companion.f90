@@ -194,8 +194,7 @@ subroutine choose(self, scene, deck, words)
       & 'geometry.source='//self%lattice, 'geometry.collocation='//list(collocation)]
 end subroutine choose
 
-!> Half as many cells in a direction; twice as many where there are too few to tell. Numbers are
-!> even: the pressure is projected on groups of two by two, and cells left over are the worse for it
+!> Half as many cells in a direction; twice as many where there are too few to tell
 elemental integer function other_number(source, order) result(points)
    !> Source points in this direction
    integer, intent(in) :: source
@@ -203,7 +202,7 @@ elemental integer function other_number(source, order) result(points)
    integer, intent(in) :: order
 
    associate (cells => source - 1)
-      points = 1 + max(2*(cells/4), 2)
+      points = 1 + max(cells/2, 2)
       if (cells < 3 .or. points <= order) points = 1 + 2*cells
    end associate
 end function other_number

@@ -98,8 +98,8 @@ subroutine judge(self, problem, deck, model, with_companion, receiver, outcome)
       call judge_norms(self, outcome)
    else
       call judge_works(self, problem, outcome)
-      call self%compare(outcome%imbalance, of_balance, ' of the largest force is left by the ' &
-         & //'forces on all boundary sets: they do not balance')
+      call self%compare(outcome%imbalance, of_balance, 'the forces on all boundary ' &
+         & //'sets do not balance: # of the largest is left')
       if (problem%has_pressure()) call judge_volume(self, problem, outcome%last)
    end if
    outcome%warnings = outcome%warnings//self%reasons
@@ -141,7 +141,7 @@ subroutine judge_norms(self, outcome)
 
    if (.not. allocated(outcome%norms)) return
    call self%compare(outcome%norms%l2/max(outcome%norms%l2_solution, tiny(1.0_wp)), of_error, &
-      & ' of the known solution is the norm of the error')
+      & 'the norm of the error is # of that of the known solution')
 end subroutine judge_norms
 
 !> Work of the stress against that of the forces, where the form does not keep it by construction
@@ -164,10 +164,9 @@ subroutine judge_works(self, problem, outcome)
             & (condition(k)%is_radial .and. abs(condition(k)%radial) > 0.0_wp)) bounds = of_works
       end do
    end associate
-   call self%compare(abs(outcome%work_mismatch), bounds, ' ' &
-      & //trim(merge('less', 'more', outcome%work_mismatch < 0.0_wp))//' work is done by the ' &
-      & //'stress than by the forces: the state is off equilibrium, and displacements may be as ' &
-      & //'far off')
+   call self%compare(abs(outcome%work_mismatch), bounds, 'the ' &
+      & //'stress does # '//merge('less', 'more', outcome%work_mismatch < 0.0_wp)//' work than ' &
+      & //'the forces: the state is off equilibrium, and displacements may be as far off')
 end subroutine judge_works
 
 !> Volume in which J is not that of the pressure, where the pressure is a field of its own
@@ -193,8 +192,8 @@ subroutine judge_volume(self, problem, state)
          if (abs(determinant(f) - wanted) > off_pressure) off = off + volume(ip)
       end do
    end associate
-   call self%compare(off/max(total, tiny(1.0_wp)), of_volume, ' of the volume has a J more than ' &
-      & //to_text(off_pressure)//' away from what its pressure allows')
+   call self%compare(off/max(total, tiny(1.0_wp)), of_volume, 'in # of the volume J is ' &
+      & //'more than '//to_text(off_pressure)//' away from what the pressure allows')
 end subroutine judge_volume
 
 !> Displacements as a whole, and the probe that is farthest off
@@ -219,8 +218,8 @@ subroutine judge_probes(self, problem, bounds, from, outcome)
    limits = bounds
    if (.not. self%companion%same_points) limits = of_distance
    if (self%companion%coarse) limits(2) = huge(1.0_wp)
-   call found%compare(self%companion%distance, limits, ' of their norm are the displacements away' &
-      & //from)
+   call found%compare(self%companion%distance, limits, 'the displacements are # of ' &
+      & //'their norm away'//from)
    associate (bars => self%bars)
       allocate (lower(size(bars%change)), upper(size(bars%change)))
       lower = bounds(1)
@@ -233,8 +232,8 @@ subroutine judge_probes(self, problem, bounds, from, outcome)
       worst = maxloc(bars%change/lower, dim=1)
       if (any(bars%change > upper)) worst = maxloc(bars%change, dim=1, mask=bars%change > upper)
       if (any(bars%change >= 0.0_wp)) call found%compare(bars%change(worst), &
-         & [lower(worst), upper(worst)], ' of its size is probe ' &
-         & //problem%scene%probe(worst)%name//' away'//from)
+         & [lower(worst), upper(worst)], 'probe '//problem%scene%probe(worst)%name &
+         & //' is # of its size away'//from)
    end associate
    outcome%warnings = outcome%warnings//found%reasons
    self%reasons = self%reasons//found%reasons
@@ -267,12 +266,14 @@ subroutine compare(self, measure, bounds, what)
    real(wp), intent(in) :: measure
    !> From where on the answer is doubtful and refused [-]
    real(wp), intent(in) :: bounds(2)
-   !> What it is, behind the per cents
+   !> The sentence, with # for the measure
    character(len=*), intent(in) :: what
+   integer :: at
 
    if (measure <= bounds(1)) return
+   at = index(what, '#')
    call self%object(merge(refused, doubtful, measure > bounds(2) .or. ieee_is_nan(measure)), &
-      & to_text(100.0_wp*measure, 2)//' %'//what)
+      & what(:at - 1)//to_text(100.0_wp*measure, 2)//' %'//what(at + 1:))
 end subroutine compare
 
 !> Add a reason

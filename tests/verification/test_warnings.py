@@ -36,7 +36,7 @@ CASES: dict[
         ("scene.method=rkcm", "material.K=1e4", "geometry.source=[3,3,3]",
          "geometry.collocation=[5,5,5]", "load.steps=2"),
         "refused",
-        ("is probe shear_stress away",),
+        ("probe shear_stress is",),
         RefusedError,
     ),
     "a coarse tube": (
@@ -44,8 +44,8 @@ CASES: dict[
         ("scene.method=rkcm", "geometry.source=[3,9]", "geometry.collocation=[5,17]",
          "load.steps=4"),
         "refused",
-        ("less work is done by the stress", "they do not balance", "are the displacements away",
-         "is probe radial_stress away"),
+        ("less work than the forces", "do not balance", "of their norm away",
+         "probe radial_stress is"),
         RefusedError,
     ),
     "unbalanced forces of the mixed form": (
@@ -53,7 +53,7 @@ CASES: dict[
         ("scene.method=rkcm-mixed", "geometry.source=[3,7]", "geometry.collocation=[5,13]",
          "load.steps=4"),
         "refused",
-        ("they do not balance", "of the volume has a J", "is probe radial_stress away"),
+        ("do not balance", "of the volume J is", "probe radial_stress is"),
         RefusedError,
     ),
     "ellipticity, mixed form": (
@@ -61,8 +61,8 @@ CASES: dict[
         (*SMALL_MUSCLE, "scene.method=rkcm-mixed", "approximation.order=2",
          "approximation.support=3"),
         "refused",
-        ("loses ellipticity at", "less work is done by the stress", "of the volume has a J",
-         "are the displacements away", "is probe stress_zz away"),
+        ("loses ellipticity at", "less work than the forces", "of the volume J is",
+         "of their norm away", "probe stress_zz is"),
         RefusedError,
     ),
     "ellipticity, nodal integration": (
@@ -70,7 +70,7 @@ CASES: dict[
         (*SMALL_MUSCLE, "geometry.source=[5,5,9]", "scene.method=rkpm-scni",
          "approximation.order=1", "approximation.support=2"),
         "doubtful",
-        ("loses ellipticity at", "is probe side_u_x away from the same with [3,3,5]"),
+        ("loses ellipticity at", "probe side_u_x is", "the same with [3,3,5] points"),
         None,
     ),
     "ended early": (
@@ -197,7 +197,7 @@ def test_a_body_that_bends_is_told_by_its_work(method: str) -> None:
     assert tip < 0.2 * 0.9145
     assert states.work_mismatch < -0.8
     assert states.verdict == "refused"
-    assert any("less work is done by the stress" in text for text in states.warnings)
+    assert any("less work than the forces" in text for text in states.warnings)
 
 
 def test_a_weak_form_keeps_work() -> None:
