@@ -380,38 +380,53 @@ subroutine add_stiffness(self, o, c4, part)
    integer, intent(in) :: o
    !> Moduli times weight at its points, shape (3, 3, 3, 3, n) [stress length^nd]
    real(wp), intent(in) :: c4(:, :, :, :, :)
-   !> Stiffness of its source points, shape (nd*members, nd*members) [force/length]
+   !> Stiffness of its source points, of which the upper triangle is added, shape
+   !> (nd*members, nd*members) [force/length]
    real(wp), intent(inout) :: part(:, :)
    real(wp), allocatable :: stack(:, :, :), right(:, :), block(:, :)
-   integer :: nd, i, j, k, members, n, q
+   integer :: nd, a, b, c, i, j, k, l, members, n, q, kinds
    integer(i8) :: e
 
    nd = self%nd
    n = size(c4, 5)
    members = size(part, 1)/nd
-   allocate (stack(nd*n, members, nd), source=0.0_wp)
-   allocate (right(nd*n, members), block(members, members))
-   do i = 1, nd
+   ! where nothing is lifted, all components have the same gradients
+   kinds = merge(1, nd, all(self%first(1, o + 1:o + n) == self%first(nd, o + 1:o + n)))
+   allocate (stack(members, nd*n, kinds), source=0.0_wp)
+   allocate (right(members, nd*n), block(members, members))
+   do i = 1, kinds
       do q = 1, n
          do e = self%start(o + q) + 1, self%start(o + q + 1)
             k = int(e - self%start(o + q))
-            stack(nd*(q - 1) + 1:nd*q, self%local(e), i) = &
-               & self%value(:, self%first(i, o + q) + k)
+            stack(self%local(e), nd*(q - 1) + 1:nd*q, i) = self%value(:, self%first(i, o + q) + k)
          end do
       end do
    end do
    do j = 1, nd
       do i = 1, j
-         do k = 1, members
-            do q = 1, n
-               right(nd*(q - 1) + 1:nd*q, k) = matmul(c4(i, :nd, j, :nd, q), &
-                  & stack(nd*(q - 1) + 1:nd*q, k, j))
+         do q = 1, n
+            do a = 1, nd
+               c = nd*(q - 1) + a
+               right(:, c) = c4(i, a, j, 1, q)*stack(:, nd*(q - 1) + 1, min(j, kinds))
+               do b = 2, nd
+                  right(:, c) = right(:, c) &
+                     & + c4(i, a, j, b, q)*stack(:, nd*(q - 1) + b, min(j, kinds))
+               end do
             end do
          end do
-         call dgemm('t', 'n', members, members, nd*n, 1.0_wp, stack(:, :, i), nd*n, right, nd*n, &
-            & 0.0_wp, block, members)
-         part(i::nd, j::nd) = part(i::nd, j::nd) + block
-         if (i < j) part(j::nd, i::nd) = part(j::nd, i::nd) + transpose(block)
+         call dgemm('n', 't', members, members, nd*n, 1.0_wp, stack(:, :, min(i, kinds)), members, &
+            & right, members, 0.0_wp, block, members)
+         do l = 1, members
+            do k = 1, l
+               part(nd*(k - 1) + i, nd*(l - 1) + j) = part(nd*(k - 1) + i, nd*(l - 1) + j) &
+                  & + block(k, l)
+            end do
+            if (i == j) cycle
+            do k = 1, l - 1
+               part(nd*(k - 1) + j, nd*(l - 1) + i) = part(nd*(k - 1) + j, nd*(l - 1) + i) &
+                  & + block(l, k)
+            end do
+         end do
       end do
    end do
 end subroutine add_stiffness

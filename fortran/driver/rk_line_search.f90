@@ -23,8 +23,10 @@ contains
 
 !> Halve a step until it is acceptable. Prescribed displacements jump in the first iteration of a
 !> load step, where a growing merit is no sign of divergence: that step is taken blindly.
-subroutine search(problem, load, a, da, r, slope, blind, downhill, trial, new, scale, gain, state)
-   !> Problem, linearised at the trial afterwards
+subroutine search(problem, load, a, da, r, slope, blind, downhill, last, trial, new, scale, gain, &
+   & state)
+   !> Problem, linearised at the trial afterwards, but not at what may be the last one where
+   !> linearising is costly
    class(problem_type), target, intent(inout) :: problem
    !> Load [-]
    real(wp), intent(in) :: load
@@ -38,6 +40,8 @@ subroutine search(problem, load, a, da, r, slope, blind, downhill, trial, new, s
    logical, intent(in) :: blind
    !> The merit must fall; otherwise it may grow a little, as Gauss-Newton's may on its way
    logical, intent(in) :: downhill
+   !> The iteration may end here
+   logical, intent(in) :: last
    !> Unknowns reached, shape (n)
    real(wp), contiguous, intent(inout) :: trial(:)
    !> Their residuals, shape (m)
@@ -50,21 +54,31 @@ subroutine search(problem, load, a, da, r, slope, blind, downhill, trial, new, s
    type(evaluation_type), intent(out) :: state
    real(wp) :: merit
    integer :: cut
+   logical :: accepted, plain
 
    merit = 0.5_wp*dot_product(r, r)
    scale = 1.0_wp
    do cut = 0, max_cuts
       trial = a + scale*da
-      call problem%linearise(trial, load, new, state)
+      ! whole steps are mostly accepted
+      plain = problem%costly .and. (last .or. cut > 0)
+      if (plain) then
+         call problem%evaluate(trial, load, new, state)
+      else
+         call problem%linearise(trial, load, new, state)
+      end if
       ! as a product of differences, which keeps its digits where the merit hardly changes
       gain = 0.5_wp*sum((r - new)*(r + new))
-      if (state%valid) then
-         if (blind) return
-         if (downhill) then
-            if (gain >= -armijo*scale*slope - rounding*merit) return
-         else
-            if (merit - gain <= growth**2*merit) return
-         end if
+      if (blind) then
+         accepted = .true.
+      else if (downhill) then
+         accepted = gain >= -armijo*scale*slope - rounding*merit
+      else
+         accepted = merit - gain <= growth**2*merit
+      end if
+      if (state%valid .and. accepted) then
+         if (plain .and. .not. last) call problem%linearise(trial, load, new, state)
+         return
       end if
       scale = 0.5_wp*scale
    end do

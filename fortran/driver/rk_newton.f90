@@ -113,7 +113,7 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
    integer(int64) :: clock
    integer :: rejected
    character(len=:), allocatable :: reason
-   logical :: newton, blind, factored, left, returned
+   logical :: newton, blind, factored, left, returned, last, linearised
 
    allocate (a, source=x)
    allocate (da(problem%n), g(problem%n), r(problem%m), trial(problem%n), new(problem%m))
@@ -136,8 +136,9 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
          & //volume_text(self%state))
       return
    end if
+   linearised = .true.
    do
-      call problem%start_iteration()
+      if (linearised) call problem%start_iteration()
       op => problem%operator()
       call op%apply_transposed(r, g)
       it%gradient = norm2(g)
@@ -156,6 +157,13 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
             return
          end if
          exit
+      end if
+      if (.not. linearised) then
+         call system_clock(clock)
+         call problem%linearise(a, load, r, self%state)
+         timer%assemble = timer%assemble + tick(clock)
+         linearised = .true.
+         cycle
       end if
       call self%damping%choose(self%iterations, it%gradient, merit, self%step_norm, &
          & self%tolerance, self%left)
@@ -178,8 +186,13 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
       ! neither the jump at the start of a load step nor rounding says anything about the step
       blind = self%iterations == 1 .or. self%left < nothing &
          & .or. (problem%extent > 0.0_wp .and. all(problem%scaled_norms(da) <= rounding))
+      moved = problem%scaled_norms(da)
+      ! a small step ends the iteration, as a rule, and its gradient is that of the last matrix
+      last = .false.
+      if (self%iterations > 1) last = problem%costly .and. maxval(moved/first) < self%tolerance
       call search(problem, load, a, da, r, dot_product(g, da), blind, &
-         & newton .or. self%damping%lambda > 0.0_wp, trial, new, scale, gain, self%state)
+         & newton .or. self%damping%lambda > 0.0_wp, last, trial, new, scale, gain, self%state)
+      linearised = .not. last .or. .not. scale > 0.0_wp
       self%whole = scale >= 1.0_wp .and. self%damping%lambda < slight
       self%free = scale >= 1.0_wp .and. imposed < slight
       if (scale > 0.0_wp) then
@@ -200,7 +213,6 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
          ! a pressure may be none; then strain times the shear modulus is what it is small against
          first = max(first, first(1), tiny(1.0_wp))
       end if
-      moved = problem%scaled_norms(da)
       if (scale > 0.0_wp) moved = scale*moved
       self%step_norm = maxval(moved/first)
       self%still = scale > 0.0_wp .and. problem%extent > 0.0_wp .and. all(moved <= rounding)
@@ -340,7 +352,8 @@ subroutine begin(self, problem, load, a, r, g, first_gradient)
    real(wp), allocatable :: ahead(:), new(:)
 
    call problem%start_step(a, load)
-   call problem%predict(a, self%done, load, r, self%state)
+   ! the last converged state has a matrix yet; that of the start will be another one
+   call problem%predict(a, self%done, load, allocated(self%slope), r, self%state)
    call problem%start_iteration()
    op => problem%operator()
    call op%apply_transposed(r, g)
@@ -354,7 +367,7 @@ subroutine begin(self, problem, load, a, r, g, first_gradient)
       r = new
       self%state = state
    else
-      call problem%predict(a, self%done, load, r, self%state)
+      call problem%predict(a, self%done, load, .false., r, self%state)
    end if
 end subroutine begin
 

@@ -48,16 +48,14 @@ module rk_galerkin
       type(recovery_type) :: recovery
       !> Part of the bulk modulus that acts at each collocation and integration point, shape
       !> (nc + np), and that which acts on the projected volume ratio, shape (groups) [stress]
-      real(wp), allocatable :: local_bulk(:)
-      real(wp), allocatable :: bulk(:)
+      real(wp), allocatable :: local_bulk(:), bulk(:)
       !> Surface
       type(surface_type) :: surface
       !> Nearest collocation point of each point, shape (np)
       integer, allocatable :: nearest(:)
       !> Deformation gradient at each point where the tangent was taken, and where the step to there
       !> began, shape (3, 3, np) [-]
-      real(wp), allocatable :: origin(:, :, :)
-      real(wp), allocatable :: base(:, :, :)
+      real(wp), allocatable :: origin(:, :, :), base(:, :, :)
       !> Tangent, and the part of it that never changes: penalty and stabilisation
       type(tangent_type) :: matrix
       real(wp), allocatable :: constant(:)
@@ -95,6 +93,7 @@ subroutine new_galerkin(self, scene, error)
    integer :: ip, nc, nd, np, ns
 
    self%scene => scene
+   self%costly = .true.
    nd = scene%cloud%nd
    nc = size(scene%cloud%points, 2)
    ns = size(scene%cloud%source, 2)
@@ -255,7 +254,7 @@ end subroutine linearise
 !> Residual and tangent with essential values of the last converged state: they jump at the start of
 !> a load step, and the gradients into which they are lifted might not even keep J > 0. The jump
 !> acts linearly.
-subroutine predict(self, x, done, load, r, seen)
+subroutine predict(self, x, done, load, residuals, r, seen)
    !> Problem
    class(galerkin_problem), target, intent(inout) :: self
    !> Unknowns of the last converged state, shape (n)
@@ -264,12 +263,14 @@ subroutine predict(self, x, done, load, r, seen)
    real(wp), intent(in) :: done
    !> Load [-]
    real(wp), intent(in) :: load
+   !> The tangent stays what it was
+   logical, intent(in) :: residuals
    !> Residuals, shape (n) [force]
    real(wp), contiguous, intent(inout) :: r(:)
    !> What was seen
    type(evaluation_type), intent(out) :: seen
 
-   call assemble(self, x, done, load, .true., r, seen)
+   call assemble(self, x, done, load, .not. residuals, r, seen)
 end subroutine predict
 
 !> Sum over the groups
@@ -436,7 +437,7 @@ subroutine group_part(self, g, at, held, load, tangent, force, part)
 
    formed = tangent .and. self%matrix%formed
    ! what the volume of the group changes by is wanted as rows
-   stacked = formed .or. (tangent .and. held < load)
+   stacked = formed .or. held < load
    nd = self%gradient%nd
    nc = size(self%scene%cloud%points, 2)
    o = self%cells%first(g)
@@ -449,9 +450,8 @@ subroutine group_part(self, g, at, held, load, tangent, force, part)
    if (formed) allocate (part(nd*members, nd*members), source=0.0_wp)
    ! no stress exists; the caller rejects the state
    if (.not. all(at%j(o + 1:o + n) > 0.0_wp)) return
-
    jump = 0.0_wp
-   if (tangent) then
+   if (tangent .or. held < load) then
       linear = at%pressure(:, g)
       if (allocated(self%base) .and. .not. self%multiplier%free(g)) linear = &
          & self%pressure%along_step(g, self%cells, self%bulk(g), at%f, self%base)
@@ -462,7 +462,7 @@ subroutine group_part(self, g, at, held, load, tangent, force, part)
       associate (f => at%f(:, :, o + q), j => at%j(o + q))
          cofactor = 0.5_wp*cross(f, f)
          own = self%local_bulk(nc + o + q)*(j - 1.0_wp)
-         if (tangent) then
+         if (tangent .or. held < load) then
             call self%mixture%tangent(nc + o + q, f, load, p, c4(:, :, :, :, q), volumetric=.false.)
             c4(:, :, :, :, q) = self%cells%weight(o + q)*(c4(:, :, :, :, q) + (own &
                & + self%pressure%value(g, o + q, linear))*reshape(cross_form(f), [3, 3, 3, 3]) &
@@ -473,7 +473,7 @@ subroutine group_part(self, g, at, held, load, tangent, force, part)
          end if
          p = p + (own + self%pressure%value(g, o + q, at%pressure(:, g)))*cofactor
       end associate
-      if (tangent .and. held < load) then
+      if (held < load) then
          h = (load - held)*self%gradient%given(:, :, o + q)
          do i = 1, nd
             do k = 1, nd

@@ -22,6 +22,16 @@ module rk_acoustic
    integer, parameter :: refinements = 10
    !> First turn of the refinement
    real(wp), parameter :: first_turn = 0.15_wp
+   !> The first directions: around in the plane, along a Fibonacci spiral over the half sphere
+   integer :: d
+   real(wp), parameter :: around(directions) = [(pi*(d - 1)/directions, d=1, directions)]
+   real(wp), parameter :: height(directions) = [((d - 0.5_wp)/directions, d=1, directions)]
+   real(wp), parameter :: turned(directions) = [(pi*(3.0_wp - sqrt(5.0_wp))*d, d=1, directions)]
+   real(wp), parameter :: flat(3, directions) = reshape([(cos(around(d)), sin(around(d)), 0.0_wp, &
+      & d=1, directions)], [3, directions])
+   real(wp), parameter :: spiral(3, directions) = reshape([(sqrt(1.0_wp - height(d)**2) &
+      & *cos(turned(d)), sqrt(1.0_wp - height(d)**2)*sin(turned(d)), height(d), &
+      & d=1, directions)], [3, directions])
 
 contains
 
@@ -35,22 +45,18 @@ pure real(wp) function least_acoustic(nd, c4, cofactor, rigid) result(least)
    real(wp), intent(in) :: cofactor(3, 3)
    !> The volume is kept
    logical, intent(in) :: rigid
-   real(wp) :: n(3), best(3), centre(3), side(3, 2), angle, height, turn, value
+   real(wp) :: n(3), best(3), centre(3), side(3, 2), form(3, 3, 6), turn, value
    integer :: i, k
 
+   form = products_form(c4)
    least = huge(1.0_wp)
    best = 0.0_wp
    do k = 1, directions
       if (nd == 2) then
-         angle = pi*(k - 1)/directions
-         n = [cos(angle), sin(angle), 0.0_wp]
+         call keep_better(flat(:, k), least, best)
       else
-         ! Fibonacci spiral over the half sphere
-         height = (k - 0.5_wp)/directions
-         angle = pi*(3.0_wp - sqrt(5.0_wp))*k
-         n = [sqrt(1.0_wp - height**2)*[cos(angle), sin(angle)], height]
+         call keep_better(spiral(:, k), least, best)
       end if
-      call keep_better(n, least, best)
    end do
    turn = first_turn
    do k = 1, refinements
@@ -73,7 +79,7 @@ contains
       real(wp), intent(in) :: direction(3)
       real(wp), intent(inout) :: least_value, its_direction(3)
       real(wp) :: found
-      found = smallest(nd, c4, direction, matmul(cofactor, direction), rigid)
+      found = smallest(nd, form, direction, matmul(cofactor, direction), rigid)
       if (found >= least_value) return
       least_value = found
       its_direction = direction
@@ -100,12 +106,28 @@ pure subroutine sides_of(n, nd, side)
    side(:, 2) = vector_product(n, side(:, 1))
 end subroutine sides_of
 
-!> Smallest eigenvalue of the acoustic tensor of one direction [stress]
-pure real(wp) function smallest(nd, c4, n, m, rigid)
-   !> Space dimension
-   integer, intent(in) :: nd
+!> Q(i, k) as a form in the products 11, 22, 33, 23, 13, 12 of a direction's components
+pure function products_form(c4) result(form)
    !> Tangent [stress]
    real(wp), intent(in) :: c4(3, 3, 3, 3)
+   !> Factors of the products [stress]
+   real(wp) :: form(3, 3, 6)
+   integer :: a
+
+   do a = 1, 3
+      form(:, :, a) = c4(:, a, :, a)
+   end do
+   form(:, :, 4) = c4(:, 2, :, 3) + c4(:, 3, :, 2)
+   form(:, :, 5) = c4(:, 1, :, 3) + c4(:, 3, :, 1)
+   form(:, :, 6) = c4(:, 1, :, 2) + c4(:, 2, :, 1)
+end function products_form
+
+!> Smallest eigenvalue of the acoustic tensor of one direction [stress]
+pure real(wp) function smallest(nd, form, n, m, rigid)
+   !> Space dimension
+   integer, intent(in) :: nd
+   !> Acoustic tensor by the products of a direction's components [stress]
+   real(wp), intent(in) :: form(3, 3, 6)
    !> Direction, unit vector
    real(wp), intent(in) :: n(3)
    !> Direction of the motions that change the volume, of any length
@@ -113,14 +135,10 @@ pure real(wp) function smallest(nd, c4, n, m, rigid)
    !> There are no such motions
    logical, intent(in) :: rigid
    real(wp) :: q(3, 3), side(3, 2), coupling(2), share(2), across(3), a, b, c, stiff
-   integer :: i, k, trial
+   integer :: i, trial
 
-   q = 0.0_wp
-   do k = 1, nd
-      do i = 1, nd
-         q(i, k) = dot_product(n(:nd), matmul(c4(i, :nd, k, :nd), n(:nd)))
-      end do
-   end do
+   q = n(1)**2*form(:, :, 1) + n(2)**2*form(:, :, 2) + n(3)**2*form(:, :, 3) &
+      & + n(2)*n(3)*form(:, :, 4) + n(1)*n(3)*form(:, :, 5) + n(1)*n(2)*form(:, :, 6)
    across = m/norm2(m)
    call sides_of(across, nd, side)
    if (nd == 2) side(:, 2) = 0.0_wp

@@ -35,6 +35,8 @@ module rk_problem
       real(wp) :: extent = 0.0_wp
       !> The residuals have second derivatives that set_curvature finds
       logical :: curved = .false.
+      !> A linearisation costs several evaluations and is not made where residuals tell enough
+      logical :: costly = .false.
    contains
       !> Size of a change of the unknowns
       procedure :: scaled_norms
@@ -129,7 +131,7 @@ end function is_linear
 
 !> Residuals and linearisation at the start of a load step. Where the load enters in a way that
 !> makes the start no good state, a problem may linearise in the load as well.
-subroutine predict(self, x, done, load, r, seen)
+subroutine predict(self, x, done, load, residuals, r, seen)
    !> Problem
    class(problem_type), target, intent(inout) :: self
    !> Unknowns of the last converged state, shape (n)
@@ -138,12 +140,14 @@ subroutine predict(self, x, done, load, r, seen)
    real(wp), intent(in) :: done
    !> Load, 0..1 [-]
    real(wp), intent(in) :: load
+   !> Residuals will do: the linearisation may stay what it was
+   logical, intent(in) :: residuals
    !> Residuals, shape (m)
    real(wp), contiguous, intent(inout) :: r(:)
    !> What was seen
    type(evaluation_type), intent(out) :: seen
 
-   associate (unused => done)
+   associate (unused => done, unused_too => residuals)
    end associate
    call self%linearise(x, load, r, seen)
 end subroutine predict

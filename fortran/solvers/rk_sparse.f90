@@ -14,7 +14,7 @@ module rk_sparse
    implicit none
    private
 
-   public :: sparse_factor, sparse_cholesky, sparse_qr, solve_sparse, factor_upper
+   public :: sparse_factor, kept_factor, sparse_cholesky, sparse_qr, solve_sparse, factor_upper
 
    !> A factor held by SuiteSparse
    type, extends(factor_type) :: sparse_factor
@@ -26,6 +26,14 @@ module rk_sparse
       !> Give the factor back
       procedure :: free
    end type sparse_factor
+
+   !> What factorisations of matrices with the same places of entries have in common: the order of
+   !> elimination and the places of the factor's entries. No copies: each would give them back.
+   type :: kept_factor
+      type(c_ptr), private :: handle = c_null_ptr
+   contains
+      final :: free_kept
+   end type kept_factor
 
    interface
       integer(c_int) function rk_sparse_cholesky(n, start, row, value, handle) bind(c)
@@ -46,14 +54,16 @@ module rk_sparse
          integer(c_int64_t), intent(out) :: rank
          type(c_ptr), intent(out) :: handle
       end function rk_sparse_qr
-      integer(c_int) function rk_sparse_direct(n, start, row, value, definite, b, x, rcond) bind(c)
-         import :: c_double, c_int, c_int64_t
+      integer(c_int) function rk_sparse_direct(n, start, row, value, definite, b, x, rcond, kept) &
+         & bind(c)
+         import :: c_double, c_int, c_int64_t, c_ptr
          integer(c_int64_t), value :: n
          integer(c_int64_t), intent(in) :: start(*), row(*)
          real(c_double), intent(in) :: value(*), b(*)
          integer(c_int), value :: definite
          real(c_double), intent(inout) :: x(*)
          real(c_double), intent(out) :: rcond
+         type(c_ptr), intent(inout) :: kept
       end function rk_sparse_direct
       subroutine rk_sparse_solve(handle, x) bind(c)
          import :: c_double, c_ptr
@@ -178,7 +188,7 @@ subroutine factor_upper(self, n, start, row, value, error)
 end subroutine factor_upper
 
 !> Solve equations with a square matrix
-subroutine solve_sparse(n, start, row, value, definite, b, x, rcond, error)
+subroutine solve_sparse(n, start, row, value, definite, b, x, rcond, kept, error)
    !> Unknowns
    integer, intent(in) :: n
    !> Column j has entries start(j)+1 : start(j+1), shape (n + 1)
@@ -196,15 +206,17 @@ subroutine solve_sparse(n, start, row, value, definite, b, x, rcond, error)
    real(wp), contiguous, intent(inout) :: x(:)
    !> Rough reciprocal condition [-]
    real(wp), intent(out) :: rcond
+   !> What is left of factors of matrices with the same places of entries
+   type(kept_factor), intent(inout) :: kept
    !> Error handling: not positive definite, singular, no memory, no SuiteSparse
    type(error_type), allocatable, intent(out) :: error
-   integer :: kept
+   integer :: threads
    integer(c_int) :: stat
 
-   call hold_threads(kept)
-   stat = rk_sparse_direct(int(n, i8), start, row, value, merge(1, 0, definite), b, x, &
-      & rcond)
-   call release_threads(kept)
+   call hold_threads(threads)
+   stat = rk_sparse_direct(int(n, i8), start, row, value, merge(1, 0, definite), b, x, rcond, &
+      & kept%handle)
+   call release_threads(threads)
    call complain(stat, error)
 end subroutine solve_sparse
 
@@ -253,5 +265,14 @@ subroutine free(self)
    if (c_associated(self%handle)) call rk_sparse_free(self%handle)
    self%handle = c_null_ptr
 end subroutine free
+
+!> Give back what was kept
+subroutine free_kept(self)
+   !> What was kept
+   type(kept_factor), intent(inout) :: self
+
+   if (c_associated(self%handle)) call rk_sparse_free(self%handle)
+   self%handle = c_null_ptr
+end subroutine free_kept
 
 end module rk_sparse

@@ -7,7 +7,7 @@ module rk_symmetric
    use rk_lapack, only : solve_band
    use rk_operator, only : square_operator, square_report
    use rk_precision, only : i8, wp
-   use rk_sparse, only : solve_sparse
+   use rk_sparse, only : kept_factor, solve_sparse
    use rk_text, only : to_text
    implicit none
    private
@@ -29,6 +29,8 @@ module rk_symmetric
       real(wp), allocatable :: value(:)
       !> Blocks of each column of blocks by their row, ascending, the diagonal one last
       type(csr_type), private :: above
+      !> What the factors have in common
+      type(kept_factor), pointer, private :: kept => null()
    contains
       procedure :: apply
       procedure :: apply_transposed => apply
@@ -42,6 +44,7 @@ module rk_symmetric
       procedure :: add
       !> Product of other entries in the same places with a vector
       procedure :: product => product_with
+      final :: free
    end type symmetric_matrix
 
 contains
@@ -63,6 +66,7 @@ subroutine new_symmetric(self, block, blocks, group)
    integer :: i, j, n, pass
 
    self%block = block
+   allocate (self%kept)
    self%n = block*blocks
    self%m = self%n
    call group%transposed(blocks, groups)
@@ -243,6 +247,22 @@ subroutine compressed(self, start, column, value)
    integer(i8), allocatable, intent(out) :: column(:)
    !> Entries
    real(wp), allocatable, intent(out) :: value(:)
+
+   call both_triangles(self, self%value, start, column, value)
+end subroutine compressed
+
+!> Other entries in the same places, both triangles in compressed rows
+subroutine both_triangles(self, given, start, column, value)
+   !> Places of the entries
+   class(symmetric_matrix), intent(in) :: self
+   !> Entries of the upper triangle, shape (entries)
+   real(wp), intent(in) :: given(:)
+   !> Row i has entries start(i)+1 : start(i+1), shape (m + 1)
+   integer(i8), allocatable, intent(out) :: start(:)
+   !> Column of each entry less 1, ascending in each row
+   integer(i8), allocatable, intent(out) :: column(:)
+   !> Entries
+   real(wp), allocatable, intent(out) :: value(:)
    !> Columns of blocks in which each row of blocks has an entry, the diagonal one first
    type(csr_type) :: later
    integer(i8), allocatable :: entry(:)
@@ -264,19 +284,19 @@ subroutine compressed(self, start, column, value)
          ! by symmetry a row begins with the entries of its column; those of later columns follow
          at = start(row) + self%start(row + 1) - self%start(row)
          column(start(row) + 1:at) = self%row(self%start(row) + 1:self%start(row + 1))
-         value(start(row) + 1:at) = self%value(self%start(row) + 1:self%start(row + 1))
+         value(start(row) + 1:at) = given(self%start(row) + 1:self%start(row + 1))
          do k = later%offset(j) + 1, later%offset(j + 1)
             do c = merge(i + 1, 1, later%index(k) == j), b
                l = (later%index(k) - 1)*b + c
                at = at + 1
                column(at) = l - 1
-               value(at) = self%value(self%start(l) &
+               value(at) = given(self%start(l) &
                   & + b*(entry(k) - self%above%offset(later%index(k)) - 1) + i)
             end do
          end do
       end do
    end do
-end subroutine compressed
+end subroutine both_triangles
 
 !> Number of entries of both triangles
 pure real(wp) function entries(self)
@@ -300,36 +320,56 @@ recursive subroutine solve_square(self, shift, b, x, report, error)
    type(square_report), intent(out) :: report
    !> Error handling: singular matrix, no memory
    type(error_type), allocatable, intent(out) :: error
+   real(wp), allocatable :: shifted(:)
+   integer :: j
+
+   if (.not. shift > 0.0_wp) then
+      call solve_with(self, self%value, b, x, report, error)
+      return
+   end if
+   shifted = self%value
+   do j = 1, self%n
+      associate (diagonal => shifted(self%start(j + 1)))
+         diagonal = diagonal + shift*abs(diagonal)
+      end associate
+   end do
+   call solve_with(self, shifted, b, x, report, error)
+end subroutine solve_square
+
+!> Solve with other entries in the same places
+subroutine solve_with(self, given, b, x, report, error)
+   !> Places of the entries
+   class(symmetric_matrix), intent(in) :: self
+   !> Entries of the upper triangle, shape (entries)
+   real(wp), contiguous, intent(in) :: given(:)
+   !> Right hand side, shape (n)
+   real(wp), contiguous, intent(in) :: b(:)
+   !> Solution, shape (n)
+   real(wp), contiguous, intent(inout) :: x(:)
+   !> What was used and how good it is
+   type(square_report), intent(out) :: report
+   !> Error handling: singular matrix, no memory
+   type(error_type), allocatable, intent(out) :: error
    integer(i8), allocatable :: start(:), column(:)
    real(wp), allocatable :: value(:), r(:)
    real(wp) :: norm
-   type(symmetric_matrix) :: shifted
-   integer :: j
 
-   if (shift > 0.0_wp) then
-      shifted = self
-      do j = 1, self%n
-         shifted%value(self%start(j + 1)) = self%value(self%start(j + 1)) &
-            & + shift*abs(self%value(self%start(j + 1)))
-      end do
-      call shifted%solve_square(0.0_wp, b, x, report, error)
-      return
-   end if
    report%used = 'cholesky'
    report%why = 'the tangent is square and symmetric: Cholesky, or LU where it is not positive ' &
       & //'definite'
    if (self%indefinite) then
       report%why = 'the tangent has pressures as unknowns and is not definite: LU'
    else
-      call solve_sparse(self%n, self%start, self%row, self%value, .true., b, x, report%rcond, error)
+      call solve_sparse(self%n, self%start, self%row, given, .true., b, x, report%rcond, &
+         & self%kept, error)
    end if
    if (self%indefinite .or. allocated(error)) then
       if (allocated(error)) then
          if (error%code == err_memory) return
       end if
       report%used = 'lu'
-      call self%compressed(start, column, value)
-      call solve_sparse(self%n, start, column, value, .false., b, x, report%rcond, error)
+      call both_triangles(self, given, start, column, value)
+      call solve_sparse(self%n, start, column, value, .false., b, x, report%rcond, self%kept, error)
    end if
    if (allocated(error)) then
       if (error%code /= err_input) return
@@ -338,9 +378,17 @@ recursive subroutine solve_square(self, shift, b, x, report, error)
    end if
    if (allocated(error)) return
    allocate (r(self%n))
-   call self%apply(x, r)
-   norm = sqrt(sum(self%value**2))
+   call self%product(given, x, r)
+   norm = sqrt(sum(given**2))
    report%backward_error = norm2(r - b)/max(norm*norm2(x) + norm2(b), tiny(1.0_wp))
-end subroutine solve_square
+end subroutine solve_with
+
+!> Give back what was kept
+subroutine free(self)
+   !> Matrix
+   type(symmetric_matrix), intent(inout) :: self
+
+   if (associated(self%kept)) deallocate (self%kept)
+end subroutine free
 
 end module rk_symmetric

@@ -178,20 +178,32 @@ void rk_sparse_solve(struct factor *f, double *x)
         x[f->order ? f->order[j] : j] = y[j];
 }
 
-/* Solve with a square matrix in compressed columns: Cholesky of an upper triangle, or LU of all */
+/* Solve with a square matrix in compressed columns: Cholesky of an upper triangle, or LU of all. The
+ * order of elimination and the place of the factor are kept for further matrices of the pattern. */
 int rk_sparse_direct(int64_t n, int64_t *start, int64_t *row, double *value, int definite,
-                     const double *b, double *x, double *rcond)
+                     const double *b, double *x, double *rcond, struct factor **kept)
 {
     *rcond = 0;
     if (definite) {
-        struct factor *f = NULL;
-        int stat = rk_sparse_cholesky(n, start, row, value, &f);
+        cholmod_sparse a = matrix(n, n, start, row, value, 1);
+        struct factor *f = *kept ? *kept : new_factor(n);
+        if (!f)
+            return rk_no_memory;
+        *kept = f;
+        if (!f->cholesky)
+            f->cholesky = cholmod_l_analyze(&a, &f->common);
+        if (f->cholesky)
+            cholmod_l_factorize(&a, f->cholesky, &f->common);
+        int stat = state(&f->common);
         if (stat == rk_done) {
             *rcond = cholmod_l_rcond(f->cholesky, &f->common);
             memcpy(x, b, (size_t)n * sizeof *x);
             rk_sparse_solve(f, x);
+        } else if (f->cholesky) {
+            /* half a factor only takes the room that LU needs */
+            cholmod_l_change_factor(CHOLMOD_PATTERN, f->cholesky->is_ll, f->cholesky->is_super, 1,
+                                    1, f->cholesky, &f->common);
         }
-        rk_sparse_free(f);
         return stat;
     }
 #ifdef HAVE_UMFPACK
@@ -241,9 +253,9 @@ int rk_sparse_qr(int64_t m, int64_t n, int64_t *start, int64_t *column, double *
 }
 
 int rk_sparse_direct(int64_t n, int64_t *start, int64_t *row, double *value, int definite,
-                     const double *b, double *x, double *rcond)
+                     const double *b, double *x, double *rcond, void **kept)
 {
-    (void)n, (void)start, (void)row, (void)value, (void)definite, (void)b, (void)x;
+    (void)n, (void)start, (void)row, (void)value, (void)definite, (void)b, (void)x, (void)kept;
     *rcond = 0;
     return rk_missing;
 }

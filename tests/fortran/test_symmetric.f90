@@ -13,6 +13,7 @@ program test_symmetric
    call test_blocks(2)
    call test_blocks(3)
    call test_indefinite
+   call test_kept_factor
    call finish()
 
 contains
@@ -83,6 +84,40 @@ subroutine test_indefinite
    call check('not by Cholesky', report%used /= 'cholesky')
    call check('and it is right', all(abs(x - right) <= 1.0e-13_wp))
 end subroutine test_indefinite
+
+!> Matrices share the order of elimination, and one without a Cholesky factor spoils nothing
+subroutine test_kept_factor
+   type(symmetric_matrix) :: matrix
+   type(square_report) :: report
+   type(error_type), allocatable :: error
+   real(wp) :: b(6), x(6), first(6), full(6, 6)
+   character(len=:), allocatable :: used
+   integer :: g, round
+   real(wp), parameter :: factor(3) = [1.0_wp, -1.0_wp, 1.0_wp]
+   real(wp), parameter :: right(6) = [1.0_wp, -2.0_wp, 3.0_wp, 4.0_wp, 0.5_wp, -1.0_wp]
+
+   call new_symmetric(matrix, 2, 3, csr_type([0_i8, 2_i8, 4_i8], [1, 2, 2, 3]))
+   do round = 1, 3
+      matrix%value = 0.0_wp
+      call matrix%add(matrix%value, [1, 2], symmetric_part(4, 1))
+      call matrix%add(matrix%value, [2, 3], factor(round)*symmetric_part(4, 2))
+      call matrix%dense(full)
+      b = matmul(full, right)
+      call matrix%solve_square(0.0_wp, b, x, report, error)
+      call check('a matrix has a solution', .not. allocated(error))
+      if (allocated(error)) return
+      if (round == 1) used = report%used
+      if (round == 1) first = x
+      call check('and it is right', all(abs(x - right) <= 1.0e-13_wp))
+   end do
+   call check('a matrix that comes again has the same factor', report%used == used)
+   call check('and the same solution', all(abs(x - first) <= 0.0_wp))
+   full = full + 0.5_wp*reshape([((merge(full(g, g), 0.0_wp, g == round), g=1, 6), round=1, 6)], &
+      & [6, 6])
+   call matrix%solve_square(0.5_wp, matmul(full, right), x, report, error)
+   call check('a shift adds its share of the diagonal', .not. allocated(error) &
+      & .and. all(abs(x - right) <= 1.0e-13_wp))
+end subroutine test_kept_factor
 
 !> A positive definite matrix that is different for each number
 pure function symmetric_part(n, number) result(a)
