@@ -201,8 +201,8 @@ function rejection(self, x) result(reason)
 end function rejection
 
 !> Whether a step turns material by a right angle or more somewhere, beyond which another solution
-!> than the one on the way may be met: a block that is stretched to six times its length can end with
-!> its sides exchanged, in equilibrium and with J > 0
+!> than the one on the way may be met: a block that is stretched to six times its length can end
+!> with its sides exchanged, in equilibrium and with J > 0
 function turns_over(self, before, after) result(found)
    !> Problem
    class(problem_type), intent(in) :: self
