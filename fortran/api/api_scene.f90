@@ -79,8 +79,8 @@ subroutine scene_sizes(handle, sizes, stat, message)
       & maxval(slot%full%shape%stencil)]
 end subroutine scene_sizes
 
-!> Project the full problem on modes
-subroutine scene_reduce(handle, n, r, modes, stat, message)
+!> Project the full problem on modes; tells the number of equations that are left
+subroutine scene_reduce(handle, n, r, modes, rows, stat, message)
    use rk_error, only : error_type
    use rk_pack, only : pack_error
    use rk_session, only : reduce_session
@@ -88,11 +88,11 @@ subroutine scene_reduce(handle, n, r, modes, stat, message)
    !f2py threadsafe
    integer, intent(in) :: handle, n, r
    double precision, intent(in) :: modes(n, r)
-   integer, intent(out) :: stat
+   integer, intent(out) :: rows, stat
    character(len=2048), intent(out) :: message
    type(error_type), allocatable :: error
 
-   call reduce_session(handle, modes, error)
+   call reduce_session(handle, modes, rows, error)
    call pack_error(error, stat, message)
 end subroutine scene_reduce
 

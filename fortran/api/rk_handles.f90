@@ -8,8 +8,8 @@ module rk_handles
    use rk_discretisation, only : discretisation_type, free_discretisation
    use rk_error, only : error_type, fatal_error, err_input
    use rk_precision, only : wp
+   use rk_problem, only : problem_type
    use rk_recorder, only : iteration_type, recorder_type, step_type
-   use rk_reduced, only : reduced_problem
    use rk_run, only : outcome_type
    use rk_scene, only : scene_type
    use rk_text, only : to_text
@@ -51,7 +51,7 @@ module rk_handles
       !> Full problem
       class(discretisation_type), allocatable :: full
       !> Reduced problem, where one was made
-      type(reduced_problem), pointer :: reduced => null()
+      class(problem_type), pointer :: reduced => null()
       !> States of the last solve
       type(states_type), pointer :: states => null()
       !> Warnings, checks and wall times of the last solve

@@ -79,21 +79,23 @@ subroutine set_session_fields(handle, body_force, displacement, stress, error)
 end subroutine set_session_fields
 
 !> Make the reduced problem of a scene
-subroutine reduce_session(handle, modes, error)
+subroutine reduce_session(handle, modes, rows, error)
    !> Handle
    integer, intent(in) :: handle
    !> Modes, shape (n, r)
    real(wp), intent(in) :: modes(:, :)
+   !> Equations of the reduced problem
+   integer, intent(out) :: rows
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
    type(slot_type), pointer :: slot
 
+   rows = 0
    call find_slot(handle, slot, error)
    if (allocated(error)) return
    if (associated(slot%reduced)) deallocate (slot%reduced)
-   allocate (slot%reduced)
    call new_reduced(slot%reduced, slot%full, modes, error)
-   if (allocated(error)) deallocate (slot%reduced)
+   if (.not. allocated(error)) rows = slot%reduced%m
 end subroutine reduce_session
 
 !> Full or reduced problem of a handle

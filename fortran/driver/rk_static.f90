@@ -1,7 +1,7 @@
 !> Load steps from rest to full load, halved where the iteration fails and grown again afterwards.
 module rk_static
    use rk_clock, only : timer_type
-   use rk_error, only : error_type, fatal_error, err_convergence, err_linalg, err_stopped
+   use rk_error, only : error_type, err_convergence, err_linalg, err_stopped
    use rk_newton, only : newton_type, solve_step
    use rk_precision, only : wp
    use rk_problem, only : problem_type
@@ -54,13 +54,6 @@ subroutine solve_static(problem, newton, steps, max_halvings, x, recorder, timer
          before = x
          call solve_step(newton, problem, step, load, x, recorder, timer, error)
          record%iterations = record%iterations + newton%iterations
-         if (.not. allocated(error) .and. halvings < max_halvings) then
-            if (problem%turns_over(before, x)) then
-               call fatal_error(error, err_convergence, 'the step turns material by a right ' &
-                  & //'angle or more')
-               x = before
-            end if
-         end if
          if (allocated(error)) then
             if (any(error%code == [err_convergence, err_linalg]) .and. halvings < max_halvings &
                & .and. .not. newton%pinned) then

@@ -53,8 +53,7 @@ module rk_galerkin
       type(surface_type) :: surface
       !> Nearest collocation point of each point, shape (np)
       integer, allocatable :: nearest(:)
-      !> Deformation gradient at each point where the tangent was taken, and where the step to there
-      !> began, shape (3, 3, np) [-]
+      !> F where the tangent was taken, and where the step to there began, shape (3, 3, np) [-]
       real(wp), allocatable :: origin(:, :, :), base(:, :, :)
       !> Tangent, and the part of it that never changes: penalty and stabilisation
       type(tangent_type) :: matrix
@@ -139,6 +138,7 @@ subroutine new_galerkin(self, scene, error)
    call new_multiplier(self%multiplier, self%cells, self%bulk, shear, ns, self%gradient%member)
    self%n = nd*(ns + self%multiplier%extra)
    self%m = self%n
+   self%energetic = self%multiplier%extra == 0
    if (self%cells%smoothed) call new_recovery(self%recovery, scene, self%cells, error)
    if (allocated(error)) return
    call new_tangent(self%matrix, ns, self%cells, self%gradient, self%multiplier, self%surface, &

@@ -10,7 +10,7 @@ module rk_discretisation
    use rk_scene, only : scene_type
    use rk_shape, only : shape_type
    use rk_states, only : field_state, point_state
-   use rk_tensor, only : cofactor, determinant
+   use rk_tensor, only : determinant
    implicit none
    private
 
@@ -33,8 +33,6 @@ module rk_discretisation
       procedure :: field
       !> Whether the pressure is a field of its own
       procedure :: has_pressure
-      !> Whether a step turns material by a right angle
-      procedure :: turns_over
       !> The same problem in terms of the amplitudes of modes
       procedure :: reduce
       !> What a user can do where steps vanish but the gradient does not
@@ -105,7 +103,8 @@ pure logical function has_pressure(self)
    has_pressure = self%fields > self%scene%cloud%nd
 end function has_pressure
 
-!> The same problem in terms of the amplitudes of modes, of those forms that can be reduced
+!> The same problem in terms of the amplitudes of modes, of those forms that know how; where there
+!> is an energy, modes reduce its derivatives without the form
 subroutine reduce(self, modes, problem, error)
    !> Full problem
    class(discretisation_type), intent(in) :: self
@@ -118,8 +117,9 @@ subroutine reduce(self, modes, problem, error)
 
    associate (unused => modes, unused_too => problem)
    end associate
-   call fatal_error(error, err_input, 'reduced models are made of collocation methods for ' &
-      & //'nonlinear problems, not of method "'//self%scene%method//'"')
+   call fatal_error(error, err_input, 'modes do not reduce method "'//self%scene%method &
+      & //'" with a material of K = inf, whose pressures are unknowns: take a finite K, 1e3 ' &
+      & //'times the shear modulus, or method "rkcm-mixed"')
 end subroutine reduce
 
 !> What a user can do where steps vanish but the gradient does not, in the words of the deck
@@ -239,32 +239,6 @@ subroutine set_point_loads(self, body_force, displacement, stress)
       end do
    end associate
 end subroutine set_point_loads
-
-!> Whether x.(F F_0^-1)x is not positive for some x, with F_0 and F before and after a step
-function turns_over(self, before, after) result(found)
-   !> Problem
-   class(discretisation_type), intent(in) :: self
-   !> Unknowns, shape (n) each
-   real(wp), contiguous, intent(in) :: before(:), after(:)
-   logical :: found
-   real(wp) :: u(self%fields, self%shape%nq), f(3, 3), f0(3, 3), h(3, 3, 3), turn(3, 3)
-   integer :: ip, nd
-
-   found = .false.
-   nd = self%scene%cloud%nd
-   do ip = 1, size(self%scene%cloud%points, 2)
-      call self%field(ip, before, 1 + nd, u)
-      call deformation(nd, u, f0, h)
-      call self%field(ip, after, 1 + nd, u)
-      call deformation(nd, u, f, h)
-      ! J_0 F F_0^-1, whose factor is positive
-      turn = matmul(f, transpose(cofactor(f0)))
-      turn = 0.5_wp*(turn + transpose(turn))
-      found = .not. (turn(1, 1) > 0.0_wp .and. determinant(turn) > 0.0_wp &
-         & .and. turn(1, 1)*turn(2, 2) > turn(1, 2)**2)
-      if (found) return
-   end do
-end function turns_over
 
 !> Deformation gradient and its derivatives from the displacement's derivatives
 pure subroutine deformation(nd, u, f, h)

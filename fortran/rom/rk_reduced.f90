@@ -1,17 +1,19 @@
-!> Least squares Galerkin reduction (6.60)-(6.67): a problem in the span of modes.
+!> A problem in the span of modes: least squares Galerkin reduction (6.60)-(6.67) of rows, or
+!> projection of the derivatives of an energy (rk_reduced_galerkin).
 module rk_reduced
    use rk_discretisation, only : discretisation_type
    use rk_error, only : error_type, fatal_error, err_input
    use rk_lstsq, only : row_operator
    use rk_precision, only : wp
    use rk_problem, only : problem_type, evaluation_type
+   use rk_reduced_galerkin, only : new_reduced_galerkin, reduced_galerkin
    use rk_text, only : to_text
    implicit none
    private
 
-   public :: reduced_problem, new_reduced
+   public :: new_reduced
 
-   !> A problem in the span of modes; unknowns are the modes' amplitudes. Post-processing knows none
+   !> Rows in the span of modes; unknowns are the modes' amplitudes. Post-processing knows none
    !> of them: it takes states of the full problem.
    type, extends(problem_type) :: reduced_problem
       private
@@ -29,26 +31,45 @@ module rk_reduced
 contains
 
 !> Project a full problem on modes
-subroutine new_reduced(self, full, modes, error)
-   !> Reduced problem; the full one must outlive it
-   type(reduced_problem), intent(inout) :: self
+subroutine new_reduced(reduced, full, modes, error)
+   !> Reduced problem, not associated after an error; the full one must outlive it
+   class(problem_type), pointer, intent(out) :: reduced
    !> Full problem
-   class(discretisation_type), intent(in) :: full
+   class(discretisation_type), target, intent(inout) :: full
    !> Orthonormal modes, shape (full n, r)
    real(wp), intent(in) :: modes(:, :)
    !> Error handling: modes of another model, a form that cannot be reduced
    type(error_type), allocatable, intent(out) :: error
+   type(reduced_problem), pointer :: rows
+   type(reduced_galerkin), pointer :: projected
 
+   nullify (reduced)
    if (size(modes, 1) /= full%n) then
       call fatal_error(error, err_input, 'modes have '//to_text(size(modes, 1)) &
          & //' entries, the model '//to_text(full%n)//' unknowns')
       return
    end if
-   call full%reduce(modes, self%base, error)
-   if (allocated(error)) return
-   self%m = self%base%m
-   self%n = self%base%n
-   self%extent = self%base%extent
+   if (full%is_linear()) then
+      call fatal_error(error, err_input, 'reduced models are made of nonlinear problems: a ' &
+         & //'linear one is solved once, which leaves nothing to save')
+      return
+   end if
+   if (full%energetic) then
+      allocate (projected)
+      call new_reduced_galerkin(projected, full, modes)
+      reduced => projected
+      return
+   end if
+   allocate (rows)
+   call full%reduce(modes, rows%base, error)
+   if (allocated(error)) then
+      deallocate (rows)
+      return
+   end if
+   rows%m = rows%base%m
+   rows%n = rows%base%n
+   rows%extent = rows%base%extent
+   reduced => rows
 end subroutine new_reduced
 
 !> Fix the row weights of a load step

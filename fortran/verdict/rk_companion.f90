@@ -111,6 +111,8 @@ subroutine solve_companion(self, problem, answer, deck, model, receiver)
       self%points = second%shape%ns
       self%unknowns = second%n
       keeper%receiver => receiver
+      ! a block stretched to six times its length turns its sides over in one step, with J > 0
+      if (is_large(problem, answer)) scene%load%steps = least_steps
       call solve_problem(second, scene, '', keeper, timer, error)
       if (.not. allocated(error)) call look(self, second, keeper%x, problem, answer, error)
       ! one step may be too long, or lead to another branch
@@ -128,6 +130,25 @@ subroutine solve_companion(self, problem, answer, deck, model, receiver)
    end if
    self%seconds = tick(clock)
 end subroutine solve_companion
+
+!> Whether a deformation is so large that one step may end on another branch
+logical function is_large(problem, state)
+   !> Problem
+   class(discretisation_type), intent(in) :: problem
+   !> State
+   type(field_state), intent(in) :: state
+   type(point_state) :: local
+   integer :: i, ip
+
+   is_large = .false.
+   do ip = 1, size(problem%scene%cloud%points, 2)
+      call problem%at_point(state, ip, local)
+      do i = 1, 3
+         local%f(i, i) = local%f(i, i) - 1.0_wp
+      end do
+      is_large = is_large .or. norm2(local%f) > 1.0_wp
+   end do
+end function is_large
 
 !> Form and points of the companion as overrides of the deck
 subroutine choose(self, scene, deck, words)

@@ -176,7 +176,8 @@ def test_condition_estimate_is_near_the_condition():
 SOLVE = """
 import sys
 from myork.core.scene import Scene
-small = ["load.steps=1", "geometry.source=[4,4,7]", "geometry.collocation=[7,7,13]"]
+small = ["scene.method=rkcm", "load.steps=1"]
+small += ["geometry.source=[4,4,7]", "geometry.collocation=[7,7,13]"]
 with Scene(sys.argv[1], [*small, "load.activation=0.1"], threads=int(sys.argv[2])) as scene:
     print(scene.solve("refined").x.tobytes().hex())
 """

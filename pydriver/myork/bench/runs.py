@@ -26,6 +26,7 @@ from myork.stations.solve import find_executable
 __all__ = [
     "INPUTS",
     "METHODS",
+    "PUBLISHED_BLOCK",
     "Deck",
     "Ending",
     "lattice",
@@ -41,6 +42,13 @@ Deck = str | Path | Mapping[str, Any]
 
 #: The two formulations of the collocation
 METHODS = ("rkcm", "rkcm-mixed")
+
+#: Row weights and curve that the reference has for the muscle block; its deck names no method
+PUBLISHED_BLOCK = (
+    'solver.weight_essential="ns-c4"',
+    "solver.weight_traction=1",
+    'material.curve="published"',
+)
 
 #: The decks that are installed with the package
 INPUTS = Path(__file__).parent.parent / "inputs"

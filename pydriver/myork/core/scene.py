@@ -193,6 +193,7 @@ class Scene:
             self.stencils,
         ) = (int(size) for size in sizes)
         self._unknowns = 0
+        self._reduced_rows = 0
         self._threads = threads or 0
 
     def __enter__(self) -> Self:
@@ -312,9 +313,10 @@ class Scene:
         if not np.isfinite(modes).all():
             raise errors.InputError("modes must be finite numbers")
         with self._turn.short():
-            stat, message = _core.scene_reduce(self._handle, modes)
+            rows, stat, message = _core.scene_reduce(self._handle, modes)
         errors.check(stat, message)
         self._unknowns = modes.shape[1]
+        self._reduced_rows = int(rows)
 
     def solve_reduced(self, linear: str) -> States:
         """Solve the reduced model through all load steps; `reduce` comes first."""
@@ -345,7 +347,7 @@ class Scene:
         Returns
         -------
         residual, product : F64Array
-            Shape `(rows,)` each.
+            Shape `(rows,)` each; of a reduced Galerkin form `(r,)`.
 
         Raises
         ------
@@ -356,8 +358,9 @@ class Scene:
         given = (x if start is None else start, x, direction)
         states = [_shaped("states and directions", array, shape) for array in given]
         with self._turn.short():
+            rows = self._reduced_rows if reduced else self.rows
             r, y, stat, message = _core.scene_linearise(
-                self._handle, int(reduced), self.rows, *states[:2], load, states[2]
+                self._handle, int(reduced), rows, *states[:2], load, states[2]
             )
         errors.check(stat, message)
         return r, y

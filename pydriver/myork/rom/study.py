@@ -23,6 +23,9 @@ from myork.summary import renewing, update_summary
 
 __all__ = ["run_rom"]
 
+# Load steps that give the snapshots where the deck takes its load in one.
+_STEPS = 10
+
 
 def run_rom(
     deck: str | Path | Mapping[str, Any],
@@ -37,7 +40,8 @@ def run_rom(
     The snapshots are the converged coefficients of all load steps: those of `results.vtkhdf` in the
     folder where it is of this deck, version and number of threads, else of a solve that is made
     now. The modes come from their singular values. Each reduced model solves the same load steps
-    again.
+    again. A deck that takes its load in one step, as those of the Galerkin form do where they name
+    no steps, is solved in ten of them if more than one mode is wanted.
 
     Parameters
     ----------
@@ -66,6 +70,7 @@ def run_rom(
         The full or a reduced model did not converge.
     """
     out = Path(out)
+    overrides = _with_steps(deck, overrides, progress)
     # what the table [rom] says makes no other full model
     others = [item for item in overrides if not item.startswith("rom.")]
     hashes = {read_deck(deck, items)["sha256"] for items in (overrides, others)}
@@ -88,6 +93,22 @@ def _open(
     return Scene(deck, overrides, out, threads)
 
 
+def _with_steps(
+    deck: str | Path | Mapping[str, Any], overrides: Sequence[str], progress: ProgressCallback
+) -> Sequence[str]:
+    """Overrides that give a state for each mode where the deck has a single load step."""
+    tables = read_deck(deck, overrides, "rom")
+    wanted = max(tables["rom"]["modes"])
+    if "load" not in tables or tables["load"]["steps"] > 1 or wanted == 1:
+        return overrides
+    steps = max(_STEPS, wanted)
+    progress(
+        f"rom.modes: one load step gives one snapshot, but {wanted} modes are wanted: "
+        f"{steps} steps are taken"
+    )
+    return [*overrides, f"load.steps={steps}"]
+
+
 def _check_modes(scene: Scene) -> None:
     """Refuse more modes than there can be, before anything is solved."""
     wanted, limit = max(scene.deck["rom"]["modes"]), min(scene.steps, scene.dofs)
@@ -101,6 +122,7 @@ def _check_modes(scene: Scene) -> None:
 def _study(scene: Scene, full: Snapshots, progress: ProgressCallback) -> dict[str, Any]:
     """Modes and reduced models of the full states."""
     table = scene.deck["rom"]
+    is_galerkin = scene.deck["scene"]["method"].startswith("rkpm")
     basis = proper_orthogonal_basis(full.x)
     full_fields = _fields(scene, full.x, full.load)
     full_probes = named_probes(scene, full.x, full.load)
@@ -109,7 +131,7 @@ def _study(scene: Scene, full: Snapshots, progress: ProgressCallback) -> dict[st
         states = solve_reduced(scene, basis.modes[:, :r], table["solver"])
         online = states.online_s / scene.steps
         model = {
-            "kind": "reduced",
+            "kind": "galerkin" if is_galerkin else "reduced",
             "r": r,
             "points": scene.collocation_points,
             **_errors(scene, full.load, full_fields, full_probes, states),

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from myork.bench.runs import lattice, read_deck, solve_case
+from myork.bench.runs import PUBLISHED_BLOCK, lattice, read_deck, solve_case
 from myork.bench.tables import speed_plot, speed_table
 from myork.console import ProgressCallback
 from myork.reference import exact
@@ -180,7 +180,9 @@ def block_cases(
             return float(abs(case["probes"]["stress_zz"] / wanted - 1.0))
         return float(max(max(entry["relative_error"]) for entry in case["reference"].values()))
 
-    contracted = ("load.activation=0.15", "load.steps=6")
+    contracted: tuple[str, ...] = ("load.activation=0.15", "load.steps=6")
+    if name == "muscle_block":
+        contracted += PUBLISHED_BLOCK
     return sweep(progress, name, choices, sizes, contracted, error, limit=limit)
 
 

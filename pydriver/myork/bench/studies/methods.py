@@ -14,7 +14,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from myork.bench.runs import lattice, outcome_text, read_deck, seconds, solve_case
+from myork.bench.runs import (
+    PUBLISHED_BLOCK,
+    lattice,
+    outcome_text,
+    read_deck,
+    seconds,
+    solve_case,
+)
 from myork.bench.studies.curves import Choice, block_cases, choice, sweep, tube_cases
 from myork.bench.tables import Columns, plane_map, speed_plot, speed_table, table
 from myork.console import ProgressCallback
@@ -80,7 +87,7 @@ _FIGURES = {
     "5.17": ("uniaxial_compression", (0, 0), ((9, 3, 3),)),
 }
 # Without kinks of the passive curve, on which every fiber of the straight block sits
-_SMOOTH = ("load.steps=4", 'material.curve="smooth"')
+_SMOOTH = (*PUBLISHED_BLOCK, "load.steps=4", 'material.curve="smooth"')
 #: Methods with source points on an edge; the mixed form's matrix is the largest by far
 _BLOCKS = (
     (_FIELDS[0], (5, 7, 9)),

@@ -10,7 +10,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from myork.bench.runs import METHODS, lattice, outcome_text, read_deck, solve_case
+from myork.bench.runs import (
+    METHODS,
+    PUBLISHED_BLOCK,
+    lattice,
+    outcome_text,
+    read_deck,
+    solve_case,
+)
 from myork.bench.tables import Columns, table
 from myork.console import ProgressCallback
 from myork.reference import exact
@@ -50,7 +57,7 @@ def _fixed_fibers(deck: dict[str, Any], bulk: float | None) -> float:
     return along_fibers(table, 1.0, activation)
 
 
-_BLOCK = (*lattice((5, 5, 9)), "load.activation=0.5", "load.steps=5")
+_BLOCK = (*lattice((5, 5, 9)), "load.activation=0.5", "load.steps=5", *PUBLISHED_BLOCK)
 
 _PROBLEMS = (
     _Problem(

@@ -17,6 +17,7 @@ import numpy as np
 
 from myork.bench.runs import (
     METHODS,
+    PUBLISHED_BLOCK,
     Deck,
     lattice,
     outcome_text,
@@ -217,7 +218,7 @@ def _large_strains() -> list[Case]:
 
 def _muscle_loads() -> list[Case]:
     """Activation in one step; active stress far above the passive stiffness."""
-    small = (*lattice((4, 4, 7)), "load.steps=1")
+    small = (*lattice((4, 4, 7)), "load.steps=1", *PUBLISHED_BLOCK)
     kinds: tuple[tuple[str, tuple[str, ...]], ...] = (
         ("full activation in one step", ()),
         ("active stiffness above passive", ("material.sigma_max=300",)),
@@ -375,7 +376,7 @@ def _images() -> list[Case]:
 
 def _too_large() -> Case:
     """More than any memory holds, refused before it is allocated."""
-    large = lattice((400, 400, 400))
+    large = (*lattice((400, 400, 400)), _method("rkcm"))
     return Case("64 million source points", "muscle_block", large, words=("GB",))
 
 
