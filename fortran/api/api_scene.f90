@@ -1,22 +1,25 @@
 ! Python boundary of scenes: a handle in, arrays out. Python checks shapes before it calls.
 
 !> Open the scene of a deck, whose text is blank where it is a file; the arrays are those of a model
-!> and may be empty, voxels of size 0 stand for none. Not threadsafe: gfortran keeps the lengths of
-!> character function results in static storage, and keys are made of such results
-subroutine scene_open(path, text, nover, overrides, ns, nc, nb, nset, source, spacing, points, &
-   & voxel, voxel_size, voxel_origin, volume, label, fiber, boundary_point, boundary_set, normal, &
-   & area, set_names, length_unit, handle, stat, message)
+!> and may be empty; voxels of size 0 stand for none, and so do fractions of one label. Not
+!> threadsafe: gfortran keeps the lengths of character function results in static storage, and keys
+!> are made of such results
+subroutine scene_open(path, text, nover, overrides, ns, nc, nb, nset, nf, source, spacing, points, &
+   & voxel, voxel_size, voxel_origin, volume, label, fraction, fraction_label, fiber, &
+   & boundary_point, boundary_set, normal, area, set_names, length_unit, handle, stat, message)
    use rk_cloud, only : cloud_type
    use rk_error, only : error_type
    use rk_pack, only : pack_error
    use rk_session, only : open_session
    implicit none
-   integer, intent(in) :: nover, ns, nc, nb, nset
+   integer, intent(in) :: nover, ns, nc, nb, nset, nf
    character(len=*), intent(in) :: path, text, overrides(nover), set_names(nset), length_unit
    double precision, intent(in) :: source(3, ns), spacing(3, ns), points(3, nc), fiber(3, nc)
    double precision, intent(in) :: voxel_size(3), voxel_origin(3), volume(nc)
+   double precision, intent(in) :: fraction(nf, nc)
    double precision, intent(in) :: normal(3, nb), area(nb)
-   integer, intent(in) :: voxel(3, nc), label(nc), boundary_point(nb), boundary_set(nb)
+   integer, intent(in) :: voxel(3, nc), label(nc), fraction_label(nf)
+   integer, intent(in) :: boundary_point(nb), boundary_set(nb)
    integer, intent(out) :: handle, stat
    character(len=2048), intent(out) :: message
    type(error_type), allocatable :: error
@@ -33,6 +36,11 @@ subroutine scene_open(path, text, nover, overrides, ns, nc, nb, nset, source, sp
    end if
    model%volume = volume
    model%label = label
+   ! one tissue has no fractions
+   if (nf > 1) then
+      model%fraction = fraction
+      model%fraction_label = fraction_label
+   end if
    model%fiber = fiber
    model%boundary_point = boundary_point + 1
    model%boundary_set = boundary_set + 1

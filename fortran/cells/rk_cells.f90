@@ -3,7 +3,9 @@
 !> Gauss points lie in the cells between the source points of a lattice. Nodal cells belong to one
 !> source point each; their gradients are smoothed over the cell's facets, which neighbours share:
 !> the integral of a gradient over the body is then exactly the integral of values over the surface.
-!> Gauss points get the mean gradient of their cell corrected to the same end. Points come in
+!> Cells that the surface of the body cuts keep their gradients and weigh as much as is filled of
+!> them: constant gradients are still exact, and the energy is that of the body's volume. Gauss
+!> points get the mean gradient of their cell corrected to the same end. Points come in
 !> groups, within which the volume change is projected.
 !>
 !> Reference: Chen, Wu, Yoon, You, Int. J. Numer. Meth. Engng 50 (2001),
@@ -29,6 +31,9 @@ module rk_cells
       integer, allocatable :: node(:)
       !> Volume of each point, shape (np) [length^nd]
       real(wp), allocatable :: weight(:)
+      !> Volume of each point over that which its facets enclose, shape (np) [-]; not allocated
+      !> where they are the same
+      real(wp), allocatable :: filled(:)
       !> Group g has points first(g)+1 : first(g+1), shape (groups + 1)
       integer, allocatable :: first(:)
       !> Directions in which a group is too thin for a pressure that varies, shape (nd, groups); not
@@ -44,6 +49,8 @@ module rk_cells
       real(wp), allocatable :: surface(:, :)
       !> Outward normal times area, shape (nd, ms) [length^(nd-1)]
       real(wp), allocatable :: outward(:, :)
+      !> Area of the body behind each over that of the facet, shape (ms) [-]
+      real(wp), allocatable :: part(:)
       !> Boundary set of each, shape (ms)
       integer, allocatable :: set(:)
       !> Values of surface point s lifted into the body reach points

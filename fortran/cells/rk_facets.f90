@@ -14,6 +14,8 @@ module rk_facets
       !> Place, area times normal, cells on both sides (the second 0 on the surface), boundary set
       real(wp), allocatable :: x(:, :)
       real(wp), allocatable :: area(:, :)
+      !> Area of the body behind a facet of the surface over its own [-]
+      real(wp), allocatable :: part(:)
       integer, allocatable :: side(:, :)
       integer, allocatable :: set(:)
    contains
@@ -24,7 +26,7 @@ module rk_facets
 contains
 
 !> Add a point
-subroutine add(self, x, area, cell, other, set)
+subroutine add(self, x, area, cell, other, set, part)
    !> Facets
    class(facets_type), intent(inout) :: self
    !> Place, shape (nd) [length]
@@ -35,22 +37,27 @@ subroutine add(self, x, area, cell, other, set)
    integer, intent(in) :: cell, other
    !> Boundary set on the surface
    integer, intent(in) :: set
+   !> Area of the body behind the facet over its own, all if not given [-]
+   real(wp), intent(in), optional :: part
    integer :: room
 
    if (.not. allocated(self%x)) allocate (self%x(size(x), 64), self%area(size(x), 64), &
-      & self%side(2, 64), self%set(64))
+      & self%side(2, 64), self%set(64), self%part(64))
    if (self%n == size(self%set)) then
       room = 2*self%n
       call grow(self%x, room)
       call grow(self%area, room)
       self%side = reshape(self%side, [2, room], pad=[0])
       self%set = reshape(self%set, [room], pad=[0])
+      self%part = reshape(self%part, [room], pad=[0.0_wp])
    end if
    self%n = self%n + 1
    self%x(:, self%n) = x
    self%area(:, self%n) = area
    self%side(:, self%n) = [cell, other]
    self%set(self%n) = set
+   self%part(self%n) = 1.0_wp
+   if (present(part)) self%part(self%n) = part
 end subroutine add
 
 !> More columns
@@ -106,7 +113,7 @@ subroutine join_small(group, facets, least)
 end subroutine join_small
 
 !> Integration points from facets: volumes, centres and moments by the divergence theorem
-subroutine close_cells(self, cells, facets, group)
+subroutine close_cells(self, cells, facets, group, filled)
    !> Points
    type(cells_type), intent(inout) :: self
    !> Cells
@@ -115,6 +122,8 @@ subroutine close_cells(self, cells, facets, group)
    type(facets_type), intent(in) :: facets
    !> Group of each cell, from 1; groups without cells are left out, shape (cells)
    integer, intent(in) :: group(:)
+   !> Part of each cell's volume that counts, all if not allocated, shape (cells) [-]
+   real(wp), allocatable, intent(in) :: filled(:)
    type(csr_type) :: members
    integer :: number(cells), i, k, nd, side, ms, d
    real(wp) :: area(size(facets%x, 1)), x(size(facets%x, 1))
@@ -159,7 +168,7 @@ subroutine close_cells(self, cells, facets, group)
    ms = count(facets%side(2, :facets%n) == 0)
    allocate (self%facet(nd, facets%n - ms), self%area(nd, facets%n - ms), &
       & self%side(2, facets%n - ms))
-   allocate (self%surface(nd, ms), self%outward(nd, ms), self%set(ms))
+   allocate (self%surface(nd, ms), self%outward(nd, ms), self%set(ms), self%part(ms))
    allocate (self%lift_first(ms + 1), self%lift_point(ms), self%lift(ms))
    i = 0
    ms = 0
@@ -175,10 +184,17 @@ subroutine close_cells(self, cells, facets, group)
          self%surface(:, ms) = facets%x(:, k)
          self%outward(:, ms) = facets%area(:, k)
          self%set(ms) = facets%set(k)
+         self%part(ms) = facets%part(k)
          self%lift_first(ms + 1) = ms
          self%lift_point(ms) = number(facets%side(1, k))
          self%lift(ms) = 1.0_wp/self%weight(self%lift_point(ms))
       end if
+   end do
+   if (.not. allocated(filled)) return
+   self%filled = filled(self%node)
+   self%weight = self%filled*self%weight
+   do i = 1, cells
+      self%moment(:, :, i) = self%filled(i)*self%moment(:, :, i)
    end do
 end subroutine close_cells
 

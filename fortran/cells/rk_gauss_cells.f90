@@ -70,6 +70,7 @@ subroutine gauss_cells(self, cloud, count, degree, error)
    allocate (self%facet(nd, mf), self%area(nd, mf), self%side(2, mf), number(product(cells)))
    allocate (self%point(nd, np), self%weight(np), self%first(ng + 1))
    allocate (self%surface(nd, faces), self%outward(nd, faces), self%set(faces))
+   allocate (self%part(faces), source=1.0_wp)
    allocate (self%lift_first(faces + 1), self%lift_point(faces*own), self%lift(faces*own))
    if (nd == 3 .and. any(ones > 0)) allocate (self%thin(nd, ng))
    self%first(1) = 0

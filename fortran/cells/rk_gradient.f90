@@ -98,6 +98,7 @@ subroutine new_gradient(self, cells, ns, inside, facet, surface, essential)
          cell = 1 + (q - 1)/cells%per_cell
          o = (cell - 1)*cells%per_cell
          size_ = sum(cells%weight(o + 1:o + cells%per_cell))
+         if (allocated(cells%filled)) size_ = size_/cells%filled(q)
          if (cells%smoothed) then
             ! stabilisation couples all source points that cover the middle, facets may miss some
             call gather(inside, q, [(0.0_wp, d=1, nd)])

@@ -36,6 +36,7 @@ subroutine nodal_cells(self, cloud, error)
    type(error_type), allocatable, intent(out) :: error
    type(facets_type) :: facets
    integer, allocatable :: group(:)
+   real(wp), allocatable :: filled(:)
    integer :: is, lattice(3), last(3)
 
    if (allocated(cloud%lattice)) then
@@ -52,10 +53,10 @@ subroutine nodal_cells(self, cloud, error)
       group = [(place_of(group_of(lattice_index(cloud, is), lattice), last + 1), &
          & is=1, size(cloud%source, 2))]
    else
-      call voxel_facets(facets, cloud, group, error)
+      call voxel_facets(facets, cloud, group, filled, error)
    end if
    if (allocated(error)) return
-   call close_cells(self, size(group), facets, group)
+   call close_cells(self, size(group), facets, group, filled)
 end subroutine nodal_cells
 
 !> Group of a cell in one direction of a lattice, from 0: threes, as symmetric as can be

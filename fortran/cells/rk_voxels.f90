@@ -3,7 +3,6 @@ module rk_voxels
    use rk_cloud, only : cloud_type
    use rk_error, only : error_type, fatal_error, err_input
    use rk_facets, only : facets_type, join_small
-   use rk_neighbours, only : nearest_points
    use rk_precision, only : wp
    use rk_text, only : to_text
    implicit none
@@ -19,33 +18,41 @@ contains
 
 !> Facets of all cells and their groups: blocks of source spacings, those cut small by the surface
 !> joined to others
-subroutine voxel_facets(facets, cloud, group, error)
+subroutine voxel_facets(facets, cloud, group, filled, error)
    !> Facets
    type(facets_type), intent(inout) :: facets
    !> Cloud of a model
    type(cloud_type), intent(in) :: cloud
    !> Group of each cell, shape (ns)
    integer, allocatable, intent(out) :: group(:)
+   !> Volume of the body in each cell over that of its voxels, shape (ns) [-]; not allocated where
+   !> all voxels are full
+   real(wp), allocatable, intent(out) :: filled(:)
    !> Error handling: no voxels, a source point without voxels
    type(error_type), allocatable, intent(out) :: error
-   real(wp) :: step(3), area(3), x(3)
-   real(wp), allocatable :: centre(:, :)
+   real(wp) :: step(3), area(3), x(3), part
+   real(wp), allocatable :: centre(:, :), share(:)
    integer, allocatable :: owner(:), at(:, :), voxel(:, :, :), first(:)
    integer :: n(3), blocks(3), ip, other, d, side, next(3), set
 
-   if (.not. equal_voxels(cloud)) then
-      call fatal_error(error, err_input, 'nodal cells need a model of equal voxels, or a box, ' &
+   if (.not. allocated(cloud%voxels%index)) then
+      call fatal_error(error, err_input, 'nodal cells need a model of voxels, or a box, ' &
          & //'or an annulus')
+      return
+   end if
+   share = cloud%volume/product(cloud%voxels%size)
+   if (.not. all(share > 0.0_wp)) then
+      ip = findloc(share > 0.0_wp, .false., dim=1)
+      call fatal_error(error, err_input, 'collocation point '//to_text(ip)//' at ' &
+         & //to_text(cloud%points(:, ip))//' has no volume, run `myork build` again')
       return
    end if
    allocate (centre, mold=cloud%points)
    do ip = 1, size(centre, 2)
       centre(:, ip) = cloud%voxels%centre(ip)
    end do
-   ! the nearest source point in source spacings
    step = minval(cloud%spacing, dim=2)
-   owner = nearest_points(cloud%source/spread(step, 2, size(cloud%source, 2)), &
-      & centre/spread(step, 2, size(centre, 2)))
+   owner = cloud%nearest_source()
    allocate (first(size(cloud%source, 2)), source=0)
    do ip = size(owner), 1, -1
       first(owner(ip)) = ip
@@ -55,6 +62,12 @@ subroutine voxel_facets(facets, cloud, group, error)
       call fatal_error(error, err_input, 'source point '//to_text(ip)//' at ' &
          & //to_text(cloud%source(:, ip))//' has no voxel of its own')
       return
+   end if
+   ! full voxels are full to the last bit
+   if (all(abs(share - 1.0_wp) < 1.0e-6_wp)) then
+      share = 1.0_wp
+   else
+      filled = mean_of(share, owner, size(first))
    end if
    at = cloud%voxels%index + spread(1 - minval(cloud%voxels%index, dim=2), 2, size(owner))
    n = maxval(at, dim=2)
@@ -81,7 +94,10 @@ subroutine voxel_facets(facets, cloud, group, error)
             x(d) = x(d) + 0.5_wp*side*cloud%voxels%size(d)
             if (other == 0) then
                set = face_set(cloud, ip, area)
-               call facets%add(x, area, owner(ip), 0, set)
+               ! a slice at an end is cut through as much of the body as it holds
+               part = 1.0_wp
+               if (d == 3 .and. (next(3) == 0 .or. next(3) > n(3))) part = share(ip)
+               call facets%add(x, area, owner(ip), 0, set, part)
             else if (side == 1 .and. owner(other) /= owner(ip)) then
                call facets%add(x, area, owner(ip), owner(other), 0)
             end if
@@ -104,17 +120,25 @@ subroutine voxel_facets(facets, cloud, group, error)
    call join_small(group, facets, (group_size**3 + 1)/2)
 end subroutine voxel_facets
 
-!> Whether each collocation point stands for one voxel, and all of these are alike
-pure logical function equal_voxels(cloud)
-   !> Cloud
-   type(cloud_type), intent(in) :: cloud
-   real(wp) :: volume
+!> Mean of the voxels of each cell
+pure function mean_of(values, owner, cells) result(mean)
+   !> Value of each voxel, shape (nc)
+   real(wp), intent(in) :: values(:)
+   !> Its cell, shape (nc)
+   integer, intent(in) :: owner(:)
+   !> Cells, each with a voxel at least
+   integer, intent(in) :: cells
+   real(wp) :: mean(cells)
+   integer :: number(cells), ip
 
-   equal_voxels = allocated(cloud%voxels%index)
-   if (.not. equal_voxels) return
-   volume = product(cloud%voxels%size)
-   equal_voxels = all(abs(cloud%volume - volume) < 1.0e-6_wp*volume)
-end function equal_voxels
+   mean = 0.0_wp
+   number = 0
+   do ip = 1, size(owner)
+      mean(owner(ip)) = mean(owner(ip)) + values(ip)
+      number(owner(ip)) = number(owner(ip)) + 1
+   end do
+   mean = mean/number
+end function mean_of
 
 !> Boundary set of a voxel's face: that of the entry whose normal is nearest to the face's
 pure integer function face_set(cloud, ip, area)

@@ -85,12 +85,12 @@ subroutine set_penalty(self, scene, cells, shear)
    integer :: q, s
 
    allocate (self%penalty(size(cells%set)))
-   self%area = norm2(cells%outward, dim=1)
+   self%area = cells%part*norm2(cells%outward, dim=1)
    step = sum(scene%cloud%spacing, dim=2)/size(scene%cloud%spacing, 2)
    do s = 1, size(cells%set)
       q = cells%lift_point(cells%lift_first(s) + 1)
       ! the spacing across the surface
-      spacing = norm2(cells%outward(:, s)*step)/self%area(s)
+      spacing = norm2(cells%outward(:, s)*step)/norm2(cells%outward(:, s))
       self%penalty(s) = scene%galerkin%penalty/spacing*self%area(s)*shear(q)
    end do
 end subroutine set_penalty

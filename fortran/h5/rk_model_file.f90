@@ -104,6 +104,12 @@ subroutine read_parts(cloud, file, column, path, error)
    if (allocated(error)) return
    call split_lines(text, cloud%set_names)
    if (column == 1) then
+      if (file%has("fraction")) then
+         call file%read("fraction", cloud%fraction, error)
+         if (allocated(error)) return
+         call file%read("fraction_label", cloud%fraction_label, error)
+         if (allocated(error)) return
+      end if
       call read_voxels(cloud%voxels, file, path, error)
    else
       call recover_voxels(cloud, file, error)
@@ -230,6 +236,12 @@ subroutine check_model(cloud, column, path, error)
    call check_range("boundary_point", cloud%boundary_point, np)
    call check_range("boundary_set", cloud%boundary_set, size(cloud%set_names))
    if (np == 0) call complain("it has no collocation points")
+   if (allocated(cloud%fraction)) then
+      if (any(shape(cloud%fraction) /= [size(cloud%fraction_label), np])) &
+         call complain("'fraction' has shape ("//to_text(size(cloud%fraction, 2))//", "// &
+            to_text(size(cloud%fraction, 1))//"), but ("//to_text(np)//", "// &
+            to_text(size(cloud%fraction_label))//") is needed")
+   end if
    if (allocated(cloud%voxels%index)) call check_voxels(cloud%voxels)
 
 contains

@@ -6,7 +6,7 @@ module rk_deck_materials
    use rk_material_list, only : new_material
    use rk_parameters, only : parameters_type
    use rk_precision, only : pi, wp
-   use rk_scene, only : scene_type
+   use rk_scene, only : scene_type, tissue_type
    use rk_text, only : to_text
    implicit none
    private
@@ -31,11 +31,14 @@ subroutine read_materials(scene, deck, error)
    type(parameters_type) :: parameters
    character(len=:), allocatable :: at
    real(wp), allocatable :: direction(:)
+   integer, allocatable :: material_of(:)
    integer :: k, n
 
    n = deck%count('material')
    allocate (scene%tissue(n), scene%tissue_of(size(scene%cloud%points, 2)))
    scene%tissue_of = 0
+   if (allocated(scene%cloud%fraction)) allocate (material_of(size(scene%cloud%fraction, 1)), &
+      & source=0)
    do k = 1, n
       at = 'material.'//to_text(k)
       associate (tissue => scene%tissue(k))
@@ -48,8 +51,10 @@ subroutine read_materials(scene, deck, error)
             return
          end if
          call move_alloc(item%material, tissue%material)
-         call fill_points(scene, k, deck%has(at//'.label'))
-         if (.not. any(scene%tissue_of == k)) then
+         call fill_points(scene%tissue_of, scene%cloud%label, k, tissue, deck%has(at//'.label'))
+         if (allocated(material_of)) call fill_points(material_of, scene%cloud%fraction_label, k, &
+            & tissue, deck%has(at//'.label'))
+         if (.not. any(scene%tissue_of == k) .and. .not. has_part(scene, material_of, k)) then
             call deck%complain(at//'.label', 'no point has label '//to_text(tissue%label), error)
             return
          end if
@@ -63,10 +68,59 @@ subroutine read_materials(scene, deck, error)
       end associate
    end do
    k = findloc(scene%tissue_of, 0, dim=1)
-   if (k > 0) call fatal_error(error, err_input, deck%where('material.1')//': material: points ' &
-      & //'with label '//to_text(scene%cloud%label(k))//' have no material, the first one lies ' &
-      & //'at '//to_text(scene%cloud%points(:, k)))
+   if (k > 0) then
+      call fatal_error(error, err_input, deck%where('material.1')//': material: points ' &
+         & //'with label '//to_text(scene%cloud%label(k))//' have no material, the first one ' &
+         & //'lies at '//to_text(scene%cloud%points(:, k)))
+   else if (allocated(material_of)) then
+      call set_parts(scene, material_of, deck, error)
+   end if
 end subroutine read_materials
+
+!> Whether some point has a fraction of a material
+pure logical function has_part(scene, material_of, k)
+   !> Scene
+   type(scene_type), intent(in) :: scene
+   !> Material of each fraction, shape (nf); not allocated where points have none
+   integer, allocatable, intent(in) :: material_of(:)
+   !> Material
+   integer, intent(in) :: k
+   integer :: i
+
+   has_part = .false.
+   if (.not. allocated(material_of)) return
+   do i = 1, size(material_of)
+      if (material_of(i) == k) has_part = has_part .or. any(scene%cloud%fraction(i, :) > 0.0_wp)
+   end do
+end function has_part
+
+!> Fractions of the materials from those of labels
+subroutine set_parts(scene, material_of, deck, error)
+   !> Scene
+   type(scene_type), intent(inout) :: scene
+   !> Material of each fraction, shape (nf)
+   integer, intent(in) :: material_of(:)
+   !> Deck
+   type(deck_type), intent(in) :: deck
+   !> Error handling: a label without a material
+   type(error_type), allocatable, intent(out) :: error
+   integer :: i, k
+
+   allocate (scene%tissue_part(size(scene%tissue), size(scene%tissue_of)), source=0.0_wp)
+   do i = 1, size(material_of)
+      k = material_of(i)
+      if (k > 0) then
+         scene%tissue_part(k, :) = scene%tissue_part(k, :) + scene%cloud%fraction(i, :)
+         cycle
+      end if
+      k = maxloc(scene%cloud%fraction(i, :), dim=1)
+      if (.not. scene%cloud%fraction(i, k) > 0.0_wp) cycle
+      call fatal_error(error, err_input, deck%where('material.1')//': material: label ' &
+         & //to_text(scene%cloud%fraction_label(i))//' has no material, but fills a part of ' &
+         & //'points; the largest lies at '//to_text(scene%cloud%points(:, k)))
+      return
+   end do
+end subroutine set_parts
 
 !> Parameters of a material's law
 subroutine read_parameters(deck, at, name, parameters)
@@ -98,19 +152,23 @@ subroutine read_parameters(deck, at, name, parameters)
    end do
 end subroutine read_parameters
 
-!> Give a material to its points
-subroutine fill_points(scene, k, by_label)
-   !> Scene
-   type(scene_type), intent(inout) :: scene
-   !> Material
+!> Give a material to what has its label
+pure subroutine fill_points(material_of, label, k, tissue, by_label)
+   !> Material of each point or fraction
+   integer, intent(inout) :: material_of(:)
+   !> Its label
+   integer, intent(in) :: label(:)
+   !> Number of the material
    integer, intent(in) :: k
-   !> Whether its label counts; otherwise it fills all points
+   !> Material
+   type(tissue_type), intent(in) :: tissue
+   !> Whether its label counts; otherwise it fills all
    logical, intent(in) :: by_label
 
    if (by_label) then
-      where (scene%cloud%label == scene%tissue(k)%label) scene%tissue_of = k
+      where (label == tissue%label) material_of = k
    else
-      scene%tissue_of = k
+      material_of = k
    end if
 end subroutine fill_points
 

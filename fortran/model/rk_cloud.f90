@@ -3,7 +3,7 @@ module rk_cloud
    use rk_csr, only : csr_type
    use rk_error, only : error_type, fatal_error, err_input
    use rk_kernel, only : window_product
-   use rk_neighbours, only : find_neighbours
+   use rk_neighbours, only : find_neighbours, nearest_points
    use rk_precision, only : i8, wp
    use rk_text, only : to_text
    implicit none
@@ -49,6 +49,11 @@ module rk_cloud
       real(wp), allocatable :: volume(:)
       !> Label of the tissue, shape (nc)
       integer, allocatable :: label(:)
+      !> Fraction of each tissue in the volume of a collocation point, shape (nf, nc) [-]; not
+      !> allocated where each holds one tissue, that of its label
+      real(wp), allocatable :: fraction(:, :)
+      !> Label of each fraction, shape (nf)
+      integer, allocatable :: fraction_label(:)
       !> Fiber direction, unit vectors or zeros, shape (3, nc)
       real(wp), allocatable :: fiber(:, :)
       !> Collocation point of each boundary entry, shape (nb)
@@ -75,6 +80,8 @@ module rk_cloud
       procedure :: find_set
       !> Distance of neighbouring source points, mean over points and directions
       procedure :: mean_spacing
+      !> Source point nearest to each collocation point
+      procedure :: nearest_source
    end type cloud_type
 
 contains
@@ -112,6 +119,27 @@ pure real(wp) function mean_spacing(self)
    mean_spacing = product(sum(self%spacing, dim=2)/size(self%spacing, 2))**(1.0_wp/self%nd)
 end function mean_spacing
 
+!> Source point nearest to each collocation point, or to the centre of its voxel where it has one,
+!> in source spacings
+function nearest_source(self) result(owner)
+   !> Cloud
+   class(cloud_type), intent(in) :: self
+   integer, allocatable :: owner(:)
+   real(wp), allocatable :: at(:, :)
+   real(wp) :: step(size(self%source, 1))
+   integer :: ip
+
+   at = self%points
+   if (allocated(self%voxels%index)) then
+      do ip = 1, size(at, 2)
+         at(:, ip) = self%voxels%centre(ip)
+      end do
+   end if
+   step = minval(self%spacing, dim=2)
+   owner = nearest_points(self%source/spread(step, 2, size(self%source, 2)), &
+      & at/spread(step, 2, size(at, 2)))
+end function nearest_source
+
 !> Refuse what no later station could make sense of
 subroutine check_cloud(self, error)
    !> Cloud
@@ -139,6 +167,16 @@ subroutine check_cloud(self, error)
          call fatal_error(error, err_input, 'volume of collocation point '//to_text(i)//' at ' &
             & //to_text(self%points(:, i))//' is '//to_text(self%volume(i)) &
             & //': it must be finite and not negative')
+         return
+      end if
+   end if
+   if (allocated(self%fraction)) then
+      i = findloc(all(self%fraction >= 0.0_wp, dim=1) .and. &
+         & abs(sum(self%fraction, dim=1) - 1.0_wp) < 1.0e-6_wp, .false., dim=1)
+      if (i > 0) then
+         call fatal_error(error, err_input, 'fractions of tissues at collocation point ' &
+            & //to_text(i)//' at '//to_text(self%points(:, i))//' are ' &
+            & //to_text(self%fraction(:, i))//': none may be negative, and their sum must be 1')
          return
       end if
    end if

@@ -1,10 +1,11 @@
 !> The material of every place: one tissue, or near an interface several with smooth fractions.
 !>
-!> Tissues belong to source points; their fractions at a place are the sums of the points'
-!> reproducing kernel functions of order 0, which are never negative, so that a soft tissue beside
-!> a stiff one keeps a positive modulus. All energies are linear in their moduli: mixing energies
-!> is interpolating moduli. The strong form then has the term P_t grad(fraction_t) beside the
-!> derivatives of the stress.
+!> Tissues belong to source points, each to one or, where the voxels of a model hold several, to
+!> these by their fractions of the volume. The fractions at a place are the sums of the points'
+!> reproducing kernel functions of order 0 times theirs: never negative, so that a soft tissue
+!> beside a stiff one keeps a positive modulus. All energies are linear in their moduli: mixing
+!> energies is interpolating moduli. The strong form then has the term P_t grad(fraction_t) beside
+!> the derivatives of the stress.
 !>
 !> Fibers are no moduli: a muscle's fraction x reaches into fat, where no fiber was measured. With
 !> the fiber of the muscle's nearest point all of x acts: the volume that contracts, the sum of x
@@ -86,8 +87,8 @@ subroutine new_mixture(self, scene, position, nearest, error)
    type(error_type), allocatable, intent(out) :: error
    type(shape_type) :: shape
    real(wp) :: part(size(scene%tissue)), gradient(3, size(scene%tissue))
-   real(wp), allocatable :: fiber_gradient(:, :, :)
-   integer, allocatable :: owner(:), fibered(:, :)
+   real(wp), allocatable :: fiber_gradient(:, :, :), share(:, :)
+   integer, allocatable :: fibered(:, :)
    integer :: ip, k, n, np, round
 
    self%scene => scene
@@ -102,14 +103,14 @@ subroutine new_mixture(self, scene, position, nearest, error)
       call new_shape(shape, approximation_type(0, kernel_quintic, window_product), &
          & scene%cloud%source, scene%interface%reach*scene%cloud%spacing, position, error)
       if (allocated(error)) return
-      owner = scene%tissue_of(nearest_points(scene%cloud%points, scene%cloud%source))
+      share = shares(scene)
    end if
    do round = 1, 2
       n = 0
       self%first(1) = 0
       do ip = 1, np
-         if (allocated(owner)) then
-            call fractions(shape, owner, ip, part, gradient)
+         if (allocated(share)) then
+            call fractions(shape, share, ip, part, gradient)
          else
             part = 1.0_wp
             gradient = 0.0_wp
@@ -139,12 +140,46 @@ subroutine new_mixture(self, scene, position, nearest, error)
    end do
 end subroutine new_mixture
 
+!> Fractions of the tissues that belong to each source point
+function shares(scene) result(share)
+   !> Scene
+   type(scene_type), intent(in) :: scene
+   real(wp), allocatable :: share(:, :)
+   real(wp) :: volume(size(scene%cloud%source, 2))
+   integer, allocatable :: nearest(:), owner(:)
+   integer :: ip, is
+
+   allocate (share(size(scene%tissue), size(volume)), source=0.0_wp)
+   nearest = nearest_points(scene%cloud%points, scene%cloud%source)
+   if (.not. allocated(scene%tissue_part)) then
+      do is = 1, size(volume)
+         share(scene%tissue_of(nearest(is)), is) = 1.0_wp
+      end do
+      return
+   end if
+   owner = scene%cloud%nearest_source()
+   volume = 0.0_wp
+   do ip = 1, size(owner)
+      associate (is => owner(ip), part => scene%cloud%volume(ip))
+         volume(is) = volume(is) + part
+         share(:, is) = share(:, is) + part*scene%tissue_part(:, ip)
+      end associate
+   end do
+   do is = 1, size(volume)
+      if (volume(is) > 0.0_wp) then
+         share(:, is) = share(:, is)/volume(is)
+      else
+         share(:, is) = scene%tissue_part(:, nearest(is))
+      end if
+   end do
+end function shares
+
 !> Fractions of all tissues at a place with their gradients
-subroutine fractions(shape, owner, ip, part, gradient)
+subroutine fractions(shape, share, ip, part, gradient)
    !> Shape functions of order 0
    type(shape_type), target, intent(in) :: shape
-   !> Tissue of each source point
-   integer, intent(in) :: owner(:)
+   !> Fractions that belong to each source point, shape (nt, ns) [-]
+   real(wp), intent(in) :: share(:, :)
    !> Place
    integer, intent(in) :: ip
    !> Fractions, shape (nt) [-]
@@ -159,9 +194,11 @@ subroutine fractions(shape, owner, ip, part, gradient)
    gradient = 0.0_wp
    call shape%row(ip, nodes, values)
    do j = 1, size(nodes)
-      k = owner(nodes(j))
-      part(k) = part(k) + values(1, j)
-      gradient(:shape%nd, k) = gradient(:shape%nd, k) + values(2:1 + shape%nd, j)
+      do k = 1, size(part)
+         part(k) = part(k) + share(k, nodes(j))*values(1, j)
+         gradient(:shape%nd, k) = gradient(:shape%nd, k) &
+            & + share(k, nodes(j))*values(2:1 + shape%nd, j)
+      end do
    end do
    where (part < nothing) part = 0.0_wp
 end subroutine fractions

@@ -124,6 +124,9 @@ module rk_scene
       type(tissue_type), allocatable :: tissue(:)
       !> Material of each collocation point, shape (nc)
       integer, allocatable :: tissue_of(:)
+      !> Fraction of each material in the volume of a collocation point, shape (nt, nc) [-]; not
+      !> allocated where each holds one material
+      real(wp), allocatable :: tissue_part(:, :)
       !> Units of force and length, printed with every number
       character(len=:), allocatable :: force_unit, length_unit
       !> Boundary conditions

@@ -54,6 +54,9 @@ def write_model(path: Path, cloud: PointCloud) -> None:
         arrays["voxels/index"] = np.asarray(cloud.voxels.index, np.int32)
         arrays["voxels/size"] = cloud.voxels.size
         arrays["voxels/origin"] = cloud.voxels.origin
+    if cloud.fraction is not None:
+        arrays["fraction"] = cloud.fraction
+        arrays["fraction_label"] = np.array(sorted(cloud.label_names), np.int32)
     # HDF5 does not survive a full disk: it makes the file in memory
     content = io.BytesIO()
     with h5py.File(content, "w") as file:
@@ -90,12 +93,19 @@ def read_model(path: Path) -> PointCloud:
                 length_unit=_text(file.attrs["length_unit"]),
                 source_images=_text(file.attrs["source_images"]),
                 voxels=_voxels(file) if stamp == FORMAT else _recovered(file, arrays),
+                fraction=_numbers(file, "fraction") if "fraction" in file else None,
             )
     except (OSError, KeyError, ValueError, TypeError, IndexError, RuntimeError) as reason:
         # what h5py raises on damaged files is any of these
         raise FileError(
             f"{path}: is no readable model: {reason}; run `myork build` again"
         ) from None
+    wanted = (len(cloud.points), len(cloud.label_names))
+    if cloud.fraction is not None and cloud.fraction.shape != wanted:
+        raise InputError(
+            f"{path}: 'fraction' has shape {cloud.fraction.shape}, but {wanted} is needed; "
+            "run `myork build` again"
+        )
     for name, index, count in (
         ("boundary_point", cloud.boundary_point, len(cloud.points)),
         ("boundary_set", cloud.boundary_set, len(cloud.set_names)),

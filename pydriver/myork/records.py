@@ -135,6 +135,9 @@ class PointCloud:
     voxels : Voxels, optional
         Voxels that belong to the collocation points; None for bodies that are not made of voxels.
         Points of surface voxels lie on the surface, not in the centres of these.
+    fraction : NDArray, optional
+        Part of each point's volume that each label of `label_names` fills, in ascending order of
+        the labels, shape `(npoint, nlabel)` [-]; None where each point holds one label.
     """
 
     source: F64
@@ -152,3 +155,11 @@ class PointCloud:
     length_unit: str
     source_images: str
     voxels: Voxels | None = None
+    fraction: F64 | None = None
+
+    def label_volumes(self) -> dict[int, float]:
+        """Volume of each label [length^3]."""
+        labels = sorted(self.label_names)
+        if self.fraction is None:
+            return {label: float(self.volume[self.label == label].sum()) for label in labels}
+        return dict(zip(labels, (self.volume @ self.fraction).tolist(), strict=True))

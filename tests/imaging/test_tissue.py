@@ -7,6 +7,7 @@ from myork.core.level_sets import evolve_level_sets
 from myork.errors import InputError
 from myork.imaging.phantom import TISSUES, make_phantom
 from myork.model.points import BONE, boundary_sets, changed_volumes, coarsen, select
+from myork.model.shares import label_shares
 from myork.records import Image, Labels
 from myork.segmentation.fuzzy import fuzzy_c_means
 from myork.segmentation.leg import LegImages, _skin, check_disjoint, find_bones, leg_tissues
@@ -163,15 +164,22 @@ def test_bone_bounds_the_model():
     assert sets.area[skin].sum() == pytest.approx(2 * np.pi * 16 * 20, rel=0.1)
 
 
-def test_thin_sheets_vanish_by_majority_and_stay_as_samples():
+def test_thin_sheets_keep_their_volume_where_no_block_is_theirs():
     data = np.ones((40, 40, 2), np.int32)
     data[::8] = 3
     labels = Labels(data, np.eye(4), {1: "muscle", 3: "sheet"})
     coarse = coarsen(labels, (4, 4, 1))
     assert not (coarse.data == 3).any()
-    told = changed_volumes(labels, coarse)
-    assert any("sheet has 0 cm^3" in text and "build.merge" in text for text in told)
+    shares, numbers = label_shares(labels, coarse, (4, 4, 1), np.zeros(coarse.data.shape, bool))
+    assert numbers.tolist() == [1, 3]
+    # every second block has a sheet through a quarter of it
+    np.testing.assert_allclose(shares.sum(axis=0) * 16, [2800, 400])
+    assert set(np.unique(shares[:, 1])) == {0.0, 0.25}
+    assert changed_volumes(labels, {1: 2800.0, 3: 400.0}) == []
+    told = changed_volumes(labels, {1: 2800.0})
+    assert (
+        len(told) == 1 and "sheet has 0 cm^3" in told[0] and "build.collocation_stride" in told[0]
+    )
     data[:] = np.where(np.random.default_rng(1).random(data.shape) < 0.3, 3, 1)
     sampled = coarsen(Labels(data, np.eye(4)), (2, 2, 1), "sample")
     assert np.mean(sampled.data == 3) == pytest.approx(0.3, abs=0.05)
-    assert changed_volumes(labels, labels) == []

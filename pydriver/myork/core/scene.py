@@ -154,6 +154,7 @@ class Scene:
         # a size of zero stands for none
         none = Voxels(np.zeros((len(cloud.points), 3), np.int32), np.zeros(3), np.zeros(3))
         voxels = cloud.voxels or none
+        fraction = np.zeros((len(cloud.points), 1)) if cloud.fraction is None else cloud.fraction
         names = np.char.ljust(np.array([name.encode() for name in cloud.set_names]), 32)
         handle, stat, message = _core.scene_open(
             os.fsencode(deck["path"]),
@@ -167,6 +168,8 @@ class Scene:
             voxels.origin,
             cloud.volume,
             cloud.label,
+            fraction.T,
+            sorted(cloud.label_names) if cloud.fraction is not None else [0],
             cloud.fiber.T,
             cloud.boundary_point,
             cloud.boundary_set,

@@ -18,6 +18,7 @@ from myork.imaging.io import read_image, read_labels
 from myork.model import points
 from myork.model.fibers import fibers_at_points
 from myork.model.mesh import read_tracts, tract_fibers, voxelise
+from myork.model.shares import label_shares
 from myork.model.surface import end_offsets, surface_offsets
 from myork.model_file import write_model
 from myork.records import Image, Labels, PointCloud, Voxels
@@ -149,11 +150,14 @@ def build_cloud(
     part = points.select(whole, table["ids"], table.get("slices"), table["bone"])
     if part.data.shape[2] == 1:
         block, stride = [*block[:2], 1], [*stride[:2], 1]
-    coarse = points.coarsen(part, block, table["merge"])
-    warnings = points.changed_volumes(part, coarse)
-    coarse, islands = points.connected_body(coarse, table["islands"])
-    warnings += islands
+    merged = points.coarsen(part, block, table["merge"])
+    coarse, islands = points.connected_body(merged, table["islands"])
     body = coarse.data > 0
+    shares, numbers = label_shares(part, coarse, block, (merged.data > 0) & ~body)
+    filled = shares.sum(axis=1)
+    volumes = shares.sum(axis=0) * coarse.spacing.prod()
+    warnings = points.changed_volumes(part, dict(zip(numbers.tolist(), volumes, strict=True)))
+    warnings += islands
     voxels = np.argwhere(body)
     step = [s // b for s, b in zip(stride, block, strict=True)]
     source = points.source_voxels(body, step)
@@ -176,6 +180,8 @@ def build_cloud(
         fiber = fibers_at_points(canonical(fibers), whole, at, label, block)
 
     warnings += _doubts(coarse, boundary)
+    shares, numbers = shares[:, shares.any(axis=0)], numbers[shares.any(axis=0)]
+    fraction = shares / filled[:, np.newaxis]
     factor = length_factor(unit)
     size = coarse.spacing * factor
     cloud = PointCloud(
@@ -184,16 +190,17 @@ def build_cloud(
         points=place * factor,
         label=label,
         fiber=fiber,
-        volume=np.full(len(voxels), size.prod()),
+        volume=filled * size.prod(),
         boundary_point=boundary.point.astype(np.int32),
         boundary_set=boundary.set.astype(np.int32),
         normal=boundary.normal,
         area=boundary.area * factor**2,
         set_names=boundary.names,
-        label_names={int(i): coarse.label_name(int(i)) for i in np.unique(label)},
+        label_names={int(i): coarse.label_name(int(i)) for i in numbers},
         length_unit=unit,
         source_images=source_images,
         voxels=Voxels(voxels.astype(np.int32), size, origin * factor),
+        fraction=None if (fraction.max(axis=1) == 1.0).all() else fraction,
     )
     return cloud, warnings
 
@@ -229,10 +236,7 @@ def _doubts(coarse: Labels, boundary: points.Boundary) -> list[str]:
 
 def _summary(deck: Mapping[str, Any], cloud: PointCloud, warnings: list[str]) -> dict[str, Any]:
     """Entries for `summary.json`."""
-    volume = {
-        name: float(cloud.volume[cloud.label == label].sum())
-        for label, name in cloud.label_names.items()
-    }
+    volume = {cloud.label_names[label]: volume for label, volume in cloud.label_volumes().items()}
     return {
         "title": deck["title"],
         "deck_sha256": deck["sha256"],

@@ -1,0 +1,98 @@
+"""How much of each merged voxel is body, and how much of that is each label.
+
+Voxels that are merged keep one label and are wholly inside or outside: that decides where the
+points lie. Their volumes do not follow from it. A block that the surface cuts is a part of the
+body only, one that is left out holds a part as well, and a sheet thinner than a block fills some
+of each block it passes. Counted in the voxels that were merged, these parts keep the volume of
+the body and of each label.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from myork.records import Labels
+
+__all__ = ["label_shares"]
+
+F64 = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+# No voxel of a body is emptier than this [-]: it would be nearly free to move.
+_LEAST = 0.1
+
+
+def label_shares(
+    fine: Labels, coarse: Labels, block: Sequence[int], left_out: Mask
+) -> tuple[F64, NDArray[np.int32]]:
+    """Volume of each label in each merged voxel of a body, over that of the voxel.
+
+    What lies in blocks that are no part of the body goes to the blocks beside it, evenly: to those
+    that share a face, or where there are none, an edge or a corner. What touches no block of the
+    body is lost.
+
+    Parameters
+    ----------
+    fine : Labels
+        Label map.
+    coarse : Labels
+        Its blocks merged, those above zero are the body.
+    block : sequence
+        Voxels per block in each direction.
+    left_out : NDArray
+        Merged voxels that are left out with all that they hold, shape of `coarse.data`.
+
+    Returns
+    -------
+    tuple
+        Shares in lexicographic order of the body's voxels, shape `(nbody, nlabel)` [-], the sum
+        of a row is more than 1 where a neighbour was left out; and the labels, ascending.
+    """
+    body = coarse.data > 0
+    numbers = np.unique(fine.data[fine.data > 0])
+    if max(block) == 1:
+        return (coarse.data[body][:, np.newaxis] == numbers).astype(float), numbers
+    size = np.array(block)
+    corner = np.linalg.solve(fine.affine[:3, :3], coarse.affine[:3, 3] - fine.affine[:3, 3])
+    first = np.rint(corner - 0.5 * (size - 1)).astype(int)
+    last = first + size * body.shape - fine.data.shape
+    # whole blocks more on all sides, one at least: the map may reach beyond the merged body
+    before = np.maximum(-(-first // size), 1)
+    after = np.maximum(-(last // size), 1)
+    pad = np.stack([before * size - first, after * size + last], axis=1)
+    data = np.pad(fine.data, [*pad[:2].tolist(), (0, 0)])
+    # beyond the end slices the body goes on to the end of its blocks
+    slices = fine.data.shape[2]
+    along = np.arange(-pad[2, 0], slices + pad[2, 1])
+    inside = (along >= min(first[2], 0)) & (along < slices + max(last[2], 0))
+    data = data[:, :, along.clip(0, slices - 1)] * inside
+    n = np.array(data.shape) // size
+    middle = tuple(slice(b, b + s) for b, s in zip(before, body.shape, strict=True))
+    kept, gone = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
+    kept[middle], gone[middle] = body, left_out
+    shares = np.empty((int(body.sum()), len(numbers)))
+    for column, number in enumerate(numbers):
+        part = (data == number).reshape(n[0], size[0], n[1], size[1], n[2], size[2])
+        share = np.where(gone, 0.0, part.mean(axis=(1, 3, 5)))
+        shares[:, column] = _given_on(share, kept)[kept]
+    total = shares.sum(axis=1)
+    empty = total == 0
+    shares[empty] = (coarse.data[body][empty, np.newaxis] == numbers) * _LEAST
+    total[empty] = _LEAST
+    return shares * np.maximum(_LEAST / total, 1.0)[:, np.newaxis], numbers
+
+
+def _given_on(share: F64, kept: Mask) -> F64:
+    """Shares of voxels that are not kept added to those of their neighbours."""
+    given, rest = np.where(kept, share, 0.0), np.where(kept, 0.0, share)
+    for corners in (1, 3):
+        beside = ndimage.generate_binary_structure(3, corners).astype(float)
+        takers = ndimage.convolve(kept.astype(float), beside, mode="constant")
+        part = np.where(takers > 0, rest / np.maximum(takers, 1.0), 0.0)
+        given += kept * ndimage.convolve(part, beside, mode="constant")
+        rest = np.where(takers > 0, 0.0, rest)
+    return np.asarray(given)

@@ -1,0 +1,178 @@
+"""Voxels that the surface of a body or an interface cuts: they weigh what is filled of them."""
+
+from dataclasses import replace
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from myork.core.deck import table_defaults
+from myork.errors import InputError
+from myork.model_file import read_model, write_model
+from myork.records import Labels, PointCloud, Voxels
+from myork.reference import exact
+from myork.reference.materials import RUBBER
+from myork.stations.build import build_cloud
+
+
+def brick(share: NDArray[Any], slices: int) -> PointCloud:
+    """Voxels of edge 0.5 in a block, all slices filled alike, with a set for each face."""
+    n = (*share.shape, slices)
+    index = np.argwhere(np.ones(n, bool)).astype(np.int32)
+    points = 0.5 * index + 0.25
+    filled = np.repeat(share.ravel(), slices)
+    names = ("x0", "x1", "y0", "y1", "z0", "z1")
+    entries = [
+        (point, number, (number % 2 * 2 - 1) * np.eye(3)[number // 2])
+        for number in range(6)
+        for point in np.flatnonzero(index[:, number // 2] == number % 2 * (n[number // 2] - 1))
+    ]
+    return PointCloud(
+        source=points,
+        spacing=np.full(3, 0.5),
+        points=points,
+        label=np.ones(len(points), np.int32),
+        fiber=np.zeros(points.shape),
+        volume=filled * 0.125,
+        boundary_point=np.array([e[0] for e in entries], np.int32),
+        boundary_set=np.array([e[1] for e in entries], np.int32),
+        normal=np.array([e[2] for e in entries]),
+        area=np.full(len(entries), 0.25),
+        set_names=names,
+        label_names={1: "rubber"},
+        length_unit="cm",
+        source_images="",
+        voxels=Voxels(index, np.full(3, 0.5), np.full(3, 0.25)),
+    )
+
+
+@pytest.mark.parametrize("pull", [{"u_z": 0.6}, {"traction": [0.0, 0.0, 4.0]}], ids=str)
+def test_uniaxial_tension_is_exact_however_full_the_voxels_are(open_scene, pull) -> None:
+    """Linear displacements leave no force on any point; the section is the sum of its shares."""
+    share = np.random.default_rng(3).uniform(0.3, 1.3, (4, 3))
+    planes = [{"set": f"{axis}0", f"u_{axis}": 0} for axis in "xyz"]
+    tables = {
+        "scene": {"dimension": 3, "method": "rkpm-scni"},
+        "material": [RUBBER],
+        "boundary": [*planes, {"set": "z1", **pull}],
+        "probe": [
+            {"name": "F", "quantity": "force_z", "set": "z0"},
+            {"name": "s", "quantity": "cauchy_zz", "point": [1.0, 0.7, 1.1]},
+            {"name": "u", "quantity": "u_z", "point": [0.5, 0.7, 3.0]},
+        ],
+    }
+    scene = open_scene(tables, "solver.tolerance=1e-10", cloud=brick(share, 6))
+    force, stress, move = scene.probes(scene.solve().x[-1:], np.ones(1))[0, :, 0]
+    area = 0.25 * share.sum()
+    rubber = exact.Polynomial.from_deck(RUBBER)
+    assert stress == pytest.approx(exact.uniaxial(rubber, 1 + move / 3.0), rel=1e-7)
+    if "traction" in pull:
+        assert force == pytest.approx(-4.0 * area, rel=1e-7)
+    else:
+        stretched = open_scene(tables, "solver.tolerance=1e-10", cloud=brick(share**0, 6))
+        whole = stretched.probes(stretched.solve().x[-1:], np.ones(1))[0, 0, 0]
+        assert force == pytest.approx(whole * share.mean(), rel=1e-7)
+
+
+def test_force_of_a_cylinder_off_the_lattice(open_scene) -> None:
+    """Without contraction across, the force is that of the section of the label map."""
+    errors = []
+    for h in (0.25, 0.125):
+        x = (np.arange(int(2.5 / h)) + 0.5) * h - 1.25
+        a, b = np.meshgrid(x - 0.3 * h, x - 0.17 * h, indexing="ij")
+        disc = (a**2 + b**2 < 1).astype(np.int32)
+        data = np.repeat(disc[:, :, np.newaxis], int(2 / h), axis=2)
+        table = {**table_defaults("build"), "source_stride": [2] * 3, "collocation_stride": [2] * 3}
+        affine = np.diag([10 * h] * 3 + [1.0])
+        cloud, warnings = build_cloud(Labels(data, affine), None, table, "cm")
+        assert warnings == []
+        assert cloud.volume.sum() == pytest.approx(data.sum() * h**3, rel=1e-12)
+        tables = {
+            "scene": {"dimension": 3, "method": "rkpm-scni"},
+            # E = 2 mu
+            "material": [{"name": "m", "model": "neo-hookean", "mu": 3.0, "K": 2.0}],
+            "boundary": [
+                {"set": "bottom", "u_x": 0, "u_y": 0, "u_z": 0},
+                {"set": "top", "u_x": 0, "u_y": 0, "u_z": 2e-5},
+            ],
+            "probe": [{"name": "F", "quantity": "force_z", "set": "top"}],
+        }
+        scene = open_scene(tables, cloud=cloud)
+        force = scene.probes(scene.solve().x[-1:], np.ones(1))[0, 0, 0] / 1e-5
+        assert force == pytest.approx(6.0 * disc.sum() * h**2, rel=1e-3)
+        errors.append(abs(force / (6.0 * np.pi) - 1.0))
+    assert errors[0] < 0.02 and errors[1] < 0.8 * errors[0]
+
+
+def test_tissues_beside_each_other_within_voxels(open_scene) -> None:
+    """Nearly incompressible tissues stretched together carry by their parts of the section."""
+    part = np.repeat([0.0, 0.0, 0.3, 1.0, 1.0], 3).reshape(5, 3)
+    cloud = brick(np.ones((5, 3)), 6)
+    fraction = np.repeat(part.ravel(), 6)
+    cloud = replace(
+        cloud,
+        label_names={1: "soft", 2: "stiff"},
+        fraction=np.column_stack([1.0 - fraction, fraction]),
+    )
+    tables = {
+        "scene": {"dimension": 3, "method": "rkpm-scni"},
+        "material": [
+            {"name": f"m{k}", "model": "neo-hookean", "mu": mu, "K": 1e3 * mu, "label": k + 1}
+            for k, mu in enumerate((3.0, 12.0))
+        ],
+        "boundary": [{"set": f"{axis}0", f"u_{axis}": 0} for axis in "xyz"]
+        + [{"set": "z1", "u_z": 3e-5}],
+        "probe": [{"name": "F", "quantity": "force_z", "set": "z1"}],
+    }
+    scene = open_scene(tables, cloud=cloud)
+    force = scene.probes(scene.solve().x[-1:], np.ones(1))[0, 0, 0]
+    # by labels alone it would be 7.6 % less
+    right = 1e-5 * 3 * 0.25 * (3.0 * (1 - part) + 12.0 * part).sum()
+    assert force == pytest.approx(right, rel=5e-3)
+
+
+def test_labels_keep_their_volumes_when_voxels_merge() -> None:
+    """A ring around a core with a strip along it: smooth curved interfaces, any stride."""
+    x, y, _ = np.meshgrid(*[np.arange(n) + 0.5 for n in (52, 52, 24)], indexing="ij")
+    radius = np.hypot(x - 26.3, y - 25.9)
+    data = np.select([radius < 14, radius < 16, radius < 22], [1, 3, 2], 0).astype(np.int32)
+    for stride in (1, 2, 3, 4, 6):
+        table = {
+            **table_defaults("build"),
+            "source_stride": [stride] * 3,
+            "collocation_stride": [stride] * 3,
+        }
+        cloud, warnings = build_cloud(Labels(data, np.eye(4)), None, table, "mm")
+        assert warnings == []
+        volumes = {label: (data == label).sum() for label in (1, 2, 3)}
+        assert cloud.label_volumes() == pytest.approx(volumes, rel=1e-12)
+        assert (cloud.fraction is None) == (stride == 1)
+        # no voxel is nearly empty, none stands for two
+        filled = cloud.volume / stride**3
+        assert filled.min() >= 1 / 3 and filled.max() < 1.5
+
+
+def test_fractions_need_materials_and_sums(open_scene, tmp_path) -> None:
+    data = np.ones((4, 4, 4), np.int32)
+    data[0] = 2
+    table = {**table_defaults("build"), "source_stride": [2] * 3, "collocation_stride": [2] * 3}
+    cloud, _ = build_cloud(Labels(data, np.eye(4)), None, table, "mm")
+    tables = {
+        "scene": {"dimension": 3},
+        "material": [{"name": "m", "model": "neo-hookean", "mu": 1, "K": 5, "label": 1}],
+        "boundary": [{"set": "bottom", "u_x": 0, "u_y": 0, "u_z": 0}],
+    }
+    with pytest.raises(InputError, match="label 2 has no material"):
+        open_scene(tables, cloud=cloud)
+    tables["material"].append({**tables["material"][0], "name": "n", "label": 2})
+    path = tmp_path / "model.h5"
+    write_model(path, cloud)
+    back = read_model(path)
+    np.testing.assert_array_equal(back.fraction, cloud.fraction)
+    with h5py.File(path) as file:
+        assert file["fraction_label"][:].tolist() == [1, 2]
+    cloud.fraction[1, 0] += 0.1
+    with pytest.raises(InputError, match="their sum must be 1"):
+        open_scene(tables, cloud=cloud)
