@@ -12,10 +12,6 @@ module rk_static
 
    public :: solve_static
 
-   !> Halvings up to which an iteration that gets on slowly is given up early: beyond, the load is
-   !> hard itself, as where a column buckles, and slow iterations may be the only ones that arrive
-   integer, parameter :: early = 5
-
 contains
 
 !> Solve all load steps
@@ -55,7 +51,6 @@ subroutine solve_static(problem, newton, steps, max_halvings, x, recorder, timer
          load = min(done + size, target_load)
          if (target_load - load < 1.0e-9_wp*size) load = target_load
          newton%done = done
-         newton%impatient = halvings < min(early, max_halvings)
          before = x
          call solve_step(newton, problem, step, load, x, recorder, timer, error)
          record%iterations = record%iterations + newton%iterations

@@ -38,7 +38,8 @@ def run_demo(
     Returns
     -------
     str
-        Closing summary: force, errors and speed-up of the reduced models, path of the report.
+        Closing summary: forces with their error bars, volume ratios and balance of forces, verdict,
+        errors and speed-up of the reduced models, path of the report.
     """
     from myork.core.deck import load_deck
     from myork.report import make_report
@@ -69,29 +70,47 @@ def run_demo(
     deck = load_deck(_DECK, overrides)
     verdict = summary["verdict"]
     told = "; ".join([f"verdict: {verdict['state']}", *verdict["reasons"]])
-    return "\n".join([*_forces(deck, summary), told, *_models(summary), f"report: {page}"])
+    parts = [*_forces(deck, summary), _checks(summary), told, *_models(summary)]
+    return "\n".join([*parts, f"report: {page}"])
 
 
 def _forces(deck: dict[str, Any], summary: dict[str, Any]) -> list[str]:
-    """One line for each force probed at full load."""
+    """One line for each force probed at full load, with its error bar where there is one."""
     last = summary["steps"][-1]
     names = [probe["name"] for probe in deck["probe"] if probe["quantity"].startswith("force")]
     return [
-        f"{name} at load {last['load']:g}: {_numbers(last['probes'][name])} "
-        f"{summary['units']['force']}"
+        f"{name} at load {last['load']:g}: {_numbers(last['probes'][name])}"
+        f"{_bar(last['probe_errors'].get(name))} {summary['units']['force']}"
         for name in names
     ]
 
 
+def _bar(error: float | list[float] | None) -> str:
+    """Error bar behind a value."""
+    return "" if error is None else f" +- {_numbers(error, 2)}"
+
+
+def _checks(summary: dict[str, Any]) -> str:
+    """What a state tells of itself: volume ratios and balance of forces."""
+    last = summary["steps"][-1]
+    return (
+        f"J {last['min_J']:.3g} to {last['max_J']:.3g}, forces balance to "
+        f"{summary['force_imbalance']:.1e}"
+    )
+
+
 def _models(summary: dict[str, Any]) -> list[str]:
     """One line for each reduced model."""
+    from myork.rom.study import times_faster
+
     return [
         f"reduced model ({model['kind']}, r = {model['r']}): error e1 {model['e1']:.1e}, "
-        f"e2 {model['e2']:.1e}, {model['speedup_vs_full']:.0f} times faster than the full solution"
+        f"e2 {model['e2']:.1e}, {times_faster(model['speedup_vs_full'])} times faster than the "
+        f"full solution"
         for model in summary["rom"]["models"]
     ]
 
 
-def _numbers(value: float | list[float]) -> str:
+def _numbers(value: float | list[float], digits: int = 4) -> str:
     values = value if isinstance(value, list) else [value]
-    return ", ".join(f"{number:.4g}" for number in values)
+    return ", ".join(f"{number:.{digits}g}" for number in values)

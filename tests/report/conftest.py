@@ -47,6 +47,7 @@ def summary() -> dict[str, Any]:
         "threads": 2,
         "converged": True,
         "verdict": {"state": "accepted", "reasons": ["no error estimate: none was wanted"]},
+        "force_imbalance": 2e-13,
         "overrides": ["load.steps=10"],
         "steps": [
             {

@@ -101,6 +101,7 @@ def test_page_is_complete_and_self_contained(folder: Path) -> None:
     assert "✓ accepted" in text and "no error estimate: none was wanted" in text
     assert "−3.000 ± 0.015" in text and "Bands: estimated errors." in text
     assert "2 islands with 14 voxels" in text
+    assert "0.980–1.02" in text and "forces balance to 2.0·10−13" in text
     for wanted in (
         "reaction [N]", "stress_zz [N/cm²]", "tip [cm]", "−3.000", "mesh-converged finite elements",
         "3.0600", "3.0617", "refined (asked: auto)", "3.0·10−13", "hyper-reduced", "0.973",

@@ -80,7 +80,7 @@ def _about(summary: Mapping[str, Any]) -> str:
 def _cards(summary: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
     """The numbers one looks for first: head, value, unit and note of each.
 
-    Probes at the end, time, best reduced model, scores.
+    Probes at the end, volume ratios, time, best reduced model, scores.
     """
     cards: list[tuple[str, str, str, str]] = []
     units = _probe_units(summary)
@@ -91,6 +91,13 @@ def _cards(summary: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
         note = f"at load {fraction(steps[-1].get('load'))}"
         error = steps[-1].get("probe_errors", {}).get(name)
         cards.append((name, with_error(last[name], error), units[name], note))
+    if {"min_J", "max_J"} <= set(steps[-1]):
+        ratios = Markup("{}–{}").format(
+            *(number(steps[-1].get(f"{end}_J"), 3) for end in ("min", "max"))
+        )
+        balance = summary.get("force_imbalance")
+        note = "" if balance is None else Markup("forces balance to {}").format(number(balance, 2))
+        cards.append(("volume ratio J", ratios, "", note))
     models = [model for model in summary.get("rom", {}).get("models", []) if model.get("e1")]
     if models:
         best = min(models, key=lambda model: model["e1"])
@@ -240,8 +247,10 @@ def _convergence(folder: RunFolder) -> list[Markup]:
     return [
         figure(
             figures.history_figure(folder.history),
-            "Every iteration of every load step; residuals of a least squares solution do not go "
-            "to zero, the gradient does.",
+            "Every iteration of every load step."
+            if str(folder.summary.get("method")).startswith("rkpm")
+            else "Every iteration of every load step; residuals of a least squares solution do not "
+            "go to zero, the gradient does.",
         )
     ]
 

@@ -32,7 +32,7 @@ _REFERENCE = {
     "source": _TEXT,
 }
 _STEP = {
-    **dict.fromkeys(("load", "activation", "iterations"), _NUMBER),
+    **dict.fromkeys(("load", "activation", "iterations", "min_J", "max_J"), _NUMBER),
     "probes": _Each(each=_VALUE),
     "probe_errors": _Each(each=_VALUE),
 }
@@ -58,7 +58,7 @@ _SUMMARY = {
     **dict.fromkeys(("title", "version", "method", "deck_sha256", "failed"), _TEXT),
     **dict.fromkeys(
         ("dimension", "source_points", "collocation_points", "dofs", "rows", "threads",
-         "memory_peak_bytes"),
+         "memory_peak_bytes", "force_imbalance"),
         _NUMBER,
     ),
     "converged": _FLAG,

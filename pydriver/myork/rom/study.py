@@ -21,7 +21,7 @@ from myork.rom.reductor import ReducedStates, solve_reduced
 from myork.rom.snapshots import Snapshots, full_states
 from myork.summary import renewing, update_summary
 
-__all__ = ["run_rom"]
+__all__ = ["run_rom", "times_faster"]
 
 # Load steps that give the snapshots where the deck takes its load in one.
 _STEPS = 10
@@ -93,6 +93,11 @@ def _open(
     return Scene(deck, overrides, out, threads)
 
 
+def times_faster(ratio: float) -> str:
+    """A speed-up in words: one decimal where it is small."""
+    return f"{ratio:.1f}" if ratio < 10.0 else f"{ratio:.0f}"
+
+
 def _with_steps(
     deck: str | Path | Mapping[str, Any], overrides: Sequence[str], progress: ProgressCallback
 ) -> Sequence[str]:
@@ -144,7 +149,7 @@ def _study(scene: Scene, full: Snapshots, progress: ProgressCallback) -> dict[st
         models.append(model)
         progress(
             f"model {number}/{len(table['modes'])}  r {r}  e1 {model['e1']:.2e}  "
-            f"e2 {model['e2']:.2e}  speed-up {model['speedup_vs_full']:.0f}"
+            f"e2 {model['e2']:.2e}  speed-up {times_faster(model['speedup_vs_full'])}"
         )
     return {
         "snapshots": len(full.x),
