@@ -44,7 +44,7 @@ def box(shape=(5, 4, 6), spacing=(2.0, 3.0, 5.0), pad=2):
 
 def test_block_by_hand():
     cloud, warnings = build_cloud(box(), None, TABLE, "cm")
-    assert warnings == []
+    assert len(warnings) == 1 and "the body has 2.5 source points across" in warnings[0]
     assert len(cloud.points) == 120
     # First voxel of the block: index (2, 2, 0) of the map, in cm; points below the surface are the
     # centres of voxels in lexicographic order, those on it lie on the sides within a tenth of a
@@ -206,6 +206,21 @@ def test_thin_sheet_is_reported_and_its_normals_are_units():
     assert any("in sheets one point thick" in text for text in warnings)
     np.testing.assert_allclose(np.linalg.norm(cloud.normal, axis=1), 1.0, atol=1e-12)
     assert (cloud.area > 0).all()
+
+
+def test_few_source_points_across_are_told():
+    data = np.ones((12, 7, 9), np.int32)
+    data[:, :3] = 2
+    for step in (1, 2):
+        table = {**TABLE, "source_stride": [step] * 3}
+        labels = Labels(data, np.eye(4), {1: "a", 2: "b"}, "sheets")
+        _, told = build_cloud(labels, None, table, "mm")
+        told = [text for text in told if "across its thickness" in text]
+        if step == 1:
+            assert len(told) == 1 and told[0].startswith("b has 3 source points across")
+        else:
+            # the whole has four in seven voxels at this step
+            assert [text.split(" source")[0] for text in told] == ["a has 2.5", "b has 2"]
 
 
 def test_a_tip_is_no_sheet():

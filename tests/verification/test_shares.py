@@ -86,8 +86,7 @@ def test_force_of_a_cylinder_off_the_lattice(open_scene) -> None:
         data = np.repeat(disc[:, :, np.newaxis], int(2 / h), axis=2)
         table = {**table_defaults("build"), "source_stride": [2] * 3, "collocation_stride": [2] * 3}
         affine = np.diag([10 * h] * 3 + [1.0])
-        cloud, warnings = build_cloud(Labels(data, affine), None, table, "cm")
-        assert warnings == []
+        cloud, _ = build_cloud(Labels(data, affine), None, table, "cm")
         assert cloud.volume.sum() == pytest.approx(data.sum() * h**3, rel=1e-12)
         tables = {
             "scene": {"dimension": 3, "method": "rkpm-scni"},
@@ -145,7 +144,9 @@ def test_labels_keep_their_volumes_when_voxels_merge() -> None:
             "collocation_stride": [stride] * 3,
         }
         cloud, warnings = build_cloud(Labels(data, np.eye(4)), None, table, "mm")
-        assert warnings == []
+        # the ring is 2 voxels thick, the others more at the least stride
+        assert all("source points across" in text for text in warnings)
+        assert stride > 1 or [text.split(" has ")[0] for text in warnings] == ["label 3"]
         volumes = {label: (data == label).sum() for label in (1, 2, 3)}
         assert cloud.label_volumes() == pytest.approx(volumes, rel=1e-12)
         assert (cloud.fraction is None) == (stride == 1)

@@ -26,6 +26,7 @@ __all__ = [
     "changed_volumes",
     "coarsen",
     "connected_body",
+    "points_across",
     "positions",
     "select",
     "source_voxels",
@@ -254,6 +255,30 @@ def thin_voxels(body: Mask) -> Voxels:
         thin.astype(int), ndimage.generate_binary_structure(3, 1).astype(int), mode="constant"
     )
     return np.argwhere(thin & (beside > 2))
+
+
+def points_across(body: Mask, step: Sequence[int]) -> float:
+    """Source points across a body, in the median of its voxels: the least of both directions.
+
+    Bodies of voxels are held at their ends: directions along slices count, that across does not.
+
+    Parameters
+    ----------
+    body : NDArray
+        Voxels of the body, shape `(ni, nj, nk)`.
+    step : sequence
+        Distance of source points in each direction [voxel].
+    """
+    least = np.full(int(body.sum()), np.inf)
+    for d in range(2):
+        lines = np.moveaxis(body, d, -1)
+        # pieces are connected along d only; a piece is a line of voxels
+        along = np.zeros((3, 3, 3))
+        along[1, 1, :] = 1
+        pieces, _ = ndimage.label(lines, along)
+        length = np.bincount(pieces.ravel())[np.moveaxis(pieces, -1, d)[body]]
+        least = np.minimum(least, 1 + (length - 1) / step[d])
+    return float(np.median(least))
 
 
 def source_voxels(body: Mask, step: Sequence[int]) -> Voxels:
