@@ -22,6 +22,8 @@ module rk_acoustic
    integer, parameter :: refinements = 10
    !> First turn of the refinement
    real(wp), parameter :: first_turn = 0.15_wp
+   !> Eliminations of the motion that changes the volume: a fixed point of few
+   integer, parameter :: eliminations = 3
    !> The first directions: around in the plane, along a Fibonacci spiral over the half sphere
    integer :: d
    real(wp), parameter :: around(directions) = [(pi*(d - 1)/directions, d=1, directions)]
@@ -79,7 +81,11 @@ contains
       real(wp), intent(in) :: direction(3)
       real(wp), intent(inout) :: least_value, its_direction(3)
       real(wp) :: found
-      found = smallest(nd, form, direction, matmul(cofactor, direction), rigid)
+      if (nd == 2) then
+         found = smallest_in_plane(form, direction, matmul(cofactor, direction), rigid)
+      else
+         found = smallest(form, direction, matmul(cofactor, direction), rigid)
+      end if
       if (found >= least_value) return
       least_value = found
       its_direction = direction
@@ -123,9 +129,7 @@ pure function products_form(c4) result(form)
 end function products_form
 
 !> Smallest eigenvalue of the acoustic tensor of one direction [stress]
-pure real(wp) function smallest(nd, form, n, m, rigid)
-   !> Space dimension
-   integer, intent(in) :: nd
+pure real(wp) function smallest(form, n, m, rigid)
    !> Acoustic tensor by the products of a direction's components [stress]
    real(wp), intent(in) :: form(3, 3, 6)
    !> Direction, unit vector
@@ -134,24 +138,23 @@ pure real(wp) function smallest(nd, form, n, m, rigid)
    real(wp), intent(in) :: m(3)
    !> There are no such motions
    logical, intent(in) :: rigid
-   real(wp) :: q(3, 3), side(3, 2), coupling(2), share(2), across(3), a, b, c, stiff
+   real(wp) :: q(3, 3), image(3, 2), side(3, 2), coupling(2), share(2), across(3), a, b, c, stiff
    integer :: i, trial
 
    q = n(1)**2*form(:, :, 1) + n(2)**2*form(:, :, 2) + n(3)**2*form(:, :, 3) &
       & + n(2)*n(3)*form(:, :, 4) + n(1)*n(3)*form(:, :, 5) + n(1)*n(2)*form(:, :, 6)
    across = m/norm2(m)
-   call sides_of(across, nd, side)
-   if (nd == 2) side(:, 2) = 0.0_wp
-   a = dot_product(side(:, 1), matmul(q, side(:, 1)))
-   b = dot_product(side(:, 1), matmul(q, side(:, 2)))
-   c = dot_product(side(:, 2), matmul(q, side(:, 2)))
-   if (nd == 2) c = huge(1.0_wp)
+   call sides_of(across, 3, side)
+   image = matmul(q, side)
+   a = dot_product(side(:, 1), image(:, 1))
+   b = dot_product(side(:, 1), image(:, 2))
+   c = dot_product(side(:, 2), image(:, 2))
    smallest = lower(a, b, c)
    if (rigid) return
    ! elimination keeps the digits of shear beside a bulk modulus 1e8 times as large
    stiff = dot_product(across, matmul(q, across))
-   coupling = [(dot_product(across, matmul(q, side(:, i))), i=1, 2)]
-   do trial = 1, 3
+   coupling = [(dot_product(across, image(:, i)), i=1, 2)]
+   do trial = 1, eliminations
       if (.not. stiff > smallest) then
          smallest = min(stiff, smallest)
          return
@@ -161,16 +164,44 @@ pure real(wp) function smallest(nd, form, n, m, rigid)
    end do
 end function smallest
 
+!> The same in the plane, where one motion keeps the volume
+pure real(wp) function smallest_in_plane(form, n, m, rigid) result(smallest)
+   !> Acoustic tensor by the products of a direction's components [stress]
+   real(wp), intent(in) :: form(3, 3, 6)
+   !> Direction, unit vector
+   real(wp), intent(in) :: n(3)
+   !> Direction of the motion that changes the volume, of any length
+   real(wp), intent(in) :: m(3)
+   !> There is no such motion
+   logical, intent(in) :: rigid
+   real(wp) :: q(2, 2), along(2), side(2), image(2), a, coupling, stiff
+   integer :: trial
+
+   q = n(1)**2*form(:2, :2, 1) + n(2)**2*form(:2, :2, 2) + n(1)*n(2)*form(:2, :2, 6)
+   along = m(:2)/sqrt(m(1)**2 + m(2)**2)
+   side = [-along(2), along(1)]
+   image = q(:, 1)*side(1) + q(:, 2)*side(2)
+   a = side(1)*image(1) + side(2)*image(2)
+   smallest = a
+   if (rigid) return
+   coupling = along(1)*image(1) + along(2)*image(2)
+   image = q(:, 1)*along(1) + q(:, 2)*along(2)
+   stiff = along(1)*image(1) + along(2)*image(2)
+   do trial = 1, eliminations
+      if (.not. stiff > smallest) then
+         smallest = min(stiff, smallest)
+         return
+      end if
+      smallest = a - coupling**2/(stiff - smallest)
+   end do
+end function smallest_in_plane
+
 !> Smaller eigenvalue of a symmetric 2x2 matrix
 pure real(wp) function lower(a, b, c)
-   !> Entries 11, 12, 22; an infinite 22 leaves the first
+   !> Entries 11, 12, 22
    real(wp), intent(in) :: a, b, c
 
-   if (c >= 0.5_wp*huge(1.0_wp)) then
-      lower = a
-   else
-      lower = 0.5_wp*(a + c) - hypot(0.5_wp*(a - c), b)
-   end if
+   lower = 0.5_wp*(a + c) - sqrt((0.5_wp*(a - c))**2 + b**2)
 end function lower
 
 end module rk_acoustic
