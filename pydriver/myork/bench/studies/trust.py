@@ -1,14 +1,15 @@
 """Which answers can be trusted: every form on problems of a new user, beside finite elements.
 
 Each deck of `myork.reference.problems` is solved as it stands, which is what `auto` takes, and by
-each other form, at three sizes; felupe solves the same problems in the same run, and the limit of
-its three meshes is the truth. A line that is more than 5 % off and accepted is a fault of the
-verdict; it is counted in the first table.
+each other form, at three sizes, and each body of `myork.reference.voxel_bodies` at two, from merged
+label maps. felupe solves the same problems in the same run, bodies in their true shape, and the
+limit of its three meshes is the truth. A line that is more than 5 % off and accepted is a fault of
+the verdict; it is counted in the first table.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,8 +17,10 @@ from myork.bench.runs import outcome_text, read_deck, solve_case
 from myork.bench.tables import Columns, plot, table
 from myork.console import ProgressCallback
 from myork.errors import ConvergenceError
+from myork.records import PointCloud
 from myork.reference.finite_elements import solve_deck
 from myork.reference.problems import PROBLEMS, Problem, probe_kind
+from myork.reference.voxel_bodies import BODIES, Body, body_cloud, box_tables
 
 __all__ = ["run"]
 
@@ -28,6 +31,8 @@ _FORMS = (
     ("rkcm-mixed", ("scene.method=rkcm-mixed",)),
     ("rkcm", ("scene.method=rkcm",)),
 )
+#: Those for bodies of voxels: `auto` takes nodal cells there
+_VOXEL_FORMS = ("auto", "rkcm-mixed")
 _KINDS = ("displacement", "force", "stress", "surface stress")
 #: An error that must not be accepted [-]
 _WRONG = 0.05
@@ -45,7 +50,7 @@ class _Truth(NamedTuple):
 def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
     """Solve all problems; see `myork.bench` for the result."""
     cases: list[dict[str, Any]] = []
-    for problem in PROBLEMS[:2] if quick else PROBLEMS:
+    for problem in PROBLEMS[:2] + BODIES[:1] if quick else PROBLEMS + BODIES:
         own = _problem_cases(problem, progress, quick)
         cases += own
         progress(f"{problem.name}: {_wrong_and_accepted(own)} wrong and accepted")
@@ -68,19 +73,20 @@ def _names(cases: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def _problem_cases(
-    problem: Problem, progress: ProgressCallback, quick: bool
+    problem: Problem | Body, progress: ProgressCallback, quick: bool
 ) -> list[dict[str, Any]]:
     """A problem by finite elements and by every form."""
-    sizes = problem.sizes[: 1 if quick else None]
-    tables = _sized(problem.tables, problem.sizes[0])
-    deck = read_deck(tables)
+    if isinstance(problem, Body):
+        deck = read_deck(box_tables(problem))
+    else:
+        deck = read_deck(_sized(problem.tables, problem.sizes[0]))
     kinds = {
         probe["name"]: probe_kind(probe, deck["geometry"].get("size")) for probe in deck["probe"]
     }
     found = []
     for count in problem.elements:
         progress(f"{problem.name}: finite elements, {_text(count)}")
-        found.append((count, _finite_elements(deck, count)))
+        found.append((count, _finite_elements(problem, deck, count)))
     truths = _truths([rival["probes"] for _, rival in found if rival["probes"]])
     cases = [
         {
@@ -95,26 +101,43 @@ def _problem_cases(
         }
         for count, rival in found
     ]
-    for name, words in _FORMS:
-        for size in sizes:
-            progress(f"{problem.name}: {name}, {_text(size)}")
-            case = solve_case(_sized(problem.tables, size), words, limit=_LIMIT, error=True)
-            bars = case.get("probe_errors") or {}
-            cases.append(
-                {
-                    "problem": problem.name,
-                    "method": name,
-                    "size": _text(size),
-                    "unknowns": case.get("dofs"),
-                    "cpu_s": case.get("cpu_s"),
-                    "outcome": outcome_text(case),
-                    "verdict": (case.get("verdict") or {}).get("state", "refused"),
-                    "reasons": (case.get("verdict") or {}).get("reasons", [case["message"]]),
-                    "work_mismatch": case.get("work_mismatch"),
-                    **_errors(kinds, truths, case.get("probes") or {}, bars),
-                }
-            )
+    for name, words, size, tables, cloud in _tries(problem, quick):
+        progress(f"{problem.name}: {name}, {size}")
+        case = solve_case(tables, words, cloud=cloud, limit=_LIMIT, error=True)
+        bars = case.get("probe_errors") or {}
+        cases.append(
+            {
+                "problem": problem.name,
+                "method": name,
+                "size": size,
+                "unknowns": case.get("dofs"),
+                "cpu_s": case.get("cpu_s"),
+                "outcome": outcome_text(case),
+                "verdict": (case.get("verdict") or {}).get("state", "refused"),
+                "reasons": (case.get("verdict") or {}).get("reasons", [case["message"]]),
+                "work_mismatch": case.get("work_mismatch"),
+                **_errors(kinds, truths, case.get("probes") or {}, bars),
+            }
+        )
     return cases
+
+
+def _tries(
+    problem: Problem | Body, quick: bool
+) -> Iterator[tuple[str, Sequence[str], str, Mapping[str, Any], PointCloud | None]]:
+    """Form, overrides, size, deck and points of each solve; quickly of the first size only."""
+    if isinstance(problem, Body):
+        clouds = {size: body_cloud(problem, size) for size in problem.sizes[: 1 if quick else None]}
+        for name, words in _FORMS:
+            if name not in _VOXEL_FORMS:
+                continue
+            # collocation at the first size only: one of its solves takes longer than all others
+            for size in problem.sizes[:1] if name != "auto" else clouds:
+                yield name, words, f"voxels {size:g}", problem.tables, clouds[size]
+        return
+    for name, words in _FORMS:
+        for count in problem.sizes[: 1 if quick else None]:
+            yield name, words, _text(count), _sized(problem.tables, count), None
 
 
 def _sized(tables: Mapping[str, Any], size: Sequence[int]) -> dict[str, Any]:
@@ -123,10 +146,15 @@ def _sized(tables: Mapping[str, Any], size: Sequence[int]) -> dict[str, Any]:
     return {**tables, "geometry": {**tables["geometry"], **places}}
 
 
-def _finite_elements(deck: Mapping[str, Any], count: Sequence[int]) -> dict[str, Any]:
+def _finite_elements(
+    problem: Problem | Body, deck: Mapping[str, Any], count: Sequence[int]
+) -> dict[str, Any]:
     """Last values of the probes, none where the iteration failed."""
+    body = problem if isinstance(problem, Body) else None
     try:
-        rival = solve_deck(deck, count)
+        rival = solve_deck(
+            deck, count, labels=body.part if body else None, warp=body.warp if body else None
+        )
     except ConvergenceError as error:
         return {"probes": {}, "dofs": None, "cpu_s": None, "outcome": str(error)}
     probes = {name: values[-1] for name, values in rival["probes"].items()}

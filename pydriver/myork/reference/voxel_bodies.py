@@ -1,0 +1,241 @@
+"""Bodies from label maps, and the same bodies as warped boxes for finite elements.
+
+A label map is sampled at half the edge of the model's voxels and merged 2x2x2, as images are; the
+bodies lie off the lattice where they are curved, so that no count of voxels is lucky.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from myork.core.deck import table_defaults
+from myork.records import Labels, PointCloud
+from myork.reference.materials import MUSCLE, RUBBER
+from myork.stations.build import build_cloud
+
+__all__ = ["BODIES", "Body", "body_cloud", "box_tables"]
+
+F64 = NDArray[np.float64]
+
+
+class Body(NamedTuple):
+    """A body of voxels.
+
+    Attributes
+    ----------
+    name : str
+        What tables show.
+    size : tuple
+        Edges of the box that is warped into it [cm].
+    tables : mapping
+        Deck without points, its sets those of a model.
+    label : callable
+        Label at places of shape `(..., 3)` [cm]; zero is nothing.
+    sizes : tuple
+        Edges of the model's voxels, falling [cm].
+    elements : tuple
+        Finite elements along each edge of the box, rising; each probe is a corner.
+    warp : callable, optional
+        Places in the body of places in the box, shape `(n, 3)` [cm].
+    part : callable, optional
+        Label of a place in the box, one everywhere otherwise.
+    """
+
+    name: str
+    size: tuple[float, float, float]
+    tables: Mapping[str, Any]
+    label: Callable[[F64], NDArray[Any]]
+    sizes: tuple[float, ...]
+    elements: tuple[tuple[int, int, int], ...]
+    warp: Callable[[F64], F64] | None = None
+    part: Callable[[F64], int] | None = None
+
+
+def body_cloud(body: Body, voxel: float) -> PointCloud:
+    """Points of a body with a source point for each merged voxel.
+
+    Parameters
+    ----------
+    body : Body
+        Body.
+    voxel : float
+        Edge of the merged voxels [cm].
+    """
+    fine = 0.5 * voxel
+    # two voxels of nothing around it; curved bodies off the lattice by parts of a merged voxel
+    shift = np.array([0.3, 0.17, 0.0]) * voxel if body.part is None else np.zeros(3)
+    low = np.array([-2, -2, 0])
+    count = np.rint(np.array(body.size) / fine).astype(int) - 2 * low
+    axes = [
+        (np.arange(n) + first + 0.5) * fine - off
+        for n, first, off in zip(count, low, shift, strict=True)
+    ]
+    labels = body.label(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1))
+    affine = np.diag([10 * fine] * 3 + [1.0])
+    affine[:3, 3] = [10 * axis[0] for axis in axes]
+    table = {**table_defaults("build"), "source_stride": [2] * 3, "collocation_stride": [2] * 3}
+    return build_cloud(Labels(labels.astype(np.int32), affine), None, table, "cm")[0]
+
+
+def box_tables(body: Body) -> dict[str, Any]:
+    """Deck of the box that finite elements warp into the body."""
+    faces = {"bottom": "z0", "top": "z1"}
+    deck = {
+        **body.tables,
+        "scene": {"dimension": 3, "method": "rkpm-gauss"},
+        "geometry": {
+            "kind": "box",
+            "size": list(body.size),
+            "source": [5, 5, 5],
+            "collocation": [9, 9, 9],
+        },
+    }
+    for table in ("boundary", "probe"):
+        deck[table] = [
+            {**entry, "set": faces[entry["set"]]} if "set" in entry else dict(entry)
+            for entry in body.tables[table]
+        ]
+    return deck
+
+
+def _held(name: str, **values: float) -> dict[str, Any]:
+    return {"set": name, "u_x": 0.0, "u_y": 0.0, "u_z": 0.0, **values}
+
+
+def _probe(name: str, quantity: str, point: Sequence[float]) -> dict[str, Any]:
+    return {"name": name, "quantity": quantity, "point": list(point)}
+
+
+def _force(axis: str, on: str) -> dict[str, Any]:
+    return {"name": f"force {axis}", "quantity": f"force_{axis}", "set": on}
+
+
+def _tables(
+    title: str,
+    material: Sequence[Mapping[str, Any]],
+    boundary: Sequence[Mapping[str, Any]],
+    probe: Sequence[Mapping[str, Any]],
+    activation: float = 0.0,
+) -> dict[str, Any]:
+    return {
+        "title": title,
+        "units": {"force": "N", "length": "cm"},
+        "scene": {"dimension": 3},
+        "geometry": {"kind": "model"},
+        "material": list(material),
+        "boundary": list(boundary),
+        "load": {"activation": activation},
+        "probe": list(probe),
+    }
+
+
+_LENGTH = 4.0
+
+
+def _round(radius: Callable[[F64], F64]) -> dict[str, Any]:
+    """Label and warp of a body of revolution about the line x = y = 1."""
+
+    def label(x: F64) -> NDArray[Any]:
+        return (x[..., 0] - 1) ** 2 + (x[..., 1] - 1) ** 2 < radius(x[..., 2]) ** 2
+
+    def warp(x: F64) -> F64:
+        a, b, r = x[:, 0] - 1, x[:, 1] - 1, radius(x[:, 2])
+        across = (1 + r * a * np.sqrt(1 - b * b / 2), 1 + r * b * np.sqrt(1 - a * a / 2))
+        return np.column_stack([*across, x[:, 2]])
+
+    return {"label": label, "warp": warp, "size": (2.0, 2.0, _LENGTH)}
+
+
+def _bent(x: F64) -> F64:
+    """Layers across x bent along z between the faces of the box."""
+    move = 0.15 * np.sin(np.pi * x[..., 2] / _LENGTH) * x[..., 0] * (2 - x[..., 0])
+    return np.stack([x[..., 0] + move, x[..., 1], x[..., 2]], axis=-1)
+
+
+def _layer(x: F64) -> NDArray[Any]:
+    """Muscle, fat, tendon: labels between the bent layers."""
+    edges = [
+        _bent(np.stack([np.full(x.shape[:-1], at), x[..., 1], x[..., 2]], -1)) for at in (1, 1.5)
+    ]
+    inside = np.all((x > 0) & (x < [2.0, 1.0, _LENGTH]), axis=-1)
+    return inside * (1 + sum((x[..., 0] > edge[..., 0]).astype(int) for edge in edges))
+
+
+def _arms(x: F64) -> NDArray[Any]:
+    inside = np.all((x > 0) & (x < [3.0, 1.0, 3.0]), axis=-1)
+    return inside & ((x[..., 0] < 1) | (x[..., 2] > 2))
+
+
+_VOXELS = (0.25, 0.125)
+_RUBBER = {**RUBBER, "K": 1e3, "label": 1}
+_MUSCLE = {**MUSCLE, "fiber": [0, 0, 1], "label": 1}
+
+BODIES = (
+    Body(
+        "cylinder of voxels",
+        tables=_tables(
+            "Cylinder sheared and pulled",
+            (_RUBBER,),
+            (_held("bottom"), _held("top", u_x=0.8, u_z=0.2)),
+            (_probe("mid", "u_x", (1, 1, 2)), _force("x", "top"), _force("z", "top")),
+        ),
+        sizes=_VOXELS,
+        elements=((2, 2, 4), (4, 4, 8), (6, 6, 12)),
+        **_round(np.ones_like),
+    ),
+    Body(
+        "spindle of voxels",
+        tables=_tables(
+            "Active spindle shortened",
+            (_MUSCLE,),
+            (_held("bottom"), _held("top", u_z=-0.2)),
+            (_probe("quarter", "u_z", (1, 1, 1)), _force("z", "top")),
+            0.2,
+        ),
+        sizes=_VOXELS,
+        elements=((2, 2, 4), (4, 4, 8), (6, 6, 12)),
+        **_round(lambda z: 0.6 + 0.4 * np.sin(np.pi * z / _LENGTH)),
+    ),
+    Body(
+        "bracket of voxels",
+        size=(3.0, 1.0, 3.0),
+        tables=_tables(
+            "Bracket under a dead load",
+            (_RUBBER,),
+            (_held("bottom"), {"set": "top", "traction": [0, 0, -0.4]}),
+            (_probe("tip", "u_z", (3, 0.5, 3)), _force("z", "bottom")),
+        ),
+        label=_arms,
+        sizes=_VOXELS,
+        elements=((3, 2, 3), (6, 2, 6), (12, 4, 12)),
+        part=lambda x: int(x[0] < 1 or x[2] > 2),
+    ),
+    Body(
+        "three tissues of voxels",
+        size=(2.0, 1.0, _LENGTH),
+        tables=_tables(
+            "Muscle, fat and tendon with curved interfaces, pulled and active",
+            (
+                {**_MUSCLE, "name": "muscle"},
+                {"name": "fat", "model": "neo-hookean", "mu": 1.0, "K": 100.0, "label": 2},
+                {"name": "tendon", "model": "neo-hookean", "mu": 30.0, "K": 1e3, "label": 3},
+            ),
+            (_held("bottom"), _held("top", u_z=0.2)),
+            (
+                _probe("interface", "u_z", (1.5 + 0.1125 * np.sqrt(0.5), 0.5, 1)),
+                _probe("side", "u_x", (2, 0.5, 2)),
+                _force("z", "top"),
+            ),
+            0.1,
+        ),
+        label=_layer,
+        sizes=_VOXELS,
+        elements=((4, 2, 4), (4, 2, 8), (8, 4, 12)),
+        warp=_bent,
+        part=lambda x: 1 + int(x[0] > 1) + int(x[0] > 1.5),
+    ),
+)
