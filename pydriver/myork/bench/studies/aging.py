@@ -226,7 +226,7 @@ def solve_muscle(
         "name": muscle.name,
         **case,
         "images": {n: float((labels.data == i).sum() * voxel) for i, n in names.items()},
-        "volume": {n: float(cloud.volume[cloud.label == i].sum()) for i, n in names.items()},
+        "volume": {n: cloud.label_volumes().get(i, 0.0) for i, n in names.items()},
         "contracting": _contracting(overrides, cloud),
         "interface": _interface_area(cloud),
         "activation": [step["activation"] for step in history],
