@@ -117,11 +117,12 @@ def clean_environment() -> dict[str, str]:
 def solved(deck: Path, overrides: tuple[str, ...], out: Path, threads: int) -> dict[str, str]:
     """Hashes of all that the executable writes of a solution."""
     words = [word for text in overrides for word in ("--set", text)]
-    command = [find_executable(), deck, "-o", out, "-q", "-t", threads, *words]
+    command = [find_executable(), deck, "-o", out, "-q", "-t", threads, "--no-error", *words]
     done = subprocess.run(
         [str(word) for word in command], env=clean_environment(), capture_output=True, text=True
     )
-    assert done.returncode == 0, done.stderr
+    # bodies too small for their form are refused, and their numbers written
+    assert done.returncode in (0, 1), done.stderr
     found = {}
 
     def note(name: str, item: Any) -> None:
@@ -130,8 +131,9 @@ def solved(deck: Path, overrides: tuple[str, ...], out: Path, threads: int) -> d
 
     with h5py.File(out / "results.vtkhdf") as file:
         file.visititems(note)
-    steps = json.loads((out / "summary.json").read_text(encoding="utf-8"))["steps"]
-    return {**found, "steps": json.dumps(steps)}
+    summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    assert summary["converged"], done.stderr
+    return {**found, "steps": json.dumps(summary["steps"])}
 
 
 @pytest.mark.parametrize("case", CASES)

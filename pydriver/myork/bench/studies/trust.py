@@ -33,6 +33,8 @@ _FORMS = (
 )
 #: Those for bodies of voxels: `auto` takes nodal cells there
 _VOXEL_FORMS = ("auto", "rkcm-mixed")
+#: Those whose time grows fastest with the points
+_STRONG = ("rkcm-mixed", "rkcm")
 _KINDS = ("displacement", "force", "stress", "surface stress")
 #: An error that must not be accepted [-]
 _WRONG = 0.05
@@ -136,8 +138,16 @@ def _tries(
                 yield name, words, f"voxels {size:g}", problem.tables, clouds[size]
         return
     for name, words in _FORMS:
-        for count in problem.sizes[: 1 if quick else None]:
+        sizes = _strong_sizes(problem.sizes) if name in _STRONG else problem.sizes
+        for count in sizes[: 1 if quick else None]:
             yield name, words, _text(count), _sized(problem.tables, count), None
+
+
+def _strong_sizes(sizes: Sequence[tuple[int, ...]]) -> list[tuple[int, ...]]:
+    """In space a coarser size for the finest."""
+    if len(sizes[0]) == 2:
+        return list(sizes)
+    return [tuple(n // 2 + 1 for n in sizes[0]), *sizes[:2]]
 
 
 def _sized(tables: Mapping[str, Any], size: Sequence[int]) -> dict[str, Any]:
