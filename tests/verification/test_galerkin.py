@@ -317,12 +317,6 @@ def test_gauss_points_need_a_lattice(open_scene):
         open_scene(tables, cloud=cloud)
 
 
-def test_reduced_models_are_refused(open_scene):
-    scene = open_scene(body(2, "rkpm", box(2, 4), LINEAR, ["x0"]))
-    with pytest.raises(InputError, match="reduced models are made of collocation methods"):
-        scene.reduce(np.eye(scene.dofs)[:, :2])
-
-
 @pytest.mark.parametrize("method", ["rkpm-scni", "rkpm-gauss"])
 def test_j_is_that_of_the_deformation_that_is_written(open_scene, method):
     """Fields, probes and the range of a state are one quantity; at integration points J strays
