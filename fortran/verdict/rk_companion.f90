@@ -8,6 +8,7 @@ module rk_companion
    use rk_bars, only : bars_type, new_bars
    use rk_clock, only : tick, timer_type
    use rk_cloud, only : cloud_type
+   use rk_coarse_cloud, only : coarse_cloud
    use rk_deck, only : deck_type
    use rk_deck_scene, only : new_scene
    use rk_discretisation, only : discretisation_type, free_discretisation
@@ -88,6 +89,7 @@ subroutine solve_companion(self, problem, answer, deck, model, receiver)
    !> Receiver of the caller, asked whether to stop
    class(recorder_type), target, intent(inout) :: receiver
    type(deck_type) :: other
+   type(cloud_type) :: points
    type(scene_type), target :: scene
    class(discretisation_type), allocatable :: second
    type(keeper_type) :: keeper
@@ -102,17 +104,16 @@ subroutine solve_companion(self, problem, answer, deck, model, receiver)
       self%why_not = 'the loads were set point by point, which no deck tells'
       return
    end if
-   call choose(self, problem%scene, deck, words)
+   points = model
+   call choose(self, problem%scene, deck, points, words)
    if (allocated(self%why_not)) return
    call deck%vary(words, other, error)
-   if (.not. allocated(error)) call new_scene(scene, other, model, error)
+   if (.not. allocated(error)) call new_scene(scene, other, points, error)
    if (.not. allocated(error)) call new_problem(second, scene, error)
    if (.not. allocated(error)) then
       self%points = second%shape%ns
       self%unknowns = second%n
       keeper%receiver => receiver
-      ! a block stretched to six times its length turns its sides over in one step, with J > 0
-      if (is_large(problem, answer)) scene%load%steps = least_steps
       call solve_problem(second, scene, '', keeper, timer, error)
       if (.not. allocated(error)) call look(self, second, keeper%x, problem, answer, error)
       ! one step may be too long, or lead to another branch
@@ -131,36 +132,21 @@ subroutine solve_companion(self, problem, answer, deck, model, receiver)
    self%seconds = tick(clock)
 end subroutine solve_companion
 
-!> Whether a deformation is so large that one step may end on another branch
-logical function is_large(problem, state)
-   !> Problem
-   class(discretisation_type), intent(in) :: problem
-   !> State
-   type(field_state), intent(in) :: state
-   type(point_state) :: local
-   integer :: i, ip
-
-   is_large = .false.
-   do ip = 1, size(problem%scene%cloud%points, 2)
-      call problem%at_point(state, ip, local)
-      do i = 1, 3
-         local%f(i, i) = local%f(i, i) - 1.0_wp
-      end do
-      is_large = is_large .or. norm2(local%f) > 1.0_wp
-   end do
-end function is_large
-
 !> Form and points of the companion as overrides of the deck
-subroutine choose(self, scene, deck, words)
+subroutine choose(self, scene, deck, points, words)
    !> Companion
    type(companion_type), intent(inout) :: self
    !> Scene of the answer
    type(scene_type), intent(in) :: scene
    !> Its deck
    type(deck_type), intent(in) :: deck
+   !> Points of a model, which become fewer where the companion has fewer
+   type(cloud_type), intent(inout) :: points
    !> Overrides
    character(len=long), allocatable, intent(out) :: words(:)
    integer, allocatable :: source(:), collocation(:), other(:)
+   type(cloud_type) :: coarse
+   logical :: possible
 
    words = [character(len=long) :: 'load.steps=1', &
       & 'load.max_halvings='//to_text(max(scene%load%max_halvings, halvings))]
@@ -181,7 +167,15 @@ subroutine choose(self, scene, deck, words)
       return
    end if
    if (.not. allocated(scene%cloud%lattice)) then
-      self%why_not = 'models of points of their own have no coarser cloud to compare with'
+      call coarse_cloud(points, coarse, possible)
+      if (.not. possible) then
+         self%why_not = 'the model has no voxels to merge, or too few of them'
+         return
+      end if
+      points = coarse
+      self%lattice = to_text(size(points%source, 2))
+      self%coarse = .true.
+      words = [character(len=long) :: words, 'scene.method='//self%method]
       return
    end if
    call deck%get('geometry.source', source)

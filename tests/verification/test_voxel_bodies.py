@@ -19,7 +19,6 @@ BOUNDS = {
 
 @pytest.mark.parametrize("body", BODIES, ids=lambda body: body.name)
 def test_coarse_voxels_against_elements_of_the_true_shape(body) -> None:
-    pytest.importorskip("felupe")
     deck = read_deck(box_tables(body))
     rival = solve_deck(deck, body.elements[-2], labels=body.part, warp=body.warp)
     case = solve_case(dict(body.tables), (), cloud=body_cloud(body, body.sizes[0]), limit=120)
