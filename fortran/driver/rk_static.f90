@@ -1,7 +1,7 @@
 !> Load steps from rest to full load, halved where the iteration fails and grown again afterwards.
 module rk_static
    use rk_clock, only : timer_type
-   use rk_error, only : error_type, err_convergence, err_linalg, err_stopped
+   use rk_error, only : error_type, fatal_error, err_convergence, err_linalg, err_stopped
    use rk_newton, only : newton_type, solve_step
    use rk_precision, only : wp
    use rk_problem, only : problem_type
@@ -11,6 +11,10 @@ module rk_static
    private
 
    public :: solve_static
+
+   !> Halvings up to which an iteration that gets on slowly is given up early: beyond, the load is
+   !> hard itself, as where a column buckles, and slow iterations may be the only ones that arrive
+   integer, parameter :: early = 5
 
 contains
 
@@ -51,9 +55,17 @@ subroutine solve_static(problem, newton, steps, max_halvings, x, recorder, timer
          load = min(done + size, target_load)
          if (target_load - load < 1.0e-9_wp*size) load = target_load
          newton%done = done
+         newton%impatient = halvings < min(early, max_halvings)
          before = x
          call solve_step(newton, problem, step, load, x, recorder, timer, error)
          record%iterations = record%iterations + newton%iterations
+         if (.not. allocated(error) .and. halvings < max_halvings) then
+            if (problem%turns_over(before, x)) then
+               call fatal_error(error, err_convergence, 'the step turns material by a right ' &
+                  & //'angle or more')
+               x = before
+            end if
+         end if
          if (allocated(error)) then
             if (any(error%code == [err_convergence, err_linalg]) .and. halvings < max_halvings &
                & .and. .not. newton%pinned) then

@@ -1,5 +1,6 @@
-!> A coarser cloud of a body of voxels: blocks of voxels in the place of voxels, and source points as
-!> many times as far apart. What is filled of a block is its volume, as `myork build` merges voxels.
+!> A coarser cloud of a body of voxels: blocks of voxels in the place of voxels, and source points
+!> as many times as far apart. What is filled of a block is its volume, as `myork build` merges
+!> voxels.
 module rk_coarse_cloud
    use rk_cloud, only : cloud_type
    use rk_precision, only : wp
@@ -15,8 +16,8 @@ module rk_coarse_cloud
 
 contains
 
-!> Merge blocks of voxels, two in each direction, along z as many as divide the slices evenly, so that
-!> the body keeps its length
+!> Merge blocks of voxels, two in each direction, along z as many as divide the slices evenly, so
+!> that the body keeps its length
 subroutine coarse_cloud(cloud, coarse, possible)
    !> Points of a model of voxels
    type(cloud_type), intent(in) :: cloud
@@ -77,7 +78,7 @@ subroutine coarse_cloud(cloud, coarse, possible)
 
 contains
 
-   !> Place of the block to which what is at a place belongs: the fullest around one that is too empty
+   !> Place of the block to which what is at a place belongs: the fullest around one too empty
    pure function home(place) result(best)
       integer, intent(in) :: place(3)
       integer :: best(3)

@@ -10,7 +10,7 @@ module rk_discretisation
    use rk_scene, only : scene_type
    use rk_shape, only : shape_type
    use rk_states, only : field_state, point_state
-   use rk_tensor, only : determinant
+   use rk_tensor, only : cofactor, determinant
    implicit none
    private
 
@@ -33,6 +33,8 @@ module rk_discretisation
       procedure :: field
       !> Whether the pressure is a field of its own
       procedure :: has_pressure
+      !> Whether a step turns material by a right angle
+      procedure :: turns_over
       !> The same problem in terms of the amplitudes of modes
       procedure :: reduce
       !> What a user can do where steps vanish but the gradient does not
@@ -239,6 +241,32 @@ subroutine set_point_loads(self, body_force, displacement, stress)
       end do
    end associate
 end subroutine set_point_loads
+
+!> Whether x.(F F_0^-1)x is not positive for some x, with F_0 and F before and after a step
+function turns_over(self, before, after) result(found)
+   !> Problem
+   class(discretisation_type), intent(in) :: self
+   !> Unknowns, shape (n) each
+   real(wp), contiguous, intent(in) :: before(:), after(:)
+   logical :: found
+   real(wp) :: u(self%fields, self%shape%nq), f(3, 3), f0(3, 3), h(3, 3, 3), turn(3, 3)
+   integer :: ip, nd
+
+   found = .false.
+   nd = self%scene%cloud%nd
+   do ip = 1, size(self%scene%cloud%points, 2)
+      call self%field(ip, before, 1 + nd, u)
+      call deformation(nd, u, f0, h)
+      call self%field(ip, after, 1 + nd, u)
+      call deformation(nd, u, f, h)
+      ! J_0 F F_0^-1, whose factor is positive
+      turn = matmul(f, transpose(cofactor(f0)))
+      turn = 0.5_wp*(turn + transpose(turn))
+      found = .not. (turn(1, 1) > 0.0_wp .and. determinant(turn) > 0.0_wp &
+         & .and. turn(1, 1)*turn(2, 2) > turn(1, 2)**2)
+      if (found) return
+   end do
+end function turns_over
 
 !> Deformation gradient and its derivatives from the displacement's derivatives
 pure subroutine deformation(nd, u, f, h)

@@ -66,6 +66,8 @@ module rk_problem
       procedure :: square_step
       !> What speaks against a converged state
       procedure :: rejection
+      !> Whether a step turns material by a right angle
+      procedure :: turns_over
       !> What a user can do where steps vanish but the gradient does not
       procedure :: advice
    end type problem_type
@@ -199,6 +201,21 @@ function rejection(self, x) result(reason)
    end associate
    reason = ''
 end function rejection
+
+!> Whether a step turns material by a right angle or more somewhere, beyond which another solution
+!> than the one on the way may be met: a block that is stretched to six times its length can end
+!> with its sides exchanged, in equilibrium and with J > 0
+function turns_over(self, before, after) result(found)
+   !> Problem
+   class(problem_type), intent(in) :: self
+   !> Unknowns before and after the step, shape (n) each
+   real(wp), contiguous, intent(in) :: before(:), after(:)
+   logical :: found
+
+   associate (unused => self, unused_before => before, unused_after => after)
+   end associate
+   found = .false.
+end function turns_over
 
 !> Second derivatives of r.r/2: A^T A plus the sum of r_i times the second derivatives of r_i
 !> (5.59). Where residuals are linear, or Newton's step needs no more than A, there is no such sum.

@@ -208,11 +208,14 @@ def test_quiet_shows_no_progress(
 def test_interrupt_waits_for_the_clean_end(
     solver: Install, deck: Path, tmp_path: Path, number: signal.Signals
 ) -> None:
-    """The executable is told once, finishes its step and writes; then the command ends."""
+    """The executable is told once, finishes its step and writes; then the command ends.
+
+    It is told by SIGTERM: in what a shell starts in the background SIGINT is ignored.
+    """
     written = tmp_path / "last_state"
     fake = solver(
         "told = []\n"
-        "signal.signal(signal.SIGINT, lambda *_: told.append(1))\n"
+        "signal.signal(signal.SIGTERM, lambda *_: told.append(1))\n"
         "print('step  1/2  load 0.5', flush=True)\n"
         "while not told: time.sleep(0.02)\n"
         "time.sleep(0.2)\n"

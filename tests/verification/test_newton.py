@@ -8,6 +8,7 @@ entry (measured 5e-13 to 8e-10), so 1e-7 fails on any wrong term and not on roun
 from __future__ import annotations
 
 import csv
+import json
 import os
 import subprocess
 from pathlib import Path
@@ -102,12 +103,18 @@ def test_second_derivatives_of_modes(case: str, inputs: Path) -> None:
 def run(deck: Path, out: Path, *overrides: str) -> subprocess.CompletedProcess[str]:
     words = [word for text in overrides for word in ("--set", text)]
     return subprocess.run(
-        [str(find_executable()), str(deck), "-o", str(out), *words],
+        [str(find_executable()), str(deck), "-o", str(out), "--no-error", *words],
         env={**os.environ},
         capture_output=True,
         text=True,
         timeout=300,
     )
+
+
+def converged(out: Path) -> bool:
+    """Whether the iteration did: an answer may be refused none the less."""
+    summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    return bool(summary["converged"])
 
 
 def history(out: Path) -> list[dict[str, str]]:
@@ -129,7 +136,7 @@ def test_newton_converges_quadratically(inputs: Path, tmp_path: Path) -> None:
             inputs / "muscle_fibers.toml", out, f"solver.newton={method}", *EDGES,
             "solver.tolerance=1e-8",
         )  # fmt: skip
-        assert done.returncode == 0, done.stderr
+        assert converged(out), done.stderr
         steps = [float(row["step_norm"]) for row in history(out) if row["step"] == "4"]
         last = np.log(steps[-3:])
         order[method] = (last[2] - last[1]) / (last[1] - last[0])
@@ -162,7 +169,7 @@ def test_newton_passes_where_gauss_newton_crawls(inputs: Path, tmp_path: Path) -
         "load.steps=6", "solver.newton=full",
     ]  # fmt: skip
     done = run(inputs / "muscle_fibers.toml", tmp_path, *overrides)
-    assert done.returncode == 0, done.stderr
+    assert converged(tmp_path), done.stderr
     assert sum(row["step"] == "6" for row in history(tmp_path)) <= 8
 
 

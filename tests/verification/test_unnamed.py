@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose
 
 from myork import Scene, run_deck
 from myork.core.deck import load_tables, table_defaults
+from myork.core.material import Material, stress
 from myork.records import Labels
 from myork.reference import materials
 from myork.stations.build import build_cloud
@@ -102,6 +103,22 @@ def test_one_load_step_ends_where_eight_do(name: str) -> None:
     assert states.force_imbalance < 1e-8
 
 
+def test_a_load_step_that_fails_is_given_up_early() -> None:
+    """Three load steps of 25 iterations failed before one of an eighth of the load arrived: 103."""
+    with Scene.from_tables(DECKS["beam far beyond its length"][0]) as scene:
+        states = scene.solve()
+    assert states.iterations.sum() < 60
+
+
+def test_slow_iterations_of_a_hard_load_arrive() -> None:
+    """A sheet sheared by 1.5 takes 17 iterations: without a halving left they are let run."""
+    sheared = [held("y0", 2), held("y1", 2, u_x=1.5)]
+    tables = box([2, 1], [17, 9], material=[RUBBER], boundary=sheared, load={"max_halvings": 0})
+    with Scene.from_tables(tables) as scene:
+        states = scene.solve()
+    assert states.load[-1] == 1.0 and states.iterations.sum() > 10
+
+
 def test_a_model_from_a_label_map() -> None:
     """A bar of muscle beside fat, held at both ends."""
     data = np.ones((8, 8, 8), np.int32)
@@ -170,3 +187,28 @@ def test_halved_steps_are_told(tmp_path: Path) -> None:
     ]
     assert told and all(line.startswith("  load ") for line in told)
     assert not any("halved" in text for text in summary["warnings"])
+
+
+def test_one_step_does_not_turn_sides_over() -> None:
+    """A block on symmetry planes, stretched to six times its length: uniform, and free across.
+
+    In one step of the load the iteration ends at a state with its sides exchanged, u_y = -1.53 on a
+    width of 1, in equilibrium and with J > 0.
+    """
+    planes = [{"set": f"{axis}0", f"u_{axis}": 0.0} for axis in "xyz"]
+    side = {"name": "side", "quantity": "u_y", "point": [2, 1, 0.5]}
+    tables = box(
+        [4, 1, 1],
+        [9, 3, 3],
+        material=[RUBBER],
+        boundary=[*planes, {"set": "x1", "u_x": 20.0}],
+        probe=[side],
+    )
+    with Scene.from_tables({"title": "stretched", **tables}) as scene:
+        states = scene.solve()
+        (across,) = scene.probes(states.x[-1:], states.load[-1:])[0, :, 0] + 1.0
+    law = Material.of_table(RUBBER)
+    nominal = stress(law, np.diag([6.0, across, across])[np.newaxis])[0]
+    assert across > 0
+    assert abs(nominal[1, 1]) < 1e-6 * nominal[0, 0]
+    assert states.verdict == "accepted"

@@ -194,14 +194,18 @@ def run_executable(deck: str | Path, options: Sequence[str], progress: ProgressC
 
 @contextmanager
 def _handing_signals_to(child: subprocess.Popen[str]) -> Iterator[list[int]]:
-    """Hand SIGINT and SIGTERM to the child as SIGINT; yield the list of those handed over."""
+    """Hand SIGINT and SIGTERM to the child as SIGTERM; yield the list of those handed over.
+
+    What a shell starts in the background inherits that SIGINT is ignored, and the child keeps to
+    that.
+    """
     handed: list[int] = []
 
     def hand_over(number: int, frame: FrameType | None) -> None:
         if handed:
             child.kill()
         else:
-            child.send_signal(signal.SIGINT)
+            child.send_signal(signal.SIGTERM)
         handed.append(number)
 
     # Only the main thread may set handlers, and only it receives Ctrl-C.

@@ -39,7 +39,7 @@ _KINDS = ("displacement", "force", "stress", "surface stress")
 #: An error that must not be accepted [-]
 _WRONG = 0.05
 #: Wall time of one solve [s]
-_LIMIT = 300.0
+_LIMIT = 120.0
 
 
 class _Truth(NamedTuple):
