@@ -5,7 +5,7 @@
 !> displacement of the body, the largest force on a boundary set, the mean norm of the stress over
 !> the volume; stresses inside to three tenths of that.
 module rk_bars
-   use, intrinsic :: ieee_arithmetic, only : ieee_is_nan, ieee_quiet_nan, ieee_value
+   use, intrinsic :: ieee_arithmetic, only : ieee_is_finite, ieee_is_nan, ieee_quiet_nan, ieee_value
    use rk_cloud, only : cloud_type
    use rk_discretisation, only : discretisation_type
    use rk_error, only : error_type
@@ -85,8 +85,11 @@ subroutine new_bars(self, problem, state, error)
       do i = 1, size(scene%cloud%points, 2)
          call problem%at_point(state, i, local)
          weight = scene%cloud%volume(i)
-         stress = stress + weight*norm2(local%cauchy)
-         total = total + weight
+         ! at singular corners J may be zero or less
+         if (ieee_is_finite(norm2(local%cauchy))) then
+            stress = stress + weight*norm2(local%cauchy)
+            total = total + weight
+         end if
          displacement = max(displacement, norm2(local%u))
       end do
       stress = stress/max(total, tiny(1.0_wp))
