@@ -31,6 +31,7 @@ KEY_ATTRIBUTES = {
 FACTS = {
     "surface_stress": "a plane `rkpm-gauss` scene with neither order nor support and with a probe "
     "of a stress on the surface",
+    "plane_quadratic": "a plane `rkpm-gauss` scene of order 2 without support",
     "compared_on_the_way": "a [[reference]] at less than the full load",
 }
 

@@ -102,7 +102,7 @@ def test_defaults_of_the_collocation_forms(method: str) -> None:
     assert deck["load"] == {"steps": 10, "activation": 0.0, "max_halvings": 6}
 
 
-@pytest.mark.parametrize(("order", "support"), [(1, 2.0), (2, 2.5), (3, 4.0), (4, 5.0)])
+@pytest.mark.parametrize(("order", "support"), [(1, 2.0), (2, 3.0), (3, 4.0), (4, 5.0)])
 def test_a_support_that_fits_the_order(order: int, support: float) -> None:
     deck = load_tables({**SHEET, "approximation": {"order": order}})
     assert deck["approximation"]["support"] == [support, support]
@@ -111,20 +111,20 @@ def test_a_support_that_fits_the_order(order: int, support: float) -> None:
 @pytest.mark.parametrize(
     ("quantity", "point", "tables", "order", "support"),
     [
-        ("cauchy_xy", _ON, {}, 2, 2.5),
-        ("pressure", [2.0, 0.3], {}, 2, 2.5),
-        ("principal_max", [0.0, 0.3], {}, 2, 2.5),
+        ("cauchy_xy", _ON, {}, 2, 3.0),
+        ("pressure", [2.0, 0.3], {}, 2, 3.0),
+        ("principal_max", [0.0, 0.3], {}, 2, 3.0),
         ("cauchy_xy", _WITHIN, {}, 1, 2.0),
         ("u_x", _ON, {}, 1, 2.0),
         ("J", _ON, {}, 1, 2.0),
         ("cauchy_xy", _ON, {"approximation": {"order": 1}}, 1, 2.0),
         ("cauchy_xy", _ON, {"approximation": {"support": 1.8}}, 1, 1.8),
-        ("cauchy_xy", _ON, {"approximation": {"kernel": "quintic"}}, 2, 2.5),
+        ("cauchy_xy", _ON, {"approximation": {"kernel": "quintic"}}, 2, 3.0),
         ("cauchy_xy", _ON, {"scene": {"dimension": 2, "method": "rkcm"}}, 2, 3.0),
         ("cauchy_xy", _ON, {"scene": {"dimension": 2, "method": "rkpm-scni"}}, 1, 2.0),
-        ("cauchy_rr", [0.6, 0.8], {"geometry": ANNULUS}, 2, 2.5),
-        ("cauchy_rr", [1.2, 1.6], {"geometry": ANNULUS}, 2, 2.5),
-        ("cauchy_tt", [0.0, 1.5], {"geometry": ANNULUS}, 2, 2.5),
+        ("cauchy_rr", [0.6, 0.8], {"geometry": ANNULUS}, 2, 3.0),
+        ("cauchy_rr", [1.2, 1.6], {"geometry": ANNULUS}, 2, 3.0),
+        ("cauchy_tt", [0.0, 1.5], {"geometry": ANNULUS}, 2, 3.0),
         ("cauchy_rr", [0.9, 1.2], {"geometry": ANNULUS}, 1, 2.0),
         ("cauchy_xy", [0.5, 1.0, 0.5], CUBE, 1, 2.0),
     ],
@@ -136,3 +136,22 @@ def test_stress_on_the_surface_of_a_plane_body(
     deck = load_tables({**SHEET, **tables, "probe": [probe]})
     assert deck["approximation"]["order"] == order
     assert set(deck["approximation"]["support"]) == {support}
+
+
+@pytest.mark.parametrize(
+    ("tables", "kernel", "gauss"),
+    [
+        ({}, "quintic", 2),
+        ({"geometry": ANNULUS}, "quintic", 3),
+        ({"geometry": ANNULUS, "approximation": {"order": 2}}, "quintic", 3),
+        ({"geometry": ANNULUS, "approximation": {"order": 2, "support": 2.5}}, "cubic", 2),
+        ({"geometry": ANNULUS, "approximation": {"order": 1}}, "cubic", 2),
+    ],
+)
+def test_spline_and_gauss_points_of_order_two(
+    tables: dict[str, Any], kernel: str, gauss: int
+) -> None:
+    """Narrower ones leave a wave at walls that meet a plane of symmetry."""
+    probe = {"name": "there", "quantity": "cauchy_xx", "point": [0.0, 1.0]}
+    deck = load_tables({**SHEET, **tables, "probe": [probe]})
+    assert (deck["approximation"]["kernel"], deck["galerkin"]["gauss"]) == (kernel, gauss)
