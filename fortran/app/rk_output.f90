@@ -6,7 +6,7 @@ module rk_output
    use rk_fields, only : compute_fields
    use rk_point_field, only : point_field
    use rk_precision, only : i8, wp
-   use rk_probes, only : new_probes, probe_value, probes_type, quantity_size
+   use rk_probes, only : new_probes, probe_value, probes_type, quantity_kind, quantity_size
    use rk_recorder, only : iteration_type, recorder_type, step_type
    use rk_results, only : results_type
    use rk_scene, only : scene_type
@@ -343,15 +343,18 @@ function unit_of(scene, i) result(text)
    character(len=:), allocatable :: text
 
    associate (probe => scene%probe(i))
-      if (probe%set > 0) then
+      select case (quantity_kind(probe%quantity))
+      case ('force')
          text = scene%force_unit
-      else if (probe%quantity(1:1) == 'u') then
+      case ('torque')
+         text = scene%force_unit//' '//scene%length_unit
+      case ('length')
          text = scene%length_unit
-      else if (probe%quantity == 'J') then
+      case ('ratio')
          text = ''
-      else
+      case default
          text = scene%force_unit//'/'//scene%length_unit//'^2'
-      end if
+      end select
    end associate
 end function unit_of
 

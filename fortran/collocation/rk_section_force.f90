@@ -9,15 +9,16 @@ module rk_section_force
    use rk_discretisation, only : discretisation_type
    use rk_precision, only : pi, wp
    use rk_states, only : field_state, point_state
+   use rk_tensor, only : vector_product
    implicit none
    private
 
-   public :: section_force
+   public :: force_on_set, torque_on_set, plane_force
 
 contains
 
 !> Force through the sections below a set
-function section_force(problem, set, state, share) result(force)
+function force_on_set(problem, set, state, share) result(force)
    !> Full problem
    class(discretisation_type), intent(in) :: problem
    !> Boundary set
@@ -51,7 +52,83 @@ function section_force(problem, set, state, share) result(force)
          & *(1.0_wp - cos(2.0_wp*pi*depth/reach))/reach
    end do
    where (usable) force = work
-end function section_force
+end function force_on_set
+
+!> Moment of the forces on a set where it has moved to: the work of the stress in a virtual rotation
+!> that falls to 0 before the next fixed set; the traction integral where that has no room
+function torque_on_set(problem, set, state, about) result(torque)
+   !> Problem
+   class(discretisation_type), intent(in) :: problem
+   !> Boundary set
+   integer, intent(in) :: set
+   !> State
+   type(field_state), intent(in) :: state
+   !> Point about which it turns [length]
+   real(wp), intent(in) :: about(3)
+   real(wp) :: torque(3), pull(3), work(3), depth, reach
+   real(wp) :: normal(problem%scene%cloud%nd), origin(problem%scene%cloud%nd)
+   logical :: usable(3)
+   type(point_state) :: local
+   integer :: e, ip, nd
+
+   nd = problem%scene%cloud%nd
+   pull = 0.0_wp
+   torque = 0.0_wp
+   work = 0.0_wp
+   call find_reach(problem, set, normal, origin, reach, usable)
+   ! a rotation moves along both directions across its axis
+   usable = [usable(2) .and. usable(3), usable(1) .and. usable(3), usable(1) .and. usable(2)]
+   associate (cloud => problem%scene%cloud)
+      do e = 1, size(cloud%boundary_point)
+         if (cloud%boundary_set(e) /= set .or. all(usable)) cycle
+         call problem%at_point(state, cloud%boundary_point(e), local)
+         pull(:nd) = matmul(local%p(:nd, :nd), cloud%normal(:, e))*cloud%area(e)
+         torque = torque + vector_product(local%x + local%u - about, pull)
+      end do
+      if (.not. any(usable)) return
+      do ip = 1, size(cloud%points, 2)
+         depth = -dot_product(normal, cloud%points(:, ip) - origin)
+         if (depth <= 0.0_wp .or. depth >= reach) cycle
+         call problem%at_point(state, ip, local)
+         pull(:nd) = matmul(local%p(:nd, :nd), normal)*cloud%volume(ip) &
+            & *(1.0_wp - cos(2.0_wp*pi*depth/reach))/reach
+         work = work + vector_product(local%x + local%u - about, pull)
+      end do
+   end associate
+   where (usable) torque = work
+end function torque_on_set
+
+!> Force through a plane section: the mean of those through the sections of a slab of some spacings,
+!> which lies inside the body
+function plane_force(problem, place, normal, state) result(force)
+   !> Problem
+   class(discretisation_type), intent(in) :: problem
+   !> Point of the plane, shape (nd) [length]
+   real(wp), intent(in) :: place(:)
+   !> Its unit normal, shape (nd)
+   real(wp), intent(in) :: normal(:)
+   !> State
+   type(field_state), intent(in) :: state
+   real(wp) :: force(3), height(size(problem%scene%cloud%points, 2)), half, middle, away
+   type(point_state) :: local
+   integer :: ip, nd
+
+   force = 0.0_wp
+   nd = size(normal)
+   associate (cloud => problem%scene%cloud)
+      height = matmul(normal, cloud%points)
+      half = 2.0_wp*dot_product(abs(normal), sum(cloud%spacing, dim=2))/size(cloud%spacing, 2)
+      half = min(half, 0.5_wp*(maxval(height) - minval(height)))
+      middle = min(max(dot_product(normal, place), minval(height) + half), maxval(height) - half)
+      do ip = 1, size(height)
+         away = height(ip) - middle
+         if (abs(away) >= half) cycle
+         call problem%at_point(state, ip, local)
+         force(:nd) = force(:nd) + matmul(local%p(:nd, :nd), normal)*cloud%volume(ip) &
+            & *0.5_wp*(1.0_wp + cos(pi*away/half))/half
+      end do
+   end associate
+end function plane_force
 
 !> Depth to which a virtual motion from a set may reach, and the components it may have
 subroutine find_reach(problem, set, normal, origin, reach, usable)

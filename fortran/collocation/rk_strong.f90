@@ -3,7 +3,7 @@ module rk_strong
    use rk_discretisation, only : discretisation_type
    use rk_lstsq, only : row_operator
    use rk_rows, only : rows_type
-   use rk_section_force, only : section_force
+   use rk_section_force, only : force_on_set, plane_force, torque_on_set
    use rk_states, only : field_state
    use rk_precision, only : wp
    implicit none
@@ -18,6 +18,8 @@ module rk_strong
    contains
       procedure :: operator
       procedure :: set_force
+      procedure :: set_torque
+      procedure :: section_force
    end type strong_problem
 
 contains
@@ -43,7 +45,37 @@ function set_force(self, set, state, share) result(force)
    real(wp), intent(in) :: share
    real(wp) :: force(3)
 
-   force = section_force(self, set, state, share)
+   force = force_on_set(self, set, state, share)
 end function set_force
+
+!> Moment of the forces that the surroundings exert on the body through a set, where it has moved to
+function set_torque(self, set, state, about) result(torque)
+   !> Problem
+   class(strong_problem), intent(in) :: self
+   !> Boundary set
+   integer, intent(in) :: set
+   !> State
+   type(field_state), intent(in) :: state
+   !> Point about which it turns [length]
+   real(wp), intent(in) :: about(3)
+   real(wp) :: torque(3)
+
+   torque = torque_on_set(self, set, state, about)
+end function set_torque
+
+!> Force through a plane section
+function section_force(self, place, normal, state) result(force)
+   !> Problem
+   class(strong_problem), intent(in) :: self
+   !> Point of the plane, shape (nd) [length]
+   real(wp), intent(in) :: place(:)
+   !> Its unit normal, shape (nd)
+   real(wp), intent(in) :: normal(:)
+   !> State
+   type(field_state), intent(in) :: state
+   real(wp) :: force(3)
+
+   force = plane_force(self, place, normal, state)
+end function section_force
 
 end module rk_strong

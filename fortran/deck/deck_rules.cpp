@@ -40,7 +40,8 @@ static void check_boundary(Deck &deck, const std::string &kind) {
 static void check_probes(Deck &deck, int dimension) {
    for (Section *probe : deck.entries("probe")) {
       const std::string quantity = probe->text("quantity");
-      if (dimension == 2 && (quantity == "u_z" || quantity == "force_z"))
+      if (dimension == 2 && (quantity == "u_z" || quantity == "force_z" || quantity == "torque_x" ||
+                             quantity == "torque_y" || quantity == "section_force_z"))
          deck.complain(probe->find("quantity")->origin, deck.address(*probe, "quantity"),
                        quantity + " is always zero in two dimensions");
    }
@@ -71,8 +72,10 @@ static void check_compared(Deck &deck) {
             continue;
          for (Section *probe : deck.entries("probe")) {
             const std::string quantity = probe->text("quantity");
-            const bool vector = quantity == "u" || quantity == "force";
-            const bool local = quantity[0] != 'u' && quantity.compare(0, 5, "force") != 0;
+            const bool vector =
+                quantity == "u" || quantity == "force" || quantity == "section_force";
+            const bool local = quantity[0] != 'u' && quantity.find("force") == std::string::npos &&
+                               quantity.compare(0, 6, "torque") != 0;
             if (probe->text("name") != name->text || quantity.empty() || (exact ? local : !vector))
                continue;
             deck.complain(name->origin, deck.address(*section, "probe"),
@@ -137,13 +140,15 @@ static void check_linear(Deck &deck, const std::string &kind, int dimension) {
       const std::string quantity = probe->text("quantity");
       // forces come from virtual work, which does not know the sources of the other solutions
       const bool force = quantity.compare(0, 5, "force") == 0;
-      const bool fits = problem == "poisson" ? quantity == "u"
+      const bool moved = quantity.compare(0, 6, "torque") == 0 ||
+                         quantity.compare(0, 7, "section") == 0 || probe->find("set");
+      const bool fits = problem == "poisson" ? quantity == "u" && !moved
                         : force              ? solution == "cantilever"
-                                             : quantity != "J";
+                                             : quantity != "J" && !moved;
       if (!quantity.empty() && !fits)
          deck.complain(probe->find("quantity")->origin, deck.address(*probe, "quantity"),
-                       quantity + " is not known in a linear problem of " + problem + " with " +
-                           solution);
+                       quantity + (moved && !force ? " of a set or section" : "") +
+                           " is not known in a linear problem of " + problem + " with " + solution);
    }
 }
 

@@ -59,7 +59,9 @@ def read_schema(path: Path) -> dict[str, dict[str, Any]]:
             tables[""]["keys"][name] = table
             continue
         tables[name] = {k: v for k, v in table.items() if not isinstance(v, dict)}
-        tables[name]["keys"] = {k: v for k, v in table.items() if isinstance(v, dict)}
+        keys = {k: v for k, v in table.items() if isinstance(v, dict)}
+        named = keys.pop("keys", {})
+        tables[name]["keys"] = {**keys, **named}
     check(tables)
     return tables
 

@@ -6,53 +6,35 @@
 !> (rk_pressure). Residual and tangent are the exact derivatives of that energy.
 module rk_galerkin
    use rk_blas, only : dsyrk
-   use rk_cells, only : cells_type
    use rk_conditions, only : new_boundary
-   use rk_discretisation, only : discretisation_type, deformation
    use rk_error, only : error_type
    use rk_gauss_cells, only : gauss_cells
-   use rk_gradient, only : gradient_type, new_gradient
+   use rk_gradient, only : new_gradient
    use rk_mixture, only : new_mixture
-   use rk_multiplier, only : multiplier_type, new_multiplier
+   use rk_multiplier, only : new_multiplier
    use rk_neighbours, only : nearest_points
    use rk_nodal_cells, only : nodal_cells
    use rk_operator, only : row_operator, square_report
    use rk_precision, only : i8, wp
-   use rk_pressure, only : new_pressure, pressure_type
+   use rk_pressure, only : new_pressure
    use rk_problem, only : evaluation_type
-   use rk_recovery, only : new_recovery, recovery_type
+   use rk_recovery, only : new_recovery
    use rk_scene, only : scene_type
+   use rk_section, only : cut_through, inner_force
    use rk_shape, only : shape_type
    use rk_stabilisation, only : share_bulk, stabilise
-   use rk_states, only : field_state, point_state
+   use rk_states, only : field_state
    use rk_tangent, only : add_forces, new_tangent, tangent_type
-   use rk_tensor, only : cross, cross_form, determinant, identity
-   use rk_weak_conditions, only : add_body_force, set_conditions, surface_type
+   use rk_tensor, only : cross, cross_form, identity
+   use rk_weak, only : deform_group, new_state, weak_problem
+   use rk_weak_conditions, only : add_body_force, set_conditions
    implicit none
    private
 
    public :: galerkin_problem, new_galerkin
 
    !> Galerkin problem of a scene
-   type, extends(discretisation_type) :: galerkin_problem
-      !> Integration points
-      type(cells_type) :: cells
-      !> Gradients there
-      type(gradient_type) :: gradient
-      !> Pressure, and where it is an unknown
-      type(pressure_type) :: pressure
-      type(multiplier_type) :: multiplier
-      !> Shape functions at the integration points
-      type(shape_type) :: inside
-      !> Gradients of nodal cells anywhere
-      type(recovery_type) :: recovery
-      !> Part of the bulk modulus that acts at each collocation and integration point, shape
-      !> (nc + np), and that which acts on the projected volume ratio, shape (groups) [stress]
-      real(wp), allocatable :: local_bulk(:), bulk(:)
-      !> Surface
-      type(surface_type) :: surface
-      !> Nearest collocation point of each point, shape (np)
-      integer, allocatable :: nearest(:)
+   type, extends(weak_problem) :: galerkin_problem
       !> F where the tangent was taken, and where the step to there began, shape (3, 3, np) [-]
       real(wp), allocatable :: origin(:, :, :), base(:, :, :)
       !> Tangent, and the part of it that never changes: penalty and stabilisation
@@ -61,7 +43,6 @@ module rk_galerkin
       !> Forces at full load: tractions, body forces, penalty of the prescribed values, shape (n)
       real(wp), allocatable :: force(:)
    contains
-      procedure :: scaled_norms
       procedure :: start_step
       procedure :: evaluate
       procedure :: linearise
@@ -69,12 +50,8 @@ module rk_galerkin
       procedure :: start_iteration
       procedure :: operator
       procedure :: square_step
-      procedure :: state
-      procedure :: at_place
-      procedure :: load_points
       procedure :: set_point_loads
-      !> Force through a boundary set
-      procedure :: set_force
+      procedure :: section_force
    end type galerkin_problem
 
 contains
@@ -152,20 +129,6 @@ subroutine new_galerkin(self, scene, error)
    call self%surface%add_forces(self%force)
 end subroutine new_galerkin
 
-!> Points where set_point_loads wants values: the integration points, then those of the surface
-function load_points(self) result(x)
-   !> Problem
-   class(galerkin_problem), intent(in) :: self
-   !> Points, shape (nd, n) [length]
-   real(wp), allocatable :: x(:, :)
-   integer :: np
-
-   np = size(self%cells%weight)
-   allocate (x(size(self%cells%point, 1), np + size(self%cells%set)))
-   x(:, :np) = self%cells%point
-   x(:, np + 1:) = self%cells%surface
-end function load_points
-
 !> Set what varies over the points and has no place in a deck, at full load
 subroutine set_point_loads(self, body_force, displacement, stress)
    !> Problem
@@ -190,20 +153,6 @@ subroutine set_point_loads(self, body_force, displacement, stress)
    call self%surface%add_forces(self%force)
    call add_body_force(self%inside, self%cells%weight, body_force(:nd, :np), self%force)
 end subroutine set_point_loads
-
-!> Norms of displacements and of the pressures that are unknowns
-pure function scaled_norms(self, x) result(norms)
-   !> Problem
-   class(galerkin_problem), intent(in) :: self
-   !> Unknowns or their change, shape (n)
-   real(wp), contiguous, intent(in) :: x(:)
-   real(wp) :: norms(2)
-
-   associate (nu => self%n - self%gradient%nd*self%multiplier%extra)
-      norms = [norm2(x(:nu))/self%extent, 0.0_wp]
-      if (nu < self%n) norms(2) = norm2(x(nu + 1:))/self%multiplier%extent
-   end associate
-end function scaled_norms
 
 !> Forget where the last step came from
 subroutine start_step(self, x, load)
@@ -326,90 +275,6 @@ subroutine assemble(self, x, held, load, tangent, r, seen)
    self%matrix%pressure => self%pressure
    self%matrix%multiplier => self%multiplier
 end subroutine assemble
-
-!> State of the body with stresses
-subroutine state(self, x, load, at)
-   !> Problem
-   class(galerkin_problem), intent(in) :: self
-   !> Unknowns, shape (n)
-   real(wp), contiguous, intent(in) :: x(:)
-   !> Load [-]
-   real(wp), intent(in) :: load
-   !> State
-   type(field_state), intent(out) :: at
-   integer :: g, nc, q
-
-   nc = size(self%scene%cloud%points, 2)
-   call new_state(self, at)
-   at%x = x
-   at%load = load
-   allocate (at%p(3, 3, size(at%j)))
-   !$omp parallel do default(none) schedule(static, 1) private(g, q) shared(self, x, load, at, nc)
-   do g = 1, size(self%cells%first) - 1
-      call deform_group(self, g, x, load, at)
-      do q = self%cells%first(g) + 1, self%cells%first(g + 1)
-         at%p(:, :, q) = 0.0_wp
-         ! no stress exists
-         if (.not. at%j(q) > 0.0_wp) cycle
-         call self%mixture%stress(nc + q, at%f(:, :, q), load, at%p(:, :, q), volumetric=.false.)
-         at%p(:, :, q) = at%p(:, :, q) + (self%local_bulk(nc + q)*(at%j(q) - 1.0_wp) &
-            & + self%pressure%value(g, q, at%pressure(:, g))) &
-            & *(0.5_wp*cross(at%f(:, :, q), at%f(:, :, q)))
-      end do
-   end do
-   !$omp end parallel do
-end subroutine state
-
-!> Room for the deformation of all groups
-pure subroutine new_state(self, at)
-   !> Problem
-   class(galerkin_problem), intent(in) :: self
-   !> State
-   type(field_state), intent(out) :: at
-
-   allocate (at%f(3, 3, size(self%cells%weight)), at%j(size(self%cells%weight)))
-   allocate (at%pressure, at%volume, mold=self%pressure%total)
-end subroutine new_state
-
-!> Deformation of a group of points, and the pressure that its change of volume makes
-pure subroutine deform_group(self, g, x, held, at)
-   !> Problem
-   class(galerkin_problem), intent(in) :: self
-   !> Group
-   integer, intent(in) :: g
-   !> Unknowns [length]
-   real(wp), intent(in) :: x(self%gradient%nd, self%n/self%gradient%nd)
-   !> Load of the essential values in the gradients [-]
-   real(wp), intent(in) :: held
-   !> State, of which F, J and pressure of the group are set
-   type(field_state), intent(inout) :: at
-   real(wp), allocatable :: local(:, :)
-   real(wp) :: h(self%gradient%nd, self%gradient%nd), value(size(at%pressure, 1))
-   integer :: b, nd, q
-
-   nd = self%gradient%nd
-   b = self%pressure%count(g)
-   associate (member => self%gradient%member%index(self%gradient%member%offset(g) + 1: &
-      & self%gradient%member%offset(g + 1)))
-      allocate (local(nd, size(member)))
-      local = x(:, member)
-   end associate
-   value = 0.0_wp
-   do q = self%cells%first(g) + 1, self%cells%first(g + 1)
-      call self%gradient%at(q, local, held, h)
-      at%f(:, :, q) = identity
-      at%f(:nd, :nd, q) = at%f(:nd, :nd, q) + h
-      at%j(q) = determinant(at%f(:, :, q))
-      value(:b) = value(:b) + self%cells%weight(q)*at%j(q)*self%pressure%basis(:b, q)
-   end do
-   value(:b) = value(:b) - self%pressure%total(:b, g)
-   at%volume(:, g) = value
-   if (self%multiplier%free(g)) then
-      at%pressure(:, g) = self%multiplier%pressure(g, local)
-   else
-      at%pressure(:, g) = self%bulk(g)*value
-   end if
-end subroutine deform_group
 
 !> Forces and stiffness of a group of points
 subroutine group_part(self, g, at, held, load, tangent, force, part)
@@ -548,53 +413,24 @@ subroutine square_step(self, shift, r, dx, found, report, error)
    call self%matrix%solve_square(shift, -r, dx, report, error)
 end subroutine square_step
 
-!> Stress and deformation at a place from the displacement and the pressure there
-subroutine at_place(self, state, ip, x, u, local)
+!> Force through a plane section: that of its part behind the normal on the part before it
+function section_force(self, place, normal, state) result(force)
    !> Problem
    class(galerkin_problem), intent(in) :: self
-   !> State of the body
-   type(field_state), intent(in) :: state
-   !> Collocation point whose material and fiber hold there
-   integer, intent(in) :: ip
-   !> Undeformed place, shape (nd) [length]
-   real(wp), intent(in) :: x(:)
-   !> Displacement with derivatives, shape (nd, nq)
-   real(wp), intent(in) :: u(:, :)
-   !> State there
-   type(point_state), intent(out) :: local
-   real(wp) :: h(3, 3, 3), pressure
-
-   local%x(:size(x)) = x
-   local%u(:size(x)) = u(:size(x), 1)
-   pressure = self%pressure%at(ip, x, state%pressure)
-   if (self%cells%smoothed) then
-      local%f = self%recovery%at(ip, x, state%f)
-      local%j = determinant(local%f)
-      pressure = pressure + (local%j - 1.0_wp)*self%local_bulk(ip)
-   else
-      call deformation(size(x), u, local%f, h)
-      local%j = determinant(local%f)
-   end if
-   call self%mixture%stress(ip, local%f, state%load, local%p, volumetric=.false.)
-   local%p = local%p + 0.5_wp*pressure*cross(local%f, local%f)
-   local%cauchy = matmul(local%p, transpose(local%f))/local%j
-end subroutine at_place
-
-!> Force that the surroundings exert on the body through a set
-function set_force(self, set, state, share) result(force)
-   !> Problem
-   class(galerkin_problem), intent(in) :: self
-   !> Boundary set
-   integer, intent(in) :: set
+   !> Point of the plane, shape (nd) [length]
+   real(wp), intent(in) :: place(:)
+   !> Its unit normal, shape (nd)
+   real(wp), intent(in) :: normal(:)
    !> State
    type(field_state), intent(in) :: state
-   !> Of no meaning: the work of the surface's own points is exact
-   real(wp), intent(in) :: share
    real(wp) :: force(3)
+   real(wp), allocatable :: cut(:), held(:)
 
-   associate (unused => share)
-   end associate
-   force = self%surface%force(self%cells, set, state)
-end function set_force
+   cut = cut_through(self%scene, place, normal)
+   allocate (held(self%n), source=0.0_wp)
+   call self%matrix%product(self%constant, state%x(:self%matrix%n), held(:self%matrix%n))
+   force = inner_force(self%cells, self%gradient, cut, state, held) &
+      & + self%surface%held_force(self%cells, cut, state)
+end function section_force
 
 end module rk_galerkin

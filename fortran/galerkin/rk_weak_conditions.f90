@@ -9,6 +9,7 @@ module rk_weak_conditions
    use rk_shape, only : shape_type
    use rk_states, only : field_state
    use rk_symmetric, only : symmetric_matrix
+   use rk_tensor, only : vector_product
    implicit none
    private
 
@@ -37,6 +38,10 @@ module rk_weak_conditions
       procedure :: add_forces
       !> Force through a set
       procedure :: force => set_force
+      !> Moment of the forces on a set
+      procedure :: torque => set_torque
+      !> Share of lifting and penalty in the forces on one side of a cut
+      procedure :: held_force
    end type surface_type
 
 contains
@@ -189,29 +194,120 @@ function set_force(self, cells, set, state) result(force)
    integer, intent(in) :: set
    !> State
    type(field_state), intent(in) :: state
-   real(wp) :: force(3)
-   real(wp) :: u(size(self%value, 1), self%shape%nq), p(3, 3)
-   integer :: i, k, nd, q, s
+   real(wp) :: force(3), u(3)
+   integer :: s
 
-   nd = size(cells%outward, 1)
    force = 0.0_wp
    do s = 1, size(cells%set)
-      if (cells%set(s) /= set) cycle
-      call self%shape%interpolate(s, state%x, 1, 1, u)
-      p = 0.0_wp
-      do k = cells%lift_first(s) + 1, cells%lift_first(s + 1)
-         q = cells%lift_point(k)
-         p = p + cells%lift(k)*cells%weight(q)*state%p(:, :, q)
-      end do
-      do i = 1, size(self%value, 1)
-         if (self%essential(i, s)) then
-            force(i) = force(i) + dot_product(p(i, :nd), cells%outward(:, s)) &
-               & - self%penalty(s)*(u(i, 1) - state%load*self%value(i, s))
-         else
-            force(i) = force(i) + state%load*self%traction(i, s)*self%area(s)
-         end if
-      end do
+      if (cells%set(s) == set) call add_point_force(self, cells, s, state, force, u)
    end do
 end function set_force
+
+!> Moment of these forces where the set has moved to: what does work when it turns there
+function set_torque(self, cells, set, state, about) result(torque)
+   !> Surface
+   class(surface_type), intent(in) :: self
+   !> Integration points
+   type(cells_type), intent(in) :: cells
+   !> Boundary set
+   integer, intent(in) :: set
+   !> State
+   type(field_state), intent(in) :: state
+   !> Point about which it turns [length]
+   real(wp), intent(in) :: about(3)
+   real(wp) :: torque(3), arm(3), force(3), u(3)
+   integer :: nd, s
+
+   nd = size(cells%surface, 1)
+   torque = 0.0_wp
+   do s = 1, size(cells%set)
+      if (cells%set(s) /= set) cycle
+      force = 0.0_wp
+      call add_point_force(self, cells, s, state, force, u)
+      arm = u - about
+      arm(:nd) = arm(:nd) + cells%surface(:, s)
+      torque = torque + vector_product(arm, force)
+   end do
+end function set_torque
+
+!> Force on the body at a surface point, and the displacement there
+subroutine add_point_force(self, cells, s, state, force, displacement)
+   !> Surface
+   class(surface_type), intent(in) :: self
+   !> Integration points
+   type(cells_type), intent(in) :: cells
+   !> Surface point
+   integer, intent(in) :: s
+   !> State
+   type(field_state), intent(in) :: state
+   !> Force, to which that of the point is added [force]
+   real(wp), intent(inout) :: force(3)
+   !> Displacement [length]
+   real(wp), intent(out) :: displacement(3)
+   real(wp) :: u(size(self%value, 1), self%shape%nq), p(3, 3)
+   integer :: i
+
+   call self%shape%interpolate(s, state%x, 1, 1, u)
+   p = lifted_stress(cells, s, state)
+   do i = 1, size(u, 1)
+      if (self%essential(i, s)) then
+         force(i) = force(i) + dot_product(p(i, :size(cells%outward, 1)), cells%outward(:, s)) &
+            & - self%penalty(s)*(u(i, 1) - state%load*self%value(i, s))
+      else
+         force(i) = force(i) + state%load*self%traction(i, s)*self%area(s)
+      end if
+   end do
+   ! a support moves as it is told, the body a little less
+   displacement = 0.0_wp
+   displacement(:size(u, 1)) = merge(state%load*self%value(:, s), u(:, 1), self%essential(:, s))
+end subroutine add_point_force
+
+!> Stress at a surface point, as the lifting has it
+pure function lifted_stress(cells, s, state) result(p)
+   !> Integration points
+   type(cells_type), intent(in) :: cells
+   !> Surface point
+   integer, intent(in) :: s
+   !> State
+   type(field_state), intent(in) :: state
+   real(wp) :: p(3, 3)
+   integer :: k, q
+
+   p = 0.0_wp
+   do k = cells%lift_first(s) + 1, cells%lift_first(s + 1)
+      q = cells%lift_point(k)
+      p = p + cells%lift(k)*cells%weight(q)*state%p(:, :, q)
+   end do
+end function lifted_stress
+
+!> What lifting and penalty add to the forces on source points, taken by a cut: it is the support of
+!> the surface, not a force inside the body
+function held_force(self, cells, cut, state) result(force)
+   !> Surface
+   class(surface_type), target, intent(in) :: self
+   !> Integration points
+   type(cells_type), intent(in) :: cells
+   !> Share of each source point, shape (ns) [-]
+   real(wp), intent(in) :: cut(:)
+   !> State
+   type(field_state), intent(in) :: state
+   real(wp) :: force(3), u(size(self%value, 1), self%shape%nq), p(3, 3), share
+   real(wp), pointer, contiguous :: values(:, :)
+   integer, pointer, contiguous :: nodes(:)
+   integer :: i, s
+
+   force = 0.0_wp
+   do s = 1, size(cells%set)
+      if (.not. any(self%essential(:, s))) cycle
+      call self%shape%row(s, nodes, values)
+      share = dot_product(values(1, :), cut(nodes))
+      call self%shape%interpolate(s, state%x, 1, 1, u)
+      p = lifted_stress(cells, s, state)
+      do i = 1, size(u, 1)
+         if (self%essential(i, s)) force(i) = force(i) + share*(dot_product(p(i, &
+            & :size(cells%outward, 1)), cells%outward(:, s)) - self%penalty(s)*u(i, 1))
+      end do
+   end do
+end function held_force
 
 end module rk_weak_conditions

@@ -59,7 +59,7 @@ subroutine read_probes(scene, deck, error)
    !> Error handling, one line more for each unknown set and each point outside
    type(error_type), allocatable, intent(inout) :: error
    character(len=:), allocatable :: at, name
-   real(wp), allocatable :: point(:)
+   real(wp), allocatable :: point(:), normal(:)
    integer :: k
 
    allocate (scene%probe(deck%count('probe')), scene%exact(deck%count('exact')), &
@@ -71,9 +71,18 @@ subroutine read_probes(scene, deck, error)
          call deck%get(at//'.quantity', probe%quantity)
          call deck%get(at//'.point', point)
          probe%point(:size(point)) = point
+         if (deck%has(at//'.normal')) then
+            call deck%get(at//'.normal', normal)
+            probe%normal(:size(normal)) = normal/norm2(normal)
+         end if
          if (deck%has(at//'.set')) then
             call deck%get(at//'.set', name)
             call find_named_set(scene%cloud, deck, at//'.set', name, probe%set, error)
+            if (probe%set > 0) probe%about(:scene%cloud%nd) = scene%cloud%set_centroid(probe%set)
+            if (deck%has(at//'.about')) then
+               call deck%get(at//'.about', point)
+               probe%about(:size(point)) = point
+            end if
          else if (allocated(scene%cloud%lattice)) then
             if (outside_lattice(scene%cloud, point)) call deck%complain(at//'.point', &
                & to_text(point)//' lies outside the '//body_of(deck), error)

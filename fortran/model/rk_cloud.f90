@@ -78,6 +78,8 @@ module rk_cloud
    contains
       !> Number of a set by its name, 0 if unknown
       procedure :: find_set
+      !> Middle of a set by area
+      procedure :: set_centroid
       !> Distance of neighbouring source points, mean over points and directions
       procedure :: mean_spacing
       !> Source point nearest to each collocation point
@@ -110,6 +112,23 @@ pure integer function find_set(self, name)
       if (self%set_names(i) == name) find_set = i
    end do
 end function find_set
+
+!> Middle of a set by area, shape (nd) [length]
+pure function set_centroid(self, set) result(middle)
+   !> Cloud
+   class(cloud_type), intent(in) :: self
+   !> Set, which has entries
+   integer, intent(in) :: set
+   real(wp) :: middle(self%nd)
+   integer :: e
+
+   middle = 0.0_wp
+   do e = 1, size(self%boundary_set)
+      if (self%boundary_set(e) == set) middle = middle &
+         & + self%area(e)*self%points(:, self%boundary_point(e))
+   end do
+   middle = middle/sum(self%area, mask=self%boundary_set == set)
+end function set_centroid
 
 !> Distance of neighbouring source points: the edge of a cube as large as the mean cell [length]
 pure real(wp) function mean_spacing(self)

@@ -45,10 +45,14 @@ module rk_scene
       character(len=:), allocatable :: name
       !> What is measured
       character(len=:), allocatable :: quantity
-      !> Boundary set of a force, 0 for a point
+      !> Boundary set that it is taken of, 0 for a point or a plane
       integer :: set = 0
-      !> Undeformed place of a point quantity [length]
+      !> Undeformed place of a point quantity, or a point of the plane of a section [length]
       real(wp) :: point(3) = 0.0_wp
+      !> Unit normal of the plane
+      real(wp) :: normal(3) = 0.0_wp
+      !> Point about which a torque turns [length]
+      real(wp) :: about(3) = 0.0_wp
    end type probe_type
 
    !> A homogeneous exact solution for a probe

@@ -1,4 +1,4 @@
-!> Probes: numbers of a converged state at points and on boundary sets.
+!> Probes: numbers of a converged state at points, on boundary sets and through plane sections.
 module rk_probes
    use rk_discretisation, only : discretisation_type
    use rk_error, only : error_type
@@ -10,7 +10,7 @@ module rk_probes
    implicit none
    private
 
-   public :: probes_type, new_probes, probe_value, quantity, quantity_size
+   public :: probes_type, new_probes, probe_value, quantity, quantity_kind, quantity_size
 
    !> Shape functions at the places of point probes
    type :: probes_type
@@ -63,25 +63,73 @@ subroutine probe_value(problem, probes, i, state, value)
    type(point_state) :: local
    real(wp) :: u(problem%fields, problem%shape%nq)
 
-   associate (probe => problem%scene%probe(i))
-      if (probe%set > 0) then
-         value = problem%set_force(probe%set, state, 1.0_wp)
-         if (probe%quantity /= 'force') value(1) = value(component(probe%quantity, 7))
-      else
-         call probes%shape%interpolate(i, state%x, 1, 1 + problem%scene%cloud%nd, u)
-         call problem%at_place(state, probes%nearest(i), probe%point(:problem%scene%cloud%nd), u, &
-            & local)
-         value = quantity(probe%quantity, local)
-      end if
+   associate (probe => problem%scene%probe(i), nd => problem%scene%cloud%nd)
+      select case (quantity_kind(probe%quantity))
+      case ('force')
+         if (probe%set > 0) then
+            value = problem%set_force(probe%set, state, 1.0_wp)
+         else
+            value = problem%section_force(probe%point(:nd), probe%normal(:nd), state)
+         end if
+      case ('torque')
+         value = problem%set_torque(probe%set, state, probe%about)
+      case default
+         if (probe%set > 0) then
+            value = set_displacement(problem, probe%set, state)
+         else
+            call probes%shape%interpolate(i, state%x, 1, 1 + nd, u)
+            call problem%at_place(state, probes%nearest(i), probe%point(:nd), u, local)
+            value = quantity(probe%quantity, local)
+            return
+         end if
+      end select
+      if (quantity_size(probe%quantity) == 1) value(1) = value(component(probe%quantity, &
+         & len(probe%quantity)))
    end associate
 end subroutine probe_value
+
+!> Displacement of the middle of a boundary set: the mean of that of its points, by area
+function set_displacement(problem, set, state) result(value)
+   !> Full problem
+   class(discretisation_type), intent(in) :: problem
+   !> Boundary set
+   integer, intent(in) :: set
+   !> State
+   type(field_state), intent(in) :: state
+   real(wp) :: value(3)
+   real(wp) :: u(problem%fields, problem%shape%nq)
+   integer :: e
+
+   value = 0.0_wp
+   associate (cloud => problem%scene%cloud)
+      do e = 1, size(cloud%boundary_point)
+         if (cloud%boundary_set(e) /= set) cycle
+         call problem%field(cloud%boundary_point(e), state%x, 1, u)
+         value(:cloud%nd) = value(:cloud%nd) + cloud%area(e)*u(:cloud%nd, 1)
+      end do
+      value = value/sum(cloud%area, mask=cloud%boundary_set == set)
+   end associate
+end function set_displacement
+
+!> What kind of number a quantity is: length, ratio, stress, force, torque
+pure function quantity_kind(name) result(kind)
+   !> Quantity
+   character(len=*), intent(in) :: name
+   character(len=:), allocatable :: kind
+
+   kind = 'stress'
+   if (name == 'J') kind = 'ratio'
+   if (name(1:1) == 'u') kind = 'length'
+   if (index(name, 'force') > 0) kind = 'force'
+   if (index(name, 'torque') == 1) kind = 'torque'
+end function quantity_kind
 
 !> How many numbers a quantity has
 pure integer function quantity_size(name)
    !> Quantity
    character(len=*), intent(in) :: name
 
-   quantity_size = merge(3, 1, name == 'u' .or. name == 'force')
+   quantity_size = merge(3, 1, any(name == [character(len=13) :: 'u', 'force', 'section_force']))
 end function quantity_size
 
 !> Index 1..3 of the letter x, y or z at a place of a name

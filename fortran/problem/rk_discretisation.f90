@@ -47,6 +47,10 @@ module rk_discretisation
       procedure :: at_point
       !> Force that the surroundings exert on the body through a boundary set
       procedure(force_interface), deferred :: set_force
+      !> Moment of the forces on a set where it has moved to
+      procedure :: set_torque
+      !> Force through a plane section of the body
+      procedure :: section_force
       !> Work of the stress against that of the forces
       procedure :: compare_works
       !> Points where set_point_loads wants values
@@ -165,6 +169,42 @@ subroutine compare_works(self, state, mismatch)
    associate (unused => self, unused_too => state, unused_three => mismatch)
    end associate
 end subroutine compare_works
+
+!> Moment of the forces that the surroundings exert on the body through a set, where it has moved
+!> to; nonlinear forms know it
+function set_torque(self, set, state, about) result(torque)
+   !> Problem
+   class(discretisation_type), intent(in) :: self
+   !> Boundary set
+   integer, intent(in) :: set
+   !> State
+   type(field_state), intent(in) :: state
+   !> Point about which it turns [length]
+   real(wp), intent(in) :: about(3)
+   real(wp) :: torque(3)
+
+   associate (unused => self, unused_set => set, unused_state => state, unused_about => about)
+   end associate
+   torque = 0.0_wp
+end function set_torque
+
+!> Force through a plane section: that of the part behind the normal on the part before it;
+!> nonlinear forms know it
+function section_force(self, place, normal, state) result(force)
+   !> Problem
+   class(discretisation_type), intent(in) :: self
+   !> Point of the plane, shape (nd) [length]
+   real(wp), intent(in) :: place(:)
+   !> Its unit normal, shape (nd)
+   real(wp), intent(in) :: normal(:)
+   !> State
+   type(field_state), intent(in) :: state
+   real(wp) :: force(3)
+
+   associate (unused => self, unused_place => place, unused_normal => normal, unused_state => state)
+   end associate
+   force = 0.0_wp
+end function section_force
 
 !> State at a collocation point
 subroutine at_point(self, state, ip, local)

@@ -11,7 +11,8 @@ module rk_bars
    use rk_error, only : error_type
    use rk_linear, only : moduli, small_strain
    use rk_precision, only : wp
-   use rk_probes, only : new_probes, probe_value, probes_type, quantity, quantity_size
+   use rk_probes, only : new_probes, probe_value, probes_type, quantity, &
+      & quantity_kind, quantity_size
    use rk_solutions, only : exact_field
    use rk_states, only : field_state, point_state
    implicit none
@@ -100,17 +101,22 @@ subroutine new_bars(self, problem, state, error)
       do i = 1, n
          call probe_value(problem, probes, i, state, self%value(:, i))
          share = share_of_kind
-         if (scene%probe(i)%set > 0) then
+         select case (quantity_kind(scene%probe(i)%quantity))
+         case ('force')
             self%size(i) = force
-         else if (scene%probe(i)%quantity(1:1) == 'u') then
+         case ('torque')
+            ! the arm of a couple on a whole end of the body
+            self%size(i) = 0.5_wp*force*norm2(maxval(scene%cloud%points, dim=2) &
+               & - minval(scene%cloud%points, dim=2))
+         case ('length')
             self%size(i) = displacement
-         else if (scene%probe(i)%quantity == 'J') then
+         case ('ratio')
             self%size(i) = 1.0_wp
-         else
+         case default
             self%size(i) = stress
             self%at_surface(i) = on_surface(scene%cloud, scene%probe(i)%point)
             if (.not. self%at_surface(i)) share = share_inside
-         end if
+         end select
          self%kind(i) = max(self%size(i), norm2(self%value(:quantity_size( &
             & scene%probe(i)%quantity), i)))
          self%size(i) = max(share*self%size(i), norm2(self%value(:quantity_size( &

@@ -64,7 +64,7 @@ def unit_of(quantity: str, units: Mapping[str, str], dimension: int = 3) -> str:
     Parameters
     ----------
     quantity : str
-        As in the deck: `u_x`, `J`, `cauchy_xy`, `pressure`, `force_z`, ...
+        As in the deck: `u_x`, `J`, `cauchy_xy`, `pressure`, `force_z`, `torque_z`, ...
     units : Mapping
         Units of the deck, keys `force` and `length`.
     dimension : int
@@ -82,6 +82,8 @@ def unit_of(quantity: str, units: Mapping[str, str], dimension: int = 3) -> str:
         return "-"
     if quantity == "pressure" or quantity.startswith(("cauchy", "principal")):
         return f"{force}/{length}²"
-    if quantity.startswith("force"):
+    if quantity.startswith("torque"):
+        return f"{force} {length}" if dimension == 3 else force
+    if quantity.startswith(("force", "section_force")):
         return force if dimension == 3 else f"{force}/{length}"
     return "?"

@@ -1,0 +1,87 @@
+!> Force through a plane section of the body, as work: that of the internal forces in a motion of
+!> one side against the other.
+!>
+!> Source points move by a share that grows from 0 to 1 within one spacing across the plane. In
+!> equilibrium the work is exactly that of all forces behind it, however coarse the points are.
+module rk_section
+   use rk_cells, only : cells_type
+   use rk_gradient, only : gradient_type
+   use rk_precision, only : wp
+   use rk_scene, only : scene_type
+   use rk_states, only : field_state
+   implicit none
+   private
+
+   public :: cut_through, inner_force
+
+contains
+
+!> Share of each source point in the motion. No surface point at the ends of the body may see the
+!> cut: near an end the plane is taken farther inside, and where there is no such room, the share
+!> grows all the way through the body
+function cut_through(scene, place, normal) result(share)
+   !> Scene
+   type(scene_type), intent(in) :: scene
+   !> Point of the plane, shape (nd) [length]
+   real(wp), intent(in) :: place(:)
+   !> Its unit normal, shape (nd)
+   real(wp), intent(in) :: normal(:)
+   !> Share, 0 before the plane and 1 behind it, shape (ns) [-]
+   real(wp), allocatable :: share(:)
+   real(wp) :: first, last, margin, middle, width
+
+   associate (cloud => scene%cloud)
+      share = matmul(normal, cloud%source)
+      first = minval(share)
+      last = maxval(share)
+      width = dot_product(abs(normal), sum(cloud%spacing, dim=2))/size(share)
+      margin = dot_product(abs(normal), maxval(scene%support, dim=2)) - 0.5_wp*width
+      middle = dot_product(normal, place)
+      if (last - first >= 2.0_wp*margin) then
+         middle = min(max(middle, first + margin), last - margin)
+      else
+         middle = 0.5_wp*(first + last)
+         width = last - first
+      end if
+      share = min(max(0.5_wp + (share - middle)/width, 0.0_wp), 1.0_wp)
+   end associate
+end function cut_through
+
+!> Force of the stress, and of what else resists, in the motion
+function inner_force(cells, gradient, share, state, other) result(force)
+   !> Integration points
+   type(cells_type), intent(in) :: cells
+   !> Gradients there
+   type(gradient_type), intent(in) :: gradient
+   !> Share of each source point in the motion, shape (ns) [-]
+   real(wp), intent(in) :: share(:)
+   !> State with stresses
+   type(field_state), intent(in) :: state
+   !> Internal forces besides, shape (nd*ns and more) [force]
+   real(wp), intent(in) :: other(:)
+   real(wp) :: force(3)
+   real(wp), allocatable :: part(:, :), all(:)
+   integer :: g, k, nd, q
+
+   nd = gradient%nd
+   ! blocks behind the source points hold pressures, which do not move
+   all = [share, spread(0.0_wp, 1, size(other)/nd - size(share))]
+   force = 0.0_wp
+   do g = 1, size(cells%first) - 1
+      associate (member => gradient%member%index(gradient%member%offset(g) + 1: &
+         & gradient%member%offset(g + 1)))
+         if (.not. any(all(member) > 0.0_wp)) cycle
+         allocate (part(nd, size(member)), source=0.0_wp)
+         do q = cells%first(g) + 1, cells%first(g + 1)
+            call gradient%add_force(q, cells%weight(q)*state%p(:, :, q), part)
+         end do
+         force(:nd) = force(:nd) + matmul(part, all(member))
+         deallocate (part)
+      end associate
+   end do
+   do k = 1, size(share)
+      force(:nd) = force(:nd) + share(k)*other(nd*(k - 1) + 1:nd*k)
+   end do
+end function inner_force
+
+end module rk_section

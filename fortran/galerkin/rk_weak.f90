@@ -1,0 +1,229 @@
+!> What a weak form knows of its body beside the iteration: integration points with gradients and
+!> pressures, and states with the answers to questions about them.
+module rk_weak
+   use rk_cells, only : cells_type
+   use rk_discretisation, only : discretisation_type, deformation
+   use rk_gradient, only : gradient_type
+   use rk_multiplier, only : multiplier_type
+   use rk_precision, only : wp
+   use rk_pressure, only : pressure_type
+   use rk_recovery, only : recovery_type
+   use rk_shape, only : shape_type
+   use rk_states, only : field_state, point_state
+   use rk_tensor, only : cross, determinant, identity
+   use rk_weak_conditions, only : surface_type
+   implicit none
+   private
+
+   public :: weak_problem, deform_group, new_state
+
+   !> Weak form of a scene
+   type, abstract, extends(discretisation_type) :: weak_problem
+      !> Integration points
+      type(cells_type) :: cells
+      !> Gradients there
+      type(gradient_type) :: gradient
+      !> Pressure, and where it is an unknown
+      type(pressure_type) :: pressure
+      type(multiplier_type) :: multiplier
+      !> Shape functions at the integration points
+      type(shape_type) :: inside
+      !> Gradients of nodal cells anywhere
+      type(recovery_type) :: recovery
+      !> Part of the bulk modulus that acts at each collocation and integration point, shape
+      !> (nc + np), and that which acts on the projected volume ratio, shape (groups) [stress]
+      real(wp), allocatable :: local_bulk(:), bulk(:)
+      !> Surface
+      type(surface_type) :: surface
+      !> Nearest collocation point of each point, shape (np)
+      integer, allocatable :: nearest(:)
+   contains
+      procedure :: scaled_norms
+      procedure :: state
+      procedure :: at_place
+      procedure :: load_points
+      !> Force through a boundary set
+      procedure :: set_force
+      !> Moment of the forces on a boundary set
+      procedure :: set_torque
+   end type weak_problem
+
+contains
+
+!> Points where set_point_loads wants values: the integration points, then those of the surface
+function load_points(self) result(x)
+   !> Problem
+   class(weak_problem), intent(in) :: self
+   !> Points, shape (nd, n) [length]
+   real(wp), allocatable :: x(:, :)
+   integer :: np
+
+   np = size(self%cells%weight)
+   allocate (x(size(self%cells%point, 1), np + size(self%cells%set)))
+   x(:, :np) = self%cells%point
+   x(:, np + 1:) = self%cells%surface
+end function load_points
+
+!> Norms of displacements and of the pressures that are unknowns
+pure function scaled_norms(self, x) result(norms)
+   !> Problem
+   class(weak_problem), intent(in) :: self
+   !> Unknowns or their change, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   real(wp) :: norms(2)
+
+   associate (nu => self%n - self%gradient%nd*self%multiplier%extra)
+      norms = [norm2(x(:nu))/self%extent, 0.0_wp]
+      if (nu < self%n) norms(2) = norm2(x(nu + 1:))/self%multiplier%extent
+   end associate
+end function scaled_norms
+
+!> State of the body with stresses
+subroutine state(self, x, load, at)
+   !> Problem
+   class(weak_problem), intent(in) :: self
+   !> Unknowns, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> State
+   type(field_state), intent(out) :: at
+   integer :: g, nc, q
+
+   nc = size(self%scene%cloud%points, 2)
+   call new_state(self, at)
+   at%x = x
+   at%load = load
+   allocate (at%p(3, 3, size(at%j)))
+   !$omp parallel do default(none) schedule(static, 1) private(g, q) shared(self, x, load, at, nc)
+   do g = 1, size(self%cells%first) - 1
+      call deform_group(self, g, x, load, at)
+      do q = self%cells%first(g) + 1, self%cells%first(g + 1)
+         at%p(:, :, q) = 0.0_wp
+         ! no stress exists
+         if (.not. at%j(q) > 0.0_wp) cycle
+         call self%mixture%stress(nc + q, at%f(:, :, q), load, at%p(:, :, q), volumetric=.false.)
+         at%p(:, :, q) = at%p(:, :, q) + (self%local_bulk(nc + q)*(at%j(q) - 1.0_wp) &
+            & + self%pressure%value(g, q, at%pressure(:, g))) &
+            & *(0.5_wp*cross(at%f(:, :, q), at%f(:, :, q)))
+      end do
+   end do
+   !$omp end parallel do
+end subroutine state
+
+!> Room for the deformation of all groups
+pure subroutine new_state(self, at)
+   !> Problem
+   class(weak_problem), intent(in) :: self
+   !> State
+   type(field_state), intent(out) :: at
+
+   allocate (at%f(3, 3, size(self%cells%weight)), at%j(size(self%cells%weight)))
+   allocate (at%pressure, at%volume, mold=self%pressure%total)
+end subroutine new_state
+
+!> Deformation of a group of points, and the pressure that its change of volume makes
+pure subroutine deform_group(self, g, x, held, at)
+   !> Problem
+   class(weak_problem), intent(in) :: self
+   !> Group
+   integer, intent(in) :: g
+   !> Unknowns [length]
+   real(wp), intent(in) :: x(self%gradient%nd, self%n/self%gradient%nd)
+   !> Load of the essential values in the gradients [-]
+   real(wp), intent(in) :: held
+   !> State, of which F, J and pressure of the group are set
+   type(field_state), intent(inout) :: at
+   real(wp), allocatable :: local(:, :)
+   real(wp) :: h(self%gradient%nd, self%gradient%nd), value(size(at%pressure, 1))
+   integer :: b, nd, q
+
+   nd = self%gradient%nd
+   b = self%pressure%count(g)
+   associate (member => self%gradient%member%index(self%gradient%member%offset(g) + 1: &
+      & self%gradient%member%offset(g + 1)))
+      allocate (local(nd, size(member)))
+      local = x(:, member)
+   end associate
+   value = 0.0_wp
+   do q = self%cells%first(g) + 1, self%cells%first(g + 1)
+      call self%gradient%at(q, local, held, h)
+      at%f(:, :, q) = identity
+      at%f(:nd, :nd, q) = at%f(:nd, :nd, q) + h
+      at%j(q) = determinant(at%f(:, :, q))
+      value(:b) = value(:b) + self%cells%weight(q)*at%j(q)*self%pressure%basis(:b, q)
+   end do
+   value(:b) = value(:b) - self%pressure%total(:b, g)
+   at%volume(:, g) = value
+   if (self%multiplier%free(g)) then
+      at%pressure(:, g) = self%multiplier%pressure(g, local)
+   else
+      at%pressure(:, g) = self%bulk(g)*value
+   end if
+end subroutine deform_group
+
+!> Stress and deformation at a place from the displacement and the pressure there
+subroutine at_place(self, state, ip, x, u, local)
+   !> Problem
+   class(weak_problem), intent(in) :: self
+   !> State of the body
+   type(field_state), intent(in) :: state
+   !> Collocation point whose material and fiber hold there
+   integer, intent(in) :: ip
+   !> Undeformed place, shape (nd) [length]
+   real(wp), intent(in) :: x(:)
+   !> Displacement with derivatives, shape (nd, nq)
+   real(wp), intent(in) :: u(:, :)
+   !> State there
+   type(point_state), intent(out) :: local
+   real(wp) :: h(3, 3, 3), pressure
+
+   local%x(:size(x)) = x
+   local%u(:size(x)) = u(:size(x), 1)
+   pressure = self%pressure%at(ip, x, state%pressure)
+   if (self%cells%smoothed) then
+      local%f = self%recovery%at(ip, x, state%f)
+      local%j = determinant(local%f)
+      pressure = pressure + (local%j - 1.0_wp)*self%local_bulk(ip)
+   else
+      call deformation(size(x), u, local%f, h)
+      local%j = determinant(local%f)
+   end if
+   call self%mixture%stress(ip, local%f, state%load, local%p, volumetric=.false.)
+   local%p = local%p + 0.5_wp*pressure*cross(local%f, local%f)
+   local%cauchy = matmul(local%p, transpose(local%f))/local%j
+end subroutine at_place
+
+!> Force that the surroundings exert on the body through a set
+function set_force(self, set, state, share) result(force)
+   !> Problem
+   class(weak_problem), intent(in) :: self
+   !> Boundary set
+   integer, intent(in) :: set
+   !> State
+   type(field_state), intent(in) :: state
+   !> Of no meaning: the work of the surface's own points is exact
+   real(wp), intent(in) :: share
+   real(wp) :: force(3)
+
+   associate (unused => share)
+   end associate
+   force = self%surface%force(self%cells, set, state)
+end function set_force
+
+!> Moment of the forces that the surroundings exert on the body through a set
+function set_torque(self, set, state, about) result(torque)
+   !> Problem
+   class(weak_problem), intent(in) :: self
+   !> Boundary set
+   integer, intent(in) :: set
+   !> State
+   type(field_state), intent(in) :: state
+   !> Point about which it turns [length]
+   real(wp), intent(in) :: about(3)
+   real(wp) :: torque(3)
+
+   torque = self%surface%torque(self%cells, set, state, about)
+end function set_torque
+
+end module rk_weak
