@@ -383,13 +383,13 @@ def test_missing_key(write: Write, old: str, new: str, place: str, message: str)
         ),
         (
             {'quantity = "force"': 'quantity = "J"'},
-            "probe.pull.set: only for quantity = force or force_x or force_y or force_z or torque_x or "
-            "torque_y or torque_z or u or u_x or u_y or u_z; here quantity = J",
+            "probe.pull.set: only for quantity = force or force_x or force_y or force_z or "
+            "torque_x or torque_y or torque_z or u or u_x or u_y or u_z; here quantity = J",
         ),
         (
             {"point = [0.5, 0.5, 1]": 'point = [0.5, 0.5, 1]\nset = "z0"'},
-            "probe.mid.set: only for quantity = force or force_x or force_y or force_z or torque_x or "
-            "torque_y or torque_z or u or u_x or u_y or u_z; here quantity = cauchy_zz",
+            "probe.mid.set: only for quantity = force or force_x or force_y or force_z or "
+            "torque_x or torque_y or torque_z or u or u_x or u_y or u_z; here quantity = cauchy_zz",
         ),
         (
             {'[[exact]]\nprobe = "mid"': '[[exact]]\nprobe = "pull"'},

@@ -38,8 +38,6 @@ def block(method: str, source: list[int], bulk: float) -> dict:
         {"name": "own", "quantity": "torque_y", "set": "z1"},
         {"name": "middle", "quantity": "u", "set": "z1"},
         {"name": "side", "quantity": "u_z", "set": "x1"},
-        {"name": "sideways", "quantity": "section_force_x", "point": [0.4, 0.5, 1],
-         "normal": [1, 0, 0]},
     ]  # fmt: skip
     return {
         "scene": {"dimension": 3, "method": method},
@@ -92,8 +90,6 @@ def test_sections_carry_the_force_of_the_ends_and_torques_balance(method, bulk, 
     assert 0.3 < -found["own"][0] / (2 * force[0]) < 1.1
     assert_allclose(found["middle"], [0.3, 0.1, 0.2], atol=2e-4)
     assert found["side"][0] == pytest.approx(0.06, abs=0.02)
-    # nothing pulls at the sides
-    assert abs(found["sideways"][0]) < 0.1 * np.linalg.norm(force)
 
 
 @pytest.mark.parametrize("method", ["rkpm-gauss", "rkpm-scni", "rkcm"])
