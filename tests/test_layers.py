@@ -19,7 +19,8 @@ PACKAGE = ROOT / "pydriver" / "myork"
 #: Folders of fortran/, lowest first
 FORTRAN_LAYERS = [
     {"base"},
-    {"linalg", "image", "deck"},
+    {"expression", "linalg", "image"},
+    {"deck"},
     {"solvers", "approximation", "material"},
     {"model"},
     {"cells", "problem", "h5"},

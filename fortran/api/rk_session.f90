@@ -48,7 +48,7 @@ subroutine open_session(path, text, overrides, model, handle, error)
    call new_scene(slot%scene, deck, model, error)
    if (.not. allocated(error)) then
       call new_problem(slot%full, slot%scene, error)
-      if (allocated(error)) error%message = deck%where('geometry')//': '//error%message
+      call deck%locate('geometry', error)
    end if
    if (allocated(error)) then
       call close_slot(slot)

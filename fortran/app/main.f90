@@ -68,7 +68,7 @@ contains
 
       call system_clock(start)
       call new_problem(problem, scene, error)
-      if (allocated(error)) error%message = deck%where('geometry')//': '//error%message
+      call deck%locate('geometry', error)
       call leave_on(error)
       shape_s = tick(start)
       call make_folder(config%out, error)

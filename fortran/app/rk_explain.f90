@@ -106,10 +106,20 @@ function held(condition, nd) result(text)
    text = ''
    if (condition%is_radial) text = ', radial displacement '//to_text(condition%radial)
    do d = 1, nd
-      if (condition%fixed(d)) text = text//', u_'//axes(d)//' '//to_text(condition%value(d))
+      if (condition%value_of(d)%given()) then
+         text = text//', u_'//axes(d)//' '//condition%value_of(d)%text
+      else if (condition%fixed(d)) then
+         text = text//', u_'//axes(d)//' '//to_text(condition%value(d))
+      end if
    end do
-   if (any(abs(condition%traction(:nd)) > 0.0_wp)) &
-      & text = text//', traction '//to_text(condition%traction(:nd))
+   if (any([(condition%traction_of(d)%given(), d=1, nd)])) then
+      text = text//', traction'
+      do d = 1, nd
+         text = text//' '//condition%traction_of(d)%text
+      end do
+   else if (any(abs(condition%traction(:nd)) > 0.0_wp)) then
+      text = text//', traction '//to_text(condition%traction(:nd))
+   end if
    if (text == '') text = ', free'
    text = text(3:)
 end function held

@@ -45,10 +45,11 @@ real(wp) function own_work_mismatch(problem, state) result(mismatch)
       do set = 1, size(cloud%set_names)
          if (.not. any(condition%set == set)) cycle
          outside = outside + surface_work(problem, set, state, &
-            & any(condition%is_radial .and. condition%set == set))
+            & any([(condition(c)%moves_unevenly() .and. condition(c)%set == set, &
+            & c=1, size(condition))]))
       end do
       do c = 1, size(condition)
-         if (condition(c)%is_radial) cycle
+         if (condition(c)%moves_unevenly()) cycle
          if (.not. any(condition(c)%fixed .and. abs(condition(c)%value) > 0.0_wp)) cycle
          force = problem%set_force(condition(c)%set, state, 1.0_wp)
          outside = outside + state%load*sum(force*condition(c)%value, mask=condition(c)%fixed)
@@ -67,7 +68,7 @@ real(wp) function surface_work(problem, set, state, by_stress) result(work)
    integer, intent(in) :: set
    !> State
    type(field_state), intent(in) :: state
-   !> The wall moves radially
+   !> The wall moves by amounts of its own at each point
    logical, intent(in) :: by_stress
    type(error_type), allocatable :: error
    type(point_state) :: local

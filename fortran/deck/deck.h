@@ -43,6 +43,7 @@ struct KeySpec {
    int length;
    bool or_number, scalar, nonzero, infinite, unique;
    std::string refers_to;
+   std::string expression; // what may stand in an expression: place, surface, time; "" for none
    std::vector<Condition> required_if, only_if;
    std::vector<Choice> default_if; // the first one that holds, before default_toml
 };
@@ -158,6 +159,8 @@ void check_schema(Deck &deck);
 void fill_defaults(const Deck &deck, Section &section);
 // deck_form.cpp: the form that scene.method stands for, and what else defaults depend on
 void choose_form(Deck &deck);
+// deck_expression.cpp: whether texts in the place of numbers are expressions
+void check_expression(Deck &deck, const Section &section, const KeySpec &key, const Value &value);
 // deck_rules.cpp: what depends on more than the schema can say
 void check_rules(Deck &deck);
 

@@ -5,6 +5,8 @@
 // until rk_deck_close.
 #include "deck.h"
 
+#include <algorithm>
+#include <iomanip>
 #include <sstream>
 
 namespace {
@@ -20,6 +22,20 @@ struct Flat {
    std::vector<Entry> entries;
 };
 
+// Expressions among numbers
+bool has_text(const rk::Value &value) {
+   return std::any_of(value.items.begin(), value.items.end(), [](const rk::Value &item) {
+      return item.kind == rk::Value::Kind::text;
+   });
+}
+
+// All digits, which Value::plain cuts for messages
+std::string exactly(double number) {
+   std::ostringstream text;
+   text << std::setprecision(17) << number;
+   return text.str();
+}
+
 int kind_of(const rk::KeySpec &spec, const rk::Value &value) {
    switch (spec.type) {
    case rk::Type::text:
@@ -27,13 +43,13 @@ int kind_of(const rk::KeySpec &spec, const rk::Value &value) {
    case rk::Type::texts:
       return 2;
    case rk::Type::number:
-      return 3;
+      return value.is_number() ? 3 : 1;
    case rk::Type::integer:
       return 4;
    case rk::Type::boolean:
       return 5;
    case rk::Type::numbers:
-      return 6;
+      return has_text(value) ? 2 : 6;
    default:
       return 7;
    }
@@ -47,8 +63,11 @@ Entry flatten(const rk::Value &value) {
       entry.numbers = {value.boolean ? 1.0 : 0.0};
    if (value.kind == rk::Value::Kind::text)
       entry.text = value.text;
+   const bool as_text = has_text(value);
    for (const rk::Value &item : value.items) {
-      if (item.is_number())
+      if (item.is_number() && as_text)
+         entry.text += exactly(item.number()) + "\n";
+      else if (item.is_number())
          entry.numbers.push_back(item.number());
       else
          entry.text += item.text + "\n";

@@ -23,7 +23,7 @@ static std::string wanted(const KeySpec &key) {
    case Type::integer:
       return "an integer";
    case Type::number:
-      return "a number";
+      return key.expression.empty() ? "a number" : "a number or an expression";
    case Type::boolean:
       return "true or false";
    case Type::texts:
@@ -31,6 +31,8 @@ static std::string wanted(const KeySpec &key) {
    case Type::integers:
       return "an array of integers";
    default:
+      if (!key.expression.empty())
+         return "an array of numbers or expressions";
       return key.scalar ? "a number or an array of numbers" : "an array of numbers";
    }
 }
@@ -52,7 +54,7 @@ static std::string refusal(const KeySpec &key, const Value &value) {
       fits = value.kind == Value::Kind::boolean;
       break;
    default:
-      fits = number;
+      fits = number || (!key.expression.empty() && value.kind == Value::Kind::text);
    }
    if (!fits)
       return std::string("must be ") + wanted(key) + ", not " + value.described();
@@ -333,6 +335,8 @@ void check_schema(Deck &deck) {
             check_length(deck, section, key, found->second);
          else
             check_names(deck, section, key, found->second);
+         if (!key.expression.empty() && !section.refused.count(key.name))
+            check_expression(deck, section, key, found->second);
       }
       for (const std::string &key : section.refused)
          section.values.erase(key);

@@ -25,8 +25,14 @@ TABLE_ATTRIBUTES = {
 KEY_ATTRIBUTES = {
     "type", "help", "unit", "default", "required", "choices", "min", "max", "above", "below",
     "length", "or_number", "scalar", "nonzero", "infinite", "refers_to", "unique", "required_if",
-    "only_if", "default_if",
+    "only_if", "default_if", "expression",
 }  # fmt: skip
+#: Names that may stand in an expression beside pi
+EXPRESSIONS = {
+    "place": "x, y, z, r, theta",
+    "surface": "x, y, z, r, theta and the outward normal nx, ny, nz",
+    "time": "x, y, z, r, theta and in `[dynamics]` the time t",
+}
 #: What deck_form.cpp finds out beside the form, for conditions, in words of the reference
 FACTS = {
     "surface_stress": "a plane `rkpm-gauss` scene with neither order nor support and with a probe "
@@ -82,6 +88,8 @@ def check(tables: dict[str, dict[str, Any]]) -> None:
             wrong += [f"[{name}.{key}]: {word}" for word in spec.keys() - KEY_ATTRIBUTES]
             if spec.get("type") not in TYPES or not spec.get("help"):
                 wrong.append(f"[{name}.{key}]: type or help is missing")
+            if spec.get("expression", "place") not in EXPRESSIONS:
+                wrong.append(f"[{name}.{key}]: unknown kind of expression")
             if "refers_to" in spec and spec["refers_to"] not in tables:
                 wrong.append(f"[{name}.{key}]: no table {spec['refers_to']}")
             choices = spec.get("default_if", [])
@@ -155,6 +163,7 @@ def cpp_key(name: str, spec: dict[str, Any]) -> str:
         "dimension_length" if length == "dimension" else str(length),
         *(flag(spec, word) for word in ("or_number", "scalar", "nonzero", "infinite", "unique")),
         quoted(spec.get("refers_to", "")),
+        quoted(spec.get("expression", "")),
         conditions(spec.get("required_if", {})),
         conditions(spec.get("only_if", {})),
         choices(spec),
@@ -199,6 +208,13 @@ first entry of an array of tables (`material.K`), or an entry by its name (`mate
 `boundary.x1.u_x`, `probe.mid.point`) or number (`reference.2.source`). Values are written as in
 TOML (`geometry.source=[5,5,9]`); a word needs no quotes (`solver.linear=dgels`).
 
+Where a key takes an expression, a text stands in place of a number: `"0.1*sin(pi*x)"`. It may have
+the coordinates x, y, z, the distance r from the z axis and the angle theta about it, pi, numbers,
+`+ - * / ^`, comparisons, `and`, `or`, `not( )`, `c ? a : b` and functions: `sin cos tan asin acos
+atan atan2 sinh cosh tanh asinh acosh atanh exp ln log2 log10 sqrt abs sign rint min max sum avg`
+(`log` is `ln`). What is no expression, and a name that has no meaning there, is an error with its
+position.
+
 A point on the edge of two boundary sets takes a displacement component where either set prescribes
 it. Traction rows there use the normal of the traction set, the mean normal where two traction sets
 meet.
@@ -226,6 +242,8 @@ def allowed(spec: dict[str, Any]) -> str:
         parts.append(f"name of a [[{spec['refers_to']}]]")
     if spec.get("unique"):
         parts.append("unique")
+    if "expression" in spec:
+        parts.append("in " + EXPRESSIONS[spec["expression"]])
     return "; ".join(parts)
 
 
@@ -282,6 +300,8 @@ def section(name: str, table: dict[str, Any]) -> str:
         kind = spec["type"]
         if spec.get("or_number") or spec.get("scalar"):
             kind += " or number"
+        if "expression" in spec:
+            kind = "expression" if kind == "text" else kind + " or expression"
         cells = [f"`{key}`", kind, needed(spec), allowed(spec), spec.get("unit", ""), spec["help"]]
         lines.append("| " + " | ".join(cells) + " |\n")
     return "".join(lines)

@@ -63,8 +63,12 @@ module rk_deck
       procedure :: keys => keys_of_table
       !> Where a key was written: file and line, or the override
       procedure :: where => where_written
+      !> The same with the key, as messages begin
+      procedure :: told
       !> Complain about a key: one more line of an error
       procedure :: complain
+      !> Say where a key stands that an error speaks of, unless the error does so itself
+      procedure :: locate
       !> Is the value a text (where a number is possible as well)?
       procedure :: is_text => value_is_text
       !> Value of a key. Ask `has` first where a key has no default: without a value numbers come
@@ -299,6 +303,26 @@ pure recursive function where_written(self, key) result(place)
    end if
 end function where_written
 
+!> Where a key was written and its name, as messages begin
+pure function told(self, key) result(text)
+   !> Deck
+   class(deck_type), intent(in) :: self
+   !> Full key
+   character(len=*), intent(in) :: key
+   character(len=:), allocatable :: text
+   integer :: number, table
+
+   number = self%find(key)
+   text = key
+   if (number > 0) then
+      text = self%entry(number)%address
+   else
+      table = self%find(key(:index(key, '.', back=.true.) - 1))
+      if (table > 0) text = self%entry(table)%address//key(index(key, '.', back=.true.):)
+   end if
+   text = self%where(key)//': '//text
+end function told
+
 !> Complain about a key. The error grows by a line, so that a user sees all complaints at once
 subroutine complain(self, key, what, error)
    !> Deck
@@ -309,21 +333,26 @@ subroutine complain(self, key, what, error)
    character(len=*), intent(in) :: what
    !> Error so far, if any
    type(error_type), allocatable, intent(inout) :: error
-   character(len=:), allocatable :: address, lines
-   integer :: number, table
+   character(len=:), allocatable :: lines
 
-   number = self%find(key)
-   if (number > 0) then
-      address = self%entry(number)%address
-   else
-      address = key
-      table = self%find(key(:index(key, '.', back=.true.) - 1))
-      if (table > 0) address = self%entry(table)%address//key(index(key, '.', back=.true.):)
-   end if
    lines = ''
    if (allocated(error)) lines = error%message//new_line('a')
-   call fatal_error(error, err_input, lines//self%where(key)//': '//address//': '//what)
+   call fatal_error(error, err_input, lines//self%told(key)//': '//what)
 end subroutine complain
+
+!> Say where a key stands that an error speaks of, unless the error does so itself
+subroutine locate(self, key, error)
+   !> Deck
+   class(deck_type), intent(in) :: self
+   !> Full key
+   character(len=*), intent(in) :: key
+   !> Error, if any
+   type(error_type), allocatable, intent(inout) :: error
+
+   if (.not. allocated(error)) return
+   if (index(error%message, self%path//':') == 1 .or. index(error%message, '--set ') == 1) return
+   error%message = self%where(key)//': '//error%message
+end subroutine locate
 
 !> Is the value of a key a text?
 pure function value_is_text(self, key) result(yes)

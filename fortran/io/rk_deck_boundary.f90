@@ -3,6 +3,7 @@
 module rk_deck_boundary
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type
+   use rk_deck_expression, only : read_value, read_values
    use rk_error, only : error_type
    use rk_lattice, only : outside_lattice, set_number
    use rk_precision, only : wp
@@ -25,7 +26,6 @@ subroutine read_conditions(scene, deck, error)
    type(error_type), allocatable, intent(inout) :: error
    character(len=:), allocatable :: at, name
    character(len=*), parameter :: component(3) = ['.u_x', '.u_y', '.u_z']
-   real(wp), allocatable :: traction(:)
    integer :: i, k
 
    allocate (scene%condition(deck%count('boundary')))
@@ -36,7 +36,8 @@ subroutine read_conditions(scene, deck, error)
          call find_named_set(scene%cloud, deck, at//'.set', name, condition%set, error)
          do i = 1, scene%cloud%nd
             condition%fixed(i) = deck%has(at//component(i))
-            if (condition%fixed(i)) call deck%get(at//component(i), condition%value(i))
+            if (condition%fixed(i)) call read_value(deck, at//component(i), condition%value(i), &
+               & condition%value_of(i))
          end do
          condition%is_radial = deck%has(at//'.radial')
          if (condition%is_radial) call deck%get(at//'.radial', condition%radial)
@@ -44,8 +45,7 @@ subroutine read_conditions(scene, deck, error)
          if (condition%is_radial .and. all(condition%set /= [set_number(.true., 1, 0), &
             & set_number(.true., 1, 1)])) call deck%complain(at//'.radial', 'only on the sets ' &
             & //'inner and outer', error)
-         call deck%get(at//'.traction', traction)
-         condition%traction(:size(traction)) = traction
+         call read_values(deck, at//'.traction', condition%traction, condition%traction_of)
       end associate
    end do
 end subroutine read_conditions

@@ -132,11 +132,11 @@ subroutine conditions_at(cloud, condition, set, x, fixed, value, traction, error
    real(wp), intent(out) :: value(3)
    !> Traction at full load, which acts where nothing is prescribed [force/area]
    real(wp), intent(out) :: traction(3)
-   !> Error handling: no direction on the axis
+   !> Error handling: no direction on the axis, an expression that is not finite
    type(error_type), allocatable, intent(out) :: error
    logical :: own(3)
-   real(wp) :: g(3)
-   integer :: c
+   real(wp) :: g(3), h(3)
+   integer :: c, i
 
    fixed = .false.
    value = 0.0_wp
@@ -145,6 +145,13 @@ subroutine conditions_at(cloud, condition, set, x, fixed, value, traction, error
       if (condition(c)%set /= set) cycle
       own = condition(c)%fixed
       g = condition(c)%value
+      h = condition(c)%traction
+      do i = 1, cloud%nd
+         if (condition(c)%value_of(i)%given()) call condition(c)%value_of(i)%at(x, g(i), error)
+         if (condition(c)%traction_of(i)%given()) &
+            & call condition(c)%traction_of(i)%at(x, h(i), error)
+         if (allocated(error)) return
+      end do
       if (condition(c)%is_radial) then
          own(:2) = .true.
          if (.not. norm2(x(:2)) > 0.0_wp) then
@@ -156,7 +163,7 @@ subroutine conditions_at(cloud, condition, set, x, fixed, value, traction, error
       end if
       fixed = fixed .or. own
       where (own) value = g
-      traction = traction + condition(c)%traction
+      traction = traction + h
    end do
 end subroutine conditions_at
 

@@ -2,6 +2,7 @@
 module rk_scene
    use rk_cloud, only : cloud_type
    use rk_error, only : error_type
+   use rk_expression, only : expression_type
    use rk_material, only : material_type
    use rk_options, only : galerkin_options, interface_options, load_options, mixed_options, &
       & solver_options
@@ -37,6 +38,13 @@ module rk_scene
       real(wp) :: radial = 0.0_wp
       !> Dead traction on the free components, per undeformed area [force/area]
       real(wp) :: traction(3) = 0.0_wp
+      !> Expressions in coordinates that stand in the place of values and of parts of the traction
+      type(expression_type) :: value_of(3), traction_of(3)
+   contains
+      !> Whether displacements are prescribed that are not the same everywhere
+      procedure :: moves_unevenly
+      !> Whether a displacement or a traction is prescribed that need not be zero
+      procedure :: acts
    end type condition_type
 
    !> A number or vector to follow through the steps
@@ -172,6 +180,26 @@ elemental real(wp) function activation_at(self, load)
 
    activation_at = load*self%load%activation
 end function activation_at
+
+!> Whether displacements are prescribed that are not the same everywhere
+pure logical function moves_unevenly(self)
+   !> Condition
+   class(condition_type), intent(in) :: self
+   integer :: i
+
+   moves_unevenly = self%is_radial .or. any([(self%value_of(i)%given(), i=1, 3)])
+end function moves_unevenly
+
+!> Whether a displacement or a traction is prescribed that need not be zero
+pure logical function acts(self)
+   !> Condition
+   class(condition_type), intent(in) :: self
+   integer :: i
+
+   acts = (self%is_radial .and. abs(self%radial) > 0.0_wp) &
+      & .or. any(abs(self%value) > 0.0_wp .and. self%fixed) .or. any(abs(self%traction) > 0.0_wp) &
+      & .or. any([(self%value_of(i)%given() .or. self%traction_of(i)%given(), i=1, 3)])
+end function acts
 
 !> Shape functions of the source points at places
 subroutine shape_at(self, place, shape, error)

@@ -169,9 +169,8 @@ subroutine check_response(problem, state, error)
    integer :: ip, k
 
    associate (scene => problem%scene)
-      if (.not. (scene%activation_at(state%load) > 0.0_wp .or. any([(any(abs(scene%condition(k) &
-         & %traction) > 0.0_wp) .or. any(abs(scene%condition(k)%value) > 0.0_wp), &
-         & k=1, size(scene%condition))]))) return
+      if (.not. (scene%activation_at(state%load) > 0.0_wp &
+         & .or. any([(scene%condition(k)%acts(), k=1, size(scene%condition))]))) return
       associate (size_of => problem%scaled_norms(state%x))
          if (size_of(1) > rounding) return
       end associate

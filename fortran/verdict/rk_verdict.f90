@@ -159,9 +159,7 @@ subroutine judge_works(self, problem, outcome)
    bounds = of_inner_works
    associate (condition => problem%scene%condition)
       do k = 1, size(condition)
-         if (any(abs(condition(k)%value) > 0.0_wp .and. condition(k)%fixed) .or. &
-            & any(abs(condition(k)%traction) > 0.0_wp) .or. &
-            & (condition(k)%is_radial .and. abs(condition(k)%radial) > 0.0_wp)) bounds = of_works
+         if (condition(k)%acts()) bounds = of_works
       end do
    end associate
    call self%compare(abs(outcome%work_mismatch), bounds, 'the ' &

@@ -1,0 +1,137 @@
+!> A value that is given as an expression in coordinates, as in `u_x = "0.1*sin(pi*x)"`.
+!>
+!> The deck's check has refused what is no expression; muParser evaluates the others.
+module rk_expression
+   use, intrinsic :: iso_c_binding, only : c_char, c_double, c_int, c_null_char
+   use rk_error, only : error_type, fatal_error, err_input
+   use rk_precision, only : wp
+   use rk_text, only : to_text
+   implicit none
+   private
+
+   public :: expression_type
+
+   !> An expression in x, y, z, r, theta, the time t and the outward normal nx, ny, nz
+   type :: expression_type
+      !> As it was written; not allocated where no expression was given
+      character(len=:), allocatable :: text
+      !> Where it was written, and its key, for messages
+      character(len=:), allocatable :: where
+   contains
+      !> Whether there is an expression
+      procedure :: given
+      !> Value at a place
+      procedure :: at => value_at
+      !> First derivatives at a place
+      procedure :: gradient
+      !> Whether the time is part of it
+      procedure :: varies
+   end type expression_type
+
+   interface
+      function c_value(text, place) result(value) bind(c, name='rk_expression_value')
+         import :: c_char, c_double
+         character(kind=c_char), intent(in) :: text(*)
+         real(c_double), intent(in) :: place(9)
+         real(c_double) :: value
+      end function c_value
+      function c_uses(text, name) result(uses) bind(c, name='rk_expression_uses')
+         import :: c_char, c_int
+         character(kind=c_char), intent(in) :: text(*), name(*)
+         integer(c_int) :: uses
+      end function c_uses
+   end interface
+
+contains
+
+!> Whether there is an expression
+pure logical function given(self)
+   !> Expression
+   class(expression_type), intent(in) :: self
+
+   given = allocated(self%text)
+end function given
+
+!> Whether the time is part of it
+logical function varies(self)
+   !> Expression
+   class(expression_type), intent(in) :: self
+
+   varies = .false.
+   if (self%given()) varies = c_uses(self%text//c_null_char, 't'//c_null_char) /= 0
+end function varies
+
+!> Value at a place
+subroutine value_at(self, x, value, error, time, normal)
+   !> Expression that is given
+   class(expression_type), intent(in) :: self
+   !> Place, shape (nd) [length]
+   real(wp), intent(in) :: x(:)
+   !> Value
+   real(wp), intent(out) :: value
+   !> Error handling: not finite there
+   type(error_type), allocatable, intent(inout) :: error
+   !> Time, 0 without
+   real(wp), intent(in), optional :: time
+   !> Outward unit normal, shape (nd) [-]
+   real(wp), intent(in), optional :: normal(:)
+   real(wp) :: place(9)
+
+   place = 0.0_wp
+   if (present(time)) place(6) = time
+   if (present(normal)) place(7:6 + size(normal)) = normal
+   value = plain_value(self%text, x, place)
+   if (abs(value) <= huge(value) .or. allocated(error)) return
+   call fatal_error(error, err_input, self%where//": '"//self%text//"' is not finite at " &
+      & //to_text(x))
+end subroutine value_at
+
+!> Value without a look at it
+real(wp) function plain_value(text, x, place)
+   !> Expression
+   character(len=*), intent(in) :: text
+   !> Place, shape (nd) [length]
+   real(wp), intent(in) :: x(:)
+   !> All that may occur, of which the coordinates are set here, shape (9)
+   real(wp), intent(inout) :: place(9)
+
+   place(:size(x)) = x
+   if (size(x) > 1) then
+      place(4) = norm2(x(:2))
+      if (place(4) > 0.0_wp) place(5) = atan2(x(2), x(1))
+   end if
+   plain_value = c_value(text//c_null_char, place)
+end function plain_value
+
+!> First derivatives at a place, by differences of sixth order on both sides of it
+subroutine gradient(self, x, step, slope, error, time)
+   !> Expression that is given
+   class(expression_type), intent(in) :: self
+   !> Place, shape (nd) [length]
+   real(wp), intent(in) :: x(:)
+   !> Distance of the values, small against the lengths over which they vary [length]
+   real(wp), intent(in) :: step
+   !> Derivatives, shape (nd) [1/length]
+   real(wp), intent(out) :: slope(:)
+   !> Error handling: not finite near there
+   type(error_type), allocatable, intent(inout) :: error
+   !> Time, 0 without
+   real(wp), intent(in), optional :: time
+   real(wp), parameter :: weight(3) = [45.0_wp, -9.0_wp, 1.0_wp]/60.0_wp
+   real(wp) :: there(size(x)), up, down
+   integer :: d, k
+
+   slope = 0.0_wp
+   do d = 1, size(x)
+      do k = 1, 3
+         there = x
+         there(d) = x(d) + k*step
+         call self%at(there, up, error, time)
+         there(d) = x(d) - k*step
+         call self%at(there, down, error, time)
+         slope(d) = slope(d) + weight(k)*(up - down)/step
+      end do
+   end do
+end subroutine gradient
+
+end module rk_expression

@@ -1,0 +1,118 @@
+"""Conditions as expressions in coordinates: what they give, what is said of wrong ones."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from myork import Scene
+from myork.errors import InputError
+
+
+def plate(boundary: list[dict[str, Any]], **other: Any) -> dict[str, Any]:
+    """Tables of a small plate, of one compressible rubber, with a probe at its middle."""
+    return {
+        "title": "plate",
+        "units": {"force": "N", "length": "cm"},
+        "scene": {"dimension": 2, "method": "rkpm-gauss"},
+        "geometry": {"kind": "box", "size": [1, 1], "source": [6, 6], "collocation": [11, 11]},
+        "material": [{"name": "rubber", "model": "neo-hookean", "mu": 1.0, "K": 10.0}],
+        "boundary": boundary,
+        "probe": [{"name": "middle", "quantity": "u", "point": [0.5, 0.5]}],
+    } | other
+
+
+def probes_of(tables: dict[str, Any], *overrides: str) -> np.ndarray:
+    """Last values of the probes, shape (probes, 3)."""
+    with Scene.from_tables(tables, overrides=overrides) as scene:
+        states = scene.solve()
+        return scene.probes(states.x, states.load)[-1]
+
+
+def probe_of(tables: dict[str, Any], *overrides: str) -> np.ndarray:
+    """The displacement in the middle, shape (2,)."""
+    return probes_of(tables, *overrides)[0, :2]
+
+
+@pytest.mark.parametrize("method", ["rkcm", "rkcm-mixed", "rkpm-gauss", "rkpm-scni"])
+def test_affine_motion_of_the_surface_is_that_of_the_body(method: str) -> None:
+    """The middle of a body whose whole surface moves affinely moves so as well."""
+    boundary = [
+        {"set": side, "u_x": "0.02*x - 0.01*y", "u_y": "0.03*x + 0.01*y"}
+        for side in ("x0", "x1", "y0", "y1")
+    ]
+    tables = plate(boundary)
+    tables["scene"]["method"] = method
+    assert probe_of(tables) == pytest.approx([0.005, 0.02], abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("0.01", 0.01),
+        ("0.01*sin(pi/2)", 0.01),
+        ("x > 0.5 and not(x < 0.5) ? 0.01 : 7", 0.01),
+        ("0.01*(r >= 1)*(theta >= 0 or 0)", 0.01),
+        ("0.1*sqrt(0.1^2)", 0.01),
+    ],
+)
+def test_expressions_that_are_a_number(text: str, value: float) -> None:
+    """On x = 1 all of these are the same number, and so are the answers."""
+    held = {"set": "x0", "u_x": 0, "u_y": 0}
+    plain = probe_of(plate([held, {"set": "x1", "u_x": value}]))
+    assert probe_of(plate([held, {"set": "x1", "u_x": text}])) == pytest.approx(plain, rel=1e-12)
+
+
+def test_eccentric_traction_bends() -> None:
+    """A traction that is odd about the axis has no resultant, and turns the end."""
+    held = {"set": "x0", "u_x": 0, "u_y": 0}
+    tables = plate([held, {"set": "x1", "traction": ["0.1*(0.5 - y)", 0]}])
+    tables["probe"] = [
+        {"name": "pull", "quantity": "force_x", "set": "x1"},
+        {"name": "low", "quantity": "u_x", "point": [1, 0]},
+        {"name": "high", "quantity": "u_x", "point": [1, 1]},
+    ]
+    pull, low, high = probes_of(tables)[:, 0]
+    assert abs(pull) < 1e-12
+    assert low > 1e-3 > -1e-3 > high
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("0.1*q", "unknown name 'q' at position 5; names are x, y, r, theta, pi; functions are"),
+        ("z", "unknown name 'z' at position 1"),
+        ("t", "unknown name 't' at position 1"),
+        ("nx", "unknown name 'nx' at position 1"),
+        ("sin(3*)", "unexpected ')' at position 7"),
+        ("x**2", "unexpected '*' at position 3; a power is written x^2"),
+        ("x = 2", "= sets a value at position 3, == compares"),
+        ("sin(x", "a parenthesis is not closed"),
+        ("1 +", "it ends where a value is missing"),
+        ("x, y", "several values with commas"),
+        ('"x"', "a text in quotes at position 1"),
+    ],
+)
+def test_what_is_no_expression_is_told_with_its_place(text: str, what: str) -> None:
+    with pytest.raises(InputError) as error:
+        Scene.from_tables(plate([{"set": "x0", "u_x": 0, "u_y": text}]))
+    assert "boundary.x0.u_y: " in str(error.value)
+    assert what in str(error.value)
+
+
+def test_what_is_not_finite_somewhere_is_told_with_the_place() -> None:
+    with pytest.raises(InputError, match=r"boundary\.y0\.u_y: '1/x' is not finite at \(0, 0\)"):
+        probe_of(plate([{"set": "y0", "u_x": 0, "u_y": "1/x"}]))
+
+
+def test_items_of_a_traction() -> None:
+    with pytest.raises(InputError, match="traction: item 2, 'p' is no expression"):
+        Scene.from_tables(plate([{"set": "x0", "traction": [1, "p"]}]))
+    with pytest.raises(InputError, match="item 2 must be a number or an expression, not true"):
+        Scene.from_tables(plate([{"set": "x0", "traction": [1, True]}]))
+
+
+def test_overrides_may_be_expressions() -> None:
+    tables = plate([{"set": "x0", "u_x": 0, "u_y": 0}, {"set": "x1", "u_x": 1}])
+    found = probe_of(tables, "boundary.x1.u_x=0.01*x")
+    assert found == pytest.approx(probe_of(tables, "boundary.x1.u_x=0.01"), rel=1e-12)
