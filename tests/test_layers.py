@@ -19,7 +19,7 @@ PACKAGE = ROOT / "pydriver" / "myork"
 #: Folders of fortran/, lowest first
 FORTRAN_LAYERS = [
     {"base"},
-    {"expression", "linalg", "image"},
+    {"expression", "linalg", "image", "programme"},
     {"deck"},
     {"solvers", "approximation", "material"},
     {"model"},

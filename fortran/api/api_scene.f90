@@ -83,8 +83,8 @@ subroutine scene_sizes(handle, sizes, stat, message)
    call pack_error(error, stat, message)
    if (stat /= 0) return
    sizes = [slot%full%shape%nd, slot%full%shape%ns, size(slot%scene%cloud%points, 2), &
-      & slot%full%n, slot%full%m, size(slot%scene%probe), slot%scene%load%steps, &
-      & maxval(slot%full%shape%stencil)]
+      & slot%full%n, slot%full%m, size(slot%scene%probe), &
+      & slot%scene%steps(), maxval(slot%full%shape%stencil)]
 end subroutine scene_sizes
 
 !> Project the full problem on modes; tells the number of equations that are left

@@ -140,7 +140,8 @@ subroutine solve_session(handle, linear, reduced, estimate, error)
 
    call find_problem(handle, reduced, slot, problem, error)
    if (allocated(error)) return
-   associate (states => slot%states, steps => slot%scene%load%steps)
+   associate (states => slot%states, &
+      & steps => slot%scene%steps())
       if (allocated(states%x)) deallocate (states%x, states%info)
       allocate (states%x(problem%n, steps), states%info(6, steps))
       states%steps = 0

@@ -58,13 +58,34 @@ subroutine explain(deck, model, scene)
             & //held(condition, scene%cloud%nd)
       end associate
    end do
-   if (.not. allocated(scene%equation%kind)) print '(a)', '  load          ' &
-      & //to_text(scene%load%steps)//' steps, activation to '//to_text(scene%load%activation)
+   if (.not. allocated(scene%equation%kind)) call explain_load(scene)
    print '(a)', '  solver        '//cost%solver//', '//to_text(1.0e-9_wp*cost%flops, 3) &
       & //' Gflop a solution, about '//to_text(cost%flops/rate(), 2)//' s here'
    print '(a)', '  memory        '//to_text(1.0e-6_wp*cost%bytes, 3)//' MB of ' &
       & //to_text(1.0e-6_wp*available_bytes(), 3)//' MB free'
 end subroutine explain
+
+!> Load steps and what grows in them
+subroutine explain_load(scene)
+   !> Scene
+   type(scene_type), intent(in) :: scene
+   integer :: k
+
+   print '(a)', '  load          '//to_text(scene%steps())//' steps, activation to ' &
+      & //to_text(scene%load%activation)
+   associate (amplitude => scene%programme%amplitude)
+      do k = 1, size(amplitude)
+         print '(a)', '  amplitude     '//amplitude(k)%name//': '//to_text(amplitude(k)%value) &
+            & //' at load '//to_text(amplitude(k)%time) &
+            & //trim(merge(', smooth', '        ', amplitude(k)%smooth))
+      end do
+   end associate
+   if (.not. scene%has_own_activations()) return
+   do k = 1, size(scene%tissue)
+      if (scene%tissue(k)%material%fibered) print '(a)', '  activation    ' &
+         & //scene%tissue(k)%name//' to '//to_text(scene%tissue(k)%activation)
+   end do
+end subroutine explain_load
 
 !> What a linear problem is
 subroutine explain_equation(scene)

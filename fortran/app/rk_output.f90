@@ -230,7 +230,8 @@ subroutine step(self, st, x)
    end do
    call move_alloc(grown, self%record)
    call compute_fields(self%problem, state, fields)
-   call self%results%add_step(st%load, self%problem%scene%activation_at(st%load), fields, x, error)
+   call self%results%add_step(st%load, self%problem%scene%common_activation(st%load), &
+      & fields, x, error)
    call keep(self, error)
    self%seconds = self%seconds + tick(clock)
    if (st%step == 0) return

@@ -13,6 +13,7 @@ module rk_summary
    use rk_precision, only : wp
    use rk_probes, only : quantity_size
    use rk_run, only : outcome_type
+   use rk_scene, only : scene_type
    use rk_system, only : cpu_seconds, peak_bytes, version_text
    use rk_verdict, only : verdict_names, verdict_type
    implicit none
@@ -202,7 +203,8 @@ subroutine write_steps(json, problem, output, verdict)
          if (record%step%step == 0) cycle
          call json%begin_object()
          call json%put('load', record%step%load)
-         call json%put('activation', problem%scene%activation_at(record%step%load))
+         call json%put('activation', problem%scene%common_activation(record%step%load))
+         call write_activations(json, problem%scene, record%step%load)
          call json%put('iterations', record%step%iterations)
          call json%put('newton_decrement', record%step%step_norm)
          call json%put('relative_gradient', record%step%gradient)
@@ -232,6 +234,25 @@ subroutine write_steps(json, problem, output, verdict)
    end do
    call json%end_array()
 end subroutine write_steps
+
+!> Activation of each muscle, where some have one of their own
+subroutine write_activations(json, scene, load)
+   !> JSON inside the step
+   type(json_type), intent(inout) :: json
+   !> Scene
+   type(scene_type), intent(in) :: scene
+   !> Load [-]
+   real(wp), intent(in) :: load
+   integer :: k
+
+   if (.not. scene%has_own_activations()) return
+   call json%begin_object('activations')
+   do k = 1, size(scene%tissue)
+      if (scene%tissue(k)%material%fibered) &
+         & call json%put(scene%tissue(k)%name, scene%activation_at(k, load))
+   end do
+   call json%end_object()
+end subroutine write_activations
 
 !> Error bars of the probes of a step
 subroutine write_bars(json, problem, record, bars)
@@ -345,7 +366,7 @@ subroutine write_references(json, problem, output)
          end do
          call json%begin_object(problem%scene%probe(item%probe)%name)
          call json%put('load', load)
-         call json%put('activation', problem%scene%activation_at(load))
+         call json%put('activation', problem%scene%common_activation(load))
          call json%put('value', value)
          call json%put('reference', reference)
          call json%put('relative_error', abs(value - reference)/max(abs(reference), tiny(1.0_wp)))

@@ -33,11 +33,14 @@ module rk_gradient
       integer(i8), allocatable :: first(:, :)
       !> Gradients of the shape functions, shape (nd, :) [1/length]
       real(wp), allocatable :: value(:, :)
-      !> Part of the gradient that full essential values make, shape (nd, nd, np), index (i, A) [-]
-      real(wp), allocatable :: given(:, :, :)
+      !> Part of the gradient that essential values make, for each load factor, shape (nd, nd, np,
+      !> factors), index (i, A) [-]
+      real(wp), allocatable :: given(:, :, :, :)
    contains
       !> Displacement gradient at a point
       procedure :: at => gradient_at
+      !> Part of it that essential values make
+      procedure :: lifted
       !> Forces that a stress makes
       procedure :: add_force
       !> Rows of the work of a stress
@@ -84,7 +87,7 @@ subroutine new_gradient(self, cells, ns, inside, facet, surface, essential)
    call group_by(np/cells%per_cell, reshape(cells%side, [size(cells%side)]), facets)
    call group_by(np/cells%per_cell, [(1 + (cells%lift_point(cells%lift_first(s) + 1) - 1) &
       & /cells%per_cell, s=1, size(cells%set))], surfaces)
-   allocate (self%start(np + 1), self%first(nd, np), self%given(nd, nd, np))
+   allocate (self%start(np + 1), self%first(nd, np))
    allocate (plain(nd, ns), taken(nd, nd, ns), touched(ns), seen(ns))
    seen = .false.
    plain = 0.0_wp
@@ -255,40 +258,43 @@ subroutine set_essential(self, cells, essential, value)
    type(cells_type), intent(in) :: cells
    !> Components prescribed at each surface point, shape (nd, ms)
    logical, intent(in) :: essential(:, :)
-   !> Their values at full load, shape (nd, ms) [length]
-   real(wp), intent(in) :: value(:, :)
-   integer :: c, k, s
+   !> Their values that each load factor makes, shape (factors, nd, ms) [length]
+   real(wp), intent(in) :: value(:, :, :)
+   integer :: a, c, k, s
 
-   self%given = 0.0_wp
-   do s = 1, size(cells%set)
-      do k = cells%lift_first(s) + 1, cells%lift_first(s + 1)
-         associate (given => self%given(:, :, cells%lift_point(k)))
-            do c = 1, self%nd
-               if (essential(c, s)) given(c, :) = given(c, :) &
-                  & + cells%lift(k)*value(c, s)*cells%outward(:, s)
-            end do
-         end associate
+   if (allocated(self%given)) deallocate (self%given)
+   allocate (self%given(self%nd, self%nd, size(self%start) - 1, size(value, 1)), source=0.0_wp)
+   do a = 1, size(value, 1)
+      do s = 1, size(cells%set)
+         do k = cells%lift_first(s) + 1, cells%lift_first(s + 1)
+            associate (given => self%given(:, :, cells%lift_point(k), a))
+               do c = 1, self%nd
+                  if (essential(c, s)) given(c, :) = given(c, :) &
+                     & + cells%lift(k)*value(a, c, s)*cells%outward(:, s)
+               end do
+            end associate
+         end do
       end do
    end do
 end subroutine set_essential
 
 !> Displacement gradient at a point
-pure subroutine gradient_at(self, q, x, load, h)
+pure subroutine gradient_at(self, q, x, factor, h)
    !> Gradients
    class(gradient_type), intent(in) :: self
    !> Point
    integer, intent(in) :: q
    !> Coefficients of the group's source points, shape (nd, members) [length]
    real(wp), intent(in) :: x(:, :)
-   !> Load [-]
-   real(wp), intent(in) :: load
+   !> Load factors, shape (factors); without any no values are lifted [-]
+   real(wp), intent(in) :: factor(:)
    !> Gradient u_i,A with the lifting, shape (nd, nd) [-]
    real(wp), intent(out) :: h(:, :)
    real(wp) :: solid(3, 3), u(3)
    integer(i8) :: at, e
    integer :: i, k
 
-   h = load*self%given(:, :, q)
+   h = self%lifted(q, factor)
    if (self%nd == 3 .and. self%first(1, q) == self%first(self%nd, q)) then
       ! nearly all points of a solid; lengths that the compiler knows
       solid = 0.0_wp
@@ -309,6 +315,24 @@ pure subroutine gradient_at(self, q, x, load, h)
       end do
    end do
 end subroutine gradient_at
+
+!> Part of the gradient that essential values make at a point, u_i,A [-]
+pure function lifted(self, q, factor) result(h)
+   !> Gradients
+   class(gradient_type), intent(in) :: self
+   !> Point
+   integer, intent(in) :: q
+   !> Load factors or their change, shape (factors); without any there is none [-]
+   real(wp), intent(in) :: factor(:)
+   real(wp) :: h(self%nd, self%nd)
+   integer :: a
+
+   h = 0.0_wp
+   if (size(factor) > 0) h = factor(1)*self%given(:, :, q, 1)
+   do a = 2, size(factor)
+      h = h + factor(a)*self%given(:, :, q, a)
+   end do
+end function lifted
 
 !> Add the forces that do the work of a stress
 pure subroutine add_force(self, q, p, force)

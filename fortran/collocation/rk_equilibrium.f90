@@ -17,6 +17,7 @@ module rk_equilibrium
    use rk_neighbours, only : nearest_points
    use rk_precision, only : wp
    use rk_problem, only : evaluation_type
+   use rk_programme, only : combined
    use rk_rows, only : new_rows
    use rk_scene, only : scene_type
    use rk_states, only : field_state
@@ -101,7 +102,7 @@ subroutine new_equilibrium(self, scene, fields, further, error)
    nd = scene%cloud%nd
    self%fields = fields
    self%curved = .true.
-   call new_boundary(self%boundary, scene%cloud, scene%condition, error)
+   call new_boundary(self%boundary, scene%cloud, scene%condition, scene%programme%count(), error)
    if (allocated(error)) return
    nc = size(scene%cloud%points, 2)
    nb = size(self%boundary%point)
@@ -319,9 +320,10 @@ subroutine boundary_rows(self, b, u, load, f, p, c4, tangent, r)
    logical, intent(in) :: tangent
    !> Residuals, shape (m)
    real(wp), intent(inout) :: r(:)
-   real(wp) :: n(3), slope(3, 3)
+   real(wp) :: n(3), slope(3, 3), factor(size(self%boundary%value, 1))
    integer :: nd, block, row, i, k, cb
 
+   factor = self%scene%factors(load)
    nd = self%scene%cloud%nd
    block = size(self%boundary_of) + b
    row = self%rows%row(block)
@@ -329,7 +331,7 @@ subroutine boundary_rows(self, b, u, load, f, p, c4, tangent, r)
       if (tangent) self%rows%coefficient(i, :, :, block) = 0.0_wp
       if (self%boundary%essential(i, b)) then
          associate (w => self%essential_weight(b))
-            r(row + i) = w*(u(i, 1) - load*self%boundary%value(i, b))
+            r(row + i) = w*(u(i, 1) - combined(self%boundary%value(:, i, b), factor))
             if (tangent) self%rows%coefficient(i, i, 1, block) = w
          end associate
          cycle
@@ -337,7 +339,8 @@ subroutine boundary_rows(self, b, u, load, f, p, c4, tangent, r)
       n = 0.0_wp
       n(:nd) = self%boundary%normal(:, i, b)
       associate (w => self%traction_weight(b)*self%scene%solver%weight_traction)
-         r(row + i) = w*(dot_product(p(i, :nd), n(:nd)) - load*self%boundary%traction(i, b))
+         r(row + i) = w*(dot_product(p(i, :nd), n(:nd)) &
+            & - combined(self%boundary%traction(:, i, b), factor))
          if (.not. tangent) cycle
          do cb = 1, nd
             do k = 1, nd

@@ -177,7 +177,7 @@ subroutine find_reach(problem, set, normal, origin, reach, usable)
          depth = -dot_product(normal, cloud%points(:, problem%boundary%point(b)) - origin)
          if (depth < 1.0e-6_wp*deepest .or. depth > reach*(1.0_wp - 1.0e-6_wp)) cycle
          usable(:nd) = usable(:nd) .and. .not. problem%boundary%essential(:, b) &
-            & .and. .not. abs(problem%boundary%traction(:, b)) > 0.0_wp
+            & .and. .not. any(abs(problem%boundary%traction(:, :, b)) > 0.0_wp, dim=1)
       end do
    end associate
 end subroutine find_reach

@@ -9,6 +9,7 @@ module rk_work_balance
    use rk_discretisation, only : discretisation_type
    use rk_error, only : error_type
    use rk_precision, only : wp
+   use rk_programme, only : combined, ramp
    use rk_states, only : field_state, point_state
    implicit none
    private
@@ -52,7 +53,8 @@ real(wp) function own_work_mismatch(problem, state) result(mismatch)
          if (condition(c)%moves_unevenly()) cycle
          if (.not. any(condition(c)%fixed .and. abs(condition(c)%value) > 0.0_wp)) cycle
          force = problem%set_force(condition(c)%set, state, 1.0_wp)
-         outside = outside + state%load*sum(force*condition(c)%value, mask=condition(c)%fixed)
+         outside = outside + state%factor(ramp + condition(c)%amplitude) &
+            & *sum(force*condition(c)%value, mask=condition(c)%fixed)
       end do
    end associate
    mismatch = 0.0_wp
@@ -72,9 +74,10 @@ real(wp) function surface_work(problem, set, state, by_stress) result(work)
    logical, intent(in) :: by_stress
    type(error_type), allocatable :: error
    type(point_state) :: local
-   real(wp) :: pull(3), traction(3), value(3)
+   real(wp), dimension(size(state%factor), 3) :: traction, value
+   real(wp) :: pull(3)
    logical :: fixed(3)
-   integer :: e, ip, nd
+   integer :: e, i, ip, nd
 
    nd = problem%scene%cloud%nd
    work = 0.0_wp
@@ -86,7 +89,7 @@ real(wp) function surface_work(problem, set, state, by_stress) result(work)
             & value, traction, error)
          if (allocated(error)) return
          call problem%at_point(state, ip, local)
-         pull = state%load*merge(0.0_wp, traction, fixed)
+         pull = [(merge(0.0_wp, combined(traction(:, i), state%factor), fixed(i)), i=1, 3)]
          if (by_stress) pull(:nd) = pull(:nd) + merge(matmul(local%p(:nd, :nd), &
             & cloud%normal(:, e)), 0.0_wp, fixed(:nd))
          work = work + dot_product(pull(:nd), local%u(:nd))*cloud%area(e)

@@ -28,12 +28,65 @@ static void check_materials(Deck &deck) {
    }
 }
 
-static void check_boundary(Deck &deck, const std::string &kind) {
+// A rotation needs its axis, and prescribes all components
+static void check_rotation(Deck &deck, Section &section, int dimension) {
+   const Value *rotation = section.find("rotation");
+   if (!rotation) {
+      for (const char *key : {"axis", "about"}) {
+         if (const Value *value = section.find(key))
+            deck.complain(value->origin, deck.address(section, key), "needs rotation beside it");
+      }
+      return;
+   }
+   for (const char *key : {"radial", "traction"}) {
+      if (section.find(key))
+         deck.complain(rotation->origin, deck.address(section, "rotation"),
+                       std::string("cannot be given beside ") + key);
+   }
+   for (const char *key : {"axis", "about"}) {
+      const bool needed = dimension == 3 || std::string(key) == "about";
+      if (needed && !section.find(key) && !section.refused.count(key))
+         deck.complain(rotation->origin, deck.address(section, key),
+                       "missing, an array of numbers is needed for rotation");
+   }
+}
+
+static void check_boundary(Deck &deck, const std::string &kind, int dimension) {
    for (Section *section : deck.entries("boundary")) {
       const Value *radial = section->find("radial");
       if (radial && kind == "annulus" && (section->find("u_x") || section->find("u_y")))
          deck.complain(radial->origin, deck.address(*section, "radial"),
                        "cannot be given beside u_x or u_y");
+      check_rotation(deck, *section, dimension);
+   }
+}
+
+// An amplitude starts at rest and has a value for each of its times
+static void check_amplitudes(Deck &deck) {
+   for (Section *amplitude : deck.entries("amplitude")) {
+      const Value *time = amplitude->find("time"), *value = amplitude->find("value");
+      if (!time || !value)
+         continue;
+      if (time->items.size() != value->items.size())
+         deck.complain(value->origin, deck.address(*amplitude, "value"),
+                       "must have as many items as time, " + std::to_string(time->items.size()) +
+                           ", not " + std::to_string(value->items.size()));
+      if (time->items.front().number() != 0.0)
+         deck.complain(time->origin, deck.address(*amplitude, "time"),
+                       "must start at 0, not " + time->items.front().plain());
+      if (value->items.front().number() != 0.0)
+         deck.complain(value->origin, deck.address(*amplitude, "value"),
+                       "must start with 0, not " + value->items.front().plain() +
+                           ": the body starts at rest");
+      for (std::size_t i = 1; i < time->items.size(); ++i) {
+         const Value &before = time->items[i - 1], &item = time->items[i];
+         if (item.number() > before.number())
+            continue;
+         deck.complain(time->origin, deck.address(*amplitude, "time"),
+                       "must ascend: item " + std::to_string(i + 1) + ", " + item.plain() +
+                           ", follows " + before.plain());
+         break;
+      }
    }
 }
 
@@ -111,7 +164,7 @@ static void check_linear(Deck &deck, const std::string &kind, int dimension) {
                        "1 is only for linear problems: the table [linear] is missing");
       return;
    }
-   for (const char *table : {"material", "boundary", "exact", "reference"}) {
+   for (const char *table : {"material", "boundary", "amplitude", "exact", "reference"}) {
       for (Section *section : deck.entries(table))
          deck.complain(section->origin, deck.address(*section),
                        "has no place in a linear problem, where [linear] says it all");
@@ -157,7 +210,8 @@ void check_rules(Deck &deck) {
    const Section *geometry = deck.single("geometry");
    const std::string kind = geometry ? geometry->text("kind") : "";
    check_materials(deck);
-   check_boundary(deck, kind);
+   check_boundary(deck, kind, dimension);
+   check_amplitudes(deck);
    check_probes(deck, dimension);
    check_compared(deck);
    check_references(deck);

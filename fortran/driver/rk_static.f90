@@ -1,10 +1,12 @@
-!> Load steps from rest to full load, halved where the iteration fails and grown again afterwards.
+!> Load steps from rest through planned loads, halved where the iteration fails and grown again
+!> afterwards.
 module rk_static
    use rk_clock, only : timer_type
    use rk_error, only : error_type, fatal_error, err_convergence, err_linalg, err_stopped
    use rk_newton, only : newton_type, solve_step
    use rk_precision, only : wp
    use rk_problem, only : problem_type
+   use rk_programme, only : plan_type
    use rk_recorder, only : recorder_type, step_type
    use rk_text, only : to_text
    implicit none
@@ -19,13 +21,13 @@ module rk_static
 contains
 
 !> Solve all load steps
-subroutine solve_static(problem, newton, steps, max_halvings, x, recorder, timer, error)
+subroutine solve_static(problem, newton, planned, max_halvings, x, recorder, timer, error)
    !> Problem
    class(problem_type), target, intent(inout) :: problem
    !> Settings of the iteration
    type(newton_type), intent(inout) :: newton
    !> Load steps
-   integer, intent(in) :: steps
+   type(plan_type), intent(in) :: planned
    !> Halvings of a step before giving up
    integer, intent(in) :: max_halvings
    !> Unknowns, start and last converged state, shape (n)
@@ -39,21 +41,22 @@ subroutine solve_static(problem, newton, steps, max_halvings, x, recorder, timer
    type(error_type), allocatable, intent(out) :: error
    type(step_type) :: record
    real(wp), allocatable :: before(:)
-   real(wp) :: load, size, target_load, done
+   real(wp) :: load, part, target_load, done, from
    integer :: step, halvings
 
    done = 0.0_wp
    halvings = 0
-   record%steps = steps
-   do step = 1, steps
-      target_load = real(step, wp)/real(steps, wp)
+   record%steps = size(planned%load)
+   do step = 1, record%steps
+      from = done
+      target_load = planned%load(step)
       record%step = step
       record%iterations = 0
       do
          ! a step is a power of two of the planned one, so the target is met exactly
-         size = 1.0_wp/real(steps, wp)/2.0_wp**halvings
-         load = min(done + size, target_load)
-         if (target_load - load < 1.0e-9_wp*size) load = target_load
+         part = planned%most(step)/2.0_wp**halvings
+         load = min(done + part, target_load)
+         if (target_load - load < 1.0e-9_wp*part) load = target_load
          newton%done = done
          newton%impatient = halvings < min(early, max_halvings)
          before = x
@@ -71,7 +74,7 @@ subroutine solve_static(problem, newton, steps, max_halvings, x, recorder, timer
                & .and. .not. newton%pinned) then
                halvings = halvings + 1
                call recorder%note('load '//to_text(load, 4)//': '//error%message &
-                  & //'; the load step is halved to '//to_text(0.5_wp*size, 4))
+                  & //'; the load step is halved to '//to_text(0.5_wp*part, 4))
                deallocate (error)
                ! the secant may have led astray
                if (allocated(newton%slope)) deallocate (newton%slope)
@@ -93,13 +96,15 @@ subroutine solve_static(problem, newton, steps, max_halvings, x, recorder, timer
          if (load >= target_load) exit
       end do
       call recorder%step(record, x)
+      ! what was prescribed goes on at another rate
+      if (planned%knot(step) .and. allocated(newton%slope)) deallocate (newton%slope)
    end do
 
 contains
 
    !> Hand over the last converged state and say where it ended
    subroutine give_up()
-      if (done > real(step - 1, wp)/real(steps, wp)) then
+      if (done > from) then
          record%planned = .false.
          call recorder%step(record, x)
       end if

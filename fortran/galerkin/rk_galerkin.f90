@@ -18,6 +18,7 @@ module rk_galerkin
    use rk_precision, only : i8, wp
    use rk_pressure, only : new_pressure
    use rk_problem, only : evaluation_type
+   use rk_programme, only : ramp
    use rk_recovery, only : new_recovery
    use rk_scene, only : scene_type
    use rk_section, only : cut_through, inner_force
@@ -40,8 +41,8 @@ module rk_galerkin
       !> Tangent, and the part of it that never changes: penalty and stabilisation
       type(tangent_type) :: matrix
       real(wp), allocatable :: constant(:)
-      !> Forces at full load: tractions, body forces, penalty of the prescribed values, shape (n)
-      real(wp), allocatable :: force(:)
+      !> Forces of each load factor, with those of prescribed values, shape (n, factors) [force]
+      real(wp), allocatable :: force(:, :)
    contains
       procedure :: start_step
       procedure :: evaluate
@@ -74,7 +75,7 @@ subroutine new_galerkin(self, scene, error)
    nc = size(scene%cloud%points, 2)
    ns = size(scene%cloud%source, 2)
    self%fields = nd
-   call new_boundary(self%boundary, scene%cloud, scene%condition, error)
+   call new_boundary(self%boundary, scene%cloud, scene%condition, scene%programme%count(), error)
    if (allocated(error)) return
    allocate (self%shape)
    call scene%shape_at(scene%cloud%points, self%shape, error)
@@ -125,11 +126,11 @@ subroutine new_galerkin(self, scene, error)
    call self%surface%add_penalty(self%matrix%symmetric_matrix, self%constant)
    if (self%cells%smoothed) call stabilise(self%matrix%symmetric_matrix, self%constant, &
       & self%cells, self%inside, scene%galerkin%stabilisation*shear)
-   allocate (self%force(self%n), source=0.0_wp)
+   allocate (self%force(self%n, scene%programme%count()), source=0.0_wp)
    call self%surface%add_forces(self%force)
 end subroutine new_galerkin
 
-!> Set what varies over the points and has no place in a deck, at full load
+!> Set what varies over the points and has no place in a deck, at full load of the ramp
 subroutine set_point_loads(self, body_force, displacement, stress)
    !> Problem
    class(galerkin_problem), intent(inout) :: self
@@ -139,19 +140,15 @@ subroutine set_point_loads(self, body_force, displacement, stress)
    real(wp), intent(in) :: displacement(:, :)
    !> Stress P(i, A) whose traction the other components carry, shape (3, 3, n) [stress]
    real(wp), intent(in) :: stress(:, :, :)
-   integer :: nd, np, s
+   integer :: nd, np
 
    nd = self%scene%cloud%nd
    np = size(self%cells%weight)
-   do s = 1, size(self%cells%set)
-      self%surface%value(:, s) = displacement(:nd, np + s)
-      self%surface%traction(:, s) = merge(0.0_wp, matmul(stress(:nd, :nd, np + s), &
-         & self%cells%outward(:, s))/self%surface%area(s), self%surface%essential(:, s))
-   end do
+   call self%surface%set_varying(self%cells, displacement(:, np + 1:), stress(:, :, np + 1:))
    call self%gradient%set_essential(self%cells, self%surface%essential, self%surface%value)
    self%force = 0.0_wp
    call self%surface%add_forces(self%force)
-   call add_body_force(self%inside, self%cells%weight, body_force(:nd, :np), self%force)
+   call add_body_force(self%inside, self%cells%weight, body_force(:nd, :np), self%force(:, ramp))
 end subroutine set_point_loads
 
 !> Forget where the last step came from
@@ -239,22 +236,26 @@ subroutine assemble(self, x, held, load, tangent, r, seen)
    !> What was seen
    type(evaluation_type), intent(out) :: seen
    type(field_state) :: at
-   real(wp), allocatable :: part(:, :), force(:, :)
+   real(wp), allocatable :: part(:, :), force(:, :), factor(:), jump(:)
    integer :: g
 
    call new_state(self, at)
+   at%factor = self%scene%factors(held)
+   factor = self%scene%factors(load)
+   jump = factor - at%factor
+   if (.not. any(abs(jump) > 0.0_wp)) jump = [real(wp) ::]
    r = 0.0_wp
    call self%matrix%product(self%constant, x(:self%matrix%n), r(:self%matrix%n))
-   r = r - load*self%force
+   r = r - matmul(self%force, factor)
    if (tangent) self%matrix%value = self%constant
    ! parts are added in the order of the groups, so that sums do not depend on the threads
    !$omp parallel do default(none) schedule(static, 1) ordered private(g, part, force) &
-   !$omp shared(self, x, held, load, tangent, r, at)
+   !$omp shared(self, x, jump, load, tangent, r, at)
    do g = 1, size(self%cells%first) - 1
       associate (member => self%gradient%member%index(self%gradient%member%offset(g) + 1: &
          & self%gradient%member%offset(g + 1)))
-         call deform_group(self, g, x, held, at)
-         call group_part(self, g, at, held, load, tangent, force, part)
+         call deform_group(self, g, x, at)
+         call group_part(self, g, at, jump, load, tangent, force, part)
          !$omp ordered
          call add_forces(member, force, r)
          if (tangent .and. self%matrix%formed) call self%matrix%add(self%matrix%value, member, part)
@@ -277,15 +278,16 @@ subroutine assemble(self, x, held, load, tangent, r, seen)
 end subroutine assemble
 
 !> Forces and stiffness of a group of points
-subroutine group_part(self, g, at, held, load, tangent, force, part)
+subroutine group_part(self, g, at, change, load, tangent, force, part)
    !> Problem; a tangent that is not formed keeps moduli and cofactors of the group
    class(galerkin_problem), intent(inout) :: self
    !> Group
    integer, intent(in) :: g
    !> State with the deformation of the group
    type(field_state), intent(in) :: at
-   !> Load of the essential values in the gradients [-]
-   real(wp), intent(in) :: held
+   !> Change of the load factors of the essential values in the gradients up to the load, shape
+   !> (factors); without any there is none [-]
+   real(wp), intent(in) :: change(:)
    !> Load [-]
    real(wp), intent(in) :: load
    !> Stiffness wanted
@@ -298,11 +300,12 @@ subroutine group_part(self, g, at, held, load, tangent, force, part)
    real(wp) :: h(self%gradient%nd, self%gradient%nd), p(3, 3), cofactor(3, 3), own
    real(wp) :: linear(size(at%pressure, 1)), jump(size(at%pressure, 1))
    integer :: nc, nd, n, q, o, i, k, members, b
-   logical :: formed, stacked
+   logical :: formed, jumps, stacked
 
    formed = tangent .and. self%matrix%formed
    ! what the volume of the group changes by is wanted as rows
-   stacked = formed .or. held < load
+   jumps = size(change) > 0
+   stacked = formed .or. jumps
    nd = self%gradient%nd
    nc = size(self%scene%cloud%points, 2)
    o = self%cells%first(g)
@@ -316,7 +319,7 @@ subroutine group_part(self, g, at, held, load, tangent, force, part)
    ! no stress exists; the caller rejects the state
    if (.not. all(at%j(o + 1:o + n) > 0.0_wp)) return
    jump = 0.0_wp
-   if (tangent .or. held < load) then
+   if (tangent .or. jumps) then
       linear = at%pressure(:, g)
       if (allocated(self%base) .and. .not. self%multiplier%free(g)) linear = &
          & self%pressure%along_step(g, self%cells, self%bulk(g), at%f, self%base)
@@ -327,7 +330,7 @@ subroutine group_part(self, g, at, held, load, tangent, force, part)
       associate (f => at%f(:, :, o + q), j => at%j(o + q))
          cofactor = 0.5_wp*cross(f, f)
          own = self%local_bulk(nc + o + q)*(j - 1.0_wp)
-         if (tangent .or. held < load) then
+         if (tangent .or. jumps) then
             call self%mixture%tangent(nc + o + q, f, load, p, c4(:, :, :, :, q), volumetric=.false.)
             c4(:, :, :, :, q) = self%cells%weight(o + q)*(c4(:, :, :, :, q) + (own &
                & + self%pressure%value(g, o + q, linear))*reshape(cross_form(f), [3, 3, 3, 3]) &
@@ -338,8 +341,8 @@ subroutine group_part(self, g, at, held, load, tangent, force, part)
          end if
          p = p + (own + self%pressure%value(g, o + q, at%pressure(:, g)))*cofactor
       end associate
-      if (held < load) then
-         h = (load - held)*self%gradient%given(:, :, o + q)
+      if (jumps) then
+         h = self%gradient%lifted(o + q, change)
          do i = 1, nd
             do k = 1, nd
                p(:nd, :nd) = p(:nd, :nd) + c4(:nd, :nd, i, k, q)*h(i, k)/self%cells%weight(o + q)

@@ -222,7 +222,7 @@ pure subroutine group_force(self, g, member, x, volume, force, pressure)
    local = x(:, member)
    volume = 0.0_wp
    do q = 1, n
-      call self%gradient%at(o + q, local, 0.0_wp, h(:, :, q))
+      call self%gradient%at(o + q, local, [real(wp) ::], h(:, :, q))
       volume(:b) = volume(:b) + sum(self%cofactor(:nd, :nd, o + q)*h(:, :, q)) &
          & *self%pressure%basis(:b, o + q)
    end do

@@ -94,10 +94,11 @@ subroutine state(self, x, load, at)
    call new_state(self, at)
    at%x = x
    at%load = load
+   at%factor = self%scene%factors(load)
    allocate (at%p(3, 3, size(at%j)))
    !$omp parallel do default(none) schedule(static, 1) private(g, q) shared(self, x, load, at, nc)
    do g = 1, size(self%cells%first) - 1
-      call deform_group(self, g, x, load, at)
+      call deform_group(self, g, x, at)
       do q = self%cells%first(g) + 1, self%cells%first(g + 1)
          at%p(:, :, q) = 0.0_wp
          ! no stress exists
@@ -123,16 +124,15 @@ pure subroutine new_state(self, at)
 end subroutine new_state
 
 !> Deformation of a group of points, and the pressure that its change of volume makes
-pure subroutine deform_group(self, g, x, held, at)
+pure subroutine deform_group(self, g, x, at)
    !> Problem
    class(weak_problem), intent(in) :: self
    !> Group
    integer, intent(in) :: g
    !> Unknowns [length]
    real(wp), intent(in) :: x(self%gradient%nd, self%n/self%gradient%nd)
-   !> Load of the essential values in the gradients [-]
-   real(wp), intent(in) :: held
-   !> State, of which F, J and pressure of the group are set
+   !> State with the load factors of the essential values in the gradients, of which F, J and
+   !> pressure of the group are set
    type(field_state), intent(inout) :: at
    real(wp), allocatable :: local(:, :)
    real(wp) :: h(self%gradient%nd, self%gradient%nd), value(size(at%pressure, 1))
@@ -147,7 +147,7 @@ pure subroutine deform_group(self, g, x, held, at)
    end associate
    value = 0.0_wp
    do q = self%cells%first(g) + 1, self%cells%first(g + 1)
-      call self%gradient%at(q, local, held, h)
+      call self%gradient%at(q, local, at%factor, h)
       at%f(:, :, q) = identity
       at%f(:nd, :nd, q) = at%f(:nd, :nd, q) + h
       at%j(q) = determinant(at%f(:, :, q))

@@ -5,6 +5,7 @@ module rk_weak_conditions
    use rk_conditions, only : conditions_at
    use rk_error, only : error_type
    use rk_precision, only : wp
+   use rk_programme, only : combined, ramp
    use rk_scene, only : scene_type
    use rk_shape, only : shape_type
    use rk_states, only : field_state
@@ -21,15 +22,17 @@ module rk_weak_conditions
       type(shape_type) :: shape
       !> Components prescribed at each point, shape (nd, ms)
       logical, allocatable :: essential(:, :)
-      !> Their values at full load, shape (nd, ms) [length]
-      real(wp), allocatable :: value(:, :)
-      !> Tractions of the others at full load, shape (nd, ms) [force/area]
-      real(wp), allocatable :: traction(:, :)
+      !> Their values that each load factor makes, shape (factors, nd, ms) [length]
+      real(wp), allocatable :: value(:, :, :)
+      !> Tractions of the others that each makes, shape (factors, nd, ms) [force/area]
+      real(wp), allocatable :: traction(:, :, :)
       !> Area of each point, shape (ms) [length^(nd-1)]
       real(wp), allocatable :: area(:)
       !> Penalty times area of each point, shape (ms) [force/length]
       real(wp), allocatable :: penalty(:)
    contains
+      !> Values and tractions that vary over the points
+      procedure :: set_varying
       !> Areas and penalties
       procedure :: set_penalty
       !> Matrix of the penalty
@@ -58,23 +61,48 @@ subroutine set_conditions(self, scene, cells, shear, error)
    real(wp), intent(in) :: shear(:)
    !> Error handling: no direction on the axis
    type(error_type), allocatable, intent(out) :: error
-   real(wp) :: value(3), traction(3)
+   real(wp), dimension(scene%programme%count(), 3) :: value, traction
    logical :: fixed(3)
-   integer :: s, nd, ms
+   integer :: i, s, n, nd, ms
 
+   n = scene%programme%count()
    nd = scene%cloud%nd
    ms = size(cells%set)
-   allocate (self%essential(nd, ms), self%value(nd, ms), self%traction(nd, ms))
+   allocate (self%essential(nd, ms), self%value(n, nd, ms), self%traction(n, nd, ms))
    do s = 1, ms
       call conditions_at(scene%cloud, scene%condition, cells%set(s), cells%surface(:, s), fixed, &
          & value, traction, error)
       if (allocated(error)) return
       self%essential(:, s) = fixed(:nd)
-      self%value(:, s) = value(:nd)
-      self%traction(:, s) = merge(0.0_wp, traction(:nd), fixed(:nd))
+      self%value(:, :, s) = value(:, :nd)
+      do i = 1, nd
+         self%traction(:, i, s) = merge(0.0_wp, traction(:, i), fixed(i))
+      end do
    end do
    call self%set_penalty(scene, cells, shear)
 end subroutine set_conditions
+
+!> Set values and tractions that vary over the points, at full load of the ramp
+subroutine set_varying(self, cells, displacement, stress)
+   !> Surface
+   class(surface_type), intent(inout) :: self
+   !> Integration points
+   type(cells_type), intent(in) :: cells
+   !> Displacement of the essential components, shape (3, ms) [length]
+   real(wp), intent(in) :: displacement(:, :)
+   !> Stress P(i, A) whose traction the other components carry, shape (3, 3, ms) [stress]
+   real(wp), intent(in) :: stress(:, :, :)
+   integer :: nd, s
+
+   nd = size(self%value, 2)
+   self%value = 0.0_wp
+   self%traction = 0.0_wp
+   do s = 1, size(cells%set)
+      self%value(ramp, :, s) = displacement(:nd, s)
+      self%traction(ramp, :, s) = merge(0.0_wp, matmul(stress(:nd, :nd, s), &
+         & cells%outward(:, s))/self%area(s), self%essential(:, s))
+   end do
+end subroutine set_varying
 
 !> Areas and penalties of the points
 subroutine set_penalty(self, scene, cells, shear)
@@ -113,7 +141,7 @@ subroutine add_penalty(self, matrix, value)
    integer, pointer, contiguous :: nodes(:)
    integer :: nd, s, i, k, l, n
 
-   nd = size(self%value, 1)
+   nd = size(self%value, 2)
    do s = 1, size(self%penalty)
       if (.not. any(self%essential(:, s))) cycle
       call self%shape%row(s, nodes, values)
@@ -134,26 +162,28 @@ subroutine add_penalty(self, matrix, value)
    end do
 end subroutine add_penalty
 
-!> Forces of tractions and of the penalty's prescribed values, at full load
+!> Forces of tractions and of the penalty's prescribed values that each load factor makes
 subroutine add_forces(self, force)
    !> Surface
    class(surface_type), target, intent(in) :: self
-   !> Forces, to which these are added, shape (n) [force]
-   real(wp), intent(inout) :: force(:)
+   !> Forces, to which these are added, shape (n, factors) [force]
+   real(wp), intent(inout) :: force(:, :)
    real(wp), pointer, contiguous :: values(:, :)
-   real(wp) :: push(size(self%value, 1))
+   real(wp) :: push(size(self%value, 2))
    integer, pointer, contiguous :: nodes(:)
-   integer :: nd, s, k
+   integer :: a, nd, s, k
 
    nd = size(push)
    do s = 1, size(self%penalty)
-      push = merge(self%penalty(s)*self%value(:, s), self%area(s)*self%traction(:, s), &
-         & self%essential(:, s))
       call self%shape%row(s, nodes, values)
-      do k = 1, size(nodes)
-         associate (node => nodes(k))
-            force(nd*(node - 1) + 1:nd*node) = force(nd*(node - 1) + 1:nd*node) + values(1, k)*push
-         end associate
+      do a = 1, size(force, 2)
+         push = merge(self%penalty(s)*self%value(a, :, s), self%area(s)*self%traction(a, :, s), &
+            & self%essential(:, s))
+         do k = 1, size(nodes)
+            associate (own => force(nd*(nodes(k) - 1) + 1:nd*nodes(k), a))
+               own = own + values(1, k)*push
+            end associate
+         end do
       end do
    end do
 end subroutine add_forces
@@ -244,22 +274,23 @@ subroutine add_point_force(self, cells, s, state, force, displacement)
    real(wp), intent(inout) :: force(3)
    !> Displacement [length]
    real(wp), intent(out) :: displacement(3)
-   real(wp) :: u(size(self%value, 1), self%shape%nq), p(3, 3)
+   real(wp) :: u(size(self%value, 2), self%shape%nq), p(3, 3), held(size(self%value, 2))
    integer :: i
 
    call self%shape%interpolate(s, state%x, 1, 1, u)
    p = lifted_stress(cells, s, state)
    do i = 1, size(u, 1)
+      held(i) = combined(self%value(:, i, s), state%factor)
       if (self%essential(i, s)) then
          force(i) = force(i) + dot_product(p(i, :size(cells%outward, 1)), cells%outward(:, s)) &
-            & - self%penalty(s)*(u(i, 1) - state%load*self%value(i, s))
+            & - self%penalty(s)*(u(i, 1) - held(i))
       else
-         force(i) = force(i) + state%load*self%traction(i, s)*self%area(s)
+         force(i) = force(i) + combined(self%traction(:, i, s), state%factor)*self%area(s)
       end if
    end do
    ! a support moves as it is told, the body a little less
    displacement = 0.0_wp
-   displacement(:size(u, 1)) = merge(state%load*self%value(:, s), u(:, 1), self%essential(:, s))
+   displacement(:size(u, 1)) = merge(held, u(:, 1), self%essential(:, s))
 end subroutine add_point_force
 
 !> Stress at a surface point, as the lifting has it
@@ -291,7 +322,7 @@ function held_force(self, cells, cut, state) result(force)
    real(wp), intent(in) :: cut(:)
    !> State
    type(field_state), intent(in) :: state
-   real(wp) :: force(3), u(size(self%value, 1), self%shape%nq), p(3, 3), share
+   real(wp) :: force(3), u(size(self%value, 2), self%shape%nq), p(3, 3), share
    real(wp), pointer, contiguous :: values(:, :)
    integer, pointer, contiguous :: nodes(:)
    integer :: i, s

@@ -4,6 +4,7 @@ module rk_deck_boundary
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type
    use rk_deck_expression, only : read_value, read_values
+   use rk_deck_programme, only : find_amplitude, read_motion
    use rk_error, only : error_type
    use rk_lattice, only : outside_lattice, set_number
    use rk_precision, only : wp
@@ -46,6 +47,9 @@ subroutine read_conditions(scene, deck, error)
             & set_number(.true., 1, 1)])) call deck%complain(at//'.radial', 'only on the sets ' &
             & //'inner and outer', error)
          call read_values(deck, at//'.traction', condition%traction, condition%traction_of)
+         condition%amplitude = find_amplitude(scene%programme, deck, at)
+         if (deck%has(at//'.rotation')) &
+            & call read_motion(condition, scene%programme, deck, at, scene%cloud%nd)
       end associate
    end do
 end subroutine read_conditions
@@ -102,6 +106,8 @@ subroutine read_probes(scene, deck, error)
          call deck%get(at//'.value', reference%value)
          call deck%get(at//'.source', reference%source)
          if (deck%has(at//'.activation')) then
+            if (scene%load%amplitude > 0) call deck%complain(at//'.activation', 'needs an ' &
+               & //'activation that grows with the load, not by load.amplitude: give load', error)
             call deck%get(at//'.activation', reference%load)
             reference%load = reference%load/max(scene%load%activation, tiny(1.0_wp))
          else

@@ -61,6 +61,7 @@ subroutine read_linear(scene, deck, error)
    allocate (scene%tissue(0), scene%tissue_of(0), scene%condition(0))
    scene%load%steps = 1
    scene%load%activation = 0.0_wp
+   scene%load%amplitude = 0
    scene%solver%weight_essential = essential_weight(scene)
 end subroutine read_linear
 

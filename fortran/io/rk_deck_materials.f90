@@ -1,6 +1,7 @@
 !> From the tables [[material]] of a checked deck to materials, and which one fills which point.
 module rk_deck_materials
    use rk_deck, only : deck_type, word_length
+   use rk_deck_programme, only : read_activation
    use rk_error, only : error_type, fatal_error, err_input
    use rk_material, only : material_item
    use rk_material_list, only : new_material
@@ -13,9 +14,9 @@ module rk_deck_materials
 
    public :: read_materials
 
-   !> Keys that place a material in the body; all others are parameters of its law
-   character(len=*), parameter :: placing(4) = ['name       ', 'label      ', 'fiber      ', &
-      & 'fiber_angle']
+   !> Keys that place a material in the body and drive it; all others are parameters of its law
+   character(len=*), parameter :: placing(6) = ['name       ', 'label      ', 'fiber      ', &
+      & 'fiber_angle', 'activation ', 'amplitude  ']
 
 contains
 
@@ -61,6 +62,7 @@ subroutine read_materials(scene, deck, error)
          if (tissue%material%fibered) then
             call read_direction(deck, at, scene%cloud%nd, direction)
             call set_fibers(scene, k, direction, deck, at, error)
+            call read_activation(scene, deck, at, k, error)
          else
             call clear_fibers(scene, k)
          end if

@@ -8,6 +8,7 @@ module rk_deck_scene
    use rk_deck_boundary, only : read_conditions, read_probes
    use rk_deck_linear, only : read_linear
    use rk_deck_materials, only : read_materials
+   use rk_deck_programme, only : find_amplitude, read_programme
    use rk_error, only : error_type, fatal_error, err_input, err_memory
    use rk_estimate, only : estimate_cost, estimate_type
    use rk_kernel, only : find_kernel, find_window
@@ -56,6 +57,8 @@ subroutine new_scene(scene, deck, model, error)
       call read_probes(scene, deck, error)
       return
    end if
+   call read_programme(scene%programme, deck)
+   scene%load%amplitude = find_amplitude(scene%programme, deck, 'load')
    call read_materials(scene, deck, error)
    if (allocated(error)) return
    call check_cloud(scene%cloud, error)

@@ -146,7 +146,7 @@ subroutine find_boundary(self, error)
          condition(k)%set = equation%essential(k)
          condition(k)%fixed = .true.
       end do
-      call new_boundary(self%boundary, cloud, condition, error)
+      call new_boundary(self%boundary, cloud, condition, self%scene%programme%count(), error)
       if (allocated(error)) return
       do k = 1, size(equation%pin)
          distance = [(norm2(cloud%points(:, self%boundary%point(b)) &

@@ -45,9 +45,9 @@ module rk_weak_linear
       type(pressure_type) :: pressure
       !> Surface
       type(surface_type) :: surface
-      !> Stiffness, and what stands against it at full load, shape (n)
+      !> Stiffness, and what stands against it at full load, shape (n, 1)
       type(symmetric_matrix) :: matrix
-      real(wp), allocatable :: force(:)
+      real(wp), allocatable :: force(:, :)
    contains
       procedure :: is_linear
       procedure :: evaluate
@@ -105,10 +105,10 @@ subroutine new_weak_linear(self, scene, error)
       & scene%galerkin%pressure_degree, scene%cloud%points, error)
    if (allocated(error)) return
    call new_symmetric(self%matrix, self%fields, ns, self%gradient%member)
-   allocate (self%force(self%n), source=0.0_wp)
+   allocate (self%force(self%n, 1), source=0.0_wp)
    call self%surface%add_penalty(self%matrix, self%matrix%value)
    call self%surface%add_forces(self%force)
-   call add_body_force(self%inside, self%cells%weight, body_force(self), self%force)
+   call add_body_force(self%inside, self%cells%weight, body_force(self), self%force(:, 1))
    call add_pins(self, scene%galerkin%penalty*stiffness)
    call add_groups(self)
 end subroutine new_weak_linear
@@ -122,14 +122,14 @@ subroutine set_surface(self)
 
    nd = size(self%modulus, 1)
    ms = size(self%cells%set)
-   allocate (self%surface%essential(self%fields, ms), self%surface%value(self%fields, ms))
-   allocate (self%surface%traction(self%fields, ms))
+   allocate (self%surface%essential(self%fields, ms), self%surface%value(1, self%fields, ms))
+   allocate (self%surface%traction(1, self%fields, ms))
    do s = 1, ms
       call exact_field(self%scene%equation, self%cells%surface(:, s), u)
       p = plain_stress(self, u)
       self%surface%essential(:, s) = any(self%scene%equation%essential == self%cells%set(s))
-      self%surface%value(:, s) = u(:, 1)
-      self%surface%traction(:, s) = matmul(p(:self%fields, :), self%cells%outward(:, s)) &
+      self%surface%value(1, :, s) = u(:, 1)
+      self%surface%traction(1, :, s) = matmul(p(:self%fields, :), self%cells%outward(:, s)) &
          & /norm2(self%cells%outward(:, s))
    end do
 end subroutine set_surface
@@ -179,12 +179,12 @@ subroutine set_gradient(self, ns, facet)
    !> Shape functions at the facets
    type(shape_type), intent(in) :: facet
    logical :: essential(size(self%modulus, 1), size(self%cells%set))
-   real(wp) :: value(size(self%modulus, 1), size(self%cells%set))
+   real(wp) :: value(1, size(self%modulus, 1), size(self%cells%set))
 
    essential = .false.
    value = 0.0_wp
    essential(:self%fields, :) = self%surface%essential
-   value(:self%fields, :) = self%surface%value
+   value(:, :self%fields, :) = self%surface%value
    call new_gradient(self%gradient, self%cells, ns, self%inside, facet, self%surface%shape, &
       & essential)
    call self%gradient%set_essential(self%cells, essential, value)
@@ -241,7 +241,7 @@ subroutine add_pins(self, stiffness)
                   do k = 1, l
                      part(self%fields*(k - 1) + i, entry) = spring*values(1, k)*values(1, l)
                   end do
-                  self%force(at) = self%force(at) + spring*values(1, l)*u(i, 1)
+                  self%force(at, 1) = self%force(at, 1) + spring*values(1, l)*u(i, 1)
                end associate
             end do
          end do
@@ -271,7 +271,7 @@ subroutine add_groups(self)
          allocate (c4(3, 3, 3, 3, n), force(nd, members), source=0.0_wp)
          given = 0.0_wp
          do q = 1, n
-            associate (w => self%cells%weight(o + q), h => self%gradient%given(:, :, o + q))
+            associate (w => self%cells%weight(o + q), h => self%gradient%given(:, :, o + q, 1))
                c4(:nd, :nd, :nd, :nd, q) = w*self%modulus
                p = 0.0_wp
                p(:nd, :nd) = w*stress(self, h)
@@ -287,7 +287,7 @@ subroutine add_groups(self)
             & nd*members)
          call self%gradient%add_stiffness(o, c4, part)
          do k = 1, members
-            associate (own => self%force(self%fields*(member(k) - 1) + 1:self%fields*member(k)))
+            associate (own => self%force(self%fields*(member(k) - 1) + 1:self%fields*member(k), 1))
                own = own - force(:self%fields, k)
             end associate
          end do
@@ -322,7 +322,7 @@ subroutine evaluate(self, x, load, r, seen)
    type(evaluation_type), intent(out) :: seen
 
    call self%matrix%apply(x, r)
-   r = r - load*self%force
+   r = r - load*self%force(:, 1)
    seen%valid = all(abs(r) <= huge(1.0_wp))
 end subroutine evaluate
 
@@ -374,6 +374,7 @@ subroutine state(self, x, load, at)
    nd = size(self%modulus, 1)
    at%x = x
    at%load = load
+   at%factor = [load]
    allocate (at%p(3, 3, size(self%cells%weight)), source=0.0_wp)
    allocate (at%pressure, mold=self%pressure%total)
    at%pressure = 0.0_wp
@@ -388,7 +389,7 @@ subroutine state(self, x, load, at)
             local(:self%fields, k) = x(self%fields*(member(k) - 1) + 1:self%fields*member(k))
          end do
          do q = 1, n
-            call self%gradient%at(o + q, local, load, h(:, :, q))
+            call self%gradient%at(o + q, local, at%factor, h(:, :, q))
             value = value + self%lambda*self%cells%weight(o + q) &
                & *sum([(h(k, k, q), k=1, nd)])*self%pressure%basis(:b, o + q)
          end do

@@ -7,7 +7,9 @@ module rk_conditions
    use rk_cloud, only : cloud_type
    use rk_error, only : error_type, fatal_error, err_input
    use rk_precision, only : wp
+   use rk_programme, only : ramp
    use rk_scene, only : condition_type
+   use rk_tensor, only : vector_product
    use rk_text, only : to_text
    implicit none
    private
@@ -20,12 +22,12 @@ module rk_conditions
       integer, allocatable :: point(:)
       !> Whether a component is prescribed, shape (nd, nb)
       logical, allocatable :: essential(:, :)
-      !> Displacement at full load, shape (nd, nb) [length]
-      real(wp), allocatable :: value(:, :)
+      !> Displacement that each load factor makes, shape (factors, nd, nb) [length]
+      real(wp), allocatable :: value(:, :, :)
       !> Unit normal of each component's traction row, shape (nd, component, nb)
       real(wp), allocatable :: normal(:, :, :)
-      !> Traction at full load, shape (nd, nb) [force/area]
-      real(wp), allocatable :: traction(:, :)
+      !> Traction that each load factor makes, shape (factors, nd, nb) [force/area]
+      real(wp), allocatable :: traction(:, :, :)
       !> Whether a clamped and a free face meet here, where stresses are singular, shape (nb)
       logical, allocatable :: singular(:)
    end type boundary_type
@@ -33,20 +35,22 @@ module rk_conditions
 contains
 
 !> Resolve the conditions
-subroutine new_boundary(self, cloud, condition, error)
+subroutine new_boundary(self, cloud, condition, factors, error)
    !> Boundary points
    type(boundary_type), intent(out) :: self
    !> Points
    type(cloud_type), intent(in) :: cloud
    !> Conditions on sets
    type(condition_type), intent(in) :: condition(:)
+   !> Load factors
+   integer, intent(in) :: factors
    !> Error handling: contradicting conditions
    type(error_type), allocatable, intent(out) :: error
    integer, allocatable :: number(:)
-   real(wp), allocatable :: traction(:, :)
+   real(wp), allocatable :: traction(:, :, :)
    logical, allocatable :: fixed(:, :)
-   real(wp) :: value(3), length
-   integer :: b, e, i, nd, n
+   real(wp) :: value(factors, 3), length
+   integer :: a, b, e, i, nd, n
 
    nd = cloud%nd
    allocate (number(size(cloud%points, 2)), source=0)
@@ -57,32 +61,35 @@ subroutine new_boundary(self, cloud, condition, error)
       n = n + 1
       number(i) = n
    end do
-   allocate (self%point(n), self%essential(nd, n), self%value(nd, n), self%normal(nd, nd, n), &
-      & self%traction(nd, n), self%singular(n))
+   allocate (self%point(n), self%essential(nd, n), self%value(factors, nd, n), &
+      & self%normal(nd, nd, n), self%traction(factors, nd, n), self%singular(n))
    self%essential = .false.
    self%value = 0.0_wp
    self%normal = 0.0_wp
    self%traction = 0.0_wp
    self%point(number(cloud%boundary_point)) = cloud%boundary_point
 
-   allocate (fixed(3, size(cloud%boundary_point)), traction(3, size(cloud%boundary_point)))
+   allocate (fixed(3, size(cloud%boundary_point)))
+   allocate (traction(factors, 3, size(cloud%boundary_point)))
    do e = 1, size(cloud%boundary_point)
       b = number(cloud%boundary_point(e))
       associate (x => cloud%points(:, cloud%boundary_point(e)))
          call conditions_at(cloud, condition, cloud%boundary_set(e), x, fixed(:, e), value, &
-            & traction(:, e), error)
+            & traction(:, :, e), error)
          if (allocated(error)) return
          do i = 1, nd
             if (.not. fixed(i, e)) cycle
-            if (self%essential(i, b) .and. abs(self%value(i, b) - value(i)) &
-               & > 1.0e-9_wp*max(abs(value(i)), 1.0e-3_wp)) then
-               call fatal_error(error, err_input, 'boundary sets prescribe two displacements, ' &
-                  & //to_text(self%value(i, b))//' and '//to_text(value(i))//', for component ' &
-                  & //to_text(i)//' at '//to_text(x))
-               return
+            if (self%essential(i, b)) then
+               a = contradiction(self%value(:, i, b), value(:, i))
+               if (a > 0) then
+                  call fatal_error(error, err_input, 'boundary sets prescribe two ' &
+                     & //'displacements, '//to_text(self%value(a, i, b))//' and ' &
+                     & //to_text(value(a, i))//', for component '//to_text(i)//' at '//to_text(x))
+                  return
+               end if
             end if
             self%essential(i, b) = .true.
-            self%value(i, b) = value(i)
+            self%value(:, i, b) = value(:, i)
          end do
       end associate
    end do
@@ -96,7 +103,7 @@ subroutine new_boundary(self, cloud, condition, error)
       do i = 1, nd
          if (fixed(i, e)) cycle
          self%normal(:, i, b) = self%normal(:, i, b) + cloud%normal(:, e)
-         self%traction(i, b) = self%traction(i, b) + traction(i, e)
+         self%traction(:, i, b) = self%traction(:, i, b) + traction(:, i, e)
       end do
    end do
    do b = 1, n
@@ -111,10 +118,22 @@ subroutine new_boundary(self, cloud, condition, error)
          end if
          self%normal(:, i, b) = self%normal(:, i, b)/length
          ! the sum of the rows of the faces that meet, scaled like its normal
-         self%traction(i, b) = self%traction(i, b)/length
+         self%traction(:, i, b) = self%traction(:, i, b)/length
       end do
    end do
 end subroutine new_boundary
+
+!> First load factor for which two displacements are not the same, 0 where they are
+pure integer function contradiction(one, other)
+   !> Displacement that each factor makes, shape (factors) [length]
+   real(wp), intent(in) :: one(:), other(:)
+
+   do contradiction = 1, size(one)
+      if (abs(one(contradiction) - other(contradiction)) &
+         & > 1.0e-9_wp*max(abs(other(contradiction)), 1.0e-3_wp)) return
+   end do
+   contradiction = 0
+end function contradiction
 
 !> What the conditions of a set prescribe at one of its places, for strong and for weak forms
 subroutine conditions_at(cloud, condition, set, x, fixed, value, traction, error)
@@ -128,26 +147,29 @@ subroutine conditions_at(cloud, condition, set, x, fixed, value, traction, error
    real(wp), intent(in) :: x(:)
    !> Prescribed components
    logical, intent(out) :: fixed(3)
-   !> Their displacement at full load [length]
-   real(wp), intent(out) :: value(3)
-   !> Traction at full load, which acts where nothing is prescribed [force/area]
-   real(wp), intent(out) :: traction(3)
+   !> Their displacement that each load factor makes, shape (factors, 3) [length]
+   real(wp), intent(out) :: value(:, :)
+   !> Traction that each makes, which acts where nothing is prescribed, shape (factors, 3)
+   !> [force/area]
+   real(wp), intent(out) :: traction(:, :)
    !> Error handling: no direction on the axis, an expression that is not finite
    type(error_type), allocatable, intent(out) :: error
    logical :: own(3)
-   real(wp) :: g(3), h(3)
-   integer :: c, i
+   real(wp) :: g(size(value, 1), 3), h(3), arm(3), turn(3)
+   integer :: a, c, i
 
    fixed = .false.
    value = 0.0_wp
    traction = 0.0_wp
    do c = 1, size(condition)
       if (condition(c)%set /= set) cycle
+      a = ramp + condition(c)%amplitude
       own = condition(c)%fixed
-      g = condition(c)%value
+      g = 0.0_wp
+      g(a, :) = condition(c)%value
       h = condition(c)%traction
       do i = 1, cloud%nd
-         if (condition(c)%value_of(i)%given()) call condition(c)%value_of(i)%at(x, g(i), error)
+         if (condition(c)%value_of(i)%given()) call condition(c)%value_of(i)%at(x, g(a, i), error)
          if (condition(c)%traction_of(i)%given()) &
             & call condition(c)%traction_of(i)%at(x, h(i), error)
          if (allocated(error)) return
@@ -159,11 +181,21 @@ subroutine conditions_at(cloud, condition, set, x, fixed, value, traction, error
                & //': a radial displacement has no direction at '//to_text(x)//' on the axis')
             return
          end if
-         g(:2) = condition(c)%radial*x(:2)/norm2(x(:2))
+         g(a, :2) = condition(c)%radial*x(:2)/norm2(x(:2))
+      end if
+      if (condition(c)%sine > 0) then
+         ! (R - I)d = sin(theta) n x d + (1 - cos(theta)) n x (n x d)
+         arm = -condition(c)%about
+         arm(:size(x)) = arm(:size(x)) + x
+         turn = vector_product(condition(c)%axis, arm)
+         g(condition(c)%sine, :) = turn
+         g(condition(c)%sine + 1, :) = vector_product(condition(c)%axis, turn)
       end if
       fixed = fixed .or. own
-      where (own) value = g
-      traction = traction + h
+      do i = 1, 3
+         if (own(i)) value(:, i) = g(:, i)
+      end do
+      traction(a, :) = traction(a, :) + h
    end do
 end subroutine conditions_at
 

@@ -246,7 +246,7 @@ pure real(wp) function activation_of(self, e, load)
 
    activation_of = 0.0_wp
    if (self%scene%tissue(self%tissue(e))%material%active(kind_i4)) &
-      & activation_of = self%scene%activation_at(load)
+      & activation_of = self%scene%activation_at(self%tissue(e), load)
 end function activation_of
 
 !> Bulk modulus at a place [stress]

@@ -11,8 +11,10 @@ module rk_options
    type :: load_options
       !> Load steps
       integer :: steps
-      !> Activation at full load [-]
+      !> Activation of muscles without one of their own, where its amplitude is 1 [-]
       real(wp) :: activation
+      !> Its amplitude, 0 for the ramp
+      integer :: amplitude
       !> Halvings of a load step before giving up
       integer :: max_halvings
    end type load_options

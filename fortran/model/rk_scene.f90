@@ -7,6 +7,7 @@ module rk_scene
    use rk_options, only : galerkin_options, interface_options, load_options, mixed_options, &
       & solver_options
    use rk_precision, only : wp
+   use rk_programme, only : plan_type, programme_type, ramp
    use rk_shape, only : approximation_type, new_shape, shape_type
    implicit none
    private
@@ -22,9 +23,13 @@ module rk_scene
       character(len=:), allocatable :: name
       !> Label of the points; 0 fills all points
       integer :: label = 0
+      !> Activation of its fibers where its amplitude is 1 [-]
+      real(wp) :: activation = 0.0_wp
+      !> Amplitude of the activation, 0 for the ramp
+      integer :: amplitude = 0
    end type tissue_type
 
-   !> What is prescribed on a boundary set at full load
+   !> What is prescribed on a boundary set where its amplitude is 1
    type :: condition_type
       !> Boundary set
       integer :: set = 0
@@ -40,6 +45,13 @@ module rk_scene
       real(wp) :: traction(3) = 0.0_wp
       !> Expressions in coordinates that stand in the place of values and of parts of the traction
       type(expression_type) :: value_of(3), traction_of(3)
+      !> Amplitude of all these, 0 for the ramp
+      integer :: amplitude = 0
+      !> Load factor of the sine of a rotation, that of 1 - cos follows; 0 where nothing rotates
+      integer :: sine = 0
+      !> Unit vector along its axis, and a point of that [-], [length]
+      real(wp) :: axis(3) = 0.0_wp
+      real(wp) :: about(3) = 0.0_wp
    contains
       !> Whether displacements are prescribed that are not the same everywhere
       procedure :: moves_unevenly
@@ -145,6 +157,8 @@ module rk_scene
       type(condition_type), allocatable :: condition(:)
       !> Load steps and activation
       type(load_options) :: load
+      !> How they grow
+      type(programme_type) :: programme
       !> Body force at full load per undeformed volume, none unless allocated, shape (3, nc)
       !> [force/length^3]
       real(wp), allocatable :: body_force(:, :)
@@ -161,8 +175,16 @@ module rk_scene
       !> Reference values
       type(reference_type), allocatable :: reference(:)
    contains
-      !> Activation at a load
+      !> Number of load steps
+      procedure :: steps => count_steps
+      !> Load factors at a load
+      procedure :: factors
+      !> Activation of a tissue at a load
       procedure :: activation_at
+      !> Activation of muscles without one of their own
+      procedure :: common_activation
+      !> Whether some muscle has one of its own
+      procedure :: has_own_activations
       !> Shape functions at places
       procedure :: shape_at
       !> Largest ratio of a bulk modulus to its shear modulus
@@ -171,15 +193,65 @@ module rk_scene
 
 contains
 
-!> Activation of the muscles at a load: it grows with the other loads from 0 to its full value [-]
-elemental real(wp) function activation_at(self, load)
+!> Number of load steps
+pure integer function count_steps(self)
+   !> Scene
+   class(scene_type), intent(in) :: self
+   type(plan_type) :: planned
+
+   planned = self%programme%plan(self%load%steps)
+   count_steps = size(planned%load)
+end function count_steps
+
+!> Load factors at a load: what is prescribed is linear in them
+pure function factors(self, load) result(factor)
+   !> Scene
+   class(scene_type), intent(in) :: self
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> Factors, shape (factors) [-]
+   real(wp) :: factor(self%programme%count())
+
+   factor = self%programme%factors(load)
+end function factors
+
+!> Activation of a tissue's fibers at a load [-]
+elemental real(wp) function activation_at(self, tissue, load)
+   !> Scene
+   class(scene_type), intent(in) :: self
+   !> Tissue
+   integer, intent(in) :: tissue
+   !> Load [-]
+   real(wp), intent(in) :: load
+
+   associate (muscle => self%tissue(tissue))
+      activation_at = self%programme%value(muscle%amplitude, load)*muscle%activation
+   end associate
+end function activation_at
+
+!> Activation of muscles without one of their own at a load [-]
+elemental real(wp) function common_activation(self, load)
    !> Scene
    class(scene_type), intent(in) :: self
    !> Load [-]
    real(wp), intent(in) :: load
 
-   activation_at = load*self%load%activation
-end function activation_at
+   common_activation = self%programme%value(self%load%amplitude, load)*self%load%activation
+end function common_activation
+
+!> Whether some muscle has an activation of its own
+pure logical function has_own_activations(self) result(own)
+   !> Scene
+   class(scene_type), intent(in) :: self
+   integer :: k
+
+   own = .false.
+   do k = 1, size(self%tissue)
+      if (.not. self%tissue(k)%material%fibered) cycle
+      own = own .or. self%tissue(k)%amplitude /= self%load%amplitude &
+         & .or. abs(self%tissue(k)%activation - self%load%activation) > 0.0_wp
+   end do
+end function has_own_activations
 
 !> Whether displacements are prescribed that are not the same everywhere
 pure logical function moves_unevenly(self)
@@ -187,18 +259,26 @@ pure logical function moves_unevenly(self)
    class(condition_type), intent(in) :: self
    integer :: i
 
-   moves_unevenly = self%is_radial .or. any([(self%value_of(i)%given(), i=1, 3)])
+   moves_unevenly = self%is_radial .or. self%sine > 0 .or. any([(self%value_of(i)%given(), i=1, 3)])
 end function moves_unevenly
 
 !> Whether a displacement or a traction is prescribed that need not be zero
-pure logical function acts(self)
+pure logical function acts(self, factor)
    !> Condition
    class(condition_type), intent(in) :: self
+   !> Load factors at which that is asked; without them: at any, shape (factors) [-]
+   real(wp), intent(in), optional :: factor(:)
    integer :: i
 
    acts = (self%is_radial .and. abs(self%radial) > 0.0_wp) &
       & .or. any(abs(self%value) > 0.0_wp .and. self%fixed) .or. any(abs(self%traction) > 0.0_wp) &
       & .or. any([(self%value_of(i)%given() .or. self%traction_of(i)%given(), i=1, 3)])
+   if (.not. present(factor)) then
+      acts = acts .or. self%sine > 0
+      return
+   end if
+   acts = acts .and. abs(factor(ramp + self%amplitude)) > 0.0_wp
+   if (self%sine > 0) acts = acts .or. any(abs(factor(self%sine:self%sine + 1)) > 0.0_wp)
 end function acts
 
 !> Shape functions of the source points at places

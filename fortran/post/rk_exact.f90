@@ -33,7 +33,8 @@ subroutine exact_value(scene, exact, value, error)
    if (allocated(error)) return
    local%j = determinant(local%f)
    associate (material => scene%tissue(scene%tissue_of(1))%material, nd => scene%cloud%nd)
-      call material%stress(local%f, scene%cloud%fiber(:, 1), scene%activation_at(1.0_wp), local%p, &
+      call material%stress(local%f, scene%cloud%fiber(:, 1), &
+         & scene%activation_at(scene%tissue_of(1), 1.0_wp), local%p, &
          & volumetric=.not. material%incompressible())
       if (material%incompressible()) then
          if (abs(local%j - 1.0_wp) > sqrt(epsilon(1.0_wp))) then

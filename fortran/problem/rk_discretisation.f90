@@ -7,6 +7,7 @@ module rk_discretisation
    use rk_mixture, only : mixture_type
    use rk_precision, only : wp
    use rk_problem, only : problem_type
+   use rk_programme, only : ramp
    use rk_scene, only : scene_type
    use rk_shape, only : shape_type
    use rk_states, only : field_state, point_state
@@ -150,10 +151,9 @@ subroutine state(self, x, load, at)
    !> State
    type(field_state), intent(out) :: at
 
-   associate (unused => self)
-   end associate
    at%x = x
    at%load = load
+   at%factor = self%scene%factors(load)
 end subroutine state
 
 !> Work of the stress in the state's own displacement less that of the forces, relative; weak forms
@@ -257,7 +257,7 @@ function load_points(self) result(x)
    x = self%scene%cloud%points
 end function load_points
 
-!> Set what varies over the points and has no place in a deck, at full load
+!> Set what varies over the points and has no place in a deck, at full load of the ramp
 subroutine set_point_loads(self, body_force, displacement, stress)
    !> Problem
    class(discretisation_type), intent(inout) :: self
@@ -272,10 +272,12 @@ subroutine set_point_loads(self, body_force, displacement, stress)
    nd = self%scene%cloud%nd
    self%scene%body_force = body_force
    associate (boundary => self%boundary)
+      boundary%value = 0.0_wp
+      boundary%traction = 0.0_wp
       do b = 1, size(boundary%point)
          do i = 1, nd
-            boundary%value(i, b) = displacement(i, boundary%point(b))
-            boundary%traction(i, b) = dot_product(stress(i, :nd, boundary%point(b)), &
+            boundary%value(ramp, i, b) = displacement(i, boundary%point(b))
+            boundary%traction(ramp, i, b) = dot_product(stress(i, :nd, boundary%point(b)), &
                & boundary%normal(:, i, b))
          end do
       end do

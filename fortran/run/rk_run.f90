@@ -137,8 +137,8 @@ subroutine solve_problem(problem, scene, linear, recorder, timer, error)
    if (problem%is_linear()) then
       call solve_linear(problem, newton%linear, x, recorder, timer, error)
    else
-      call solve_static(problem, newton, scene%load%steps, scene%load%max_halvings, x, recorder, &
-         & timer, error)
+      call solve_static(problem, newton, scene%programme%plan(scene%load%steps), &
+         & scene%load%max_halvings, x, recorder, timer, error)
    end if
 end subroutine solve_problem
 
@@ -169,8 +169,8 @@ subroutine check_response(problem, state, error)
    integer :: ip, k
 
    associate (scene => problem%scene)
-      if (.not. (scene%activation_at(state%load) > 0.0_wp &
-         & .or. any([(scene%condition(k)%acts(), k=1, size(scene%condition))]))) return
+      if (.not. (any([(scene%activation_at(k, state%load) > 0.0_wp, k=1, size(scene%tissue))]) &
+         & .or. any([(scene%condition(k)%acts(state%factor), k=1, size(scene%condition))]))) return
       associate (size_of => problem%scaled_norms(state%x))
          if (size_of(1) > rounding) return
       end associate

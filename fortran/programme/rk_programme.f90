@@ -1,0 +1,240 @@
+!> Load programmes: how what is prescribed grows over load time, which runs from 0 to 1.
+!>
+!> All that is prescribed is linear in a few load factors, so that forms keep a column for each: the
+!> ramp, which is the load itself; one for each amplitude; and two for each rotation by an angle
+!> theta about a fixed axis n, since (R - I)d = sin(theta) n x d + (1 - cos(theta)) n x (n x d).
+module rk_programme
+   use rk_precision, only : wp
+   implicit none
+   private
+
+   public :: programme_type, amplitude_type, rotation_type, plan_type, combined, ramp
+
+   !> Number of the ramp among the factors, and of the one amplitude that needs no name
+   integer, parameter :: ramp = 1, no_amplitude = 0
+   !> Loads closer than this are one [-]
+   real(wp), parameter :: same = 1.0e-9_wp
+   !> Rotation in one load step at most [rad]
+   real(wp), parameter :: largest_turn = 0.35_wp
+
+   !> A function of load time: 0 at rest, between its knots linear or smooth, then what it was last
+   type :: amplitude_type
+      !> Name in the deck
+      character(len=:), allocatable :: name
+      !> Load times of the knots, ascending from 0, shape (n) [-]
+      real(wp), allocatable :: time(:)
+      !> Values there, the first one 0, shape (n) [-]
+      real(wp), allocatable :: value(:)
+      !> Without slope and curvature at the knots; otherwise linear between them
+      logical :: smooth = .false.
+   end type amplitude_type
+
+   !> An angle that grows with an amplitude
+   type :: rotation_type
+      !> Amplitude, 0 for the ramp
+      integer :: amplitude = no_amplitude
+      !> Angle where that is 1 [rad]
+      real(wp) :: angle = 0.0_wp
+   end type rotation_type
+
+   !> The programme of a scene
+   type :: programme_type
+      !> Amplitudes
+      type(amplitude_type), allocatable :: amplitude(:)
+      !> Rotations
+      type(rotation_type), allocatable :: rotation(:)
+      !> Load times whose states are wanted, in place of equal steps; not allocated without [-]
+      real(wp), allocatable :: output(:)
+   contains
+      !> Number of load factors
+      procedure :: count => count_factors
+      !> Factors at a load
+      procedure :: factors
+      !> Value of an amplitude, or of the ramp, at a load
+      procedure :: value => value_at
+      !> Number of the sine's factor of a rotation; that of 1 - cos follows
+      procedure :: sine_of
+      !> Load steps
+      procedure :: plan
+   end type programme_type
+
+   !> Load steps that are planned
+   type :: plan_type
+      !> Load at the end of each step, ascending, the last one 1, shape (n) [-]
+      real(wp), allocatable :: load(:)
+      !> Largest change of load at once on the way there, shape (n) [-]
+      real(wp), allocatable :: most(:)
+      !> Whether rates jump at its end, so that the last step says nothing about the next one,
+      !> shape (n)
+      logical, allocatable :: knot(:)
+   end type plan_type
+
+contains
+
+!> Number of load factors
+pure integer function count_factors(self)
+   !> Programme
+   class(programme_type), intent(in) :: self
+
+   count_factors = self%sine_of(1) - 1
+   if (allocated(self%rotation)) count_factors = count_factors + 2*size(self%rotation)
+end function count_factors
+
+!> Number of the sine's factor of a rotation
+pure integer function sine_of(self, rotation)
+   !> Programme
+   class(programme_type), intent(in) :: self
+   !> Rotation
+   integer, intent(in) :: rotation
+
+   sine_of = ramp + 2*rotation - 1
+   if (allocated(self%amplitude)) sine_of = sine_of + size(self%amplitude)
+end function sine_of
+
+!> Factors at a load: the ramp, the amplitudes, sine and 1 - cos of the rotations
+pure function factors(self, load) result(factor)
+   !> Programme
+   class(programme_type), intent(in) :: self
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> Factors, shape (count) [-]
+   real(wp) :: factor(count_factors(self))
+   real(wp) :: angle
+   integer :: a, r
+
+   factor(ramp) = load
+   if (allocated(self%amplitude)) then
+      do a = 1, size(self%amplitude)
+         factor(ramp + a) = self%value(a, load)
+      end do
+   end if
+   if (.not. allocated(self%rotation)) return
+   do r = 1, size(self%rotation)
+      angle = self%rotation(r)%angle*self%value(self%rotation(r)%amplitude, load)
+      factor(self%sine_of(r)) = sin(angle)
+      ! 1 - cos without the loss of digits
+      factor(self%sine_of(r) + 1) = 2.0_wp*sin(0.5_wp*angle)**2
+   end do
+end function factors
+
+!> Value of an amplitude, or of the ramp, at a load [-]
+pure real(wp) function value_at(self, amplitude, load) result(value)
+   !> Programme
+   class(programme_type), intent(in) :: self
+   !> Amplitude, 0 for the ramp
+   integer, intent(in) :: amplitude
+   !> Load [-]
+   real(wp), intent(in) :: load
+   real(wp) :: s
+   integer :: k
+
+   value = load
+   if (amplitude == no_amplitude) return
+   associate (time => self%amplitude(amplitude)%time, values => self%amplitude(amplitude)%value)
+      k = count(time <= load)
+      value = values(max(k, 1))
+      if (k == 0 .or. k == size(time)) return
+      s = (load - time(k))/(time(k + 1) - time(k))
+      if (self%amplitude(amplitude)%smooth) s = s**3*(10.0_wp - s*(15.0_wp - 6.0_wp*s))
+      value = value + s*(values(k + 1) - value)
+   end associate
+end function value_at
+
+!> Load steps: equal ones, or those that were asked for, and all knots of amplitudes. Steps in which
+!> something rotates far are taken in several.
+pure function plan(self, steps) result(planned)
+   !> Programme
+   class(programme_type), intent(in) :: self
+   !> Equal steps, where no load times were asked for
+   integer, intent(in) :: steps
+   type(plan_type) :: planned
+   real(wp) :: before
+   integer :: a, k
+
+   if (allocated(self%output)) then
+      planned%load = [1.0_wp]
+      call merge_loads(planned%load, self%output)
+   else
+      planned%load = [(real(k, wp)/real(steps, wp), k=1, steps)]
+   end if
+   if (allocated(self%amplitude)) then
+      do a = 1, size(self%amplitude)
+         call merge_loads(planned%load, self%amplitude(a)%time)
+      end do
+   end if
+   allocate (planned%most(size(planned%load)), planned%knot(size(planned%load)))
+   before = 0.0_wp
+   do k = 1, size(planned%load)
+      planned%most(k) = (planned%load(k) - before)/turns(self, before, planned%load(k))
+      planned%knot(k) = is_knot(self, planned%load(k))
+      before = planned%load(k)
+   end do
+   ! a power of two of this is met exactly
+   if (self%count() == 1 .and. .not. allocated(self%output)) planned%most = 1.0_wp/real(steps, wp)
+end function plan
+
+!> Add loads to ascending ones; 0 is rest and no step
+pure subroutine merge_loads(load, more)
+   !> Loads, ascending [-]
+   real(wp), allocatable, intent(inout) :: load(:)
+   !> Further ones [-]
+   real(wp), intent(in) :: more(:)
+   integer :: k, n
+
+   do k = 1, size(more)
+      if (more(k) < same .or. any(abs(load - more(k)) < same)) cycle
+      n = count(load < more(k))
+      load = [load(:n), more(k), load(n + 1:)]
+   end do
+end subroutine merge_loads
+
+!> Whether the rate of an amplitude may jump at a load
+pure logical function is_knot(self, load)
+   !> Programme
+   class(programme_type), intent(in) :: self
+   !> Load [-]
+   real(wp), intent(in) :: load
+   integer :: a
+
+   is_knot = .false.
+   if (.not. allocated(self%amplitude)) return
+   do a = 1, size(self%amplitude)
+      is_knot = is_knot .or. any(abs(self%amplitude(a)%time - load) < same)
+   end do
+end function is_knot
+
+!> Parts in which a change of load is taken, so that nothing rotates far in one of them
+pure integer function turns(self, from, to)
+   !> Programme
+   class(programme_type), intent(in) :: self
+   !> Loads before and after [-]
+   real(wp), intent(in) :: from, to
+   real(wp) :: angle
+   integer :: r
+
+   turns = 1
+   if (.not. allocated(self%rotation)) return
+   do r = 1, size(self%rotation)
+      associate (rotation => self%rotation(r))
+         angle = rotation%angle &
+            & *(self%value(rotation%amplitude, to) - self%value(rotation%amplitude, from))
+      end associate
+      turns = max(turns, ceiling(abs(angle)/largest_turn))
+   end do
+end function turns
+
+!> A value from its columns and the load factors: their sum of products
+pure real(wp) function combined(column, factor)
+   !> Part for each factor, shape (n)
+   real(wp), intent(in) :: column(:)
+   !> Load factors, shape (n) [-]
+   real(wp), intent(in) :: factor(:)
+   integer :: a
+
+   combined = factor(ramp)*column(ramp)
+   do a = ramp + 1, size(column)
+      combined = combined + factor(a)*column(a)
+   end do
+end function combined
+
+end module rk_programme

@@ -1,0 +1,256 @@
+"""Load programmes: amplitudes, activations of single muscles, motions of boundary sets."""
+
+import copy
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from myork import Scene, run_deck
+from myork.core.deck import load_tables
+from myork.errors import InputError
+
+#: A block of muscle between two plates, of which the upper one moves
+BLOCK: dict[str, Any] = {
+    "scene": {"dimension": 3},
+    "geometry": {"kind": "box", "size": [1, 1, 1], "source": [3] * 3, "collocation": [4] * 3},
+    "material": [
+        {"name": "muscle", "model": "muscle", "A10": 1.0, "K": 500.0, "fiber": [0.3, 0, 1]}
+    ],
+    "boundary": [
+        {"set": "z0", "u_x": 0, "u_y": 0, "u_z": 0},
+        {"set": "z1", "u_x": 0, "u_y": 0, "u_z": 0.2, "amplitude": "pull"},
+    ],
+    "amplitude": [{"name": "pull", "time": [0, 0.4, 0.7, 1], "value": [0, 1, 1, 0.5]}],
+    "load": {},
+    "probe": [
+        {"name": "end", "quantity": "u_z", "point": [0.5, 0.5, 1]},
+        {"name": "pull", "quantity": "force_z", "set": "z1"},
+    ],
+}
+#: Forms with options that let a coarse block converge
+METHODS: dict[str, dict[str, Any]] = {
+    "rkpm-gauss": {},
+    "rkpm-scni": {},
+    "rkcm": {"order": 2, "support": 2.5},
+}
+
+
+def block(**changes: Any) -> dict[str, Any]:
+    """The block with other tables."""
+    return copy.deepcopy(BLOCK) | changes
+
+
+def solved(deck: dict[str, Any]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Loads, values of the probes at each of them, unknowns of the last one."""
+    with Scene.from_tables(deck) as scene:
+        states = scene.solve()
+        return states.load, scene.probes(states.x, states.load)[:, :, 0], states.x[-1]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_plate_follows_its_amplitude_and_all_knots_are_steps(method: str) -> None:
+    deck = block(approximation=METHODS[method], load={"at": [0.5], "steps": 2})
+    deck["scene"]["method"] = method
+    load, probes, _ = solved(deck)
+    assert load.tolist() == [0.4, 0.5, 0.7, 1.0]
+    # forms that hold plates by a penalty miss the value by a little
+    np.testing.assert_allclose(probes[:, 0], [0.2, 0.2, 0.2, 0.1], atol=4e-3)
+    # held still, nothing changes; drawn back, it pulls less
+    # (weights of collocation follow the state, and its forces the weights)
+    rtol = 1e-2 if method == "rkcm" else 1e-6
+    np.testing.assert_allclose(probes[1:3, 1], probes[0, 1], rtol=rtol)
+    assert 0 < probes[3, 1] < probes[0, 1]
+
+
+def test_a_smooth_amplitude_has_no_slope_at_its_knots() -> None:
+    deck = block(load={"at": [0.01, 0.25, 0.5, 0.99]})
+    deck["amplitude"] = [{"name": "pull", "time": [0, 1], "value": [0, 1], "curve": "smooth"}]
+    load, probes, _ = solved(deck)
+    assert load.tolist() == [0.01, 0.25, 0.5, 0.99, 1.0]
+    expected = load**3 * (10 - load * (15 - 6 * load))
+    np.testing.assert_allclose(probes[:, 0], 0.2 * expected, atol=3e-3)
+    np.testing.assert_allclose(probes[0, 0] / 0.2, expected[0], rtol=0.02)
+
+
+def test_the_ramp_is_an_amplitude_like_others() -> None:
+    by_name = block(load={"steps": 3, "activation": 0.2, "amplitude": "pull"})
+    by_name["amplitude"] = [{"name": "pull", "time": [0, 1], "value": [0, 1]}]
+    plain = block(load={"steps": 3, "activation": 0.2})
+    del plain["amplitude"], plain["boundary"][1]["amplitude"]
+    for one, other in zip(solved(by_name), solved(plain), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-14)
+
+
+def test_an_elastic_body_forgets_its_way() -> None:
+    """Stretched then activated, activated then stretched, and far beyond and back: one state."""
+    states = []
+    for pull, excite in (
+        ([1, 1, 1], [0, 0.5, 1]),
+        ([0, 0.5, 1], [1, 1, 1]),
+        ([1.6, 0.2, 1], [0.3, 1, 1]),
+    ):
+        deck = block(load={"activation": 0.4, "amplitude": "excite"})
+        deck["amplitude"] = [
+            {"name": name, "time": [0, 0.3, 0.6, 1], "value": [0, *value]}
+            for name, value in (("pull", pull), ("excite", excite))
+        ]
+        deck["solver"] = {"tolerance": 1e-9}
+        states.append(solved(deck))
+    size = np.abs(states[0][2]).max()
+    for _, probes, x in states[1:]:
+        np.testing.assert_allclose(x, states[0][2], atol=1e-7 * size)
+        np.testing.assert_allclose(probes[-1], states[0][1][-1], rtol=1e-6)
+    assert abs(states[0][1][0, 1] - states[1][1][0, 1]) > 0.1
+
+
+def test_a_body_that_is_let_go_returns_to_rest() -> None:
+    deck = block()
+    deck["amplitude"][0]["value"] = [0, 1, 1, 0]
+    _, probes, x = solved(deck)
+    assert np.abs(probes[0]).min() > 0.1
+    assert np.abs(probes[-1]).max() < 1e-6
+    assert np.abs(x).max() < 1e-7
+
+
+def test_each_muscle_has_an_activation_of_its_own() -> None:
+    common = block(load={"activation": 0.2, "amplitude": "pull"})
+    own = block()
+    own["material"][0] |= {"activation": 0.2, "amplitude": "pull"}
+    for one, other in zip(solved(common), solved(own), strict=True):
+        np.testing.assert_array_equal(one, other)
+    own["load"] = {"activation": 0.9}
+    own["material"][0]["amplitude"] = "hold"
+    own["amplitude"].append({"name": "hold", "time": [0, 0.2], "value": [0, 1]})
+    load, probes, _ = solved(own)
+    assert load[0] == 0.2
+    # active already while it is stretched
+    assert probes[0, 1] > solved(common)[1][0, 1] / 2
+
+
+def rotated(point: np.ndarray, axis: np.ndarray, about: np.ndarray, degrees: float) -> np.ndarray:
+    """Rodrigues' rotation of a point."""
+    n = axis / np.linalg.norm(axis)
+    d = point - about
+    angle = np.radians(degrees)
+    turned = d * np.cos(angle) + np.cross(n, d) * np.sin(angle) + n * (n @ d) * (1 - np.cos(angle))
+    return about + turned
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_body_whose_ends_turn_together_turns_as_one(method: str) -> None:
+    axis, about, angle = np.array([1.0, 2, -0.5]), np.array([0.2, 0, 1.5]), 150.0
+    motion = {
+        **{"rotation": angle, "axis": axis.tolist(), "about": about.tolist()},
+        **{"u_x": 0.3, "amplitude": "turn"},
+    }
+    place = np.array([0.3, 0.6, 0.4])
+    deck = block(
+        approximation=METHODS[method],
+        boundary=[{"set": "z0", **motion}, {"set": "z1", **motion}],
+        amplitude=[{"name": "turn", "time": [0, 0.5, 1], "value": [0, 1, 0.8]}],
+        load={"steps": 1 if method != "rkcm" else 8},
+        probe=[
+            {"name": "inside", "quantity": "u", "point": place.tolist()},
+            {"name": "stress", "quantity": "cauchy_xy", "point": place.tolist()},
+        ],
+    )
+    deck["scene"]["method"] = method
+    with Scene.from_tables(deck) as scene:
+        states = scene.solve()
+        probes = scene.probes(states.x, states.load)
+    for load, part in ((0.5, 1.0), (1.0, 0.8)):
+        row = probes[int(np.flatnonzero(states.load == load)[0])]
+        expected = rotated(place, axis, about, part * angle) - place + [0.3 * part, 0, 0]
+        np.testing.assert_allclose(row[0], expected, atol=1e-6)
+        assert abs(row[1, 0]) < 1e-5
+
+
+def test_a_plane_body_turns_about_z() -> None:
+    motion = {"rotation": -90, "about": [0.0, 0.0]}
+    deck = {
+        "scene": {"dimension": 2},
+        "geometry": {"kind": "box", "size": [1, 1], "source": [4, 4], "collocation": [5, 5]},
+        "material": [{"name": "rubber", "model": "neo-hookean", "mu": 1.0, "K": 100.0}],
+        "boundary": [{"set": "y0", **motion}, {"set": "y1", **motion}],
+        "probe": [{"name": "corner", "quantity": "u", "point": [1.0, 0.5]}],
+    }
+    with Scene.from_tables(deck) as scene:
+        states = scene.solve()
+        np.testing.assert_allclose(
+            scene.probes(states.x, states.load)[-1, 0, :2], [-0.5, -1.5], atol=1e-9
+        )
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        ({"time": [0, 0.5, 0.5, 1]}, "amplitude.pull.time: must ascend: item 3, 0.5, follows 0.5"),
+        ({"time": [0, 0.5]}, "amplitude.pull.value: must have as many items as time, 2, not 4"),
+        ({"value": [0.1, 1, 1, 1]}, "amplitude.pull.value: must start with 0, not 0.1: the body"),
+        ({"time": [0.1, 0.2, 0.3, 1]}, "amplitude.pull.time: must start at 0, not 0.1"),
+        ({"time": [0, 0.5, 1, 2]}, "amplitude.pull.time: item 4 must be at least 0 and at most 1"),
+        ({"curve": "round"}, "amplitude.pull.curve: must be one of linear, smooth"),
+        ({"name": "push"}, "no [[amplitude]] is called 'pull'; there are: push"),
+    ],
+)
+def test_amplitudes_that_cannot_be(change: dict[str, Any], complaint: str) -> None:
+    deck = block()
+    deck["amplitude"][0].update(change)
+    with pytest.raises(InputError) as told:
+        load_tables(deck, ())
+    assert complaint in str(told.value)
+
+
+@pytest.mark.parametrize(
+    ("table", "complaint"),
+    [
+        ({"rotation": 10}, "about: missing, an array of numbers is needed for rotation"),
+        ({"rotation": 10, "about": [0, 0, 0]}, "axis: missing, an array of numbers is needed"),
+        ({"u_x": 1, "axis": [0, 0, 1]}, "axis: needs rotation beside it"),
+        ({"u_x": 1, "about": [0, 0, 1]}, "about: needs rotation beside it"),
+        (
+            {"rotation": 1, "axis": [0, 0, 1], "about": [0, 0, 0], "traction": [0, 0, 1]},
+            "rotation: cannot be given beside traction",
+        ),
+    ],
+)
+def test_motions_that_cannot_be(table: dict[str, Any], complaint: str) -> None:
+    deck = block(boundary=[BLOCK["boundary"][0], {"set": "z1", **table}])
+    with pytest.raises(InputError) as told:
+        load_tables(deck, ())
+    assert complaint in str(told.value)
+
+
+@pytest.mark.parametrize(
+    ("load", "complaint"),
+    [
+        ({"amplitude": "pull"}, "load.amplitude: there is no activation that could follow it"),
+        ({"amplitude": "pull", "activation": 0.7}, "leads to an activation of 1.4 of muscle"),
+    ],
+)
+def test_activations_that_cannot_be(load: dict[str, Any], complaint: str) -> None:
+    deck = block(load=load)
+    deck["amplitude"][0]["value"] = [0, 2, 1, 0]
+    with pytest.raises(InputError) as told:
+        Scene.from_tables(deck)
+    assert complaint in str(told.value)
+
+
+def test_two_sets_that_meet_must_move_alike() -> None:
+    deck = block()
+    deck["boundary"].append({"set": "x0", "u_z": 0.2})
+    with pytest.raises(InputError, match="boundary sets prescribe two displacements"):
+        Scene.from_tables(deck)
+
+
+def test_summary_tells_activations_where_they_differ(tmp_path: Path) -> None:
+    deck = block(load={"activation": 0.2})
+    deck["material"][0] |= {"activation": 0.1, "amplitude": "pull"}
+    summary = run_deck(deck, tmp_path, error=False)
+    assert [step["load"] for step in summary["steps"]] == [0.4, 0.7, 1.0]
+    assert [step["activations"]["muscle"] for step in summary["steps"]] == [0.1, 0.1, 0.05]
+    assert [step["activation"] for step in summary["steps"]] == pytest.approx([0.08, 0.14, 0.2])
+    del deck["material"][0]["amplitude"], deck["material"][0]["activation"]
+    assert "activations" not in run_deck(deck, tmp_path, error=False)["steps"][0]
