@@ -6,20 +6,22 @@ module rk_force
    implicit none
    private
 
-   public :: force_imbalance
+   public :: set_forces
 
 contains
 
-!> Sum of the forces on all boundary sets with conditions over the largest of them: 0 for a body in
-!> equilibrium. Forces that do not balance are the sign of a locked or too coarse solution. Each is
+!> Sum of the forces on all boundary sets with conditions, and the largest of them: the sum is 0 for
+!> a body in equilibrium. Forces that do not balance are the sign of a locked or too coarse solution. Each is
 !> taken from the nearer half of the body: over the whole length between two fixed sets both would
 !> be the same mean of all sections, however these differ.
-real(wp) function force_imbalance(problem, state)
+subroutine set_forces(problem, state, left, largest)
    !> Full problem
    class(discretisation_type), intent(in) :: problem
    !> State
    type(field_state), intent(in) :: state
-   real(wp) :: total(3), force(3), largest
+   !> Norm of the sum, and the largest norm [force]
+   real(wp), intent(out) :: left, largest
+   real(wp) :: total(3), force(3)
    integer :: set
 
    total = 0.0_wp
@@ -30,8 +32,7 @@ real(wp) function force_imbalance(problem, state)
       total = total + force
       largest = max(largest, norm2(force))
    end do
-   force_imbalance = 0.0_wp
-   if (largest > 0.0_wp) force_imbalance = norm2(total)/largest
-end function force_imbalance
+   left = norm2(total)
+end subroutine set_forces
 
 end module rk_force

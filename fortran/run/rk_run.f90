@@ -6,7 +6,7 @@ module rk_run
    use rk_ellipticity, only : ellipticity_type, find_ellipticity
    use rk_error, only : error_type, fatal_error, err_convergence
    use rk_error_norms, only : error_norms, norms_type
-   use rk_force, only : force_imbalance
+   use rk_force, only : set_forces
    use rk_linear_solve, only : solve_linear
    use rk_newton, only : newton_type
    use rk_precision, only : i8, wp
@@ -28,10 +28,10 @@ module rk_run
    type :: outcome_type
       !> What deserves attention, each with its line feed
       character(len=:), allocatable :: warnings
-      !> Imbalance of the forces on all sets in the last state [-]
+      !> Imbalance of the forces on all sets in the states that are judged, of the largest force [-]
       real(wp) :: imbalance = 0.0_wp
-      !> Work of the stress less that of the forces in the last state, not allocated where they are
-      !> not compared [-]
+      !> Work of the stress less that of the forces in the peak, not allocated where they are not
+      !> compared [-]
       real(wp), allocatable :: work_mismatch
       !> Where the material lost its ellipticity, in words; not allocated where it did not
       character(len=:), allocatable :: lost
@@ -39,6 +39,13 @@ module rk_run
       character(len=:), allocatable :: ended
       !> The last state
       type(field_state) :: last
+      !> States that are judged: that of full load, or all planned ones of a programme, whose end may
+      !> be at rest: loads, shape (n) [-]
+      real(wp), allocatable :: load(:)
+      !> Their unknowns, shape (unknowns, n)
+      real(wp), allocatable :: x(:, :)
+      !> The one of them with the largest displacements
+      type(field_state) :: peak
       !> Error of a linear problem, whose solution is known
       type(norms_type), allocatable :: norms
       !> Wall times of assembly and linear algebra
@@ -95,10 +102,10 @@ subroutine solve_scene(problem, linear, recorder, outcome, error)
    call system_clock(clock)
    if (.not. problem%is_linear()) then
       if (.not. allocated(error)) call check_response(problem, outcome%last, error)
-      outcome%imbalance = force_imbalance(problem, outcome%last)
+      call find_imbalance(problem, outcome)
       ! loads that vary from point to point are not those of the conditions on sets
       if (.not. allocated(problem%scene%body_force)) &
-         & call problem%compare_works(outcome%last, outcome%work_mismatch)
+         & call problem%compare_works(outcome%peak, outcome%work_mismatch)
       outcome%seconds = outcome%seconds + tick(clock)
    else if (.not. allocated(error)) then
       allocate (outcome%norms)
@@ -154,6 +161,32 @@ subroutine warn(self, line, recorder)
    self%warnings = self%warnings//line//new_line('a')
    call recorder%warn(line)
 end subroutine warn
+
+!> What is left of the forces in the states that are judged, and the peak among these
+subroutine find_imbalance(problem, outcome)
+   !> Problem
+   class(discretisation_type), intent(in) :: problem
+   !> Outcome with states
+   type(outcome_type), intent(inout) :: outcome
+   type(field_state) :: state
+   real(wp) :: left, largest, most(2), norms(2), size_
+   integer :: k
+
+   outcome%peak = outcome%last
+   most = 0.0_wp
+   size_ = -1.0_wp
+   if (.not. allocated(outcome%load)) return
+   do k = 1, size(outcome%load)
+      call problem%state(outcome%x(:, k), outcome%load(k), state)
+      call set_forces(problem, state, left, largest)
+      most = max(most, [left, largest])
+      norms = problem%scaled_norms(state%x)
+      if (norms(1) < size_) cycle
+      size_ = norms(1)
+      outcome%peak = state
+   end do
+   if (most(2) > 0.0_wp) outcome%imbalance = most(1)/most(2)
+end subroutine find_imbalance
 
 !> Refuse a state in which neither displacements nor stresses are more than roundings: a load that
 !> the stiffness of some material drowns. The iteration ends there at once, for nothing moves.
@@ -217,6 +250,7 @@ subroutine step(self, st, x)
 
    call system_clock(clock)
    call self%problem%state(x, st%load, self%outcome%last)
+   if (st%step > 0) call keep(self%outcome, st%load, x, self%problem%scene%programme%count() > 1)
    seen = st
    if (self%problem%is_linear()) then
       call self%receiver%step(seen, x)
@@ -239,6 +273,26 @@ subroutine step(self, st, x)
       & //'unique there'
    call self%outcome%warn(self%outcome%lost, self%receiver)
 end subroutine step
+
+!> Keep a state that is judged, beside those before it or instead of them
+subroutine keep(outcome, load, x, all)
+   !> Outcome
+   type(outcome_type), intent(inout) :: outcome
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> Unknowns, shape (n)
+   real(wp), intent(in) :: x(:)
+   !> Beside the others
+   logical, intent(in) :: all
+
+   if (all .and. allocated(outcome%load)) then
+      outcome%load = [outcome%load, load]
+      outcome%x = reshape([outcome%x, x], [size(x), size(outcome%load)])
+   else
+      outcome%load = [load]
+      outcome%x = reshape(x, [size(x), 1])
+   end if
+end subroutine keep
 
 !> Something deserves attention
 subroutine pass_on(self, line)

@@ -37,12 +37,17 @@ module rk_bars
       real(wp), allocatable :: value(:, :)
       !> Bars at full load, not a number where there is none, shape (3, probes)
       real(wp), allocatable :: bar(:, :)
+      !> Loads of a programme, whose bars are not in proportion to these; of a ramp the full one,
+      !> shape (n) [-]
+      real(wp), allocatable :: load(:)
+      !> Values and bars there, shape (3, probes, n)
+      real(wp), allocatable :: values(:, :, :), bars(:, :, :)
       !> Largest difference from another solution, of the size; not a number where there is none,
       !> shape (probes) [-]
       real(wp), allocatable :: change(:)
-      !> Own size, at least a tenth of that of its kind, shape (probes)
+      !> Largest own size, at least a tenth of that of its kind, shape (probes)
       real(wp), allocatable :: size(:)
-      !> Own size, at least that of its kind, shape (probes)
+      !> Largest own size, at least that of its kind, shape (probes)
       real(wp), allocatable :: kind(:)
       !> Stresses at the surface, shape (probes)
       logical, allocatable :: at_surface(:)
@@ -55,29 +60,57 @@ module rk_bars
 
 contains
 
-!> Values at full load and sizes of their kinds; bars come later, from what they are compared with
-subroutine new_bars(self, problem, state, error)
+!> Values at full load, or of a programme, and sizes of their kinds; bars come later, from what they
+!> are compared with
+subroutine new_bars(self, problem, load, x, error)
    !> Bars
    type(bars_type), intent(out) :: self
    !> Problem
    class(discretisation_type), intent(in) :: problem
-   !> State at full load
-   type(field_state), intent(in) :: state
+   !> Loads of the states, ascending, shape (m) [-]
+   real(wp), intent(in) :: load(:)
+   !> Unknowns of the states, shape (n, m)
+   real(wp), contiguous, intent(in) :: x(:, :)
    !> Error handling: a probe outside the body
    type(error_type), allocatable, intent(out) :: error
    type(probes_type) :: probes
-   type(point_state) :: local
-   real(wp) :: displacement, stress, total, force, weight, share
-   integer :: i, n, set
+   type(field_state) :: state
+   integer :: k, n
 
    n = size(problem%scene%probe)
-   allocate (self%value(3, n), self%bar(3, n), self%change(n), self%size(n), &
-      & self%kind(n), self%at_surface(n))
+   self%load = load
+   allocate (self%values(3, n, size(load)), self%bars(3, n, size(load)))
+   allocate (self%value(3, n), self%bar(3, n), self%change(n), self%at_surface(n))
+   allocate (self%size(n), self%kind(n), source=0.0_wp)
    self%bar = ieee_value(1.0_wp, ieee_quiet_nan)
+   self%bars = self%bar(1, 1)
    self%change = self%bar(1, :)
    self%at_surface = .false.
    call new_probes(probes, problem%scene, error)
    if (allocated(error)) return
+   do k = 1, size(load)
+      call problem%state(x(:, k), load(k), state)
+      call look_at(self, problem, probes, state, self%values(:, :, k))
+   end do
+   self%value = self%values(:, :, size(load))
+end subroutine new_bars
+
+!> Values of a state, and sizes where they are larger than those of others
+subroutine look_at(self, problem, probes, state, value)
+   !> Bars
+   type(bars_type), intent(inout) :: self
+   !> Problem
+   class(discretisation_type), intent(in) :: problem
+   !> Probes
+   type(probes_type), intent(in) :: probes
+   !> State
+   type(field_state), intent(in) :: state
+   !> Values, shape (3, probes)
+   real(wp), intent(out) :: value(:, :)
+   type(point_state) :: local
+   real(wp) :: displacement, stress, total, force, weight, share, own, kind
+   integer :: i, set
+
    displacement = 0.0_wp
    stress = 0.0_wp
    total = 0.0_wp
@@ -98,32 +131,31 @@ subroutine new_bars(self, problem, state, error)
          if (any(scene%condition%set == set) .or. any(scene%probe%set == set)) force = max(force, &
             & norm2(problem%set_force(set, state, 1.0_wp)))
       end do
-      do i = 1, n
-         call probe_value(problem, probes, i, state, self%value(:, i))
+      do i = 1, size(value, 2)
+         call probe_value(problem, probes, i, state, value(:, i))
          share = share_of_kind
          select case (quantity_kind(scene%probe(i)%quantity))
          case ('force')
-            self%size(i) = force
+            kind = force
          case ('torque')
             ! the arm of a couple on a whole end of the body
-            self%size(i) = 0.5_wp*force*norm2(maxval(scene%cloud%points, dim=2) &
+            kind = 0.5_wp*force*norm2(maxval(scene%cloud%points, dim=2) &
                & - minval(scene%cloud%points, dim=2))
          case ('length')
-            self%size(i) = displacement
+            kind = displacement
          case ('ratio')
-            self%size(i) = 1.0_wp
+            kind = 1.0_wp
          case default
-            self%size(i) = stress
+            kind = stress
             self%at_surface(i) = on_surface(scene%cloud, scene%probe(i)%point)
             if (.not. self%at_surface(i)) share = share_inside
          end select
-         self%kind(i) = max(self%size(i), norm2(self%value(:quantity_size( &
-            & scene%probe(i)%quantity), i)))
-         self%size(i) = max(share*self%size(i), norm2(self%value(:quantity_size( &
-            & scene%probe(i)%quantity), i)))
+         own = norm2(value(:quantity_size(scene%probe(i)%quantity), i))
+         self%kind(i) = max(self%kind(i), kind, own)
+         self%size(i) = max(self%size(i), share*kind, own)
       end do
    end associate
-end subroutine new_bars
+end subroutine look_at
 
 !> Bars from a second solution
 subroutine bars_by_other(self, problem, other, same_form)
@@ -148,7 +180,7 @@ subroutine bars_by_other(self, problem, other, same_form)
          self%kind(i) = max(self%kind(i), other%kind(i))
       end if
       call set_bar(self, i, quantity_size(problem%scene%probe(i)%quantity), factor, &
-         & other%value(:, i))
+         & other%values(:, i, :))
    end do
 end subroutine bars_by_other
 
@@ -181,7 +213,7 @@ subroutine bars_by_solution(self, problem)
                call exact_state(probe%point(:nd))
                exact = quantity(probe%quantity, local)
             end if
-            call set_bar(self, i, quantity_size(probe%quantity), 1.0_wp, exact)
+            call set_bar(self, i, quantity_size(probe%quantity), 1.0_wp, reshape(exact, [3, 1]))
          end associate
       end do
    end associate
@@ -199,7 +231,7 @@ contains
 
 end subroutine bars_by_solution
 
-!> Bar of one probe from another value of it
+!> Bars of one probe from other values of it
 subroutine set_bar(self, i, n, factor, other)
    !> Bars
    type(bars_type), intent(inout) :: self
@@ -209,13 +241,17 @@ subroutine set_bar(self, i, n, factor, other)
    integer, intent(in) :: n
    !> Bar over difference [-]
    real(wp), intent(in) :: factor
-   !> The other value, shape (3)
-   real(wp), intent(in) :: other(3)
+   !> The other values at the same loads, shape (3, loads)
+   real(wp), intent(in) :: other(:, :)
+   integer :: k
 
-   associate (difference => abs(self%value(:n, i) - other(:n)))
-      self%bar(:n, i) = max(factor*difference, least(self, i, self%value(:n, i)))
-      self%change(i) = maxval(difference)/max(self%size(i), tiny(1.0_wp))
-   end associate
+   do k = 1, size(self%load)
+      self%bars(:n, i, k) = max(factor*abs(self%values(:n, i, k) - other(:n, k)), &
+         & least(self, i, self%values(:n, i, k)))
+   end do
+   self%bar(:n, i) = self%bars(:n, i, size(self%load))
+   self%change(i) = maxval(abs(self%values(:n, i, :) - other(:n, :))) &
+      & /max(self%size(i), tiny(1.0_wp))
 end subroutine set_bar
 
 !> Least bar of a value
@@ -230,7 +266,7 @@ pure real(wp) function least(self, i, value)
    least = max(least_of_value*norm2(value), least_of_size*self%size(i))
 end function least
 
-!> Bars of a probe at a load: those of full load in proportion to it
+!> Bars of a probe at a load: of a ramp those of full load in proportion to it
 pure function at(self, i, load, value) result(bar)
    !> Bars
    class(bars_type), intent(in) :: self
@@ -242,6 +278,10 @@ pure function at(self, i, load, value) result(bar)
    real(wp), intent(in) :: value(:)
    real(wp) :: bar(size(value))
 
+   if (size(self%load) > 1) then
+      bar = self%bars(:size(value), i, minloc(abs(self%load - load), dim=1))
+      return
+   end if
    bar = self%bar(:size(value), i)
    where (.not. ieee_is_nan(bar)) bar = max(load*bar, least(self, i, value))
 end function at

@@ -54,18 +54,20 @@ module rk_companion
       integer :: unknowns = 0
       !> Wall time [s]
       real(wp) :: seconds = 0.0_wp
-      !> Probes at full load
+      !> Probes
       type(bars_type) :: seen
-      !> Norm of the difference of the displacements, of that of the displacements [-]
+      !> Largest norm of the difference of the displacements, of the largest of the displacements [-]
       real(wp) :: distance = 0.0_wp
    end type companion_type
 
-   !> Receiver that keeps the last state and is as patient as the caller's
+   !> Receiver that keeps the states that are compared and is as patient as the caller's
    type, extends(recorder_type) :: keeper_type
       !> Receiver of the caller
       class(recorder_type), pointer :: receiver => null()
-      !> Unknowns, shape (n)
-      real(wp), allocatable :: x(:)
+      !> Loads of these, shape (m)
+      real(wp), allocatable :: load(:)
+      !> Unknowns, shape (n, m)
+      real(wp), allocatable :: x(:, :)
    contains
       procedure :: iteration
       procedure :: step
@@ -75,13 +77,15 @@ module rk_companion
 contains
 
 !> Solve the companion of a scene and look at the same probes
-subroutine solve_companion(self, problem, answer, deck, model, receiver)
+subroutine solve_companion(self, problem, load, answer, deck, model, receiver)
    !> What it says
    type(companion_type), intent(out) :: self
    !> Problem of the answer
    class(discretisation_type), intent(in) :: problem
-   !> Its state at full load
-   type(field_state), intent(in) :: answer
+   !> Loads of its states that are compared, shape (m) [-]
+   real(wp), intent(in) :: load(:)
+   !> Unknowns of these, shape (n, m)
+   real(wp), contiguous, intent(in) :: answer(:, :)
    !> Its deck
    type(deck_type), intent(in) :: deck
    !> Points of the model file, where the deck wants one
@@ -114,13 +118,15 @@ subroutine solve_companion(self, problem, answer, deck, model, receiver)
       self%points = second%shape%ns
       self%unknowns = second%n
       keeper%receiver => receiver
+      keeper%load = load
+      allocate (keeper%x(second%n, size(load)))
       call solve_problem(second, scene, '', keeper, timer, error)
-      if (.not. allocated(error)) call look(self, second, keeper%x, problem, answer, error)
+      if (.not. allocated(error)) call look(self, second, keeper, problem, answer, error)
       ! one step may be too long, or lead to another branch
       if ((allocated(error) .or. self%distance > suspect) .and. .not. receiver%stopped()) then
-         scene%load%steps = max(problem%scene%load%steps, least_steps)
+         scene%load%steps = max(least_steps, problem%scene%load%steps)
          call solve_problem(second, scene, '', keeper, timer, error)
-         if (.not. allocated(error)) call look(self, second, keeper%x, problem, answer, error)
+         if (.not. allocated(error)) call look(self, second, keeper, problem, answer, error)
       end if
       call free_discretisation(second)
    end if
@@ -146,9 +152,13 @@ subroutine choose(self, scene, deck, points, words)
    character(len=long), allocatable, intent(out) :: words(:)
    integer, allocatable :: source(:), collocation(:), other(:)
    type(cloud_type) :: coarse
+   integer :: steps
    logical :: possible
 
-   words = [character(len=long) :: 'load.steps=1', &
+   ! all planned states of a programme are compared, of a ramp the last one
+   steps = 1
+   if (scene%programme%count() > 1) steps = scene%load%steps
+   words = [character(len=long) :: 'load.steps='//to_text(steps), &
       & 'load.max_halvings='//to_text(max(scene%load%max_halvings, halvings))]
    self%same_points = index(scene%method, 'rkcm') == 1
    if (self%same_points) then
@@ -217,42 +227,46 @@ pure function list(values) result(text)
 end function list
 
 !> Probes of the companion, and how far the displacements are from those of the answer
-subroutine look(self, problem, x, first, answer, error)
+subroutine look(self, problem, keeper, first, answer, error)
    !> Companion
    type(companion_type), intent(inout) :: self
    !> Its problem
    class(discretisation_type), intent(in) :: problem
-   !> Its unknowns at full load, shape (n)
-   real(wp), contiguous, intent(in) :: x(:)
+   !> Its states
+   type(keeper_type), intent(in) :: keeper
    !> Problem of the answer
    class(discretisation_type), intent(in) :: first
-   !> Its state
-   type(field_state), intent(in) :: answer
+   !> Unknowns of its states at the same loads, shape (n, m)
+   real(wp), contiguous, intent(in) :: answer(:, :)
    !> Error handling: a probe outside the body
    type(error_type), allocatable, intent(out) :: error
    type(field_state) :: state
    type(point_state) :: local
    type(shape_type) :: shape
-   real(wp) :: u(first%fields, first%shape%nq), difference, total
-   integer :: ip, nd
+   real(wp) :: u(first%fields, first%shape%nq), difference, total, most(2)
+   integer :: ip, k, nd
 
-   call problem%state(x, 1.0_wp, state)
-   call new_bars(self%seen, problem, state, error)
+   call new_bars(self%seen, problem, keeper%load, keeper%x, error)
    if (allocated(error)) return
    associate (cloud => problem%scene%cloud)
       nd = cloud%nd
       call first%scene%shape_at(cloud%points, shape, error)
       if (allocated(error)) return
-      difference = 0.0_wp
-      total = 0.0_wp
-      do ip = 1, size(cloud%points, 2)
-         call problem%at_point(state, ip, local)
-         call shape%interpolate(ip, answer%x, 1, 1, u)
-         difference = difference + cloud%volume(ip)*sum((u(:nd, 1) - local%u(:nd))**2)
-         total = total + cloud%volume(ip)*max(sum(u(:nd, 1)**2), sum(local%u(:nd)**2))
+      most = 0.0_wp
+      do k = 1, size(keeper%load)
+         call problem%state(keeper%x(:, k), keeper%load(k), state)
+         difference = 0.0_wp
+         total = 0.0_wp
+         do ip = 1, size(cloud%points, 2)
+            call problem%at_point(state, ip, local)
+            call shape%interpolate(ip, answer(:, k), 1, 1, u)
+            difference = difference + cloud%volume(ip)*sum((u(:nd, 1) - local%u(:nd))**2)
+            total = total + cloud%volume(ip)*max(sum(u(:nd, 1)**2), sum(local%u(:nd)**2))
+         end do
+         most = max(most, [difference, total])
       end do
    end associate
-   self%distance = sqrt(difference/max(total, tiny(1.0_wp)))
+   self%distance = sqrt(most(1)/max(most(2), tiny(1.0_wp)))
 end subroutine look
 
 !> An iteration was done
@@ -266,7 +280,7 @@ subroutine iteration(self, it)
    end associate
 end subroutine iteration
 
-!> Keep a state
+!> Keep a state that is compared
 subroutine step(self, st, x)
    !> Receiver
    class(keeper_type), intent(inout) :: self
@@ -275,9 +289,10 @@ subroutine step(self, st, x)
    !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
 
-   associate (unused => st)
-   end associate
-   self%x = x
+   integer :: k
+
+   k = minloc(abs(self%load - st%load), dim=1)
+   if (abs(self%load(k) - st%load) < 1.0e-9_wp) self%x(:, k) = x
 end subroutine step
 
 !> Whether the caller wants to stop

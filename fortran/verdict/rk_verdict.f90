@@ -100,12 +100,12 @@ subroutine judge(self, problem, deck, model, with_companion, receiver, outcome)
       call judge_works(self, problem, outcome)
       call self%compare(outcome%imbalance, of_balance, 'the forces on all boundary ' &
          & //'sets do not balance: # of the largest is left')
-      if (problem%has_pressure()) call judge_volume(self, problem, outcome%last)
+      if (problem%has_pressure()) call judge_volume(self, problem, outcome%peak)
    end if
    outcome%warnings = outcome%warnings//self%reasons
    ! of which the run has warned on its way
    if (allocated(outcome%lost)) call self%object(doubtful, outcome%lost)
-   call new_bars(self%bars, problem, outcome%last, error)
+   call new_bars(self%bars, problem, outcome%load, outcome%x, error)
    if (allocated(error)) return
    if (problem%is_linear()) then
       call bars_by_solution(self%bars, problem)
@@ -115,7 +115,8 @@ subroutine judge(self, problem, deck, model, with_companion, receiver, outcome)
    if (.not. with_companion) then
       self%companion%why_not = 'no second solution was wanted'
    else
-      call solve_companion(self%companion, problem, outcome%last, deck, model, receiver)
+      call solve_companion(self%companion, problem, outcome%load, outcome%x, deck, model, &
+         & receiver)
    end if
    if (allocated(self%companion%why_not)) then
       call no_estimate(self, outcome)

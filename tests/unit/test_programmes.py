@@ -114,6 +114,19 @@ def test_a_body_that_is_let_go_returns_to_rest() -> None:
     assert np.abs(x).max() < 1e-7
 
 
+def test_a_programme_that_ends_at_rest_is_judged_by_its_way(tmp_path: Path) -> None:
+    deck = block(material=[{"name": "rubber", "model": "neo-hookean", "mu": 1.0, "K": 20.0}])
+    deck["geometry"] |= {"source": [4] * 3, "collocation": [5] * 3}
+    deck["amplitude"][0]["value"] = [0, 1, 1, 0]
+    summary = run_deck(deck, tmp_path)
+    assert summary["verdict"] == {"state": "accepted", "reasons": []}
+    bars = [step["probe_errors"]["pull"] for step in summary["steps"]]
+    pull = summary["steps"][0]["probes"]["pull"]
+    # each state has a bar of its own: held still the same one, at rest hardly any
+    assert 1e-3 * pull < bars[0] == pytest.approx(bars[1], rel=1e-6)
+    assert bars[2] < 1e-5 * pull
+
+
 def test_each_muscle_has_an_activation_of_its_own() -> None:
     common = block(load={"activation": 0.2, "amplitude": "pull"})
     own = block()

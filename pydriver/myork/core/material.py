@@ -14,7 +14,7 @@ from myork.core.deck import as_texts, table_defaults
 F64Array = NDArray[np.float64]
 
 #: Keys of a `[[material]]` table that place the material in a body
-_PLACING = {"label", "fiber", "fiber_angle"}
+_PLACING = {"label", "fiber", "fiber_angle", "activation", "amplitude"}
 
 
 class Material:

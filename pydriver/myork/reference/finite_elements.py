@@ -168,7 +168,14 @@ class _Body:
         self.dual = self._dual(material)
         self.field = self.fem.FieldsMixed(region, n=3, planestrain=plane, mesh=self.dual)
         self.law = _Law(deck["material"], material, plane)
-        self.activation = float(deck["load"]["activation"])
+        #: Activation of each material over the load
+        self.activations = [
+            (
+                float(table.get("activation") or deck["load"]["activation"]),
+                _amplitude(deck, table.get("amplitude") or deck["load"].get("amplitude")),
+            )
+            for table in deck["material"]
+        ]
         bulk = np.array([float(table["K"]) for table in deck["material"]])[material]
         bulk = np.broadcast_to(bulk, (region.quadrature.npoints, len(bulk)))
         material_law = self.fem.NearlyIncompressible(self.law, bulk)
@@ -177,10 +184,10 @@ class _Body:
         self.solid = self.fem.SolidBody(material_law, self.field)
         self.items = [self.solid]
         self.bounds: dict[str, Any] = {}
-        #: Conditions that grow with the load, and their full values
-        self.pulls: list[tuple[Any, Any]] = []
+        #: Conditions that change with the load, and their values at one
+        self.pulls: list[tuple[Any, Callable[[float], Any]]] = []
         for entry in deck["boundary"]:
-            self._hold(entry)
+            self._hold(entry, _amplitude(deck, entry.get("amplitude")))
 
     def _mesh(
         self, elements: Sequence[int], deck: Mapping[str, Any], labels: Labels | None
@@ -233,10 +240,10 @@ class _Body:
         wall = (low, high)[side][axis]
         return np.asarray(abs(self.place[:, axis] - wall) < _ON_FACE * (high - low)[axis])
 
-    def _hold(self, entry: Mapping[str, Any]) -> None:
+    def _hold(self, entry: Mapping[str, Any], amplitude: Callable[[float], float]) -> None:
         """Prescribed displacements and tractions of a set."""
         mask = self.on(entry["set"])
-        values: dict[int, float | F64Array] = {}
+        values: dict[int, Any] = {}
         for axis in range(self.dim):
             value = entry.get(f"u_{_AXES[axis]}")
             if value is not None:
@@ -244,6 +251,11 @@ class _Body:
         if entry.get("radial") is not None:
             direction = self.points[mask] / np.linalg.norm(self.points[mask], axis=1)[:, None]
             values = dict(enumerate((direction * float(entry["radial"])).T))
+        values = {axis: _in_proportion(amplitude, value) for axis, value in values.items()}
+        if entry.get("rotation") is not None:
+            values = {
+                axis: _moved(entry, self.points[mask], axis, amplitude) for axis in range(self.dim)
+            }
         for axis, value in values.items():
             skip = tuple(int(other != axis) for other in range(self.dim))
             bound = self.fem.Boundary(self.field[0], mask=mask, skip=skip)
@@ -255,7 +267,7 @@ class _Body:
                 force[:, axis] = 0.0
             load = self.fem.PointLoad(self.field, np.flatnonzero(mask), values=force)
             self.items.append(load)
-            self.pulls.append((load, force))
+            self.pulls.append((load, _in_proportion(amplitude, force)))
 
     def _areas(self, name: str, mask: NDArray[np.bool_]) -> F64Array:
         """Area of each node of a box's face: the integral of its shape function."""
@@ -296,10 +308,10 @@ class _Body:
         """Iterate to equilibrium at a load."""
         for bound, value in self.pulls:
             if isinstance(bound, self.fem.PointLoad):
-                bound.update(value * load)
+                bound.update(value(load))
             else:
-                bound.value = value * load
-        self.law.activation = self.activation * load
+                bound.value = value(load)
+        self.law.activations = [full * grown(load) for full, grown in self.activations]
         dof0, dof1 = self.fem.dof.partition(self.field, self.bounds)
         prescribed = self.fem.dof.apply(self.field, self.bounds, dof0)
         with np.errstate(all="ignore"):
@@ -322,6 +334,8 @@ class _Body:
         """Value of a probe of the deck."""
         quantity = probe["quantity"]
         kind, _, component = quantity.partition("_")
+        if kind == "torque":
+            return float(self._torque(probe)[_AXES.index(component)])
         if kind == "force":
             return float(self.forces()[self.on(probe["set"]), _AXES.index(component)].sum())
         place = np.asarray(probe["point"], float)
@@ -344,6 +358,15 @@ class _Body:
         if quantity == "J":
             return float(np.linalg.det(f))
         raise InputError(f"finite elements do not know the quantity {quantity!r}")
+
+    def _torque(self, probe: Mapping[str, Any]) -> F64Array:
+        """Moment of the forces on a set about a point, shape `(3,)` [force length]."""
+        on = self.on(probe["set"])
+        arm, force = np.zeros((2, int(on.sum()), 3))
+        arm[:, : self.dim] = (self.points + self.field[0].values)[on]
+        arm[:, : self.dim] -= np.asarray(probe["about"], float)
+        force[:, : self.dim] = self.forces()[on]
+        return np.asarray(np.cross(arm, force).sum(axis=0))
 
     def _stress(self, node: int) -> tuple[F64Array, F64Array, float]:
         """Cauchy stress, deformation gradient and pressure at a corner: means of its elements.
@@ -376,6 +399,50 @@ class _Body:
         return np.stack(signs, axis=-1).reshape(-1, self.dim)
 
 
+def _amplitude(deck: Mapping[str, Any], name: str | None) -> Callable[[float], float]:
+    """Factor over the load: the ramp, or the amplitude of a name."""
+    if not name:
+        return float
+    table = next(table for table in deck["amplitude"] if table["name"] == name)
+    time, value = np.asarray(table["time"], float), np.asarray(table["value"], float)
+
+    def at(load: float) -> float:
+        if table["curve"] == "smooth" and time[0] < load < time[-1]:
+            k = int(np.searchsorted(time, load, side="right")) - 1
+            s = (load - time[k]) / (time[k + 1] - time[k])
+            s = s**3 * (10.0 - s * (15.0 - 6.0 * s))
+            return float(value[k] + s * (value[k + 1] - value[k]))
+        return float(np.interp(load, time, value))
+
+    return at
+
+
+def _in_proportion(amplitude: Callable[[float], float], full: Any) -> Callable[[float], Any]:
+    """A value over the load."""
+    return lambda load: amplitude(load) * full
+
+
+def _moved(
+    entry: Mapping[str, Any], points: F64Array, axis: int, amplitude: Callable[[float], float]
+) -> Callable[[float], F64Array]:
+    """A component of a rigid motion's displacement over the load."""
+    normal = np.asarray(entry.get("axis") or (0.0, 0.0, 1.0), float)
+    normal /= np.linalg.norm(normal)
+    arm = np.zeros((len(points), 3))
+    arm[:, : points.shape[1]] = points - np.asarray(entry["about"], float)
+    across = np.cross(normal, arm)
+    inward = np.cross(normal, across)
+    shift = float(entry.get(f"u_{_AXES[axis]}") or 0.0)
+
+    def at(load: float) -> F64Array:
+        factor = amplitude(load)
+        angle = np.radians(float(entry["rotation"])) * factor
+        turned = np.sin(angle) * across + (1.0 - np.cos(angle)) * inward
+        return np.asarray(turned[:, axis] + factor * shift)
+
+    return at
+
+
 class _Law:
     """Isochoric parts of the deck's materials in the form that felupe calls."""
 
@@ -385,7 +452,7 @@ class _Law:
         self.materials = [Material.of_table(table) for table in tables]
         self.fibers = [_fiber(table, plane) for table in tables]
         self.material = material
-        self.activation = 0.0
+        self.activations = [0.0] * len(tables)
         #: Places evaluated at once: all, for labels tell elements apart by their place
         self.chunksize: int | None = None
         # felupe reads the shapes of the arguments and of the state variables from here
@@ -417,7 +484,7 @@ class _Law:
                 f,
                 np.zeros((len(f), 3, 3, 3)),
                 fiber=self.fibers[number],
-                activation=self.activation,
+                activation=self.activations[number],
                 volumetric=False,
             )
             stress[..., here == number] = np.moveaxis(found.stress, 0, -1).reshape(own.shape)
