@@ -8,6 +8,7 @@ program test_deck
    use rk_error, only : err_file, err_input, error_type
    use rk_json, only : json_type
    use rk_precision, only : i8, wp
+   use tap, only : check, finish
    implicit none
 
    character(len=*), parameter :: nl = new_line('a')
@@ -23,7 +24,6 @@ program test_deck
       & 'A10 = 3'//nl//'K = 1e3'//nl// &
       & '[[material]]'//nl//'name = "skin"'//nl//'label = 2'//nl//'model = "polynomial"'//nl// &
       & 'K = 5e3'//nl
-   integer :: ntest = 0, nfailed = 0
 
    call test_values
    call test_overrides
@@ -31,8 +31,7 @@ program test_deck
    call test_json_text
    call test_json_numbers
    call test_json_file
-   write (output_unit, '(a, i0)') '1..', ntest
-   if (nfailed > 0) error stop
+   call finish
 
 contains
 
@@ -218,19 +217,6 @@ subroutine test_json_file
    call check('and it says so', error%code == err_file .and. &
       & index(error%message, 'no/such/folder/test_deck.json: cannot be written: ') == 1)
 end subroutine test_json_file
-
-!> One line of TAP
-subroutine check(name, passed)
-   !> What is tested
-   character(len=*), intent(in) :: name
-   !> Whether it is so
-   logical, intent(in) :: passed
-
-   ntest = ntest + 1
-   if (.not. passed) nfailed = nfailed + 1
-   write (output_unit, '(2a, i0, 2a)') trim(merge('ok    ', 'not ok', passed)), ' ', ntest, &
-      & ' - ', name
-end subroutine check
 
 !> The last call must have failed in this way
 subroutine check_error(name, error, code, message)
