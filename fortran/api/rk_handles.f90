@@ -7,6 +7,7 @@ module rk_handles
    use rk_deck, only : deck_type
    use rk_discretisation, only : discretisation_type, free_discretisation
    use rk_error, only : error_type, fatal_error, err_input
+   use rk_galerkin, only : galerkin_problem
    use rk_precision, only : wp
    use rk_problem, only : problem_type
    use rk_recorder, only : iteration_type, recorder_type, step_type
@@ -17,7 +18,7 @@ module rk_handles
    implicit none
    private
 
-   public :: slot_type, states_type, open_slot, close_slot, find_slot
+   public :: slot_type, states_type, open_slot, close_slot, find_slot, find_galerkin
 
    !> Rows of the table
    integer, parameter :: rows = 64
@@ -119,6 +120,33 @@ subroutine find_slot(handle, slot, error)
    end if
    call fatal_error(error, err_input, 'this scene is closed')
 end subroutine find_slot
+
+!> Galerkin problem of a handle, of which a reduced model can be trained
+subroutine find_galerkin(handle, problem, error)
+   !> Handle
+   integer, intent(in) :: handle
+   !> Its problem
+   type(galerkin_problem), pointer, intent(out) :: problem
+   !> Error handling: a closed handle, another form, K = inf
+   type(error_type), allocatable, intent(out) :: error
+   type(slot_type), pointer :: slot
+
+   nullify (problem)
+   call find_slot(handle, slot, error)
+   if (allocated(error)) return
+   select type (full => slot%full)
+   type is (galerkin_problem)
+      if (full%multiplier%extra == 0) then
+         problem => full
+         return
+      end if
+      call fatal_error(error, err_input, 'a reduced model that is trained needs finite bulk ' &
+         & //'moduli; take K = 1e3 times the shear modulus instead of inf')
+   class default
+      call fatal_error(error, err_input, 'a reduced model that is trained is one of the Galerkin ' &
+         & //'forms: method "rkpm-gauss" or "rkpm-scni"')
+   end select
+end subroutine find_galerkin
 
 !> Count an iteration
 subroutine iteration(self, it)

@@ -50,6 +50,8 @@ module rk_mixture
       !> each tissue are parallel
       real(wp), allocatable :: fiber_gradient(:, :, :)
    contains
+      !> Tissues with their fractions and fibers
+      procedure :: parts
       !> Bulk modulus
       procedure :: bulk
       !> Bulk modulus of tissues that share one pressure
@@ -234,6 +236,26 @@ function fibered_points(scene, k) result(at)
    if (size(own) == 0) return
    at(other) = own(nearest_points(scene%cloud%points(:, own), scene%cloud%points(:, other)))
 end function fibered_points
+
+!> Tissues of a place with their fractions and fibers
+pure subroutine parts(self, ip, tissue, fraction, fiber)
+   !> Mixture
+   class(mixture_type), intent(in) :: self
+   !> Place
+   integer, intent(in) :: ip
+   !> Tissues, shape (k)
+   integer, allocatable, intent(out) :: tissue(:)
+   !> Their fractions, shape (k) [-]
+   real(wp), allocatable, intent(out) :: fraction(:)
+   !> Their fibers, zeros where there is none, shape (3, k) [-]
+   real(wp), allocatable, intent(out) :: fiber(:, :)
+
+   associate (first => self%first(ip) + 1, last => self%first(ip + 1))
+      tissue = self%tissue(first:last)
+      fraction = self%fraction(first:last)
+      fiber = self%fiber(:, first:last)
+   end associate
+end subroutine parts
 
 !> Activation of the tissue of an entry; tissues without fibers have none [-]
 pure real(wp) function activation_of(self, e, load)

@@ -15,6 +15,7 @@ os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 _HOME = {
     "MyorkError": "errors",
     "Results": "results",
+    "ReducedModel": "rom.model",
     "Scene": "core.scene",
     "__version__": "_version",
     "build": "stations.build",

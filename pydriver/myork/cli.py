@@ -7,6 +7,7 @@ is refused; 2 bad input; 3 a missing or broken part of the installation.
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import resource
 import shutil
@@ -20,7 +21,7 @@ from typing import Any
 
 import myork
 from myork.console import Console
-from myork.errors import MyorkError
+from myork.errors import ConvergenceError, InputError, MyorkError
 
 __all__ = ["main"]
 
@@ -28,6 +29,8 @@ _EXIT_STATUS = """\
 exit status: 0 done; 1 ended without convergence, the last state is written, or the answer is
 refused; 2 bad input; 3 a missing or broken part of the installation"""
 
+
+_ROM_COMMANDS = ("train", "solve", "map", "check")
 
 #: OpenBLAS does not end where its buffers are refused; `myork-solve` has the same limit
 _LEAST_BYTES = 800_000_000
@@ -46,7 +49,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     int
         Exit status.
     """
-    options = _parser().parse_args(arguments)
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    if words[:1] == ["rom"] and words[1:2] and words[1] in _ROM_COMMANDS:
+        # commands of a trained model stand beside `rom DECK`
+        words[:2] = [f"rom {words[1]}"]
+    options = _parser().parse_args(words)
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
     if limit != resource.RLIM_INFINITY and limit < _LEAST_BYTES:
         return _complain(
@@ -123,6 +130,84 @@ def _rom(options: argparse.Namespace) -> None:
     from myork.rom import run_rom
 
     print(f"reduced models in {_run(run_rom, options)}")
+
+
+def _rom_train(options: argparse.Namespace) -> None:
+    from myork.rom.model import ReducedModel
+
+    folder = options.out or Path("out", options.deck.stem)
+    path = options.output or folder / f"{options.deck.stem}.rom.h5"
+    with Console(options.verbosity) as console:
+        rom = ReducedModel.train(
+            options.deck,
+            options.vary,
+            tolerance=options.tolerance,
+            full_solves=options.full_solves,
+            tests=options.tests,
+            seed=options.seed,
+            out=folder,
+            overrides=_overrides(options),
+            threads=options.threads,
+            progress=console,
+        )
+    rom.save(path)
+    print(rom.describe())
+    print(f"reduced model: {path}")
+
+
+def _rom_solve(options: argparse.Namespace) -> None:
+    from myork.rom.model import ReducedModel
+
+    rom = ReducedModel.load(options.file, threads=1)
+    state = rom.state(_numbers(options.set))
+    if options.json:
+        print(json.dumps(state.as_dict()))
+    else:
+        for name, value in state.as_dict().items():
+            print(f"{name}: {value}")
+    if not state.converged:
+        raise ConvergenceError("the reduced model found no state for these parameters")
+
+
+def _rom_map(options: argparse.Namespace) -> None:
+    from myork.rom.map import map_model
+    from myork.rom.model import ReducedModel
+
+    out = options.out or Path("out", options.file.name.split(".")[0])
+    rom = ReducedModel.load(options.file, threads=options.threads or 0)
+    found = map_model(rom, options.vary, _numbers(options.set), out)
+    print(
+        f"{found['states']} states, {found['failed']} failed, {found['cpu_us_per_state']:.0f} us "
+        f"each: {out / 'map.csv'}, {out / 'map.png'}"
+    )
+
+
+def _rom_check(options: argparse.Namespace) -> None:
+    from myork.files import write_json
+    from myork.rom.check import compare
+    from myork.rom.model import ReducedModel
+
+    out = options.out or Path("out", options.file.name.split(".")[0])
+    out.mkdir(parents=True, exist_ok=True)
+    rom = ReducedModel.load(options.file, threads=options.threads or 0)
+    with Console(options.verbosity) as console:
+        found = compare(rom, rom.full_model(), options.points, options.seed, console)
+    write_json(out / "check.json", found)
+    rom.set_certificate(found)
+    print(rom.describe())
+    print(f"check: {out / 'check.json'}")
+
+
+def _numbers(items: Sequence[str]) -> dict[str, float]:
+    """Values of `--set KEY=VALUE` that are numbers."""
+    found = {}
+    for item in items:
+        key, _, value = item.partition("=")
+        try:
+            found[key.strip()] = float(value)
+        except ValueError:
+            raise InputError(f"--set {item}: a number is needed") from None
+    return found
 
 
 def _run(station: Callable[..., Any], options: argparse.Namespace, **more: Any) -> Path:
@@ -323,6 +408,7 @@ def _parser() -> argparse.ArgumentParser:
         "  myork rom inputs/muscle_block.toml\n"
         "  myork rom inputs/muscle_block.toml --set rom.modes=[1,2,10]",
     )
+    _add_rom_commands(add, add_deck)
     bench = add(
         "bench",
         _bench,
@@ -354,3 +440,76 @@ def _parser() -> argparse.ArgumentParser:
         "  myork explain inputs/muscle_block.toml",
     )
     return parser
+
+
+def _add_rom_commands(
+    add: Callable[..., argparse.ArgumentParser], add_deck: Callable[..., argparse.ArgumentParser]
+) -> None:
+    """Commands of reduced models that outlive their training."""
+
+    def vary(command: argparse.ArgumentParser, form: str, example: str) -> None:
+        command.add_argument(
+            "--vary",
+            action="append",
+            required=True,
+            metavar=f"KEY={form}",
+            help=f"parameter with its range, such as {example}; may be repeated",
+        )
+
+    train = add_deck(
+        "rom train",
+        _rom_train,
+        "train a reduced model of a deck that answers for any values of its parameters",
+        "  myork rom train inputs/muscle_block.toml --vary load.activation=0:1 \\\n"
+        "      --vary boundary.z1.u_z=-0.2:0.3 -o block.rom.h5",
+    )
+    vary(train, "LOW:HIGH", "load.activation=0:1")
+    train.add_argument("-o", "--output", type=Path, metavar="FILE", help="file of the model")
+    train.add_argument("--tolerance", type=float, default=1e-3, help="wanted relative error")
+    train.add_argument("--full-solves", type=int, default=60, metavar="N", help="full solves")
+    train.add_argument(
+        "--tests", type=int, default=16, metavar="N", help="further full solves as a test"
+    )
+    train.add_argument("--seed", type=int, default=0, metavar="S", help="start of random numbers")
+
+    def add_file(
+        name: str, run: Callable[[argparse.Namespace], None], what: str, examples: str
+    ) -> argparse.ArgumentParser:
+        command = add(name, run, what, examples, "folder of the results; default out/<model>")
+        command.add_argument("file", type=Path, metavar="FILE", help="reduced model (.rom.h5)")
+        return command
+
+    def values(command: argparse.ArgumentParser) -> None:
+        command.add_argument(
+            "--set",
+            type=_override,
+            action="append",
+            default=[],
+            metavar="KEY=VALUE",
+            help="value of a parameter, such as load.activation=0.4; may be repeated",
+        )
+
+    solve = add_file(
+        "rom solve",
+        _rom_solve,
+        "the state of a reduced model for values of its parameters",
+        "  myork rom solve block.rom.h5 --set load.activation=0.4 --set u_z=0.1 --json",
+    )
+    values(solve)
+    solve.add_argument("--json", action="store_true", help="print JSON")
+    grid = add_file(
+        "rom map",
+        _rom_map,
+        "a reduced model over a grid of its parameters: a table and a picture",
+        "  myork rom map block.rom.h5 --vary load.activation=0:1:50 --vary u_z=-0.2:0.3:50",
+    )
+    vary(grid, "LOW:HIGH:N", "load.activation=0:1:21")
+    values(grid)
+    check = add_file(
+        "rom check",
+        _rom_check,
+        "a reduced model against full solves at parameters that it was not trained on",
+        "  myork rom check block.rom.h5 --points 20 --out out/block",
+    )
+    check.add_argument("--points", type=_positive, default=20, metavar="N", help="full solves")
+    check.add_argument("--seed", type=int, default=1, metavar="S", help="start of random numbers")

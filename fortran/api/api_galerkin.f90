@@ -1,0 +1,246 @@
+!> Parts of a Galerkin problem, of which reduced models are made: integration points with their
+!> tissues and pressures, gradients of displacements, what loads prescribe. Sizes come first.
+
+!> Integration points, groups, surface points, tissues of all points together, tissues
+subroutine galerkin_sizes(handle, sizes, stat, message)
+   use rk_error, only : error_type
+   use rk_galerkin, only : galerkin_problem
+   use rk_handles, only : find_galerkin
+   use rk_pack, only : pack_error
+   use rk_precision, only : wp
+   implicit none
+   integer, intent(in) :: handle
+   integer, intent(out) :: sizes(5), stat
+   character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
+   type(galerkin_problem), pointer :: full
+   integer, allocatable :: tissue(:)
+   real(wp), allocatable :: fraction(:), fiber(:, :)
+   integer :: nc, q
+
+   sizes = 0
+   call find_galerkin(handle, full, error)
+   call pack_error(error, stat, message)
+   if (stat /= 0) return
+   nc = size(full%scene%cloud%points, 2)
+   sizes = [size(full%cells%weight), size(full%cells%first) - 1, size(full%cells%set), 0, &
+      & size(full%scene%tissue)]
+   do q = 1, sizes(1)
+      call full%mixture%parts(nc + q, tissue, fraction, fiber)
+      sizes(4) = sizes(4) + size(tissue)
+   end do
+end subroutine galerkin_sizes
+
+!> Boundary sets of the probes, 0 of those at points
+subroutine galerkin_probe_sets(handle, n, sets, stat, message)
+   use rk_error, only : error_type
+   use rk_galerkin, only : galerkin_problem
+   use rk_handles, only : find_galerkin
+   use rk_pack, only : pack_error
+   implicit none
+   integer, intent(in) :: handle, n
+   integer, intent(out) :: sets(n), stat
+   character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
+   type(galerkin_problem), pointer :: full
+   integer :: k
+
+   sets = 0
+   call find_galerkin(handle, full, error)
+   call pack_error(error, stat, message)
+   if (stat /= 0) return
+   do k = 1, min(n, size(full%scene%probe))
+      sets(k) = full%scene%probe(k)%set
+   end do
+end subroutine galerkin_probe_sets
+
+!> Volumes; points before each group; bulk moduli at points and of groups; number, values and
+!> integrals of the groups' polynomials; set, prescribed components and penalty of surface points
+subroutine galerkin_cells(handle, nd, np, ng, ms, weight, first, local_bulk, bulk, count, basis, &
+   & total, set, essential, penalty, stat, message)
+   use rk_error, only : error_type
+   use rk_galerkin, only : galerkin_problem
+   use rk_handles, only : find_galerkin
+   use rk_pack, only : pack_error
+   implicit none
+   integer, intent(in) :: handle, nd, np, ng, ms
+   double precision, intent(out) :: weight(np), local_bulk(np), bulk(ng), basis(nd + 1, np)
+   double precision, intent(out) :: total(nd + 1, ng), penalty(ms)
+   integer, intent(out) :: first(ng + 1), count(ng), set(ms), essential(nd, ms), stat
+   character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
+   type(galerkin_problem), pointer :: full
+   integer :: nc
+
+   weight = 0; local_bulk = 0; bulk = 0; basis = 0; total = 0; penalty = 0
+   first = 0; count = 0; set = 0; essential = 0
+   call find_galerkin(handle, full, error)
+   call pack_error(error, stat, message)
+   if (stat /= 0) return
+   nc = size(full%scene%cloud%points, 2)
+   weight = full%cells%weight
+   first = full%cells%first
+   local_bulk = full%local_bulk(nc + 1:)
+   bulk = full%bulk
+   count = full%pressure%count
+   basis = full%pressure%basis
+   total = full%pressure%total
+   set = full%cells%set
+   essential = merge(1, 0, full%surface%essential)
+   penalty = full%surface%penalty
+end subroutine galerkin_cells
+
+!> Tissues of the points: those before each point, tissue, fraction and fiber of each entry
+subroutine galerkin_tissues(handle, np, ne, first, tissue, fraction, fiber, stat, message)
+   use rk_error, only : error_type
+   use rk_galerkin, only : galerkin_problem
+   use rk_handles, only : find_galerkin
+   use rk_pack, only : pack_error
+   use rk_precision, only : wp
+   implicit none
+   integer, intent(in) :: handle, np, ne
+   double precision, intent(out) :: fraction(ne), fiber(3, ne)
+   integer, intent(out) :: first(np + 1), tissue(ne), stat
+   character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
+   type(galerkin_problem), pointer :: full
+   integer, allocatable :: of(:)
+   real(wp), allocatable :: part(:), along(:, :)
+   integer :: nc, q
+
+   first = 0; tissue = 0; fraction = 0; fiber = 0
+   call find_galerkin(handle, full, error)
+   call pack_error(error, stat, message)
+   if (stat /= 0) return
+   nc = size(full%scene%cloud%points, 2)
+   do q = 1, np
+      call full%mixture%parts(nc + q, of, part, along)
+      first(q + 1) = first(q) + size(of)
+      tissue(first(q) + 1:first(q + 1)) = of
+      fraction(first(q) + 1:first(q + 1)) = part
+      fiber(:, first(q) + 1:first(q + 1)) = along
+   end do
+end subroutine galerkin_tissues
+
+!> Displacement gradients u_i,A at the integration points, A running first, of displacements by
+!> their coefficients
+subroutine galerkin_gradients(handle, n, np, k, x, gradient, stat, message)
+   use rk_error, only : error_type
+   use rk_galerkin, only : galerkin_problem
+   use rk_handles, only : find_galerkin
+   use rk_pack, only : pack_error
+   use rk_precision, only : wp
+   implicit none
+   !f2py threadsafe
+   integer, intent(in) :: handle, n, np, k
+   double precision, intent(in) :: x(n, k)
+   double precision, intent(out) :: gradient(9, np, k)
+   integer, intent(out) :: stat
+   character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
+   type(galerkin_problem), pointer :: full
+   real(wp), allocatable :: u(:, :)
+   real(wp) :: h(3, 3)
+   integer :: g, j, nd, q
+
+   gradient = 0
+   call find_galerkin(handle, full, error)
+   call pack_error(error, stat, message)
+   if (stat /= 0) return
+   nd = full%gradient%nd
+   do g = 1, size(full%cells%first) - 1
+      associate (member => full%gradient%member%index(full%gradient%member%offset(g) + 1: &
+         & full%gradient%member%offset(g + 1)))
+         do j = 1, k
+            u = reshape(x(:, j), [nd, n/nd])
+            u = u(:, member)
+            do q = full%cells%first(g) + 1, full%cells%first(g + 1)
+               h = 0
+               call full%gradient%at(q, u, 0.0_wp, h(:nd, :nd))
+               gradient(:, q, j) = reshape(transpose(h), [9])
+            end do
+         end do
+      end associate
+   end do
+end subroutine galerkin_gradients
+
+!> What the scene prescribes at full load: displacements of surface points, forces of their
+!> tractions, gradients u_i,A that the displacements make, A running first, forces on the unknowns
+subroutine galerkin_loads(handle, nd, n, np, ms, value, push, given, force, stat, message)
+   use rk_error, only : error_type
+   use rk_galerkin, only : galerkin_problem
+   use rk_handles, only : find_galerkin
+   use rk_pack, only : pack_error
+   use rk_precision, only : wp
+   implicit none
+   integer, intent(in) :: handle, nd, n, np, ms
+   double precision, intent(out) :: value(nd, ms), push(nd, ms), given(9, np), force(n)
+   integer, intent(out) :: stat
+   character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
+   type(galerkin_problem), pointer :: full
+   real(wp) :: h(3, 3)
+   integer :: q
+
+   value = 0; push = 0; given = 0; force = 0
+   call find_galerkin(handle, full, error)
+   call pack_error(error, stat, message)
+   if (stat /= 0) return
+   value = full%surface%value
+   push = full%surface%traction*spread(full%surface%area, 1, nd)
+   force = full%force
+   do q = 1, np
+      h = 0
+      h(:nd, :nd) = full%gradient%given(:, :, q)
+      given(:, q) = reshape(transpose(h), [9])
+   end do
+end subroutine galerkin_loads
+
+!> What penalty and stabilisation make of displacements, and their product with the mass of density
+!> one
+subroutine galerkin_products(handle, n, k, x, stiff, mass, stat, message)
+   use rk_error, only : error_type
+   use rk_galerkin, only : galerkin_problem
+   use rk_handles, only : find_galerkin
+   use rk_pack, only : pack_error
+   use rk_precision, only : wp
+   implicit none
+   !f2py threadsafe
+   integer, intent(in) :: handle, n, k
+   double precision, intent(in) :: x(n, k)
+   double precision, intent(out) :: stiff(n, k), mass(n, k)
+   integer, intent(out) :: stat
+   character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
+   type(galerkin_problem), pointer :: full
+   real(wp), pointer, contiguous :: psi(:, :)
+   integer, pointer, contiguous :: nodes(:)
+   real(wp), allocatable :: u(:, :)
+   integer :: i, j, l, nd, q
+
+   stiff = 0; mass = 0
+   call find_galerkin(handle, full, error)
+   call pack_error(error, stat, message)
+   if (stat /= 0) return
+   nd = full%gradient%nd
+   do j = 1, k
+      call full%matrix%product(full%constant, x(:, j), stiff(:, j))
+   end do
+   allocate (u(nd, k))
+   do q = 1, size(full%cells%weight)
+      call full%inside%row(q, nodes, psi)
+      u = 0
+      do l = 1, size(nodes)
+         do i = 1, nd
+            u(i, :) = u(i, :) + psi(1, l)*x(nd*(nodes(l) - 1) + i, :)
+         end do
+      end do
+      do l = 1, size(nodes)
+         do i = 1, nd
+            associate (row => nd*(nodes(l) - 1) + i)
+               mass(row, :) = mass(row, :) + full%cells%weight(q)*psi(1, l)*u(i, :)
+            end associate
+         end do
+      end do
+   end do
+end subroutine galerkin_products

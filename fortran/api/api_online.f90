@@ -1,0 +1,110 @@
+!> Reduced models in real time: arrays of a model that Python holds, and its states.
+!>
+!> Sizes in this order: modes, all amplitudes, the same padded, cells, fibers of all cells,
+!> pieces of directions and entries of the volume, tissues. `law` holds lambda_o, gamma1, gamma2 and whether curves are smooth (1) of each tissue.
+
+!> States of a model, with forces by a second set of cells; a state is followed in `parts` from a
+!> known one, or for 0 parts found from the amplitudes given
+subroutine online_states(r, s, wide, nc, ne, kept, triples, nt, h, weight, local_bulk, a, first, tissue, fraction, &
+   & fiber, constant, volume, law, nq, nqe, all_h, all_weight, all_local, all_a, all_first, &
+   & all_tissue, all_fraction, all_fiber, n, activation, sigma_max, given, start, parts, &
+   & from_activation, from_sigma, from_given, tolerance, most_steps, threads, nf, wanted, z, &
+   & iterations, change, min_j, force)
+   use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
+   use omp_lib, only : omp_get_max_threads
+   use rk_cell_law, only : law_type
+   use rk_fiber, only : active_curve, passive_curve
+   use rk_online, only : find_forces, follow, new_work, online_model, prescribed_type, &
+      & solve_state, work_type
+   implicit none
+   !f2py threadsafe
+   integer, intent(in) :: r, s, wide, nc, ne, kept, triples, nt, nq, nqe, n, most_steps, threads
+   integer, intent(in) :: nf
+   double precision, intent(in), target :: h(wide, 9, nc), weight(nc), local_bulk(nc), a(9, nc)
+   integer, intent(in), target :: first(nc + 1), tissue(ne)
+   double precision, intent(in), target :: fraction(ne), fiber(3, ne), constant(s, s)
+   double precision, intent(in), target :: volume(8, triples, kept), law(4, nt)
+   double precision, intent(in), target :: all_h(wide, 9, nq), all_weight(nq), all_local(nq)
+   double precision, intent(in), target :: all_a(9, nq), all_fraction(nqe), all_fiber(3, nqe)
+   integer, intent(in), target :: all_first(nq + 1), all_tissue(nqe)
+   double precision, intent(in) :: activation(nt, n), sigma_max(nt, n), given(s - r, n)
+   double precision, intent(in) :: start(s, n), from_activation(nt, n), from_sigma(nt, n)
+   double precision, intent(in) :: from_given(s - r, n), tolerance
+   integer, intent(in) :: parts(n), wanted(nf)
+   double precision, intent(out) :: z(s, n), change(n), min_j(n), force(nf, n)
+   integer, intent(out) :: iterations(n)
+   type(law_type), target :: laws(nt)
+   type(online_model) :: model, whole
+   type(work_type) :: work, room
+   type(prescribed_type) :: known, wish
+   integer :: i, team
+
+   do i = 1, nt
+      laws(i) = law_type(law(1, i), active_curve(law(4, i) > 0.5d0), &
+         & passive_curve(law(4, i) > 0.5d0, law(2, i), law(3, i)))
+   end do
+   model = online_model(r, s, h, weight, local_bulk, a, first, tissue, fraction, fiber, laws, &
+      & constant, volume)
+   whole = online_model(r, s, all_h, all_weight, all_local, all_a, all_first, all_tissue, &
+      & all_fraction, all_fiber, laws, constant, volume)
+   z = start
+   force = ieee_value(1.0d0, ieee_quiet_nan)
+   team = threads
+   if (team == 0) team = omp_get_max_threads()
+   !$omp parallel default(shared) private(i, work, room, known, wish) num_threads(team)
+   call new_work(work, model)
+   if (nf > 0) call new_work(room, whole)
+   !$omp do schedule(dynamic, 8)
+   do i = 1, n
+      wish = prescribed_type(activation(:, i), sigma_max(:, i), given(:, i))
+      if (parts(i) > 0) then
+         known = prescribed_type(from_activation(:, i), from_sigma(:, i), from_given(:, i))
+         z(r + 1:, i) = known%given
+         call follow(model, work, known, wish, parts(i), tolerance, most_steps, z(:, i), &
+            & iterations(i), change(i))
+      else
+         call solve_state(model, work, wish, tolerance, most_steps, z(:, i), iterations(i), &
+            & change(i))
+      end if
+      min_j(i) = work%min_j
+      if (nf > 0 .and. iterations(i) > 0) call find_forces(whole, room, work, wish, z(:, i), &
+         & wanted, force(:, i))
+   end do
+   !$omp end do
+   !$omp end parallel
+end subroutine online_states
+
+!> Residual and tangent of one state, and the stresses times weights of its cells
+subroutine online_assemble(r, s, wide, nc, ne, kept, triples, nt, h, weight, local_bulk, a, first, tissue, &
+   & fraction, fiber, constant, volume, law, activation, sigma_max, z, residual, tangent, stress, &
+   & min_j)
+   use rk_cell_law, only : law_type
+   use rk_fiber, only : active_curve, passive_curve
+   use rk_online, only : assemble, new_work, online_model, prescribed_type, work_type
+   implicit none
+   !f2py threadsafe
+   integer, intent(in) :: r, s, wide, nc, ne, kept, triples, nt
+   double precision, intent(in), target :: h(wide, 9, nc), weight(nc), local_bulk(nc), a(9, nc)
+   integer, intent(in), target :: first(nc + 1), tissue(ne)
+   double precision, intent(in), target :: fraction(ne), fiber(3, ne), constant(s, s)
+   double precision, intent(in), target :: volume(8, triples, kept), law(4, nt)
+   double precision, intent(in) :: activation(nt), sigma_max(nt), z(s)
+   double precision, intent(out) :: residual(s), tangent(s, s), stress(9, nc), min_j
+   type(law_type), target :: laws(nt)
+   type(online_model) :: model
+   type(work_type) :: work
+   integer :: i
+
+   do i = 1, nt
+      laws(i) = law_type(law(1, i), active_curve(law(4, i) > 0.5d0), &
+         & passive_curve(law(4, i) > 0.5d0, law(2, i), law(3, i)))
+   end do
+   model = online_model(r, s, h, weight, local_bulk, a, first, tissue, fraction, fiber, laws, &
+      & constant, volume)
+   call new_work(work, model)
+   call assemble(model, work, z, prescribed_type(activation, sigma_max, z(r + 1:)), .true., .true.)
+   residual = work%residual
+   tangent = work%tangent
+   stress = work%f
+   min_j = work%min_j
+end subroutine online_assemble

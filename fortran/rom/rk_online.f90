@@ -1,0 +1,459 @@
+!> States of a Galerkin reduced model in microseconds: Newton's iteration in the amplitudes of
+!> modes, with few cells in place of all and the volume of the groups kept whole.
+!>
+!> Amplitudes z: those of the modes, unknown, then those of what is prescribed. At a cell
+!> F = 1 + sum z_k H_k. The energy has three parts:
+!>   - that of the cells, at a sample of them with weights of their own;
+!>   - K/2 times the squared changes of volume of the groups. Volume is cubic in F, so that these
+!>     are T[(1,z), (1,z), (1,z)] with a constant tensor: of no cell is one left out. Groups formed
+!>     from sampled cells alone give no solution at all;
+!>   - penalty and stabilisation, a constant matrix.
+!> Newton's pressures are linear in the step, as in the full problem (rk_pressure).
+!>
+!> A state needs no memory of its own and no library: states run side by side in threads.
+!>
+!> Reference: Farhat, Chapman, Avery, Int. J. Numer. Meth. Engng 102 (2015),
+!>            doi:10.1002/nme.4820 (cells with weights that keep the energy)
+module rk_online
+   use, intrinsic :: iso_c_binding, only : c_int
+   use rk_cell_law, only : cell_stress, cell_tangent, law_type
+   use rk_precision, only : wp
+   implicit none
+   private
+
+   public :: online_model, prescribed_type, work_type, new_work, assemble, solve_state, follow
+   public :: find_forces
+
+   !> A reduced model; arrays belong to the caller
+   type :: online_model
+      !> Modes; all amplitudes
+      integer :: r = 0, s = 0
+      !> Displacement gradients of the amplitudes at the cells, with zeros up to a multiple of 8
+      !> amplitudes, shape (padded, 9, nc) [1/length]
+      real(wp), pointer, contiguous :: h(:, :, :) => null()
+      !> Volume times weight of each cell, shape (nc) [length^nd]
+      real(wp), pointer, contiguous :: weight(:) => null()
+      !> Bulk modulus of each cell itself, shape (nc) [stress]
+      real(wp), pointer, contiguous :: local_bulk(:) => null()
+      !> Coefficients of the polynomial, shape (9, nc) [stress]
+      real(wp), pointer, contiguous :: a(:, :) => null()
+      !> Fibers of cell q are entries first(q)+1 .. first(q+1), shape (nc + 1)
+      integer, pointer, contiguous :: first(:) => null()
+      !> Their tissue, fraction and direction, shapes (ne), (ne), (3, ne)
+      integer, pointer, contiguous :: tissue(:) => null()
+      real(wp), pointer, contiguous :: fraction(:) => null(), fiber(:, :) => null()
+      !> Fibers of the tissues
+      type(law_type), pointer :: laws(:) => null()
+      !> Penalty and stabilisation, shape (s, s) [force/length]
+      real(wp), pointer, contiguous :: constant(:, :) => null()
+      !> Changes of volume, in roots of energy, in pieces of 8 directions: symmetric in three
+      !> indices 0..s, entries of l <= m <= n with l running first, shape (8, triples, pieces)
+      real(wp), pointer, contiguous :: volume(:, :, :) => null()
+   end type online_model
+
+   !> What a state is asked for
+   type :: prescribed_type
+      !> Activation and largest isometric stress of each tissue, shape (nt) [-], [stress]
+      real(wp), allocatable :: activation(:), sigma_max(:)
+      !> Prescribed amplitudes, shape (s - r)
+      real(wp), allocatable :: given(:)
+   end type prescribed_type
+
+   !> Room for one state at a time
+   type :: work_type
+      !> F, or stresses times weight, shape (9, nc)
+      real(wp), allocatable :: f(:, :)
+      !> Moduli of a block of cells, shape (9, 9, block), and the stresses of the amplitudes in it,
+      !> shape (padded, 9, block)
+      real(wp), allocatable :: moduli(:, :, :), image(:, :, :)
+      !> Amplitudes, their forces and stiffness with zeros up to the multiple of 8
+      real(wp), allocatable :: z(:), force(:), stiffness(:, :)
+      !> Residual, tangent, its factor, step
+      real(wp), allocatable :: residual(:), tangent(:, :), factor(:, :), step(:)
+      !> Volume: pairs of the form, changes, those that are linear in the step, their derivatives,
+      !> shapes (8, pairs), (8, pieces), (8, pieces), (8, s, pieces)
+      real(wp), allocatable :: pairs(:, :), y(:, :), along(:, :), dy(:, :, :)
+      !> Rows that the factor's pivots exchange
+      integer, allocatable :: pivot(:)
+      !> Smallest J
+      real(wp) :: min_j = 0.0_wp
+   end type work_type
+
+   interface
+      subroutine online_deform(rows, s, h, z, f) bind(c, name='rk_online_deform')
+         import :: c_int, wp
+         integer(c_int), value :: rows, s
+         real(wp), intent(in) :: h(*), z(*)
+         real(wp), intent(inout) :: f(*)
+      end subroutine online_deform
+
+      subroutine online_forces(rows, s, h, p, force) bind(c, name='rk_online_forces')
+         import :: c_int, wp
+         integer(c_int), value :: rows, s
+         real(wp), intent(in) :: h(*), p(*)
+         real(wp), intent(inout) :: force(*)
+      end subroutine online_forces
+
+      subroutine online_images(cells, s, c, h, image) bind(c, name='rk_online_images')
+         import :: c_int, wp
+         integer(c_int), value :: cells, s
+         real(wp), intent(in) :: c(*), h(*)
+         real(wp), intent(inout) :: image(*)
+      end subroutine online_images
+
+      subroutine online_stiffness(rows, s, h, image, a) bind(c, name='rk_online_stiffness')
+         import :: c_int, wp
+         integer(c_int), value :: rows, s
+         real(wp), intent(in) :: h(*), image(*)
+         real(wp), intent(inout) :: a(*)
+      end subroutine online_stiffness
+
+      subroutine online_volume(pieces, s, t, z, tangent, restart, along, y, dy, pair, force, &
+         & stiffness) bind(c, name='rk_online_volume')
+         import :: c_int, wp
+         integer(c_int), value :: pieces, s, tangent, restart
+         real(wp), intent(in) :: t(*), z(*)
+         real(wp), intent(inout) :: along(*), y(*), dy(*), pair(*), force(*), stiffness(*)
+      end subroutine online_volume
+   end interface
+
+   !> Cells whose stresses are summed at a time: they stay in the cache
+   integer, parameter :: block = 8
+   !> Fibers of a cell at most: one a tissue
+   integer, parameter :: most = 16
+   !> A step may take this share of the smallest J, and it stays above a floor [-]
+   real(wp), parameter :: j_share = 0.2_wp, j_floor = 0.02_wp
+
+contains
+
+!> Room for the states of a model
+subroutine new_work(self, model)
+   !> Room
+   type(work_type), intent(out) :: self
+   !> Model
+   type(online_model), intent(in) :: model
+   integer :: pieces, s, wide
+
+   s = model%s
+   wide = size(model%h, 1)
+   pieces = size(model%volume, 3)
+   allocate (self%f(9, size(model%weight)), self%moduli(9, 9, block), self%image(wide, 9, block))
+   allocate (self%z(wide), self%force(wide), self%stiffness(wide, wide))
+   allocate (self%residual(s), self%tangent(s, s))
+   allocate (self%factor(model%r, model%r), self%step(model%r), self%pivot(model%r))
+   allocate (self%pairs(8, (s + 1)*(s + 2)/2), self%y(8, pieces), self%along(8, pieces))
+   allocate (self%dy(8, s, pieces))
+end subroutine new_work
+
+!> Residual of all amplitudes and, where wanted, its derivatives
+subroutine assemble(model, work, z, condition, tangent, restart)
+   !> Model
+   type(online_model), intent(in) :: model
+   !> Room, of which residual, tangent and smallest J are set
+   type(work_type), intent(inout) :: work
+   !> Amplitudes, shape (s)
+   real(wp), intent(in) :: z(:)
+   !> What is asked for
+   type(prescribed_type), intent(in) :: condition
+   !> Derivatives as well
+   logical, intent(in) :: tangent
+   !> The pressures are those of this state; otherwise those that are linear in the last step
+   logical, intent(in) :: restart
+
+   real(wp) :: one(0:model%s)
+   integer :: k
+
+   call assemble_cells(model, work, z, condition, tangent)
+   work%residual = work%residual + matmul(model%constant, z)
+   one(0) = 1.0_wp
+   one(1:) = z
+   call online_volume(size(model%volume, 3), model%s, model%volume, one, merge(1, 0, tangent), &
+      & merge(1, 0, restart), work%along, work%y, work%dy, work%pairs, work%residual, work%tangent)
+   if (.not. tangent) return
+   do k = 1, model%s
+      work%tangent(:k, k) = work%tangent(:k, k) + model%constant(:k, k)
+      work%tangent(k, :k - 1) = work%tangent(:k - 1, k)
+   end do
+end subroutine assemble
+
+!> The part of the cells
+subroutine assemble_cells(model, work, z, condition, tangent)
+   !> Model
+   type(online_model), intent(in) :: model
+   !> Room
+   type(work_type), intent(inout) :: work
+   !> Amplitudes, shape (s)
+   real(wp), intent(in) :: z(:)
+   !> What is asked for
+   type(prescribed_type), intent(in) :: condition
+   !> Derivatives as well
+   logical, intent(in) :: tangent
+   real(wp) :: p(9), j, passive(most), active(most)
+   integer :: e, l, n, o, q, wide
+
+   wide = size(work%z)
+   work%z = 0.0_wp
+   work%z(:model%s) = z
+   work%f = 0.0_wp
+   work%f([1, 5, 9], :) = 1.0_wp
+   call online_deform(size(work%f), wide, model%h, work%z, work%f)
+   work%min_j = huge(1.0_wp)
+   work%force = 0.0_wp
+   if (tangent) work%stiffness = 0.0_wp
+   do o = 0, size(model%weight) - 1, block
+      n = min(block, size(model%weight) - o)
+      do q = o + 1, o + n
+         l = model%first(q + 1) - model%first(q)
+         associate (first => model%first(q) + 1, last => model%first(q + 1))
+            do e = 1, l
+               passive(e) = model%fraction(first - 1 + e)*condition%sigma_max(model%tissue(first &
+                  & - 1 + e))
+               active(e) = passive(e)*condition%activation(model%tissue(first - 1 + e))
+            end do
+            if (tangent) then
+               call cell_tangent(work%f(:, q), model%a(:, q), model%local_bulk(q), model%laws, &
+                  & model%tissue(first:last), model%fiber(:, first:last), passive(:l), &
+                  & active(:l), p, work%moduli(:, :, q - o), j)
+               work%moduli(:, :, q - o) = model%weight(q)*work%moduli(:, :, q - o)
+            else
+               call cell_stress(work%f(:, q), model%a(:, q), model%local_bulk(q), model%laws, &
+                  & model%tissue(first:last), model%fiber(:, first:last), passive(:l), &
+                  & active(:l), p, j)
+            end if
+         end associate
+         work%min_j = min(work%min_j, j)
+         work%f(:, q) = model%weight(q)*p
+      end do
+      call add_block(wide, o, n, size(model%weight), model%h, tangent, work%f, work%moduli, &
+         & work%image, work%force, work%stiffness)
+   end do
+   work%residual = work%force(:model%s)
+   if (.not. tangent) return
+   work%tangent = work%stiffness(:model%s, :model%s)
+end subroutine assemble_cells
+
+!> Add the work of a block of cells
+subroutine add_block(wide, o, n, cells, h, tangent, stress, moduli, image, force, stiffness)
+   !> Amplitudes with those of the padding; cells before the block, in it, and all
+   integer, intent(in) :: wide, o, n, cells
+   !> Displacement gradients of the amplitudes
+   real(wp), intent(in) :: h(wide, 9, cells)
+   !> Stiffness as well
+   logical, intent(in) :: tangent
+   !> Stresses times weights of all cells
+   real(wp), intent(in) :: stress(9, cells)
+   !> Moduli times weights of the block
+   real(wp), intent(in) :: moduli(9, 9, block)
+   !> Stresses of the amplitudes
+   real(wp), intent(inout) :: image(wide, 9, block)
+   !> Forces and stiffness of the amplitudes
+   real(wp), intent(inout) :: force(wide), stiffness(wide, wide)
+
+   call online_forces(9*n, wide, h(1, 1, o + 1), stress(1, o + 1), force)
+   if (.not. tangent) return
+   call online_images(n, wide, moduli, h(1, 1, o + 1), image)
+   call online_stiffness(9*n, wide, h(1, 1, o + 1), image, stiffness)
+end subroutine add_block
+
+!> Newton's iteration from the amplitudes given
+subroutine solve_state(model, work, condition, tolerance, most_steps, z, iterations, change)
+   !> Model
+   type(online_model), intent(in) :: model
+   !> Room; the factor of the last tangent stays in it
+   type(work_type), intent(inout) :: work
+   !> What is asked for
+   type(prescribed_type), intent(in) :: condition
+   !> Relative size of a step at which the iteration ends [-]
+   real(wp), intent(in) :: tolerance
+   !> Iterations at most
+   integer, intent(in) :: most_steps
+   !> Amplitudes, start and answer, shape (s)
+   real(wp), intent(inout) :: z(:)
+   !> Iterations; negative where it did not converge
+   integer, intent(out) :: iterations
+   !> Relative size of the last step [-]
+   real(wp), intent(out) :: change
+   real(wp) :: before(model%r), j_before
+   integer :: halvings, k
+   logical :: singular, restart
+
+   z(model%r + 1:) = condition%given
+   iterations = 0
+   change = huge(1.0_wp)
+   j_before = 1.0_wp
+   halvings = 0
+   restart = .true.
+   do
+      if (iterations >= most_steps) exit
+      iterations = iterations + 1
+      call assemble(model, work, z, condition, .true., restart)
+      if (.not. work%min_j > min(j_floor, j_share*j_before)) then
+         halvings = halvings + 1
+         if (iterations == 1 .or. halvings > 12) exit
+         work%step = 0.5_wp*work%step
+         z(:model%r) = before + work%step
+         restart = .true.
+         cycle
+      end if
+      j_before = work%min_j
+      work%factor = work%tangent(:model%r, :model%r)
+      work%step = -work%residual(:model%r)
+      call factorise(work%factor, work%pivot, singular)
+      if (singular) exit
+      call substitute(work%factor, work%pivot, work%step)
+      before = z(:model%r)
+      z(:model%r) = before + work%step
+      do k = 1, size(work%y, 2)
+         work%along(:, k) = work%y(:, k) + matmul(work%dy(:, :model%r, k), work%step)
+      end do
+      restart = .false.
+      change = norm2(work%step)/max(norm2(z(:model%r)), tiny(1.0_wp))
+      if (change < tolerance) return
+      if (.not. change < 1.0e6_wp) exit
+   end do
+   iterations = -iterations
+end subroutine solve_state
+
+!> Solve on the way from a known state, in equal parts, each with the tangent as predictor: a jump
+!> of what is prescribed under amplitudes of before would raise pressures without measure
+subroutine follow(model, work, known, condition, parts, tolerance, most_steps, z, iterations, change)
+   !> Model
+   type(online_model), intent(in) :: model
+   !> Room
+   type(work_type), intent(inout) :: work
+   !> What the known state was asked for, and what is asked for now
+   type(prescribed_type), intent(in) :: known, condition
+   !> Parts of the way
+   integer, intent(in) :: parts
+   !> Relative size of a step at which an iteration ends [-]
+   real(wp), intent(in) :: tolerance
+   !> Iterations of a part at most
+   integer, intent(in) :: most_steps
+   !> Amplitudes, of the known state and answer, shape (s)
+   real(wp), intent(inout) :: z(:)
+   !> Iterations; negative where one did not converge
+   integer, intent(out) :: iterations
+   !> Relative size of the last step [-]
+   real(wp), intent(out) :: change
+   type(prescribed_type) :: target
+   real(wp) :: share
+   logical :: singular
+   integer :: i, some
+
+   iterations = 0
+   change = huge(1.0_wp)
+   target = condition
+   do i = 1, parts
+      share = real(i, wp)/real(parts, wp)
+      target%activation = known%activation + share*(condition%activation - known%activation)
+      target%sigma_max = known%sigma_max + share*(condition%sigma_max - known%sigma_max)
+      target%given = known%given + share*(condition%given - known%given)
+      ! the residual under the new activation at the old place, and what moving it adds
+      call assemble(model, work, z, target, .true., .true.)
+      if (.not. work%min_j > 0.0_wp) then
+         iterations = -1 - iterations
+         return
+      end if
+      work%factor = work%tangent(:model%r, :model%r)
+      work%step = -work%residual(:model%r) - matmul(work%tangent(:model%r, model%r + 1:), &
+         & target%given - z(model%r + 1:))
+      call factorise(work%factor, work%pivot, singular)
+      if (singular) then
+         iterations = -1 - iterations
+         return
+      end if
+      call substitute(work%factor, work%pivot, work%step)
+      z(:model%r) = z(:model%r) + work%step
+      call solve_state(model, work, target, tolerance, most_steps, z, some, change)
+      iterations = iterations + abs(some) + 1
+      if (some < 0) then
+         iterations = -iterations
+         return
+      end if
+   end do
+end subroutine follow
+
+!> Forces that do work on the amplitudes wanted, stationary in those of the modes: an error of the
+!> modes' amplitudes enters squared
+subroutine find_forces(whole, room, work, condition, z, wanted, force)
+   !> Model with all its cells, or with a sample made for forces
+   type(online_model), intent(in) :: whole
+   !> Its room
+   type(work_type), intent(inout) :: room
+   !> Room of the iteration with its last tangent and factor
+   type(work_type), intent(in) :: work
+   !> What was asked for
+   type(prescribed_type), intent(in) :: condition
+   !> Amplitudes, shape (s)
+   real(wp), intent(in) :: z(:)
+   !> Amplitudes whose forces are wanted, shape (nf)
+   integer, intent(in) :: wanted(:)
+   !> Forces, shape (nf) [force]
+   real(wp), intent(out) :: force(:)
+   real(wp) :: c(whole%r)
+   integer :: i
+
+   call assemble(whole, room, z, condition, .false., .true.)
+   do i = 1, size(wanted)
+      c = work%tangent(:whole%r, wanted(i))
+      call substitute(work%factor, work%pivot, c)
+      force(i) = room%residual(wanted(i)) - dot_product(c, room%residual(:whole%r))
+   end do
+end subroutine find_forces
+
+!> Factors of a small dense matrix with row exchanges; no library, whose threads would cost more
+!> than the work
+pure subroutine factorise(a, pivot, singular)
+   !> Matrix, then its factors
+   real(wp), intent(inout) :: a(:, :)
+   !> Rows exchanged
+   integer, intent(out) :: pivot(:)
+   !> No pivot is left
+   logical, intent(out) :: singular
+   real(wp) :: row(size(a, 1))
+   integer :: i, k, p
+
+   singular = .true.
+   do k = 1, size(a, 1)
+      p = k - 1 + maxloc(abs(a(k:, k)), dim=1)
+      pivot(k) = p
+      if (.not. abs(a(p, k)) > 0.0_wp) return
+      if (p /= k) then
+         row = a(k, :)
+         a(k, :) = a(p, :)
+         a(p, :) = row
+      end if
+      a(k + 1:, k) = a(k + 1:, k)/a(k, k)
+      do i = k + 1, size(a, 1)
+         a(k + 1:, i) = a(k + 1:, i) - a(k + 1:, k)*a(k, i)
+      end do
+   end do
+   singular = .false.
+end subroutine factorise
+
+!> Solve with the factors
+pure subroutine substitute(a, pivot, x)
+   !> Factors
+   real(wp), intent(in) :: a(:, :)
+   !> Rows exchanged
+   integer, intent(in) :: pivot(:)
+   !> Right-hand side, then solution
+   real(wp), intent(inout) :: x(:)
+   real(wp) :: other
+   integer :: k
+
+   do k = 1, size(x)
+      other = x(k)
+      x(k) = x(pivot(k))
+      x(pivot(k)) = other
+   end do
+   do k = 1, size(x)
+      x(k + 1:) = x(k + 1:) - a(k + 1:, k)*x(k)
+   end do
+   do k = size(x), 1, -1
+      x(k) = x(k)/a(k, k)
+      x(:k - 1) = x(:k - 1) - a(:k - 1, k)*x(k)
+   end do
+end subroutine substitute
+
+end module rk_online

@@ -1,0 +1,153 @@
+"""Parts of a Galerkin problem in the compiled core, of which reduced models are made."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from myork import _core, errors
+from myork.core.scene import Scene
+
+__all__ = [
+    "GalerkinParts",
+    "LoadParts",
+    "galerkin_parts",
+    "load_parts",
+    "modal_gradients",
+    "modal_products",
+    "probe_sets",
+]
+
+F64Array = NDArray[np.float64]
+IntArray = NDArray[np.int32]
+
+
+class GalerkinParts(NamedTuple):
+    """What the Galerkin form integrates.
+
+    Attributes
+    ----------
+    weight, local_bulk : F64Array
+        Volume of the integration points and their own part of the bulk modulus, shape `(np,)`.
+    group : IntArray
+        Points before each group, shape `(groups + 1,)`.
+    bulk : F64Array
+        Bulk modulus on the projected volume of each group, shape `(groups,)` [stress].
+    polynomials : IntArray
+        Polynomials of each group.
+    basis, total : F64Array
+        Their values at the points and their integrals, shapes `(np, 1 + nd)`, `(groups, 1 + nd)`.
+    set : IntArray
+        Boundary set of the surface points, from 1.
+    essential : NDArray
+        Whether a component is prescribed there, shape `(ms, nd)`.
+    penalty : F64Array
+        Penalty times area of the surface points, shape `(ms,)` [force/length].
+    first, tissue : IntArray
+        Entries before each point, shape `(np + 1,)`, and the tissue of each, from 0.
+    fraction, fiber : F64Array
+        Fraction and fiber of the entries, shapes `(ne,)`, `(ne, 3)`.
+    """
+
+    weight: F64Array
+    local_bulk: F64Array
+    group: IntArray
+    bulk: F64Array
+    polynomials: IntArray
+    basis: F64Array
+    total: F64Array
+    set: IntArray
+    essential: NDArray[np.bool_]
+    penalty: F64Array
+    first: IntArray
+    tissue: IntArray
+    fraction: F64Array
+    fiber: F64Array
+
+
+class LoadParts(NamedTuple):
+    """What a scene prescribes at full load.
+
+    Attributes
+    ----------
+    value, push : F64Array
+        Prescribed displacements of the surface points and forces of their tractions, shape
+        `(ms, nd)`.
+    given : F64Array
+        Displacement gradients that the values make, index 3 i + A, shape `(np, 9)`.
+    force : F64Array
+        Forces on the unknowns, shape `(n,)`.
+    """
+
+    value: F64Array
+    push: F64Array
+    given: F64Array
+    force: F64Array
+
+
+def galerkin_parts(scene: Scene) -> GalerkinParts:
+    """Points, groups, surface and tissues of an open scene.
+
+    Raises
+    ------
+    InputError
+        The scene is of another form, or has an infinite bulk modulus.
+    """
+    points, groups, surface, entries, _ = _sizes(scene)
+    with scene._turn.short():
+        *cells, stat, message = _core.galerkin_cells(
+            scene._handle, scene.dimension, points, groups, surface
+        )
+        errors.check(stat, message)
+        *tissues, stat, message = _core.galerkin_tissues(scene._handle, points, entries)
+        errors.check(stat, message)
+    weight, group, local_bulk, bulk, count, basis, total, of, essential, penalty = cells
+    first, tissue, fraction, fiber = tissues
+    return GalerkinParts(
+        weight, local_bulk, group, bulk, count, basis.T, total.T, of, essential.T != 0, penalty,
+        first, tissue - 1, fraction, fiber.T,
+    )  # fmt: skip
+
+
+def load_parts(scene: Scene) -> LoadParts:
+    """What an open scene prescribes at full load."""
+    points, _, surface, _, _ = _sizes(scene)
+    with scene._turn.short():
+        value, push, given, force, stat, message = _core.galerkin_loads(
+            scene._handle, scene.dimension, scene.dofs, points, surface
+        )
+    errors.check(stat, message)
+    return LoadParts(value.T, push.T, given.T, force)
+
+
+def probe_sets(scene: Scene, probes: int) -> IntArray:
+    """Boundary sets of the probes, from 1; 0 of those at points."""
+    with scene._turn.short():
+        sets, stat, message = _core.galerkin_probe_sets(scene._handle, max(probes, 1))
+    errors.check(stat, message)
+    return np.asarray(sets[:probes])
+
+
+def modal_gradients(scene: Scene, modes: F64Array) -> F64Array:
+    """Displacement gradients of modes, shape `(n, r)`, at the points: `(np, 9, r)`."""
+    with scene._turn.short():
+        gradient, stat, message = _core.galerkin_gradients(scene._handle, _sizes(scene)[0], modes)
+    errors.check(stat, message)
+    return np.moveaxis(gradient, (0, 1, 2), (1, 0, 2))
+
+
+def modal_products(scene: Scene, modes: F64Array) -> tuple[F64Array, F64Array]:
+    """Products of modes, shape `(n, r)`, with penalty and stabilisation, and with the mass."""
+    with scene._turn.short():
+        stiff, mass, stat, message = _core.galerkin_products(scene._handle, modes)
+    errors.check(stat, message)
+    return stiff, mass
+
+
+def _sizes(scene: Scene) -> list[int]:
+    """Integration points, groups, surface points, entries of tissues, tissues."""
+    sizes, stat, message = _core.galerkin_sizes(scene._handle)
+    errors.check(stat, message)
+    return [int(size) for size in sizes]

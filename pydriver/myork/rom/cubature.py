@@ -1,0 +1,96 @@
+"""Few cells with weights in place of all: non-negative least squares on their work.
+
+Reference: Farhat, Chapman, Avery, Int. J. Numer. Meth. Engng 102 (2015), doi:10.1002/nme.4820
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Sketch", "few_cells"]
+
+F64Array = NDArray[np.float64]
+
+
+class Sketch:
+    """Contributions of all cells to many equations, kept as random sums of a fixed number.
+
+    The norm of a combination of cells is that of all equations within a few per cent, at a memory
+    that does not grow with them.
+
+    Parameters
+    ----------
+    cells : int
+        Number of cells.
+    rows : int
+        Sums to keep.
+    seed : int
+        Start of the random numbers.
+    """
+
+    def __init__(self, cells: int, rows: int, seed: int) -> None:
+        self._random = np.random.default_rng(seed)
+        self.rows = np.zeros((rows, cells))
+
+    def add(self, contribution: F64Array) -> None:
+        """Add equations, shape `(equations, cells)`, whose targets are their sums."""
+        mixed = self._random.standard_normal((len(self.rows), len(contribution)))
+        self.rows += mixed @ contribution / np.sqrt(len(self.rows))
+
+
+def few_cells(
+    rows: F64Array, tolerance: float, most: int
+) -> tuple[NDArray[np.int64], F64Array, float]:
+    """Cells and positive weights that keep the sums of rows.
+
+    Parameters
+    ----------
+    rows : F64Array
+        Contributions of the cells, shape `(equations, cells)`.
+    tolerance : float
+        Relative residual at which no cell is added any more.
+    most : int
+        Cells at most.
+
+    Returns
+    -------
+    cells : NDArray
+        Numbers of the cells, ascending.
+    weights : F64Array
+        Their weights, above zero, in the same order.
+    residual : float
+        Relative residual that is left.
+    """
+    target = rows.sum(axis=1)
+    size = np.linalg.norm(target)
+    length = np.maximum(np.linalg.norm(rows, axis=0), np.finfo(float).tiny)
+    kept: list[int] = []
+    weight = np.zeros(rows.shape[1])
+    left = target.copy()
+    while len(kept) < most and np.linalg.norm(left) > tolerance * size:
+        gain = rows.T @ left / length
+        gain[kept] = -1.0
+        best = int(np.argmax(gain))
+        if gain[best] <= 0.0:
+            break
+        kept.append(best)
+        while True:
+            trial = np.linalg.lstsq(rows[:, kept], target, rcond=None)[0]
+            if trial.min() > 0.0:
+                break
+            # as far as all weights stay positive; those that reach zero leave
+            old = weight[kept]
+            negative = trial <= 0.0
+            share = np.min(old[negative] / np.maximum(old[negative] - trial[negative], 1e-300))
+            between = old + share * (trial - old)
+            stay = between > 1e-12 * between.max()
+            if stay.all():
+                stay[int(np.argmin(between))] = False
+            weight[kept] = np.where(stay, between, 0.0)
+            kept = [cell for cell, stays in zip(kept, stay, strict=True) if stays]
+        weight[:] = 0.0
+        weight[kept] = trial
+        left = target - rows[:, kept] @ trial
+    cells = np.sort(np.array(kept, dtype=np.int64))
+    return cells, weight[cells], float(np.linalg.norm(left) / size)

@@ -1,0 +1,154 @@
+"""A reduced model over a grid of its parameters: a table and a picture."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from myork.errors import InputError
+from myork.files import whole_file, write_json, write_text
+from myork.rom.model import Batch, ReducedModel
+
+__all__ = ["map_model"]
+
+F64Array = NDArray[np.float64]
+
+#: States of one call: their arrays stay small
+_AT_ONCE = 20_000
+
+
+def map_model(
+    rom: ReducedModel, vary: Sequence[str], fixed: Mapping[str, float], out: Path
+) -> dict[str, Any]:
+    """Evaluate a model on a grid.
+
+    Parameters
+    ----------
+    rom : ReducedModel
+        Model.
+    vary : sequence of str
+        `KEY=LOW:HIGH:N` each.
+    fixed : mapping
+        Values of other parameters by key or short name; those without one are in the middle of
+        their range.
+    out : Path
+        Folder of `map.csv`, `map.json` and `map.png`.
+
+    Returns
+    -------
+    dict
+        What `map.json` holds: numbers of states, of failures, times.
+    """
+    keys = [p.key for p in rom.parameters]
+    axes = dict(_axis(rom, item) for item in vary)
+    values = {p.key: 0.5 * (p.low + p.high) for p in rom.parameters}
+    values |= {rom.key_of(name): float(value) for name, value in fixed.items()}
+    columns = [axes.get(key, np.array([values[key]])) for key in keys]
+    grid = np.stack([a.ravel() for a in np.meshgrid(*columns, indexing="ij")], axis=1)
+    start, cpu = time.perf_counter(), time.process_time()
+    pieces = [
+        rom.batch(grid[i : i + _AT_ONCE], indicator=True) for i in range(0, len(grid), _AT_ONCE)
+    ]
+    wall, cpu = time.perf_counter() - start, time.process_time() - cpu
+    probes = {name: np.concatenate([p.probes[name] for p in pieces]) for name in pieces[0].probes}
+    joined = Batch(
+        np.concatenate([p.force for p in pieces]),
+        probes,
+        *(np.concatenate([getattr(p, name) for p in pieces]) for name in Batch._fields[2:]),
+    )
+    summary = {
+        "states": len(grid),
+        "failed": int((~joined.converged).sum()),
+        "outside": int((~joined.inside).sum()),
+        "largest_indicator": float(np.nanmax(joined.indicator)),
+        "wall_s": wall,
+        "cpu_s": cpu,
+        "cpu_us_per_state": 1e6 * cpu / len(grid),
+        "vary": {key: [float(a[0]), float(a[-1]), len(a)] for key, a in axes.items()},
+        "fixed": {key: values[key] for key in keys if key not in axes},
+        "units": rom.units,
+    }
+    out.mkdir(parents=True, exist_ok=True)
+    write_text(out / "map.csv", _table(keys, grid, joined))
+    _draw(rom, list(axes), grid, joined, out / "map.png")
+    write_json(out / "map.json", summary)
+    return summary
+
+
+def _axis(rom: ReducedModel, item: str) -> tuple[str, F64Array]:
+    match = re.fullmatch(r"\s*([^=\s]+)\s*=\s*([^:]+):([^:]+):(\d+)\s*", item)
+    try:
+        assert match is not None and int(match[4]) >= 1
+        return rom.key_of(match[1]), np.linspace(float(match[2]), float(match[3]), int(match[4]))
+    except (AssertionError, ValueError):
+        raise InputError(
+            f"--vary {item}: KEY=LOW:HIGH:N is needed, as in load.activation=0:1:21"
+        ) from None
+
+
+def _table(keys: Sequence[str], grid: F64Array, batch: Batch) -> str:
+    columns: dict[str, NDArray[Any]] = {key: grid[:, j] for j, key in enumerate(keys)}
+    for name, value in batch.probes.items():
+        if value.ndim == 1:
+            columns[name] = value
+        else:
+            columns |= {f"{name}_{'xyz'[k]}": value[:, k] for k in range(value.shape[1])}
+    columns |= {
+        "indicator": batch.indicator,
+        "inside": batch.inside.astype(int),
+        "converged": batch.converged.astype(int),
+        "iterations": batch.iterations,
+    }
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(zip(*(value.tolist() for value in columns.values()), strict=True))
+    return text.getvalue()
+
+
+def _draw(rom: ReducedModel, axes: list[str], grid: F64Array, batch: Batch, path: Path) -> None:
+    """Force and estimated error over the first one or two keys, the others at their first value."""
+    from matplotlib.figure import Figure
+
+    keys = [p.key for p in rom.parameters]
+    shown = [key for key in axes if len(np.unique(grid[:, keys.index(key)])) > 1][:2]
+    if not shown:
+        return
+    rest = [j for j, key in enumerate(keys) if key not in shown]
+    on = np.all(grid[:, rest] == grid[0, rest], axis=1)
+    force = batch.force if batch.force.ndim == 1 else np.linalg.norm(batch.force, axis=1)
+    force = np.where(batch.converged, force, np.nan)
+    figure = Figure(figsize=(10, 4.2), layout="constrained")
+    label = f"force [{rom.units['force']}]"
+    x = grid[on][:, keys.index(shown[0])]
+    for axis, value, title in zip(
+        figure.subplots(1, 2),
+        (force[on], np.log10(np.maximum(batch.indicator[on], 1e-12))),
+        (label, "log10 of the estimated relative error"),
+        strict=True,
+    ):
+        axis.set_xlabel(shown[0])
+        if len(shown) == 1:
+            axis.plot(x, value)
+            axis.set_ylabel(title)
+            axis.grid(alpha=0.3)
+        else:
+            y = grid[on][:, keys.index(shown[1])]
+            shape = (len(np.unique(x)), len(np.unique(y)))
+            drawn = axis.contourf(
+                x.reshape(shape), y.reshape(shape), value.reshape(shape), levels=24
+            )
+            figure.colorbar(drawn, ax=axis, label=title)
+            axis.set_ylabel(shown[1])
+    fixed = ", ".join(f"{keys[j]} = {grid[0, j]:.4g}" for j in rest)
+    figure.suptitle(f"{rom.head['title']}{': ' + fixed if fixed else ''}")
+    with whole_file(path) as unfinished:
+        figure.savefig(unfinished, dpi=110, format="png")

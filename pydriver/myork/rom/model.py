@@ -1,0 +1,389 @@
+"""A trained reduced model: answers in a millisecond, each with its error."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from myork.errors import InputError
+from myork.rom.full import FullModel, full_model_of
+from myork.rom.online import MOST_STEPS, Answer, Conditions, Regression, Solver, conditions_of
+from myork.rom.parameters import Parameter, short_names
+from myork.rom.projection import Cells, Laws, Model
+from myork.rom.store import read_arrays, write_arrays
+
+__all__ = ["Batch", "ReducedModel", "ReducedState"]
+
+F64Array = NDArray[np.float64]
+
+
+class Batch(NamedTuple):
+    """Answers for many parameters.
+
+    Attributes
+    ----------
+    force : F64Array
+        The first force probe, shape `(n,)`, or `(n, 3)` where it is a vector.
+    probes : dict
+        Values of all probes that the model knows by name.
+    indicator : F64Array
+        Estimated relative error of the displacement; not a number where it was not asked for.
+    inside : NDArray
+        Whether the parameters lie in the range of the training.
+    converged : NDArray
+        Whether the state is a solution.
+    iterations : NDArray
+        Newton's iterations.
+    amplitudes : F64Array
+        Amplitudes of the modes, shape `(n, r)`.
+    """
+
+    force: F64Array
+    probes: dict[str, F64Array]
+    indicator: F64Array
+    inside: NDArray[np.bool_]
+    converged: NDArray[np.bool_]
+    iterations: NDArray[np.int64]
+    amplitudes: F64Array
+
+
+class ReducedState:
+    """Answer for one set of parameters.
+
+    Attributes
+    ----------
+    parameters : dict
+        Values by key.
+    force : float or list
+        The first force probe of the deck.
+    probes : dict
+        Values of all probes that the model knows by name.
+    indicator : float
+        Estimated relative error of the displacement.
+    inside, converged : bool
+        Whether the parameters lie in the range of the training; whether this is a solution.
+    iterations : int
+        Newton's iterations.
+    """
+
+    def __init__(self, parameters: dict[str, float], batch: Batch, shapes: F64Array) -> None:
+        def plain(value: Any) -> Any:
+            return value.tolist() if np.ndim(value) else float(value)
+
+        self.parameters = parameters
+        self.force = plain(batch.force[0])
+        self.probes = {name: plain(value[0]) for name, value in batch.probes.items()}
+        self.indicator = float(batch.indicator[0])
+        self.inside = bool(batch.inside[0])
+        self.converged = bool(batch.converged[0])
+        self.iterations = int(batch.iterations[0])
+        self._amplitudes = batch.amplitudes[0]
+        self._shapes = shapes
+
+    def u(self) -> F64Array:
+        """Displacement at the collocation points, shape `(npoint, 3)` [length]."""
+        return np.asarray(self._shapes @ self._amplitudes)
+
+    def as_dict(self) -> dict[str, Any]:
+        """What `myork rom solve --json` prints."""
+        names = ("parameters", "force", "probes", "indicator", "inside", "converged", "iterations")
+        return {name: getattr(self, name) for name in names}
+
+    def __repr__(self) -> str:
+        return "ReducedState(" + ", ".join(f"{k}={v}" for k, v in self.as_dict().items()) + ")"
+
+
+class ReducedModel:
+    """A reduced model that outlives its training.
+
+    `ReducedModel.train` makes one of a deck, `ReducedModel.load` reads one from a file; it needs
+    neither the deck nor an image afterwards.
+
+    Attributes
+    ----------
+    parameters : tuple of Parameter
+        Keys that may be chosen, with the ranges of the training.
+    certificate : dict
+        What was measured on states that the training did not see.
+    units : dict
+        Units of force and length.
+
+    Examples
+    --------
+    >>> from myork import ReducedModel
+    >>> rom = ReducedModel.load("muscle.rom.h5")  # doctest: +SKIP
+    >>> rom.solve(activation=0.4, u_z=0.2).force  # doctest: +SKIP
+    """
+
+    def __init__(self, arrays: Mapping[str, Any], threads: int = 0) -> None:
+        self._arrays = dict(arrays)
+        head = json.loads(arrays["head"])
+        self.head: dict[str, Any] = head
+        self.parameters = tuple(
+            Parameter(p[0], p[1], p[2], p[3], tuple(p[4])) for p in head["parameters"]
+        )
+        self.units: dict[str, str] = head["units"]
+        self.certificate: dict[str, Any] = head.get("certificate", {})
+        self._laws = Laws(*(np.asarray(arrays[f"laws/{name}"]) for name in Laws._fields))
+        loads = sum(p.kind == "load" for p in self.parameters)
+        self._loads = loads
+        self._extra = int(head["force_amplitudes"])
+        whole = _cells(arrays, "force")
+        r, m = int(head["modes"]), int(head["indicator_modes"])
+        self.modes = r
+        model = _model(arrays, "online", r)
+        finer = _model(arrays, "indicator", m)
+        wanted = np.asarray(arrays["wanted"], np.int64)
+        few = np.concatenate([np.arange(r), np.arange(m, whole.h.shape[2])])
+        self._solver = Solver(model, whole.modes(few), wanted + r, threads)
+        self._finer = Solver(finer, finer.cells, np.zeros(0, np.int64), threads)
+        self._points = np.asarray(arrays["training/parameters"])
+        self._amplitudes = np.asarray(arrays["training/amplitudes"])
+        scale = np.array([p.high - p.low for p in self.parameters])
+        forces = np.asarray(arrays["training/forces"])
+        self._scale = scale
+        self._regression = Regression(self._points, np.hstack([self._amplitudes, forces]), scale)
+
+    @classmethod
+    def train(
+        cls, deck: str | Path, parameters: Mapping[str, Any], **settings: Any
+    ) -> ReducedModel:
+        """Train a reduced model of a deck; see `myork.rom.train.train` for the settings.
+
+        Parameters
+        ----------
+        deck : str or Path
+            Deck file; its method is one of the Galerkin forms.
+        parameters : mapping
+            Ranges `(low, high)` by key: `load.activation`, `material.NAME.sigma_max`,
+            `boundary.SET.u_z`; the last word will do.
+        **settings
+            `tolerance`, `full_solves`, `seed`, `out`, `overrides`, `threads`, `progress`.
+        """
+        from myork.rom.train import train
+
+        return train(deck, parameters, **settings)
+
+    @classmethod
+    def load(cls, path: str | Path, threads: int = 0) -> ReducedModel:
+        """Read a model from its file.
+
+        Raises
+        ------
+        FileError
+            There is no such file, or it is damaged.
+        """
+        return cls(read_arrays(Path(path)), threads)
+
+    def save(self, path: str | Path) -> Path:
+        """Write the model to a file."""
+        path = Path(path)
+        self._arrays["head"] = json.dumps(self.head)
+        write_arrays(path, self._arrays)
+        return path
+
+    def set_certificate(self, certificate: dict[str, Any]) -> None:
+        """Keep what was measured on unseen states."""
+        self.certificate = self.head["certificate"] = certificate
+
+    def describe(self) -> str:
+        """What the model is and what was measured of it, a few lines."""
+        c = self.certificate
+        cells = self.head["cells"]
+        lines = [
+            f"{self.head['title']}: {self.modes} modes, {cells['kept']} of {cells['all']} cells",
+            *(f"  {p.key} from {p.low:g} to {p.high:g}" for p in self.parameters),
+        ]
+        if c:
+            u, force = c["u"], c["force"]
+            lines += [
+                f"{c['points']} unseen states, {c['failed']} failed:",
+                f"  displacement: error {u['median']:.1e} in the median, {u['max']:.1e} at most",
+                f"  force: error {force['median']:.1e} in the median, {force['max']:.1e} at most",
+                f"  estimated over true error: {c['indicator_ratio']['min']:.2f} to "
+                f"{c['indicator_ratio']['max']:.2f}",
+                f"  {c['cpu_us_per_state']:.0f} us a state, {c['full_cpu_s_per_state']:.2f} s a "
+                "full one (processor time)",
+            ]
+        if self.head["probes_left_out"]:
+            lines.append(f"probes left out: {', '.join(self.head['probes_left_out'])}")
+        return "\n".join(lines)
+
+    def solve(
+        self, *, indicator: bool = True, corrections: int | str = "converged", **values: float
+    ) -> ReducedState:
+        """The state of one set of parameters.
+
+        Parameters
+        ----------
+        indicator : bool
+            Estimate the error; it doubles the cost.
+        corrections : int or "converged"
+            Newton's iterations after the regression; 0 for the regression alone.
+        **values : float
+            Values by key or by the last word of a key; all parameters are needed.
+
+        Raises
+        ------
+        InputError
+            An unknown parameter, or one without a value.
+        """
+        return self.state(values, indicator=indicator, corrections=corrections)
+
+    def state(
+        self,
+        values: Mapping[str, float],
+        *,
+        indicator: bool = True,
+        corrections: int | str = "converged",
+    ) -> ReducedState:
+        """As `solve`, with the values in a mapping."""
+        named = self.values_of(values)
+        row = np.array([[named[p.key] for p in self.parameters]])
+        batch = self.batch(row, corrections=corrections, indicator=indicator)
+        return ReducedState(named, batch, np.asarray(self._arrays["shapes"]))
+
+    def batch(
+        self, values: F64Array, corrections: int | str = "converged", *, indicator: bool = False
+    ) -> Batch:
+        """States of many sets of parameters.
+
+        Parameters
+        ----------
+        values : F64Array
+            Values in the order of `parameters`, shape `(n, p)`.
+        corrections : int or "converged"
+            Newton's iterations after the regression; 0 for the regression alone.
+        indicator : bool
+            Estimate the errors; it doubles the cost.
+        """
+        values = np.atleast_2d(np.asarray(values, float))
+        if values.ndim != 2 or values.shape[1] != len(self.parameters):
+            raise InputError(
+                f"values must have shape (n, {len(self.parameters)}), not {values.shape}"
+            )
+        if not np.isfinite(values).all():
+            raise InputError("values must be finite numbers")
+        most = _iterations(corrections)
+        guess = self._regression(values)
+        start, forces = guess[:, : self.modes], guess[:, self._amplitudes.shape[1] :]
+        conditions = self.conditions(values)
+        if most == 0:
+            none = np.zeros(len(values), np.int64)
+            answer = Answer(start, forces, none, none == 0, np.full(len(values), np.nan))
+        else:
+            answer = self._solver.solve(
+                conditions, start, self.conditions(self._points),
+                self._amplitudes[:, : self.modes], self._nearest(values), most,
+            )  # fmt: skip
+            if most < MOST_STEPS:
+                answer = answer._replace(
+                    converged=np.asarray(np.isfinite(answer.amplitudes).all(axis=1))
+                )
+        error = np.full(len(values), np.nan)
+        if indicator:
+            error = self._indicate(conditions, answer)
+        probes = self._probes(values, answer)
+        names = [q["name"] for q in self.head["probes"] if q["quantity"].startswith("force")]
+        force = probes[names[0]] if names else np.full(len(values), np.nan)
+        low, high = (
+            np.array([getattr(p, end) for p in self.parameters]) for end in ("low", "high")
+        )
+        margin = 1e-9 * self._scale
+        within = (values >= low - margin) & (values <= high + margin)
+        inside = np.asarray(within.all(axis=1))
+        return Batch(
+            force, probes, error, inside, answer.converged, answer.iterations, answer.amplitudes
+        )
+
+    def key_of(self, name: str) -> str:
+        """Key of a parameter by its key or short name."""
+        names = short_names(self.parameters)
+        if name not in names:
+            keys = ", ".join(p.key for p in self.parameters)
+            raise InputError(f"{name}: not a parameter of this reduced model; it has {keys}")
+        return names[name]
+
+    def values_of(self, given: Mapping[str, float]) -> dict[str, float]:
+        """Values by key from values by key or short name."""
+        keys = [p.key for p in self.parameters]
+        named = {self.key_of(name): float(value) for name, value in given.items()}
+        missing = [key for key in keys if key not in named]
+        if missing:
+            raise InputError(f"a value is missing of {', '.join(missing)}")
+        return {key: named[key] for key in keys}
+
+    def conditions(self, values: F64Array) -> Conditions:
+        """Conditions of states by their parameters."""
+        return conditions_of(values, self.parameters, self._laws, self._loads, self._extra)
+
+    @property
+    def basis(self) -> F64Array:
+        """Modes, columns of unknowns of the full model, orthonormal by the mass."""
+        return np.asarray(self._arrays["basis"])
+
+    def full_model(self) -> FullModel:
+        """The full model that this one was made of."""
+        return full_model_of(self._arrays, self.head, self._solver.threads)
+
+    def _nearest(self, values: F64Array) -> NDArray[np.int64]:
+        from scipy.spatial import cKDTree
+
+        return np.asarray(cKDTree(self._points / self._scale).query(values / self._scale)[1])
+
+    def _indicate(self, conditions: Conditions, answer: Answer) -> F64Array:
+        """Size of a Newton step in more modes, relative."""
+        n, m = len(answer.amplitudes), self._finer.model.r
+        start = np.zeros((n, m))
+        start[:, : self.modes] = answer.amplitudes
+        finer = self._finer.newton(conditions, start, tolerance=np.inf, most=1)[0].amplitudes
+        size = np.linalg.norm(finer, axis=1)
+        return np.linalg.norm(finer - start, axis=1) / np.maximum(size, np.finfo(float).tiny)
+
+    def _probes(self, values: F64Array, answer: Answer) -> dict[str, F64Array]:
+        """Values of the probes: forces, with tractions added, and displacements."""
+        given = self.conditions(values).given
+        push = answer.force + given @ np.asarray(self._arrays["tractions"]).T
+        found = {}
+        for probe in self.head["probes"]:
+            if probe["quantity"].startswith("force"):
+                rows = probe["rows"]
+                value = push[:, rows]
+            else:
+                shapes = np.asarray(self._arrays[f"probes/{probe['name']}"])[:, : self.modes]
+                value = answer.amplitudes @ shapes.T
+            found[probe["name"]] = value[:, 0] if value.shape[1] == 1 else value
+        return found
+
+
+def _iterations(corrections: int | str) -> int:
+    if corrections == "converged":
+        return MOST_STEPS
+    if isinstance(corrections, int) and 0 <= corrections < MOST_STEPS:
+        return corrections
+    raise InputError(f'corrections must be 0, 1, 2 or "converged", not {corrections!r}')
+
+
+def _cells(arrays: Mapping[str, Any], name: str) -> Cells:
+    kinds = {"first": np.int32, "tissue": np.int32}
+    return Cells(
+        *(
+            np.asfortranarray(np.asarray(arrays[f"{name}/{key}"], kinds.get(key, float)))
+            for key in Cells._fields
+        )
+    )
+
+
+def _model(arrays: Mapping[str, Any], name: str, r: int) -> Model:
+    return Model(
+        r,
+        _cells(arrays, name),
+        np.asfortranarray(arrays[f"{name}/constant"]),
+        np.asfortranarray(arrays[f"{name}/volume"]),
+        np.asfortranarray(np.asarray(arrays["laws/fibers"]).T),
+    )

@@ -1,0 +1,195 @@
+"""States of a reduced model: start by regression, correct by Newton, fall back, tell the error."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from myork import _core
+from myork.rom.projection import Cells, Laws, Model, padded, triples
+
+__all__ = ["Answer", "Regression", "Solver"]
+
+F64Array = NDArray[np.float64]
+
+#: Newton's iteration ends at a relative step of this size: the next one would be its square
+TOLERANCE = 1e-5
+MOST_STEPS = 20
+#: Parts of the way from the nearest known state that are tried where the regression fails
+PARTS = (1, 2, 4, 8)
+
+
+class Answer(NamedTuple):
+    """States of many parameters.
+
+    Attributes
+    ----------
+    amplitudes : F64Array
+        Amplitudes of the modes, shape `(n, r)`.
+    force : F64Array
+        Forces that were asked for, shape `(n, nf)`.
+    iterations : NDArray
+        Newton's iterations, fallbacks included, shape `(n,)`.
+    converged : NDArray
+        Whether a state is a solution, shape `(n,)`.
+    min_j : F64Array
+        Smallest volume ratio of the cells that were evaluated, shape `(n,)`.
+    """
+
+    amplitudes: F64Array
+    force: F64Array
+    iterations: NDArray[np.int64]
+    converged: NDArray[np.bool_]
+    min_j: F64Array
+
+
+class Regression:
+    """Cubic radial functions of scaled parameters through the states of the training."""
+
+    def __init__(self, points: F64Array, values: F64Array, scale: F64Array) -> None:
+        from scipy.interpolate import RBFInterpolator
+
+        n, p = points.shape
+        degree = 2 if n > (p + 1) * (p + 2) else 1 if n > p + 1 else 0
+        self._scale = scale
+        self._function = RBFInterpolator(points / scale, values, kernel="cubic", degree=degree)
+
+    def __call__(self, points: F64Array) -> F64Array:
+        """Values at points, shape `(n, p)`."""
+        return np.asarray(self._function(np.atleast_2d(points) / self._scale))
+
+
+class Conditions(NamedTuple):
+    """What states are asked for, by rows: activation and sigma_max of the tissues, amplitudes."""
+
+    activation: F64Array
+    sigma_max: F64Array
+    given: F64Array
+
+    def columns(self) -> tuple[F64Array, F64Array, F64Array]:
+        """As the core takes them."""
+        return tuple(np.asfortranarray(a.T) for a in self)  # type: ignore[return-value]
+
+
+class Solver:
+    """A reduced model with known states to start from.
+
+    Parameters
+    ----------
+    model : Model
+        Cells that are evaluated in Newton's iteration.
+    whole : Cells
+        Cells by which forces are found.
+    wanted : sequence of int
+        Amplitudes, from 0, whose forces are wanted.
+    """
+
+    def __init__(self, model: Model, whole: Cells, wanted: NDArray[np.int64], threads: int) -> None:
+        self.model = model
+        self._cells = padded(model.cells)
+        self._whole = self._cells if whole is model.cells else padded(whole)
+        volume = model.volume
+        self._volume = triples(volume) if volume.ndim == 4 else volume
+        self.threads = threads
+        # the wrapper takes no empty arrays
+        self._wanted = np.asarray(wanted, np.int32) + 1 if len(wanted) else np.array([model.r + 1])
+        self._count = len(wanted)
+
+    def newton(
+        self,
+        conditions: Conditions,
+        start: F64Array,
+        known: Conditions | None = None,
+        parts: int = 0,
+        tolerance: float = TOLERANCE,
+        most: int = MOST_STEPS,
+    ) -> tuple[Answer, F64Array]:
+        """Newton's iteration from amplitudes, or on the way from known states in parts.
+
+        Returns
+        -------
+        answer : Answer
+            The states.
+        change : F64Array
+            Relative size of their last steps.
+        """
+        n, r = len(start), self.model.r
+        s = self.model.cells.h.shape[2]
+        begin = np.zeros((s, n), order="F")
+        begin[:r] = start.T
+        known = known or conditions
+        z, iterations, change, min_j, force = _core.online_states(
+            r, *self._cells, self.model.constant, self._volume, self.model.fibers,
+            *self._whole, *conditions.columns(), begin, np.full(n, parts, np.int32),
+            *known.columns(), tolerance, most, self.threads, self._wanted,
+        )  # fmt: skip
+        answer = Answer(z[:r].T, force[: self._count].T, np.abs(iterations), iterations > 0, min_j)
+        return answer, change
+
+    def solve(
+        self,
+        conditions: Conditions,
+        start: F64Array,
+        known: Conditions,
+        amplitudes: F64Array,
+        nearest: NDArray[np.int64],
+        most: int = MOST_STEPS,
+    ) -> Answer:
+        """States from a start; those that fail are followed from the nearest known ones."""
+        answer = self.newton(conditions, start, most=most)[0]
+        for parts in PARTS if most == MOST_STEPS else ():
+            failed = np.flatnonzero(~answer.converged)
+            if len(failed) == 0:
+                break
+            begin = Conditions(*(a[nearest[failed]] for a in known))
+            wish = Conditions(*(a[failed] for a in conditions))
+            again = self.newton(wish, amplitudes[nearest[failed]], begin, parts)[0]
+            for old, new in zip(answer, again, strict=True):
+                if old is not answer.iterations:
+                    old[failed] = new
+            answer.iterations[failed] += again.iterations
+        return answer
+
+
+def conditions_of(
+    values: F64Array,
+    kinds: Any,
+    laws: Laws,
+    columns: int,
+    extra: int,
+    share: F64Array | None = None,
+) -> Conditions:
+    """Conditions of states by the values of the parameters.
+
+    Parameters
+    ----------
+    values : F64Array
+        Values, shape `(n, p)`.
+    kinds : sequence of Parameter
+        Parameters.
+    laws : Laws
+        Materials of the deck.
+    columns : int
+        Load parameters.
+    extra : int
+        Amplitudes of forces, which are zero.
+    share : F64Array, optional
+        Part of what the deck prescribes beside the parameters; 1 by default.
+    """
+    n = len(values)
+    activation = np.tile(laws.activation, (n, 1))
+    sigma = np.tile(laws.sigma_max, (n, 1))
+    given = np.zeros((n, 1 + columns + extra))
+    given[:, 0] = 1.0 if share is None else share
+    if share is not None:
+        activation *= share[:, None]
+    load = 0
+    for j, parameter in enumerate(kinds):
+        if parameter.kind == "load":
+            load += 1
+            given[:, load] = values[:, j]
+        for tissue in parameter.tissues:
+            (activation if parameter.kind == "activation" else sigma)[:, tissue] = values[:, j]
+    return Conditions(activation, sigma, given)

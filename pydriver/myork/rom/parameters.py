@@ -1,0 +1,147 @@
+"""Parameters of a trained reduced model: keys of the deck with their ranges."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from myork.errors import InputError
+
+__all__ = ["Parameter", "as_parameters", "override", "parse_vary", "short_names", "spread_points"]
+
+F64Array = NDArray[np.float64]
+
+_POSSIBLE = (
+    "load.activation, material.NAME.sigma_max and prescribed values such as boundary.SET.u_z "
+    "are possible"
+)
+
+
+class Parameter(NamedTuple):
+    """A key of the deck that a reduced model leaves free.
+
+    Attributes
+    ----------
+    key : str
+        Key as in `--set`.
+    low, high : float
+        Range of the training.
+    kind : str
+        "activation", "sigma_max" or "load".
+    tissues : tuple of int
+        Materials that it changes, from 0; none for a load.
+    """
+
+    key: str
+    low: float
+    high: float
+    kind: str
+    tissues: tuple[int, ...]
+
+
+def parse_vary(items: Sequence[str]) -> dict[str, tuple[float, float]]:
+    """Ranges from texts `KEY=LOW:HIGH`."""
+    found: dict[str, tuple[float, float]] = {}
+    for item in items:
+        match = re.fullmatch(r"\s*([^=\s]+)\s*=\s*([^:]+):([^:]+)", item)
+        try:
+            assert match is not None
+            found[match[1]] = (float(match[2]), float(match[3]))
+        except (AssertionError, ValueError):
+            raise InputError(
+                f"--vary {item}: KEY=LOW:HIGH is needed, as in load.activation=0:1"
+            ) from None
+    return found
+
+
+def as_parameters(
+    ranges: Mapping[str, Sequence[float]], deck: Mapping[str, Any]
+) -> tuple[Parameter, ...]:
+    """Parameters of a deck by their ranges; short names become keys.
+
+    Raises
+    ------
+    InputError
+        A key that no reduced model can vary, or a range that is none.
+    """
+    if not ranges:
+        raise InputError("a reduced model needs parameters: name a key and its range")
+    found = []
+    for name, (low, high) in ranges.items():
+        if not (np.isfinite([low, high]).all() and low < high):
+            raise InputError(f"{name}: a range from {low} to {high} is none")
+        found.append(_resolved(name, float(low), float(high), deck))
+    keys = [parameter.key for parameter in found]
+    if len(set(keys)) < len(keys):
+        raise InputError(f"a parameter is named twice: {', '.join(keys)}")
+    return tuple(found)
+
+
+def short_names(parameters: Sequence[Parameter]) -> dict[str, str]:
+    """Keys by their short names: the last word, where it is that of one parameter only."""
+    last = [parameter.key.rsplit(".", 1)[-1] for parameter in parameters]
+    names = {parameter.key: parameter.key for parameter in parameters}
+    for word, parameter in zip(last, parameters, strict=True):
+        if last.count(word) == 1:
+            names[word] = parameter.key
+    return names
+
+
+def spread_points(parameters: Sequence[Parameter], count: int, seed: int) -> F64Array:
+    """Points that fill the range evenly (Sobol), shape `(count, p)`."""
+    from scipy.stats import qmc
+
+    low = np.array([p.low for p in parameters])
+    high = np.array([p.high for p in parameters])
+    power = int(np.ceil(np.log2(max(count, 2))))
+    points = qmc.Sobol(len(parameters), seed=seed).random_base2(power)[:count]
+    return np.asarray(low + points * (high - low))
+
+
+def override(parameter: Parameter, value: float) -> str:
+    """The parameter's value as an override of the deck."""
+    return f"{parameter.key}={float(value)!r}"
+
+
+def _resolved(name: str, low: float, high: float, deck: Mapping[str, Any]) -> Parameter:
+    materials = deck.get("material", [])
+    words = name.split(".")
+    if name in ("activation", "load.activation"):
+        muscles = tuple(i for i, m in enumerate(materials) if m["model"] == "muscle")
+        if not muscles:
+            raise InputError(f"{name}: no material of the deck is a muscle")
+        if low < 0 or high > 1:
+            raise InputError(f"{name}: activations lie between 0 and 1, not {low} and {high}")
+        return Parameter("load.activation", low, high, "activation", muscles)
+    if words[-1] == "sigma_max" and (words[0] == "material" or len(words) == 1):
+        named = [i for i, m in enumerate(materials) if m["model"] == "muscle"]
+        if len(words) == 3:
+            named = [i for i in named if words[1] in (materials[i]["name"], str(i + 1))]
+        if len(named) != 1:
+            raise InputError(
+                f"{name}: name one muscle of the deck, as material.NAME.sigma_max: "
+                + ", ".join(m["name"] for m in materials)
+            )
+        if low <= 0:
+            raise InputError(f"{name}: sigma_max must be above 0, not {low}")
+        key = f"material.{materials[named[0]]['name']}.sigma_max"
+        return Parameter(key, low, high, "sigma_max", (named[0],))
+    if words[0] == "boundary" and words[-1] in ("u_x", "u_y", "u_z", "radial"):
+        entries = deck.get("boundary", [])
+        own = [b for i, b in enumerate(entries) if words[1] in (b["set"], str(i + 1))]
+        if len(words) != 3 or len(own) != 1 or words[-1] not in own[0]:
+            raise InputError(
+                f"{name}: the deck prescribes no such value; it has "
+                + ", ".join(
+                    f"boundary.{b['set']}.{u}"
+                    for b in entries
+                    for u in ("u_x", "u_y", "u_z", "radial")
+                    if u in b
+                )
+            )
+        return Parameter(f"boundary.{own[0]['set']}.{words[-1]}", low, high, "load", ())
+    raise InputError(f"{name}: a reduced model cannot vary it; {_POSSIBLE}")

@@ -1,0 +1,338 @@
+"""From modes and an open scene to the arrays of a reduced model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from myork import _core
+from myork.core.galerkin import GalerkinParts, LoadParts, modal_gradients, modal_products
+from myork.core.scene import Scene
+
+__all__ = ["Cells", "Columns", "Laws", "Model", "assemble", "project", "tissue_laws"]
+
+F64Array = NDArray[np.float64]
+IntArray = NDArray[np.int32]
+
+#: Coefficients of the polynomial in the order of the core
+COEFFICIENTS = ("A10", "A01", "A20", "A11", "A02", "A30", "A21", "A12", "A03")
+#: Unit tensor as F is stored
+_UNIT = np.eye(3).ravel()
+
+
+class Laws(NamedTuple):
+    """Materials of the tissues as the reduced model has them.
+
+    Attributes
+    ----------
+    coefficients : F64Array
+        `COEFFICIENTS` of each, shape `(nt, 9)` [stress].
+    fibers : F64Array
+        lambda_o, gamma1, gamma2 and whether the curves are smooth, shape `(nt, 4)`.
+    fibered : NDArray
+        Whether a tissue has fibers, shape `(nt,)`.
+    sigma_max, activation : F64Array
+        Largest isometric stress and activation of the deck, shape `(nt,)`.
+    """
+
+    coefficients: F64Array
+    fibers: F64Array
+    fibered: NDArray[np.bool_]
+    sigma_max: F64Array
+    activation: F64Array
+
+
+class Columns(NamedTuple):
+    """Amplitudes beside the modes: what is prescribed, and what forces are wanted of.
+
+    Attributes
+    ----------
+    given : F64Array
+        Displacement gradients at the integration points, shape `(np, 9, m)`.
+    force : F64Array
+        Forces on the unknowns, shape `(n, m)`.
+    value : F64Array
+        Prescribed displacements of the surface points, shape `(ms, nd, m)`.
+    """
+
+    given: F64Array
+    force: F64Array
+    value: F64Array
+
+
+class Cells(NamedTuple):
+    """Cells of a reduced model, all of them or a sample; arrays as the core takes them.
+
+    Attributes
+    ----------
+    h : F64Array
+        Displacement gradients of the amplitudes, shape `(9, nc, s)`.
+    weight, local_bulk : F64Array
+        Volume times weight, bulk modulus of the cell itself.
+    a : F64Array
+        Coefficients of the polynomial, shape `(9, nc)`.
+    first, tissue : IntArray
+        Fibers before each cell, and the tissue of each, from 1.
+    fraction, fiber : F64Array
+        Their fraction and direction, shapes `(ne,)`, `(3, ne)`.
+    """
+
+    h: F64Array
+    weight: F64Array
+    local_bulk: F64Array
+    a: F64Array
+    first: IntArray
+    tissue: IntArray
+    fraction: F64Array
+    fiber: F64Array
+
+    def sample(self, kept: NDArray[np.int64], factor: F64Array) -> Cells:
+        """Some of the cells, their weights times factors."""
+        counts = np.diff(self.first)[kept]
+        entries = np.concatenate(
+            [np.arange(self.first[q], self.first[q + 1]) for q in kept] or [np.zeros(0, int)]
+        )
+        if len(entries) == 0:
+            entries = np.zeros(1, int)
+        return Cells(
+            np.asfortranarray(self.h[:, kept]),
+            self.weight[kept] * factor,
+            self.local_bulk[kept],
+            np.asfortranarray(self.a[:, kept]),
+            np.concatenate([[0], np.cumsum(counts)]).astype(np.int32),
+            self.tissue[entries],
+            self.fraction[entries],
+            np.asfortranarray(self.fiber[:, entries]),
+        )
+
+    def modes(self, kept: NDArray[np.int64]) -> Cells:
+        """The same cells with some of the amplitudes."""
+        return self._replace(h=np.asfortranarray(self.h[:, :, kept]))
+
+
+class Model(NamedTuple):
+    """What the core needs of a reduced model.
+
+    Attributes
+    ----------
+    r : int
+        Number of modes; the other amplitudes are prescribed.
+    cells : Cells
+        Cells that are evaluated.
+    constant : F64Array
+        Penalty and stabilisation, shape `(s, s)`.
+    volume : F64Array
+        Changes of volume as a cubic form, shape `(s + 1, s + 1, s + 1, kept)`; entries whose
+        indices rise count.
+    fibers : F64Array
+        As in `Laws`, shape `(4, nt)`.
+    """
+
+    r: int
+    cells: Cells
+    constant: F64Array
+    volume: F64Array
+    fibers: F64Array
+
+
+def tissue_laws(deck: Mapping[str, Any]) -> Laws:
+    """Materials of a deck as polynomials with fibers."""
+    materials = deck["material"]
+    named = {
+        "neo-hookean": lambda m: {"A10": 0.5 * m["mu"]},
+        "mooney-rivlin": lambda m: {"A10": m["C1"], "A01": m["C2"]},
+        "yeoh": lambda m: {"A10": m["C1"], "A20": m["C2"], "A30": m["C3"]},
+    }
+    polynomials = [named.get(m["model"], lambda m: m)(m) for m in materials]
+    muscle = np.array([m["model"] == "muscle" for m in materials])
+    fiber = ({"lambda_o": 1.0, "gamma1": 0.05, "gamma2": 6.6, "sigma_max": 0.0, "curve": "smooth"},)
+    full = [{**fiber[0], **m} for m in materials]
+    sigma = np.array([m["sigma_max"] if muscle[i] else 0.0 for i, m in enumerate(full)], float)
+    active = [m.get("activation", deck["load"]["activation"]) for m in materials]
+    return Laws(
+        np.array([[p.get(name, 0.0) for name in COEFFICIENTS] for p in polynomials], float),
+        np.array(
+            [[m["lambda_o"], m["gamma1"], m["gamma2"], m["curve"] == "smooth"] for m in full], float
+        ),
+        muscle,
+        sigma,
+        np.where(muscle, np.array(active, float), 0.0),
+    )
+
+
+def all_cells(parts: GalerkinParts, laws: Laws, h: F64Array) -> Cells:
+    """All integration points as cells."""
+    points = len(parts.weight)
+    owner = np.repeat(np.arange(points), np.diff(parts.first))
+    share = sparse.csr_matrix(
+        (parts.fraction, (owner, parts.tissue)), shape=(points, len(laws.fibered))
+    )
+    fibered = laws.fibered[parts.tissue] & (np.abs(parts.fiber).max(axis=1) > 0)
+    counts = np.bincount(owner[fibered], minlength=points)
+    entries = np.flatnonzero(fibered) if fibered.any() else np.zeros(1, int)
+    return Cells(
+        np.asfortranarray(np.moveaxis(h, (0, 1, 2), (1, 0, 2))),
+        parts.weight,
+        parts.local_bulk,
+        np.asfortranarray((share @ laws.coefficients).T),
+        np.concatenate([[0], np.cumsum(counts)]).astype(np.int32),
+        parts.tissue[entries] + 1,
+        parts.fraction[entries],
+        np.asfortranarray(parts.fiber[entries].T),
+    )
+
+
+def project(
+    scene: Scene, parts: GalerkinParts, laws: Laws, modes: F64Array, columns: Columns
+) -> tuple[Model, sparse.csr_matrix, F64Array]:
+    """The reduced model with all its cells, but without its volume.
+
+    Returns
+    -------
+    model : Model
+        With an empty `volume`.
+    rows, total : sparse matrix, F64Array
+        Change of volume of the groups from J at the points: `rows @ J - total`, in roots of energy.
+    """
+    r = modes.shape[1]
+    s = r + columns.force.shape[1]
+    h = np.concatenate([modal_gradients(scene, modes), columns.given], axis=2)
+    stiff = modal_products(scene, modes)[0]
+    side = -(modes.T @ columns.force)
+    penalty = parts.penalty[:, None] * parts.essential
+    corner = np.einsum("si,sil,sim->lm", penalty, columns.value, columns.value)
+    constant = np.block([[modes.T @ stiff, side], [side.T, corner]])
+    constant = 0.5 * (constant + constant.T)
+    cells = all_cells(parts, laws, h)
+    model = Model(
+        r,
+        cells,
+        np.asfortranarray(constant),
+        np.zeros((s + 1, s + 1, s + 1, 0)),
+        np.asfortranarray(laws.fibers.T),
+    )
+    rows, total = _volume_rows(parts)
+    return model, rows, total
+
+
+def with_volume(
+    model: Model, rows: sparse.csr_matrix, total: F64Array, basis: F64Array | None
+) -> Model:
+    """Add the cubic form of the volume, of all groups or of the directions in `basis`."""
+    projected = rows.toarray() if basis is None else basis.T @ rows
+    total = total if basis is None else basis.T @ total
+    projected = np.ascontiguousarray(projected)
+    s = model.cells.h.shape[2]
+    points = model.cells.h.shape[1]
+    z = np.empty((s + 1, points, 3, 3))
+    z[0] = np.eye(3)
+    z[1:] = np.moveaxis(model.cells.h, (0, 1, 2), (2, 1, 0)).reshape(s, points, 3, 3)
+    flat = z.reshape(s + 1, points, 9)
+    volume = np.empty((s + 1, s + 1, s + 1, len(projected)))
+    for m in range(s + 1):
+        for k in range(m + 1):
+            cross = _cross(z[k], z[m]).reshape(points, 9)
+            form = np.einsum("qk,nqk->nq", cross, flat[m:], optimize=True) / 6.0
+            volume[k, m, m:] = form @ projected.T
+    volume[0, 0, 0] -= total
+    return model._replace(volume=volume)
+
+
+def volume_directions(
+    cells: Cells, r: int, rows: sparse.csr_matrix, total: F64Array, states: F64Array, kept: int
+) -> F64Array | None:
+    """Directions in which volume changes along states, shape `(s, n)`; None where all are kept."""
+    if kept >= rows.shape[0]:
+        return None
+    found = []
+    h = cells.h.reshape(-1, cells.h.shape[2], order="F")
+    modes = np.moveaxis(cells.h[:, :, :r], 0, 1)
+    for z in states.T:
+        f = (h @ z).reshape(-1, 9) + _UNIT
+        cofactor = _cofactor(f)
+        # dy/da, and y itself
+        found.append(rows @ np.einsum("qk,qkm->qm", cofactor, modes))
+        found.append((rows @ ((cofactor * f).sum(axis=1) / 3.0) - total)[:, None])
+    left: F64Array = np.linalg.svd(np.hstack(found), full_matrices=False)[0]
+    return left[:, :kept]
+
+
+def assemble(
+    model: Model, activation: F64Array, sigma_max: F64Array, z: F64Array
+) -> tuple[F64Array, F64Array, F64Array, float]:
+    """Residual and tangent by all amplitudes, stresses times weights `(nc, 9)`, and smallest J."""
+    residual, tangent, stress, min_j = _core.online_assemble(
+        model.r, *padded(model.cells), model.constant, triples(model.volume), model.fibers,
+        activation, sigma_max, z,
+    )  # fmt: skip
+    return residual, tangent, stress.T, float(min_j)
+
+
+def padded(cells: Cells) -> Cells:
+    """Cells as the core takes them: amplitudes first, with zeros up to a multiple of eight."""
+    s = cells.h.shape[2]
+    wide = np.zeros((8 * (-(-s // 8)), 9, cells.h.shape[1]), order="F")
+    wide[:s] = np.moveaxis(cells.h, 2, 0)
+    return cells._replace(h=wide)
+
+
+def triples(volume: F64Array) -> F64Array:
+    """Entries of the cubic form as the core takes them, shape `(8, triples, pieces)`."""
+    n, m, k = np.array(
+        [(n, m, k) for n in range(len(volume)) for m in range(n + 1) for k in range(m + 1)]
+    ).T
+    kept = volume.shape[3]
+    wide = np.zeros((len(n), 8 * max(1, -(-kept // 8))))
+    wide[:, :kept] = volume[k, m, n]
+    return np.asfortranarray(np.moveaxis(wide.reshape(len(n), -1, 8), (0, 1, 2), (1, 2, 0)))
+
+
+def columns_of(loads: Sequence[LoadParts]) -> Columns:
+    """Columns of several loads."""
+    return Columns(
+        np.stack([load.given for load in loads], axis=2),
+        np.stack([load.force for load in loads], axis=1),
+        np.stack([load.value for load in loads], axis=2),
+    )
+
+
+def _volume_rows(parts: GalerkinParts) -> tuple[sparse.csr_matrix, F64Array]:
+    row, column, value = [], [], []
+    total: list[float] = []
+    for g, count in enumerate(parts.polynomials):
+        points = np.arange(parts.group[g], parts.group[g + 1])
+        root = np.sqrt(parts.bulk[g])
+        for b in range(count):
+            row.append(np.full(len(points), len(total)))
+            column.append(points)
+            value.append(root * parts.weight[points] * parts.basis[points, b])
+            total.append(root * parts.total[g, b])
+    matrix = sparse.csr_matrix(
+        (np.concatenate(value), (np.concatenate(row), np.concatenate(column))),
+        shape=(len(total), len(parts.weight)),
+    )
+    return matrix, np.array(total)
+
+
+def _cofactor(f: F64Array) -> F64Array:
+    f = f.reshape(-1, 3, 3)
+    rows = [np.cross(f[:, i - 2], f[:, i - 1]) for i in range(3)]
+    return np.stack(rows, axis=1).reshape(-1, 9)
+
+
+def _cross(a: F64Array, b: F64Array) -> F64Array:
+    """Tensor cross product: half of A x A is the cofactor."""
+    product = np.empty_like(a)
+    for i in range(3):
+        k, m = i - 2, i - 1
+        for j in range(3):
+            p, q = j - 2, j - 1
+            product[..., i, j] = (
+                a[..., k, p] * b[..., m, q] - a[..., k, q] * b[..., m, p]
+                + b[..., k, p] * a[..., m, q] - b[..., k, q] * a[..., m, p]
+            )  # fmt: skip
+    return product

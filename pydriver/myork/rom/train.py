@@ -1,0 +1,574 @@
+"""Train a reduced model: full solves, modes, volume, few cells, and a test on unseen states."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import product
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from myork.console import ProgressCallback, silent
+from myork.core.cloud import model_path
+from myork.core.deck import load_deck
+from myork.core.galerkin import (
+    GalerkinParts,
+    LoadParts,
+    galerkin_parts,
+    load_parts,
+    modal_products,
+    probe_sets,
+)
+from myork.core.scene import Scene
+from myork.core.threads import thread_count
+from myork.errors import ConvergenceError, InputError
+from myork.model_file import read_model
+from myork.rom import projection
+from myork.rom.check import compare
+from myork.rom.cubature import Sketch, few_cells
+from myork.rom.full import FullModel, FullState, cloud_arrays
+from myork.rom.model import ReducedModel
+from myork.rom.online import Conditions, Regression, Solver, conditions_of
+from myork.rom.parameters import Parameter, as_parameters, parse_vary, spread_points
+from myork.rom.projection import Columns, Laws, Model, tissue_laws, triples
+
+__all__ = ["train"]
+
+F64Array = NDArray[np.float64]
+
+#: Load steps of the first solves, from rest to the corners of the range
+RAY_STEPS = 8
+#: Corners at most
+MOST_RAYS = 16
+#: Modes at most; beyond, the volume and not the cells sets the time
+MOST_MODES = 28
+#: Modes that the error estimate has more
+MORE_MODES = 12
+#: Directions of volume beyond the number of modes
+MORE_VOLUME = 8
+#: States that are added at a time, and candidates among which they are chosen
+BATCH, CANDIDATES = 8, 128
+#: Solutions of the model with all cells that the cubature is trained on beside the full ones
+VIRTUAL = 96
+#: Equations that stand for all in the cubature
+SKETCH_ROWS = 900
+#: Cells up to which forces are found by all of them
+ALL_CELLS = 2000
+#: Weight of the forces' rows beside those of the amplitudes
+FORCE_WEIGHT = 3.0
+
+
+class Snapshots(NamedTuple):
+    """Full states with what they were asked for.
+
+    Attributes
+    ----------
+    values : F64Array
+        Values of the parameters, those of loads scaled with the way, shape `(n, p)`.
+    share : F64Array
+        Part of what is prescribed beside the parameters, shape `(n,)`.
+    x : F64Array
+        Unknowns, shape `(n, dofs)`.
+    probes : F64Array
+        Values of the probes, shape `(n, probes, 3)`.
+    """
+
+    values: F64Array
+    share: F64Array
+    x: F64Array
+    probes: F64Array
+
+
+class Setting(NamedTuple):
+    """What is the same for all models of one training."""
+
+    parameters: tuple[Parameter, ...]
+    laws: Laws
+    parts: GalerkinParts
+    columns: Columns
+    loads: int
+    extra: int
+    wanted: NDArray[np.int64]
+    threads: int
+
+    def conditions(self, values: F64Array, share: F64Array | None = None) -> Conditions:
+        """Conditions of states by their parameters."""
+        return conditions_of(values, self.parameters, self.laws, self.loads, self.extra, share)
+
+
+class Basis(NamedTuple):
+    """Modes with the amplitudes of the snapshots."""
+
+    modes: F64Array
+    amplitudes: F64Array
+    r: int
+    lost: float
+
+
+def train(
+    deck: str | Path,
+    parameters: Mapping[str, Sequence[float]] | Sequence[str],
+    *,
+    tolerance: float = 1e-3,
+    full_solves: int = 60,
+    tests: int = 16,
+    seed: int = 0,
+    out: str | Path | None = None,
+    overrides: Sequence[str] = (),
+    threads: int | None = None,
+    progress: ProgressCallback = silent,
+) -> ReducedModel:
+    """Train a reduced model of a deck.
+
+    The first full solves go from rest to corners of the range, and give a state for each of their
+    steps; further ones are chosen where the reduced model of those before estimates its largest
+    error. The last ones are a test that nothing was chosen by: its errors are the certificate.
+
+    Parameters
+    ----------
+    deck : str or Path
+        Deck file; its method is one of the Galerkin forms.
+    parameters : mapping or sequence of str
+        Ranges `(low, high)` by key, or texts `KEY=LOW:HIGH`.
+    tolerance : float
+        Wanted relative error of force and displacement.
+    full_solves : int
+        Full solves of the training, the corners included.
+    tests : int
+        Further full solves of the test.
+    seed : int
+        Start of the random numbers.
+    out : str or Path, optional
+        Folder in which the model file of the deck is looked for first.
+    overrides : sequence of str
+        Overrides of the deck, `"table.key=value"`.
+    threads : int, optional
+        Number of threads; default all cores.
+    progress : callable
+        Called with every line of progress.
+
+    Raises
+    ------
+    InputError
+        A parameter or the deck is wrong for a reduced model.
+    ConvergenceError
+        Too few full solves converged.
+    """
+    begin = time.process_time()
+    deck = Path(deck)
+    ranges = parameters if isinstance(parameters, Mapping) else parse_vary(parameters)
+    values = load_deck(deck, overrides, "solve")
+    kinds = as_parameters(ranges, values)
+    if not 0.0 < tolerance < 0.5:
+        raise InputError(f"tolerance must lie between 0 and 0.5, not {tolerance}")
+    if full_solves < 4:
+        raise InputError(f"at least 4 full solves are needed, not {full_solves}")
+    path = model_path(values, deck.parent, None if out is None else Path(out))
+    cloud = None if path is None else read_model(path)
+    full = FullModel(deck.read_text(encoding="utf-8"), overrides, cloud, threads)
+    base, units = full.loads(kinds)
+    with full.open() as scene:
+        setting, head = _setting(scene, kinds, values, base, units, threads or thread_count())
+        corners = _corners(kinds, full_solves, seed)
+        cpu: list[float] = []
+        failed = 0
+        snapshots: Snapshots | None = None
+        chosen = corners
+        steps: int | None = RAY_STEPS
+        while True:
+            for row in chosen:
+                try:
+                    state = full.solve(kinds, row, steps)
+                except ConvergenceError as reason:
+                    failed += 1
+                    progress(f"full solve at {_named(kinds, row)}: {reason}; left out")
+                    continue
+                cpu.append(state.cpu_s)
+                snapshots = _joined(snapshots, kinds, state, row)
+                progress(f"full solve {len(cpu)}/{full_solves}: {_named(kinds, row)}")
+            left = full_solves - len(cpu) - failed
+            if left <= 0:
+                break
+            if snapshots is None:
+                raise ConvergenceError("no full solve of the corners of the range converged")
+            count = min(left, max(BATCH, full_solves // 4))
+            chosen = _choose(scene, setting, snapshots, tolerance, seed + len(cpu), count)
+            steps = None
+        if snapshots is None or len(snapshots.x) < 4:
+            raise ConvergenceError("fewer than four states of the full model converged")
+        arrays = _finish(scene, setting, snapshots, tolerance, seed, progress)
+    arrays["tractions"] = head.pop("tractions")
+    head |= {
+        "modes": int(arrays.pop("modes")),
+        "indicator_modes": int(arrays.pop("indicator_modes")),
+        "cells": {"all": len(setting.parts.weight), "kept": arrays["online/h"].shape[1]},
+        "full_solves": len(cpu),
+        "failed_full_solves": failed,
+        "full_cpu_s": float(np.mean(cpu)),
+        "offline_cpu_s": time.process_time() - begin,
+        "tolerance": tolerance,
+        "seed": seed,
+    }
+    head |= {"deck": full.text, "overrides": list(overrides), "deck_sha256": values["sha256"]}
+    arrays["head"] = json.dumps(head)
+    if cloud is not None:
+        arrays |= cloud_arrays(cloud)
+    rom = ReducedModel(arrays)
+    if tests:
+        progress(f"test on {tests} states that the training did not see")
+        rom.set_certificate(compare(rom, full, tests, seed + 7919, progress))
+    return rom
+
+
+def _setting(
+    scene: Scene,
+    kinds: tuple[Parameter, ...],
+    deck: Mapping[str, Any],
+    base: LoadParts,
+    units: list[LoadParts],
+    threads: int,
+) -> tuple[Setting, dict[str, Any]]:
+    """What does not depend on the snapshots, and the head of the file."""
+    parts = galerkin_parts(scene)
+    probes = deck.get("probe", [])
+    sets = probe_sets(scene, len(probes))
+    loads = [base, *units]
+    wanted: list[int] = []
+    pushes: list[F64Array] = []
+    told: list[dict[str, Any]] = []
+    for index, (probe, of_set) in enumerate(zip(probes, sets, strict=True)):
+        quantity = probe["quantity"]
+        rows: list[int] = []
+        if quantity == "force" or quantity in ("force_x", "force_y", "force_z"):
+            all_axes = range(scene.dimension)
+            axes = all_axes if quantity == "force" else ["xyz".index(quantity[-1])]
+            for axis in axes:
+                rows.append(len(wanted))
+                on = parts.set == of_set
+                value = np.zeros((len(parts.set), scene.dimension))
+                value[on, axis] = parts.essential[on, axis]
+                pushes.append(np.array([load.push[on, axis].sum() for load in (base, *units)]))
+                same = [k for k, load in enumerate(loads) if np.array_equal(load.value, value)]
+                if not same:
+                    loads.append(_unit_load(scene, len(parts.weight), value))
+                    same = [len(loads) - 1]
+                wanted.append(same[0])
+        elif quantity not in ("u", "u_x", "u_y", "u_z") or of_set > 0:
+            continue
+        told.append({"name": probe["name"], "quantity": quantity, "rows": rows, "index": index})
+    push = np.zeros((len(wanted), len(loads)))
+    for i, row in enumerate(pushes):
+        push[i, : len(row)] = row
+    known = [entry["name"] for entry in told]
+    setting = Setting(
+        kinds, tissue_laws(deck), parts, projection.columns_of(loads), len(units),
+        len(loads) - 1 - len(units), np.array(wanted, np.int64), threads,
+    )  # fmt: skip
+    head = {
+        "title": deck["title"],
+        "units": deck["units"],
+        "parameters": [list(p) for p in kinds],
+        "force_amplitudes": setting.extra,
+        "probes": told,
+        "probes_left_out": [p["name"] for p in probes if p["name"] not in known],
+        "tractions": push,
+    }
+    return setting, head
+
+
+def _unit_load(scene: Scene, points: int, value: F64Array) -> LoadParts:
+    """What displacements of surface points make; the scene's own loads are lost."""
+    fields = np.zeros((len(scene.field_points()), 3))
+    fields[points:, : value.shape[1]] = value
+    scene.set_fields(np.zeros_like(fields), fields, np.zeros((len(fields), 3, 3)))
+    return load_parts(scene)
+
+
+def _corners(kinds: Sequence[Parameter], most: int, seed: int) -> F64Array:
+    """Corners of the range, all or some, those of the largest values first."""
+    corners = np.array(list(product(*((p.high, p.low) for p in kinds))))
+    count = min(MOST_RAYS, max(2, most // 2))
+    if len(corners) > count:
+        others = np.random.default_rng(seed).permutation(np.arange(1, len(corners)))
+        corners = corners[np.concatenate([[0], np.sort(others[: count - 1])])]
+    return corners
+
+
+def _joined(
+    before: Snapshots | None, kinds: Sequence[Parameter], state: FullState, row: F64Array
+) -> Snapshots:
+    """Snapshots with those of one more solve."""
+    values = np.tile(row, (len(state.load), 1))
+    for j, parameter in enumerate(kinds):
+        if parameter.kind != "sigma_max":
+            values[:, j] *= state.load
+    new = Snapshots(values, state.load, state.x, state.probes)
+    if before is None:
+        return new
+    return Snapshots(*(np.concatenate(pair) for pair in zip(before, new, strict=True)))
+
+
+def _basis(scene: Scene, snapshots: Snapshots, tolerance: float) -> Basis:
+    """Modes of least squares, orthonormal by the mass."""
+    mass = modal_products(scene, np.asfortranarray(snapshots.x.T))[1]
+    values, vectors = np.linalg.eigh(snapshots.x @ mass)
+    values, vectors = values[::-1], vectors[:, ::-1]
+    real = values > 1e-13 * values[0]
+    values, vectors = values[real], vectors[:, real]
+    modes = snapshots.x.T @ vectors / np.sqrt(values)
+    rest = 1.0 - np.cumsum(values) / values.sum()
+    r = int(np.searchsorted(-rest, -((0.25 * tolerance) ** 2)) + 1)
+    r = max(1, min(r, MOST_MODES, len(values)))
+    m = min(r + MORE_MODES, len(values))
+    modes = np.asfortranarray(modes[:, :m])
+    return Basis(modes, (modes.T @ mass).T, r, float(np.sqrt(max(rest[r - 1], 0.0))))
+
+
+def _with_all_cells(
+    scene: Scene, setting: Setting, snapshots: Snapshots, basis: Basis
+) -> tuple[Model, Model]:
+    """Models of `r` and of all modes with all cells."""
+    m = basis.modes.shape[1]
+    model, rows, total = projection.project(
+        scene, setting.parts, setting.laws, basis.modes, setting.columns
+    )
+    given = setting.conditions(snapshots.values, snapshots.share).given
+    states = np.hstack([basis.amplitudes, given])
+    some = states[:: max(1, len(states) // 60)]
+    few = min(rows.shape[0], m + MORE_VOLUME)
+    directions = projection.volume_directions(model.cells, m, rows, total, some.T, few)
+    finer = projection.with_volume(model, rows, total, directions)
+    return _with_modes(finer, basis.r, min(few, basis.r + MORE_VOLUME)), finer
+
+
+def _with_modes(model: Model, r: int, kept: int) -> Model:
+    """The same model with the first of its modes and of its directions of volume."""
+    m = model.r
+    s = model.cells.h.shape[2]
+    few = np.concatenate([np.arange(r), np.arange(m, s)])
+    one = np.concatenate([[0], few + 1])
+    kept = model.volume.shape[3] if r == m else kept
+    return Model(
+        r,
+        model.cells.modes(few),
+        np.asfortranarray(model.constant[np.ix_(few, few)]),
+        model.volume[np.ix_(one, one, one)][..., :kept],
+        model.fibers,
+    )
+
+
+def _regression(setting: Setting, snapshots: Snapshots, values: F64Array) -> Regression:
+    scale = np.array([p.high - p.low for p in setting.parameters])
+    return Regression(snapshots.values, values, scale)
+
+
+def _training(setting: Setting, snapshots: Snapshots, basis: Basis) -> tuple[Snapshots, F64Array]:
+    """Snapshots that are states of the range with their amplitudes, and rest where it is one."""
+    fixed = np.abs(setting.columns.value[:, :, 0]).max(initial=0.0) > 0 or (
+        np.abs(setting.columns.force[:, 0]).max() > 0
+    )
+    active = {t for p in setting.parameters if p.kind == "activation" for t in p.tissues}
+    fixed = fixed or any(a > 0 for t, a in enumerate(setting.laws.activation) if t not in active)
+    if fixed:
+        own = np.flatnonzero(snapshots.share >= 1.0)
+        return Snapshots(*(a[own] for a in snapshots)), basis.amplitudes[own]
+    rest = np.array([[p.low if p.kind == "sigma_max" else 0.0 for p in setting.parameters]])
+    empty = Snapshots(
+        rest, np.ones(1), np.zeros((1, snapshots.x.shape[1])), 0.0 * snapshots.probes[:1]
+    )
+    values = np.vstack([snapshots.values, rest])
+    # states of different rays meet at rest
+    _, own = np.unique(np.round(values, 12), axis=0, return_index=True)
+    joined = [np.concatenate(pair)[own] for pair in zip(snapshots, empty, strict=True)]
+    amplitudes = np.vstack([basis.amplitudes, np.zeros((1, basis.amplitudes.shape[1]))])
+    return Snapshots(*joined), amplitudes[own]
+
+
+def _choose(
+    scene: Scene,
+    setting: Setting,
+    snapshots: Snapshots,
+    tolerance: float,
+    seed: int,
+    count: int,
+) -> F64Array:
+    """Parameters at which the reduced model so far estimates its largest errors, apart."""
+    basis = _basis(scene, snapshots, tolerance)
+    model, finer = _with_all_cells(scene, setting, snapshots, basis)
+    known, amplitudes = _training(setting, snapshots, basis)
+    large = len(setting.parts.weight) > ALL_CELLS
+    values = spread_points(setting.parameters, CANDIDATES // 2 if large else CANDIDATES, seed)
+    start = _regression(setting, known, amplitudes)(values)
+    conditions = setting.conditions(values)
+    none = np.zeros(0, np.int64)
+    coarse = Solver(model, model.cells, none, setting.threads)
+    answer = coarse.newton(conditions, start[:, : basis.r])[0]
+    begin = np.zeros_like(start)
+    begin[:, : basis.r] = answer.amplitudes
+    better = Solver(finer, finer.cells, none, setting.threads)
+    step = better.newton(conditions, begin, tolerance=np.inf, most=1)[0].amplitudes - begin
+    gain = np.linalg.norm(step, axis=1)
+    gain[~(answer.converged & np.isfinite(gain))] = 2.0 * np.nanmax(gain[np.isfinite(gain)])
+    scale = np.array([p.high - p.low for p in setting.parameters])
+    chosen = []
+    for _ in range(count):
+        best = int(np.argmax(gain))
+        chosen.append(best)
+        distance = np.linalg.norm((values - values[best]) / scale, axis=1)
+        gain = gain * np.minimum(1.0, (distance / 0.35) ** 2)
+    return values[chosen]
+
+
+def _finish(
+    scene: Scene,
+    setting: Setting,
+    snapshots: Snapshots,
+    tolerance: float,
+    seed: int,
+    progress: ProgressCallback,
+) -> dict[str, Any]:
+    """Arrays of the model: modes, volume, few cells."""
+    basis = _basis(scene, snapshots, tolerance)
+    m, r = basis.modes.shape[1], basis.r
+    progress(f"{r} modes of {len(snapshots.x)} states; they leave {basis.lost:.1e} of them")
+    model, finer = _with_all_cells(scene, setting, snapshots, basis)
+    known, amplitudes = _training(setting, snapshots, basis)
+    values = spread_points(setting.parameters, VIRTUAL, seed + 1)
+    start = _regression(setting, known, amplitudes)(values)[:, :r]
+    none = np.zeros(0, np.int64)
+    answer = Solver(model, model.cells, none, setting.threads).newton(
+        setting.conditions(values), start
+    )[0]
+    good = answer.converged
+    progress(f"{good.sum()} of {len(good)} states of the model with all cells converged")
+    some = np.unique(np.linspace(0, len(known.values) - 1, VIRTUAL).astype(int))
+    at = np.vstack([known.values[some], values[good]])
+    where = np.vstack([amplitudes[some], np.zeros((int(good.sum()), m))])
+    where[len(some) :, :r] = answer.amplitudes[good]
+    kept = _sample(model, setting, at, where[:, :r], tolerance, seed)
+    more = _sample(finer, setting, at, where, tolerance, seed)
+    progress(
+        f"{len(kept[0])} of {len(setting.parts.weight)} cells (residual {kept[2]:.1e}), "
+        f"{len(more[0])} for the estimate of the error"
+    )
+    whole = finer.cells
+    if len(setting.parts.weight) > ALL_CELLS and len(setting.wanted):
+        force = _force_sample(finer, setting, at, where, tolerance)
+        whole = finer.cells.sample(*force[:2])
+        progress(f"{len(force[0])} cells for the forces (residual {force[2]:.1e})")
+    arrays: dict[str, Any] = {"modes": r, "indicator_modes": m, "wanted": setting.wanted}
+    for name, one, cells in (
+        ("online", model, model.cells.sample(*kept[:2])),
+        ("indicator", finer, finer.cells.sample(*more[:2])),
+    ):
+        arrays |= {f"{name}/{key}": value for key, value in cells._asdict().items()}
+        arrays |= {f"{name}/constant": one.constant, f"{name}/volume": triples(one.volume)}
+    arrays |= {f"force/{key}": value for key, value in whole._asdict().items()}
+    arrays |= {f"laws/{key}": value for key, value in setting.laws._asdict().items()}
+    probes = scene.deck.get("probe", [])
+    forces = _force_values(setting, probes, known.probes)
+    arrays |= {
+        "training/parameters": known.values,
+        "training/amplitudes": amplitudes,
+        "training/forces": forces,
+    }
+    arrays |= {"basis": basis.modes[:, :r], **_shapes(scene, basis.modes, r)}
+    return arrays
+
+
+def _force_values(
+    setting: Setting, probes: Sequence[Mapping[str, Any]], values: F64Array
+) -> F64Array:
+    """Forces of the training without those of tractions, in the order of the wanted ones."""
+    columns = []
+    for i, probe in enumerate(probes):
+        if probe["quantity"] == "force":
+            columns += [values[:, i, axis] for axis in range(setting.columns.value.shape[1])]
+        elif probe["quantity"] in ("force_x", "force_y", "force_z"):
+            columns.append(values[:, i, 0])
+    return np.stack(columns, axis=1) if columns else np.zeros((len(values), 0))
+
+
+def _contributions(
+    model: Model, setting: Setting, values: F64Array, amplitudes: F64Array
+) -> Iterator[tuple[F64Array, F64Array, F64Array]]:
+    """Work of each cell's stress on all amplitudes, tangent and state, one state at a time."""
+    conditions = setting.conditions(values)
+    h = np.ascontiguousarray(np.moveaxis(model.cells.h, (0, 1, 2), (2, 1, 0)))
+    for i, amplitude in enumerate(amplitudes):
+        z = np.concatenate([amplitude, conditions.given[i]])
+        _, tangent, stress, min_j = projection.assemble(
+            model, conditions.activation[i], conditions.sigma_max[i], z
+        )
+        if min_j > 0.0:
+            yield np.einsum("sqk,qk->sq", h, stress), tangent, z
+
+
+def _sample(
+    model: Model,
+    setting: Setting,
+    values: F64Array,
+    amplitudes: F64Array,
+    tolerance: float,
+    seed: int,
+) -> tuple[NDArray[np.int64], F64Array, float]:
+    """Cells with weights that keep the residual in the norm of the tangent."""
+    r = model.r
+    sketch = Sketch(len(model.cells.weight), SKETCH_ROWS, seed)
+    wanted = setting.wanted + r
+    seen = list(_contributions(model, setting, values, amplitudes))
+    forces = [np.abs(work[wanted].sum(axis=1)).max(initial=0.0) for work, _, _ in seen]
+    unit = max(forces, default=0.0) or 1.0
+    norms, sizes = [], []
+    for _, tangent, z in seen:
+        stiffness, vectors = np.linalg.eigh(0.5 * (tangent + tangent.T)[:r, :r])
+        stiffness = np.abs(stiffness)
+        stiffness = np.maximum(stiffness, 1e-3 * np.median(stiffness))
+        norms.append((vectors / np.sqrt(stiffness)).T)
+        sizes.append(np.linalg.norm((vectors * np.sqrt(stiffness)).T @ z[:r]))
+    floor = 0.1 * max(sizes)
+    for (work, _, _), norm, size in zip(seen, norms, sizes, strict=True):
+        sketch.add(
+            np.vstack([norm @ work[:r] / max(size, floor), FORCE_WEIGHT * work[wanted] / unit])
+        )
+    volume = model.cells.weight / model.cells.weight.sum() * np.sqrt(len(seen))
+    return few_cells(np.vstack([sketch.rows, volume]), 0.1 * tolerance, 12 * MOST_MODES)
+
+
+def _force_sample(
+    model: Model, setting: Setting, values: F64Array, amplitudes: F64Array, tolerance: float
+) -> tuple[NDArray[np.int64], F64Array, float]:
+    """Cells with weights that keep the stationary forces."""
+    r = model.r
+    wanted = setting.wanted + r
+    rows = []
+    for work, tangent, _ in _contributions(model, setting, values, amplitudes):
+        lift = np.linalg.solve(tangent[:r, :r], tangent[:r, wanted])
+        rows.append(work[wanted] - lift.T @ work[:r])
+    volume = model.cells.weight / model.cells.weight.sum()
+    stacked = np.vstack(rows)
+    unit = np.abs(stacked.sum(axis=1)).max() or 1.0
+    return few_cells(np.vstack([stacked / unit, volume]), 0.02 * tolerance, 600)
+
+
+def _shapes(scene: Scene, modes: F64Array, r: int) -> dict[str, F64Array]:
+    """Displacements of modes at the collocation points and at the probes of displacements."""
+    small = 1e-6 / np.abs(modes).max()
+    fields = [scene.fields(small * mode, 0.0).u / small for mode in modes.T[:r]]
+    found = {"shapes": np.stack(fields, axis=2), "points": scene.points()}
+    probes = scene.deck.get("probe", [])
+    if probes:
+        values = scene.probes(small * modes.T, np.zeros(modes.shape[1])) / small
+        for i, probe in enumerate(probes):
+            if probe["quantity"] in ("u", "u_x", "u_y", "u_z"):
+                axes = scene.dimension if probe["quantity"] == "u" else 1
+                found[f"probes/{probe['name']}"] = values[:, i, :axes].T
+    return found
+
+
+def _named(kinds: Sequence[Parameter], row: F64Array) -> str:
+    return ", ".join(f"{p.key} = {v:.4g}" for p, v in zip(kinds, row, strict=True))
