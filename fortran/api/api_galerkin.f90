@@ -140,7 +140,7 @@ subroutine galerkin_gradients(handle, n, np, k, x, gradient, stat, message)
    type(error_type), allocatable :: error
    type(galerkin_problem), pointer :: full
    real(wp), allocatable :: u(:, :)
-   real(wp) :: h(3, 3)
+   real(wp) :: h(3, 3), none(0)
    integer :: g, j, nd, q
 
    gradient = 0
@@ -156,7 +156,7 @@ subroutine galerkin_gradients(handle, n, np, k, x, gradient, stat, message)
             u = u(:, member)
             do q = full%cells%first(g) + 1, full%cells%first(g + 1)
                h = 0
-               call full%gradient%at(q, u, 0.0_wp, h(:nd, :nd))
+               call full%gradient%at(q, u, none, h(:nd, :nd))
                gradient(:, q, j) = reshape(transpose(h), [9])
             end do
          end do
@@ -179,20 +179,24 @@ subroutine galerkin_loads(handle, nd, n, np, ms, value, push, given, force, stat
    character(len=2048), intent(out) :: message
    type(error_type), allocatable :: error
    type(galerkin_problem), pointer :: full
+   real(wp), allocatable :: factor(:)
    real(wp) :: h(3, 3)
-   integer :: q
+   integer :: a, q
 
    value = 0; push = 0; given = 0; force = 0
    call find_galerkin(handle, full, error)
    call pack_error(error, stat, message)
    if (stat /= 0) return
-   value = full%surface%value
-   push = full%surface%traction*spread(full%surface%area, 1, nd)
-   force = full%force
-   do q = 1, np
-      h = 0
-      h(:nd, :nd) = full%gradient%given(:, :, q)
-      given(:, q) = reshape(transpose(h), [9])
+   factor = full%scene%factors(1.0_wp)
+   force = matmul(full%force, factor)
+   do a = 1, size(factor)
+      value = value + factor(a)*full%surface%value(a, :, :)
+      push = push + factor(a)*full%surface%traction(a, :, :)*spread(full%surface%area, 1, nd)
+      do q = 1, np
+         h = 0
+         h(:nd, :nd) = factor(a)*full%gradient%given(:, :, q, a)
+         given(:, q) = given(:, q) + reshape(transpose(h), [9])
+      end do
    end do
 end subroutine galerkin_loads
 

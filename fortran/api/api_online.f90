@@ -1,11 +1,13 @@
 !> Reduced models in real time: arrays of a model that Python holds, and its states.
 !>
 !> Sizes in this order: modes, all amplitudes, the same padded, cells, fibers of all cells,
-!> pieces of directions and entries of the volume, tissues. `law` holds lambda_o, gamma1, gamma2 and whether curves are smooth (1) of each tissue.
+!> pieces and entries of the volume, tissues. `law` holds lambda_o, gamma1, gamma2 and whether the
+!> curves are smooth (1) of each tissue.
 
 !> States of a model, with forces by a second set of cells; a state is followed in `parts` from a
 !> known one, or for 0 parts found from the amplitudes given
-subroutine online_states(r, s, wide, nc, ne, kept, triples, nt, h, weight, local_bulk, a, first, tissue, fraction, &
+subroutine online_states(r, s, wide, nc, ne, kept, triples, nt, h, weight, local_bulk, &
+   & a, first, tissue, fraction, &
    & fiber, constant, volume, law, nq, nqe, all_h, all_weight, all_local, all_a, all_first, &
    & all_tissue, all_fraction, all_fiber, n, activation, sigma_max, given, start, parts, &
    & from_activation, from_sigma, from_given, tolerance, most_steps, threads, nf, wanted, z, &
@@ -75,7 +77,8 @@ subroutine online_states(r, s, wide, nc, ne, kept, triples, nt, h, weight, local
 end subroutine online_states
 
 !> Residual and tangent of one state, and the stresses times weights of its cells
-subroutine online_assemble(r, s, wide, nc, ne, kept, triples, nt, h, weight, local_bulk, a, first, tissue, &
+subroutine online_assemble(r, s, wide, nc, ne, kept, triples, nt, h, weight, local_bulk, &
+   & a, first, tissue, &
    & fraction, fiber, constant, volume, law, activation, sigma_max, z, residual, tangent, stress, &
    & min_j)
    use rk_cell_law, only : law_type

@@ -11,7 +11,8 @@ module rk_force
 contains
 
 !> Sum of the forces on all boundary sets with conditions, and the largest of them: the sum is 0 for
-!> a body in equilibrium. Forces that do not balance are the sign of a locked or too coarse solution. Each is
+!> a body in equilibrium. Forces that do not balance are the sign of a locked or too coarse
+!> solution. Each is
 !> taken from the nearer half of the body: over the whole length between two fixed sets both would
 !> be the same mean of all sections, however these differ.
 subroutine set_forces(problem, state, left, largest)

@@ -316,7 +316,8 @@ end subroutine solve_state
 
 !> Solve on the way from a known state, in equal parts, each with the tangent as predictor: a jump
 !> of what is prescribed under amplitudes of before would raise pressures without measure
-subroutine follow(model, work, known, condition, parts, tolerance, most_steps, z, iterations, change)
+subroutine follow(model, work, known, condition, parts, tolerance, most_steps, z, iterations, &
+   & change)
    !> Model
    type(online_model), intent(in) :: model
    !> Room

@@ -39,8 +39,8 @@ module rk_run
       character(len=:), allocatable :: ended
       !> The last state
       type(field_state) :: last
-      !> States that are judged: that of full load, or all planned ones of a programme, whose end may
-      !> be at rest: loads, shape (n) [-]
+      !> States that are judged: that of full load, or all planned ones of a programme, whose end
+      !> may be at rest: loads, shape (n) [-]
       real(wp), allocatable :: load(:)
       !> Their unknowns, shape (unknowns, n)
       real(wp), allocatable :: x(:, :)

@@ -56,7 +56,8 @@ module rk_companion
       real(wp) :: seconds = 0.0_wp
       !> Probes
       type(bars_type) :: seen
-      !> Largest norm of the difference of the displacements, of the largest of the displacements [-]
+      !> Largest norm of the difference of the displacements, of the largest of the displacements
+      !> [-]
       real(wp) :: distance = 0.0_wp
    end type companion_type
 

@@ -10,11 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from myork.core.online import Cells, Model
 from myork.errors import InputError
 from myork.rom.full import FullModel, full_model_of
 from myork.rom.online import MOST_STEPS, Answer, Conditions, Regression, Solver, conditions_of
 from myork.rom.parameters import Parameter, short_names
-from myork.rom.projection import Cells, Laws, Model
+from myork.rom.projection import Laws
 from myork.rom.store import read_arrays, write_arrays
 
 __all__ = ["Batch", "ReducedModel", "ReducedState"]

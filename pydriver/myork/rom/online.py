@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from myork import _core
-from myork.rom.projection import Cells, Laws, Model, padded, triples
+from myork.core.online import Cells, Model, online_states, padded, triples
+from myork.rom.projection import Laws
 
 __all__ = ["Answer", "Regression", "Solver"]
 
@@ -52,9 +52,19 @@ class Regression:
         from scipy.interpolate import RBFInterpolator
 
         n, p = points.shape
-        degree = 2 if n > (p + 1) * (p + 2) else 1 if n > p + 1 else 0
         self._scale = scale
-        self._function = RBFInterpolator(points / scale, values, kernel="cubic", degree=degree)
+        # a polynomial below that the points determine: those of rays lie in few planes
+        degree = 2 if n > (p + 1) * (p + 2) else 1 if n > p + 1 else 0
+        while True:
+            try:
+                self._function = RBFInterpolator(
+                    points / scale, values, kernel="cubic", degree=degree
+                )
+                break
+            except np.linalg.LinAlgError:
+                if degree == 0:
+                    raise
+                degree -= 1
 
     def __call__(self, points: F64Array) -> F64Array:
         """Values at points, shape `(n, p)`."""
@@ -120,10 +130,10 @@ class Solver:
         begin = np.zeros((s, n), order="F")
         begin[:r] = start.T
         known = known or conditions
-        z, iterations, change, min_j, force = _core.online_states(
-            r, *self._cells, self.model.constant, self._volume, self.model.fibers,
-            *self._whole, *conditions.columns(), begin, np.full(n, parts, np.int32),
-            *known.columns(), tolerance, most, self.threads, self._wanted,
+        z, iterations, change, min_j, force = online_states(
+            self.model, self._cells, self._volume, self._whole, conditions.columns(), begin,
+            np.full(n, parts, np.int32), known.columns(), tolerance, most, self.threads,
+            self._wanted,
         )  # fmt: skip
         answer = Answer(z[:r].T, force[: self._count].T, np.abs(iterations), iterations > 0, min_j)
         return answer, change

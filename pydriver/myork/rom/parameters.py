@@ -16,8 +16,8 @@ __all__ = ["Parameter", "as_parameters", "override", "parse_vary", "short_names"
 F64Array = NDArray[np.float64]
 
 _POSSIBLE = (
-    "load.activation, material.NAME.sigma_max and prescribed values such as boundary.SET.u_z "
-    "are possible"
+    "load.activation, material.NAME.activation, material.NAME.sigma_max and prescribed values "
+    "such as boundary.SET.u_z are possible"
 )
 
 
@@ -111,12 +111,26 @@ def _resolved(name: str, low: float, high: float, deck: Mapping[str, Any]) -> Pa
     materials = deck.get("material", [])
     words = name.split(".")
     if name in ("activation", "load.activation"):
-        muscles = tuple(i for i, m in enumerate(materials) if m["model"] == "muscle")
+        muscles = tuple(
+            i for i, m in enumerate(materials) if m["model"] == "muscle" and "activation" not in m
+        )
         if not muscles:
-            raise InputError(f"{name}: no material of the deck is a muscle")
+            raise InputError(f"{name}: no muscle of the deck takes the common activation")
         if low < 0 or high > 1:
             raise InputError(f"{name}: activations lie between 0 and 1, not {low} and {high}")
         return Parameter("load.activation", low, high, "activation", muscles)
+    if words[0] == "material" and words[-1] == "activation" and len(words) == 3:
+        named = [
+            i
+            for i, m in enumerate(materials)
+            if m["model"] == "muscle" and words[1] in (m["name"], str(i + 1))
+        ]
+        if len(named) != 1:
+            raise InputError(f"{name}: the deck has no such muscle")
+        if low < 0 or high > 1:
+            raise InputError(f"{name}: activations lie between 0 and 1, not {low} and {high}")
+        key = f"material.{materials[named[0]]['name']}.activation"
+        return Parameter(key, low, high, "activation", (named[0],))
     if words[-1] == "sigma_max" and (words[0] == "material" or len(words) == 1):
         named = [i for i, m in enumerate(materials) if m["model"] == "muscle"]
         if len(words) == 3:

@@ -23,6 +23,7 @@ from myork.core.galerkin import (
     modal_products,
     probe_sets,
 )
+from myork.core.online import Model, assemble, triples
 from myork.core.scene import Scene
 from myork.core.threads import thread_count
 from myork.errors import ConvergenceError, InputError
@@ -34,7 +35,7 @@ from myork.rom.full import FullModel, FullState, cloud_arrays
 from myork.rom.model import ReducedModel
 from myork.rom.online import Conditions, Regression, Solver, conditions_of
 from myork.rom.parameters import Parameter, as_parameters, parse_vary, spread_points
-from myork.rom.projection import Columns, Laws, Model, tissue_laws, triples
+from myork.rom.projection import Columns, Laws, tissue_laws
 
 __all__ = ["train"]
 
@@ -163,6 +164,11 @@ def train(
     ranges = parameters if isinstance(parameters, Mapping) else parse_vary(parameters)
     values = load_deck(deck, overrides, "solve")
     kinds = as_parameters(ranges, values)
+    if values.get("amplitude") or any("rotation" in b for b in values.get("boundary", [])):
+        raise InputError(
+            f"{deck}: a reduced model is trained on loads that grow together; leave out amplitudes "
+            "and rotations"
+        )
     if not 0.0 < tolerance < 0.5:
         raise InputError(f"tolerance must lie between 0 and 0.5, not {tolerance}")
     if full_solves < 4:
@@ -501,7 +507,7 @@ def _contributions(
     h = np.ascontiguousarray(np.moveaxis(model.cells.h, (0, 1, 2), (2, 1, 0)))
     for i, amplitude in enumerate(amplitudes):
         z = np.concatenate([amplitude, conditions.given[i]])
-        _, tangent, stress, min_j = projection.assemble(
+        _, tangent, stress, min_j = assemble(
             model, conditions.activation[i], conditions.sigma_max[i], z
         )
         if min_j > 0.0:

@@ -1,0 +1,153 @@
+"""Reduced models in the compiled core: arrays of a model, and its states."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from myork import _core
+
+__all__ = ["Cells", "Model", "assemble", "online_states", "padded", "triples"]
+
+F64Array = NDArray[np.float64]
+IntArray = NDArray[np.int32]
+
+
+class Cells(NamedTuple):
+    """Cells of a reduced model, all of them or a sample; arrays as the core takes them.
+
+    Attributes
+    ----------
+    h : F64Array
+        Displacement gradients of the amplitudes, shape `(9, nc, s)`.
+    weight, local_bulk : F64Array
+        Volume times weight, bulk modulus of the cell itself.
+    a : F64Array
+        Coefficients of the polynomial, shape `(9, nc)`.
+    first, tissue : IntArray
+        Fibers before each cell, and the tissue of each, from 1.
+    fraction, fiber : F64Array
+        Their fraction and direction, shapes `(ne,)`, `(3, ne)`.
+    """
+
+    h: F64Array
+    weight: F64Array
+    local_bulk: F64Array
+    a: F64Array
+    first: IntArray
+    tissue: IntArray
+    fraction: F64Array
+    fiber: F64Array
+
+    def sample(self, kept: NDArray[np.int64], factor: F64Array) -> Cells:
+        """Some of the cells, their weights times factors."""
+        counts = np.diff(self.first)[kept]
+        entries = np.concatenate(
+            [np.arange(self.first[q], self.first[q + 1]) for q in kept] or [np.zeros(0, int)]
+        )
+        if len(entries) == 0:
+            entries = np.zeros(1, int)
+        return Cells(
+            np.asfortranarray(self.h[:, kept]),
+            self.weight[kept] * factor,
+            self.local_bulk[kept],
+            np.asfortranarray(self.a[:, kept]),
+            np.concatenate([[0], np.cumsum(counts)]).astype(np.int32),
+            self.tissue[entries],
+            self.fraction[entries],
+            np.asfortranarray(self.fiber[:, entries]),
+        )
+
+    def modes(self, kept: NDArray[np.int64]) -> Cells:
+        """The same cells with some of the amplitudes."""
+        return self._replace(h=np.asfortranarray(self.h[:, :, kept]))
+
+
+class Model(NamedTuple):
+    """What the core needs of a reduced model.
+
+    Attributes
+    ----------
+    r : int
+        Number of modes; the other amplitudes are prescribed.
+    cells : Cells
+        Cells that are evaluated.
+    constant : F64Array
+        Penalty and stabilisation, shape `(s, s)`.
+    volume : F64Array
+        Changes of volume as a cubic form, shape `(s + 1, s + 1, s + 1, kept)`; entries whose
+        indices rise count.
+    fibers : F64Array
+        As in `Laws`, shape `(4, nt)`.
+    """
+
+    r: int
+    cells: Cells
+    constant: F64Array
+    volume: F64Array
+    fibers: F64Array
+
+
+def assemble(
+    model: Model, activation: F64Array, sigma_max: F64Array, z: F64Array
+) -> tuple[F64Array, F64Array, F64Array, float]:
+    """Residual and tangent by all amplitudes, stresses times weights `(nc, 9)`, and smallest J."""
+    residual, tangent, stress, min_j = _core.online_assemble(
+        model.r, *padded(model.cells), model.constant, triples(model.volume), model.fibers,
+        activation, sigma_max, z,
+    )  # fmt: skip
+    return residual, tangent, stress.T, float(min_j)
+
+
+def online_states(
+    model: Model,
+    cells: Cells,
+    volume: F64Array,
+    whole: Cells,
+    wish: tuple[F64Array, ...],
+    start: F64Array,
+    parts: IntArray,
+    known: tuple[F64Array, ...],
+    tolerance: float,
+    most: int,
+    threads: int,
+    wanted: IntArray,
+) -> tuple[Any, ...]:
+    """States by Newton's iteration, each with the forces on the amplitudes wanted, from 1.
+
+    Cells and volume are those of `padded` and `triples`; what is asked for and what known states
+    were asked for are activation, sigma_max and prescribed amplitudes by columns.
+
+    Returns
+    -------
+    tuple
+        Amplitudes `(s, n)`, iterations, negative where a state failed, relative size of the last
+        step, smallest J, forces `(nf, n)`.
+    """
+    return tuple(
+        _core.online_states(
+            model.r, *cells, model.constant, volume, model.fibers, *whole, *wish, start, parts,
+            *known, tolerance, most, threads, wanted,
+        )
+    )  # fmt: skip
+
+
+def padded(cells: Cells) -> Cells:
+    """Cells as the core takes them: amplitudes first, with zeros up to a multiple of eight."""
+    s = cells.h.shape[2]
+    wide = np.zeros((8 * (-(-s // 8)), 9, cells.h.shape[1]), order="F")
+    wide[:s] = np.moveaxis(cells.h, 2, 0)
+    return cells._replace(h=wide)
+
+
+def triples(volume: F64Array) -> F64Array:
+    """Entries of the cubic form as the core takes them, shape `(8, triples, pieces)`."""
+    n, m, k = np.array(
+        [(n, m, k) for n in range(len(volume)) for m in range(n + 1) for k in range(m + 1)]
+    ).T
+    kept = volume.shape[3]
+    wide = np.zeros((len(n), 8 * max(1, -(-kept // 8))))
+    wide[:, :kept] = volume[k, m, n]
+    return np.asfortranarray(np.moveaxis(wide.reshape(len(n), -1, 8), (0, 1, 2), (1, 2, 0)))

@@ -1,0 +1,288 @@
+"""Reduced models that outlive their training: exact parts exact, errors known, files safe."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from myork import ReducedModel, Scene
+from myork.cli import main
+from myork.core.galerkin import galerkin_parts, load_parts, modal_products
+from myork.core.online import Model, assemble
+from myork.errors import FileError, InputError
+from myork.rom import projection
+
+#: A contracting block with inclined fibers, held at both ends, one of which moves
+BLOCK = """
+title = "block"
+[units]
+force = "N"
+length = "cm"
+[scene]
+dimension = 3
+method = "rkpm-scni"
+[geometry]
+kind = "box"
+size = [1, 1, 2]
+source = [4, 4, 6]
+collocation = [4, 4, 6]
+[[material]]
+name = "muscle"
+model = "muscle"
+A10 = 6.43
+A01 = -3.8
+A20 = 0.94
+A02 = 0.0005
+A11 = -0.0043
+K = 5000
+sigma_max = 30
+fiber_angle = 20
+[[boundary]]
+set = "z0"
+u_x = 0
+u_y = 0
+u_z = 0
+[[boundary]]
+set = "z1"
+u_x = 0
+u_y = 0
+u_z = 0.1
+[load]
+steps = 3
+activation = 0.5
+[[probe]]
+name = "reaction"
+quantity = "force_z"
+set = "z1"
+[[probe]]
+name = "pull"
+quantity = "force"
+set = "z0"
+[[probe]]
+name = "middle"
+quantity = "u"
+point = [0.5, 0.5, 1.0]
+[[probe]]
+name = "stress"
+quantity = "cauchy_zz"
+point = [0.5, 0.5, 1.0]
+"""
+RANGES = {"load.activation": (0.0, 1.0), "boundary.z1.u_z": (-0.2, 0.3)}
+
+
+@pytest.fixture(scope="module")
+def deck(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("rom") / "block.toml"
+    path.write_text(BLOCK)
+    return path
+
+
+@pytest.fixture(scope="module")
+def trained(deck: Path) -> Path:
+    rom = ReducedModel.train(deck, RANGES, full_solves=12, tests=4, threads=1)
+    return rom.save(deck.parent / "block.rom.h5")
+
+
+@pytest.fixture
+def rom(trained: Path) -> ReducedModel:
+    return ReducedModel.load(trained, threads=1)
+
+
+def projected(scene: Scene, modes: int) -> tuple[Model, projection.Laws, np.ndarray]:
+    """A reduced model of all cells in the span of the scene's states, and their modes."""
+    x = np.asfortranarray(scene.solve(error=False).x.T)
+    mass = modal_products(scene, x)[1]
+    values, vectors = np.linalg.eigh(x.T @ mass)
+    basis = np.asfortranarray((x @ vectors / np.sqrt(values))[:, ::-1][:, :modes])
+    laws = projection.tissue_laws(scene.deck)
+    columns = projection.columns_of([load_parts(scene)])
+    model, rows, total = projection.project(scene, galerkin_parts(scene), laws, basis, columns)
+    return projection.with_volume(model, rows, total, None), laws, basis
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        [],
+        ["scene.method=rkpm-gauss", "approximation.order=1"],
+        ["material.muscle.A30=0.3", "material.muscle.A21=0.2", "material.muscle.A12=0.1",
+         "material.muscle.A03=0.05", "material.muscle.curve=published"],
+        ["scene.method=rkpm-gauss", "material.muscle.lambda_o=0.9", "load.activation=0"],
+    ],
+)  # fmt: skip
+def test_all_cells_are_the_full_model(deck: Path, change: list[str]) -> None:
+    """Residual, reaction and tangent of all cells are those of the full model, projected."""
+    with Scene(deck, change) as scene:
+        model, laws, basis = projected(scene, 3)
+        mass = modal_products(scene, np.asfortranarray(scene.states.x[-1:].T))[1][:, 0]
+        a = basis.T @ mass
+        full = scene.linearise(basis @ a, 1.0, np.zeros(scene.dofs))[0]
+        force = scene.probes((basis @ a)[None], np.ones(1))[0, 0, 0]
+        z = np.concatenate([a, [1.0]])
+        at = (laws.activation, laws.sigma_max)
+        residual, tangent, _, _ = assemble(model, *at, z)
+        scale = np.abs(tangent[:3, :3]).max() * np.abs(a).max()
+        # sums of a thousand products of rounded numbers
+        assert np.abs(residual[:3] - basis.T @ full).max() < 1e-12 * scale
+        # the last amplitude is the whole load: the end moves by 0.1
+        assert residual[3] == pytest.approx(0.1 * force, rel=1e-10)
+        step = 1e-5
+        for k, unit in enumerate(np.eye(4)):
+            ahead, behind = (assemble(model, *at, z + sign * step * unit)[0] for sign in (1, -1))
+            # central differences: third derivatives times the squared step
+            difference = np.abs((ahead - behind) / (2 * step) - tangent[:, k]).max()
+            assert difference < 1e-7 * np.abs(tangent).max()
+
+
+def test_unseen_states(rom: ReducedModel) -> None:
+    """Errors that the certificate tells are those of states solved here."""
+    with rom.full_model().open(
+        ["load.activation=0.37", "boundary.z1.u_z=0.13", "load.steps=1"]
+    ) as scene:
+        x = scene.solve(error=False).x[-1]
+        reaction, pull, middle, _ = scene.probes(x[None], np.ones(1))[0]
+    state = rom.solve(activation=0.37, u_z=0.13)
+    assert state.converged and state.inside
+    # twelve full solves: what the certificate says, and a factor for a point it did not have
+    worst = rom.certificate["force"]["max"], rom.certificate["u"]["max"]
+    assert worst[0] < 5e-3 and worst[1] < 3e-2
+    assert state.force == pytest.approx(reaction[0], rel=3 * worst[0] + 1e-4)
+    assert state.probes["reaction"] == state.force
+    assert state.probes["pull"] == pytest.approx(pull.tolist(), abs=5e-3 * abs(reaction[0]))
+    assert state.probes["middle"] == pytest.approx(
+        middle.tolist(), abs=3 * worst[1] * np.linalg.norm(middle)
+    )
+    # what was asked for and what cannot be told
+    assert rom.head["probes_left_out"] == ["stress"]
+
+
+def test_stationary_force_beats_the_displacement(rom: ReducedModel) -> None:
+    """An error of the amplitudes enters the force squared."""
+    c = rom.certificate
+    assert c["failed"] == 0
+    assert c["force"]["median"] < c["u"]["median"]
+
+
+def test_indicator_tells_the_error(rom: ReducedModel) -> None:
+    ratio = rom.certificate["indicator_ratio"]
+    assert ratio["min"] > 0.3 and ratio["max"] < 3.0
+
+
+def test_batch_and_solve_agree(rom: ReducedModel) -> None:
+    values = np.array([[0.2, 0.1], [0.9, -0.15], [0.0, 0.0]])
+    many = rom.batch(values, indicator=True)
+    for i, (activation, u_z) in enumerate(values):
+        one = rom.solve(activation=activation, u_z=u_z)
+        # sums of the regression differ in their order
+        assert one.force == pytest.approx(many.force[i], rel=1e-10)
+        assert one.indicator == pytest.approx(many.indicator[i], rel=1e-6)
+    # at rest nothing pulls
+    assert abs(many.force[2]) < 1e-6 * abs(many.force[1])
+    assert rom.solve(activation=0.5, u_z=0.0).u().shape == (96, 3)
+
+
+def test_threads_change_nothing(trained: Path) -> None:
+    values = np.random.default_rng(1).uniform([0, -0.2], [1, 0.3], (40, 2))
+    one, two = (ReducedModel.load(trained, threads=n).batch(values).force for n in (1, 2))
+    assert np.array_equal(one, two)
+
+
+def test_outside_is_told(rom: ReducedModel) -> None:
+    assert not rom.solve(activation=0.5, u_z=0.35).inside
+    # beyond what any state reaches: no number without a word
+    far = rom.solve(activation=1.0, u_z=-1.9)
+    assert not far.inside and not far.converged
+
+
+def test_corrections(rom: ReducedModel) -> None:
+    """The regression alone is rough, one correction is better."""
+    values = np.array([[0.33, 0.07], [0.71, -0.11], [0.52, 0.21]])
+    exact = rom.batch(values).amplitudes
+    rough, once = (
+        np.linalg.norm(rom.batch(values, corrections=n).amplitudes - exact) for n in (0, 1)
+    )
+    assert once < 0.5 * rough
+    with pytest.raises(InputError, match="corrections must be"):
+        rom.batch(values, corrections=-1)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"activation": 0.1}, "a value is missing of boundary.z1.u_z"),
+        ({"activation": 0.1, "u_z": 0.0, "K": 3.0}, "K: not a parameter of this reduced model"),
+    ],
+)
+def test_wrong_values(rom: ReducedModel, given: dict[str, float], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        rom.solve(**given)
+
+
+@pytest.mark.parametrize(
+    ("ranges", "message"),
+    [
+        ({}, "needs parameters"),
+        ({"material.muscle.K": (1e3, 1e4)}, "cannot vary it"),
+        ({"boundary.z1.u_q": (0, 1)}, "cannot vary it"),
+        ({"boundary.x0.u_x": (0, 1)}, "prescribes no such value"),
+        ({"load.activation": (0.0, 1.5)}, "between 0 and 1"),
+        ({"load.activation": (1.0, 0.0)}, "a range from 1.0 to 0.0 is none"),
+        ({"activation": (0, 1), "load.activation": (0, 1)}, "named twice"),
+    ],
+)
+def test_wrong_parameters(deck: Path, ranges: dict[str, tuple[float, float]], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        ReducedModel.train(deck, ranges)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ("scene.method=rkcm-mixed", "one of the Galerkin forms"),
+        ("material.muscle.K=inf", "finite bulk moduli"),
+    ],
+)
+def test_wrong_decks(deck: Path, change: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        ReducedModel.train(deck, RANGES, overrides=[change])
+
+
+def test_damaged_files(trained: Path, tmp_path: Path) -> None:
+    content = trained.read_bytes()
+    damaged = tmp_path / "damaged.rom.h5"
+    for place in (8, len(content) // 3, len(content) // 2, len(content) - 2000):
+        damaged.write_bytes(content[:place] + b"\x55\xaa\x55" + content[place + 3 :])
+        try:
+            found = ReducedModel.load(damaged, threads=1)
+        except (FileError, InputError):
+            continue
+        # bytes that no array holds
+        assert found.solve(activation=0.4, u_z=0.1).force == pytest.approx(
+            ReducedModel.load(trained, threads=1).solve(activation=0.4, u_z=0.1).force, rel=1e-12
+        )
+    damaged.write_bytes(content[: len(content) // 2])
+    with pytest.raises(FileError, match="no readable reduced model"):
+        ReducedModel.load(damaged)
+    with pytest.raises(FileError, match="no such reduced model"):
+        ReducedModel.load(tmp_path / "none.rom.h5")
+
+
+def test_commands(trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    values = ["--set", "load.activation=0.4", "--set", "u_z=0.1"]
+    assert main(["rom", "solve", str(trained), *values, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    expected = ReducedModel.load(trained, threads=1).solve(activation=0.4, u_z=0.1)
+    assert found["force"] == expected.force and found["inside"] is True
+    assert set(found) >= {"probes", "indicator", "converged", "iterations", "parameters"}
+    grid = ["--vary", "activation=0:1:5", "--vary", "u_z=-0.2:0.3:4", "--out", str(tmp_path)]
+    assert main(["rom", "map", str(trained), *grid, "-q"]) == 0
+    lines = (tmp_path / "map.csv").read_text().splitlines()
+    assert len(lines) == 21 and lines[0].startswith("load.activation,boundary.z1.u_z,reaction")
+    assert (tmp_path / "map.png").stat().st_size > 5000
+    assert main(["rom", "check", str(trained), "--points", "2", "--out", str(tmp_path), "-q"]) == 0
+    check = json.loads((tmp_path / "check.json").read_text())
+    assert check["points"] == 2 and check["failed"] == 0
+    assert {"u", "force", "cpu_us_per_state", "indicator_ratio", "spearman", "cells"} <= set(check)
+    assert main(["rom", "solve", str(trained), "--set", "u_z=0.1"]) == 2
+    assert "a value is missing of load.activation" in capsys.readouterr().err
