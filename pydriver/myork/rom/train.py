@@ -126,8 +126,9 @@ def train(
     """Train a reduced model of a deck.
 
     The first full solves go from rest to corners of the range, and give a state for each of their
-    steps; further ones are chosen where the reduced model of those before estimates its largest
-    error. The last ones are a test that nothing was chosen by: its errors are the certificate.
+    steps. Half of the others fill the range evenly; the rest are chosen where the reduced model of
+    those before estimates its largest error. Further ones are a test that nothing was chosen by:
+    its errors are the certificate.
 
     Parameters
     ----------
@@ -201,8 +202,12 @@ def train(
                 break
             if snapshots is None:
                 raise ConvergenceError("no full solve of the corners of the range converged")
-            count = min(left, max(BATCH, full_solves // 4))
-            chosen = _choose(scene, setting, snapshots, tolerance, seed + len(cpu), count)
+            if steps is not None:
+                # states that fill the range, half of what is left, before the choice begins
+                chosen = spread_points(kinds, max(1, left // 2), seed)
+            else:
+                count = min(left, max(BATCH, full_solves // 4))
+                chosen = _choose(scene, setting, snapshots, tolerance, seed + len(cpu), count)
             steps = None
         if snapshots is None or len(snapshots.x) < 4:
             raise ConvergenceError("fewer than four states of the full model converged")
