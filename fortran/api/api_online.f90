@@ -10,8 +10,8 @@ subroutine online_states(r, s, wide, nc, ne, kept, triples, nt, h, weight, local
    & a, first, tissue, fraction, &
    & fiber, constant, volume, law, nq, nqe, all_h, all_weight, all_local, all_a, all_first, &
    & all_tissue, all_fraction, all_fiber, n, activation, sigma_max, given, start, parts, &
-   & from_activation, from_sigma, from_given, tolerance, most_steps, threads, nf, wanted, z, &
-   & iterations, change, min_j, force)
+   & from_activation, from_sigma, from_given, least, tolerance, most_steps, threads, nf, wanted, &
+   & z, iterations, change, min_j, force)
    use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
    use omp_lib, only : omp_get_max_threads
    use rk_cell_law, only : law_type
@@ -31,7 +31,7 @@ subroutine online_states(r, s, wide, nc, ne, kept, triples, nt, h, weight, local
    integer, intent(in), target :: all_first(nq + 1), all_tissue(nqe)
    double precision, intent(in) :: activation(nt, n), sigma_max(nt, n), given(s - r, n)
    double precision, intent(in) :: start(s, n), from_activation(nt, n), from_sigma(nt, n)
-   double precision, intent(in) :: from_given(s - r, n), tolerance
+   double precision, intent(in) :: from_given(s - r, n), least, tolerance
    integer, intent(in) :: parts(n), wanted(nf)
    double precision, intent(out) :: z(s, n), change(n), min_j(n), force(nf, n)
    integer, intent(out) :: iterations(n)
@@ -45,9 +45,10 @@ subroutine online_states(r, s, wide, nc, ne, kept, triples, nt, h, weight, local
       laws(i) = law_type(law(1, i), active_curve(law(4, i) > 0.5d0), &
          & passive_curve(law(4, i) > 0.5d0, law(2, i), law(3, i)))
    end do
-   model = online_model(r, s, h, weight, local_bulk, a, first, tissue, fraction, fiber, laws, &
+   model = online_model(r, s, least, h, weight, local_bulk, a, first, tissue, fraction, fiber, &
+      & laws, &
       & constant, volume)
-   whole = online_model(r, s, all_h, all_weight, all_local, all_a, all_first, all_tissue, &
+   whole = online_model(r, s, least, all_h, all_weight, all_local, all_a, all_first, all_tissue, &
       & all_fraction, all_fiber, laws, constant, volume)
    z = start
    force = ieee_value(1.0d0, ieee_quiet_nan)
@@ -102,7 +103,8 @@ subroutine online_assemble(r, s, wide, nc, ne, kept, triples, nt, h, weight, loc
       laws(i) = law_type(law(1, i), active_curve(law(4, i) > 0.5d0), &
          & passive_curve(law(4, i) > 0.5d0, law(2, i), law(3, i)))
    end do
-   model = online_model(r, s, h, weight, local_bulk, a, first, tissue, fraction, fiber, laws, &
+   model = online_model(r, s, tiny(1.0d0), h, weight, local_bulk, a, first, tissue, fraction, &
+      & fiber, laws, &
       & constant, volume)
    call new_work(work, model)
    call assemble(model, work, z, prescribed_type(activation, sigma_max, z(r + 1:)), .true., .true.)

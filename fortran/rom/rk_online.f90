@@ -28,6 +28,8 @@ module rk_online
    type :: online_model
       !> Modes; all amplitudes
       integer :: r = 0, s = 0
+      !> Size of the modes' amplitudes below which they are none: at rest no step is small [length]
+      real(wp) :: least = tiny(1.0_wp)
       !> Displacement gradients of the amplitudes at the cells, with zeros up to a multiple of 8
       !> amplitudes, shape (padded, 9, nc) [1/length]
       real(wp), pointer, contiguous :: h(:, :, :) => null()
@@ -307,7 +309,7 @@ subroutine solve_state(model, work, condition, tolerance, most_steps, z, iterati
          work%along(:, k) = work%y(:, k) + matmul(work%dy(:, :model%r, k), work%step)
       end do
       restart = .false.
-      change = norm2(work%step)/max(norm2(z(:model%r)), tiny(1.0_wp))
+      change = norm2(work%step)/max(norm2(z(:model%r)), model%least)
       if (change < tolerance) return
       if (.not. change < 1.0e6_wp) exit
    end do

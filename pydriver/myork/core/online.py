@@ -110,6 +110,7 @@ def online_states(
     start: F64Array,
     parts: IntArray,
     known: tuple[F64Array, ...],
+    least: float,
     tolerance: float,
     most: int,
     threads: int,
@@ -118,7 +119,8 @@ def online_states(
     """States by Newton's iteration, each with the forces on the amplitudes wanted, from 1.
 
     Cells and volume are those of `padded` and `triples`; what is asked for and what known states
-    were asked for are activation, sigma_max and prescribed amplitudes by columns.
+    were asked for are activation, sigma_max and prescribed amplitudes by columns. Amplitudes of
+    the modes below `least` are none.
 
     Returns
     -------
@@ -129,7 +131,7 @@ def online_states(
     return tuple(
         _core.online_states(
             model.r, *cells, model.constant, volume, model.fibers, *whole, *wish, start, parts,
-            *known, tolerance, most, threads, wanted,
+            *known, least, tolerance, most, threads, wanted,
         )
     )  # fmt: skip
 

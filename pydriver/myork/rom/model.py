@@ -140,9 +140,12 @@ class ReducedModel:
         model = _model(arrays, "online", r)
         finer = _model(arrays, "indicator", m)
         wanted = np.asarray(arrays["wanted"], np.int64)
+        # a ten-thousandth of the largest state: at rest no step is small beside the state
+        sizes = np.linalg.norm(np.asarray(arrays["training/amplitudes"]), axis=1)
+        self._least = least = 1e-4 * float(sizes.max())
         few = np.concatenate([np.arange(r), np.arange(m, whole.h.shape[2])])
-        self._solver = Solver(model, whole.modes(few), wanted + r, threads)
-        self._finer = Solver(finer, finer.cells, np.zeros(0, np.int64), threads)
+        self._solver = Solver(model, whole.modes(few), wanted + r, threads, least)
+        self._finer = Solver(finer, finer.cells, np.zeros(0, np.int64), threads, least)
         self._points = np.asarray(arrays["training/parameters"])
         self._amplitudes = np.asarray(arrays["training/amplitudes"])
         scale = np.array([p.high - p.low for p in self.parameters])
@@ -344,7 +347,7 @@ class ReducedModel:
         start[:, : self.modes] = answer.amplitudes
         finer = self._finer.newton(conditions, start, tolerance=np.inf, most=1)[0].amplitudes
         size = np.linalg.norm(finer, axis=1)
-        return np.linalg.norm(finer - start, axis=1) / np.maximum(size, np.finfo(float).tiny)
+        return np.linalg.norm(finer - start, axis=1) / np.maximum(size, self._least)
 
     def _probes(self, values: F64Array, answer: Answer) -> dict[str, F64Array]:
         """Values of the probes: forces, with tractions added, and displacements."""

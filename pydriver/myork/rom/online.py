@@ -94,15 +94,27 @@ class Solver:
         Cells by which forces are found.
     wanted : sequence of int
         Amplitudes, from 0, whose forces are wanted.
+    threads : int
+        Number of threads, 0 for all cores.
+    least : float
+        Size of the amplitudes below which they are none.
     """
 
-    def __init__(self, model: Model, whole: Cells, wanted: NDArray[np.int64], threads: int) -> None:
+    def __init__(
+        self,
+        model: Model,
+        whole: Cells,
+        wanted: NDArray[np.int64],
+        threads: int,
+        least: float = 1e-300,
+    ) -> None:
         self.model = model
         self._cells = padded(model.cells)
         self._whole = self._cells if whole is model.cells else padded(whole)
         volume = model.volume
         self._volume = triples(volume) if volume.ndim == 4 else volume
         self.threads = threads
+        self.least = least
         # the wrapper takes no empty arrays
         self._wanted = np.asarray(wanted, np.int32) + 1 if len(wanted) else np.array([model.r + 1])
         self._count = len(wanted)
@@ -132,7 +144,7 @@ class Solver:
         known = known or conditions
         z, iterations, change, min_j, force = online_states(
             self.model, self._cells, self._volume, self._whole, conditions.columns(), begin,
-            np.full(n, parts, np.int32), known.columns(), tolerance, most, self.threads,
+            np.full(n, parts, np.int32), known.columns(), self.least, tolerance, most, self.threads,
             self._wanted,
         )  # fmt: skip
         answer = Answer(z[:r].T, force[: self._count].T, np.abs(iterations), iterations > 0, min_j)
