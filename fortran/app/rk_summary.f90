@@ -304,6 +304,7 @@ subroutine write_verdict(json, verdict)
       call json%put('same_points', companion%same_points)
       call json%put('source_points', companion%points)
       call json%put('dofs', companion%unknowns)
+      call json%put('difference', companion%difference)
       call json%put('seconds', companion%seconds)
       call json%end_object()
    end associate

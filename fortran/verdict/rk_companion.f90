@@ -1,7 +1,8 @@
 !> A second solution beside an answer, cheap and independent enough to tell how far that may be off.
 !>
 !> Weak forms converge from one side and evenly: the same form on half as many points in each
-!> direction is off by a few times as much, and the difference is a bar that covers. Collocation
+!> direction is off by a few times as much, and the difference is a bar that covers. Where that
+!> leaves hardly any points the other one has twice as many, if they are few in all. Collocation
 !> forms do not: where they fail they fail on all clouds alike, so they are compared with the weak
 !> form on their own points.
 module rk_companion
@@ -32,6 +33,9 @@ module rk_companion
    integer, parameter :: halvings = 6, least_steps = 5
    !> Cells across a body that are too few to speak against a finer answer
    integer, parameter :: few_cells = 2
+   !> Cells across a plane body whose half are too few to tell anything: twice as many, which cost
+   !> little there, are looked at instead
+   integer, parameter :: least_cells = 6
    !> Distance from which on the companion itself is looked at again [-]
    real(wp), parameter :: suspect = 0.05_wp
 
@@ -49,6 +53,8 @@ module rk_companion
       character(len=:), allocatable :: lattice
       !> So few in some direction that it may be much farther off than the answer
       logical :: coarse = .false.
+      !> More in each direction: the better answer of the two
+      logical :: finer = .false.
       !> Source points and unknowns
       integer :: points = 0
       integer :: unknowns = 0
@@ -59,6 +65,8 @@ module rk_companion
       !> Largest norm of the difference of the displacements, of the largest of the displacements
       !> [-]
       real(wp) :: distance = 0.0_wp
+      !> Root mean square of that difference over the volume [length]
+      real(wp) :: difference = 0.0_wp
    end type companion_type
 
    !> Receiver that keeps the states that are compared and is as patient as the caller's
@@ -192,6 +200,8 @@ subroutine choose(self, scene, deck, points, words)
    end if
    call deck%get('geometry.source', source)
    other = other_number(source, scene%approximation%order)
+   if (scene%cloud%nd == 2 .and. any(source <= least_cells)) other = 2*source - 1
+   self%finer = all(other > source)
    self%lattice = list(other)
    self%coarse = any(other < source .and. other - 1 <= few_cells)
    call deck%get('geometry.collocation', collocation)
@@ -268,6 +278,7 @@ subroutine look(self, problem, keeper, first, answer, error)
       end do
    end associate
    self%distance = sqrt(most(1)/max(most(2), tiny(1.0_wp)))
+   self%difference = sqrt(most(1)/sum(problem%scene%cloud%volume))
 end subroutine look
 
 !> An iteration was done

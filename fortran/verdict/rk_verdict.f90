@@ -4,7 +4,8 @@
 !> refused where a check says that it is wrong, doubtful where one cannot exclude it.
 module rk_verdict
    use, intrinsic :: ieee_arithmetic, only : ieee_is_nan
-   use rk_bars, only : bars_by_other, bars_by_solution, bars_type, new_bars
+   use rk_bars, only : another_form, bars_by_other, bars_by_solution, bars_type, fewer_points, &
+      & more_points, new_bars
    use rk_cloud, only : cloud_type
    use rk_companion, only : companion_type, solve_companion
    use rk_deck, only : deck_type
@@ -35,9 +36,12 @@ module rk_verdict
    real(wp), parameter :: of_inner_works(2) = [0.10_wp, 0.30_wp]
    !> Forces on all boundary sets, of the largest of them
    real(wp), parameter :: of_balance(2) = [0.05_wp, 0.25_wp]
-   !> Change of a probe against the companion: another cloud, of which errors are a half to a fifth,
-   !> but for stresses at the surface; and another form
-   real(wp), parameter :: of_change(2) = [0.10_wp, 0.25_wp], of_surface = 0.05_wp
+   !> Error bar of a probe from another cloud, of its size: from fewer points of a lattice bars are
+   !> some times the error; from more points, or of voxels, they are not
+   real(wp), parameter :: of_wide_bar = 0.10_wp, of_bar = 0.05_wp
+   !> Change of a probe from fewer points and from more, which are nearer to the truth, that is too
+   !> much for any answer; and change from another form
+   real(wp), parameter :: of_change = 0.25_wp, of_finer = 0.125_wp
    real(wp), parameter :: of_forms(2) = [0.05_wp, 0.10_wp]
    !> Change of all displacements against fewer points, which a coarse companion has most of itself:
    !> inclined blocks 0.3, 0.9 and 1.8 % off are 8, 24 and 29 % away from theirs
@@ -109,7 +113,8 @@ subroutine judge(self, problem, deck, model, with_companion, receiver, outcome)
    if (allocated(error)) return
    if (problem%is_linear()) then
       call bars_by_solution(self%bars, problem)
-      call judge_probes(self, problem, of_error, ' from the known solution', outcome)
+      call judge_probes(self, problem, spread(of_error(1), 1, size(self%bars%change)), &
+         & of_error(2), ' from the known solution', outcome)
       return
    end if
    if (.not. with_companion) then
@@ -122,14 +127,17 @@ subroutine judge(self, problem, deck, model, with_companion, receiver, outcome)
       call no_estimate(self, outcome)
       return
    end if
-   call bars_by_other(self%bars, problem, self%companion%seen, &
-      & .not. self%companion%same_points)
+   call bars_by_other(self%bars, problem, self%companion%seen, merge(another_form, &
+      & merge(more_points, fewer_points, self%companion%finer), self%companion%same_points), &
+      & self%companion%difference)
    if (self%companion%same_points) then
-      call judge_probes(self, problem, of_forms, ' from method "'//self%companion%method &
-         & //'" on the same points', outcome)
+      call judge_probes(self, problem, spread(of_forms(1), 1, size(self%bars%change)), &
+         & of_forms(2), ' from method "'//self%companion%method//'" on the same points', outcome)
    else
-      call judge_probes(self, problem, of_change, ' from the same with '//self%companion%lattice &
-         & //' points', outcome)
+      call judge_probes(self, problem, merge(of_wide_bar, of_bar, .not. self%companion%finer &
+         & .and. allocated(problem%scene%cloud%lattice))/self%bars%factor, &
+         & merge(of_finer, of_change, self%companion%finer), ' from the same with ' &
+         & //self%companion%lattice//' points', outcome)
    end if
 end subroutine judge
 
@@ -196,35 +204,36 @@ subroutine judge_volume(self, problem, state)
 end subroutine judge_volume
 
 !> Displacements as a whole, and the probe that is farthest off
-subroutine judge_probes(self, problem, bounds, from, outcome)
+subroutine judge_probes(self, problem, lower, most, from, outcome)
    !> Verdict with bars
    type(verdict_type), intent(inout) :: self
    !> Problem
    class(discretisation_type), intent(in) :: problem
-   !> From where on it is doubtful and refused [-]
-   real(wp), intent(in) :: bounds(2)
+   !> Change of each probe from where on the answer is doubtful, shape (probes) [-]
+   real(wp), intent(in) :: lower(:)
+   !> From where on it is refused [-]
+   real(wp), intent(in) :: most
    !> What it is compared with
    character(len=*), intent(in) :: from
    !> What the run found out
    type(outcome_type), intent(inout) :: outcome
    type(verdict_type) :: found
-   real(wp), allocatable :: lower(:), upper(:)
+   real(wp), allocatable :: upper(:)
    real(wp) :: limits(2)
    integer :: worst
 
    found%state = accepted
    found%reasons = ''
-   limits = bounds
-   if (.not. self%companion%same_points) limits = of_distance
+   limits = of_distance
+   if (self%companion%same_points) limits = of_forms
+   if (self%companion%finer) limits = [of_bar, of_finer]
    if (self%companion%coarse) limits(2) = huge(1.0_wp)
    call found%compare(self%companion%distance, limits, 'the displacements are # of ' &
       & //'their norm away'//from)
    associate (bars => self%bars)
-      allocate (lower(size(bars%change)), upper(size(bars%change)))
-      lower = bounds(1)
-      where (bars%at_surface) lower = min(lower, of_surface)
+      allocate (upper(size(bars%change)))
       ! what is small among its kind does not speak against the rest
-      upper = bounds(2)*bars%kind/max(bars%size, tiny(1.0_wp))
+      upper = most*bars%kind/max(bars%size, tiny(1.0_wp))
       ! at the surface the other form may be the one that is off
       if (self%companion%same_points) where (bars%at_surface) upper = huge(1.0_wp)
       if (self%companion%coarse) upper = huge(1.0_wp)

@@ -40,6 +40,7 @@ BENCHES = (
     "aging",
     "faults",
     "trust",
+    "newcomer",
     "certify",
 )
 

@@ -71,6 +71,7 @@ _KEPT = (
     "cpu_s",
     "memory_peak_bytes",
     "verdict",
+    "companion",
     "work_mismatch",
     "warnings",
 )

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
+from myork.reference.deck_parts import deck, force, held, probe
 from myork.reference.materials import MUSCLE, RUBBER
 
 __all__ = ["PROBLEMS", "Problem", "probe_kind"]
@@ -35,24 +36,24 @@ class Problem(NamedTuple):
     elements: tuple[tuple[int, ...], ...]
 
 
-def probe_kind(probe: Mapping[str, Any], size: Sequence[float] | None = None) -> str:
+def probe_kind(entry: Mapping[str, Any], size: Sequence[float] | None = None) -> str:
     """What a probe tells: `displacement`, `force`, `surface stress` or `stress`.
 
     Parameters
     ----------
-    probe : mapping
+    entry : mapping
         Table `[[probe]]`.
     size : sequence of float, optional
         Edges of the box; of other bodies the probe's name says where its point lies.
     """
-    quantity = str(probe["quantity"])
+    quantity = str(entry["quantity"])
     if quantity.startswith("u_"):
         return "displacement"
     if quantity.startswith("force"):
         return "force"
     if size is None:
-        return "surface stress" if "wall" in probe["name"] else "stress"
-    on = any(x in (0, edge) for x, edge in zip(probe["point"], size, strict=True))
+        return "surface stress" if "wall" in entry["name"] else "stress"
+    on = any(x in (0, edge) for x, edge in zip(entry["point"], size, strict=True))
     return "surface stress" if on else "stress"
 
 
@@ -60,43 +61,8 @@ def _rubber(bulk: float) -> dict[str, Any]:
     return {**RUBBER, "K": bulk}
 
 
-def _held(name: str, **values: float) -> dict[str, Any]:
-    """A set without motion, but for the components given."""
-    return {"set": name, "u_x": 0.0, "u_y": 0.0, "u_z": 0.0, **values}
-
-
-def _plane(name: str, **values: float) -> dict[str, Any]:
-    """As `_held`, in the plane."""
-    return {"set": name, "u_x": 0.0, "u_y": 0.0, **values}
-
-
-def _probe(name: str, quantity: str, point: Sequence[float]) -> dict[str, Any]:
-    return {"name": name, "quantity": quantity, "point": list(point)}
-
-
-def _force(name: str, axis: str, on: str) -> dict[str, Any]:
-    return {"name": name, "quantity": f"force_{axis}", "set": on}
-
-
-def _tables(
-    title: str,
-    size: Sequence[float],
-    material: Mapping[str, Any],
-    boundary: Sequence[Mapping[str, Any]],
-    probe: Sequence[Mapping[str, Any]],
-    activation: float = 0.0,
-) -> dict[str, Any]:
-    """Deck of a box."""
-    return {
-        "title": title,
-        "units": {"force": "N", "length": "cm"},
-        "scene": {"dimension": len(size)},
-        "geometry": {"kind": "box", "size": list(size)},
-        "material": [dict(material)],
-        "boundary": [dict(entry) for entry in boundary],
-        "load": {"activation": activation},
-        "probe": [dict(entry) for entry in probe],
-    }
+def _box(size: Sequence[float]) -> dict[str, Any]:
+    return {"kind": "box", "size": list(size)}
 
 
 _SHEET = ((17, 5), (33, 9), (65, 17))
@@ -105,84 +71,84 @@ _CUBE = ((5, 5, 5), (7, 7, 7), (9, 9, 9))
 _BLOCK = ((5, 5, 9), (7, 7, 13), (9, 9, 17))
 _BLOCK_ELEMENTS = ((2, 2, 4), (4, 4, 8), (6, 6, 12))
 
-_CANTILEVER = _tables(
+_CANTILEVER = deck(
     "Cantilever under a dead end traction",
-    (4, 1),
-    _rubber(1e3),
-    (_plane("x0"), {"set": "x1", "traction": [0, 2.0]}),
+    _box((4, 1)),
+    (_rubber(1e3),),
+    (held("x0", 2), {"set": "x1", "traction": [0, 2.0]}),
     (
-        _probe("tip", "u_y", (4, 0.5)),
-        _probe("fiber", "cauchy_xx", (2, 0)),
-        _probe("inside", "cauchy_xx", (1, 0.25)),
-        _force("root", "y", "x0"),
+        probe("tip", "u_y", (4, 0.5)),
+        probe("fiber", "cauchy_xx", (2, 0)),
+        probe("inside", "cauchy_xx", (1, 0.25)),
+        force("root", "y", "x0"),
     ),
 )
-_END_SHEAR = _tables(
+_END_SHEAR = deck(
     "Beam between two clamps, one moved sideways",
-    (4, 1),
-    _rubber(1e3),
-    (_plane("x0"), _plane("x1", u_y=1.0)),
+    _box((4, 1)),
+    (_rubber(1e3),),
+    (held("x0", 2), held("x1", 2, u_y=1.0)),
     (
-        _probe("quarter", "u_y", (1, 0.5)),
-        _probe("fiber", "cauchy_xx", (1, 0)),
-        _probe("inside", "cauchy_xy", (2, 0.5)),
-        _force("force", "y", "x1"),
-        _force("pull", "x", "x1"),
+        probe("quarter", "u_y", (1, 0.5)),
+        probe("fiber", "cauchy_xx", (1, 0)),
+        probe("inside", "cauchy_xy", (2, 0.5)),
+        force("force", "y", "x1"),
+        force("pull", "x", "x1"),
     ),
 )
-_SHEAR = _tables(
+_SHEAR = deck(
     "Near simple shear of a sheet with free ends",
-    (4, 1),
-    _rubber(1e3),
-    (_plane("y0"), _plane("y1", u_x=1.0)),
+    _box((4, 1)),
+    (_rubber(1e3),),
+    (held("y0", 2), held("y1", 2, u_x=1.0)),
     (
-        _probe("end", "u_x", (4, 0.5)),
-        _probe("free_edge", "cauchy_yy", (4, 0.5)),
-        _probe("middle", "cauchy_xy", (2, 0.5)),
-        _force("force", "x", "y1"),
+        probe("end", "u_x", (4, 0.5)),
+        probe("free_edge", "cauchy_yy", (4, 0.5)),
+        probe("middle", "cauchy_xy", (2, 0.5)),
+        force("force", "x", "y1"),
     ),
 )
-_COLUMN = _tables(
+_COLUMN = deck(
     "Column under an end load that leans",
-    (1, 1, 3),
-    _rubber(1e3),
-    (_held("z0"), {"set": "z1", "traction": [0.5, 0.0, -3.0]}),
+    _box((1, 1, 3)),
+    (_rubber(1e3),),
+    (held("z0"), {"set": "z1", "traction": [0.5, 0.0, -3.0]}),
     (
-        _probe("lean", "u_x", (0.5, 0.5, 3)),
-        _probe("shortening", "u_z", (0.5, 0.5, 3)),
-        _probe("side", "cauchy_zz", (1, 0.5, 1.5)),
-        _probe("inside", "cauchy_zz", (0.5, 0.5, 1.5)),
-        _force("root", "x", "z0"),
+        probe("lean", "u_x", (0.5, 0.5, 3)),
+        probe("shortening", "u_z", (0.5, 0.5, 3)),
+        probe("side", "cauchy_zz", (1, 0.5, 1.5)),
+        probe("inside", "cauchy_zz", (0.5, 0.5, 1.5)),
+        force("root", "x", "z0"),
     ),
 )
-_PLATES = _tables(
+_PLATES = deck(
     "An eighth of a cube between glued plates, compressed by 30 %",
-    (1, 1, 1),
-    _rubber(1e3),
+    _box((1, 1, 1)),
+    (_rubber(1e3),),
     (
         {"set": "x0", "u_x": 0.0},
         {"set": "y0", "u_y": 0.0},
         {"set": "z0", "u_z": 0.0},
-        _held("z1", u_z=-0.3),
+        held("z1", u_z=-0.3),
     ),
     (
-        _probe("bulge", "u_x", (1, 0, 0)),
-        _probe("side", "cauchy_zz", (1, 0, 0)),
-        _probe("centre", "cauchy_zz", (0.5, 0.5, 0.5)),
-        _force("force", "z", "z1"),
+        probe("bulge", "u_x", (1, 0, 0)),
+        probe("side", "cauchy_zz", (1, 0, 0)),
+        probe("centre", "cauchy_zz", (0.5, 0.5, 0.5)),
+        force("force", "z", "z1"),
     ),
 )
-_INCLINED = _tables(
+_INCLINED = deck(
     "Active block with fibers at 30 degrees between held ends",
-    (1, 1, 2),
-    {**MUSCLE, "fiber_angle": 30},
-    (_held("z0"), _held("z1")),
+    _box((1, 1, 2)),
+    ({**MUSCLE, "fiber_angle": 30},),
+    (held("z0"), held("z1")),
     (
-        _probe("side_u_x", "u_x", (1, 0.5, 1)),
-        _probe("side_u_z", "u_z", (1, 0.5, 1)),
-        _probe("side", "cauchy_zz", (1, 0.5, 1)),
-        _probe("inside", "cauchy_zz", (0.5, 0.5, 1)),
-        _force("reaction_z", "z", "z0"),
+        probe("side_u_x", "u_x", (1, 0.5, 1)),
+        probe("side_u_z", "u_z", (1, 0.5, 1)),
+        probe("side", "cauchy_zz", (1, 0.5, 1)),
+        probe("inside", "cauchy_zz", (0.5, 0.5, 1)),
+        force("reaction_z", "z", "z0"),
     ),
     activation=0.15,
 )
@@ -190,40 +156,37 @@ _STRAIGHT = {
     **_INCLINED,
     "title": "Active block with straight fibers between held ends",
     "material": [{**MUSCLE, "fiber_angle": 0}],
-    "probe": [probe for probe in _INCLINED["probe"] if not probe["name"].startswith("side_u")],
+    "probe": [entry for entry in _INCLINED["probe"] if not entry["name"].startswith("side_u")],
 }
-_STRETCHED = _tables(
+_STRETCHED = deck(
     "Active muscle pulled by a tenth along its fibers",
-    (1, 1, 2),
-    {**MUSCLE, "fiber_angle": 0},
-    (_held("z0"), _held("z1", u_z=0.2)),
+    _box((1, 1, 2)),
+    ({**MUSCLE, "fiber_angle": 0},),
+    (held("z0"), held("z1", u_z=0.2)),
     (
-        _probe("waist", "u_x", (1, 0.5, 1)),
-        _probe("side", "cauchy_zz", (1, 0.5, 1)),
-        _probe("inside", "cauchy_zz", (0.5, 0.5, 1)),
-        _force("reaction", "z", "z1"),
+        probe("waist", "u_x", (1, 0.5, 1)),
+        probe("side", "cauchy_zz", (1, 0.5, 1)),
+        probe("inside", "cauchy_zz", (0.5, 0.5, 1)),
+        force("reaction", "z", "z1"),
     ),
     activation=0.1,
 )
-_TUBE: dict[str, Any] = {
-    **_tables(
-        "Quarter tube, inflated until its inner radius is doubled",
-        (8, 8),
-        _rubber(1e3),
-        (
-            {"set": "x0", "u_x": 0.0},
-            {"set": "y0", "u_y": 0.0},
-            {"set": "inner", "radial": 6.0},
-        ),
-        (
-            _probe("outer", "u_x", (8, 0)),
-            _probe("wall", "cauchy_rr", (6, 0)),
-            _probe("hoop_outer_wall", "cauchy_yy", (8, 0)),
-            _force("force", "x", "x0"),
-        ),
+_TUBE = deck(
+    "Quarter tube, inflated until its inner radius is doubled",
+    {"kind": "annulus", "inner_radius": 6, "outer_radius": 8},
+    (_rubber(1e3),),
+    (
+        {"set": "x0", "u_x": 0.0},
+        {"set": "y0", "u_y": 0.0},
+        {"set": "inner", "radial": 6.0},
     ),
-    "geometry": {"kind": "annulus", "inner_radius": 6, "outer_radius": 8},
-}
+    (
+        probe("outer", "u_x", (8, 0)),
+        probe("wall", "cauchy_rr", (6, 0)),
+        probe("hoop_outer_wall", "cauchy_yy", (8, 0)),
+        force("force", "x", "x0"),
+    ),
+)
 _STIFF_TUBE = {**_TUBE, "title": f"{_TUBE['title']}, K = 1e7", "material": [_rubber(1e7)]}
 _TUBE_SIZES = ((5, 26), (9, 51), (17, 101))
 _TUBE_ELEMENTS = ((4, 20), (8, 40), (16, 80))

@@ -6,7 +6,7 @@ bodies lie off the lattice where they are curved, so that no count of voxels is 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from myork.core.deck import table_defaults
 from myork.records import Labels, PointCloud
+from myork.reference.deck_parts import deck, force, held, probe
 from myork.reference.materials import MUSCLE, RUBBER
 from myork.stations.build import build_cloud
 
@@ -102,37 +103,7 @@ def box_tables(body: Body) -> dict[str, Any]:
     return deck
 
 
-def _held(name: str, **values: float) -> dict[str, Any]:
-    return {"set": name, "u_x": 0.0, "u_y": 0.0, "u_z": 0.0, **values}
-
-
-def _probe(name: str, quantity: str, point: Sequence[float]) -> dict[str, Any]:
-    return {"name": name, "quantity": quantity, "point": list(point)}
-
-
-def _force(axis: str, on: str) -> dict[str, Any]:
-    return {"name": f"force {axis}", "quantity": f"force_{axis}", "set": on}
-
-
-def _tables(
-    title: str,
-    material: Sequence[Mapping[str, Any]],
-    boundary: Sequence[Mapping[str, Any]],
-    probe: Sequence[Mapping[str, Any]],
-    activation: float = 0.0,
-) -> dict[str, Any]:
-    return {
-        "title": title,
-        "units": {"force": "N", "length": "cm"},
-        "scene": {"dimension": 3},
-        "geometry": {"kind": "model"},
-        "material": list(material),
-        "boundary": list(boundary),
-        "load": {"activation": activation},
-        "probe": list(probe),
-    }
-
-
+_MODEL = {"kind": "model"}
 _LENGTH = 4.0
 
 
@@ -177,11 +148,16 @@ _MUSCLE = {**MUSCLE, "fiber": [0, 0, 1], "label": 1}
 BODIES = (
     Body(
         "cylinder of voxels",
-        tables=_tables(
+        tables=deck(
             "Cylinder sheared and pulled",
+            _MODEL,
             (_RUBBER,),
-            (_held("bottom"), _held("top", u_x=0.8, u_z=0.2)),
-            (_probe("mid", "u_x", (1, 1, 2)), _force("x", "top"), _force("z", "top")),
+            (held("bottom"), held("top", u_x=0.8, u_z=0.2)),
+            (
+                probe("mid", "u_x", (1, 1, 2)),
+                force("force x", "x", "top"),
+                force("force z", "z", "top"),
+            ),
         ),
         sizes=_VOXELS,
         elements=((2, 2, 4), (4, 4, 8), (6, 6, 12)),
@@ -189,11 +165,12 @@ BODIES = (
     ),
     Body(
         "spindle of voxels",
-        tables=_tables(
+        tables=deck(
             "Active spindle shortened",
+            _MODEL,
             (_MUSCLE,),
-            (_held("bottom"), _held("top", u_z=-0.2)),
-            (_probe("quarter", "u_z", (1, 1, 1)), _force("z", "top")),
+            (held("bottom"), held("top", u_z=-0.2)),
+            (probe("quarter", "u_z", (1, 1, 1)), force("force z", "z", "top")),
             0.2,
         ),
         sizes=_VOXELS,
@@ -203,11 +180,12 @@ BODIES = (
     Body(
         "bracket of voxels",
         size=(3.0, 1.0, 3.0),
-        tables=_tables(
+        tables=deck(
             "Bracket under a dead load",
+            _MODEL,
             (_RUBBER,),
-            (_held("bottom"), {"set": "top", "traction": [0, 0, -0.4]}),
-            (_probe("tip", "u_z", (3, 0.5, 3)), _force("z", "bottom")),
+            (held("bottom"), {"set": "top", "traction": [0, 0, -0.4]}),
+            (probe("tip", "u_z", (3, 0.5, 3)), force("force z", "z", "bottom")),
         ),
         label=_arms,
         sizes=_VOXELS,
@@ -217,18 +195,19 @@ BODIES = (
     Body(
         "three tissues of voxels",
         size=(2.0, 1.0, _LENGTH),
-        tables=_tables(
+        tables=deck(
             "Muscle, fat and tendon with curved interfaces, pulled and active",
+            _MODEL,
             (
                 {**_MUSCLE, "name": "muscle"},
                 {"name": "fat", "model": "neo-hookean", "mu": 1.0, "K": 100.0, "label": 2},
                 {"name": "tendon", "model": "neo-hookean", "mu": 30.0, "K": 1e3, "label": 3},
             ),
-            (_held("bottom"), _held("top", u_z=0.2)),
+            (held("bottom"), held("top", u_z=0.2)),
             (
-                _probe("interface", "u_z", (1.5 + 0.1125 * np.sqrt(0.5), 0.5, 1)),
-                _probe("side", "u_x", (2, 0.5, 2)),
-                _force("z", "top"),
+                probe("interface", "u_z", (1.5 + 0.1125 * np.sqrt(0.5), 0.5, 1)),
+                probe("side", "u_x", (2, 0.5, 2)),
+                force("force z", "z", "top"),
             ),
             0.1,
         ),

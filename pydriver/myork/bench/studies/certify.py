@@ -132,6 +132,7 @@ def _problem(
                     "verdict": case.get("verdict", {}).get("state", "refused"),
                     "error": {probe: abs(probes[probe] - fine[probe]) for probe in probes},
                     "bar": bars,
+                    "companion": case.get("companion"),
                     "doubt": doubt,
                     "truth": fine,
                 }

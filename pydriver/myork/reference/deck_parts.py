@@ -1,0 +1,68 @@
+"""Tables of decks in few words, for problems that are written in Python."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+__all__ = ["deck", "force", "held", "probe"]
+
+
+def held(name: str, dimension: int = 3, **values: float) -> dict[str, Any]:
+    """A set without motion, but for the components given.
+
+    Parameters
+    ----------
+    name : str
+        Boundary set.
+    dimension : int
+        Of space.
+    **values : float
+        Displacements by key, such as ``u_x`` [length].
+    """
+    return {"set": name, **{f"u_{axis}": 0.0 for axis in "xyz"[:dimension]}, **values}
+
+
+def probe(name: str, quantity: str, point: Sequence[float]) -> dict[str, Any]:
+    """A probe of a quantity at a point [length]."""
+    return {"name": name, "quantity": quantity, "point": list(point)}
+
+
+def force(name: str, axis: str, on: str) -> dict[str, Any]:
+    """A probe of a component of the force on a set."""
+    return {"name": name, "quantity": f"force_{axis}", "set": on}
+
+
+def deck(
+    title: str,
+    geometry: Mapping[str, Any],
+    material: Sequence[Mapping[str, Any]],
+    boundary: Sequence[Mapping[str, Any]],
+    probes: Sequence[Mapping[str, Any]],
+    activation: float = 0.0,
+) -> dict[str, Any]:
+    """A deck in N and cm that names no form, order, support or load steps.
+
+    Parameters
+    ----------
+    title : str
+        What it is.
+    geometry : mapping
+        Table `[geometry]`; the length of a box's `size` is the dimension, annuli are plane and
+        models solid.
+    material, boundary, probes : sequence of mapping
+        Their tables.
+    activation : float
+        Of muscle, at full load [-].
+    """
+    dimension = {"annulus": 2, "model": 3}.get(geometry["kind"]) or len(geometry["size"])
+    return {
+        "title": title,
+        "units": {"force": "N", "length": "cm"},
+        "scene": {"dimension": dimension},
+        "geometry": dict(geometry),
+        "material": [dict(entry) for entry in material],
+        "boundary": [dict(entry) for entry in boundary],
+        "load": {"activation": activation},
+        "probe": [dict(entry) for entry in probes],
+    }
