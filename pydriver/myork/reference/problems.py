@@ -49,7 +49,7 @@ def probe_kind(entry: Mapping[str, Any], size: Sequence[float] | None = None) ->
     quantity = str(entry["quantity"])
     if quantity.startswith("u_"):
         return "displacement"
-    if quantity.startswith("force"):
+    if quantity.startswith(("force", "torque")):
         return "force"
     if size is None:
         return "surface stress" if "wall" in entry["name"] else "stress"
@@ -119,6 +119,21 @@ _COLUMN = deck(
         probe("side", "cauchy_zz", (1, 0.5, 1.5)),
         probe("inside", "cauchy_zz", (0.5, 0.5, 1.5)),
         force("root", "x", "z0"),
+    ),
+)
+_TWIST = deck(
+    "Bar whose end is turned by 180 degrees",
+    _box((1, 1, 3)),
+    (_rubber(1e3),),
+    (
+        held("z0"),
+        {"set": "z1", "rotation": 180.0, "axis": [0, 0, 1], "about": [0.5, 0.5, 3]},
+    ),
+    (
+        probe("side", "u_x", (1, 0.5, 0.75)),
+        probe("inside", "cauchy_zz", (0.5, 0.5, 1.5)),
+        {"name": "torque", "quantity": "torque_z", "set": "z1", "about": [0.5, 0.5, 3]},
+        force("force", "z", "z1"),
     ),
 )
 _PLATES = deck(
@@ -203,6 +218,12 @@ PROBLEMS = (
         _COLUMN,
         ((5, 5, 13), (7, 7, 19), (9, 9, 25)),
         ((2, 2, 6), (4, 4, 8), (4, 4, 12)),
+    ),
+    Problem(
+        "twist",
+        _TWIST,
+        ((5, 5, 9), (5, 5, 13), (7, 7, 19)),
+        ((2, 2, 8), (4, 4, 8), (4, 4, 12)),
     ),
     Problem("cube between plates", _PLATES, _CUBE, ((2, 2, 2), (4, 4, 4), (6, 6, 6))),
     Problem("inclined block", _INCLINED, _BLOCK, _BLOCK_ELEMENTS),

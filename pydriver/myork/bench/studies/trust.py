@@ -40,7 +40,7 @@ _STRONG = ("rkcm-mixed", "rkcm")
 #: What `auto` should be within of finite elements [-]
 _NEAR = 0.01
 #: Wall time of one solve [s]
-_LIMIT = 120.0
+_LIMIT = 300.0
 
 
 def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
@@ -190,9 +190,17 @@ def _races(cases: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
                     "cpu_s": best["cpu_s"],
                     "peer_cpu_s": cheapest,
                     "ratio": best["cpu_s"] / cheapest if known else None,
+                    "near_cpu_s": _cheapest(own, key),
+                    "peer_near_cpu_s": _cheapest(meshes, key),
                 }
             )
     return rows
+
+
+def _cheapest(cases: Sequence[Mapping[str, Any]], key: str) -> float | None:
+    """Time of the cheapest answer that is near enough."""
+    near = [case["cpu_s"] for case in cases if case[key] is not None and case[key] <= _NEAR]
+    return min((seconds for seconds in near if seconds is not None), default=None)
 
 
 def _race_table(cases: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -206,6 +214,8 @@ def _race_table(cases: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         ("CPU [s]", "cpu_s"),
         ("felupe, no larger error [s]", "peer_cpu_s"),
         ("ratio", "ratio"),
+        (f"CPU for {_NEAR:.0%} [s]", "near_cpu_s"),
+        (f"felupe for {_NEAR:.0%} [s]", "peer_near_cpu_s"),
     )
     return table(
         "`auto` at its finest size against the cheapest mesh with no larger error; empty where "
@@ -215,10 +225,17 @@ def _race_table(cases: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     )
 
 
+def _mean(ratios: Sequence[float]) -> float | None:
+    """Geometric mean."""
+    return float(np.exp(np.mean(np.log(ratios)))) if ratios else None
+
+
 def _end_table(cases: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """What the run comes to."""
     races = _races(cases)
     ratios = [race["ratio"] for race in races if race["ratio"]]
+    both = [race for race in races if race["near_cpu_s"] and race["peer_near_cpu_s"]]
+    near_ratios = [race["near_cpu_s"] / race["peer_near_cpu_s"] for race in both]
     judged = sum(not case.get("rival") for case in cases)
     near = sum(race["within"] == "yes" for race in races)
     rows = [
@@ -227,9 +244,15 @@ def _end_table(cases: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         {
             "of": "CPU of `auto` over that of felupe at no larger error, geometric mean "
             f"of {len(ratios)}",
-            "is": float(np.exp(np.mean(np.log(ratios)))) if ratios else None,
+            "is": _mean(ratios),
         },
         {"of": "the largest such ratio", "is": max(ratios, default=None)},
+        {
+            "of": f"the same of the cheapest answers within {_NEAR:.0%}, geometric mean "
+            f"of {len(near_ratios)}",
+            "is": _mean(near_ratios),
+        },
+        {"of": "the largest of these", "is": max(near_ratios, default=None)},
         {
             "of": "answers of `auto` that no mesh was as near as",
             "is": sum(race["ratio"] is None for race in races),
