@@ -179,22 +179,23 @@ end subroutine scene_set_fields
 
 !> Solve all load steps of the full (reduced = 0) or the reduced problem with a number of threads,
 !> 0 for all cores, without (estimate = 0) or with error bars; threads are a matter of the calling
-!> thread, so it is set here
-subroutine scene_solve(handle, linear, reduced, threads, estimate, stat, message)
+!> thread, so it is set here. The iteration begins at `start`, unknowns that may all be zero
+subroutine scene_solve(handle, n, linear, reduced, threads, estimate, start, stat, message)
    use omp_lib, only : omp_set_num_threads
    use rk_error, only : error_type
    use rk_pack, only : pack_error
    use rk_session, only : solve_session
    implicit none
    !f2py threadsafe
-   integer, intent(in) :: handle, reduced, threads, estimate
+   integer, intent(in) :: handle, n, reduced, threads, estimate
    character(len=*), intent(in) :: linear
+   double precision, intent(in) :: start(n)
    integer, intent(out) :: stat
    character(len=2048), intent(out) :: message
    type(error_type), allocatable :: error
 
    if (threads > 0) call omp_set_num_threads(threads)
-   call solve_session(handle, linear, reduced /= 0, estimate /= 0, error)
+   call solve_session(handle, linear, reduced /= 0, estimate /= 0, start, error)
    call pack_error(error, stat, message)
 end subroutine scene_solve
 
@@ -215,6 +216,26 @@ subroutine scene_progress(handle, steps, iterations)
    steps = slot%states%steps
    iterations = slot%states%iterations
 end subroutine scene_progress
+
+!> Shape functions in words: coefficients belong to them
+subroutine scene_approximation(handle, text, stat, message)
+   use rk_deck_scene, only : approximation_text
+   use rk_error, only : error_type
+   use rk_handles, only : find_slot, slot_type
+   use rk_pack, only : pack_error
+   implicit none
+   integer, intent(in) :: handle
+   character(len=200), intent(out) :: text
+   integer, intent(out) :: stat
+   character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
+   type(slot_type), pointer :: slot
+
+   text = ''
+   call find_slot(handle, slot, error)
+   call pack_error(error, stat, message)
+   if (stat == 0) text = approximation_text(slot%deck)
+end subroutine scene_approximation
 
 !> Ask a running solve to end after its iteration
 subroutine scene_stop(handle)

@@ -10,6 +10,7 @@ module rk_session
    use rk_precision, only : wp
    use rk_probes, only : new_probes, probe_value, probes_type
    use rk_problem, only : problem_type, evaluation_type
+   use rk_recorder, only : start_type
    use rk_reduced, only : new_reduced
    use rk_run, only : outcome_type, solve_problem, solve_scene
    use rk_states, only : field_state
@@ -124,7 +125,7 @@ subroutine find_problem(handle, reduced, slot, problem, error)
 end subroutine find_problem
 
 !> Solve the full or the reduced problem through all load steps
-subroutine solve_session(handle, linear, reduced, estimate, error)
+subroutine solve_session(handle, linear, reduced, estimate, x, error)
    !> Handle
    integer, intent(in) :: handle
    !> Least squares solver; blank for the deck's
@@ -133,13 +134,18 @@ subroutine solve_session(handle, linear, reduced, estimate, error)
    logical, intent(in) :: reduced
    !> Compute a second solution for error bars
    logical, intent(in) :: estimate
+   !> Unknowns at which the iteration begins, shape (n)
+   real(wp), intent(in) :: x(:)
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
    type(slot_type), pointer :: slot
    class(problem_type), pointer :: problem
+   type(start_type) :: start
 
    call find_problem(handle, reduced, slot, problem, error)
    if (allocated(error)) return
+   allocate (start%step(0))
+   start%x = reshape(x, [size(x), 1])
    associate (states => slot%states, &
       & steps => slot%scene%steps())
       if (allocated(states%x)) deallocate (states%x, states%info)
@@ -152,9 +158,10 @@ subroutine solve_session(handle, linear, reduced, estimate, error)
    slot%verdict = verdict_type(reasons='')
    if (reduced) then
       slot%outcome = outcome_type(warnings='')
-      call solve_problem(problem, slot%scene, linear, slot%states, slot%outcome%timer, error)
+      call solve_problem(problem, slot%scene, linear, slot%states, slot%outcome%timer, error, &
+         & start)
    else
-      call solve_scene(slot%full, linear, slot%states, slot%outcome, error)
+      call solve_scene(slot%full, linear, slot%states, slot%outcome, error, start)
       call judge(slot%verdict, slot%full, slot%deck, slot%model, estimate, slot%states, &
          & slot%outcome)
    end if

@@ -15,6 +15,8 @@ program main
    use rk_new_problem, only : new_problem
    use rk_output, only : output_type
    use rk_precision, only : i8, wp
+   use rk_recorder, only : start_type
+   use rk_resume, only : resume_run, start_from
    use rk_run, only : outcome_type, solve_scene
    use rk_scene, only : scene_type
    use rk_summary, only : is_complete, mark_summary, write_summary
@@ -60,28 +62,44 @@ contains
       type(outcome_type) :: outcome
       type(verdict_type) :: verdict
       type(error_type), allocatable :: failure
+      type(start_type), allocatable :: start
       type(json_entry), allocatable :: earlier(:)
       real(wp) :: shape_s
-      character(len=:), allocatable :: message
+      character(len=:), allocatable :: history, message
       logical :: damaged, replaces
-      integer(i8) :: start
+      integer(i8) :: began, journal
 
-      call system_clock(start)
+      call system_clock(began)
       call new_problem(problem, scene, error)
       call deck%locate('geometry', error)
       call leave_on(error)
-      shape_s = tick(start)
+      shape_s = tick(began)
       call make_folder(config%out, error)
       call leave_on(error)
       call lock_folder(config%out, error)
       call leave_on(error)
+      history = ''
+      journal = 0
+      if (config%resume) then
+         call resume_run(config%out, deck, problem, start, history, output%worst, journal, error)
+         call leave_on(error)
+         if (allocated(start)) output%repeated = size(start%step)
+      end if
+      if (config%start /= '' .and. .not. allocated(start)) then
+         call start_from(config%start, deck, problem, start, error)
+         call leave_on(error)
+      end if
       output%verbosity = config%verbosity
-      call output%open(problem, config%out, deck%text, version_text(), error)
+      call output%open(problem, config%out, deck, version_text(), error, history, journal)
       call leave_on(error)
       call catch_signals()
       call output%say(scene%title//': '//to_text(problem%n)//' unknowns, '//to_text(problem%m) &
          & //' equations', level=0)
-      call solve_scene(problem, '', output, outcome, failure)
+      if (output%repeated > 0) call output%say('resumed behind load step ' &
+         & //to_text(output%repeated), level=0)
+      if (config%start /= '' .and. output%repeated == 0) call output%say('begins at ' &
+         & //config%start, level=0)
+      call solve_scene(problem, '', output, outcome, failure, start)
       call judge(verdict, problem, deck, model, config%estimate, output, outcome)
       call output%tell_verdict(verdict)
       message = ''

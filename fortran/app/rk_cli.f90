@@ -26,6 +26,10 @@ module rk_cli
       integer :: verbosity = 0
       !> Compute a second solution for the error bars
       logical :: estimate = .true.
+      !> Go on where an earlier run in the output folder was ended
+      logical :: resume = .false.
+      !> State to begin at, "FILE" or "FILE:STEP"; blank for none
+      character(len=:), allocatable :: start
       !> Only say what would be done
       logical :: explain = .false.
       !> Text to print instead of a run
@@ -45,6 +49,7 @@ subroutine read_arguments(config, error)
 
    config%deck = ''
    config%out = ''
+   config%start = ''
    allocate (config%overrides(0))
    i = 0
    do while (i < command_argument_count())
@@ -59,13 +64,15 @@ subroutine read_arguments(config, error)
          return
       case ('--explain')
          config%explain = .true.
+      case ('--resume')
+         config%resume = .true.
       case ('--no-error')
          config%estimate = .false.
       case ('-q')
          config%verbosity = -1
       case ('-v')
          config%verbosity = 1
-      case ('-o', '-t', '--set')
+      case ('-o', '-t', '--set', '--start-from')
          i = i + 1
          value = argument(i)
          if (i > command_argument_count() .or. len(value) == 0) then
@@ -74,6 +81,8 @@ subroutine read_arguments(config, error)
          end if
          if (word == '-o') then
             config%out = value
+         else if (word == '--start-from') then
+            config%start = value
          else if (word == '--set') then
             if (len(value) > len(config%overrides)) then
                call fatal_error(error, err_input, '--set '//value(:40)//'...: too long')

@@ -1,14 +1,19 @@
 !> Receives what happens in a solve: progress lines, history.csv, run.log and results.vtkhdf.
 module rk_output
    use rk_clock, only : tick
+   use rk_deck, only : deck_type
+   use rk_deck_scene, only : approximation_text
    use rk_discretisation, only : discretisation_type
    use rk_error, only : error_type, fatal_error, err_convergence
    use rk_fields, only : compute_fields
+   use rk_journal, only : is_approximation, is_deck, is_line, is_overrides, is_points, is_source, &
+      & is_step, journal_type
    use rk_point_field, only : point_field
    use rk_precision, only : i8, wp
    use rk_probes, only : new_probes, probe_value, probes_type, quantity_kind, quantity_size
    use rk_recorder, only : iteration_type, recorder_type, step_type
    use rk_results, only : results_type
+   use rk_resume, only : journal_name, step_columns, step_numbers, to_space
    use rk_scene, only : scene_type
    use rk_states, only : field_state
    use rk_system, only : interrupted, tell
@@ -46,12 +51,19 @@ module rk_output
       real(wp) :: rcond = 1.0_wp
       !> -1 quiet, 0 a line a step, 1 a line an iteration
       integer :: verbosity = 0
+      !> Load steps of an earlier run that are recorded once more
+      integer :: repeated = 0
+      !> Worst backward error, misfit and condition of that run up to each, shape (3, repeated) [-]
+      real(wp), allocatable :: worst(:, :)
       !> Wall time of writing [s]
       real(wp) :: seconds = 0.0_wp
       !> First error of writing
       type(error_type), allocatable :: error
       type(text_file), private :: history
       type(text_file), private :: log
+      type(journal_type), private :: journal
+      !> Load steps that the journal has already
+      integer, private :: journaled = 0
    contains
       !> Open the files
       procedure :: open => open_output
@@ -77,7 +89,7 @@ module rk_output
 contains
 
 !> Open the files of a run
-subroutine open_output(self, problem, folder, deck_text, version, error)
+subroutine open_output(self, problem, folder, deck, version, error, history, whole)
    !> Files
    class(output_type), intent(inout) :: self
    !> Problem
@@ -85,11 +97,15 @@ subroutine open_output(self, problem, folder, deck_text, version, error)
    !> Folder, which exists
    character(len=*), intent(in) :: folder
    !> Deck, kept with the results
-   character(len=*), intent(in) :: deck_text
+   type(deck_type), intent(in) :: deck
    !> Version of the program
    character(len=*), intent(in) :: version
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
+   !> Lines of history.csv of the run that goes on, each with its line feed
+   character(len=*), intent(in) :: history
+   !> Bytes of its journal that are whole, 0 for a run that begins
+   integer(i8), intent(in) :: whole
    real(wp), allocatable :: points(:, :), source(:, :)
 
    self%problem => problem
@@ -101,23 +117,31 @@ subroutine open_output(self, problem, folder, deck_text, version, error)
    if (.not. allocated(error)) call self%history%line('step,load,iteration,residual,gradient,' &
       & //'step_norm,min_J,max_J,backward_error,solver,seconds', error)
    if (allocated(error)) return
+   if (len(history) > 0) call self%history%line(history(:len(history) - 1), error)
+   if (allocated(error)) return
    associate (cloud => problem%scene%cloud)
-      points = in_space(cloud%points)
-      source = in_space(cloud%source)
+      points = to_space(cloud%points)
+      source = to_space(cloud%source)
       call self%results%open(folder//'/results.vtkhdf', points, cloud%label, cloud%fiber, source, &
-         & deck_text, version, error)
+         & deck%text, version, error)
    end associate
+   if (allocated(error)) return
+   call self%results%describe(deck%overrides, approximation_text(deck), error)
+   if (allocated(error) .or. problem%is_linear()) return
+   call self%journal%open(folder//journal_name, whole, error)
+   if (whole > 0) self%journaled = self%repeated
+   if (allocated(error) .or. whole > 0) return
+   call self%journal%add_text(is_deck, deck%text, error)
+   if (.not. allocated(error)) call self%journal%add_text(is_overrides, deck%overrides, error)
+   if (.not. allocated(error)) call self%journal%add_text(is_approximation, &
+      & approximation_text(deck), error)
+   if (.not. allocated(error)) call self%journal%add_numbers(is_source, [real(wp) ::], source, &
+      & error)
+   if (.not. allocated(error)) call self%journal%add_numbers(is_points, [real(wp) ::], points, &
+      & error)
+   if (.not. allocated(error) .and. len(history) > 0) call self%journal%add_text(is_line, &
+      & history(:len(history) - 1), error)
 end subroutine open_output
-
-!> Points with a third coordinate
-pure function in_space(x) result(y)
-   !> Points, shape (nd, n) [length]
-   real(wp), intent(in) :: x(:, :)
-   real(wp) :: y(3, size(x, 2))
-
-   y = 0.0_wp
-   y(:size(x, 1), :) = x
-end function in_space
 
 !> Complete the files under their temporary names
 subroutine close_output(self, error)
@@ -148,6 +172,8 @@ subroutine publish(self, error)
    call self%results%publish(error)
    if (.not. allocated(error)) call self%history%publish(error)
    if (.not. allocated(error)) call self%log%publish(error)
+   ! a run that goes on begins with these
+   if (.not. allocated(error)) call self%journal%close(remove=.true.)
 end subroutine publish
 
 !> Keep the first failure of writing
@@ -186,6 +212,8 @@ subroutine iteration(self, it)
       & '",", a, ",", f0.3)') it%step, it%load, it%iteration, it%residual, it%gradient, &
       & it%step_norm, it%min_j, it%max_j, it%backward_error, it%solver, it%seconds
    call self%history%line(trim(line), error)
+   call keep(self, error)
+   call self%journal%add_text(is_line, trim(line), error)
    call keep(self, error)
    write (line, '("  iteration ", i0, "  |r|  ", a, "  |A''r|  ", a, "  |da|  ", a, '// &
       & '"  J ", a, "..", a, "  ", a, "  ", a)') it%iteration, to_power(it%residual, 1), &
@@ -229,12 +257,29 @@ subroutine step(self, st, x)
       end associate
    end do
    call move_alloc(grown, self%record)
+   if (st%step > 0 .and. st%step <= self%repeated) then
+      self%backward_error = self%worst(1, st%step)
+      self%misfit = self%worst(2, st%step)
+      self%rcond = self%worst(3, st%step)
+   end if
    call compute_fields(self%problem, state, fields)
-   call self%results%add_step(st%load, self%problem%scene%common_activation(st%load), &
-      & fields, x, error)
+   associate (numbers => step_numbers(st, [self%backward_error, self%misfit, self%rcond]), &
+      & activation => self%problem%scene%common_activation(st%load))
+      if (allocated(st%carried)) then
+         call self%results%add_step(st%load, activation, fields, x, error, numbers, &
+            & step_columns(st))
+      else
+         call self%results%add_step(st%load, activation, fields, x, error, numbers)
+      end if
+      call keep(self, error)
+      ! a state between two planned ones is found again
+      if (st%step > self%journaled .and. st%planned) call self%journal%add_numbers(is_step, &
+         & [st%load, numbers, x], step_columns(st), error)
+   end associate
    call keep(self, error)
+   if (allocated(self%record(n + 1)%step%carried)) deallocate (self%record(n + 1)%step%carried)
    self%seconds = self%seconds + tick(clock)
-   if (st%step == 0) return
+   if (st%step == 0 .or. self%loaded_states() <= self%repeated) return
    if (self%problem%is_linear()) then
       write (line, '("linear: one least squares solve, ", a, "  relative |A''r| ", a, '// &
          & '"  ", f0.1, " s")') self%last%solver, to_power(st%gradient, 1), self%last%seconds

@@ -16,7 +16,8 @@
 
 static const char usage[] =
    "usage: myork-solve DECK [-o DIR] [-t N] [--set table.key=value]... [-q | -v] "
-   "[--no-error] [--explain]\n"
+   "[--no-error]\n"
+   "                   [--resume] [--start-from FILE[:STEP]] [--explain]\n"
    "\n"
    "Solve the full model of a deck and write summary.json, results.vtkhdf, history.csv and run.log.\n"
    "\n"
@@ -25,6 +26,9 @@ static const char usage[] =
    "  --set K=V     override a key of the deck; may be repeated\n"
    "  -q, -v        no progress, or a line for every iteration\n"
    "  --no-error    no second solution, which gives the probes their error bars\n"
+   "  --resume      go on from the last whole load step of an earlier run in the folder\n"
+   "  --start-from FILE[:STEP]\n"
+   "                begin the iteration at a state of a result file instead of at rest\n"
    "  --explain     say what will be modelled and what it costs, and stop\n"
    "  --version     version\n"
    "  --help        this text\n"

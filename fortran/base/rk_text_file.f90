@@ -10,7 +10,7 @@ module rk_text_file
    implicit none
    private
 
-   public :: text_file, save_text
+   public :: text_file, save_text, load_text
 
    !> Room for the reason of a failure
    integer(c_int), parameter :: nwhy = 200
@@ -141,6 +141,26 @@ subroutine save_text(path, text, error)
    if (allocated(trouble) .and. .not. allocated(error)) call move_alloc(trouble, error)
    if (.not. allocated(error)) call file%publish(error)
 end subroutine save_text
+
+!> Read a text file; one that is not there is empty
+subroutine load_text(path, text)
+   !> File
+   character(len=*), intent(in) :: path
+   !> Its content
+   character(len=:), allocatable, intent(out) :: text
+   integer :: length, stat, unit
+
+   text = ''
+   open (newunit=unit, file=path, access='stream', form='unformatted', status='old', &
+      & action='read', iostat=stat)
+   if (stat /= 0) return
+   inquire (unit=unit, size=length)
+   deallocate (text)
+   allocate (character(len=max(length, 0)) :: text)
+   read (unit, iostat=stat) text
+   close (unit)
+   if (stat /= 0) text = ''
+end subroutine load_text
 
 !> Turn the answer of C into an error
 subroutine check(self, status, why, error)

@@ -53,7 +53,7 @@ module rk_deck
       character(len=:), allocatable :: sha256
       type(entry_type), allocatable, private :: entry(:)
       !> Overrides, a line each
-      character(len=:), allocatable, private :: overrides
+      character(len=:), allocatable :: overrides
    contains
       !> Is there a value for a key, or a table?
       procedure :: has

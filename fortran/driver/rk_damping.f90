@@ -40,7 +40,7 @@ module rk_damping
       !> Iterations for which `auto` keeps away from Newton
       integer, private :: barred = 0
       !> Newton ended the last load step
-      logical, private :: trusted = .false.
+      logical :: trusted = .false.
    contains
       !> Begin a load step
       procedure :: start
@@ -50,6 +50,8 @@ module rk_damping
       procedure :: learn
       !> End a load step that converged
       procedure :: finish
+      !> Go on behind a load step of another run
+      procedure :: resume
       !> The damped step has arrived; see whether a whole one would move
       procedure :: release
       !> A trial failed
@@ -105,6 +107,20 @@ subroutine finish(self)
    self%trusted = self%curved
    self%last = huge(1.0_wp)
 end subroutine finish
+
+!> Go on behind a load step of another run
+subroutine resume(self, rcond, trusted)
+   !> Choice
+   class(damping_type), intent(inout) :: self
+   !> Reciprocal condition of its last Gauss-Newton matrix [-]
+   real(wp), intent(in) :: rcond
+   !> Newton ended it
+   logical, intent(in) :: trusted
+
+   self%rcond = rcond
+   self%trusted = trusted
+   self%last = huge(1.0_wp)
+end subroutine resume
 
 !> Choose the matrix of the next iteration
 subroutine choose(self, iterations, gradient, merit, step_norm, tolerance, left)

@@ -17,12 +17,12 @@ module rk_newton
    use rk_newton_step, only : find_step
    use rk_precision, only : wp
    use rk_problem, only : dense_limit, problem_type, evaluation_type
-   use rk_recorder, only : iteration_type, recorder_type
+   use rk_recorder, only : carried_type, iteration_type, recorder_type
    use rk_text, only : to_text
    implicit none
    private
 
-   public :: newton_type, solve_step
+   public :: newton_type, solve_step, hand_over, take_over
 
    !> Iterations over which |r| of a costly problem must fall to a share, from the first number of
    !> iterations on. In 660 load steps of beams, columns, cubes, sheets and muscles those that
@@ -82,6 +82,11 @@ module rk_newton
       real(wp) :: past(pace) = 0.0_wp
       !> Volume ratios of the last state
       type(evaluation_type) :: state
+      !> Where the matrix of a costly problem was taken, where the iteration to there began, and
+      !> where the one that runs began, shape (n) each
+      real(wp), allocatable, private :: place(:), origin(:), begun(:)
+      !> Load of what was prescribed in the last linearisation and at these beginnings [-]
+      real(wp), private :: held = 0.0_wp, origin_held = 0.0_wp, begun_held = 0.0_wp
    end type newton_type
 
    !> Rejected steps in a row before giving up
@@ -149,7 +154,11 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
    end if
    linearised = .true.
    do
-      if (linearised) call problem%start_iteration()
+      if (linearised) then
+         call problem%start_iteration()
+         if (problem%costly) self%begun = a
+         self%begun_held = self%held
+      end if
       op => problem%operator()
       call op%apply_transposed(r, g)
       it%gradient = norm2(g)
@@ -172,6 +181,7 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
       if (.not. linearised) then
          call system_clock(clock)
          call problem%linearise(a, load, r, self%state)
+         call note_place(self, problem, a, load)
          timer%assemble = timer%assemble + tick(clock)
          linearised = .true.
          cycle
@@ -219,6 +229,7 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
          call self%damping%reject()
          call problem%linearise(a, load, r, self%state)
       end if
+      if (linearised) call note_place(self, problem, a, load)
       timer%assemble = timer%assemble + tick(clock)
       if (self%iterations == 1) then
          first = problem%scaled_norms(a)
@@ -257,6 +268,62 @@ contains
    end function gave_up
 
 end subroutine solve_step
+
+!> Note where the problem was linearised
+subroutine note_place(self, problem, a, load)
+   !> Iteration
+   type(newton_type), intent(inout) :: self
+   !> Problem
+   class(problem_type), intent(in) :: problem
+   !> Unknowns there, shape (n)
+   real(wp), contiguous, intent(in) :: a(:)
+   !> Load [-]
+   real(wp), intent(in) :: load
+
+   self%held = load
+   if (.not. problem%costly) return
+   self%place = a
+   self%origin = self%begun
+   self%origin_held = self%begun_held
+end subroutine note_place
+
+!> What the next load step begins with
+subroutine hand_over(self, carried)
+   !> Iteration whose load step has converged
+   type(newton_type), intent(in) :: self
+   !> What is carried; the halvings are the caller's
+   type(carried_type), allocatable, intent(out) :: carried
+
+   allocate (carried)
+   carried%rcond = self%damping%rcond
+   carried%trusted = self%damping%trusted
+   if (allocated(self%slope)) carried%slope = self%slope
+   carried%held = self%origin_held
+   if (allocated(self%place)) carried%place = self%place
+   if (allocated(self%place)) carried%origin = self%origin
+end subroutine hand_over
+
+!> Go on behind a load step of another run: its matrix is made again, by the same way to the same
+!> place
+subroutine take_over(self, problem, load, carried)
+   !> Iteration
+   type(newton_type), intent(inout) :: self
+   !> Problem
+   class(problem_type), target, intent(inout) :: problem
+   !> Load of the step [-]
+   real(wp), intent(in) :: load
+   !> What it handed over
+   type(carried_type), intent(in) :: carried
+   real(wp) :: r(problem%m)
+
+   call self%damping%resume(carried%rcond, carried%trusted)
+   if (allocated(carried%slope)) self%slope = carried%slope
+   if (.not. allocated(carried%place)) return
+   call problem%start_step(carried%origin, load)
+   call problem%predict(carried%origin, carried%held, load, .false., r, self%state)
+   call problem%start_iteration()
+   call problem%linearise(carried%place, load, r, self%state)
+end subroutine take_over
 
 !> See whether the iteration ended at a minimum, and go on below a saddle
 subroutine descend(self, problem, op, factor, factored, load, a, r, left)
@@ -366,6 +433,7 @@ subroutine begin(self, problem, load, a, r, g, first_gradient)
    call problem%start_step(a, load)
    ! the last converged state has a matrix yet; that of the start will be another one
    call problem%predict(a, self%done, load, allocated(self%slope), r, self%state)
+   self%held = self%done
    call problem%start_iteration()
    op => problem%operator()
    call op%apply_transposed(r, g)
@@ -378,6 +446,7 @@ subroutine begin(self, problem, load, a, r, g, first_gradient)
       a = ahead
       r = new
       self%state = state
+      self%held = load
    else
       call problem%predict(a, self%done, load, .false., r, self%state)
    end if

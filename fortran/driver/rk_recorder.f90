@@ -4,7 +4,7 @@ module rk_recorder
    implicit none
    private
 
-   public :: recorder_type, iteration_type, step_type
+   public :: recorder_type, iteration_type, step_type, carried_type, start_type
 
    !> One iteration of the nonlinear solver
    type :: iteration_type
@@ -38,6 +38,25 @@ module rk_recorder
       real(wp) :: seconds = 0.0_wp
    end type iteration_type
 
+   !> What a load step hands on to the next one beside its state: a run that goes on where another
+   !> one was ended shall not differ in a bit from one that was never ended
+   type :: carried_type
+      !> Halvings of the load step
+      integer :: halvings = 0
+      !> Reciprocal condition of the last Gauss-Newton matrix [-]
+      real(wp) :: rcond = 0.0_wp
+      !> Newton's matrix ended the load step
+      logical :: trusted = .false.
+      !> Change of the unknowns with the load, not allocated where the next step has no secant,
+      !> shape (n)
+      real(wp), allocatable :: slope(:)
+      !> Unknowns where the matrix was taken, and where the iteration to there began; not allocated
+      !> where the next step makes a matrix of its own, shape (n) each
+      real(wp), allocatable :: place(:), origin(:)
+      !> Load of what is prescribed at that beginning [-]
+      real(wp) :: held = 0.0_wp
+   end type carried_type
+
    !> One converged load step
    type :: step_type
       !> Load step, counted from 1
@@ -61,7 +80,18 @@ module rk_recorder
       integer :: acoustic_point = 0
       !> Whether the load was asked for; false for the last state before a failure
       logical :: planned = .true.
+      !> What the next load step begins with, not allocated behind the last one
+      type(carried_type), allocatable :: carried
    end type step_type
+
+   !> Where a run begins instead of at rest
+   type :: start_type
+      !> Load steps that an earlier run has done, from the first one on, the last one with what it
+      !> carries; none where only the iteration begins elsewhere
+      type(step_type), allocatable :: step(:)
+      !> Their unknowns, or those at which the iteration begins, shape (n, max(steps, 1))
+      real(wp), allocatable :: x(:, :)
+   end type start_type
 
    !> Receiver of what happens
    type, abstract :: recorder_type

@@ -3,9 +3,9 @@
 module rk_static
    use rk_clock, only : timer_type
    use rk_error, only : error_type, fatal_error, err_convergence, err_linalg, err_stopped
-   use rk_newton, only : newton_type, solve_step
+   use rk_newton, only : hand_over, newton_type, solve_step, take_over
    use rk_precision, only : wp
-   use rk_problem, only : problem_type
+   use rk_problem, only : evaluation_type, problem_type
    use rk_programme, only : plan_type
    use rk_recorder, only : recorder_type, step_type
    use rk_text, only : to_text
@@ -21,7 +21,7 @@ module rk_static
 contains
 
 !> Solve all load steps
-subroutine solve_static(problem, newton, planned, max_halvings, x, recorder, timer, error)
+subroutine solve_static(problem, newton, planned, max_halvings, x, recorder, timer, error, last)
    !> Problem
    class(problem_type), target, intent(inout) :: problem
    !> Settings of the iteration
@@ -39,15 +39,29 @@ subroutine solve_static(problem, newton, planned, max_halvings, x, recorder, tim
    !> Error handling: no convergence, stopped, wrong input; x holds and the recorder saw the last
    !> converged state
    type(error_type), allocatable, intent(out) :: error
+   !> Load step that another run has done, whose state x is then; without it x is that of load 0, or
+   !> any other at which the iteration shall begin
+   type(step_type), intent(in), optional :: last
    type(step_type) :: record
    real(wp), allocatable :: before(:)
    real(wp) :: load, part, target_load, done, from
-   integer :: step, halvings
+   integer :: step, first, halvings
+   logical :: aside
 
    done = 0.0_wp
+   aside = any(abs(x) > 0.0_wp) .and. .not. present(last)
    halvings = 0
+   first = 1
+   if (present(last)) then
+      first = last%step + 1
+      done = last%load
+      if (allocated(last%carried)) then
+         halvings = last%carried%halvings
+         call take_over(newton, problem, done, last%carried)
+      end if
+   end if
    record%steps = size(planned%load)
-   do step = 1, record%steps
+   do step = first, record%steps
       from = done
       target_load = planned%load(step)
       record%step = step
@@ -58,6 +72,7 @@ subroutine solve_static(problem, newton, planned, max_halvings, x, recorder, tim
          load = min(done + part, target_load)
          if (target_load - load < 1.0e-9_wp*part) load = target_load
          newton%done = done
+         if (aside) newton%done = held_at(x, load)
          newton%impatient = halvings < min(early, max_halvings)
          before = x
          call solve_step(newton, problem, step, load, x, recorder, timer, error)
@@ -83,7 +98,9 @@ subroutine solve_static(problem, newton, planned, max_halvings, x, recorder, tim
             call give_up()
             return
          end if
-         newton%slope = (x - before)/(load - done)
+         ! the way from a start beside the path says nothing about the path
+         if (.not. aside) newton%slope = (x - before)/(load - done)
+         aside = .false.
          done = load
          record%load = load
          record%gradient = newton%gradient
@@ -95,12 +112,49 @@ subroutine solve_static(problem, newton, planned, max_halvings, x, recorder, tim
          end if
          if (load >= target_load) exit
       end do
-      call recorder%step(record, x)
       ! what was prescribed goes on at another rate
       if (planned%knot(step) .and. allocated(newton%slope)) deallocate (newton%slope)
+      if (step < record%steps) then
+         call hand_over(newton, record%carried)
+         record%carried%halvings = halvings
+      end if
+      call recorder%step(record, x)
+      if (allocated(record%carried)) deallocate (record%carried)
    end do
 
 contains
+
+   !> Load at which what is prescribed fits a start beside the path best, by the residual: from
+   !> there to that of the first step what is prescribed jumps
+   real(wp) function held_at(x, load)
+      !> Start, shape (n)
+      real(wp), contiguous, intent(in) :: x(:)
+      !> Load of the first step [-]
+      real(wp), intent(in) :: load
+      type(evaluation_type) :: seen
+      real(wp) :: r(problem%m), least, middle, width
+      integer :: k, round
+
+      held_at = 0.0_wp
+      if (.not. problem%costly) return
+      call problem%start_step(x, load)
+      least = huge(1.0_wp)
+      middle = 0.5_wp*load
+      width = 0.125_wp*load
+      do round = 1, 3
+         do k = -4, 4
+            associate (held => middle + k*width)
+               if (held < 0.0_wp .or. held > load) cycle
+               call problem%predict(x, held, load, .true., r, seen)
+               if (.not. (seen%valid .and. norm2(r) < least)) cycle
+               least = norm2(r)
+               held_at = held
+            end associate
+         end do
+         middle = held_at
+         width = 0.25_wp*width
+      end do
+   end function held_at
 
    !> Hand over the last converged state and say where it ended
    subroutine give_up()

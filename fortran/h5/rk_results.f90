@@ -3,8 +3,9 @@
 !> /VTKHDF is an unstructured grid of one vertex cell per point, which ParaView (5.12 and later)
 !> and PyVista show as a cloud. Geometry, label and fiber are stored once, every step appends its
 !> fields; the offsets in /VTKHDF/Steps tell the readers where. The time of a step is its load.
-!> /MyoRK is ours: source points and, for every step, load, activation and coefficients; the deck
-!> and the version of the program.
+!> /MyoRK is ours: source points and, for every step, load, activation, coefficients, numbers of the
+!> step and what it hands on to the next one (rk_restart); the deck with its overrides, the
+!> approximation, and the version of the program.
 !>
 !> Reference: VTKHDF file format, version 2.0,
 !> https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format
@@ -41,6 +42,8 @@ module rk_results
    contains
       !> Start the file
       procedure :: open => open_results
+      !> What the coefficients belong to
+      procedure :: describe
       !> Append a converged state
       procedure :: add_step
       !> Complete the file and give it its name
@@ -94,6 +97,23 @@ subroutine open_results(self, path, points, label, fiber, source, deck_text, ver
    call self%file%put_attribute(own, "version", version, error)
 end subroutine open_results
 
+!> What the coefficients belong to, for runs that start from them
+subroutine describe(self, overrides, approximation, error)
+   !> File without steps
+   class(results_type), intent(inout) :: self
+   !> Overrides of the deck, each with its line feed
+   character(len=*), intent(in) :: overrides
+   !> Shape functions in words
+   character(len=*), intent(in) :: approximation
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+
+   ! no text is empty in the file
+   call self%file%append(own//"/overrides", overrides//new_line('a'), error)
+   if (allocated(error)) return
+   call self%file%append(own//"/approximation", approximation, error)
+end subroutine describe
+
 !> The cloud as one part of an unstructured grid
 subroutine write_geometry(file, points, error)
    !> File being written
@@ -125,7 +145,7 @@ subroutine write_geometry(file, points, error)
 end subroutine write_geometry
 
 !> Append a converged state; the first one is the undeformed state
-subroutine add_step(self, load, activation, fields, coefficients, error)
+subroutine add_step(self, load, activation, fields, coefficients, error, step, carried)
    !> Result file
    class(results_type), intent(inout) :: self
    !> Fraction of the full load, greater than that of the step before [-]
@@ -138,10 +158,18 @@ subroutine add_step(self, load, activation, fields, coefficients, error)
    real(wp), intent(in), contiguous :: coefficients(:)
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
+   !> Numbers of the step, as many as in every step
+   real(wp), intent(in), contiguous, optional :: step(:)
+   !> What it hands on, shape (ndof, columns)
+   real(wp), intent(in), contiguous, optional :: carried(:, :)
    real(wp), pointer, contiguous :: flat(:)
    integer :: k
 
    call start_step(self, load, coefficients, error)
+   if (allocated(error)) return
+   if (present(step)) call self%file%append(own//"/step", reshape(step, [size(step), 1]), error)
+   if (allocated(error)) return
+   if (present(carried)) call self%file%append(own//"/carried", carried, error)
    if (allocated(error)) return
    do k = 1, size(fields)
       associate (field => fields(k))

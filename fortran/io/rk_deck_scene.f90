@@ -21,7 +21,7 @@ module rk_deck_scene
    implicit none
    private
 
-   public :: new_scene
+   public :: new_scene, approximation_text
 
 contains
 
@@ -176,6 +176,23 @@ subroutine read_approximation(scene, deck, error)
    end do
 end subroutine read_approximation
 
+!> Shape functions of a deck in words: coefficients belong to them
+function approximation_text(deck) result(text)
+   !> Deck
+   type(deck_type), intent(in) :: deck
+   character(len=:), allocatable :: text, word
+   real(wp), allocatable :: support(:)
+   integer :: order
+
+   call deck%get('approximation.order', order)
+   text = 'order '//to_text(order)
+   call deck%get('approximation.kernel', word)
+   text = text//', kernel '//word
+   call deck%get('approximation.window', word)
+   text = text//', window '//word
+   call deck%get('approximation.support', support)
+   text = text//', support '//to_text(support)
+end function approximation_text
 
 !> Loads, iteration, weights
 subroutine read_solver(scene, deck)

@@ -11,7 +11,7 @@ module rk_run
    use rk_newton, only : newton_type
    use rk_precision, only : i8, wp
    use rk_problem, only : problem_type
-   use rk_recorder, only : iteration_type, recorder_type, step_type
+   use rk_recorder, only : iteration_type, recorder_type, start_type, step_type
    use rk_scene, only : scene_type
    use rk_states, only : field_state, point_state
    use rk_static, only : solve_static
@@ -76,7 +76,7 @@ module rk_run
 contains
 
 !> Solve a scene through all load steps
-subroutine solve_scene(problem, linear, recorder, outcome, error)
+subroutine solve_scene(problem, linear, recorder, outcome, error, start)
    !> Full problem
    class(discretisation_type), target, intent(inout) :: problem
    !> Least squares solver; blank for the scene's
@@ -87,8 +87,11 @@ subroutine solve_scene(problem, linear, recorder, outcome, error)
    type(outcome_type), target, intent(out) :: outcome
    !> Error handling: the run ended early, the recorder saw the last converged state
    type(error_type), allocatable, intent(out) :: error
+   !> Where it begins instead of at rest; steps of an earlier run are recorded once more
+   type(start_type), intent(in), optional :: start
    type(watcher_type) :: watcher
    integer(i8) :: clock
+   integer :: k
 
    outcome%warnings = ''
    watcher%problem => problem
@@ -97,8 +100,13 @@ subroutine solve_scene(problem, linear, recorder, outcome, error)
    if (.not. problem%is_linear()) then
       call problem%state(spread(0.0_wp, 1, problem%n), 0.0_wp, outcome%last)
       call recorder%step(step_type(load=0.0_wp), outcome%last%x)
+      if (present(start)) then
+         do k = 1, size(start%step)
+            call watcher%step(start%step(k), start%x(:, k))
+         end do
+      end if
    end if
-   call solve_problem(problem, problem%scene, linear, watcher, outcome%timer, error)
+   call solve_problem(problem, problem%scene, linear, watcher, outcome%timer, error, start)
    call system_clock(clock)
    if (.not. problem%is_linear()) then
       if (.not. allocated(error)) call check_response(problem, outcome%last, error)
@@ -118,7 +126,7 @@ subroutine solve_scene(problem, linear, recorder, outcome, error)
 end subroutine solve_scene
 
 !> Solve any problem of a scene, full or reduced, with the settings of its deck
-subroutine solve_problem(problem, scene, linear, recorder, timer, error)
+subroutine solve_problem(problem, scene, linear, recorder, timer, error, start)
    !> Problem
    class(problem_type), target, intent(inout) :: problem
    !> Scene
@@ -131,8 +139,12 @@ subroutine solve_problem(problem, scene, linear, recorder, timer, error)
    type(timer_type), intent(out) :: timer
    !> Error handling: the run ended early
    type(error_type), allocatable, intent(out) :: error
+   !> Where it begins instead of at rest
+   type(start_type), intent(in), optional :: start
    type(newton_type) :: newton
+   type(step_type), allocatable :: last
    real(wp), allocatable :: x(:)
+   integer :: done
 
    newton%linear = trim(linear)
    if (linear == '') newton%linear = scene%solver%linear
@@ -143,10 +155,16 @@ subroutine solve_problem(problem, scene, linear, recorder, timer, error)
    call system_clock(timer%start)
    if (problem%is_linear()) then
       call solve_linear(problem, newton%linear, x, recorder, timer, error)
-   else
-      call solve_static(problem, newton, scene%programme%plan(scene%load%steps), &
-         & scene%load%max_halvings, x, recorder, timer, error)
+      return
    end if
+   if (present(start)) then
+      done = size(start%step)
+      x = start%x(:, max(done, 1))
+      if (done > 0) last = start%step(done)
+   end if
+   ! without a last step the argument is absent
+   call solve_static(problem, newton, scene%programme%plan(scene%load%steps), &
+      & scene%load%max_halvings, x, recorder, timer, error, last)
 end subroutine solve_problem
 
 !> Keep a warning and tell it

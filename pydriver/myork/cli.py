@@ -123,7 +123,14 @@ def _build(options: argparse.Namespace) -> None:
 def _solve(options: argparse.Namespace) -> None:
     from myork.stations.solve import run_deck
 
-    _run(run_deck, options, verbosity=options.verbosity, error=not options.no_error)
+    _run(
+        run_deck,
+        options,
+        verbosity=options.verbosity,
+        error=not options.no_error,
+        resume=options.resume,
+        start=options.start_from,
+    )
 
 
 def _rom(options: argparse.Namespace) -> None:
@@ -388,13 +395,24 @@ def _parser() -> argparse.ArgumentParser:
         "solve the full model of a deck",
         "  myork solve inputs/shear_3d.toml\n"
         "  myork solve inputs/muscle_block.toml --solver refined --threads 2\n"
-        "  myork solve inputs/muscle_block.toml --set load.steps=20 --set material.K=1e4",
+        "  myork solve inputs/muscle_block.toml --set load.steps=20 --set material.K=1e4\n"
+        "  myork solve inputs/muscle_block.toml --set load.steps=20 --resume",
     )
     solve.add_argument("--method", metavar="NAME", help="override scene.method, such as rkcm")
     solve.add_argument(
         "--solver",
         metavar="NAME",
         help="override solver.linear: auto, dgels, dgelsy, normal, refined, spqr, sparse-normal",
+    )
+    solve.add_argument(
+        "--resume",
+        action="store_true",
+        help="go on from the last whole load step of an earlier run in the folder",
+    )
+    solve.add_argument(
+        "--start-from",
+        metavar="FILE[:STEP]",
+        help="begin the iteration at a state of a result file instead of at rest",
     )
     solve.add_argument(
         "--no-error",

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from myork.errors import FileError, InputError
 from myork.summary import read_summary
 
-__all__ = ["RestartState", "Results"]
+__all__ = ["RestartState", "Results", "restart_of"]
 
 F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]
@@ -51,6 +51,10 @@ class RestartState:
         Coefficients of the approximation, shape `(ndof,)`.
     source : NDArray
         Undeformed source points they belong to, shape `(ns, 3)` [length].
+    points : NDArray
+        Undeformed collocation points, shape `(np, 3)` [length].
+    approximation : str
+        Shape functions they belong to, in words; empty in files of earlier versions.
     deck : str
         Text of the deck that was solved.
     version : str
@@ -62,6 +66,8 @@ class RestartState:
     activation: float
     coefficients: F64
     source: F64
+    points: F64
+    approximation: str
     deck: str
     version: str
 
@@ -215,9 +221,19 @@ class Results:
             activation=float(self.activations[step]),
             coefficients=self._read("MyoRK/coefficients", step),
             source=self._read("MyoRK/source"),
-            deck=self._read("MyoRK/deck").tobytes().decode("utf-8", "replace"),
+            points=self.points,
+            approximation=self._words("approximation"),
+            deck=self._words("deck"),
             version=self._version(),
         )
+
+    def _words(self, name: str) -> str:
+        """Text of the group of a restart; empty where the file has none of this name."""
+        with _damage(self.path, name):
+            missing = f"MyoRK/{name}" not in self._file
+        if missing:
+            return ""
+        return self._read(f"MyoRK/{name}").tobytes().decode("utf-8", "replace")
 
     def _version(self) -> str:
         with _damage(self.path, "the version"):
@@ -275,6 +291,23 @@ class Results:
             if values.dtype.kind not in "iuf":
                 raise TypeError("it holds no numbers")
         return values
+
+
+def restart_of(words: str | Path) -> RestartState:
+    """State of a result file by name.
+
+    Parameters
+    ----------
+    words : str or Path
+        Result file or its folder, and the number of the step behind a colon: `"out/block:3"`;
+        without it the last one.
+    """
+    path, colon, step = str(words).rpartition(":")
+    if colon and path and step.isdecimal() and not Path(words).exists():
+        with Results(path) as results:
+            return results.restart(int(step))
+    with Results(words) as results:
+        return results.restart()
 
 
 @contextmanager

@@ -20,6 +20,7 @@ from myork.core.cloud import NO_CLOUD, check_cloud, model_of, with_cloud
 from myork.core.deck import as_texts, check_deck, load_deck, load_tables, text_of_tables
 from myork.core.states import VERDICTS, Fields, States, error_norms
 from myork.records import PointCloud, Voxels
+from myork.results import RestartState, restart_of
 from myork.tables import read_only
 
 if TYPE_CHECKING:
@@ -230,6 +231,7 @@ class Scene:
         progress: Callable[[str], None] | None = None,
         *,
         error: bool = True,
+        start: F64Array | States | RestartState | str | Path | None = None,
     ) -> States:
         """Solve the full model through all load steps, and judge the answer.
 
@@ -243,6 +245,12 @@ class Scene:
             Called with a line after each load step.
         error : bool
             Compute a second solution, which gives the probes their error bars.
+        start : F64Array, States, RestartState, str or Path, optional
+            State at which the iteration begins instead of at rest: unknowns of shape `(dofs,)`, the
+            last of some states, or a state of a result file, also as `"FILE"` or `"FILE:STEP"`.
+            It must belong to the same points and approximation. A body has no memory: the states
+            found are those of this scene's loads. A start saves the way there, and decides which
+            state is found where there are several.
 
         Raises
         ------
@@ -251,9 +259,34 @@ class Scene:
         KeyboardInterrupt
             Ctrl-C ended the solve after its iteration; `states` holds what had converged.
         InputError
-            The scene is being solved in another thread.
+            The scene is being solved in another thread, or the start belongs to another scene.
         """
-        return self._run(linear, 0, self.dofs, progress, error)
+        x = np.zeros(self.dofs) if start is None else self._start(start)
+        return self._run(linear, 0, x, progress, error)
+
+    def _start(self, start: F64Array | States | RestartState | str | Path) -> F64Array:
+        """Unknowns at which the iteration begins."""
+        if isinstance(start, str | Path):
+            start = restart_of(start)
+        if isinstance(start, States):
+            if len(start.x) == 0:
+                raise errors.InputError("start: there are no states")
+            return _shaped("start", start.x[-1], (self.dofs,))
+        if not isinstance(start, RestartState):
+            return _shaped("start", start, (self.dofs,))
+        points = self.points()
+        with self._turn.short():
+            text, stat, message = _core.scene_approximation(self._handle)
+        errors.check(stat, message)
+        own = text.decode().strip()
+        if not np.array_equal(start.points[:, : self.dimension], points):
+            raise errors.InputError("start: its points are not those of this scene")
+        if start.approximation != own:
+            raise errors.InputError(
+                f"start: its approximation is {start.approximation or 'not known'}, that of this "
+                f"scene is {own}"
+            )
+        return _shaped("start", start.coefficients, (self.dofs,))
 
     def points(self) -> F64Array:
         """Collocation points, shape `(collocation_points, dimension)` [length]."""
@@ -323,7 +356,7 @@ class Scene:
 
     def solve_reduced(self, linear: str) -> States:
         """Solve the reduced model through all load steps; `reduce` comes first."""
-        return self._run(linear, 1, self._unknowns, None, False)
+        return self._run(linear, 1, np.zeros(self._unknowns), None, False)
 
     def linearise(
         self,
@@ -429,7 +462,7 @@ class Scene:
         self,
         linear: str,
         reduced: int,
-        n: int,
+        start: F64Array,
         progress: Callable[[str], None] | None,
         estimate: bool,
     ) -> States:
@@ -440,7 +473,12 @@ class Scene:
         def work() -> None:
             answer.extend(
                 _core.scene_solve(
-                    self._handle, linear.encode() or b" ", reduced, self._threads, int(estimate)
+                    self._handle,
+                    linear.encode() or b" ",
+                    reduced,
+                    self._threads,
+                    int(estimate),
+                    start,
                 )
             )
 
@@ -458,7 +496,7 @@ class Scene:
             finally:
                 # none where the solve was refused before it began
                 with contextlib.suppress(errors.InputError):
-                    self._states = self._converged(n, reduced)
+                    self._states = self._converged(len(start), reduced)
         if interrupted:
             raise KeyboardInterrupt
         errors.check(*answer)

@@ -75,6 +75,8 @@ def run_deck(
     progress: ProgressCallback = silent,
     verbosity: int = 0,
     error: bool = True,
+    resume: bool = False,
+    start: str | Path | None = None,
 ) -> dict[str, Any]:
     """Solve the full model of a deck.
 
@@ -97,6 +99,13 @@ def run_deck(
         -1 no progress, 0 a line a load step, 1 a line an iteration.
     error : bool
         Compute a second solution, which gives the probes their error bars.
+    resume : bool
+        Go on from the last whole load step that an earlier run of this deck left in the folder; on
+        one thread the result has the same bits as that of a run that was never ended. Without such
+        a run it begins at rest.
+    start : str or Path, optional
+        State at which the iteration begins instead of at rest: a result file, `"FILE"` for its
+        last step or `"FILE:STEP"`, of the same points and approximation.
 
     Returns
     -------
@@ -127,6 +136,10 @@ def run_deck(
         options.append("-q" if verbosity < 0 else "-v")
     if not error:
         options.append("--no-error")
+    if resume:
+        options.append("--resume")
+    if start is not None:
+        options += ["--start-from", str(start)]
     try:
         run_executable(deck, [*options, *set_options(overrides)], progress)
     except ConvergenceError as ended:

@@ -1,0 +1,323 @@
+!> Runs that begin at a state of another run: resumed in the same folder, or started from a file.
+module rk_resume
+   use, intrinsic :: iso_fortran_env, only : int64
+   use rk_deck, only : deck_type
+   use rk_deck_scene, only : approximation_text
+   use rk_discretisation, only : discretisation_type
+   use rk_error, only : error_type, fatal_error, err_input
+   use rk_journal, only : read_journal
+   use rk_precision, only : wp
+   use rk_recorder, only : start_type, step_type
+   use rk_restart, only : read_restart, restart_type
+   use rk_text, only : to_text
+   use rk_text_file, only : load_text
+   implicit none
+   private
+
+   public :: resume_run, start_from, to_space, step_numbers, step_columns
+   public :: numbers_of_step, journal_name
+
+   !> Numbers of a step in the file: those of step_type, of carried_type, the worst backward error,
+   !> misfit and condition of the run so far, and the columns that are carried
+   integer, parameter :: numbers_of_step = 17
+   !> Journal of a run, in its folder
+   character(len=*), parameter :: journal_name = '/results.journal'
+
+contains
+
+!> Load steps of an ended run in a folder, and the lines of its history that belong to them: by its
+!> journal where it was killed, by its results where it ended
+subroutine resume_run(folder, deck, problem, start, history, worst, journal, error)
+   !> Folder
+   character(len=*), intent(in) :: folder
+   !> Deck, which must be that of the run
+   type(deck_type), intent(in) :: deck
+   !> Problem
+   class(discretisation_type), intent(in) :: problem
+   !> Its load steps; not allocated where nothing was solved yet
+   type(start_type), allocatable, intent(out) :: start
+   !> Lines of history.csv behind the first, each with its line feed
+   character(len=:), allocatable, intent(out) :: history
+   !> Worst backward error, misfit and condition of the run up to each step, shape (3, steps) [-]
+   real(wp), allocatable, intent(out) :: worst(:, :)
+   !> Bytes of the journal that are whole, 0 where there is none
+   integer(int64), intent(out) :: journal
+   !> Error handling: another deck, other points, a damaged file
+   type(error_type), allocatable, intent(out) :: error
+   type(restart_type) :: found
+   character(len=:), allocatable :: path, text
+   logical :: exists
+   integer :: k, planned
+
+   history = ''
+   journal = 0
+   if (problem%is_linear()) return
+   path = folder//journal_name
+   inquire (file=path, exist=exists)
+   if (exists) then
+      call read_journal(path, numbers_of_step, found, history, journal)
+      if (size(found%load) == 0) return
+   else
+      path = folder//'/results.vtkhdf'
+      inquire (file=path, exist=exists)
+      if (.not. exists) return
+      call read_restart(found, path, error)
+      if (allocated(error)) then
+         error%message = error%message//'; without --resume the run begins anew'
+         return
+      end if
+      ! the state at rest comes with the problem
+      found%load = found%load(2:)
+      found%step = found%step(:, 2:)
+      found%x = found%x(:, 2:)
+      call load_text(folder//'/history.csv', text)
+      history = text(1 + index(text, new_line('a')):)
+   end if
+   call compare_decks(found, deck, path, error)
+   if (.not. allocated(error)) call compare_points(found, deck, problem, path, error)
+   if (allocated(error)) return
+   ! a state between two planned ones, where the run ended, is found again
+   planned = count(found%step(8, :) > 0.0_wp)
+   if (planned == 0) return
+   allocate (start)
+   allocate (start%step(planned))
+   do k = 1, planned
+      start%step(k) = step_of(found, k)
+   end do
+   start%x = found%x(:, :planned)
+   worst = found%step(14:16, :planned)
+   history = lines_until(history, planned)
+end subroutine resume_run
+
+!> State of a file at which the iteration shall begin
+subroutine start_from(words, deck, problem, start, error)
+   !> File and step, "FILE" for the last one or "FILE:STEP"
+   character(len=*), intent(in) :: words
+   !> Deck
+   type(deck_type), intent(in) :: deck
+   !> Problem
+   class(discretisation_type), intent(in) :: problem
+   !> Unknowns
+   type(start_type), allocatable, intent(out) :: start
+   !> Error handling: no such file or step, other points
+   type(error_type), allocatable, intent(out) :: error
+   type(restart_type) :: found
+   character(len=:), allocatable :: path
+   integer :: colon, stat, step
+   logical :: exists
+
+   path = words
+   step = -1
+   colon = index(words, ':', back=.true.)
+   if (colon > 1 .and. colon < len(words)) then
+      read (words(colon + 1:), *, iostat=stat) step
+      if (stat == 0 .and. verify(words(colon + 1:), '0123456789') == 0) path = words(:colon - 1)
+   end if
+   inquire (file=path//'/results.vtkhdf', exist=exists)
+   if (exists) path = path//'/results.vtkhdf'
+   call read_restart(found, path, error)
+   if (allocated(error)) return
+   call compare_points(found, deck, problem, path, error)
+   if (allocated(error)) return
+   if (step < 0) step = size(found%load) - 1
+   if (step > size(found%load) - 1) then
+      call fatal_error(error, err_input, path//': has no step '//to_text(step) &
+         & //'; the last one is '//to_text(size(found%load) - 1))
+      return
+   end if
+   allocate (start)
+   allocate (start%step(0))
+   start%x = found%x(:, step + 1:step + 1)
+end subroutine start_from
+
+!> Refuse the file of another deck, and say where it differs
+subroutine compare_decks(found, deck, path, error)
+   !> Content of the file
+   type(restart_type), intent(in) :: found
+   !> Deck
+   type(deck_type), intent(in) :: deck
+   !> File
+   character(len=*), intent(in) :: path
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   character(len=:), allocatable :: what
+   integer :: k
+
+   if (found%deck == deck%text .and. found%overrides == deck%overrides) return
+   if (found%deck /= deck%text) then
+      k = 1
+      do while (line(found%deck, k) == line(deck%text, k))
+         k = k + 1
+      end do
+      what = 'line '//to_text(k)//' was "'//line(found%deck, k)//'"'
+   else if (len(found%overrides) > 1) then
+      what = 'it was solved with --set '//found%overrides(:len(found%overrides) - 1)
+   else
+      what = 'it was solved without --set'
+   end if
+   call fatal_error(error, err_input, path//': holds a run of another deck: '//what &
+      & //'; resume with the deck as it was, or without --resume begin anew')
+end subroutine compare_decks
+
+!> Refuse states of other points or another approximation
+subroutine compare_points(found, deck, problem, path, error)
+   !> Content of the file
+   type(restart_type), intent(in) :: found
+   !> Deck
+   type(deck_type), intent(in) :: deck
+   !> Problem
+   class(discretisation_type), intent(in) :: problem
+   !> File
+   character(len=*), intent(in) :: path
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   character(len=:), allocatable :: what
+
+   what = ''
+   associate (cloud => problem%scene%cloud)
+      if (size(found%source, 2) /= size(cloud%source, 2)) then
+         what = to_text(size(found%source, 2))//' source points, this deck has ' &
+            & //to_text(size(cloud%source, 2))
+      else if (size(found%points, 2) /= size(cloud%points, 2)) then
+         what = to_text(size(found%points, 2))//' collocation points, this deck has ' &
+            & //to_text(size(cloud%points, 2))
+      else if (any(abs(found%source - to_space(cloud%source)) > 0.0_wp) .or. any(abs( &
+         & found%points - to_space(cloud%points)) > 0.0_wp)) then
+         what = 'points at other places than those of this deck'
+      else if (found%approximation /= approximation_text(deck)) then
+         what = 'an approximation of '//found%approximation//', this deck has ' &
+            & //approximation_text(deck)
+      else if (size(found%x, 1) /= problem%n) then
+         what = to_text(size(found%x, 1))//' unknowns, this deck has '//to_text(problem%n)
+      end if
+   end associate
+   if (what /= '') call fatal_error(error, err_input, path//': its states have '//what)
+end subroutine compare_points
+
+!> Points with a third coordinate
+pure function to_space(x) result(y)
+   !> Points, shape (nd, n) [length]
+   real(wp), intent(in) :: x(:, :)
+   real(wp) :: y(3, size(x, 2))
+
+   y = 0.0_wp
+   y(:size(x, 1), :) = x
+end function to_space
+
+!> A step as the numbers that the file keeps
+pure function step_numbers(step, worst) result(row)
+   !> Step
+   type(step_type), intent(in) :: step
+   !> Worst backward error, misfit and condition of the run so far [-]
+   real(wp), intent(in) :: worst(3)
+   real(wp) :: row(numbers_of_step)
+
+   row = 0.0_wp
+   row(1:8) = [real(step%step, wp), real(step%steps, wp), real(step%iterations, wp), &
+      & step%gradient, step%step_norm, step%min_j, step%max_j, merge(1.0_wp, 0.0_wp, step%planned)]
+   row(14:16) = worst
+   if (.not. allocated(step%carried)) return
+   row(17) = size(step_columns(step), 2)
+   row(9:13) = [real(step%carried%halvings, wp), step%carried%rcond, &
+      & merge(1.0_wp, 0.0_wp, step%carried%trusted), step%carried%held, &
+      & merge(1.0_wp, 0.0_wp, allocated(step%carried%slope))]
+end function step_numbers
+
+!> What a step carries as columns: slope, and where its matrix was taken from
+pure function step_columns(step) result(columns)
+   !> Step with what it carries
+   type(step_type), intent(in) :: step
+   real(wp), allocatable :: columns(:, :)
+
+   if (.not. allocated(step%carried)) then
+      allocate (columns(0, 0))
+      return
+   end if
+   associate (carried => step%carried)
+      if (allocated(carried%place)) then
+         allocate (columns(size(carried%place), 3), source=0.0_wp)
+         columns(:, 2) = carried%place
+         columns(:, 3) = carried%origin
+      else if (allocated(carried%slope)) then
+         allocate (columns(size(carried%slope), 1))
+      else
+         allocate (columns(0, 0))
+      end if
+      if (allocated(carried%slope)) columns(:, 1) = carried%slope
+   end associate
+end function step_columns
+
+!> A planned step of a file
+function step_of(found, k) result(step)
+   !> Content of the file
+   type(restart_type), intent(in) :: found
+   !> Its number
+   integer, intent(in) :: k
+   type(step_type) :: step
+   integer :: columns, first
+
+   associate (row => found%step(:, k))
+      step%load = found%load(k)
+      step%step = nint(row(1))
+      step%steps = nint(row(2))
+      step%iterations = nint(row(3))
+      step%gradient = row(4)
+      step%step_norm = row(5)
+      step%min_j = row(6)
+      step%max_j = row(7)
+      if (step%step == step%steps) return
+      allocate (step%carried)
+      step%carried%halvings = nint(row(9))
+      step%carried%rcond = row(10)
+      step%carried%trusted = row(11) > 0.0_wp
+      step%carried%held = row(12)
+      columns = nint(row(17))
+      first = nint(sum(found%step(17, :k - 1)))
+      associate (own => found%carried(:, first + 1:first + columns))
+         if (row(13) > 0.0_wp) step%carried%slope = own(:, 1)
+         if (columns < 3) return
+         step%carried%place = own(:, 2)
+         step%carried%origin = own(:, 3)
+      end associate
+   end associate
+end function step_of
+
+!> Lines of a history that belong to steps up to a number
+function lines_until(text, steps) result(lines)
+   !> Lines, each with its line feed
+   character(len=*), intent(in) :: text
+   !> Last step
+   integer, intent(in) :: steps
+   character(len=:), allocatable :: lines
+   integer :: comma, first, length, stat, step
+
+   lines = ''
+   first = 1
+   do
+      length = index(text(first:), new_line('a'))
+      if (length == 0) return
+      comma = index(text(first:first + length - 1), ',')
+      read (text(first:first + max(comma, 1) - 2), *, iostat=stat) step
+      if (stat == 0 .and. step <= steps) lines = lines//text(first:first + length - 1)
+      first = first + length
+   end do
+end function lines_until
+
+!> One line of a text; empty behind the last
+pure function line(text, number) result(found)
+   !> Text
+   character(len=*), intent(in) :: text
+   !> Number of the line
+   integer, intent(in) :: number
+   character(len=:), allocatable :: found
+   integer :: i, start
+
+   start = 1
+   do i = 2, number
+      if (index(text(start:), new_line('a')) == 0) start = len(text) + 1
+      start = start + index(text(start:), new_line('a'))
+   end do
+   found = text(start:start + index(text(start:)//new_line('a'), new_line('a')) - 2)
+end function line
+
+end module rk_resume

@@ -1,0 +1,245 @@
+"""Runs that go on where another one ended, and runs that start from its states."""
+
+import json
+import os
+import random
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from myork import Results, Scene
+from myork.core.deck import text_of_tables
+from myork.errors import FileError, InputError
+from myork.stations.solve import find_executable, run_deck
+
+MUSCLE = {
+    "scene": {"dimension": 3, "method": "rkpm-gauss"},
+    "geometry": {"kind": "box", "size": [1, 1, 2], "source": [5, 5, 7], "collocation": [7, 7, 9]},
+    "material": [
+        {"name": "muscle", "model": "muscle", "A10": 10, "K": 1000, "fiber_angle": 30},
+    ],
+    "boundary": [
+        {"set": "z0", "u_x": 0, "u_y": 0, "u_z": 0},
+        {"set": "z1", "u_x": 0, "u_y": 0, "u_z": 0.2},
+    ],
+    "load": {"steps": 8, "activation": 0.3},
+    "probe": [{"name": "force", "quantity": "force", "set": "z1"}],
+}
+RUBBER = {
+    **MUSCLE,
+    "geometry": {"kind": "box", "size": [1, 1, 1], "source": [4, 4, 4], "collocation": [6, 6, 6]},
+    "material": [{"name": "rubber", "model": "neo-hookean", "mu": 10, "K": 500}],
+    "boundary": [
+        {"set": "z0", "u_x": 0, "u_y": 0, "u_z": 0},
+        {"set": "z1", "u_x": 0.3, "u_y": 0, "u_z": 0.3},
+    ],
+    "load": {"steps": 6},
+}
+#: Quantities of a summary that tell of the run, not of the answer
+OF_THE_RUN = {"timings_s", "cpu_s", "memory_peak_bytes", "companion"}
+
+
+def start(deck: Path, out: Path, *options: str) -> subprocess.Popen:
+    return subprocess.Popen(
+        [find_executable(), deck, "-o", out, "-t", "1", *options],
+        env={**os.environ, "OMP_NUM_THREADS": "1"},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+
+
+def run(deck: Path, out: Path, *options: str) -> str:
+    child = start(deck, out, *options)
+    said = child.communicate()[0]
+    assert child.returncode == 0, said
+    return said
+
+
+def datasets(path: Path) -> dict[str, bytes]:
+    found = {}
+
+    def keep(name, item):
+        if isinstance(item, h5py.Dataset):
+            found[name] = item[()].tobytes()
+
+    with h5py.File(path) as file:
+        file.visititems(keep)
+    return found
+
+
+def history(out: Path) -> list[str]:
+    """Lines without their wall times."""
+    text = (out / "history.csv").read_text()
+    return [line.rsplit(",", 1)[0] for line in text.splitlines()]
+
+
+def assert_equal(out: Path, whole: Path) -> None:
+    ours, theirs = (datasets(folder / "results.vtkhdf") for folder in (out, whole))
+    # numbers of the steps hold a condition estimate, which differs in its last digit between any
+    # two runs of a process: where arrays begin in memory decides how LAPACK sums
+    steps = [np.frombuffer(found.pop("MyoRK/step")) for found in (ours, theirs)]
+    np.testing.assert_allclose(*steps, rtol=1e-12)
+    assert ours == theirs
+    assert history(out) == history(whole)
+    found, expected = (json.loads((folder / "summary.json").read_text()) for folder in (out, whole))
+    if "used" not in found["solver"]:
+        # every load step was done: nothing was solved
+        del expected["solver"]["used"], expected["solver"]["why"]
+    for part in (found, expected):
+        part["solver"].pop("reciprocal_condition")
+    for key in expected.keys() - OF_THE_RUN:
+        assert found[key] == expected[key], key
+    assert not (out / "results.journal").exists()
+
+
+def interrupt(deck: Path, out: Path, number: int, wait: float, *options: str) -> None:
+    """End a run after a time, if it lasts that long."""
+    child = start(deck, out, *options)
+    try:
+        child.wait(wait)
+    except subprocess.TimeoutExpired:
+        child.send_signal(number)
+    child.communicate()
+
+
+def test_killed_at_random_moments_and_resumed_it_is_the_same_run(tmp_path, write_deck):
+    deck = write_deck(MUSCLE)
+    begun = time.monotonic()
+    run(deck, tmp_path / "whole")
+    seconds = time.monotonic() - begun
+    seed = random.randrange(1 << 30)
+    draw = random.Random(seed)
+    resumed = 0
+    for k in range(5):
+        out = tmp_path / f"killed{k}"
+        interrupt(deck, out, signal.SIGKILL, draw.uniform(0.1, 0.9) * seconds)
+        # and once more on the way
+        interrupt(deck, out, signal.SIGKILL, draw.uniform(0.1, 0.9) * seconds, "--resume")
+        resumed += "resumed behind load step" in run(deck, out, "--resume")
+        assert_equal(out, tmp_path / "whole")
+    assert resumed > 0, f"seed {seed}"
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        # a mixed form, whose Newton iteration knows whether it was trusted
+        {"scene": {"dimension": 3, "method": "rkcm-mixed"}},
+        # pressures are unknowns
+        {"material": [{"name": "rubber", "model": "neo-hookean", "mu": 10, "K": float("inf")}]},
+        # load steps that are halved, and grow again
+        {"solver": {"max_iterations": 3}},
+        # never a tangent in memory
+        {"scene": {"dimension": 3, "method": "rkpm-scni"}, "galerkin": {"direct_limit": 0}},
+        # rates that jump
+        {
+            "amplitude": [{"name": "there", "time": [0, 0.4, 1], "value": [0, 1, 1]}],
+            "boundary": [
+                {"set": "z0", "u_x": 0, "u_y": 0, "u_z": 0},
+                {"set": "z1", "u_x": 0.3, "u_y": 0, "u_z": 0.3, "amplitude": "there"},
+            ],
+        },
+    ],
+    ids=["mixed", "incompressible", "halved", "minres", "programme"],
+)
+def test_what_an_iteration_carries_is_resumed(tmp_path, write_deck, changes):
+    """A run is stopped behind its third load step, as soon as its journal has that one."""
+    deck = write_deck({**RUBBER, **changes})
+    run(deck, tmp_path / "whole")
+    for number in (signal.SIGKILL, signal.SIGTERM):
+        out = tmp_path / number.name
+        child = start(deck, out)
+        assert child.stdout is not None
+        for line in child.stdout:
+            if line.startswith("step   3"):
+                child.send_signal(number)
+                break
+        child.communicate()
+        said = run(deck, out, "--resume")
+        assert "resumed behind load step" in said
+        assert_equal(out, tmp_path / "whole")
+
+
+def test_a_finished_run_is_read_again(tmp_path, write_deck):
+    deck = write_deck(RUBBER)
+    run(deck, tmp_path)
+    before = datasets(tmp_path / "results.vtkhdf")
+    assert "resumed behind load step 6" in run(deck, tmp_path, "--resume")
+    assert datasets(tmp_path / "results.vtkhdf") == before
+
+
+def test_nothing_to_resume_begins_at_rest(tmp_path):
+    summary = run_deck(RUBBER, tmp_path, threads=1, resume=True, error=False)
+    assert summary["converged"]
+
+
+def test_another_deck_is_told(tmp_path):
+    run_deck(RUBBER, tmp_path, threads=1, error=False)
+    with pytest.raises(InputError, match=r"another deck: it was solved without --set"):
+        run_deck(RUBBER, tmp_path, overrides=["load.steps=7"], resume=True)
+    other = {**RUBBER, "load": {"steps": 7}}
+    with pytest.raises(InputError, match=r'another deck: line \d+ was "steps = 6"'):
+        run_deck(other, tmp_path, resume=True)
+
+
+def test_a_state_is_where_another_run_starts(tmp_path):
+    """A body has no memory: from there and from rest the same state is found."""
+    run_deck(RUBBER, tmp_path / "first", threads=1, error=False)
+    further = {**RUBBER, "load": {"steps": 1}}
+    further["boundary"] = [RUBBER["boundary"][0], {**RUBBER["boundary"][1], "u_z": 0.35}]
+    rest = run_deck(further, tmp_path / "rest", threads=1, error=False)
+    file = tmp_path / "first" / "results.vtkhdf"
+    near = run_deck(further, tmp_path / "near", threads=1, error=False, start=file)
+    earlier = run_deck(further, tmp_path / "earlier", threads=1, error=False, start=f"{file}:5")
+    expected = rest["steps"][-1]["probes"]["force"]
+    for summary in (near, earlier):
+        assert summary["steps"][-1]["probes"]["force"] == pytest.approx(expected, rel=1e-5)
+    # where the loads are those of the state it is confirmed, and nothing else
+    same = {**RUBBER, "load": {"steps": 1}}
+    with Results(file) as results, Scene.from_tables(same, threads=1) as scene:
+        for begin in (file, f"{file}:6", results.restart(), results.restart().coefficients):
+            states = scene.solve(error=False, start=begin)
+            assert states.iterations[-1] == 1
+            assert np.allclose(states.x[-1], results.restart().coefficients, rtol=0, atol=1e-7)
+        assert scene.solve(error=False, start=states).iterations[-1] == 1
+        assert scene.solve(error=False).iterations[-1] > 3
+
+
+def test_a_state_of_other_points_is_refused(tmp_path):
+    run_deck(RUBBER, tmp_path / "first", threads=1, error=False)
+    file = tmp_path / "first" / "results.vtkhdf"
+    finer = {"geometry.source=[5,4,4]": "80 source points|64 source points"}
+    wider = {"geometry.size=[1,1,1.1]": "points at other places"}
+    other = {"approximation.support=2.2": "an approximation of order 1"}
+    for changes in (finer, wider, other):
+        for override, message in changes.items():
+            with pytest.raises(InputError, match=message):
+                run_deck(RUBBER, tmp_path / "b", overrides=[override], start=file)
+            with (
+                Scene.from_tables(RUBBER, overrides=[override]) as scene,
+                pytest.raises(InputError, match="start"),
+            ):
+                scene.solve(start=file)
+    with pytest.raises(InputError, match="has no step 9"):
+        run_deck(RUBBER, tmp_path / "b", start=f"{file}:9")
+    with pytest.raises(FileError, match=r"nowhere\.vtkhdf"), Scene.from_tables(RUBBER) as scene:
+        scene.solve(start=tmp_path / "nowhere.vtkhdf")
+
+
+def test_both_commands_know_the_options(tmp_path):
+    deck = tmp_path / "deck.toml"
+    deck.write_text(text_of_tables({**RUBBER, "load": {"steps": 2}}), encoding="utf-8")
+    from myork.cli import main
+
+    options = ["solve", str(deck), "--out", str(tmp_path / "out"), "--threads", "1", "-q"]
+    assert main([*options, "--no-error"]) == 0
+    assert main([*options, "--no-error", "--resume"]) == 0
+    file = tmp_path / "out" / "results.vtkhdf"
+    assert main([*options[:-1], "-q", "--no-error", "--start-from", f"{file}:1"]) == 0
+    assert main([*options, "--start-from", str(tmp_path / "none.vtkhdf")]) == 2
