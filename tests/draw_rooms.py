@@ -32,6 +32,11 @@ def rooms() -> dict[str, set[str]]:
     for path in FORTRAN.rglob("*.f90"):
         names = re.findall(r"^\s*use\s+(rk_\w+)", path.read_text(encoding="utf-8"), re.M | re.I)
         used[path.parent.name] |= {home[name.lower()] for name in names} - {path.parent.name}
+    headers = {path.name: path.parent.name for path in FORTRAN.rglob("*.h")}
+    for path in FORTRAN.rglob("*.cpp"):
+        names = re.findall(r'^#include "(\w+\.h)"', path.read_text(encoding="utf-8"), re.M)
+        used.setdefault(path.parent.name, set())
+        used[path.parent.name] |= {headers[name] for name in names} - {path.parent.name}
     return used
 
 

@@ -21,6 +21,7 @@ FORTRAN_LAYERS = [
     {"base"},
     {"expression", "linalg", "image", "programme"},
     {"deck"},
+    {"values"},
     {"solvers", "approximation", "material"},
     {"model"},
     {"cells", "problem", "h5"},

@@ -99,10 +99,19 @@ subroutine explain_equation(scene)
       if (equation%kind == 'elasticity') then
          if (scene%cloud%nd == 2) text = text//' in plane ' &
             & //trim(merge('stress', 'strain', equation%plane_stress))
-         text = text//', E '//to_text(equation%young)//', nu '//to_text(equation%poisson_ratio)
+         if (equation%young_of%given()) text = text//', E '//equation%young_of%text
+         if (.not. equation%young_of%given()) text = text//', E '//to_text(equation%young)
+         if (equation%ratio_of%given()) text = text//', nu '//equation%ratio_of%text
+         if (.not. equation%ratio_of%given()) text = text//', nu '//to_text(equation%poisson_ratio)
+      else if (equation%conductivity_of%given()) then
+         text = text//', conductivity '//equation%conductivity_of%text
       end if
       print '(a)', '  equation      '//text//': one assembly, one ' &
          & //trim(merge('least squares ', '              ', scene%method == 'rkcm'))//' solve'
+      if (equation%is_own()) then
+         print '(a)', '  solution      '//trim(merge('given    ', 'not known', equation%is_known()))
+         return
+      end if
       print '(a)', '  solution      '//equation%solution//', known: the summary has the L2 and ' &
          & //'H1 errors'
       text = ''

@@ -159,8 +159,8 @@ void check_schema(Deck &deck);
 void fill_defaults(const Deck &deck, Section &section);
 // deck_form.cpp: the form that scene.method stands for, and what else defaults depend on
 void choose_form(Deck &deck);
-// deck_expression.cpp: whether texts in the place of numbers are expressions
-void check_expression(Deck &deck, const Section &section, const KeySpec &key, const Value &value);
+// deck_linear.cpp: a linear problem stands alone, and what it holds must fit together
+void check_linear(Deck &deck, const std::string &geometry, int dimension);
 // deck_rules.cpp: what depends on more than the schema can say
 void check_rules(Deck &deck);
 

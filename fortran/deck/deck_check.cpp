@@ -1,6 +1,8 @@
 // The checks that the schema declares: types, ranges, missing keys, defaults.
 #include "deck.h"
 
+#include "expression.h"
+
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -105,9 +107,14 @@ static std::string refusal(const KeySpec &key, const Value &value) {
    return "";
 }
 
+// One value that stands for an array
+static bool is_single(const KeySpec &key, const Value &value) {
+   return value.is_number() || (!key.expression.empty() && value.kind == Value::Kind::text);
+}
+
 // Why a value cannot be, lengths apart; "" where it can
 static std::string refusal_of(const KeySpec &key, const Value &value) {
-   if (!is_array(key.type) || (key.scalar && value.is_number()))
+   if (!is_array(key.type) || (key.scalar && is_single(key, value)))
       return refusal(key, value);
    if (value.kind != Value::Kind::array)
       return "must be " + wanted(key) + ", not " + value.described();
@@ -260,11 +267,11 @@ static void check_length(Deck &deck, Section &section, const KeySpec &key, Value
       length = static_cast<int>(dimension->integer);
       because = " (scene.dimension = " + std::to_string(length) + ")";
    }
-   if (key.scalar && value.is_number()) {
+   if (key.scalar && is_single(key, value)) {
       Value array;
       array.kind = Value::Kind::array;
       array.origin = value.origin;
-      array.items.assign(static_cast<std::size_t>(length), value);
+      array.items.assign(static_cast<std::size_t>(std::max(length, 1)), value);
       value = array;
    }
    if (length == any_length || value.items.size() == static_cast<std::size_t>(length))
@@ -296,6 +303,47 @@ static void check_names(Deck &deck, Section &section, const KeySpec &key, const 
          }
       }
    }
+}
+
+// Names that mean something in this many dimensions
+static std::vector<std::string> names_of(const std::string &kind, int dimension) {
+   std::vector<std::string> names = {"x"};
+   if (dimension > 1)
+      names.insert(names.end(), {"y", "r", "theta"});
+   if (dimension > 2)
+      names.push_back("z");
+   if (kind == "time")
+      names.push_back("t");
+   if (kind == "surface") {
+      names.push_back("nx");
+      if (dimension > 1)
+         names.push_back("ny");
+      if (dimension > 2)
+         names.push_back("nz");
+   }
+   return names;
+}
+
+// Whether texts in the place of numbers are expressions
+static void check_expression(Deck &deck, const Section &section, const KeySpec &key, const Value &value) {
+   const Section *scene = deck.single("scene");
+   const Value *dimension = scene ? scene->find("dimension") : nullptr;
+   if (!dimension)
+      return;
+   // the time is of no meaning where nothing moves
+   const std::string kind =
+       key.expression == "time" && deck.entries("dynamics").empty() ? "place" : key.expression;
+   const std::vector<std::string> names = names_of(kind, static_cast<int>(dimension->integer));
+   const auto check = [&](const Value &one, const std::string &which) {
+      const std::string fault =
+          one.kind == Value::Kind::text ? expression_fault(one.text, names) : "";
+      if (!fault.empty())
+         deck.complain(value.origin, deck.address(section, key.name),
+                       which + quoted(one.text) + " " + fault);
+   };
+   check(value, "");
+   for (std::size_t i = 0; i < value.items.size(); ++i)
+      check(value.items[i], "item " + std::to_string(i + 1) + ", ");
 }
 
 void check_schema(Deck &deck) {

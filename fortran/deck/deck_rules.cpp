@@ -153,58 +153,6 @@ static void check_references(Deck &deck) {
    }
 }
 
-// A linear problem stands alone, and its solution must fit it
-static void check_linear(Deck &deck, const std::string &kind, int dimension) {
-   const Section *linear = deck.single("linear"), *scene = deck.single("scene");
-   if (!linear) {
-      for (Section *pin : deck.entries("pin"))
-         deck.complain(pin->origin, deck.address(*pin), "only for linear problems");
-      if (dimension == 1)
-         deck.complain(scene->find("dimension")->origin, "scene.dimension",
-                       "1 is only for linear problems: the table [linear] is missing");
-      return;
-   }
-   for (const char *table : {"material", "boundary", "amplitude", "exact", "reference"}) {
-      for (Section *section : deck.entries(table))
-         deck.complain(section->origin, deck.address(*section),
-                       "has no place in a linear problem, where [linear] says it all");
-   }
-   if (!kind.empty() && kind != "box")
-      deck.complain(deck.single("geometry")->find("kind")->origin, "geometry.kind",
-                    "must be box for a linear problem, not " + kind);
-   const Value *method = scene ? scene->find("method") : nullptr;
-   if (method && method->text != "rkcm" && method->text != "rkpm-gauss")
-      deck.complain(method->origin, "scene.method",
-                    "must be rkpm-gauss or rkcm for a linear problem, not " + method->text);
-   const std::string problem = linear->text("problem"), solution = linear->text("solution");
-   const Value *name = linear->find("solution");
-   if ((solution == "exp_x" && dimension != 1) || (solution == "exp_xy" && dimension != 2) ||
-       (solution == "cantilever" && dimension != 2))
-      deck.complain(name->origin, "linear.solution",
-                    solution + " needs scene.dimension = " + (solution == "exp_x" ? "1" : "2") +
-                        ", not " + std::to_string(dimension));
-   if (solution == "exp_x" || solution == "exp_xy" || solution == "cantilever") {
-      const std::string fits = solution == "cantilever" ? "elasticity" : "poisson";
-      if (!problem.empty() && problem != fits)
-         deck.complain(name->origin, "linear.solution",
-                       solution + " is a solution of problem = " + fits + ", not " + problem);
-   }
-   for (Section *probe : deck.entries("probe")) {
-      const std::string quantity = probe->text("quantity");
-      // forces come from virtual work, which does not know the sources of the other solutions
-      const bool force = quantity.compare(0, 5, "force") == 0;
-      const bool moved = quantity.compare(0, 6, "torque") == 0 ||
-                         quantity.compare(0, 7, "section") == 0 || probe->find("set");
-      const bool fits = problem == "poisson" ? quantity == "u" && !moved
-                        : force              ? solution == "cantilever"
-                                             : quantity != "J" && !moved;
-      if (!quantity.empty() && !fits)
-         deck.complain(probe->find("quantity")->origin, deck.address(*probe, "quantity"),
-                       quantity + (moved && !force ? " of a set or section" : "") +
-                           " is not known in a linear problem of " + problem + " with " + solution);
-   }
-}
-
 void check_rules(Deck &deck) {
    const int dimension = static_cast<int>(number_of(deck.single("scene"), "dimension", 0.0));
    const Section *geometry = deck.single("geometry");

@@ -299,9 +299,10 @@ def section(name: str, table: dict[str, Any]) -> str:
     for key, spec in table["keys"].items():
         kind = spec["type"]
         if spec.get("or_number") or spec.get("scalar"):
-            kind += " or number"
+            kind += " or single value" if "expression" in spec else " or number"
         if "expression" in spec:
-            kind = "expression" if kind == "text" else kind + " or expression"
+            kind = kind.replace("texts", "expressions").replace("text", "expression")
+            kind += "" if "expression" in kind else " or expression"
         cells = [f"`{key}`", kind, needed(spec), allowed(spec), spec.get("unit", ""), spec["help"]]
         lines.append("| " + " | ".join(cells) + " |\n")
     return "".join(lines)

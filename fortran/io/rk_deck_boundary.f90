@@ -40,6 +40,13 @@ subroutine read_conditions(scene, deck, error)
             if (condition%fixed(i)) call read_value(deck, at//component(i), condition%value(i), &
                & condition%value_of(i))
          end do
+         if (deck%has(at//'.u')) then
+            ! the only component of a scalar problem
+            condition%fixed(1) = .true.
+            call read_value(deck, at//'.u', condition%value(1), condition%value_of(1))
+         end if
+         if (deck%has(at//'.flux')) call read_value(deck, at//'.flux', condition%traction(1), &
+            & condition%traction_of(1))
          condition%is_radial = deck%has(at//'.radial')
          if (condition%is_radial) call deck%get(at//'.radial', condition%radial)
          ! the other sides of an annulus are its planes of symmetry

@@ -1,9 +1,10 @@
 !> From the table [linear] of a checked deck to the equation of a scene.
 module rk_deck_linear
    use rk_deck, only : deck_type, word_length
-   use rk_deck_boundary, only : find_named_set
+   use rk_deck_boundary, only : find_named_set, read_conditions
+   use rk_deck_expression, only : read_value, read_values
    use rk_error, only : error_type
-   use rk_linear, only : essential_weight
+   use rk_linear, only : set_essential_weight
    use rk_precision, only : wp
    use rk_scene, only : scene_type
    use rk_text, only : to_text
@@ -25,6 +26,7 @@ subroutine read_linear(scene, deck, error)
    character(len=:), allocatable :: at, word
    character(len=word_length), allocatable :: side(:)
    real(wp), allocatable :: point(:)
+   real(wp) :: no_numbers(3)
    integer :: k, set
 
    associate (equation => scene%equation)
@@ -32,12 +34,18 @@ subroutine read_linear(scene, deck, error)
       call deck%get('linear.solution', equation%solution)
       if (equation%solution == 'polynomial') call deck%get('linear.degree', equation%degree)
       if (equation%kind == 'elasticity') then
-         call deck%get('linear.E', equation%young)
-         call deck%get('linear.nu', equation%poisson_ratio)
+         call read_value(deck, 'linear.E', equation%young, equation%young_of)
+         if (deck%has('linear.nu')) call read_value(deck, 'linear.nu', equation%poisson_ratio, &
+            & equation%ratio_of)
          call deck%get('linear.plane', word)
          equation%plane_stress = word == 'stress'
       end if
       if (equation%solution == 'cantilever') call deck%get('linear.force', equation%force)
+      if (deck%has('linear.conductivity')) call read_value(deck, 'linear.conductivity', &
+         & equation%conductivity, equation%conductivity_of)
+      if (deck%has('linear.smoothing')) call deck%get('linear.smoothing', equation%smoothing)
+      call read_values(deck, 'linear.source', equation%source, equation%source_of)
+      call read_values(deck, 'linear.exact', no_numbers, equation%exact_of)
       equation%extent(:scene%cloud%nd) = maxval(scene%cloud%points, dim=2)
       call deck%get('linear.essential', side)
       allocate (equation%essential(size(side)))
@@ -57,12 +65,13 @@ subroutine read_linear(scene, deck, error)
          equation%pin(k)%fixed = [index(word, 'x') > 0, index(word, 'y') > 0, index(word, 'z') > 0]
       end do
    end associate
-   ! no materials, conditions or load steps
-   allocate (scene%tissue(0), scene%tissue_of(0), scene%condition(0))
+   call read_conditions(scene, deck, error)
+   ! no materials or load steps
+   allocate (scene%tissue(0), scene%tissue_of(0))
    scene%load%steps = 1
    scene%load%activation = 0.0_wp
    scene%load%amplitude = 0
-   scene%solver%weight_essential = essential_weight(scene)
+   if (.not. allocated(error)) call set_essential_weight(scene, error)
 end subroutine read_linear
 
 end module rk_deck_linear

@@ -8,7 +8,7 @@ module rk_error_norms
    use rk_gauss, only : gauss_rule
    use rk_precision, only : wp
    use rk_shape, only : shape_type
-   use rk_solutions, only : exact_field
+   use rk_solutions, only : solution_at
    implicit none
    private
 
@@ -32,14 +32,16 @@ module rk_error_norms
 contains
 
 !> Norms of the error
-subroutine error_norms(problem, x, norms, error)
+subroutine error_norms(problem, x, time, norms, error)
    !> Linear problem
    class(discretisation_type), intent(in) :: problem
    !> Coefficients, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
+   !> Time, of no meaning where nothing moves
+   real(wp), intent(in) :: time
    !> Norms
    type(norms_type), intent(out) :: norms
-   !> Error handling: no shape functions somewhere
+   !> Error handling: no shape functions somewhere, a solution that is not finite
    type(error_type), allocatable, intent(out) :: error
    real(wp), allocatable :: place(:, :), weight(:), node(:), node_weight(:)
    type(shape_type) :: shape
@@ -61,7 +63,8 @@ subroutine error_norms(problem, x, norms, error)
             & node, node_weight, place, weight)
          call scene%shape_at(place, shape, error)
          if (allocated(error)) return
-         total = total + integrals(problem, shape, place, weight, x)
+         call add_integrals(problem, shape, place, weight, x, time, total, error)
+         if (allocated(error)) return
       end do
    end associate
    total(3:) = total(3:) + total(:2)
@@ -101,8 +104,8 @@ pure subroutine gauss_points(centre, edge, node, node_weight, place, weight)
    end do
 end subroutine gauss_points
 
-!> Integrals of the squares of error, solution and their gradients
-function integrals(problem, shape, place, weight, x) result(total)
+!> Add the integrals of the squares of error, solution and their gradients
+subroutine add_integrals(problem, shape, place, weight, x, time, total, error)
    !> Linear problem
    class(discretisation_type), intent(in) :: problem
    !> Shape functions at the points
@@ -113,20 +116,27 @@ function integrals(problem, shape, place, weight, x) result(total)
    real(wp), intent(in) :: weight(:)
    !> Coefficients, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Error, solution, gradient of the error, gradient of the solution
-   real(wp) :: total(4)
+   !> Time
+   real(wp), intent(in) :: time
+   !> Error, solution, gradient of the error, gradient of the solution, to which these are added
+   real(wp), intent(inout) :: total(4)
+   !> Error handling: a solution that is not finite
+   type(error_type), allocatable, intent(inout) :: error
+   real(wp) :: sums(4)
    real(wp) :: u(problem%fields, shape%nq), exact(problem%fields, shape%nq)
    integer :: ip, last
 
    last = 1 + shape%nd
-   total = 0.0_wp
+   sums = 0.0_wp
    do ip = 1, shape%np
       call shape%interpolate(ip, x, 1, last, u)
-      call exact_field(problem%scene%equation, place(:, ip), exact)
+      call solution_at(problem%scene%equation, place(:, ip), time, exact, error)
+      if (allocated(error)) return
       u = u - exact
-      total = total + weight(ip)*[sum(u(:, 1)**2), sum(exact(:, 1)**2), sum(u(:, 2:last)**2), &
+      sums = sums + weight(ip)*[sum(u(:, 1)**2), sum(exact(:, 1)**2), sum(u(:, 2:last)**2), &
          & sum(exact(:, 2:last)**2)]
    end do
-end function integrals
+   total = total + sums
+end subroutine add_integrals
 
 end module rk_error_norms

@@ -3,20 +3,22 @@
 !> L u = f in the body, B^h u = h and B^g u = g on its boundary (5.7), for operators of second order
 !> with constant coefficients: (L u)_i = c(i,A,k,B) u_k,AB, (B^h u)_i = c(i,A,k,B) n_A u_k,B and
 !> B^g u = u. Poisson's problem has c = 1 for A = B, elasticity its moduli. The rows are weighted as
-!> in (5.15); f, h and g follow from a known solution.
+!> in (5.15); f, h and g follow from a known solution, or the deck gives them. Coefficients that
+!> vary add first derivatives: (c u_k,B),A = c u_k,AB + c,A u_k,B.
 !>
 !> Collocation points inside carry L, those on the boundary B^h or B^g only (5.10). With L on the
 !> boundary as well the L2 errors are 4 to 7 times larger and fall more slowly.
 module rk_linear
    use rk_basis, only : second_index
-   use rk_conditions, only : new_boundary
+   use rk_coefficients, only : coefficient_at, coefficients_type, moduli, new_coefficients
+   use rk_conditions, only : boundary_type, new_boundary
    use rk_discretisation, only : discretisation_type
    use rk_error, only : error_type, fatal_error, err_input
    use rk_precision, only : wp
    use rk_problem, only : evaluation_type
    use rk_rows, only : new_rows
    use rk_scene, only : condition_type, equation_type, scene_type
-   use rk_solutions, only : exact_field
+   use rk_solutions, only : exact_field, source_at
    use rk_states, only : field_state, point_state
    use rk_strong, only : strong_problem
    use rk_tensor, only : determinant
@@ -24,19 +26,21 @@ module rk_linear
    implicit none
    private
 
-   public :: linear_problem, new_linear, essential_weight
+   public :: linear_problem, new_linear, set_essential_weight
    ! what the Galerkin form of the same problems shares
-   public :: find_boundary, lame_constants, moduli, small_strain
+   public :: find_boundary, small_strain
 
    !> Linear problem of a scene
    type, extends(strong_problem) :: linear_problem
-      !> Moduli c(i, A, k, B), shape (fields, nd, fields, nd)
-      real(wp), allocatable :: modulus(:, :, :, :)
+      !> Coefficients at the collocation points
+      type(coefficients_type) :: coefficient
       !> Points inside; their blocks of rows come before those of the boundary points
       integer :: inside = 0
       !> Weighted right hand side, shape (m)
       real(wp), allocatable :: b(:)
    contains
+      !> Weighted right hand side of loads of the deck's own
+      procedure :: own_side
       procedure :: is_linear
       procedure :: evaluate
       procedure :: linearise
@@ -58,9 +62,10 @@ subroutine new_linear(self, scene, error)
 
    self%scene => scene
    nd = scene%cloud%nd
-   self%modulus = moduli(scene%equation, nd)
-   self%fields = size(self%modulus, 1)
+   self%fields = merge(1, nd, scene%equation%kind == 'poisson')
    call find_boundary(self, error)
+   if (.not. allocated(error)) call new_coefficients(self%coefficient, scene, scene%cloud%points, &
+      & .true., error)
    if (allocated(error)) return
    allocate (self%shape)
    call scene%shape_at(scene%cloud%points, self%shape, error)
@@ -71,7 +76,7 @@ subroutine new_linear(self, scene, error)
    self%inside = size(inside)
    nb = size(self%boundary%point)
    allocate (range(2, self%inside + nb))
-   range(1, :self%inside) = 2 + nd
+   range(1, :self%inside) = merge(2, 2 + nd, scene%equation%varies())
    range(2, :self%inside) = self%shape%nq
    range(1, self%inside + 1:) = 1
    range(2, self%inside + 1:) = 1 + nd
@@ -80,55 +85,10 @@ subroutine new_linear(self, scene, error)
       & [(minval(scene%cloud%spacing(d, :)), d=1, nd)])
    self%m = self%rows%m
    self%n = self%rows%n
-   allocate (self%b(self%m))
+   allocate (self%b(self%m), source=0.0_wp)
+   call assemble(self)
+   if (scene%equation%is_own()) call self%own_side(0.0_wp, self%b, error)
 end subroutine new_linear
-
-!> Moduli of the operators
-pure function moduli(equation, nd, volumetric) result(c)
-   !> Equation
-   type(equation_type), intent(in) :: equation
-   !> Space dimension
-   integer, intent(in) :: nd
-   !> Include Lame's lambda? Default true
-   logical, intent(in), optional :: volumetric
-   real(wp), allocatable :: c(:, :, :, :)
-   real(wp) :: lame(2)
-   integer :: i, k
-
-   if (equation%kind == 'poisson') then
-      allocate (c(1, nd, 1, nd), source=0.0_wp)
-      do i = 1, nd
-         c(1, i, 1, i) = 1.0_wp
-      end do
-      return
-   end if
-   allocate (c(nd, nd, nd, nd), source=0.0_wp)
-   lame = lame_constants(equation)
-   if (present(volumetric)) then
-      if (.not. volumetric) lame(1) = 0.0_wp
-   end if
-   do i = 1, nd
-      do k = 1, nd
-         c(i, i, k, k) = c(i, i, k, k) + lame(1)
-         c(i, k, i, k) = c(i, k, i, k) + lame(2)
-         c(i, k, k, i) = c(i, k, k, i) + lame(2)
-      end do
-   end do
-end function moduli
-
-!> Lame's constants lambda and mu; in plane stress the lambda that leaves no stress across the plane
-pure function lame_constants(equation) result(lame)
-   !> Equation of elasticity
-   type(equation_type), intent(in) :: equation
-   !> [force/length^2]
-   real(wp) :: lame(2)
-
-   associate (v => equation%poisson_ratio)
-      lame(2) = 0.5_wp*equation%young/(1.0_wp + v)
-      lame(1) = 2.0_wp*lame(2)*v/(1.0_wp - 2.0_wp*v)
-      if (equation%plane_stress) lame(1) = 2.0_wp*lame(2)*v/(1.0_wp - v)
-   end associate
-end function lame_constants
 
 !> Which components are prescribed where
 subroutine find_boundary(self, error)
@@ -141,11 +101,15 @@ subroutine find_boundary(self, error)
    integer :: b, k
 
    associate (cloud => self%scene%cloud, equation => self%scene%equation)
-      allocate (condition(size(equation%essential)))
-      do k = 1, size(condition)
-         condition(k)%set = equation%essential(k)
-         condition(k)%fixed = .true.
-      end do
+      if (equation%is_own()) then
+         condition = self%scene%condition
+      else
+         allocate (condition(size(equation%essential)))
+         do k = 1, size(condition)
+            condition(k)%set = equation%essential(k)
+            condition(k)%fixed = .true.
+         end do
+      end if
       call new_boundary(self%boundary, cloud, condition, self%scene%programme%count(), error)
       if (allocated(error)) return
       do k = 1, size(equation%pin)
@@ -162,23 +126,24 @@ subroutine find_boundary(self, error)
       end do
    end associate
    if (.not. any(self%boundary%essential(:self%fields, :))) call fatal_error(error, err_input, &
-      & 'linear: no value is prescribed anywhere: name sides in linear.essential, or give a pin')
+      & 'linear: no value is prescribed anywhere: '//trim(merge('give u in a [[boundary]]      ', &
+      & 'name sides in linear.essential', self%scene%equation%is_own()))//', or give a pin')
 end subroutine find_boundary
 
-!> Rows and right hand side (5.13)-(5.15)
+!> Rows and, of a known solution, the right hand side (5.13)-(5.15)
 subroutine assemble(self)
    !> Problem
    class(linear_problem), intent(inout) :: self
-   real(wp) :: domain(self%fields, self%fields, self%shape%nq), u(self%fields, self%shape%nq)
+   real(wp) :: u(self%fields, self%shape%nq)
    integer :: b, i, row
 
-   domain = domain_rows(self%modulus, self%shape%nq)
    do b = 1, size(self%rows%place)
       if (b <= self%inside) then
-         self%rows%coefficient(:, :, :, b) = domain
+         self%rows%coefficient(:, :, :, b) = domain_rows(self, self%rows%place(b))
       else
          self%rows%coefficient(:, :, :, b) = boundary_rows(self, b - self%inside)
       end if
+      if (self%scene%equation%is_own()) cycle
       call exact_field(self%scene%equation, self%scene%cloud%points(:, self%rows%place(b)), u)
       row = self%rows%row(b)
       do i = 1, self%fields
@@ -188,15 +153,25 @@ subroutine assemble(self)
 end subroutine assemble
 
 !> L
-pure function domain_rows(c, nq) result(rows)
-   !> Moduli, shape (fields, nd, fields, nd)
-   real(wp), intent(in) :: c(:, :, :, :)
-   !> Derivatives
-   integer, intent(in) :: nq
-   real(wp) :: rows(size(c, 1), size(c, 1), nq)
+pure function domain_rows(self, ip) result(rows)
+   !> Problem
+   class(linear_problem), intent(in) :: self
+   !> Collocation point
+   integer, intent(in) :: ip
+   real(wp) :: rows(self%fields, self%fields, self%shape%nq)
+   real(wp), allocatable :: c(:, :, :, :)
    integer :: a, b, q
 
    rows = 0.0_wp
+   if (self%scene%equation%varies()) then
+      do a = 1, self%shape%nd
+         c = moduli(self%scene%equation, self%shape%nd, self%coefficient%slope(:, a, ip))
+         do b = 1, self%shape%nd
+            rows(:, :, 1 + b) = rows(:, :, 1 + b) + c(:, a, :, b)
+         end do
+      end do
+   end if
+   c = moduli(self%scene%equation, self%shape%nd, self%coefficient%pair(:, ip))
    do a = 1, size(c, 2)
       do b = a, size(c, 2)
          q = second_index(size(c, 2), a, b)
@@ -213,9 +188,12 @@ pure function boundary_rows(self, b) result(rows)
    !> Boundary point
    integer, intent(in) :: b
    real(wp) :: rows(self%fields, self%fields, self%shape%nq)
+   real(wp), allocatable :: c(:, :, :, :)
    integer :: a, d, i
 
    rows = 0.0_wp
+   c = moduli(self%scene%equation, self%shape%nd, self%coefficient%pair(:, &
+      & self%boundary%point(b)))
    do i = 1, self%fields
       if (self%boundary%essential(i, b)) then
          rows(i, i, 1) = self%scene%solver%weight_essential
@@ -224,24 +202,71 @@ pure function boundary_rows(self, b) result(rows)
       do d = 1, self%shape%nd
          do a = 1, self%shape%nd
             rows(i, :, 1 + d) = rows(i, :, 1 + d) + self%scene%solver%weight_traction &
-               & *self%boundary%normal(a, i, b)*self%modulus(i, a, :, d)
+               & *self%boundary%normal(a, i, b)*c(i, a, :, d)
          end do
       end do
    end do
 end function boundary_rows
 
-!> Weight of essential rows: the number of source points, times the larger of Lame's constants
-pure real(wp) function essential_weight(scene)
-   !> Scene
-   type(scene_type), intent(in) :: scene
+!> Weighted right hand side of loads of the deck's own at a time: sources inside, values and
+!> tractions at the boundary
+subroutine own_side(self, time, side, error)
+   !> Problem
+   class(linear_problem), intent(in) :: self
+   !> Time, of no meaning where nothing moves
+   real(wp), intent(in) :: time
+   !> Right hand side, shape (m)
+   real(wp), intent(inout) :: side(:)
+   !> Error handling: an expression without a value somewhere
+   type(error_type), allocatable, intent(out) :: error
+   type(boundary_type) :: boundary
+   real(wp) :: f(self%fields)
+   integer :: b, i, row
 
-   essential_weight = scene%solver%weight_essential
+   associate (scene => self%scene)
+      call new_boundary(boundary, scene%cloud, scene%condition, 1, error, time)
+      if (allocated(error)) return
+      do b = 1, size(self%rows%place)
+         row = self%rows%row(b)
+         if (b <= self%inside) then
+            call source_at(scene%equation, scene%cloud%points(:, self%rows%place(b)), time, f, &
+               & error)
+            if (allocated(error)) return
+            side(row + 1:row + self%fields) = -f
+            cycle
+         end if
+         do i = 1, self%fields
+            ! that of the problem knows the pins, whose value is 0
+            if (self%boundary%essential(i, b - self%inside)) then
+               side(row + i) = scene%solver%weight_essential*boundary%value(1, i, b - self%inside)
+            else
+               side(row + i) = scene%solver%weight_traction*boundary%traction(1, i, b - self%inside)
+            end if
+         end do
+      end do
+   end associate
+end subroutine own_side
+
+!> Weight of essential rows: the number of source points or a number over the squared spacing, times
+!> the largest coefficient
+subroutine set_essential_weight(scene, error)
+   !> Scene
+   type(scene_type), intent(inout) :: scene
+   !> Error handling: an expression without a value somewhere
+   type(error_type), allocatable, intent(inout) :: error
+   type(coefficients_type) :: coefficient
+   type(error_type), allocatable :: failure
+
    if (scene%solver%weight_essential > 0.0_wp) return
-   essential_weight = merge(scene%solver%weight_c4, real(size(scene%cloud%source, 2), wp), &
-      & scene%solver%weight_c4 > 0.0_wp)
-   if (scene%equation%kind == 'elasticity') essential_weight = essential_weight &
-      & *maxval(lame_constants(scene%equation))
-end function essential_weight
+   call new_coefficients(coefficient, scene, scene%cloud%points, .false., failure)
+   if (allocated(failure)) then
+      if (.not. allocated(error)) call move_alloc(failure, error)
+      return
+   end if
+   scene%solver%weight_essential = merge(scene%solver%weight_c4, &
+      & real(size(scene%cloud%source, 2), wp), scene%solver%weight_c4 > 0.0_wp) &
+      & *maxval(coefficient%pair)
+end subroutine set_essential_weight
 
 !> Whether residuals are linear in the unknowns
 pure logical function is_linear(self)
@@ -271,7 +296,7 @@ subroutine evaluate(self, x, load, r, seen)
    seen%valid = all(abs(r) <= huge(1.0_wp))
 end subroutine evaluate
 
-!> Assemble the rows, which are the same in every state, and evaluate
+!> Evaluate; the rows are the same in every state
 subroutine linearise(self, x, load, r, seen)
    !> Problem
    class(linear_problem), target, intent(inout) :: self
@@ -284,7 +309,6 @@ subroutine linearise(self, x, load, r, seen)
    !> What was seen
    type(evaluation_type), intent(out) :: seen
 
-   call assemble(self)
    call self%evaluate(x, load, r, seen)
 end subroutine linearise
 
@@ -303,25 +327,31 @@ subroutine at_place(self, state, ip, x, u, local)
    !> State there
    type(point_state), intent(out) :: local
 
-   ! moduli are the same everywhere and at every load
-   associate (place => ip, unused => state)
+   type(error_type), allocatable :: error
+   real(wp) :: pair(2)
+
+   associate (unused => state)
    end associate
-   call small_strain(self%scene%equation, self%modulus, x, u, local)
+   ! what is interpolated is not known between collocation points
+   pair = self%coefficient%pair(:, ip)
+   if (.not. self%scene%equation%smoothing > 0.0_wp) &
+      & call coefficient_at(self%scene%equation, x, pair, error)
+   call small_strain(self%scene%equation, pair, x, u, local)
 end subroutine at_place
 
 !> Small strain stress of the derivatives at a place; of a scalar problem the value alone
-pure subroutine small_strain(equation, modulus, x, u, local)
+pure subroutine small_strain(equation, pair, x, u, local)
    !> Equation
    type(equation_type), intent(in) :: equation
-   !> Moduli c(i, A, k, B), shape (fields, nd, fields, nd)
-   real(wp), intent(in) :: modulus(:, :, :, :)
+   !> Lambda and mu there [stress]
+   real(wp), intent(in) :: pair(2)
    !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
    !> Fields with derivatives, shape (fields, nq)
    real(wp), intent(in) :: u(:, :)
    !> State there
    type(point_state), intent(out) :: local
-   real(wp) :: lame(2)
+   real(wp), allocatable :: modulus(:, :, :, :)
    integer :: a, d, k, nd
 
    nd = size(x)
@@ -333,6 +363,7 @@ pure subroutine small_strain(equation, modulus, x, u, local)
    if (equation%kind == 'poisson') return
    local%f(:nd, :nd) = local%f(:nd, :nd) + u(:, 2:1 + nd)
    local%j = determinant(local%f)
+   modulus = moduli(equation, nd, pair)
    do d = 1, nd
       do k = 1, nd
          do a = 1, nd
@@ -340,8 +371,7 @@ pure subroutine small_strain(equation, modulus, x, u, local)
          end do
       end do
    end do
-   lame = lame_constants(equation)
-   if (nd == 2 .and. .not. equation%plane_stress) local%p(3, 3) = lame(1)*(u(1, 2) + u(2, 3))
+   if (nd == 2 .and. .not. equation%plane_stress) local%p(3, 3) = pair(1)*(u(1, 2) + u(2, 3))
    local%cauchy = local%p
 end subroutine small_strain
 

@@ -7,14 +7,64 @@
 !>             Timoshenko, Goodier, Theory of Elasticity, McGraw-Hill (1970), section 21
 module rk_solutions
    use rk_basis, only : second_index
+   use rk_error, only : error_type
    use rk_precision, only : pi, wp
    use rk_scene, only : equation_type
    implicit none
    private
 
-   public :: exact_field
+   public :: exact_field, solution_at, source_at
+
+   !> Distance of values whose differences are derivatives, in sizes of the body [-]
+   real(wp), parameter :: difference = 1.0e-3_wp
 
 contains
+
+!> Value and first derivatives of the solution, also of one that the deck gives
+subroutine solution_at(equation, x, time, u, error)
+   !> Problem, whose solution is known
+   type(equation_type), intent(in) :: equation
+   !> Place, shape (nd) [length]
+   real(wp), intent(in) :: x(:)
+   !> Time, of no meaning where nothing moves
+   real(wp), intent(in) :: time
+   !> Value and first derivatives of each field, behind them what is not known, shape (fields, nq)
+   real(wp), intent(out) :: u(:, :)
+   !> Error handling: an expression without a value there
+   type(error_type), allocatable, intent(inout) :: error
+   integer :: i
+
+   if (.not. equation%is_own()) then
+      call exact_field(equation, x, u)
+      return
+   end if
+   u = 0.0_wp
+   do i = 1, size(u, 1)
+      call equation%exact_of(i)%at(x, u(i, 1), error, time)
+      call equation%exact_of(i)%gradient(x, difference*minval(equation%extent(:size(x))), &
+         & u(i, 2:1 + size(x)), error, time)
+   end do
+end subroutine solution_at
+
+!> Source or body force of a problem with loads of its own
+subroutine source_at(equation, x, time, f, error)
+   !> Problem
+   type(equation_type), intent(in) :: equation
+   !> Place, shape (nd) [length]
+   real(wp), intent(in) :: x(:)
+   !> Time, of no meaning where nothing moves
+   real(wp), intent(in) :: time
+   !> Source of each field, shape (fields) [force/length^3]
+   real(wp), intent(out) :: f(:)
+   !> Error handling: an expression without a value there
+   type(error_type), allocatable, intent(inout) :: error
+   integer :: i
+
+   f = equation%source(:size(f))
+   do i = 1, size(f)
+      if (equation%source_of(i)%given()) call equation%source_of(i)%at(x, f(i), error, time)
+   end do
+end subroutine source_at
 
 !> Value and derivatives of the solution at a place
 pure subroutine exact_field(equation, x, u)

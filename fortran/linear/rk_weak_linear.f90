@@ -4,22 +4,24 @@
 !> Essential values are lifted into the gradients and held by a penalty as in the nonlinear form.
 !> Of elasticity, Lame's lambda acts on the change of volume that is projected in each group of
 !> cells, so that nearly incompressible bodies do not lock. Source, traction and prescribed values
-!> follow from the known solution.
+!> follow from the known solution, or the deck gives them.
 module rk_weak_linear
    use rk_blas, only : dsyrk
    use rk_cells, only : cells_type
+   use rk_coefficients, only : coefficient_at, coefficients_type, moduli, new_coefficients
+   use rk_conditions, only : conditions_at
    use rk_discretisation, only : discretisation_type
    use rk_error, only : error_type
    use rk_gauss_cells, only : gauss_cells
    use rk_gradient, only : gradient_type, new_gradient
-   use rk_linear, only : find_boundary, lame_constants, moduli, small_strain
+   use rk_linear, only : find_boundary, small_strain
    use rk_operator, only : row_operator, square_report
    use rk_precision, only : wp
    use rk_pressure, only : new_pressure, pressure_type
    use rk_problem, only : evaluation_type
    use rk_scene, only : scene_type
    use rk_shape, only : shape_type
-   use rk_solutions, only : exact_field
+   use rk_solutions, only : exact_field, source_at
    use rk_states, only : field_state, point_state
    use rk_symmetric, only : new_symmetric, symmetric_matrix
    use rk_basis, only : second_index
@@ -32,10 +34,9 @@ module rk_weak_linear
 
    !> Linear problem of a scene
    type, extends(discretisation_type) :: weak_linear_problem
-      !> Moduli c(i, A, k, B) without lambda, shape (nd, nd, nd, nd); of a scalar problem the first
-      !> component is the field
-      real(wp), allocatable :: modulus(:, :, :, :)
-      !> Lame's lambda, 0 of a scalar problem [stress]
+      !> Coefficients at the integration points, and at the collocation points
+      type(coefficients_type) :: coefficient, outside
+      !> Largest of Lame's lambda, 0 of a scalar problem [stress]
       real(wp) :: lambda = 0.0_wp
       !> Integration points, gradients and shape functions there
       type(cells_type) :: cells
@@ -70,21 +71,13 @@ subroutine new_weak_linear(self, scene, error)
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
    type(shape_type) :: facet
-   real(wp), allocatable :: c(:, :, :, :)
-   real(wp) :: lame(2), stiffness
-   integer :: nd, ns
+   real(wp), allocatable :: stiffness(:)
+   integer :: nd, ns, q
 
    self%scene => scene
    nd = scene%cloud%nd
    ns = size(scene%cloud%source, 2)
-   lame = 0.0_wp
-   if (scene%equation%kind == 'elasticity') lame = lame_constants(scene%equation)
-   self%lambda = lame(1)
-   c = moduli(scene%equation, nd, volumetric=.false.)
-   stiffness = maxval(c)
-   self%fields = size(c, 1)
-   allocate (self%modulus(nd, nd, nd, nd), source=0.0_wp)
-   self%modulus(:self%fields, :, :self%fields, :) = c
+   self%fields = merge(1, nd, scene%equation%kind == 'poisson')
    self%n = self%fields*ns
    self%m = self%n
    call find_boundary(self, error)
@@ -97,66 +90,122 @@ subroutine new_weak_linear(self, scene, error)
    if (.not. allocated(error)) call scene%shape_at(self%cells%point, self%inside, error)
    if (.not. allocated(error)) call scene%shape_at(self%cells%surface, self%surface%shape, error)
    if (.not. allocated(error)) call scene%shape_at(self%cells%facet, facet, error)
+   if (.not. allocated(error)) call new_coefficients(self%coefficient, scene, self%cells%point, &
+      & .false., error)
+   if (.not. allocated(error)) call new_coefficients(self%outside, scene, scene%cloud%points, &
+      & .false., error)
    if (allocated(error)) return
-   call set_surface(self)
-   call self%surface%set_penalty(scene, self%cells, spread(stiffness, 1, size(self%cells%weight)))
+   self%lambda = maxval(self%coefficient%pair(1, :))
+   stiffness = [(maxval(modulus(self, q)), q=1, size(self%cells%weight))]
+   allocate (self%surface%essential(self%fields, size(self%cells%set)))
+   call surface_at(self, 0.0_wp, self%surface%essential, self%surface%value, &
+      & self%surface%traction, error)
+   if (allocated(error)) return
+   call self%surface%set_penalty(scene, self%cells, stiffness)
    call set_gradient(self, ns, facet)
-   call new_pressure(self%pressure, self%cells, spread(1.0_wp, 1, size(self%cells%weight)), &
+   call new_pressure(self%pressure, self%cells, softness(self), &
       & scene%galerkin%pressure_degree, scene%cloud%points, error)
    if (allocated(error)) return
    call new_symmetric(self%matrix, self%fields, ns, self%gradient%member)
    allocate (self%force(self%n, 1), source=0.0_wp)
    call self%surface%add_penalty(self%matrix, self%matrix%value)
    call self%surface%add_forces(self%force)
-   call add_body_force(self%inside, self%cells%weight, body_force(self), self%force(:, 1))
-   call add_pins(self, scene%galerkin%penalty*stiffness)
+   call add_body_force(self%inside, self%cells%weight, body_force(self, 0.0_wp, error), &
+      & self%force(:, 1))
+   if (allocated(error)) return
+   call add_pins(self, scene%galerkin%penalty*maxval(stiffness))
    call add_groups(self)
 end subroutine new_weak_linear
 
-!> Prescribed values and tractions of the known solution
-subroutine set_surface(self)
+!> Moduli c(i, A, k, B) without lambda at an integration point, shape (nd, nd, nd, nd); of a scalar
+!> problem the first component is the field
+pure function modulus(self, q) result(c)
+   !> Problem
+   class(weak_linear_problem), intent(in) :: self
+   !> Integration point
+   integer, intent(in) :: q
+   real(wp) :: c(self%shape%nd, self%shape%nd, self%shape%nd, self%shape%nd)
+
+   c = 0.0_wp
+   c(:self%fields, :, :self%fields, :) = moduli(self%scene%equation, self%shape%nd, &
+      & [0.0_wp, self%coefficient%pair(2, q)])
+end function modulus
+
+!> Largest lambda over that of each point: where it is none, as much as counts for none [-]
+pure function softness(self) result(ratio)
+   !> Problem
+   class(weak_linear_problem), intent(in) :: self
+   real(wp), parameter :: least = 1.0e-6_wp
+   real(wp) :: ratio(size(self%cells%weight))
+
+   ratio = 1.0_wp
+   if (self%lambda > 0.0_wp) ratio = self%lambda/max(self%coefficient%pair(1, :), &
+      & least*self%lambda)
+end function softness
+
+!> Prescribed values and tractions at the surface points, of the known solution or of the deck
+subroutine surface_at(self, time, essential, value, traction, error)
    !> Problem with its cells
-   type(weak_linear_problem), intent(inout) :: self
-   real(wp) :: u(self%fields, self%shape%nq), p(size(self%modulus, 1), size(self%modulus, 1))
-   integer :: ms, nd, s
+   class(weak_linear_problem), intent(in) :: self
+   !> Time, of no meaning where nothing moves
+   real(wp), intent(in) :: time
+   !> Prescribed components, shape (fields, ms)
+   logical, intent(out) :: essential(:, :)
+   !> Values and tractions, shape (1, fields, ms) [length], [force/area]
+   real(wp), allocatable, intent(out) :: value(:, :, :), traction(:, :, :)
+   !> Error handling: an expression without a value somewhere
+   type(error_type), allocatable, intent(out) :: error
+   real(wp) :: u(self%fields, self%shape%nq), p(self%shape%nd, self%shape%nd)
+   real(wp) :: g(1, 3), h(1, 3)
+   logical :: fixed(3)
+   integer :: s
 
-   nd = size(self%modulus, 1)
-   ms = size(self%cells%set)
-   allocate (self%surface%essential(self%fields, ms), self%surface%value(1, self%fields, ms))
-   allocate (self%surface%traction(1, self%fields, ms))
-   do s = 1, ms
-      call exact_field(self%scene%equation, self%cells%surface(:, s), u)
-      p = plain_stress(self, u)
-      self%surface%essential(:, s) = any(self%scene%equation%essential == self%cells%set(s))
-      self%surface%value(1, :, s) = u(:, 1)
-      self%surface%traction(1, :, s) = matmul(p(:self%fields, :), self%cells%outward(:, s)) &
-         & /norm2(self%cells%outward(:, s))
-   end do
-end subroutine set_surface
+   allocate (value(1, self%fields, size(self%cells%set)))
+   allocate (traction(1, self%fields, size(self%cells%set)))
+   associate (equation => self%scene%equation)
+      do s = 1, size(self%cells%set)
+         if (equation%is_own()) then
+            call conditions_at(self%scene%cloud, self%scene%condition, self%cells%set(s), &
+               & self%cells%surface(:, s), fixed, g, h, error, time)
+            if (allocated(error)) return
+            essential(:, s) = fixed(:self%fields)
+            value(:, :, s) = g(:, :self%fields)
+            traction(:, :, s) = h(:, :self%fields)
+            cycle
+         end if
+         call exact_field(equation, self%cells%surface(:, s), u)
+         p = plain_stress(self, u)
+         essential(:, s) = any(equation%essential == self%cells%set(s))
+         value(1, :, s) = u(:, 1)
+         traction(1, :, s) = matmul(p(:self%fields, :), self%cells%outward(:, s)) &
+            & /norm2(self%cells%outward(:, s))
+      end do
+   end associate
+end subroutine surface_at
 
-!> Stress of a displacement gradient, without projection
+!> Stress of a displacement gradient, without projection, where coefficients are constant
 pure function plain_stress(self, u) result(p)
    !> Problem
    class(weak_linear_problem), intent(in) :: self
    !> Fields with derivatives, shape (fields, nq)
    real(wp), intent(in) :: u(:, :)
    !> Stress, index (i, A)
-   real(wp) :: p(size(self%modulus, 1), size(self%modulus, 1))
+   real(wp) :: p(self%shape%nd, self%shape%nd)
    real(wp) :: h(size(p, 1), size(p, 1))
    integer :: a
 
    h = 0.0_wp
    h(:self%fields, :) = u(:, 2:1 + size(h, 2))
-   p = stress(self, h)
+   p = stress(modulus(self, 1), h)
    do a = 1, size(p, 1)
       p(a, a) = p(a, a) + self%lambda*sum([(h(a, a), a=1, size(h, 1))])
    end do
 end function plain_stress
 
-!> Stress of a displacement gradient without the part of lambda
-pure function stress(self, h) result(p)
-   !> Problem
-   class(weak_linear_problem), intent(in) :: self
+!> Stress of a displacement gradient
+pure function stress(c, h) result(p)
+   !> Moduli c(i, A, k, B)
+   real(wp), intent(in) :: c(:, :, :, :)
    !> Gradient, index (i, A) [-]
    real(wp), intent(in) :: h(:, :)
    real(wp) :: p(size(h, 1), size(h, 1))
@@ -165,7 +214,7 @@ pure function stress(self, h) result(p)
    p = 0.0_wp
    do b = 1, size(h, 1)
       do k = 1, size(h, 1)
-         p = p + self%modulus(:, :, k, b)*h(k, b)
+         p = p + c(:, :, k, b)*h(k, b)
       end do
    end do
 end function stress
@@ -178,8 +227,8 @@ subroutine set_gradient(self, ns, facet)
    integer, intent(in) :: ns
    !> Shape functions at the facets
    type(shape_type), intent(in) :: facet
-   logical :: essential(size(self%modulus, 1), size(self%cells%set))
-   real(wp) :: value(1, size(self%modulus, 1), size(self%cells%set))
+   logical :: essential(self%shape%nd, size(self%cells%set))
+   real(wp) :: value(1, self%shape%nd, size(self%cells%set))
 
    essential = .false.
    value = 0.0_wp
@@ -190,19 +239,31 @@ subroutine set_gradient(self, ns, facet)
    call self%gradient%set_essential(self%cells, essential, value)
 end subroutine set_gradient
 
-!> Body force of the known solution: minus its operator at the integration points
-function body_force(self) result(b)
+!> Body force at the integration points: that of the deck, or minus the operator of the known
+!> solution
+function body_force(self, time, error) result(b)
    !> Problem
    class(weak_linear_problem), intent(in) :: self
+   !> Time, of no meaning where nothing moves
+   real(wp), intent(in) :: time
+   !> Error handling: an expression without a value somewhere
+   type(error_type), allocatable, intent(inout) :: error
    !> Body force, shape (fields, np)
    real(wp) :: b(self%fields, size(self%cells%weight))
    real(wp), allocatable :: c(:, :, :, :)
    real(wp) :: u(self%fields, self%shape%nq)
    integer :: a, d, nd, q
 
-   nd = size(self%modulus, 1)
-   c = moduli(self%scene%equation, nd)
+   nd = self%shape%nd
    b = 0.0_wp
+   if (self%scene%equation%is_own()) then
+      do q = 1, size(b, 2)
+         call source_at(self%scene%equation, self%cells%point(:, q), time, b(:, q), error)
+         if (allocated(error)) return
+      end do
+      return
+   end if
+   c = moduli(self%scene%equation, nd, self%coefficient%pair(:, 1))
    do q = 1, size(b, 2)
       call exact_field(self%scene%equation, self%cells%point(:, q), u)
       do d = 1, nd
@@ -230,7 +291,9 @@ subroutine add_pins(self, stiffness)
    do pin = 1, size(self%scene%equation%pin)
       associate (pinned => self%scene%equation%pin(pin), points => self%scene%cloud%points)
          b = minloc([(norm2(points(:, k) - pinned%point(:nd)), k=1, size(points, 2))], dim=1)
-         call exact_field(self%scene%equation, points(:, b), u)
+         u = 0.0_wp
+         if (.not. self%scene%equation%is_own()) &
+            & call exact_field(self%scene%equation, points(:, b), u)
          call self%shape%row(b, nodes, values)
          allocate (part(self%fields*size(nodes), self%fields*size(nodes)), source=0.0_wp)
          do i = 1, self%fields
@@ -259,7 +322,7 @@ subroutine add_groups(self)
    real(wp) :: given(size(self%pressure%total, 1)), p(3, 3)
    integer :: b, g, k, members, n, nd, o, q
 
-   nd = size(self%modulus, 1)
+   nd = self%shape%nd
    do g = 1, size(self%cells%first) - 1
       o = self%cells%first(g)
       n = self%cells%first(g + 1) - o
@@ -272,9 +335,9 @@ subroutine add_groups(self)
          given = 0.0_wp
          do q = 1, n
             associate (w => self%cells%weight(o + q), h => self%gradient%given(:, :, o + q, 1))
-               c4(:nd, :nd, :nd, :nd, q) = w*self%modulus
+               c4(:nd, :nd, :nd, :nd, q) = w*modulus(self, o + q)
                p = 0.0_wp
-               p(:nd, :nd) = w*stress(self, h)
+               p(:nd, :nd) = w*stress(modulus(self, o + q), h)
                call self%gradient%add_force(o + q, p, force)
                if (self%fields == 1) cycle
                call self%gradient%add_work(o + q, w*identity, self%pressure%basis(:b, o + q), &
@@ -371,7 +434,7 @@ subroutine state(self, x, load, at)
    real(wp), allocatable :: h(:, :, :)
    integer :: b, g, k, n, nd, o, q
 
-   nd = size(self%modulus, 1)
+   nd = self%shape%nd
    at%x = x
    at%load = load
    at%factor = [load]
@@ -394,7 +457,7 @@ subroutine state(self, x, load, at)
                & *sum([(h(k, k, q), k=1, nd)])*self%pressure%basis(:b, o + q)
          end do
          do q = 1, n
-            at%p(:nd, :nd, o + q) = stress(self, h(:, :, q)) &
+            at%p(:nd, :nd, o + q) = stress(modulus(self, o + q), h(:, :, q)) &
                & + identity(:nd, :nd)*self%pressure%value(g, o + q, at%pressure(:, g))
          end do
       end associate
@@ -416,10 +479,18 @@ subroutine at_place(self, state, ip, x, u, local)
    real(wp), intent(in) :: u(:, :)
    !> State there
    type(point_state), intent(out) :: local
-   real(wp) :: pressure
+   type(error_type), allocatable :: error
+   real(wp) :: pressure, pair(2)
    integer :: a
 
-   call small_strain(self%scene%equation, self%modulus, x, u, local)
+   ! what is interpolated is not known between collocation points
+   if (self%scene%equation%smoothing > 0.0_wp) then
+      pair = self%outside%pair(:, ip)
+   else
+      call coefficient_at(self%scene%equation, x, pair, error)
+   end if
+   pair(1) = 0.0_wp
+   call small_strain(self%scene%equation, pair, x, u, local)
    if (self%fields == 1) return
    pressure = self%pressure%at(ip, x, state%pressure)
    do a = 1, size(x)

@@ -35,7 +35,7 @@ module rk_conditions
 contains
 
 !> Resolve the conditions
-subroutine new_boundary(self, cloud, condition, factors, error)
+subroutine new_boundary(self, cloud, condition, factors, error, time)
    !> Boundary points
    type(boundary_type), intent(out) :: self
    !> Points
@@ -46,6 +46,8 @@ subroutine new_boundary(self, cloud, condition, factors, error)
    integer, intent(in) :: factors
    !> Error handling: contradicting conditions
    type(error_type), allocatable, intent(out) :: error
+   !> Time of expressions in it, 0 without
+   real(wp), intent(in), optional :: time
    integer, allocatable :: number(:)
    real(wp), allocatable :: traction(:, :, :)
    logical, allocatable :: fixed(:, :)
@@ -75,7 +77,7 @@ subroutine new_boundary(self, cloud, condition, factors, error)
       b = number(cloud%boundary_point(e))
       associate (x => cloud%points(:, cloud%boundary_point(e)))
          call conditions_at(cloud, condition, cloud%boundary_set(e), x, fixed(:, e), value, &
-            & traction(:, :, e), error)
+            & traction(:, :, e), error, time)
          if (allocated(error)) return
          do i = 1, nd
             if (.not. fixed(i, e)) cycle
@@ -136,7 +138,7 @@ pure integer function contradiction(one, other)
 end function contradiction
 
 !> What the conditions of a set prescribe at one of its places, for strong and for weak forms
-subroutine conditions_at(cloud, condition, set, x, fixed, value, traction, error)
+subroutine conditions_at(cloud, condition, set, x, fixed, value, traction, error, time)
    !> Points, whose sets have names
    type(cloud_type), intent(in) :: cloud
    !> Conditions on sets
@@ -154,6 +156,8 @@ subroutine conditions_at(cloud, condition, set, x, fixed, value, traction, error
    real(wp), intent(out) :: traction(:, :)
    !> Error handling: no direction on the axis, an expression that is not finite
    type(error_type), allocatable, intent(out) :: error
+   !> Time of expressions in it, 0 without
+   real(wp), intent(in), optional :: time
    logical :: own(3)
    real(wp) :: g(size(value, 1), 3), h(3), arm(3), turn(3)
    integer :: a, c, i
@@ -169,9 +173,10 @@ subroutine conditions_at(cloud, condition, set, x, fixed, value, traction, error
       g(a, :) = condition(c)%value
       h = condition(c)%traction
       do i = 1, cloud%nd
-         if (condition(c)%value_of(i)%given()) call condition(c)%value_of(i)%at(x, g(a, i), error)
+         if (condition(c)%value_of(i)%given()) &
+            & call condition(c)%value_of(i)%at(x, g(a, i), error, time)
          if (condition(c)%traction_of(i)%given()) &
-            & call condition(c)%traction_of(i)%at(x, h(i), error)
+            & call condition(c)%traction_of(i)%at(x, h(i), error, time)
          if (allocated(error)) return
       end do
       if (condition(c)%is_radial) then

@@ -105,17 +105,30 @@ module rk_scene
       logical :: fixed(3) = .false.
    end type pin_type
 
-   !> A linear problem with a known solution
+   !> A linear problem, with a known solution or with loads of its own
    type :: equation_type
       !> poisson or elasticity; not allocated in nonlinear scenes
       character(len=:), allocatable :: kind
-      !> Name of the solution
+      !> Name of the solution; none where source and conditions are those of the deck
       character(len=:), allocatable :: solution
+      !> Then what the solution is, where somebody knows, by component
+      type(expression_type) :: exact_of(3)
+      !> and the source or body force, a number or an expression for each component
+      !> [force/length^3]
+      real(wp) :: source(3) = 0.0_wp
+      type(expression_type) :: source_of(3)
       !> Degree of a polynomial solution
       integer :: degree = 0
       !> Young's modulus [force/length^2] and Poisson's ratio [-]
       real(wp) :: young = 1.0_wp
       real(wp) :: poisson_ratio = 0.0_wp
+      !> Conductivity of Poisson's problem
+      real(wp) :: conductivity = 1.0_wp
+      !> Expressions in their place
+      type(expression_type) :: young_of, ratio_of, conductivity_of
+      !> Support of functions that interpolate the coefficients between source points, in spacings;
+      !> 0 for the coefficients themselves [-]
+      real(wp) :: smoothing = 0.0_wp
       !> Plane stress instead of plane strain
       logical :: plane_stress = .false.
       !> Shear force on the end of the cantilever, per thickness [force/length]
@@ -126,6 +139,13 @@ module rk_scene
       integer, allocatable :: essential(:)
       !> Single points where they are
       type(pin_type), allocatable :: pin(:)
+   contains
+      !> Whether its coefficients vary over the body
+      procedure :: varies
+      !> Whether the deck has the loads, and not the solution
+      procedure :: is_own
+      !> Whether a solution is known
+      procedure :: is_known
    end type equation_type
 
    !> Everything a solve needs
@@ -252,6 +272,30 @@ pure logical function has_own_activations(self) result(own)
          & .or. abs(self%tissue(k)%activation - self%load%activation) > 0.0_wp
    end do
 end function has_own_activations
+
+!> Whether the coefficients vary over the body
+pure logical function varies(self)
+   !> Equation
+   class(equation_type), intent(in) :: self
+
+   varies = self%young_of%given() .or. self%ratio_of%given() .or. self%conductivity_of%given()
+end function varies
+
+!> Whether the deck has the loads, and not the solution
+pure logical function is_own(self)
+   !> Equation
+   class(equation_type), intent(in) :: self
+
+   is_own = self%solution == 'none'
+end function is_own
+
+!> Whether a solution is known
+pure logical function is_known(self)
+   !> Equation
+   class(equation_type), intent(in) :: self
+
+   is_known = .not. self%is_own() .or. self%exact_of(1)%given()
+end function is_known
 
 !> Whether displacements are prescribed that are not the same everywhere
 pure logical function moves_unevenly(self)

@@ -115,9 +115,9 @@ subroutine solve_scene(problem, linear, recorder, outcome, error, start)
       if (.not. allocated(problem%scene%body_force)) &
          & call problem%compare_works(outcome%peak, outcome%work_mismatch)
       outcome%seconds = outcome%seconds + tick(clock)
-   else if (.not. allocated(error)) then
+   else if (.not. allocated(error) .and. problem%scene%equation%is_known()) then
       allocate (outcome%norms)
-      call error_norms(problem, outcome%last%x, outcome%norms, error)
+      call error_norms(problem, outcome%last%x, outcome%last%load, outcome%norms, error)
       outcome%norms%seconds = tick(clock)
    end if
    if (.not. allocated(error)) return

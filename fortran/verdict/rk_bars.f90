@@ -9,11 +9,12 @@ module rk_bars
    use rk_cloud, only : cloud_type
    use rk_discretisation, only : discretisation_type
    use rk_error, only : error_type
-   use rk_linear, only : moduli, small_strain
+   use rk_coefficients, only : coefficient_at
+   use rk_linear, only : small_strain
    use rk_precision, only : wp
    use rk_probes, only : new_probes, probe_value, probes_type, quantity, &
       & quantity_kind, quantity_size
-   use rk_solutions, only : exact_field
+   use rk_solutions, only : solution_at
    use rk_states, only : field_state, point_state
    implicit none
    private
@@ -141,6 +142,7 @@ subroutine look_at(self, problem, probes, state, value)
       end do
       stress = stress/max(total, tiny(1.0_wp))
       do set = 1, size(scene%cloud%set_names)
+         if (problem%fields < scene%cloud%nd) exit
          if (any(scene%condition%set == set) .or. any(scene%probe%set == set)) force = max(force, &
             & norm2(problem%set_force(set, state, 1.0_wp)))
       end do
@@ -207,18 +209,21 @@ subroutine bars_by_other(self, problem, other, kind, difference)
 end subroutine bars_by_other
 
 !> Bars from the known solution of a linear problem; forces by its stress at the boundary points
-subroutine bars_by_solution(self, problem)
+subroutine bars_by_solution(self, problem, time, error)
    !> Bars with values
    type(bars_type), intent(inout) :: self
    !> Linear problem
    class(discretisation_type), intent(in) :: problem
+   !> Time, of no meaning where nothing moves
+   real(wp), intent(in) :: time
+   !> Error handling: an expression without a value somewhere
+   type(error_type), allocatable, intent(inout) :: error
    type(point_state) :: local
-   real(wp), allocatable :: modulus(:, :, :, :)
+   real(wp) :: pair(2)
    real(wp) :: exact(3), u(problem%fields, problem%shape%nq)
    integer :: e, i, nd
 
    nd = problem%scene%cloud%nd
-   modulus = moduli(problem%scene%equation, nd)
    associate (cloud => problem%scene%cloud)
       do i = 1, size(self%change)
          associate (probe => problem%scene%probe(i))
@@ -247,8 +252,9 @@ contains
       !> Place, shape (nd) [length]
       real(wp), intent(in) :: place(:)
 
-      call exact_field(problem%scene%equation, place, u)
-      call small_strain(problem%scene%equation, modulus, place, u, local)
+      call solution_at(problem%scene%equation, place, time, u, error)
+      call coefficient_at(problem%scene%equation, place, pair, error)
+      call small_strain(problem%scene%equation, pair, place, u, local)
    end subroutine exact_state
 
 end subroutine bars_by_solution

@@ -255,12 +255,12 @@ subroutine look(self, problem, keeper, first, answer, error)
    type(point_state) :: local
    type(shape_type) :: shape
    real(wp) :: u(first%fields, first%shape%nq), difference, total, most(2)
-   integer :: ip, k, nd
+   integer :: ip, k, n
 
    call new_bars(self%seen, problem, keeper%load, keeper%x, error)
    if (allocated(error)) return
    associate (cloud => problem%scene%cloud)
-      nd = cloud%nd
+      n = min(cloud%nd, first%fields)
       call first%scene%shape_at(cloud%points, shape, error)
       if (allocated(error)) return
       most = 0.0_wp
@@ -271,8 +271,8 @@ subroutine look(self, problem, keeper, first, answer, error)
          do ip = 1, size(cloud%points, 2)
             call problem%at_point(state, ip, local)
             call shape%interpolate(ip, answer(:, k), 1, 1, u)
-            difference = difference + cloud%volume(ip)*sum((u(:nd, 1) - local%u(:nd))**2)
-            total = total + cloud%volume(ip)*max(sum(u(:nd, 1)**2), sum(local%u(:nd)**2))
+            difference = difference + cloud%volume(ip)*sum((u(:n, 1) - local%u(:n))**2)
+            total = total + cloud%volume(ip)*max(sum(u(:n, 1)**2), sum(local%u(:n)**2))
          end do
          most = max(most, [difference, total])
       end do

@@ -111,8 +111,8 @@ subroutine judge(self, problem, deck, model, with_companion, receiver, outcome)
    if (allocated(outcome%lost)) call self%object(doubtful, outcome%lost)
    call new_bars(self%bars, problem, outcome%load, outcome%x, error)
    if (allocated(error)) return
-   if (problem%is_linear()) then
-      call bars_by_solution(self%bars, problem)
+   if (allocated(outcome%norms)) then
+      call bars_by_solution(self%bars, problem, outcome%last%load, error)
       call judge_probes(self, problem, spread(of_error(1), 1, size(self%bars%change)), &
          & of_error(2), ' from the known solution', outcome)
       return

@@ -127,6 +127,8 @@ def missing_values(written: dict[str, Any], read: dict[str, Any]) -> list[str]:
         key
         for key, value in written.items()
         if plain(read.get(key)) != plain(value)
+        # one value stands for an array of them
+        and plain(read.get(key)) != [plain(value)]
         # one number stands for all directions
         and not (key == "support" and set(plain(read[key])) == {plain(value)})
     ]

@@ -246,7 +246,7 @@ def test_scene_in_memory(inputs, tmp_path):
     [
         (1, {**POISSON, "solution": "exp_xy"}, {}, "exp_xy needs scene.dimension = 2"),
         (2, {**POISSON, "solution": "exp_x"}, {}, "exp_x needs scene.dimension = 1"),
-        (2, {"problem": "poisson"}, {}, "linear.solution"),
+        (2, {"problem": "poisson"}, {}, "linear.essential: only for solution"),
         (2, {**POISSON, "problem": "heat"}, {}, "poisson, elasticity"),
         (2, {"problem": "elasticity", "solution": "sine", "E": 1}, {}, "linear.nu"),
         (2, {**ELASTIC, "nu": 0.5}, {}, "less than 0.5"),

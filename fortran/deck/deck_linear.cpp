@@ -1,0 +1,141 @@
+// Linear problems: what their tables may hold, and what must fit together.
+#include "deck.h"
+
+#include <algorithm>
+
+namespace rk {
+
+using Words = std::vector<std::string>;
+
+static bool is_one_of(const std::string &word, const Words &list) {
+   return std::find(list.begin(), list.end(), word) != list.end();
+}
+
+// Without [linear] nothing may be there that only linear problems have
+static void check_without(Deck &deck, int dimension) {
+   for (Section *pin : deck.entries("pin"))
+      deck.complain(pin->origin, deck.address(*pin), "only for linear problems");
+   for (Section *boundary : deck.entries("boundary")) {
+      for (const char *key : {"u", "flux"}) {
+         if (const Value *value = boundary->find(key))
+            deck.complain(value->origin, deck.address(*boundary, key),
+                          "only for linear problems with problem = poisson");
+      }
+   }
+   if (dimension == 1)
+      deck.complain(deck.single("scene")->find("dimension")->origin, "scene.dimension",
+                    "1 is only for linear problems: the table [linear] is missing");
+}
+
+// A known solution fits one operator, and its loads follow from it
+static void check_known(Deck &deck, const Section &linear, int dimension) {
+   const std::string problem = linear.text("problem"), solution = linear.text("solution");
+   const Value *name = linear.find("solution");
+   const auto complain = [&](const std::string &what) {
+      deck.complain(name->origin, "linear.solution", solution + what);
+   };
+   if ((solution == "exp_x" && dimension != 1) || (solution == "exp_xy" && dimension != 2) ||
+       (solution == "cantilever" && dimension != 2))
+      complain(" needs scene.dimension = " + std::string(solution == "exp_x" ? "1" : "2") +
+               ", not " + std::to_string(dimension));
+   if (is_one_of(solution, {"exp_x", "exp_xy", "cantilever"})) {
+      const std::string fits = solution == "cantilever" ? "elasticity" : "poisson";
+      if (!problem.empty() && problem != fits)
+         complain(" is a solution of problem = " + fits + ", not " + problem);
+   }
+   for (const char *key : {"E", "nu"}) {
+      const Value *value = linear.find(key);
+      if (value && value->kind == Value::Kind::text)
+         deck.complain(value->origin, deck.address(linear, key),
+                       "an expression is only for solution = none; here solution = " + solution);
+   }
+   for (Section *boundary : deck.entries("boundary"))
+      deck.complain(boundary->origin, deck.address(*boundary),
+                    "has no place in a linear problem with solution = " + solution +
+                        ", which tells all values; loads of your own need solution = none");
+}
+
+// Loads of one's own: keys of the operator, one value for each unknown
+static void check_own(Deck &deck, const Section &linear, int dimension) {
+   const std::string problem = linear.text("problem");
+   const bool scalar = problem == "poisson";
+   for (Section *boundary : deck.entries("boundary")) {
+      for (const auto &[key, value] : boundary->values) {
+         const bool fits = key == "set" || (scalar ? is_one_of(key, {"u", "flux"})
+                                                   : is_one_of(key, {"u_x", "u_y", "u_z", "traction"}));
+         const bool beyond = (key == "u_y" && dimension < 2) || (key == "u_z" && dimension < 3);
+         if (!fits || beyond)
+            deck.complain(value.origin, deck.address(*boundary, key),
+                          "is not known in a linear problem of " + problem +
+                              (beyond ? " in so few dimensions" : "") + "; it has " +
+                              (scalar          ? "u and flux"
+                               : dimension < 2 ? "u_x and traction"
+                                               : "u_x, u_y and traction"));
+      }
+   }
+   const auto fields = static_cast<std::size_t>(scalar ? 1 : dimension);
+   for (const Section *section : {&linear, deck.single("dynamics")}) {
+      for (const char *key : {"source", "exact", "displacement", "velocity"}) {
+         const Value *value = section ? section->find(key) : nullptr;
+         if (value && value->items.size() != fields && dimension > 0)
+            deck.complain(value->origin, deck.address(*section, key),
+                          "must have " + std::to_string(fields) + " item" +
+                              (fields == 1 ? "" : "s") + ", one for each unknown, not " +
+                              std::to_string(value->items.size()));
+      }
+   }
+   const Value *ratio = linear.find("nu");
+   if (!scalar && dimension == 1 && ratio)
+      deck.complain(ratio->origin, "linear.nu", "has no meaning in a bar, whose stress is E u'");
+   if (!scalar && dimension > 1 && !ratio && !linear.refused.count("nu"))
+      deck.complain(linear.origin, "linear.nu", "missing, a number or an expression is needed");
+}
+
+static void check_linear_probes(Deck &deck, const Section &linear, const std::string &method) {
+   const std::string problem = linear.text("problem"), solution = linear.text("solution");
+   // collocation knows forces from virtual work, which does not know sources
+   const bool forces = solution == "none" ? method == "rkpm-gauss" && deck.entries("dynamics").empty()
+                                          : solution == "cantilever";
+   for (Section *probe : deck.entries("probe")) {
+      const std::string quantity = probe->text("quantity");
+      const bool force = quantity.compare(0, 5, "force") == 0;
+      const bool moved = quantity.compare(0, 6, "torque") == 0 ||
+                         quantity.compare(0, 7, "section") == 0 || probe->find("set");
+      const bool fits = problem == "poisson" ? quantity == "u" && !moved
+                        : force              ? forces
+                                             : quantity != "J" && !moved;
+      if (!quantity.empty() && !fits)
+         deck.complain(probe->find("quantity")->origin, deck.address(*probe, "quantity"),
+                       quantity + (moved && !force ? " of a set or section" : "") +
+                           " is not known in a linear problem of " + problem +
+                           (solution == "none" ? " by " + method : " with " + solution));
+   }
+}
+
+void check_linear(Deck &deck, const std::string &geometry, int dimension) {
+   const Section *linear = deck.single("linear"), *scene = deck.single("scene");
+   if (!linear) {
+      check_without(deck, dimension);
+      return;
+   }
+   for (const char *table : {"material", "amplitude", "exact", "reference"}) {
+      for (Section *section : deck.entries(table))
+         deck.complain(section->origin, deck.address(*section),
+                       "has no place in a linear problem, where [linear] says it all");
+   }
+   if (!geometry.empty() && geometry != "box")
+      deck.complain(deck.single("geometry")->find("kind")->origin, "geometry.kind",
+                    "must be box for a linear problem, not " + geometry);
+   const Value *method = scene ? scene->find("method") : nullptr;
+   if (method && method->text != "rkcm" && method->text != "rkpm-gauss")
+      deck.complain(method->origin, "scene.method",
+                    "must be rkpm-gauss or rkcm for a linear problem, not " + method->text);
+   const std::string solution = linear->text("solution");
+   if (solution == "none")
+      check_own(deck, *linear, dimension);
+   else if (!solution.empty())
+      check_known(deck, *linear, dimension);
+   check_linear_probes(deck, *linear, method ? method->text : "");
+}
+
+} // namespace rk

@@ -1,0 +1,234 @@
+!> Coefficients of linear operators, which may vary over the body: the conductivity of Poisson's
+!> problem, Lamé's constants of elasticity.
+!>
+!> They come in pairs, lambda and mu; a conductivity stands in the place of mu.
+module rk_coefficients
+   use rk_error, only : error_type, fatal_error, err_input
+   use rk_precision, only : wp
+   use rk_scene, only : equation_type, scene_type
+   use rk_shape, only : approximation_type, new_shape, shape_type
+   use rk_text, only : to_text
+   implicit none
+   private
+
+   public :: coefficients_type, new_coefficients, coefficient_at, moduli, lame_constants
+
+   !> Coefficients at points
+   type :: coefficients_type
+      !> Lambda and mu, shape (2, np) [stress]
+      real(wp), allocatable :: pair(:, :)
+      !> Their first derivatives, shape (2, nd, np) [stress/length]
+      real(wp), allocatable :: slope(:, :, :)
+   end type coefficients_type
+
+   !> Distance of values whose differences are derivatives, in sizes of the body [-]
+   real(wp), parameter :: difference = 1.0e-3_wp
+
+contains
+
+!> Coefficients at points, with or without derivatives
+subroutine new_coefficients(self, scene, x, with_slope, error)
+   !> Coefficients
+   type(coefficients_type), intent(out) :: self
+   !> Scene with an equation
+   type(scene_type), intent(in) :: scene
+   !> Points, shape (nd, np) [length]
+   real(wp), intent(in) :: x(:, :)
+   !> Whether derivatives are wanted
+   logical, intent(in) :: with_slope
+   !> Error handling: an expression without a value there, coefficients that are not positive
+   type(error_type), allocatable, intent(out) :: error
+   integer :: ip, nd
+
+   nd = size(x, 1)
+   allocate (self%pair(2, size(x, 2)))
+   if (with_slope) allocate (self%slope(2, nd, size(x, 2)), source=0.0_wp)
+   associate (equation => scene%equation)
+      if (.not. equation%varies()) then
+         self%pair = spread(plain_pair(equation), 2, size(x, 2))
+         return
+      end if
+      if (equation%smoothing > 0.0_wp) then
+         call interpolate(self, scene, x, error)
+         return
+      end if
+      do ip = 1, size(x, 2)
+         call coefficient_at(equation, x(:, ip), self%pair(:, ip), error)
+         if (with_slope .and. .not. allocated(error)) &
+            & call differentiate(equation, x(:, ip), self%slope(:, :, ip), error)
+         if (allocated(error)) return
+      end do
+   end associate
+end subroutine new_coefficients
+
+!> The pair of constant coefficients [stress]
+pure function plain_pair(equation) result(pair)
+   !> Equation
+   type(equation_type), intent(in) :: equation
+   real(wp) :: pair(2)
+
+   pair = [0.0_wp, equation%conductivity]
+   if (equation%kind == 'elasticity') pair = lame_constants(equation)
+end function plain_pair
+
+!> Coefficients at a place, as the deck gives them
+subroutine coefficient_at(equation, x, pair, error)
+   !> Equation
+   type(equation_type), intent(in) :: equation
+   !> Place, shape (nd) [length]
+   real(wp), intent(in) :: x(:)
+   !> Lambda and mu [stress]
+   real(wp), intent(out) :: pair(2)
+   !> Error handling: no value there, or none that is possible
+   type(error_type), allocatable, intent(inout) :: error
+   type(equation_type) :: here
+
+   pair = 0.0_wp
+   if (.not. equation%varies()) then
+      pair = plain_pair(equation)
+      return
+   end if
+   here%kind = equation%kind
+   here%plane_stress = equation%plane_stress
+   here%young = equation%young
+   here%poisson_ratio = equation%poisson_ratio
+   here%conductivity = equation%conductivity
+   if (equation%young_of%given()) call equation%young_of%at(x, here%young, error)
+   if (equation%ratio_of%given()) call equation%ratio_of%at(x, here%poisson_ratio, error)
+   if (equation%conductivity_of%given()) &
+      & call equation%conductivity_of%at(x, here%conductivity, error)
+   if (allocated(error)) return
+   if (.not. here%young > 0.0_wp) then
+      call refuse(equation%young_of%where, 'must be positive', here%young)
+   else if (.not. here%conductivity > 0.0_wp) then
+      call refuse(equation%conductivity_of%where, 'must be positive', here%conductivity)
+   else if (.not. (here%poisson_ratio > -1.0_wp .and. here%poisson_ratio < 0.5_wp)) then
+      call refuse(equation%ratio_of%where, 'must be greater than -1 and less than 0.5', &
+         & here%poisson_ratio)
+   else
+      pair = plain_pair(here)
+   end if
+
+contains
+
+   !> A value that makes no sense
+   subroutine refuse(where, what, value)
+      character(len=*), intent(in) :: where, what
+      real(wp), intent(in) :: value
+
+      call fatal_error(error, err_input, where//': '//what//', not '//to_text(value)//' as at ' &
+         & //to_text(x))
+   end subroutine refuse
+
+end subroutine coefficient_at
+
+!> First derivatives of the coefficients, by differences of sixth order on both sides of a place
+subroutine differentiate(equation, x, slope, error)
+   !> Equation
+   type(equation_type), intent(in) :: equation
+   !> Place, shape (nd) [length]
+   real(wp), intent(in) :: x(:)
+   !> Derivatives, shape (2, nd) [stress/length]
+   real(wp), intent(out) :: slope(:, :)
+   !> Error handling: no value near there
+   type(error_type), allocatable, intent(inout) :: error
+   real(wp), parameter :: weight(3) = [45.0_wp, -9.0_wp, 1.0_wp]/60.0_wp
+   real(wp) :: step, there(size(x)), up(2), down(2)
+   integer :: d, k
+
+   slope = 0.0_wp
+   step = difference*minval(equation%extent(:size(x)))
+   do d = 1, size(x)
+      do k = 1, 3
+         there = x
+         there(d) = x(d) + k*step
+         call coefficient_at(equation, there, up, error)
+         there(d) = x(d) - k*step
+         call coefficient_at(equation, there, down, error)
+         slope(:, d) = slope(:, d) + weight(k)*(up - down)/step
+      end do
+   end do
+end subroutine differentiate
+
+!> Coefficients that reproducing kernel functions of order 1 interpolate between source points:
+!> jumps become smooth, as rows of second derivatives need them (thesis, figure 6.5)
+subroutine interpolate(self, scene, x, error)
+   !> Coefficients with room
+   type(coefficients_type), intent(inout) :: self
+   !> Scene
+   type(scene_type), intent(in) :: scene
+   !> Points, shape (nd, np) [length]
+   real(wp), intent(in) :: x(:, :)
+   !> Error handling: no value at a source point, a support that is too small
+   type(error_type), allocatable, intent(out) :: error
+   type(approximation_type) :: linear
+   type(shape_type) :: shape
+   real(wp), allocatable :: values(:), field(:, :)
+   integer :: ip, is
+
+   associate (cloud => scene%cloud)
+      allocate (values(2*size(cloud%source, 2)))
+      do is = 1, size(cloud%source, 2)
+         call coefficient_at(scene%equation, cloud%source(:, is), values(2*is - 1:2*is), error)
+         if (allocated(error)) return
+      end do
+      linear = scene%approximation
+      linear%order = 1
+      call new_shape(shape, linear, cloud%source, &
+         & scene%equation%smoothing*cloud%spacing, x, error)
+      if (allocated(error)) then
+         error%message = 'linear.smoothing: '//error%message
+         return
+      end if
+      allocate (field(2, shape%nq))
+      do ip = 1, size(x, 2)
+         call shape%interpolate(ip, values, 1, 1 + size(x, 1), field)
+         self%pair(:, ip) = field(:, 1)
+         if (allocated(self%slope)) self%slope(:, :, ip) = field(:, 2:1 + size(x, 1))
+      end do
+   end associate
+end subroutine interpolate
+
+!> Moduli c(i, A, k, B) of the operators
+pure function moduli(equation, nd, pair) result(c)
+   !> Equation
+   type(equation_type), intent(in) :: equation
+   !> Space dimension
+   integer, intent(in) :: nd
+   !> Lambda and mu, or their derivatives
+   real(wp), intent(in) :: pair(2)
+   real(wp), allocatable :: c(:, :, :, :)
+   integer :: i, k
+
+   if (equation%kind == 'poisson') then
+      allocate (c(1, nd, 1, nd), source=0.0_wp)
+      do i = 1, nd
+         c(1, i, 1, i) = pair(2)
+      end do
+      return
+   end if
+   allocate (c(nd, nd, nd, nd), source=0.0_wp)
+   do i = 1, nd
+      do k = 1, nd
+         c(i, i, k, k) = c(i, i, k, k) + pair(1)
+         c(i, k, i, k) = c(i, k, i, k) + pair(2)
+         c(i, k, k, i) = c(i, k, k, i) + pair(2)
+      end do
+   end do
+end function moduli
+
+!> Lamé's constants; in plane stress the lambda that leaves no stress across the plane
+pure function lame_constants(equation) result(lame)
+   !> Equation of elasticity
+   type(equation_type), intent(in) :: equation
+   !> [force/length^2]
+   real(wp) :: lame(2)
+
+   associate (v => equation%poisson_ratio)
+      lame(2) = 0.5_wp*equation%young/(1.0_wp + v)
+      lame(1) = 2.0_wp*lame(2)*v/(1.0_wp - 2.0_wp*v)
+      if (equation%plane_stress) lame(1) = 2.0_wp*lame(2)*v/(1.0_wp - v)
+   end associate
+end function lame_constants
+
+end module rk_coefficients
