@@ -42,7 +42,7 @@ PYTHON_LAYERS = [
     {"model"},
     {"stations"},
     {"rom", "report", "reference"},
-    {"bench", "demo"},
+    {"bench", "demo", "sweeps"},
     {"cli"},
     {"__main__"},
 ]

@@ -25,6 +25,7 @@ _HOME = {
     "run_demo": "demo",
     "run_rom": "rom",
     "segment": "stations.segment",
+    "sweep": "sweeps",
 }
 
 __all__ = list(_HOME)

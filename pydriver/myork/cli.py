@@ -205,6 +205,27 @@ def _rom_check(options: argparse.Namespace) -> None:
     print(f"check: {out / 'check.json'}")
 
 
+def _sweep(options: argparse.Namespace) -> None:
+    from myork.sweeps import sweep
+
+    with Console(options.verbosity) as console:
+        table = sweep(
+            options.deck,
+            options.vary,
+            options.out or Path("out", f"{options.deck.stem}_sweep"),
+            samples=options.samples,
+            seed=options.seed,
+            workers=options.workers,
+            dask=options.dask,
+            model=options.model,
+            overrides=_overrides(options),
+            dry_run=options.dry_run,
+            progress=print if options.dry_run else console,
+        )
+    if not options.dry_run:
+        print(f"table: {table}")
+
+
 def _numbers(items: Sequence[str]) -> dict[str, float]:
     """Values of `--set KEY=VALUE` that are numbers."""
     found = {}
@@ -427,6 +448,7 @@ def _parser() -> argparse.ArgumentParser:
         "  myork rom inputs/muscle_block.toml --set rom.modes=[1,2,10]",
     )
     _add_rom_commands(add, add_deck)
+    _add_sweep(add_deck)
     bench = add(
         "bench",
         _bench,
@@ -458,6 +480,37 @@ def _parser() -> argparse.ArgumentParser:
         "  myork explain inputs/muscle_block.toml",
     )
     return parser
+
+
+def _add_sweep(add_deck: Callable[..., argparse.ArgumentParser]) -> None:
+    """The command of many answers; its --out is that of the sweep, not of the deck."""
+    command = add_deck(
+        "sweep",
+        _sweep,
+        "solve a deck at many values of its keys: one table, resumed where it ended",
+        "  myork sweep inputs/muscle_block.toml --vary load.activation=0:1:5 \\\n"
+        "      --vary material.muscle.sigma_max=20,30,40 --out out/sweep\n"
+        "  myork sweep inputs/muscle_block.toml --vary 'load.activation=lhs(0,1)' --samples 64\n"
+        "  myork sweep deck.toml --vary load.activation=0:1:500 --model block.rom.h5",
+    )
+    command.add_argument(
+        "--vary",
+        action="append",
+        required=True,
+        metavar="KEY=...",
+        help="LOW:HIGH:N for a grid, a,b,c for a list, lhs(LOW,HIGH) or sobol(LOW,HIGH) for "
+        "samples; may be repeated",
+    )
+    command.add_argument("--samples", type=int, default=32, metavar="N", help="samples; default 32")
+    command.add_argument("--seed", type=int, default=0, metavar="S", help="start of random numbers")
+    command.add_argument(
+        "--workers", type=_positive, metavar="N", help="processes; default all cores"
+    )
+    command.add_argument("--dask", metavar="ADDRESS", help="scheduler of Dask, or local")
+    command.add_argument(
+        "--model", type=Path, metavar="FILE", help="reduced model that answers (.rom.h5)"
+    )
+    command.add_argument("--dry-run", action="store_true", help="say what would be solved, and end")
 
 
 def _add_rom_commands(

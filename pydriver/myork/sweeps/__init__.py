@@ -1,0 +1,5 @@
+"""Many answers of one deck: points of its keys, solved side by side, in one table."""
+
+from myork.sweeps.run import sweep
+
+__all__ = ["sweep"]

@@ -1,0 +1,323 @@
+"""Solve the points of a sweep side by side: processes of this machine, or workers of Dask."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from myork.console import ProgressCallback, silent
+from myork.core.deck import load_deck
+from myork.errors import InputError, InstallationError
+from myork.files import claimed
+from myork.sweeps.plan import Plan, make_plan
+from myork.sweeps.point import solve_point
+from myork.sweeps.store import Store
+
+__all__ = ["sweep"]
+
+#: Threads of the libraries in a worker: one point a core
+_ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+#: A reduced model's answer is doubtful above this estimated error
+_INDICATOR = 0.01
+
+
+def sweep(
+    deck: str | Path,
+    vary: Sequence[str],
+    out: str | Path,
+    *,
+    samples: int = 32,
+    seed: int = 0,
+    workers: int | None = None,
+    dask: str | None = None,
+    model: str | Path | None = None,
+    overrides: Sequence[str] = (),
+    dry_run: bool = False,
+    progress: ProgressCallback = silent,
+) -> Path:
+    """Solve a deck at many values of its keys.
+
+    Every point is on the disk when it is done; a second call with the same sweep in the same folder
+    goes on where the first ended. A point that fails keeps its message and ends nothing.
+
+    Parameters
+    ----------
+    deck : str or Path
+        Deck file.
+    vary : sequence of str
+        `KEY=LOW:HIGH:N`, `KEY=a,b,c`, `KEY=lhs(LOW,HIGH)` or `KEY=sobol(LOW,HIGH)` each; KEY is
+        any key of the deck.
+    out : str or Path
+        Folder of `sweep.csv`, `sweep.parquet` and `points.jsonl`.
+    samples : int
+        Number of samples of sampled keys.
+    seed : int
+        Start of the random numbers.
+    workers : int, optional
+        Processes; default all cores.
+    dask : str, optional
+        Address of a scheduler of Dask, or "local" for one of its clusters on this machine.
+    model : str or Path, optional
+        Reduced model (`.rom.h5`) that answers in place of the full one.
+    overrides : sequence of str
+        Overrides of the deck for all points.
+    dry_run : bool
+        Only say what would be solved.
+    progress : callable
+        Called with every line of progress.
+
+    Returns
+    -------
+    Path
+        The table `sweep.csv`.
+
+    Raises
+    ------
+    InputError
+        The deck, a key or the plan is wrong, or the folder holds another sweep.
+    """
+    plan = make_plan(vary, samples, seed)
+    deck, out = Path(deck), Path(out)
+    values = load_deck(deck, [*overrides, *_settings(plan, plan.points[0])], "solve")
+    for point in (plan.points[-1], plan.points[len(plan.points) // 2]):
+        load_deck(deck, [*overrides, *_settings(plan, point)], "solve")
+    if model is not None and dask is not None:
+        raise InputError("a reduced model needs no workers of Dask")
+    workers = workers or os.cpu_count() or 1
+    where = "the reduced model" if model else f"Dask at {dask}" if dask else f"{workers} processes"
+    progress(f"{len(plan.points)} points of {', '.join(plan.keys)} by {where}")
+    if dry_run:
+        for line in _preview(plan):
+            progress(line)
+        return out / "sweep.csv"
+    out.mkdir(parents=True, exist_ok=True)
+    head = {
+        "deck": load_deck(deck, overrides, "solve")["sha256"],
+        "keys": list(plan.keys),
+        "points": [list(point) for point in plan.points],
+        "model": None if model is None else str(Path(model).resolve()),
+    }
+    with claimed(out):
+        store = Store(out, head)
+        left = [number for number in range(len(plan.points)) if number not in store.rows]
+        if len(left) < len(plan.points):
+            progress(f"{len(plan.points) - len(left)} points are done already")
+        try:
+            if model is not None:
+                _reduced(plan, left, Path(model), store)
+            elif left:
+                with _executor(dask, min(workers, len(left))) as pool:
+                    _full(plan, left, deck, out, overrides, pool, store, progress)
+        finally:
+            table = store.write_table(plan.keys, plan.points, values["units"])
+    counts: dict[str, int] = {}
+    for row in store.rows.values():
+        counts[row["verdict"]] = counts.get(row["verdict"], 0) + 1
+    progress(", ".join(f"{count} {verdict}" for verdict, count in sorted(counts.items())))
+    return table
+
+
+def _settings(plan: Plan, point: tuple[Any, ...]) -> list[str]:
+    return [f"{key}={value}" for key, value in zip(plan.keys, point, strict=True)]
+
+
+def _preview(plan: Plan) -> Iterator[str]:
+    shown = plan.points[:5]
+    for point in shown:
+        yield "  " + ", ".join(_settings(plan, point))
+    if len(plan.points) > len(shown):
+        yield f"  and {len(plan.points) - len(shown)} more"
+
+
+def _full(
+    plan: Plan,
+    left: Sequence[int],
+    deck: Path,
+    out: Path,
+    overrides: Sequence[str],
+    pool: _Pool,
+    store: Store,
+    progress: ProgressCallback,
+) -> None:
+    """Solve points; a worker that dies costs its point a message, not the sweep."""
+    begin = time.monotonic()
+    waiting = list(reversed(left))
+    running: dict[Any, int] = {}
+    total, done = len(left), 0
+    tries: dict[int, int] = {}
+    while waiting or running:
+        while waiting and len(running) < pool.size:
+            number = waiting.pop()
+            items = [*overrides, *_settings(plan, plan.points[number])]
+            running[pool.submit(solve_point, str(deck.resolve()), items, str(out))] = number
+        for future in pool.first(running):
+            number = running.pop(future)
+            try:
+                row = future.result()
+            except (BrokenProcessPool, OSError, RuntimeError) as died:
+                # of several points that ran, the one that killed the worker is not known
+                tries[number] = tries.get(number, 0) + 1
+                if tries[number] < 2:
+                    waiting.append(number)
+                    pool.renew(died)
+                    continue
+                row = {
+                    "probes": {}, "errors": {}, "verdict": "failed", "cpu_s": float("nan"),
+                    "message": f"the process of this point died: {died}",
+                }  # fmt: skip
+                pool.renew(died)
+            store.add({"point": number, **row})
+            done += 1
+            rest = (time.monotonic() - begin) / done * (total - done)
+            progress(
+                f"point {done}/{total}  {row['verdict']}  {rest:.0f} s left  "
+                + ", ".join(_settings(plan, plan.points[number]))
+            )
+
+
+def _reduced(plan: Plan, left: Sequence[int], path: Path, store: Store) -> None:
+    """Answers of a reduced model, all at once."""
+    import numpy as np
+
+    from myork.rom.model import ReducedModel
+
+    if not left:
+        return
+    rom = ReducedModel.load(path)
+    columns = []
+    for key in (p.key for p in rom.parameters):
+        named = [j for j, name in enumerate(plan.keys) if rom.key_of(name) == key]
+        if not named:
+            raise InputError(
+                f"the reduced model needs a value of {key}: vary it, or give one value"
+            )
+        columns.append([plan.points[number][named[0]] for number in left])
+    values = np.array(columns, float).T
+    start = time.process_time()
+    answer = rom.batch(values, indicator=True)
+    cpu = (time.process_time() - start) / len(left)
+    for i, number in enumerate(left):
+        reasons = []
+        if not answer.converged[i]:
+            reasons.append("the reduced model found no state")
+        if not answer.inside[i]:
+            reasons.append("outside the range of the training")
+        if not answer.indicator[i] <= _INDICATOR:
+            reasons.append(f"estimated error {answer.indicator[i]:.1e}")
+        verdict = "doubtful" if reasons else "accepted"
+        probes: dict[str, float] = {}
+        for name, value in answer.probes.items():
+            parts = np.atleast_1d(value[i])
+            names = [name] if len(parts) == 1 else [f"{name}_{axis}" for axis in "xyz"]
+            probes |= dict(zip(names, parts.tolist(), strict=False))
+        store.add(
+            {
+                "point": number, "probes": probes, "errors": {}, "message": "; ".join(reasons),
+                "verdict": verdict if answer.converged[i] else "refused", "cpu_s": cpu,
+            }
+        )  # fmt: skip
+
+
+class _Pool:
+    """Workers that take a function and its arguments."""
+
+    def __init__(self, make: Callable[[], Any], size: int, first: Callable[[Any], Any]) -> None:
+        self._make = make
+        self._pool = make()
+        self.size = size
+        self._first = first
+
+    def submit(self, *call: Any) -> Any:
+        """Hand a call to a worker."""
+        return self._pool.submit(*call)
+
+    def first(self, running: Mapping[Any, int]) -> list[Any]:
+        """Calls that are done, at least one."""
+        return list(self._first(list(running)))
+
+    def renew(self, died: Exception) -> None:
+        """Start the processes again where one that died took the pool with it."""
+        if isinstance(died, BrokenProcessPool):
+            self._pool.shutdown(wait=False, cancel_futures=True)
+            self._pool = self._make()
+
+    def close(self) -> None:
+        """End the workers; points that have not begun are dropped."""
+        if isinstance(self._pool, Executor):
+            for process in list(getattr(self._pool, "_processes", {}).values()):
+                process.terminate()
+            self._pool.shutdown(wait=True, cancel_futures=True)
+        else:
+            self._pool.close()
+
+
+@contextmanager
+def _executor(dask: str | None, workers: int) -> Iterator[_Pool]:
+    """Processes of this machine with one thread each, or workers of Dask."""
+    before = {name: os.environ.get(name) for name in _ONE_THREAD}
+    os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))
+    cluster = None
+    try:
+        if dask is None:
+            context = multiprocessing.get_context("spawn")
+            pool = _Pool(
+                lambda: ProcessPoolExecutor(workers, mp_context=context, initializer=_quiet),
+                workers,
+                lambda running: wait(running, return_when=FIRST_COMPLETED).done,
+            )
+        else:
+            pool, cluster = _dask_pool(dask, workers)
+        try:
+            yield pool
+        finally:
+            pool.close()
+            if cluster is not None:
+                cluster.close()
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+def _quiet() -> None:
+    """Ctrl-C is the business of the process that shares out the points."""
+    import signal
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _dask_pool(address: str, workers: int) -> tuple[_Pool, Any]:
+    try:
+        import distributed
+    except ImportError as reason:
+        raise InstallationError(
+            f"--dask needs Dask distributed, which does not load ({reason}); "
+            "pip install 'myork[dask]'"
+        ) from None
+    cluster = None
+    if address == "local":
+        cluster = distributed.LocalCluster(
+            n_workers=workers, threads_per_worker=1, dashboard_address=None
+        )
+        client = distributed.Client(cluster)
+    else:
+        try:
+            client = distributed.Client(address, timeout="10s")
+        except OSError as reason:
+            raise InputError(f"--dask {address}: no scheduler answers there: {reason}") from None
+    size = max(1, sum(client.nthreads().values()))
+
+    def first(running: list[Any]) -> list[Any]:
+        distributed.wait(running, return_when="FIRST_COMPLETED")
+        return [future for future in running if future.done()]
+
+    return _Pool(lambda: client, size, first), cluster
