@@ -42,8 +42,8 @@ subroutine gauss_cells(self, cloud, count, degree, error)
    integer :: nd, np, ng, i, j, d, k, side, faces, ms, mf, nl, own
 
    if (.not. allocated(cloud%lattice)) then
-      call fatal_error(error, err_input, 'Gauss cells need the lattice of a box or an annulus: ' &
-         & //'use method "rkpm-scni"')
+      call fatal_error(error, err_input, 'Gauss cells need the lattice of a box or an annulus, ' &
+         & //'or a model of voxels: use method "rkpm-scni"')
       return
    end if
    nd = cloud%nd

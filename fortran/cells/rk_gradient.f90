@@ -71,7 +71,7 @@ subroutine new_gradient(self, cells, ns, inside, facet, surface, essential)
    real(wp), pointer, contiguous :: psi(:, :)
    integer, pointer, contiguous :: nodes(:)
    logical, allocatable :: seen(:)
-   real(wp) :: size_
+   real(wp) :: size_, weight
    integer :: nd, np, q, n, pass, i, k, s, g, d, cell, o
    integer(i8) :: entries, values, e
    logical :: lifted
@@ -100,7 +100,8 @@ subroutine new_gradient(self, cells, ns, inside, facet, surface, essential)
          lifted = .false.
          cell = 1 + (q - 1)/cells%per_cell
          o = (cell - 1)*cells%per_cell
-         size_ = sum(cells%weight(o + 1:o + cells%per_cell))
+         weight = sum(cells%weight(o + 1:o + cells%per_cell))
+         size_ = weight
          if (allocated(cells%filled)) size_ = size_/cells%filled(q)
          if (cells%smoothed) then
             ! stabilisation couples all source points that cover the middle, facets may miss some
@@ -121,7 +122,7 @@ subroutine new_gradient(self, cells, ns, inside, facet, surface, essential)
             ! the mean by quadrature gives way to the mean by the divergence theorem
             if (.not. cells%smoothed) then
                do k = o + 1, o + cells%per_cell
-                  call gather_gradient(inside, k, -cells%weight(k)/size_)
+                  call gather_gradient(inside, k, -cells%weight(k)/weight)
                end do
             end if
          end if

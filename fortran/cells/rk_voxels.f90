@@ -1,4 +1,5 @@
-!> Nodal cells of a model: each source point has the voxels nearest to it.
+!> Cells of a model: blocks of voxels between source points, or the voxels nearest to each source
+!> point.
 module rk_voxels
    use rk_cloud, only : cloud_type
    use rk_error, only : error_type, fatal_error, err_input
@@ -13,6 +14,8 @@ module rk_voxels
    !> Source spacings that make a group, in each direction: linear pressures on two do not satisfy
    !> the inf-sup condition with nodal integration, on three they do
    integer, parameter :: group_size = 3
+   !> Blocks between source points that make a group, in each direction
+   integer, parameter :: pair = 2
 
 contains
 
@@ -23,17 +26,17 @@ subroutine voxel_facets(facets, cloud, group, filled, error)
    type(facets_type), intent(inout) :: facets
    !> Cloud of a model
    type(cloud_type), intent(in) :: cloud
-   !> Group of each cell, shape (ns)
+   !> Group of each cell, shape (cells)
    integer, allocatable, intent(out) :: group(:)
-   !> Volume of the body in each cell over that of its voxels, shape (ns) [-]; not allocated where
-   !> all voxels are full
+   !> Volume of the body in each cell over that of its voxels, shape (cells) [-]; not allocated
+   !> where all voxels are full
    real(wp), allocatable, intent(out) :: filled(:)
    !> Error handling: no voxels, a source point without voxels
    type(error_type), allocatable, intent(out) :: error
-   real(wp) :: step(3), area(3), x(3), part
+   real(wp) :: area(3), x(3), part
    real(wp), allocatable :: centre(:, :), share(:)
-   integer, allocatable :: owner(:), at(:, :), voxel(:, :, :), first(:)
-   integer :: n(3), blocks(3), ip, other, d, side, next(3), set
+   integer, allocatable :: owner(:), at(:, :), voxel(:, :, :)
+   integer :: n(3), cells, ip, other, d, side, next(3), set
 
    if (.not. allocated(cloud%voxels%index)) then
       call fatal_error(error, err_input, 'nodal cells need a model of voxels, or a box, ' &
@@ -51,23 +54,13 @@ subroutine voxel_facets(facets, cloud, group, filled, error)
    do ip = 1, size(centre, 2)
       centre(:, ip) = cloud%voxels%centre(ip)
    end do
-   step = minval(cloud%spacing, dim=2)
-   owner = cloud%nearest_source()
-   allocate (first(size(cloud%source, 2)), source=0)
-   do ip = size(owner), 1, -1
-      first(owner(ip)) = ip
-   end do
-   if (any(first == 0)) then
-      ip = findloc(first, 0, dim=1)
-      call fatal_error(error, err_input, 'source point '//to_text(ip)//' at ' &
-         & //to_text(cloud%source(:, ip))//' has no voxel of its own')
-      return
-   end if
+   call find_owners(cloud, owner, cells, error)
+   if (allocated(error)) return
    ! full voxels are full to the last bit
    if (all(abs(share - 1.0_wp) < 1.0e-6_wp)) then
       share = 1.0_wp
    else
-      filled = mean_of(share, owner, size(first))
+      filled = mean_of(share, owner, cells)
    end if
    at = cloud%voxels%index + spread(1 - minval(cloud%voxels%index, dim=2), 2, size(owner))
    n = maxval(at, dim=2)
@@ -104,21 +97,95 @@ subroutine voxel_facets(facets, cloud, group, filled, error)
          end do
       end do
    end do
+   if (allocated(cloud%block)) then
+      group = pairs_of(cloud%block, owner, cells)
+      call join_small(group, facets, (pair**3 + 1)/2)
+   else
+      group = threes_of(cloud)
+      call join_small(group, facets, (group_size**3 + 1)/2)
+   end if
+end subroutine voxel_facets
+
+!> Cell of each voxel: that of its block, or of the nearest source point
+subroutine find_owners(cloud, owner, cells, error)
+   !> Cloud of a model
+   type(cloud_type), intent(in) :: cloud
+   !> Cell of each voxel, shape (nc)
+   integer, allocatable, intent(out) :: owner(:)
+   !> Number of cells
+   integer, intent(out) :: cells
+   !> Error handling: a source point without voxels
+   type(error_type), allocatable, intent(out) :: error
+   integer :: last(3), ip, i
+   integer, allocatable :: number(:), place(:)
+
+   if (.not. allocated(cloud%block)) then
+      owner = cloud%nearest_source()
+      cells = size(cloud%source, 2)
+      do i = 1, cells
+         if (any(owner == i)) cycle
+         call fatal_error(error, err_input, 'source point '//to_text(i)//' at ' &
+            & //to_text(cloud%source(:, i))//' has no voxel of its own')
+         return
+      end do
+      return
+   end if
+   last = maxval(cloud%block, dim=2) + 1
+   place = [(1 + cloud%block(1, ip) + last(1)*(cloud%block(2, ip) + last(2)*cloud%block(3, ip)), &
+      & ip=1, size(cloud%block, 2))]
+   allocate (number(product(last)), source=0)
+   number(place) = 1
+   cells = 0
+   do i = 1, size(number)
+      if (number(i) == 0) cycle
+      cells = cells + 1
+      number(i) = cells
+   end do
+   owner = number(place)
+end subroutine find_owners
+
+!> Groups of two blocks in each direction; of an odd number one in the middle is alone
+pure function pairs_of(block, owner, cells) result(group)
+   !> Block of each voxel, from 0, shape (3, nc)
+   integer, intent(in) :: block(:, :)
+   !> Its cell, shape (nc)
+   integer, intent(in) :: owner(:)
+   !> Number of cells
+   integer, intent(in) :: cells
+   integer :: group(cells)
+   integer :: n(3), at(3), ip
+
+   n = maxval(block, dim=2) + 1
+   do ip = 1, size(owner)
+      at = block(:, ip)/pair
+      where (mod(n, pair) == 1 .and. block(:, ip) > pair*((n - 1)/(2*pair))) &
+         & at = (block(:, ip) + 1)/pair
+      group(owner(ip)) = 1 + at(1) + n(1)*(at(2) + n(2)*at(3))
+   end do
+end function pairs_of
+
+!> Groups of three source spacings in each direction
+pure function threes_of(cloud) result(group)
+   !> Cloud of a model
+   type(cloud_type), intent(in) :: cloud
+   integer :: group(size(cloud%source, 2))
+   real(wp) :: step(3)
+   integer :: blocks(3), next(3), d, is
+
+   step = minval(cloud%spacing, dim=2)
    do d = 1, 3
       blocks(d) = 1 + int((maxval(cloud%source(d, :)) - minval(cloud%source(d, :))) &
          & /(group_size*step(d)) + 0.5_wp)
    end do
-   allocate (group(size(first)))
-   do ip = 1, size(first)
+   do is = 1, size(group)
       do d = 1, 3
-         next(d) = int((cloud%source(d, ip) - minval(cloud%source(d, :)))/(group_size*step(d)) &
+         next(d) = int((cloud%source(d, is) - minval(cloud%source(d, :)))/(group_size*step(d)) &
             & + 0.25_wp/group_size)
       end do
       next = min(next, blocks - 1)
-      group(ip) = 1 + next(1) + blocks(1)*(next(2) + blocks(2)*next(3))
+      group(is) = 1 + next(1) + blocks(1)*(next(2) + blocks(2)*next(3))
    end do
-   call join_small(group, facets, (group_size**3 + 1)/2)
-end subroutine voxel_facets
+end function threes_of
 
 !> Mean of the voxels of each cell
 pure function mean_of(values, owner, cells) result(mean)

@@ -8,7 +8,7 @@ namespace rk {
 // Points this close to a surface, of the size of the body, lie on it
 constexpr double on_surface_tolerance = 1e-9;
 
-// Gauss points need cells between source points, nodal cells do not
+// Gauss points need cells between source points, of a lattice or of voxels; nodal cells do not
 static std::string galerkin_form(const Deck &deck) {
    const Section *geometry = deck.single("geometry");
    // linear problems are posed on boxes, whose cells hold jittered points as well
@@ -16,7 +16,7 @@ static std::string galerkin_form(const Deck &deck) {
       return "rkpm-gauss";
    const Value *jitter = geometry ? geometry->find("jitter") : nullptr;
    const bool scattered =
-       !geometry || geometry->text("kind") == "model" || (jitter && jitter->number() > 0.0);
+       !geometry || (jitter && jitter->number() > 0.0);
    return scattered ? "rkpm-scni" : "rkpm-gauss";
 }
 

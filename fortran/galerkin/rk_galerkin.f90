@@ -23,6 +23,7 @@ module rk_galerkin
    use rk_scene, only : scene_type
    use rk_section, only : cut_through, inner_force
    use rk_shape, only : shape_type
+   use rk_split_cells, only : split_cells
    use rk_stabilisation, only : share_bulk, stabilise
    use rk_states, only : field_state
    use rk_tangent, only : add_forces, new_tangent, tangent_type
@@ -80,7 +81,10 @@ subroutine new_galerkin(self, scene, error)
    allocate (self%shape)
    call scene%shape_at(scene%cloud%points, self%shape, error)
    if (allocated(error)) return
-   if (scene%method == 'rkpm-gauss') then
+   if (allocated(scene%cloud%block)) then
+      call nodal_cells(self%cells, scene%cloud, error)
+      if (.not. allocated(error)) call split_cells(self%cells)
+   else if (scene%method == 'rkpm-gauss') then
       call gauss_cells(self%cells, scene%cloud, scene%galerkin%gauss, &
          & min(scene%approximation%order - 1, 1), error)
    else
@@ -98,7 +102,7 @@ subroutine new_galerkin(self, scene, error)
       error%message = 'integration '//error%message
       return
    end if
-   self%nearest = nearest_points(scene%cloud%points, self%cells%point)
+   self%nearest = nearest_points(scene%cloud%centres(), self%cells%point)
    call new_mixture(self%mixture, scene, reshape([scene%cloud%points, self%cells%point], &
       & [nd, nc + np]), [[(ip, ip=1, nc)], self%nearest], error)
    if (allocated(error)) return

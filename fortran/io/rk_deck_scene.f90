@@ -18,6 +18,7 @@ module rk_deck_scene
    use rk_scene, only : scene_type
    use rk_text, only : to_text
    use rk_volume_points, only : volume_patches
+   use rk_voxel_lattice, only : corner_sources
    implicit none
    private
 
@@ -48,6 +49,8 @@ subroutine new_scene(scene, deck, model, error)
    if (allocated(error)) return
    call read_geometry(scene%cloud, deck, model, error)
    if (allocated(error)) return
+   if (scene%method == 'rkpm-gauss' .and. allocated(scene%cloud%voxels%index)) &
+      & call corner_sources(scene%cloud)
    call read_approximation(scene, deck, error)
    if (allocated(error)) return
    call read_solver(scene, deck)
@@ -82,11 +85,14 @@ subroutine check_size(deck, model, error)
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
    type(estimate_type) :: estimate
-   character(len=:), allocatable :: advice
+   character(len=:), allocatable :: advice, method
 
    estimate = estimate_cost(deck, model)
    if (estimate%bytes < available_bytes()) return
    advice = 'use fewer source points'
+   call deck%get('scene.method', method)
+   if (method == 'rkpm-gauss' .and. allocated(model%voxels%index)) advice = advice &
+      & //', or scene.method = "rkpm-scni", which needs less'
    if (all(estimate%solver /= ['auto   ', 'normal ', 'refined'])) advice = advice &
       & //', or solver "refined"'
    call fatal_error(error, err_memory, deck%where('geometry')//': geometry: the model needs ' &
@@ -165,6 +171,14 @@ subroutine read_approximation(scene, deck, error)
    call deck%get('approximation.support', support)
    call deck%get('approximation.interface', scene%interface%reach)
    call deck%get('approximation.interface_fibers', fibers)
+   ! models without voxels are refused later, by a word on these
+   if (scene%interface%reach <= 1.0_wp .and. (scene%interface%reach > 0.0_wp &
+      & .or. scene%method /= 'rkpm-gauss' .or. allocated(scene%cloud%lattice))) then
+      call fatal_error(error, err_input, deck%where('approximation.interface') &
+         & //': approximation.interface: must be above 1; 0, tissues as the voxels have them, is ' &
+         & //'for models of voxels by method "rkpm-gauss"')
+      return
+   end if
    scene%interface%own_fibers = fibers == 'own'
    call find_kernel(kernel, scene%approximation%kernel, error)
    if (allocated(error)) return

@@ -5,6 +5,7 @@ module rk_estimate
    use rk_precision, only : wp
    use rk_problem, only : dense_limit
    use rk_shape, only : derivative_count
+   use rk_voxel_lattice, only : corner_sources
    implicit none
    private
 
@@ -42,6 +43,7 @@ function estimate_cost(deck, model) result(self)
    !> Points of the model file
    type(cloud_type), intent(in) :: model
    type(estimate_type) :: self
+   type(cloud_type) :: points
    real(wp), allocatable :: support(:)
    integer, allocatable :: source(:), collocation(:)
    character(len=:), allocatable :: method, newton, problem
@@ -59,12 +61,15 @@ function estimate_cost(deck, model) result(self)
       layers(:self%nd) = real(source, wp)
       boundary = self%nc - product(max(real(collocation, wp) - 2.0_wp, 0.0_wp))
    else
-      self%ns = size(model%source, 2)
-      self%nc = size(model%points, 2)
-      boundary = size(model%boundary_point)
+      points = model
+      call deck%get('scene.method', method)
+      if (method == 'rkpm-gauss' .and. allocated(points%voxels%index)) call corner_sources(points)
+      self%ns = size(points%source, 2)
+      self%nc = size(points%points, 2)
+      boundary = size(points%boundary_point)
       do d = 1, self%nd
-         layers(d) = (maxval(model%source(d, :)) - minval(model%source(d, :))) &
-            & /minval(model%spacing(d, :)) + 1.0_wp
+         layers(d) = (maxval(points%source(d, :)) - minval(points%source(d, :))) &
+            & /minval(points%spacing(d, :)) + 1.0_wp
       end do
    end if
    self%neighbours = 1.0_wp

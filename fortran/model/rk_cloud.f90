@@ -42,6 +42,9 @@ module rk_cloud
       real(wp), allocatable :: points(:, :)
       !> Voxels of the collocation points of a model
       type(voxels_type) :: voxels
+      !> Block of each collocation point's voxel, from 0 in each direction, shape (3, nc); allocated
+      !> where the source points are the corners of these blocks
+      integer, allocatable :: block(:, :)
       !> Where volume rows stand: centres of the cells between source points or of patches, shape
       !> (nd, nv) [length]
       real(wp), allocatable :: volume_points(:, :)
@@ -82,6 +85,8 @@ module rk_cloud
       procedure :: set_centroid
       !> Distance of neighbouring source points, mean over points and directions
       procedure :: mean_spacing
+      !> Centres of the voxels, or the collocation points
+      procedure :: centres
       !> Source point nearest to each collocation point
       procedure :: nearest_source
    end type cloud_type
@@ -138,6 +143,20 @@ pure real(wp) function mean_spacing(self)
    mean_spacing = product(sum(self%spacing, dim=2)/size(self%spacing, 2))**(1.0_wp/self%nd)
 end function mean_spacing
 
+!> Centres of the voxels of the collocation points, or these where there are no voxels
+pure function centres(self) result(at)
+   !> Cloud
+   class(cloud_type), intent(in) :: self
+   real(wp) :: at(size(self%points, 1), size(self%points, 2))
+   integer :: ip
+
+   at = self%points
+   if (.not. allocated(self%voxels%index)) return
+   do ip = 1, size(at, 2)
+      at(:, ip) = self%voxels%centre(ip)
+   end do
+end function centres
+
 !> Source point nearest to each collocation point, or to the centre of its voxel where it has one,
 !> in source spacings
 function nearest_source(self) result(owner)
@@ -146,14 +165,8 @@ function nearest_source(self) result(owner)
    integer, allocatable :: owner(:)
    real(wp), allocatable :: at(:, :)
    real(wp) :: step(size(self%source, 1))
-   integer :: ip
 
-   at = self%points
-   if (allocated(self%voxels%index)) then
-      do ip = 1, size(at, 2)
-         at(:, ip) = self%voxels%centre(ip)
-      end do
-   end if
+   at = self%centres()
    step = minval(self%spacing, dim=2)
    owner = nearest_points(self%source/spread(step, 2, size(self%source, 2)), &
       & at/spread(step, 2, size(at, 2)))

@@ -7,6 +7,9 @@
 !> energies is interpolating moduli. The strong form then has the term P_t grad(fraction_t) beside
 !> the derivatives of the stress.
 !>
+!> With a reach of 0 the fractions at a place are those of its voxel and jump from one to the next,
+!> which the integrals of a Galerkin form allow.
+!>
 !> Fibers are no moduli: a muscle's fraction x reaches into fat, where no fiber was measured. With
 !> the fiber of the muscle's nearest point all of x acts: the volume that contracts, the sum of x
 !> over the cells, is the muscle's, since x lacks inside a plane interface what it has outside.
@@ -101,7 +104,7 @@ subroutine new_mixture(self, scene, position, nearest, error)
    do k = 1, size(scene%tissue)
       if (scene%tissue(k)%material%active(kind_i4)) fibered(:, k) = fibered_points(scene, k)
    end do
-   if (size(scene%tissue) > 1) then
+   if (size(scene%tissue) > 1 .and. scene%interface%reach > 0.0_wp) then
       call new_shape(shape, approximation_type(0, kernel_quintic, window_product), &
          & scene%cloud%source, scene%interface%reach*scene%cloud%spacing, position, error)
       if (allocated(error)) return
@@ -114,8 +117,8 @@ subroutine new_mixture(self, scene, position, nearest, error)
          if (allocated(share)) then
             call fractions(shape, share, ip, part, gradient)
          else
-            part = 1.0_wp
             gradient = 0.0_wp
+            part = own_parts(scene, nearest(ip))
          end if
          do k = 1, size(part)
             if (.not. part(k) > 0.0_wp) cycle
@@ -141,6 +144,24 @@ subroutine new_mixture(self, scene, position, nearest, error)
          & allocate (self%fiber_gradient(3, size(fiber_gradient, 2), n))
    end do
 end subroutine new_mixture
+
+!> Fractions of the tissues at a collocation point
+pure function own_parts(scene, ip) result(part)
+   !> Scene
+   type(scene_type), intent(in) :: scene
+   !> Collocation point
+   integer, intent(in) :: ip
+   real(wp) :: part(size(scene%tissue))
+
+   if (allocated(scene%tissue_part)) then
+      part = scene%tissue_part(:, ip)
+   else if (size(part) == 1) then
+      part = 1.0_wp
+   else
+      part = 0.0_wp
+      part(scene%tissue_of(ip)) = 1.0_wp
+   end if
+end function own_parts
 
 !> Fractions of the tissues that belong to each source point
 function shares(scene) result(share)

@@ -56,7 +56,7 @@ _ON, _WITHIN = [0.5, 1.0], [0.5, 0.5]
         ({"geometry": {**SHEET["geometry"], "jitter": 0.0}}, "rkpm-gauss"),
         ({"geometry": {**SHEET["geometry"], "jitter": 0.1}}, "rkpm-scni"),
         ({"geometry": ANNULUS}, "rkpm-gauss"),
-        ({"scene": {"dimension": 3}, "geometry": {"kind": "model"}}, "rkpm-scni"),
+        ({"scene": {"dimension": 3}, "geometry": {"kind": "model"}}, "rkpm-gauss"),
         ({"material": [{**RUBBER, "K": float("inf")}]}, "rkpm-gauss"),
         ({"material": [{**RUBBER, "K": 1e7}]}, "rkpm-gauss"),
     ],

@@ -3,6 +3,7 @@
 import re
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -97,7 +98,8 @@ def test_patch(open_scene, name):
     check_patch(scene)
 
 
-def test_patch_of_voxels_with_two_materials_apart(open_scene):
+@pytest.mark.parametrize("method", ["rkpm-scni", "rkpm-gauss"])
+def test_patch_of_voxels_with_two_materials_apart(open_scene, method):
     """A staircase of voxels of unequal edges: cells are unions of voxels."""
     data = np.ones((6, 5, 6), np.int32)
     data[:2, :2, :3] = 0
@@ -105,7 +107,7 @@ def test_patch_of_voxels_with_two_materials_apart(open_scene):
     labels = Labels(data, np.diag([10.0, 8.0, 12.0, 1.0]), {1: "muscle"})
     table = {**BUILD, "source_stride": [2] * 3}
     cloud, _ = build_cloud(labels, None, table, "cm")
-    tables = body(3, "rkpm", {}, LINEAR, ["surface", "bottom", "top"])
+    tables = body(3, method, {}, LINEAR, ["surface", "bottom", "top"])
     scene = open_scene({**tables, "material": [{**RUBBER, "label": 1}]}, cloud=cloud)
     deform(scene)
     check_patch(scene)
@@ -309,9 +311,9 @@ def test_reactions_balance(open_scene):
     assert_allclose(low, -high, atol=1e-9 * np.abs(low).max())
 
 
-def test_gauss_points_need_a_lattice(open_scene):
+def test_gauss_points_need_a_lattice_or_voxels(open_scene):
     labels = Labels(np.ones((3, 3, 3), np.int32), np.eye(4), {1: "muscle"})
-    cloud, _ = build_cloud(labels, None, BUILD, "mm")
+    cloud = replace(build_cloud(labels, None, BUILD, "mm")[0], voxels=None)
     tables = body(3, "rkpm-gauss", {}, LINEAR, ["bottom"])
     with pytest.raises(InputError, match="lattice of a box or an annulus.*rkpm-scni"):
         open_scene(tables, cloud=cloud)

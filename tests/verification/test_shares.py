@@ -48,13 +48,14 @@ def brick(share: NDArray[Any], slices: int) -> PointCloud:
     )
 
 
+@pytest.mark.parametrize("method", ["rkpm-scni", "rkpm-gauss"])
 @pytest.mark.parametrize("pull", [{"u_z": 0.6}, {"traction": [0.0, 0.0, 4.0]}], ids=str)
-def test_uniaxial_tension_is_exact_however_full_the_voxels_are(open_scene, pull) -> None:
+def test_uniaxial_tension_is_exact_however_full_the_voxels_are(open_scene, pull, method) -> None:
     """Linear displacements leave no force on any point; the section is the sum of its shares."""
     share = np.random.default_rng(3).uniform(0.3, 1.3, (4, 3))
     planes = [{"set": f"{axis}0", f"u_{axis}": 0} for axis in "xyz"]
     tables = {
-        "scene": {"dimension": 3, "method": "rkpm-scni"},
+        "scene": {"dimension": 3, "method": method},
         "material": [RUBBER],
         "boundary": [*planes, {"set": "z1", **pull}],
         "probe": [
@@ -105,7 +106,8 @@ def test_force_of_a_cylinder_off_the_lattice(open_scene) -> None:
     assert errors[0] < 0.02 and errors[1] < 0.8 * errors[0]
 
 
-def test_tissues_beside_each_other_within_voxels(open_scene) -> None:
+@pytest.mark.parametrize("method", ["rkpm-scni", "rkpm-gauss"])
+def test_tissues_beside_each_other_within_voxels(open_scene, method) -> None:
     """Nearly incompressible tissues stretched together carry by their parts of the section."""
     part = np.repeat([0.0, 0.0, 0.3, 1.0, 1.0], 3).reshape(5, 3)
     cloud = brick(np.ones((5, 3)), 6)
@@ -116,7 +118,7 @@ def test_tissues_beside_each_other_within_voxels(open_scene) -> None:
         fraction=np.column_stack([1.0 - fraction, fraction]),
     )
     tables = {
-        "scene": {"dimension": 3, "method": "rkpm-scni"},
+        "scene": {"dimension": 3, "method": method},
         "material": [
             {"name": f"m{k}", "model": "neo-hookean", "mu": mu, "K": 1e3 * mu, "label": k + 1}
             for k, mu in enumerate((3.0, 12.0))

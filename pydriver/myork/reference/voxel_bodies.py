@@ -1,6 +1,6 @@
 """Bodies from label maps, and the same bodies as warped boxes for finite elements.
 
-A label map is sampled at half the edge of the model's voxels and merged 2x2x2, as images are; the
+A label map is sampled at half the distance of the source points, as `build` has it by default; the
 bodies lie off the lattice where they are curved, so that no count of voxels is lucky.
 """
 
@@ -37,7 +37,7 @@ class Body(NamedTuple):
     label : callable
         Label at places of shape `(..., 3)` [cm]; zero is nothing.
     sizes : tuple
-        Edges of the model's voxels, falling [cm].
+        Distances of the source points, falling [cm].
     elements : tuple
         Finite elements along each edge of the box, rising; each probe is a corner.
     warp : callable, optional
@@ -57,17 +57,17 @@ class Body(NamedTuple):
 
 
 def body_cloud(body: Body, voxel: float) -> PointCloud:
-    """Points of a body with a source point for each merged voxel.
+    """Points of a body, source points at every second voxel of its label map.
 
     Parameters
     ----------
     body : Body
         Body.
     voxel : float
-        Edge of the merged voxels [cm].
+        Distance of the source points, two edges of a voxel [cm].
     """
     fine = 0.5 * voxel
-    # two voxels of nothing around it; curved bodies off the lattice by parts of a merged voxel
+    # two voxels of nothing around it; curved bodies off the lattice by parts of a spacing
     shift = np.array([0.3, 0.17, 0.0]) * voxel if body.part is None else np.zeros(3)
     low = np.array([-2, -2, 0])
     count = np.rint(np.array(body.size) / fine).astype(int) - 2 * low
@@ -78,8 +78,8 @@ def body_cloud(body: Body, voxel: float) -> PointCloud:
     labels = body.label(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1))
     affine = np.diag([10 * fine] * 3 + [1.0])
     affine[:3, 3] = [10 * axis[0] for axis in axes]
-    table = {**table_defaults("build"), "source_stride": [2] * 3, "collocation_stride": [2] * 3}
-    return build_cloud(Labels(labels.astype(np.int32), affine), None, table, "cm")[0]
+    labels = Labels(labels.astype(np.int32), affine)
+    return build_cloud(labels, None, table_defaults("build"), "cm")[0]
 
 
 def box_tables(body: Body) -> dict[str, Any]:

@@ -1,8 +1,8 @@
 """Which answers can be trusted: every form on problems of a new user, beside finite elements.
 
 Each deck of `myork.reference.problems` is solved as it stands, which is what `auto` takes, and by
-each other form, at three sizes, and each body of `myork.reference.voxel_bodies` at two, from merged
-label maps. felupe solves the same problems in the same run, bodies in their true shape, and the
+each other form, at three sizes, and each body of `myork.reference.voxel_bodies` at two, from label
+maps. felupe solves the same problems in the same run, bodies in their true shape, and the
 limit of its three meshes is the truth. A line that is more than 5 % off and accepted is a fault of
 the verdict; the last table counts them, and says how near `auto` comes to finite elements at what
 cost.
@@ -33,8 +33,8 @@ _FORMS = (
     ("rkcm-mixed", ("scene.method=rkcm-mixed",)),
     ("rkcm", ("scene.method=rkcm",)),
 )
-#: Those for bodies of voxels: `auto` takes nodal cells there
-_VOXEL_FORMS = ("auto", "rkcm-mixed")
+#: Those for bodies of voxels
+_VOXEL_FORMS = ("auto", "rkpm-scni", "rkcm-mixed")
 #: Those whose time grows fastest with the points
 _STRONG = ("rkcm-mixed", "rkcm")
 #: What `auto` should be within of finite elements [-]
