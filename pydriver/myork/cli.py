@@ -280,6 +280,27 @@ def _explain(options: argparse.Namespace) -> None:
     explain_deck(options.deck, out=options.out, overrides=_overrides(options))
 
 
+def _check(options: argparse.Namespace) -> None:
+    from myork.stations.check import check_deck
+
+    found = check_deck(
+        options.deck,
+        options.out,
+        overrides=_overrides(options),
+        quick=options.quick,
+        progress=(lambda line: None) if options.verbosity < 0 else print,
+    )
+    failed = [check.name for check in found if check.passed is False]
+    if failed:
+        raise ConvergenceError(f"checks that failed: {', '.join(failed)}")
+
+
+def _new(options: argparse.Namespace) -> None:
+    from myork.stations.new import new_deck
+
+    print(f"deck: {new_deck(options.kind, options.output)}")
+
+
 def _demo(options: argparse.Namespace) -> None:
     from myork.demo import run_demo
 
@@ -479,6 +500,24 @@ def _parser() -> argparse.ArgumentParser:
         "say what a deck will model: sizes, memory and cost; refuse what does not fit",
         "  myork explain inputs/muscle_block.toml",
     )
+    check = add_deck(
+        "check",
+        _check,
+        "self-checks of a deck: tangent, materials, fibers, balance, restart, threads",
+        "  myork check inputs/muscle_block.toml\n  myork check deck.toml --quick",
+    )
+    check.add_argument("--quick", action="store_true", help="without those that solve the deck")
+    new = commands.add_parser(
+        "new",
+        help="a commented deck to start from",
+        description="A commented deck to start from: box, annulus, muscle, labels or images.",
+        epilog=f"examples:\n  myork new box\n  myork new labels -o leg.toml\n\n{_EXIT_STATUS}",
+        formatter_class=raw,
+        parents=[common],
+    )
+    new.add_argument("kind", metavar="KIND", help="box, annulus, muscle, labels or images")
+    new.add_argument("-o", "--output", type=Path, metavar="FILE", help="default KIND.toml")
+    new.set_defaults(run=_new)
     return parser
 
 

@@ -1,0 +1,210 @@
+"""Self-checks of a deck: what must hold whatever the answer is, measured on the deck itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from myork.console import ProgressCallback, silent
+from myork.core.cloud import model_of
+from myork.core.deck import load_deck
+from myork.core.material import Material, energy
+from myork.core.scene import Scene
+from myork.errors import ConvergenceError, InputError
+from myork.files import write_json
+
+__all__ = ["Check", "check_deck"]
+
+F64Array = NDArray[np.float64]
+
+#: Central differences with a step of 1e-6 of the state keep this many digits
+_TANGENT = 1e-5
+#: Forces that balance do so to the iteration's tolerance
+_BALANCE = 1e-4
+#: Stretches and shears at which the curves of materials are looked at
+_STRETCHES = np.linspace(0.6, 1.6, 41)
+_SHEARS = np.linspace(0.0, 1.0, 41)
+
+
+class Check(NamedTuple):
+    """Outcome of one check.
+
+    Attributes
+    ----------
+    name : str
+        What was checked.
+    passed : bool or None
+        Whether it holds; None where the deck has nothing to check.
+    detail : str
+        The number behind it, or why there is none.
+    """
+
+    name: str
+    passed: bool | None
+    detail: str
+
+
+def check_deck(
+    deck: str | Path,
+    out: str | Path | None = None,
+    *,
+    overrides: Sequence[str] = (),
+    quick: bool = False,
+    progress: ProgressCallback = silent,
+) -> list[Check]:
+    """Check tangents, balance, restart, threads, fibers and material curves of a deck.
+
+    Parameters
+    ----------
+    deck : str or Path
+        Deck file.
+    out : str or Path, optional
+        Folder of `check.json`, in which the model file is looked for first.
+    overrides : sequence of str
+        Overrides of the deck, `"table.key=value"`.
+    quick : bool
+        Leave out what solves the deck: balance, threads and restart.
+    progress : callable
+        Called with a line a check.
+
+    Returns
+    -------
+    list of Check
+        What was found.
+    """
+    folder = None if out is None else Path(out)
+    values = load_deck(deck, overrides, "solve")
+    found: list[Check] = []
+
+    def note(name: str, run: Callable[[], tuple[bool | None, str]]) -> None:
+        try:
+            passed, detail = run()
+        except ConvergenceError as ended:
+            passed, detail = False, str(ended)
+        found.append(Check(name, passed, detail))
+        word = {True: "ok", False: "FAILED", None: "-"}[passed]
+        progress(f"{name:<22} {word:<7} {detail}")
+
+    with Scene(deck, overrides, folder, threads=1) as scene:
+        note("tangent", lambda: _tangent(scene))
+        for table in values.get("material", []):
+            note(f"material {table['name']}", lambda table=table: _curves(table))  # type: ignore[misc]
+        note("fibers", lambda: _fibers(values, Path(deck).parent, folder))
+        if not quick:
+            note("solve and balance", lambda: _balance(scene))
+            states = scene.states
+            if states is not None and len(states.load) and states.load[-1] >= 1.0:
+                note("restart", lambda: _restart(deck, overrides, folder, states.x[-1]))
+                note("threads", lambda: _threads(deck, overrides, folder, states.x))
+    if folder is not None:
+        folder.mkdir(parents=True, exist_ok=True)
+        write_json(folder / "check.json", {"checks": [check._asdict() for check in found]})
+    return found
+
+
+def _tangent(scene: Scene) -> tuple[bool | None, str]:
+    """The linearised rows against differences of the residual, along a random direction."""
+    if "linear" in scene.deck:
+        return None, "a linear problem has no tangent of its own"
+    random = np.random.default_rng(0)
+    size = float(np.ptp(scene.points(), axis=0).max())
+    spacing = size / max(scene.source_points ** (1.0 / scene.dimension) - 1.0, 1.0)
+    x = 1e-3 * spacing * random.standard_normal(scene.dofs)
+    direction = 1e-3 * spacing * random.standard_normal(scene.dofs)
+    step = 1e-3
+    try:
+        product = scene.linearise(x, 0.0, direction)[1]
+        ahead, behind = (
+            scene.linearise(x + sign * step * direction, 0.0, direction, start=x)[0]
+            for sign in (1.0, -1.0)
+        )
+    except InputError as reason:
+        return False, str(reason)
+    error = np.linalg.norm((ahead - behind) / (2.0 * step) - product) / np.linalg.norm(product)
+    return bool(error < _TANGENT), f"differences agree to {error:.1e} (at most {_TANGENT:.0e})"
+
+
+def _curves(table: dict[str, Any]) -> tuple[bool | None, str]:
+    """Whether more stretch needs more stress, along and across, and more shear more of it."""
+    material = Material.of_table(table)
+    unstable = []
+    for name, states in (
+        ("stretch", [np.diag([s, s**-0.5, s**-0.5]) for s in _STRETCHES]),
+        ("shear", [np.eye(3) + np.outer([g, 0, 0], [0, 1, 0]) for g in _SHEARS]),
+    ):
+        amounts = _STRETCHES if name == "stretch" else _SHEARS
+        stored = energy(material, np.array(states), volumetric=False)
+        # of isochoric states the energy alone tells: its slope is the stress that is needed
+        slope = np.diff(stored) / np.diff(amounts)
+        bad = np.flatnonzero(np.diff(slope) < -1e-9 * np.abs(slope).max())
+        if len(bad):
+            unstable.append(f"{name} {amounts[bad[0] + 1]:.2f} to {amounts[bad[-1] + 1]:.2f}")
+    if unstable:
+        return False, "passive matrix softens at " + ", ".join(unstable)
+    return True, (
+        f"passive matrix stiffens for stretches {_STRETCHES[0]:g} to {_STRETCHES[-1]:g} and shears "
+        f"up to {_SHEARS[-1]:g}"
+    )
+
+
+def _fibers(deck: dict[str, Any], folder: Path, out: Path | None) -> tuple[bool | None, str]:
+    """Unit lengths and directions of the muscles' fibers."""
+    muscles = [m for m in deck.get("material", []) if m["model"] == "muscle"]
+    if not muscles:
+        return None, "no material is a muscle"
+    cloud = model_of(deck, folder, out)
+    own = all("fiber" in m or "fiber_angle" in m for m in muscles)
+    if cloud is None or own:
+        without = [m["name"] for m in muscles if not ("fiber" in m or "fiber_angle" in m)]
+        if without:
+            return False, f"no fibers of {', '.join(without)}: its active stress has no direction"
+        return True, "one direction a muscle"
+    labels = {m.get("label") for m in muscles if not ("fiber" in m or "fiber_angle" in m)}
+    of = np.ones(len(cloud.label), bool) if None in labels else np.isin(cloud.label, list(labels))
+    if not of.any():
+        return False, "no point of the model has the label of a muscle"
+    length = np.linalg.norm(cloud.fiber[of], axis=1)
+    none = int((length < 1e-6).sum())
+    wrong = int((np.abs(length[length >= 1e-6] - 1.0) > 1e-3).sum())
+    mean = np.linalg.eigh(cloud.fiber[of].T @ cloud.fiber[of])[1][:, -1]
+    detail = (
+        f"{of.sum()} points, {none} without a fiber, {wrong} not of length 1, mean direction "
+        f"({mean[0]:.2f}, {mean[1]:.2f}, {mean[2]:.2f})"
+    )
+    return none <= 0.01 * of.sum() and wrong == 0, detail
+
+
+def _balance(scene: Scene) -> tuple[bool | None, str]:
+    states = scene.solve()
+    if states.errors:
+        return True, f"relative error of the known solution {states.errors['relative_L2']:.1e}"
+    detail = f"{states.verdict}; forces on all sets balance to {states.force_imbalance:.1e}"
+    if states.reasons:
+        detail += f"; {'; '.join(states.reasons)}"
+    # tractions and body forces are forces on the body as well: only held bodies balance by sets
+    return states.verdict != "refused" and states.force_imbalance < _BALANCE, detail
+
+
+def _restart(
+    deck: str | Path, overrides: Sequence[str], out: Path | None, last: F64Array
+) -> tuple[bool | None, str]:
+    """A solve that starts at the answer must stay there."""
+    if "linear" in load_deck(deck, overrides, "solve"):
+        return None, "a linear problem has one state"
+    with Scene(deck, [*overrides, "load.steps=1"], out, threads=1) as scene:
+        again = scene.solve(start=last, error=False).x[-1]
+    change = np.linalg.norm(again - last) / max(np.linalg.norm(last), 1e-300)
+    return bool(change < 1e-4), f"from the last state the answer moves by {change:.1e}"
+
+
+def _threads(
+    deck: str | Path, overrides: Sequence[str], out: Path | None, x: F64Array
+) -> tuple[bool | None, str]:
+    with Scene(deck, overrides, out, threads=2) as scene:
+        other = scene.solve(error=False).x
+    same = np.array_equal(x, other)
+    return same, "one and two threads give " + ("the same bits" if same else "different states")

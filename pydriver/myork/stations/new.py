@@ -1,0 +1,51 @@
+"""Commented decks to start from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from myork.errors import InputError
+from myork.files import write_text
+
+__all__ = ["KINDS", "new_deck"]
+
+_FOLDER = Path(__file__).parents[1] / "templates"
+
+#: Kinds of decks, with what each is
+KINDS = {
+    "box": "a box of rubber that is pulled",
+    "annulus": "a thick tube in plane strain",
+    "muscle": "a block of muscle that contracts",
+    "labels": "muscles of a NIfTI label map",
+    "images": "a muscle from MR and diffusion images",
+}
+
+
+def new_deck(kind: str, path: Path | None = None) -> Path:
+    """Write a deck to start from.
+
+    Parameters
+    ----------
+    kind : str
+        One of `KINDS`.
+    path : Path, optional
+        File to write; default `KIND.toml` here.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    InputError
+        An unknown kind, or a file that is there already.
+    """
+    if kind not in KINDS:
+        raise InputError(f"there is no deck of kind {kind!r}; there are {', '.join(KINDS)}")
+    path = path or Path(f"{kind}.toml")
+    if path.exists():
+        raise InputError(f"{path}: is there already; name another file with -o")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_text(path, (_FOLDER / f"{kind}.toml").read_text(encoding="utf-8"))
+    return path
