@@ -43,6 +43,7 @@ PYTHON_LAYERS = [
     {"stations"},
     {"rom", "report", "reference"},
     {"bench", "demo", "sweeps"},
+    {"commands"},
     {"cli"},
     {"__main__"},
 ]
