@@ -25,6 +25,7 @@ FORTRAN_LAYERS = [
     {"solvers", "approximation", "material"},
     {"model"},
     {"cells", "problem", "h5"},
+    {"weak"},
     {"collocation", "galerkin", "driver", "post"},
     {"linear", "rom"},
     {"io", "run"},

@@ -53,6 +53,23 @@ subroutine scene_open(path, text, nover, overrides, ns, nc, nb, nset, nf, source
    call pack_error(error, stat, message)
 end subroutine scene_open
 
+!> Change loads, material parameters, steps, solver or probes of an open scene. Not threadsafe, as
+!> scene_open
+subroutine scene_update(handle, nover, overrides, stat, message)
+   use rk_error, only : error_type
+   use rk_pack, only : pack_error
+   use rk_session, only : update_session
+   implicit none
+   integer, intent(in) :: handle, nover
+   character(len=*), intent(in) :: overrides(nover)
+   integer, intent(out) :: stat
+   character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
+
+   call update_session(handle, overrides, error)
+   call pack_error(error, stat, message)
+end subroutine scene_update
+
 !> Close a scene; unknown handles are ignored
 subroutine scene_close(handle)
    use rk_error, only : error_type

@@ -13,14 +13,15 @@ module rk_session
    use rk_recorder, only : start_type
    use rk_reduced, only : new_reduced
    use rk_run, only : outcome_type, solve_problem, solve_scene
+   use rk_scene, only : scene_type
    use rk_states, only : field_state
    use rk_text, only : to_text
    use rk_verdict, only : judge, verdict_type
    implicit none
    private
 
-   public :: open_session, set_session_fields, reduce_session, solve_session, hessian_session
-   public :: linearise_session, probe_session
+   public :: open_session, update_session, set_session_fields, reduce_session, solve_session
+   public :: hessian_session, linearise_session, probe_session
 
 contains
 
@@ -59,6 +60,86 @@ subroutine open_session(path, text, overrides, model, handle, error)
       slot%model = model
    end if
 end subroutine open_session
+
+!> Change loads, material parameters, steps, solver or probes of an open scene; its shape functions
+!> stay, and so does all of it where the change is refused
+subroutine update_session(handle, overrides, error)
+   !> Handle
+   integer, intent(in) :: handle
+   !> Overrides "table.key=value"
+   character(len=*), intent(in) :: overrides(:)
+   !> Error handling: wrong values, and what an open scene cannot change
+   type(error_type), allocatable, intent(out) :: error
+   type(slot_type), pointer :: slot
+   type(deck_type) :: deck
+   type(scene_type) :: other
+   logical :: materials
+   integer :: k
+
+   call find_slot(handle, slot, error)
+   if (allocated(error)) return
+   call slot%deck%vary(overrides, deck, error)
+   if (allocated(error)) return
+   call new_scene(other, deck, slot%model, error)
+   if (allocated(error)) return
+   associate (scene => slot%scene)
+      if (size(scene%condition) /= size(other%condition) .or. size(scene%tissue) &
+         & /= size(other%tissue)) then
+         call fatal_error(error, err_input, 'an open scene keeps the number of its ' &
+            & //'conditions and materials: open another one')
+         return
+      end if
+      do k = 1, size(scene%condition)
+         associate (a => scene%condition(k), b => other%condition(k))
+            if (a%set == b%set .and. all(a%fixed .eqv. b%fixed) &
+               & .and. (a%is_radial .eqv. b%is_radial) &
+               & .and. ((a%sine > 0) .eqv. (b%sine > 0))) cycle
+            call fatal_error(error, err_input, 'boundary.'//trim(scene%cloud%set_names(a%set)) &
+               & //': an open scene keeps which components of which sets are prescribed: open ' &
+               & //'another one')
+            return
+         end associate
+      end do
+      materials = any([(index(overrides(k), 'material.') == 1, k=1, size(overrides))])
+      call swap()
+      call slot%full%renew(materials, error)
+      if (allocated(error)) then
+         call swap()
+         return
+      end if
+   end associate
+   slot%deck = deck
+   if (associated(slot%reduced)) deallocate (slot%reduced)
+
+contains
+
+   !> Exchange what can be changed
+   subroutine swap()
+      type(scene_type) :: kept
+
+      associate (scene => slot%scene)
+         kept%condition = scene%condition
+         kept%tissue = scene%tissue
+         kept%load = scene%load
+         kept%programme = scene%programme
+         kept%solver = scene%solver
+         kept%probe = scene%probe
+         scene%condition = other%condition
+         scene%tissue = other%tissue
+         scene%load = other%load
+         scene%programme = other%programme
+         scene%solver = other%solver
+         scene%probe = other%probe
+         other%condition = kept%condition
+         other%tissue = kept%tissue
+         other%load = kept%load
+         other%programme = kept%programme
+         other%solver = kept%solver
+         other%probe = kept%probe
+      end associate
+   end subroutine swap
+
+end subroutine update_session
 
 !> Set what varies over the points and has no place in a deck, at full load
 subroutine set_session_fields(handle, body_force, displacement, stress, error)

@@ -1,5 +1,6 @@
 !> Strong form collocation of hyperelasticity in displacements (RKCM).
 module rk_displacement
+   use rk_conditions, only : new_boundary
    use rk_discretisation, only : deformation
    use rk_equilibrium, only : equilibrium_problem, new_equilibrium
    use rk_error, only : error_type
@@ -14,6 +15,7 @@ module rk_displacement
    type, extends(equilibrium_problem) :: displacement_problem
    contains
       procedure :: start_step
+      procedure :: renew
       procedure :: advice
    end type displacement_problem
 
@@ -31,6 +33,21 @@ subroutine new_displacement(self, scene, error)
 
    call new_equilibrium(self, scene, scene%cloud%nd, none, error)
 end subroutine new_displacement
+
+!> Take other loads from the scene; materials are asked at each evaluation
+subroutine renew(self, materials, error)
+   !> Problem
+   class(displacement_problem), intent(inout) :: self
+   !> Material parameters have changed as well
+   logical, intent(in) :: materials
+   !> Error handling: contradicting conditions
+   type(error_type), allocatable, intent(out) :: error
+
+   associate (unused => materials)
+   end associate
+   call new_boundary(self%boundary, self%scene%cloud, self%scene%condition, &
+      & self%scene%programme%count(), error)
+end subroutine renew
 
 !> Weights of the essential rows (5.52b), from the tangent at the start of the step
 subroutine start_step(self, x, load)

@@ -10,6 +10,7 @@
 !> They fade towards edges between clamped and free faces, where the solution is singular, and are
 !> lower on faces, edges and corners, where a point stands for less.
 module rk_mixed
+   use rk_conditions, only : new_boundary
    use rk_discretisation, only : deformation
    use rk_equilibrium, only : add_curvature, equilibrium_problem, new_equilibrium, &
       & point_curvature, point_rows
@@ -39,6 +40,7 @@ module rk_mixed
    contains
       procedure :: scaled_norms
       procedure :: start_step
+      procedure :: renew
       procedure :: rejection
       procedure :: evaluate_place
       procedure :: curvature
@@ -71,14 +73,39 @@ subroutine new_mixed(self, scene, error)
    type(scene_type), target, intent(in) :: scene
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   integer :: k
 
    call new_equilibrium(self, scene, scene%cloud%nd + 1, scene%cloud%volume_points, error)
    if (allocated(error)) return
-   self%pressure_extent = sqrt(real(self%shape%ns, wp)) &
-      & *maxval([(scene%tissue(k)%material%shear, k=1, size(scene%tissue))])
+   call set_extent(self)
    call set_weights(self)
 end subroutine new_mixed
+
+!> Norm of pressures of one shear modulus
+subroutine set_extent(self)
+   !> Problem
+   class(mixed_problem), intent(inout) :: self
+   integer :: k
+
+   associate (tissue => self%scene%tissue)
+      self%pressure_extent = sqrt(real(self%shape%ns, wp)) &
+         & *maxval([(tissue(k)%material%shear, k=1, size(tissue))])
+   end associate
+end subroutine set_extent
+
+!> Take other loads and material parameters from the scene
+subroutine renew(self, materials, error)
+   !> Problem
+   class(mixed_problem), intent(inout) :: self
+   !> Material parameters have changed as well
+   logical, intent(in) :: materials
+   !> Error handling: contradicting conditions
+   type(error_type), allocatable, intent(out) :: error
+
+   associate (scene => self%scene, unused => materials)
+      call new_boundary(self%boundary, scene%cloud, scene%condition, scene%programme%count(), error)
+   end associate
+   call set_extent(self)
+end subroutine renew
 
 !> Row weights and shares of row weights that do not change during a run
 subroutine set_weights(self)

@@ -7,7 +7,7 @@
 module rk_galerkin
    use rk_blas, only : dsyrk
    use rk_conditions, only : new_boundary
-   use rk_error, only : error_type
+   use rk_error, only : error_type, fatal_error, err_input
    use rk_gauss_cells, only : gauss_cells
    use rk_gradient, only : new_gradient
    use rk_mixture, only : new_mixture
@@ -53,6 +53,7 @@ module rk_galerkin
       procedure :: operator
       procedure :: square_step
       procedure :: set_point_loads
+      procedure :: renew
       procedure :: section_force
    end type galerkin_problem
 
@@ -126,13 +127,71 @@ subroutine new_galerkin(self, scene, error)
    call new_tangent(self%matrix, ns, self%cells, self%gradient, self%multiplier, self%surface, &
       & self%inside, shear, scene%galerkin%direct_limit, error)
    if (allocated(error)) return
+   call set_constants(self, shear)
+end subroutine new_galerkin
+
+!> Penalty, stabilisation, and forces of what is prescribed
+subroutine set_constants(self, shear)
+   !> Problem with conditions and the places of its matrix
+   type(galerkin_problem), intent(inout) :: self
+   !> Shear modulus at each integration point, shape (np) [stress]
+   real(wp), intent(in) :: shear(:)
+
+   if (allocated(self%constant)) deallocate (self%constant, self%force)
    allocate (self%constant(size(self%matrix%value, kind=i8)), source=0.0_wp)
    call self%surface%add_penalty(self%matrix%symmetric_matrix, self%constant)
    if (self%cells%smoothed) call stabilise(self%matrix%symmetric_matrix, self%constant, &
-      & self%cells, self%inside, scene%galerkin%stabilisation*shear)
-   allocate (self%force(self%n, scene%programme%count()), source=0.0_wp)
+      & self%cells, self%inside, self%scene%galerkin%stabilisation*shear)
+   allocate (self%force(self%n, self%scene%programme%count()), source=0.0_wp)
    call self%surface%add_forces(self%force)
-end subroutine new_galerkin
+end subroutine set_constants
+
+!> Take other loads and material parameters from the scene
+subroutine renew(self, materials, error)
+   !> Problem
+   class(galerkin_problem), intent(inout) :: self
+   !> Material parameters have changed as well
+   logical, intent(in) :: materials
+   !> Error handling: what depends on materials cannot be made again
+   type(error_type), allocatable, intent(out) :: error
+   real(wp), allocatable :: shear(:), softness(:)
+   integer :: ip, nc
+
+   associate (scene => self%scene)
+      if (materials) then
+         do ip = 1, size(scene%tissue)
+            if (self%multiplier%extra > 0 .or. scene%tissue(ip)%material%incompressible()) then
+               call fatal_error(error, err_input, 'where K = inf makes pressures unknowns, ' &
+                  & //'materials cannot be changed in an open scene: open another one')
+               return
+            end if
+         end do
+         if (.not. self%matrix%formed) call fatal_error(error, err_input, 'above ' &
+            & //'galerkin.direct_limit materials cannot be changed in an open scene: open ' &
+            & //'another one')
+         if (allocated(error)) return
+      end if
+      nc = size(scene%cloud%points, 2)
+      call new_boundary(self%boundary, scene%cloud, scene%condition, scene%programme%count(), error)
+      if (allocated(error)) return
+      shear = [(self%mixture%shear_modulus(nc + ip, identity), ip=1, size(self%cells%weight))]
+      call set_conditions(self%surface, scene, self%cells, shear, error)
+      if (allocated(error)) return
+      call self%gradient%set_essential(self%cells, self%surface%essential, self%surface%value)
+      if (materials) then
+         call share_bulk(self%mixture, self%cells, nc, scene%galerkin%stabilisation, &
+            & self%local_bulk, self%bulk, softness)
+         call new_pressure(self%pressure, self%cells, softness, scene%galerkin%pressure_degree, &
+            & scene%cloud%points, error)
+         if (allocated(error)) return
+         call new_multiplier(self%multiplier, self%cells, self%bulk, shear, &
+            & size(scene%cloud%source, 2), self%gradient%member)
+      end if
+   end associate
+   call set_constants(self, shear)
+   if (allocated(self%base)) deallocate (self%base)
+   if (allocated(self%origin)) deallocate (self%origin)
+end subroutine renew
 
 !> Set what varies over the points and has no place in a deck, at full load of the ramp
 subroutine set_point_loads(self, body_force, displacement, stress)

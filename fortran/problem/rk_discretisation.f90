@@ -58,6 +58,8 @@ module rk_discretisation
       procedure :: load_points
       !> Set what varies over the points and has no place in a deck
       procedure :: set_point_loads
+      !> Take other loads and material parameters from the scene
+      procedure :: renew
    end type discretisation_type
 
    abstract interface
@@ -283,6 +285,23 @@ subroutine set_point_loads(self, body_force, displacement, stress)
       end do
    end associate
 end subroutine set_point_loads
+
+!> Take other loads and material parameters from the scene, whose points, conditions and tissues are
+!> as they were; shape functions stay
+subroutine renew(self, materials, error)
+   !> Problem
+   class(discretisation_type), intent(inout) :: self
+   !> Material parameters have changed as well
+   logical, intent(in) :: materials
+   !> Error handling: a form that cannot
+   type(error_type), allocatable, intent(out) :: error
+
+   associate (unused => materials)
+   end associate
+   call fatal_error(error, err_input, 'a linear problem cannot be changed: open another scene')
+   associate (unused => self)
+   end associate
+end subroutine renew
 
 !> Whether x.(F F_0^-1)x is not positive for some x in more than a few places, with F_0 and F before
 !> and after a step; at singular corners F is anything

@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 
 from myork.errors import InputError
 
-__all__ = ["deck_text", "read_only"]
+__all__ = ["deck_text", "override_text", "read_only"]
 
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
@@ -47,6 +47,11 @@ def deck_text(tables: Mapping[str, Any]) -> str:
             place = f"{name}.{number}." if many else f"{name}."
             lines += [_line(key, value, place) for key, value in table.items()]
     return "\n".join(lines) + "\n"
+
+
+def override_text(key: str, value: Any) -> str:
+    """Override of a deck, `table.key=value`, from a value that Python has."""
+    return f"{key}={_toml(value, key)}"
 
 
 def _is_table(content: Any) -> bool:

@@ -21,6 +21,7 @@ __all__ = [
     "NAME_OF_TABLES",
     "as_texts",
     "check_deck",
+    "deck_values",
     "load_deck",
     "load_tables",
     "read_deck",
@@ -63,7 +64,7 @@ def load_deck(path: str | Path, overrides: Sequence[str] = (), command: str = ""
     FileError
         The deck cannot be read.
     """
-    return _values(path, "", overrides, command)
+    return deck_values(path, "", overrides, command)
 
 
 def text_of_tables(tables: Mapping[str, Any]) -> str:
@@ -100,7 +101,7 @@ def load_tables(
     InputError
         The tables or an override are wrong; complaints name the key, they have no line.
     """
-    return _values(NAME_OF_TABLES, text_of_tables(tables), overrides, command)
+    return deck_values(NAME_OF_TABLES, text_of_tables(tables), overrides, command)
 
 
 def read_deck(
@@ -150,7 +151,9 @@ def check_deck(stat: int, message: str | bytes, text: str) -> None:
     errors.check(stat, message)
 
 
-def _values(path: str | Path, text: str, overrides: Sequence[str], command: str) -> dict[str, Any]:
+def deck_values(
+    path: str | Path, text: str, overrides: Sequence[str], command: str
+) -> dict[str, Any]:
     """Values of a deck, from its text where there is one."""
     for item in overrides:
         if any(letter in item for letter in "\n\r\0"):

@@ -6,7 +6,6 @@ import contextlib
 import os
 import weakref
 from collections.abc import Callable, Mapping, Sequence
-from functools import cache
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
@@ -16,12 +15,20 @@ from numpy.typing import NDArray
 
 from myork import _core, errors
 from myork.core.calls import Turn, call_in_thread
+from myork.core.checks import check_changeable, field_sizes, lines_of, shaped, unknowns_of
 from myork.core.cloud import NO_CLOUD, check_cloud, model_of, with_cloud
-from myork.core.deck import as_texts, check_deck, load_deck, load_tables, text_of_tables
+from myork.core.deck import (
+    as_texts,
+    check_deck,
+    deck_values,
+    load_deck,
+    load_tables,
+    text_of_tables,
+)
 from myork.core.states import VERDICTS, Fields, States, error_norms
 from myork.records import PointCloud, Voxels
-from myork.results import RestartState, restart_of
-from myork.tables import read_only
+from myork.results import RestartState
+from myork.tables import override_text, read_only
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -181,10 +188,18 @@ class Scene:
         )
         check_deck(stat, message, text)
         self._handle = handle
+        self._text, self._overrides = text, list(overrides)
+        self._has_fields = False
         self._turn = Turn()
         self._states: States | None = None
         self._close = weakref.finalize(self, _close, handle, self._turn)
-        sizes, stat, message = _core.scene_sizes(handle)
+        self._read_sizes()
+        self._unknowns = 0
+        self._reduced_rows = 0
+        self._threads = threads or 0
+
+    def _read_sizes(self) -> None:
+        sizes, stat, message = _core.scene_sizes(self._handle)
         errors.check(stat, message)
         (
             self.dimension,
@@ -196,9 +211,6 @@ class Scene:
             self.steps,
             self.stencils,
         ) = (int(size) for size in sizes)
-        self._unknowns = 0
-        self._reduced_rows = 0
-        self._threads = threads or 0
 
     def __enter__(self) -> Self:
         return self
@@ -219,6 +231,48 @@ class Scene:
         if self._turn.is_mine:
             raise errors.InputError("a scene cannot be closed from the progress of its own solve")
         self._close()
+
+    def update(self, changes: Mapping[str, Any]) -> None:
+        """Change loads and material parameters of the open scene.
+
+        The shape functions stay: the next `solve` is that of a scene opened with these values, at
+        less cost.
+
+        Parameters
+        ----------
+        changes : mapping
+            Values by key, as in `--set`: `{"material.muscle.K": 100, "load.activation": 0.4}`. Keys
+            of `load`, `material`, `boundary`, `amplitude`, `solver` and `probe`; which components
+            of which sets are prescribed stays, and so do labels and fibers.
+
+        Raises
+        ------
+        InputError
+            A wrong value, or what an open scene cannot change: points, approximation, method, and
+            materials where K = inf. The scene is as it was then.
+
+        Examples
+        --------
+        >>> with Scene("inputs/muscle_block.toml") as scene:  # doctest: +SKIP
+        ...     for bulk in (100, 1000):
+        ...         scene.update({"material.muscle.K": bulk})
+        ...         states = scene.solve()
+        """
+        for key in changes:
+            check_changeable(key)
+        if self._has_fields:
+            raise errors.InputError("loads set by set_fields would be lost: open another scene")
+        overrides = [override_text(key, value) for key, value in changes.items()]
+        every = self._overrides + overrides
+        path = self.deck["path"]
+        deck = deck_values(path, self._text, every, "solve")
+        with self._turn.short():
+            stat, message = _core.scene_update(self._handle, as_texts(overrides))
+            check_deck(stat, message, self._text)
+            self.deck, self._overrides = read_only(deck), every
+            self._read_sizes()
+            self._unknowns = 0
+            self._states = None
 
     @property
     def states(self) -> States | None:
@@ -261,32 +315,12 @@ class Scene:
         InputError
             The scene is being solved in another thread, or the start belongs to another scene.
         """
-        x = np.zeros(self.dofs) if start is None else self._start(start)
+        x = np.zeros(self.dofs)
+        if start is not None:
+            points = self.points()
+            with self._turn.short():
+                x = unknowns_of(start, self._handle, points, self.dofs)
         return self._run(linear, 0, x, progress, error)
-
-    def _start(self, start: F64Array | States | RestartState | str | Path) -> F64Array:
-        """Unknowns at which the iteration begins."""
-        if isinstance(start, str | Path):
-            start = restart_of(start)
-        if isinstance(start, States):
-            if len(start.x) == 0:
-                raise errors.InputError("start: there are no states")
-            return _shaped("start", start.x[-1], (self.dofs,))
-        if not isinstance(start, RestartState):
-            return _shaped("start", start, (self.dofs,))
-        points = self.points()
-        with self._turn.short():
-            text, stat, message = _core.scene_approximation(self._handle)
-        errors.check(stat, message)
-        own = text.decode().strip()
-        if not np.array_equal(start.points[:, : self.dimension], points):
-            raise errors.InputError("start: its points are not those of this scene")
-        if start.approximation != own:
-            raise errors.InputError(
-                f"start: its approximation is {start.approximation or 'not known'}, that of this "
-                f"scene is {own}"
-            )
-        return _shaped("start", start.coefficients, (self.dofs,))
 
     def points(self) -> F64Array:
         """Collocation points, shape `(collocation_points, dimension)` [length]."""
@@ -340,6 +374,7 @@ class Scene:
                 np.asfortranarray(np.moveaxis(stress, 0, -1)),
             )
         errors.check(stat, message)
+        self._has_fields = True
 
     def reduce(self, modes: F64Array) -> None:
         """Project the model on modes, shape `(dofs, r)`, orthonormal columns."""
@@ -392,7 +427,7 @@ class Scene:
         """
         shape = (self._unknowns if reduced else self.dofs,)
         given = (x if start is None else start, x, direction)
-        states = [_shaped("states and directions", array, shape) for array in given]
+        states = [shaped("states and directions", array, shape) for array in given]
         with self._turn.short():
             rows = self._reduced_rows if reduced else self.rows
             r, y, stat, message = _core.scene_linearise(
@@ -428,7 +463,7 @@ class Scene:
             A wrong shape, or a state with J <= 0.
         """
         shape = (self._unknowns if reduced else self.dofs,)
-        given = [_shaped("states", v, shape) for v in (x if start is None else start, x)]
+        given = [shaped("states", v, shape) for v in (x if start is None else start, x)]
         with self._turn.short():
             gradient, second, stat, message = _core.scene_hessian(
                 self._handle, int(reduced), *given, load
@@ -438,21 +473,21 @@ class Scene:
 
     def fields(self, x: F64Array, load: float) -> Fields:
         """Fields of a state of the full model, coefficients of shape `(dofs,)`."""
-        x = _shaped("x", x, (self.dofs,))
+        x = shaped("x", x, (self.dofs,))
         with self._turn.short():
             values, stat, message = _core.scene_fields(
-                self._handle, self.collocation_points, sum(_field_sizes().values()), x, load
+                self._handle, self.collocation_points, sum(field_sizes().values()), x, load
             )
         errors.check(stat, message)
-        cuts = np.cumsum(list(_field_sizes().values()))[:-1]
-        named = dict(zip(_field_sizes(), np.split(values.T, cuts, axis=1), strict=True))
+        cuts = np.cumsum(list(field_sizes().values()))[:-1]
+        named = dict(zip(field_sizes(), np.split(values.T, cuts, axis=1), strict=True))
         f = named["F"].reshape(-1, 3, 3)
         return Fields(named["u"], f, named["cauchy"], named)
 
     def probes(self, x: F64Array, load: F64Array) -> F64Array:
         """Probe values of states of the full model, shape `(nstep, nprobe, 3)`."""
         load = np.atleast_1d(np.asarray(load, float))
-        x = _shaped("x", x, (len(load), self.dofs))
+        x = shaped("x", x, (len(load), self.dofs))
         with self._turn.short():
             value, stat, message = _core.scene_probes(self._handle, self._probes, x.T, load)
         errors.check(stat, message)
@@ -547,46 +582,18 @@ class Scene:
             value, stat, message = _core.scene_probes(self._handle, self._probes, x, load)
             errors.check(stat, message)
         load = np.resize(load, value.shape[2])
-        capacity = 1 << 12
-        while True:
-            verdict, bar, text, length, stat, message = _core.scene_verdict(
-                self._handle, load, value, capacity
-            )
-            errors.check(stat, message)
-            if length <= capacity:
-                break
-            capacity = int(length)
-        reasons = str(text[:length].decode("utf-8", "replace")).splitlines()
+        verdict, bar, reasons = lines_of(
+            lambda room: _core.scene_verdict(self._handle, load, value, room)
+        )
         bar = np.moveaxis(bar, (0, 1, 2), (2, 1, 0))[:steps, : self._probes]
         return VERDICTS[verdict], reasons, bar
 
     def _warnings(self) -> list[str]:
         """Warnings of the last solve; the error is one where it ended in one."""
-        capacity = 1 << 12
-        while True:
-            text, length, stat, message = _core.scene_warnings(self._handle, capacity)
-            errors.check(stat, message)
-            if length <= capacity:
-                return str(text[:length].decode("utf-8", "replace")).splitlines()
-            capacity = int(length)
+        return list(lines_of(lambda room: _core.scene_warnings(self._handle, room))[0])
 
 
 def _close(handle: int, turn: Turn) -> None:
     """Close a scene when nothing runs in it; Python calls this at its exit as well."""
     with turn.last(lambda: _core.scene_stop(handle)):
         _core.scene_close(handle)
-
-
-@cache
-def _field_sizes() -> dict[str, int]:
-    """Components of the fields of a body by name, in the core's order."""
-    lines = _core.scene_field_list().decode().split("\n")
-    return {name: int(size) for name, size in (line.split() for line in lines if line.strip())}
-
-
-def _shaped(name: str, array: F64Array, shape: tuple[int, ...]) -> F64Array:
-    """An array of the wanted shape: the wrapper would flatten another one silently."""
-    array = np.asarray(array, float)
-    if array.shape != shape:
-        raise errors.InputError(f"{name} must have shape {shape}, not {array.shape}")
-    return array

@@ -68,6 +68,8 @@ subroutine set_conditions(self, scene, cells, shear, error)
    n = scene%programme%count()
    nd = scene%cloud%nd
    ms = size(cells%set)
+   if (allocated(self%essential)) deallocate (self%essential, self%value, self%traction, &
+      & self%penalty)
    allocate (self%essential(nd, ms), self%value(n, nd, ms), self%traction(n, nd, ms))
    do s = 1, ms
       call conditions_at(scene%cloud, scene%condition, cells%set(s), cells%surface(:, s), fixed, &

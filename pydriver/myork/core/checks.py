@@ -1,0 +1,100 @@
+"""What a scene checks before it calls the core: shapes, starting states, keys of changes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from myork import _core, errors
+from myork.core.states import States
+from myork.results import RestartState, restart_of
+
+__all__ = ["check_changeable", "field_sizes", "lines_of", "shaped", "unknowns_of"]
+
+F64Array = NDArray[np.float64]
+
+#: Tables that an open scene can change, and keys of theirs that it cannot
+_CHANGEABLE = {"load", "material", "boundary", "amplitude", "solver", "probe"}
+_FIXED_KEYS = {"set", "label", "model", "fiber", "fiber_angle", "name"}
+
+
+def check_changeable(key: str) -> None:
+    """Refuse a key that an open scene cannot change."""
+    table, _, rest = key.partition(".")
+    name = rest.rpartition(".")[2]
+    if table not in _CHANGEABLE or name in _FIXED_KEYS:
+        raise errors.InputError(
+            f"{key} cannot be changed in an open scene: open another one. Changeable are "
+            f"the tables {', '.join(sorted(_CHANGEABLE))} but for {', '.join(sorted(_FIXED_KEYS))}"
+        )
+
+
+def lines_of(ask: Callable[[int], tuple[Any, ...]]) -> tuple[Any, ...]:
+    """Answer of the core that ends in a text, its length, status and message; the text as lines.
+
+    `ask` takes the room for the text, and is asked again where that was not enough.
+    """
+    capacity = 1 << 12
+    while True:
+        *others, text, length, stat, message = ask(capacity)
+        errors.check(stat, message)
+        if length <= capacity:
+            return *others, text[:length].decode("utf-8", "replace").splitlines()
+        capacity = int(length)
+
+
+@cache
+def field_sizes() -> dict[str, int]:
+    """Components of the fields of a body by name, in the core's order."""
+    lines = _core.scene_field_list().decode().split("\n")
+    return {name: int(size) for name, size in (line.split() for line in lines if line.strip())}
+
+
+def shaped(name: str, array: F64Array, shape: tuple[int, ...]) -> F64Array:
+    """An array of the wanted shape: the wrapper would flatten another one silently."""
+    array = np.asarray(array, float)
+    if array.shape != shape:
+        raise errors.InputError(f"{name} must have shape {shape}, not {array.shape}")
+    return array
+
+
+def unknowns_of(
+    start: F64Array | States | RestartState | str | Path, handle: int, points: F64Array, dofs: int
+) -> F64Array:
+    """Unknowns of a state at which the iteration of a scene begins.
+
+    Parameters
+    ----------
+    start : F64Array, States, RestartState, str or Path
+        Unknowns, or a state that holds them.
+    handle : int
+        Handle of the scene.
+    points : F64Array
+        Its collocation points, shape `(np, dimension)` [length].
+    dofs : int
+        Its unknowns.
+    """
+    if isinstance(start, str | Path):
+        start = restart_of(start)
+    if isinstance(start, States):
+        if len(start.x) == 0:
+            raise errors.InputError("start: there are no states")
+        return shaped("start", start.x[-1], (dofs,))
+    if not isinstance(start, RestartState):
+        return shaped("start", start, (dofs,))
+    text, stat, message = _core.scene_approximation(handle)
+    errors.check(stat, message)
+    own = text.decode().strip()
+    if not np.array_equal(start.points[:, : points.shape[1]], points):
+        raise errors.InputError("start: its points are not those of this scene")
+    if start.approximation != own:
+        raise errors.InputError(
+            f"start: its approximation is {start.approximation or 'not known'}, that of this "
+            f"scene is {own}"
+        )
+    return shaped("start", start.coefficients, (dofs,))
