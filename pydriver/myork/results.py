@@ -6,6 +6,7 @@ restart needs in its group MyoRK.
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from myork.errors import FileError, InputError
+from myork.errors import FileError, InputError, InstallationError
 from myork.summary import read_summary
 
 __all__ = ["RestartState", "Results", "restart_of"]
@@ -201,6 +202,76 @@ class Results:
         """Positions of the points in a step, shape `(np, 3)` [length]."""
         return self.points + self.field("u", step)
 
+    def to_pyvista(self, step: int = -1, *, deformed: bool = False) -> Any:
+        """Points of a step with all fields, for PyVista.
+
+        Parameters
+        ----------
+        step : int
+            Number of the step; negative numbers count from the last one.
+        deformed : bool
+            Put the points where they have moved to; the field `u` is there either way.
+
+        Returns
+        -------
+        pyvista.PolyData
+            A vertex for each point; tensors have nine components, row by row. `field_data` holds
+            `step`, `load` and `activation`.
+
+        Raises
+        ------
+        InstallationError
+            PyVista is missing.
+
+        Examples
+        --------
+        >>> with Results("out/muscle_block") as results:  # doctest: +SKIP
+        ...     results.to_pyvista(-1, deformed=True).plot(scalars="pressure")
+        """
+        step = self._step(step)
+        cloud = _optional("pyvista", "viz").PolyData(
+            self.deformed(step) if deformed else self.points
+        )
+        for name in self.fields:
+            values = self.field(name, step)
+            cloud.point_data[name] = values.reshape(len(values), -1).squeeze()
+        cloud.field_data["step"] = [step]
+        cloud.field_data["load"] = [self.loads[step]]
+        cloud.field_data["activation"] = [self.activations[step]]
+        return cloud
+
+    def history(self) -> Any:
+        """Load steps of the summary with their probes, as a table.
+
+        Returns
+        -------
+        pandas.DataFrame
+            A row a load step, by its number: `load`, `activation`, `iterations`, `min_J`, `max_J`,
+            and a column for each probe (`force_x`, `force_y`, `force_z` for a probe `force` of
+            three numbers) with its error bar, `force_x_error`, where there is one.
+
+        Raises
+        ------
+        InstallationError
+            Pandas is missing.
+        FileError
+            There is no `summary.json` beside the file.
+        """
+        pandas = _optional("pandas", "pandas")
+        rows = []
+        for step in self.summary.get("steps", []):
+            names = ("load", "activation", "iterations", "min_J", "max_J")
+            row = {name: step[name] for name in names if name in step}
+            for ending, part in (("", "probes"), ("_error", "probe_errors")):
+                for name, value in step.get(part, {}).items():
+                    parts = zip("xyz", value, strict=False) if isinstance(value, list) else None
+                    if parts is None:
+                        row[f"{name}{ending}"] = value
+                    else:
+                        row.update({f"{name}_{axis}{ending}": one for axis, one in parts})
+            rows.append(row)
+        return pandas.DataFrame(rows, index=pandas.RangeIndex(1, len(rows) + 1, name="step"))
+
     def restart(self, step: int = -1) -> RestartState:
         """State from which a solve can go on.
 
@@ -291,6 +362,16 @@ class Results:
             if values.dtype.kind not in "iuf":
                 raise TypeError("it holds no numbers")
         return values
+
+
+def _optional(name: str, extra: str) -> Any:
+    """Import a package that only some need."""
+    try:
+        return importlib.import_module(name)
+    except ImportError as reason:
+        raise InstallationError(
+            f"this needs {name}: pip install 'myork[{extra}]' ({reason})"
+        ) from None
 
 
 def restart_of(words: str | Path) -> RestartState:

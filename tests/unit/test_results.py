@@ -3,6 +3,7 @@
 import json
 import os
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -15,7 +16,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from myork import model_file
-from myork.errors import FileError, InputError
+from myork.errors import FileError, InputError, InstallationError
 from myork.model_file import write_model
 from myork.records import PointCloud, Voxels
 from myork.results import Results
@@ -124,6 +125,67 @@ def test_vtk_sees_a_time_series(sample: Path) -> None:
         assert_allclose([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], cauchy(load, 2), rtol=1e-15)
         assert_array_equal(grid["label"], [1, 1, 2])
         assert_array_equal(grid["fiber"][1], [0, 0.6, 0.8])
+
+
+def test_points_of_a_step_for_pyvista(sample: Path) -> None:
+    with Results(sample) as results:
+        for step in range(results.nstep):
+            cloud = results.to_pyvista(step)
+            assert cloud.n_points == cloud.n_verts == results.npoint
+            assert_array_equal(cloud.points, results.points)
+            assert set(cloud.point_data.keys()) == set(results.fields)
+            assert_array_equal(cloud.point_data["u"], results.field("u", step))
+            assert_array_equal(
+                cloud.point_data["F"], results.field("F", step).reshape(results.npoint, 9)
+            )
+            assert cloud.field_data["load"][0] == results.loads[step]
+        moved = results.to_pyvista(-1, deformed=True)
+        assert_array_equal(moved.points, results.deformed(-1))
+        with pytest.raises(InputError, match="no step 9"):
+            results.to_pyvista(9)
+
+
+def test_a_reader_of_pyvista_reaches_all_steps(sample: Path) -> None:
+    import pyvista
+
+    reader = pyvista.get_reader(sample)
+    with Results(sample) as results:
+        for step in range(results.nstep):
+            reader.reader.SetStep(step)
+            assert_allclose(reader.read().point_data["u"], results.field("u", step))
+
+
+def test_what_is_missing_names_its_cure(sample: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # None in the table of modules is an import that fails
+    for name, extra in (("pyvista", "viz"), ("pandas", "pandas")):
+        monkeypatch.setitem(sys.modules, name, None)
+        call = {"pyvista": Results.to_pyvista, "pandas": Results.history}[name]
+        with (
+            Results(sample) as results,
+            pytest.raises(InstallationError, match=rf"needs {name}: pip install 'myork\[{extra}"),
+        ):
+            call(results)
+
+
+def test_history_is_a_table(sample: Path, tmp_path: Path) -> None:
+    shutil.copy(sample, tmp_path)
+    steps = [
+        {"load": 0.5, "iterations": 3, "probes": {"p": 1.0, "f": [1, 2, 3]}, "probe_errors": {}},
+        {
+            "load": 1.0,
+            "iterations": 2,
+            "probes": {"p": 2.0, "f": [4, 5, 6]},
+            "probe_errors": {"p": 0.1, "f": [0.1, 0.2, 0.3]},
+        },
+    ]
+    (tmp_path / "summary.json").write_text(json.dumps({"steps": steps}))
+    with Results(tmp_path) as results:
+        table = results.history()
+    assert list(table.index) == [1, 2]
+    assert list(table["load"]) == [0.5, 1.0]
+    assert list(table["f_z"]) == [3, 6]
+    assert table["p_error"][2] == 0.1
+    assert np.isnan(table["f_y_error"][1])
 
 
 def test_pyvista_reads_the_file(sample: Path) -> None:
