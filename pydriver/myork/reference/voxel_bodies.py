@@ -75,10 +75,10 @@ def body_cloud(body: Body, voxel: float) -> PointCloud:
         (np.arange(n) + first + 0.5) * fine - off
         for n, first, off in zip(count, low, shift, strict=True)
     ]
-    labels = body.label(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1))
+    filled = body.label(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1))
     affine = np.diag([10 * fine] * 3 + [1.0])
     affine[:3, 3] = [10 * axis[0] for axis in axes]
-    labels = Labels(labels.astype(np.int32), affine)
+    labels = Labels(filled.astype(np.int32), affine)
     return build_cloud(labels, None, table_defaults("build"), "cm")[0]
 
 
