@@ -14,6 +14,7 @@ module rk_handles
    use rk_run, only : outcome_type
    use rk_scene, only : scene_type
    use rk_text, only : to_text
+   use rk_refine, only : refinement_type
    use rk_verdict, only : verdict_type
    implicit none
    private
@@ -59,6 +60,8 @@ module rk_handles
       type(outcome_type) :: outcome
       !> Verdict on them
       type(verdict_type) :: verdict
+      !> Search for its points, where the deck wants one
+      type(refinement_type) :: refinement
       !> Deck and points it was made of
       type(deck_type) :: deck
       type(cloud_type) :: model

@@ -12,6 +12,7 @@ module rk_session
    use rk_problem, only : problem_type, evaluation_type
    use rk_recorder, only : start_type
    use rk_reduced, only : new_reduced
+   use rk_refine, only : refine
    use rk_run, only : outcome_type, solve_problem, solve_scene
    use rk_scene, only : scene_type
    use rk_states, only : field_state
@@ -47,7 +48,8 @@ subroutine open_session(path, text, overrides, model, handle, error)
    if (allocated(error)) return
    call open_slot(slot, error)
    if (allocated(error)) return
-   call new_scene(slot%scene, deck, model, error)
+   call refine(slot%refinement, deck, model, slot%states, error)
+   if (.not. allocated(error)) call new_scene(slot%scene, deck, model, error)
    if (.not. allocated(error)) then
       call new_problem(slot%full, slot%scene, error)
       call deck%locate('geometry', error)
@@ -245,6 +247,8 @@ subroutine solve_session(handle, linear, reduced, estimate, x, error)
       call solve_scene(slot%full, linear, slot%states, slot%outcome, error, start)
       call judge(slot%verdict, slot%full, slot%deck, slot%model, estimate, slot%states, &
          & slot%outcome)
+      if (allocated(slot%refinement%reason)) slot%verdict%reasons = slot%verdict%reasons &
+         & //slot%refinement%reason//new_line('a')
    end if
 end subroutine solve_session
 

@@ -7,7 +7,7 @@ program main
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type, open_deck
    use rk_deck_scene, only : new_scene
-   use rk_discretisation, only : discretisation_type
+   use rk_discretisation, only : discretisation_type, free_discretisation
    use rk_error, only : error_type, fatal_error, err_convergence, err_linalg, err_stopped
    use rk_explain, only : explain
    use rk_model_cloud, only : read_model_cloud
@@ -16,9 +16,11 @@ program main
    use rk_output, only : output_type
    use rk_precision, only : i8, wp
    use rk_recorder, only : start_type
+   use rk_refine, only : refine, refinement_type
    use rk_resume, only : resume_run, start_from
    use rk_run, only : outcome_type, solve_scene
    use rk_scene, only : scene_type
+   use rk_search, only : search_type
    use rk_summary, only : is_complete, mark_summary, write_summary
    use rk_system, only : catch_signals, lock_folder, make_folder, prepare_process, tell, &
       & version_text
@@ -61,6 +63,8 @@ contains
       type(output_type) :: output
       type(outcome_type) :: outcome
       type(verdict_type) :: verdict
+      type(search_type) :: search
+      type(refinement_type) :: refinement
       type(error_type), allocatable :: failure
       type(start_type), allocatable :: start
       type(json_entry), allocatable :: earlier(:)
@@ -78,6 +82,16 @@ contains
       call leave_on(error)
       call lock_folder(config%out, error)
       call leave_on(error)
+      call catch_signals()
+      if (deck%has('refine')) then
+         search%verbosity = config%verbosity
+         call refine(refinement, deck, model, search, error)
+         call leave_on(error)
+         call free_discretisation(problem)
+         call new_scene(scene, deck, model, error)
+         if (.not. allocated(error)) call new_problem(problem, scene, error)
+         call leave_on(error)
+      end if
       history = ''
       journal = 0
       if (config%resume) then
@@ -92,7 +106,8 @@ contains
       output%verbosity = config%verbosity
       call output%open(problem, config%out, deck, version_text(), error, history, journal)
       call leave_on(error)
-      call catch_signals()
+      if (allocated(refinement%reason)) call output%say(refinement%levels//refinement%reason, &
+         & level=huge(1))
       call output%say(scene%title//': '//to_text(problem%n)//' unknowns, '//to_text(problem%m) &
          & //' equations', level=0)
       if (output%repeated > 0) call output%say('resumed behind load step ' &
@@ -102,6 +117,7 @@ contains
       call solve_scene(problem, '', output, outcome, failure, start)
       call judge(verdict, problem, deck, model, config%estimate, output, outcome)
       call output%tell_verdict(verdict)
+      if (allocated(refinement%reason)) call output%say(refinement%reason, level=0)
       message = ''
       if (allocated(failure)) message = failure%message
       call read_entries(config%out//'/summary.json', earlier, damaged)
@@ -113,8 +129,8 @@ contains
       call leave_on(error)
       if (replaces) then
          call write_summary(config%out//'/summary.json', deck, problem, output, outcome, &
-            & verdict, shape_s, tick(clock), omp_get_max_threads(), .not. allocated(failure), &
-            & message, earlier, error)
+            & verdict, refinement, shape_s, tick(clock), omp_get_max_threads(), &
+            & .not. allocated(failure), message, earlier, error)
          if (.not. allocated(error)) call output%publish(error)
       else
          call mark_summary(config%out//'/summary.json', earlier, message, error)

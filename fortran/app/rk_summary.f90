@@ -12,6 +12,7 @@ module rk_summary
    use rk_output, only : output_type, step_record
    use rk_precision, only : wp
    use rk_probes, only : quantity_size
+   use rk_refine, only : refinement_type
    use rk_run, only : outcome_type
    use rk_scene, only : scene_type
    use rk_system, only : cpu_seconds, peak_bytes, version_text
@@ -28,8 +29,8 @@ module rk_summary
 contains
 
 !> Write the summary
-subroutine write_summary(path, deck, problem, output, outcome, verdict, shape_s, total_s, &
-   & threads, converged, message, earlier, error)
+subroutine write_summary(path, deck, problem, output, outcome, verdict, refinement, shape_s, &
+   & total_s, threads, converged, message, earlier, error)
    !> File
    character(len=*), intent(in) :: path
    !> Deck
@@ -42,6 +43,8 @@ subroutine write_summary(path, deck, problem, output, outcome, verdict, shape_s,
    type(outcome_type), intent(in) :: outcome
    !> Whether it can be trusted, and how far
    type(verdict_type), intent(in) :: verdict
+   !> Search for the points, where one was wanted
+   type(refinement_type), intent(in) :: refinement
    !> Wall times of shape functions and of everything [s]
    real(wp), intent(in) :: shape_s, total_s
    !> Threads
@@ -88,6 +91,7 @@ subroutine write_summary(path, deck, problem, output, outcome, verdict, shape_s,
       call json%put('converged', converged)
       if (.not. converged) call json%put('message', message)
       call write_verdict(json, verdict)
+      if (allocated(refinement%reason)) call write_refinement(json, refinement)
       call write_steps(json, problem, output, verdict)
       if (converged) call write_exact(json, problem, output)
       if (allocated(outcome%norms)) call write_norms(json, outcome%norms)
@@ -152,6 +156,24 @@ subroutine mark_summary(path, earlier, message, error)
    call json%end_object()
    call json%save(path, error)
 end subroutine mark_summary
+
+!> Search for the points
+subroutine write_refinement(json, refinement)
+   !> JSON inside the summary
+   type(json_type), intent(inout) :: json
+   !> Search
+   type(refinement_type), intent(in) :: refinement
+
+   call json%begin_object('refine')
+   call json%put('error', refinement%wanted)
+   call json%put('met', refinement%met)
+   call json%put('reason', refinement%reason)
+   call json%put('cpu_s', refinement%seconds)
+   call json%begin_array('levels')
+   call write_lines(json, refinement%levels)
+   call json%end_array()
+   call json%end_object()
+end subroutine write_refinement
 
 !> Each line as an item
 subroutine write_lines(json, text)

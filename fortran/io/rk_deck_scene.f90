@@ -36,6 +36,7 @@ subroutine new_scene(scene, deck, model, error)
    type(cloud_type), intent(in) :: model
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
+   integer, allocatable :: blocks(:)
    logical :: is_linear
 
    call deck%require('solve', error)
@@ -49,8 +50,10 @@ subroutine new_scene(scene, deck, model, error)
    if (allocated(error)) return
    call read_geometry(scene%cloud, deck, model, error)
    if (allocated(error)) return
-   if (scene%method == 'rkpm-gauss' .and. allocated(scene%cloud%voxels%index)) &
-      & call corner_sources(scene%cloud)
+   if (scene%method == 'rkpm-gauss' .and. allocated(scene%cloud%voxels%index)) then
+      call deck%get('geometry.blocks', blocks)
+      call corner_sources(scene%cloud, blocks)
+   end if
    call read_approximation(scene, deck, error)
    if (allocated(error)) return
    call read_solver(scene, deck)

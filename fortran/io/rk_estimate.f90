@@ -63,7 +63,10 @@ function estimate_cost(deck, model) result(self)
    else
       points = model
       call deck%get('scene.method', method)
-      if (method == 'rkpm-gauss' .and. allocated(points%voxels%index)) call corner_sources(points)
+      if (method == 'rkpm-gauss' .and. allocated(points%voxels%index)) then
+         call deck%get('geometry.blocks', source)
+         call corner_sources(points, source)
+      end if
       self%ns = size(points%source, 2)
       self%nc = size(points%points, 2)
       boundary = size(points%boundary_point)

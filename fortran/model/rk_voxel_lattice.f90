@@ -14,10 +14,13 @@ module rk_voxel_lattice
 
 contains
 
-!> Put the source points at the corners of blocks about as large as their spacing
-subroutine corner_sources(cloud)
+!> Put the source points at the corners of blocks, about as large as their spacing unless a number
+!> is wanted
+subroutine corner_sources(cloud, blocks)
    !> Points of a model of voxels
    type(cloud_type), intent(inout) :: cloud
+   !> Blocks along each direction, shape (3); empty if none are wanted
+   integer, intent(in) :: blocks(:)
    integer :: low(3), n(3), cells(3), corner(3), d, i, ip, k
    logical, allocatable :: taken(:, :, :)
    real(wp) :: step(3), start(3)
@@ -26,6 +29,7 @@ subroutine corner_sources(cloud)
    n = maxval(cloud%voxels%index, dim=2) - low + 1
    ! the ends of the body are planes of the lattice
    cells = max(1, nint(n*cloud%voxels%size/minval(cloud%spacing, dim=2)))
+   if (size(blocks) == 3) cells = min(blocks, n)
    step = n*cloud%voxels%size/cells
    start = cloud%voxels%origin + cloud%voxels%size*(low - 0.5_wp)
    allocate (cloud%block, mold=cloud%voxels%index)

@@ -25,7 +25,8 @@ module rk_companion
    implicit none
    private
 
-   public :: companion_type, solve_companion
+   public :: companion_type, keeper_type, solve_companion, solve_beside, other_number, lattice_words
+   public :: list
 
    !> Length of an override
    integer, parameter :: long = 512
@@ -101,17 +102,9 @@ subroutine solve_companion(self, problem, load, answer, deck, model, receiver)
    type(cloud_type), intent(in) :: model
    !> Receiver of the caller, asked whether to stop
    class(recorder_type), target, intent(inout) :: receiver
-   type(deck_type) :: other
    type(cloud_type) :: points
-   type(scene_type), target :: scene
-   class(discretisation_type), allocatable :: second
-   type(keeper_type) :: keeper
-   type(timer_type) :: timer
-   type(error_type), allocatable :: error
    character(len=long), allocatable :: words(:)
-   integer(i8) :: clock
 
-   call system_clock(clock)
    self%method = problem%scene%method
    if (allocated(problem%scene%body_force)) then
       self%why_not = 'the loads were set point by point, which no deck tells'
@@ -119,9 +112,39 @@ subroutine solve_companion(self, problem, load, answer, deck, model, receiver)
    end if
    points = model
    call choose(self, problem%scene, deck, points, words)
-   if (allocated(self%why_not)) return
+   if (.not. allocated(self%why_not)) &
+      & call solve_beside(self, problem, load, answer, deck, words, points, receiver)
+end subroutine solve_companion
+
+!> Solve a deck with other words than an answer's, and look at the same probes
+subroutine solve_beside(self, problem, load, answer, deck, words, model, receiver)
+   !> What it says
+   type(companion_type), intent(inout) :: self
+   !> Problem of the answer
+   class(discretisation_type), intent(in) :: problem
+   !> Loads of its states that are compared, shape (m) [-]
+   real(wp), intent(in) :: load(:)
+   !> Unknowns of these, shape (n, m)
+   real(wp), contiguous, intent(in) :: answer(:, :)
+   !> Its deck
+   type(deck_type), intent(in) :: deck
+   !> What is changed in it
+   character(len=*), intent(in) :: words(:)
+   !> Points, where the deck wants a model
+   type(cloud_type), intent(in) :: model
+   !> Receiver of the caller, asked whether to stop
+   class(recorder_type), target, intent(inout) :: receiver
+   type(deck_type) :: other
+   type(scene_type), target :: scene
+   class(discretisation_type), allocatable :: second
+   type(keeper_type) :: keeper
+   type(timer_type) :: timer
+   type(error_type), allocatable :: error
+   integer(i8) :: clock
+
+   call system_clock(clock)
    call deck%vary(words, other, error)
-   if (.not. allocated(error)) call new_scene(scene, other, points, error)
+   if (.not. allocated(error)) call new_scene(scene, other, model, error)
    if (.not. allocated(error)) call new_problem(second, scene, error)
    if (.not. allocated(error)) then
       self%points = second%shape%ns
@@ -145,7 +168,7 @@ subroutine solve_companion(self, problem, load, answer, deck, model, receiver)
          & //error%message
    end if
    self%seconds = tick(clock)
-end subroutine solve_companion
+end subroutine solve_beside
 
 !> Form and points of the companion as overrides of the deck
 subroutine choose(self, scene, deck, points, words)
@@ -159,7 +182,7 @@ subroutine choose(self, scene, deck, points, words)
    type(cloud_type), intent(inout) :: points
    !> Overrides
    character(len=long), allocatable, intent(out) :: words(:)
-   integer, allocatable :: source(:), collocation(:), other(:)
+   integer, allocatable :: source(:), other(:)
    type(cloud_type) :: coarse
    integer :: steps
    logical :: possible
@@ -196,6 +219,8 @@ subroutine choose(self, scene, deck, points, words)
       self%lattice = to_text(size(points%source, 2))
       self%coarse = .true.
       words = [character(len=long) :: words, 'scene.method='//self%method]
+      if (deck%has('geometry.blocks')) words = [character(len=long) :: words, 'geometry.blocks=' &
+         & //list(max(1, (maxval(scene%cloud%block, dim=2) + 2)/2))]
       return
    end if
    call deck%get('geometry.source', source)
@@ -204,11 +229,22 @@ subroutine choose(self, scene, deck, points, words)
    self%finer = all(other > source)
    self%lattice = list(other)
    self%coarse = any(other < source .and. other - 1 <= few_cells)
-   call deck%get('geometry.collocation', collocation)
-   collocation = max(other, min(collocation, 2*other - 1))
-   words = [character(len=long) :: words, 'scene.method='//self%method, &
-      & 'geometry.source='//self%lattice, 'geometry.collocation='//list(collocation)]
+   words = [character(len=long) :: words, 'scene.method='//self%method, lattice_words(deck, other)]
 end subroutine choose
+
+!> Overrides that put a deck on another lattice, with collocation points to match
+function lattice_words(deck, source) result(words)
+   !> Deck of a box or an annulus
+   type(deck_type), intent(in) :: deck
+   !> Source points along each edge, shape (nd)
+   integer, intent(in) :: source(:)
+   character(len=long) :: words(2)
+   integer, allocatable :: collocation(:)
+
+   call deck%get('geometry.collocation', collocation)
+   words(1) = 'geometry.source='//list(source)
+   words(2) = 'geometry.collocation='//list(max(source, min(collocation, 2*source - 1)))
+end function lattice_words
 
 !> Half as many cells in a direction; twice as many where there are too few to tell
 elemental integer function other_number(source, order) result(points)

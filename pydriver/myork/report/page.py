@@ -98,6 +98,10 @@ def _cards(summary: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
         balance = summary.get("force_imbalance")
         note = "" if balance is None else Markup("forces balance to {}").format(number(balance, 2))
         cards.append(("volume ratio J", ratios, "", note))
+    if "refine" in summary:
+        told = summary["refine"]
+        note = f"{'met' if told['met'] else 'not met'} after {len(told.get('levels', []))} clouds"
+        cards.append(("wanted error", number(100 * told["error"], 3), "%", note))
     models = [model for model in summary.get("rom", {}).get("models", []) if model.get("e1")]
     if models:
         best = min(models, key=lambda model: model["e1"])
@@ -119,11 +123,13 @@ def _warnings(folder: RunFolder) -> list[str]:
     """Warnings of the run and of the segmentation, what was not checked, and what is old."""
     warnings = folder.summary.get("warnings", [])
     reasons = (folder.summary.get("verdict") or {}).get("reasons", [])
+    told = folder.summary.get("refine")
     return [
         *failures(folder.summary),
         *folder.summary.get("segmentation", {}).get("warnings", []),
         *warnings,
         *(text for text in reasons if text not in warnings),
+        *([told["reason"]] if told and not told["met"] else []),
     ]
 
 

@@ -63,6 +63,7 @@ _SUMMARY = {
     ),
     "converged": _FLAG,
     "verdict": {"state!": _TEXT, "reasons": [_TEXT]},
+    "refine": {"met!": _FLAG, "reason!": _TEXT, "error!": _NUMBER, "levels": [_TEXT]},
     "units": _Each(each=_TEXT),
     "solver": {
         **dict.fromkeys(("asked", "used", "why"), _TEXT),

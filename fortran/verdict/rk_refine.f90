@@ -1,0 +1,371 @@
+!> More source points where they pay, until probes are known well enough or the cost is too high.
+!>
+!> A scene is solved, and a companion on half as many cells gives bars. Where they are too wide,
+!> one more solution with half as many cells in a single direction tells how much of them comes
+!> from there. Errors fall like the square of the spacing, so that the cells which meet a wanted
+!> error with the fewest points make all directions err alike: the next lattice has them, with at
+!> most twice as many cells in a direction. Corners and clamped edges make errors fall more slowly;
+!> then one more lattice follows.
+module rk_refine
+   use rk_bars, only : bars_by_other, bars_type, fewer_points, more_points, new_bars
+   use rk_clock, only : timer_type
+   use rk_cloud, only : cloud_type
+   use rk_companion, only : companion_type, keeper_type, lattice_words, list, other_number, &
+      & solve_beside, solve_companion
+   use rk_deck, only : deck_type
+   use rk_deck_scene, only : new_scene
+   use rk_discretisation, only : discretisation_type, free_discretisation
+   use rk_error, only : error_type, fatal_error, err_input, err_stopped
+   use rk_new_problem, only : new_problem
+   use rk_precision, only : wp
+   use rk_probes, only : quantity_size
+   use rk_recorder, only : recorder_type
+   use rk_run, only : solve_problem
+   use rk_scene, only : scene_type
+   use rk_text, only : to_text
+   implicit none
+   private
+
+   public :: refinement_type, refine
+
+   !> Length of an override
+   integer, parameter :: long = 512
+   !> Order of the bars in the spacing that is counted on
+   real(wp), parameter :: order = 2.0_wp
+   !> Part of the wanted error that is aimed at, so that one more lattice is seldom needed [-]
+   real(wp), parameter :: aim = 0.8_wp
+   !> Growth of the cells in a direction from one lattice to the next
+   real(wp), parameter :: most_growth = 2.0_wp
+   !> Power of the unknowns with which time grows, plane and space
+   real(wp), parameter :: growth_of_time(2:3) = [1.5_wp, 2.0_wp]
+   !> Lattices that are tried
+   integer, parameter :: most_levels = 12
+
+   !> What the search did
+   type :: refinement_type
+      !> Wanted bar over the size of a probe; 0 where nothing was wanted [-]
+      real(wp) :: wanted = 0.0_wp
+      !> It is met by the points that were found
+      logical :: met = .false.
+      !> How it ended, in words
+      character(len=:), allocatable :: reason
+      !> A line for each lattice
+      character(len=:), allocatable :: levels
+      !> CPU time of the search [s]
+      real(wp) :: seconds = 0.0_wp
+   end type refinement_type
+
+contains
+
+!> Find the points of a deck that has a table refine, and write them into it
+subroutine refine(self, deck, model, receiver, error)
+   !> What was done
+   type(refinement_type), intent(out) :: self
+   !> Deck, replaced by one with the points that were found
+   type(deck_type), intent(inout) :: deck
+   !> Points of the model file, where the deck wants one
+   type(cloud_type), intent(in) :: model
+   !> Receiver of the caller, told of each lattice and asked whether to stop
+   class(recorder_type), target, intent(inout) :: receiver
+   !> Error handling: a scene that cannot be refined, a solution that failed
+   type(error_type), allocatable, intent(out) :: error
+   type(scene_type), target :: scene
+   class(discretisation_type), allocatable :: problem
+   real(wp), allocatable :: answer(:, :)
+   type(bars_type) :: bars
+   type(deck_type) :: finer
+   real(wp) :: cost, start, before, now, worst, expected
+   real(wp), allocatable :: share(:, :)
+   integer, allocatable :: cells(:), next(:), limit(:)
+   logical, allocatable :: counts(:)
+   integer :: level, unknowns
+   character(len=:), allocatable :: line
+
+   if (.not. deck%has('refine')) return
+   call deck%get('refine.error', self%wanted)
+   call deck%get('refine.cost', cost)
+   self%levels = ''
+   call cpu_time(start)
+   before = start
+   do level = 1, most_levels
+      call new_scene(scene, deck, model, error)
+      if (allocated(error)) return
+      call check(scene, deck, error)
+      if (allocated(error)) return
+      call wanted_probes(deck, scene, counts, error)
+      if (allocated(error)) return
+      call cells_of(scene, cells, limit)
+      call new_problem(problem, scene, error)
+      if (allocated(error)) return
+      unknowns = problem%n
+      call solve(problem, scene, deck, model, receiver, answer, bars, error)
+      if (.not. allocated(error)) then
+         worst = maxval(relative(bars), mask=counts)
+         if (worst > self%wanted) call shares(problem, answer, deck, model, cells, bars, receiver, &
+            & share)
+      end if
+      call free_discretisation(problem)
+      deallocate (problem)
+      if (receiver%stopped()) call fatal_error(error, err_stopped, 'stopped while the points ' &
+         & //'were refined')
+      if (allocated(error)) return
+      call cpu_time(now)
+      line = 'refine '//to_text(level)//': '//list(merge(cells + 1, cells, &
+         & allocated(scene%cloud%lattice)))//merge(' points', ' blocks', &
+         & allocated(scene%cloud%lattice))//', '//scene%probe(maxloc(relative(bars), dim=1, &
+         & mask=counts))%name//' known to '//to_text(100.0_wp*worst, 2)//' %, '// &
+         & to_text(now - before, 2)//' CPU s'
+      self%levels = self%levels//line//new_line('a')
+      call receiver%note(line)
+      self%seconds = now - start
+      if (worst <= self%wanted) then
+         self%met = .true.
+         self%reason = 'the wanted error of '//to_text(100.0_wp*self%wanted, 3)//' % is met'
+         return
+      end if
+      next = next_cells(cells, share, relative(bars), counts, aim*self%wanted)
+      next = min(next, limit)
+      if (all(next == cells)) then
+         self%reason = 'the wanted error of '//to_text(100.0_wp*self%wanted, 3)//' % is not met: ' &
+            & //'every voxel has its own source points; give a label map of finer voxels'
+         return
+      end if
+      expected = (now - before)*(product(real(next, wp) + 1.0_wp) &
+         & /product(real(cells, wp) + 1.0_wp))**growth_of_time(scene%cloud%nd)
+      ! it would be solved here, and again as the answer
+      if (self%seconds + 2.0_wp*expected > cost) then
+         self%reason = 'the wanted error of '//to_text(100.0_wp*self%wanted, 3)//' % is not met: ' &
+            & //'the next points, '//list(next)//' cells, would take about ' &
+            & //to_text(self%seconds + 2.0_wp*expected, 2)//' CPU s, more than refine.cost'
+         return
+      end if
+      call deck%vary(words_of(deck, scene%cloud, next), finer, error)
+      if (allocated(error)) return
+      deck = finer
+      before = now
+   end do
+   self%reason = 'the wanted error of '//to_text(100.0_wp*self%wanted, 3)//' % is not met after ' &
+      & //to_text(most_levels)//' lattices'
+end subroutine refine
+
+!> Refuse what has no lattice of cells and no second solution
+subroutine check(scene, deck, error)
+   !> Scene
+   type(scene_type), intent(in) :: scene
+   !> Its deck
+   type(deck_type), intent(in) :: deck
+   !> Error handling: another form, a linear problem, no probes
+   type(error_type), allocatable, intent(out) :: error
+   character(len=:), allocatable :: complaint
+
+   if (allocated(scene%equation%kind)) then
+      complaint = 'is not for linear problems, whose solution is known'
+   else if (scene%method /= 'rkpm-gauss' .or. .not. (allocated(scene%cloud%lattice) &
+      & .or. allocated(scene%cloud%block))) then
+      complaint = 'needs scene.method = "rkpm-gauss" on a box, an annulus or a model of voxels'
+   else if (scene%programme%count() > 1) then
+      complaint = 'is not for load programmes: refine the deck of their largest load'
+   else if (size(scene%probe) == 0) then
+      complaint = 'needs a probe whose error is wanted'
+   else
+      return
+   end if
+   call fatal_error(error, err_input, deck%where('refine')//': refine: '//complaint)
+end subroutine check
+
+!> Probes whose error counts
+subroutine wanted_probes(deck, scene, counts, error)
+   !> Deck
+   type(deck_type), intent(in) :: deck
+   !> Its scene
+   type(scene_type), intent(in) :: scene
+   !> Whether each counts, shape (probes)
+   logical, allocatable, intent(out) :: counts(:)
+   !> Error handling: no such probe
+   type(error_type), allocatable, intent(out) :: error
+   character(len=:), allocatable :: name
+   integer :: i
+
+   allocate (counts(size(scene%probe)), source=.true.)
+   call deck%get('refine.probe', name)
+   if (name == '') return
+   do i = 1, size(counts)
+      counts(i) = scene%probe(i)%name == name
+   end do
+   if (.not. any(counts)) call fatal_error(error, err_input, deck%where('refine.probe') &
+      & //": refine.probe: there is no probe '"//name//"'")
+end subroutine wanted_probes
+
+!> Cells along each direction, and how many there may be
+subroutine cells_of(scene, cells, limit)
+   !> Scene
+   type(scene_type), intent(in) :: scene
+   !> Cells, shape (nd)
+   integer, allocatable, intent(out) :: cells(:)
+   !> At most, shape (nd)
+   integer, allocatable, intent(out) :: limit(:)
+
+   if (allocated(scene%cloud%lattice)) then
+      cells = scene%cloud%lattice - 1
+      limit = spread(huge(1)/4, 1, size(cells))
+   else
+      cells = maxval(scene%cloud%block, dim=2) + 1
+      limit = maxval(scene%cloud%voxels%index, dim=2) - minval(scene%cloud%voxels%index, dim=2) + 1
+   end if
+end subroutine cells_of
+
+!> Overrides for a number of cells
+function words_of(deck, cloud, cells) result(words)
+   !> Deck
+   type(deck_type), intent(in) :: deck
+   !> Its points
+   type(cloud_type), intent(in) :: cloud
+   !> Cells along each direction, shape (nd)
+   integer, intent(in) :: cells(:)
+   character(len=long), allocatable :: words(:)
+
+   if (allocated(cloud%lattice)) then
+      words = lattice_words(deck, cells + 1)
+   else
+      words = [character(len=long) :: 'geometry.blocks='//list(cells)]
+   end if
+end function words_of
+
+!> Solve a scene and its companion
+subroutine solve(problem, scene, deck, model, receiver, answer, bars, error)
+   !> Problem
+   class(discretisation_type), intent(inout) :: problem
+   !> Its scene
+   type(scene_type), intent(inout) :: scene
+   !> Its deck
+   type(deck_type), intent(in) :: deck
+   !> Points of the model file
+   type(cloud_type), intent(in) :: model
+   !> Receiver of the caller
+   class(recorder_type), target, intent(inout) :: receiver
+   !> Unknowns at full load, shape (n, 1)
+   real(wp), allocatable, intent(out) :: answer(:, :)
+   !> Bars
+   type(bars_type), intent(out) :: bars
+   !> Error handling: a solution failed
+   type(error_type), allocatable, intent(out) :: error
+   type(keeper_type) :: keeper
+   type(companion_type) :: companion
+   type(timer_type) :: timer
+
+   keeper%receiver => receiver
+   keeper%load = [1.0_wp]
+   allocate (keeper%x(problem%n, 1))
+   call solve_problem(problem, scene, '', keeper, timer, error)
+   if (allocated(error)) return
+   call move_alloc(keeper%x, answer)
+   call new_bars(bars, problem, keeper%load, answer, error)
+   if (allocated(error)) return
+   call solve_companion(companion, problem, keeper%load, answer, deck, model, receiver)
+   if (allocated(companion%why_not)) then
+      call fatal_error(error, err_input, deck%where('refine')//': refine: '//companion%why_not)
+      return
+   end if
+   call bars_by_other(bars, problem, companion%seen, merge(more_points, fewer_points, &
+      & companion%finer), companion%difference)
+end subroutine solve
+
+!> How much of each probe's bar comes from each direction
+subroutine shares(problem, answer, deck, model, cells, bars, receiver, share)
+   !> Problem
+   class(discretisation_type), intent(in) :: problem
+   !> Its unknowns at full load, shape (n, 1)
+   real(wp), contiguous, intent(in) :: answer(:, :)
+   !> Its deck
+   type(deck_type), intent(in) :: deck
+   !> Points of the model file
+   type(cloud_type), intent(in) :: model
+   !> Cells along each direction, shape (nd)
+   integer, intent(in) :: cells(:)
+   !> Bars
+   type(bars_type), intent(in) :: bars
+   !> Receiver of the caller
+   class(recorder_type), target, intent(inout) :: receiver
+   !> Shares, which add up to one, shape (nd, probes) [-]
+   real(wp), allocatable, intent(out) :: share(:, :)
+   type(companion_type) :: companion
+   integer :: d, i, n, other(size(cells))
+
+   associate (scene => problem%scene)
+      allocate (share(size(cells), size(scene%probe)))
+      do d = 1, size(cells)
+         other = cells
+         other(d) = other_number(cells(d) + 1, scene%approximation%order) - 1
+         companion = companion_type()
+         call solve_beside(companion, problem, [1.0_wp], answer, deck, [character(len=long) :: &
+            & 'load.steps=1', words_of(deck, scene%cloud, other)], model, receiver)
+         if (allocated(companion%why_not)) then
+            ! unknown: as much as all others
+            share(d, :) = 1.0_wp
+            cycle
+         end if
+         do i = 1, size(scene%probe)
+            n = quantity_size(scene%probe(i)%quantity)
+            share(d, i) = maxval(abs(bars%value(:n, i) - companion%seen%value(:n, i)))
+            ! with twice as many cells what is seen is a quarter of what half as many would show
+            if (other(d) > cells(d)) share(d, i) = 4.0_wp*share(d, i)
+         end do
+      end do
+      do i = 1, size(scene%probe)
+         share(:, i) = share(:, i) + tiny(1.0_wp)
+         share(:, i) = share(:, i)/sum(share(:, i))
+      end do
+   end associate
+end subroutine shares
+
+!> Bars over the sizes of their probes [-]
+pure function relative(bars) result(bar)
+   !> Bars
+   type(bars_type), intent(in) :: bars
+   real(wp) :: bar(size(bars%size))
+   integer :: i
+
+   do i = 1, size(bar)
+      bar(i) = maxval(bars%bar(:, i), mask=bars%bar(:, i) >= 0.0_wp) &
+         & /max(bars%size(i), tiny(1.0_wp))
+   end do
+end function relative
+
+!> Fewest cells with which all probes that count are known well enough, at most twice as many
+pure function next_cells(cells, share, bar, counts, wanted) result(next)
+   !> Cells, shape (nd)
+   integer, intent(in) :: cells(:)
+   !> Share of each direction, shape (nd, probes) [-]
+   real(wp), intent(in) :: share(:, :)
+   !> Bar of each probe [-]
+   real(wp), intent(in) :: bar(:)
+   !> Whether each counts
+   logical, intent(in) :: counts(:)
+   !> Bar that is wanted [-]
+   real(wp), intent(in) :: wanted
+   integer :: next(size(cells))
+   real(wp) :: part(size(cells)), left
+   logical :: grows(size(cells))
+   integer :: d, i
+
+   next = cells
+   do i = 1, size(bar)
+      if (.not. counts(i) .or. bar(i) <= wanted) cycle
+      part = bar(i)*share(:, i)
+      ! directions that err less than their part keep their cells, and leave more to the others
+      grows = .true.
+      do d = 1, size(cells)
+         left = (wanted - sum(part, mask=.not. grows))/count(grows)
+         if (all(part > left .or. .not. grows)) exit
+         grows = grows .and. part > left
+      end do
+      do d = 1, size(cells)
+         if (grows(d)) next(d) = max(next(d), ceiling(cells(d)*min(most_growth, &
+            & (part(d)/left)**(1.0_wp/order))))
+      end do
+   end do
+   ! pairs of cells share their pressures
+   where (next > cells) next = 2*((next + 1)/2)
+end function next_cells
+
+end module rk_refine

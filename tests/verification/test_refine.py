@@ -1,0 +1,118 @@
+"""Source points added until the error bars are as small as wanted."""
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from myork.core.deck import table_defaults
+from myork.core.scene import Scene
+from myork.errors import InputError
+from myork.records import Labels
+from myork.reference.materials import RUBBER
+from myork.report import make_report
+from myork.stations.build import build_cloud
+from myork.stations.solve import run_deck
+
+_RUBBER = {**RUBBER, "K": 1e3}
+#: Tip of the cantilever by felupe's quadratic elements, 4, 8 and 16 across, extrapolated
+_TIP = 1.6485
+
+
+def cantilever(**refine: Any) -> dict[str, Any]:
+    return {
+        "title": "Cantilever",
+        "units": {"force": "N", "length": "cm"},
+        "scene": {"dimension": 2},
+        "geometry": {"kind": "box", "size": [4, 1], "source": [9, 3], "collocation": [9, 3]},
+        "material": [_RUBBER],
+        "boundary": [{"set": "x0", "u_x": 0, "u_y": 0}, {"set": "x1", "traction": [0, 2.0]}],
+        "probe": [
+            {"name": "tip", "quantity": "u_y", "point": [4, 0.5]},
+            {"name": "shear", "quantity": "cauchy_xy", "point": [0.5, 0.25]},
+        ],
+        "refine": refine,
+    }
+
+
+@pytest.mark.parametrize("error", [0.01, 0.003])
+def test_the_wanted_error_of_a_tip_is_met(error) -> None:
+    with Scene.from_tables(cantilever(error=error, probe="tip")) as scene:
+        points = scene.source_points
+        states = scene.solve()
+        tip = scene.probes(states.x[-1:], np.ones(1))[0, 0, 0]
+    assert tip == pytest.approx(_TIP, rel=error)
+    assert states.probe_errors[-1, 0, 0] <= error * abs(tip)
+    # the stress that nobody wanted to know may still be in doubt
+    assert states.reasons[-1] == f"the wanted error of {100 * error:g} % is met"
+    # uniform cells that do are 16 and 32 along it
+    assert points < (17 * 5 if error == 0.01 else 33 * 9) * 1.45
+
+
+def test_all_probes_are_wanted_by_default_and_cost_ends_the_search() -> None:
+    with Scene.from_tables(cantilever(error=0.01, cost=0.15)) as scene:
+        states = scene.solve()
+    assert re.fullmatch(
+        r"the wanted error of 1 % is not met: the next points, \[\d+,\d+\] cells, would take "
+        r"about .* CPU s, more than refine\.cost",
+        states.reasons[-1],
+    )
+
+
+def test_the_summary_tells_each_lattice(tmp_path: Path) -> None:
+    summary = run_deck(cantilever(error=0.02, probe="tip"), tmp_path)
+    told = summary["refine"]
+    assert told["met"] and told["error"] == 0.02 and told["cpu_s"] > 0
+    assert told["levels"][0].startswith("refine 1: [9,3] points, tip known to ")
+    lattice = re.match(r"refine \d+: \[(\d+),(\d+)\]", told["levels"][-1])
+    assert lattice is not None
+    assert summary["deck"]["geometry"]["source"] == [int(n) for n in lattice.groups()]
+    assert summary["source_points"] == int(lattice[1]) * int(lattice[2])
+    assert json.loads((tmp_path / "summary.json").read_text())["refine"] == told
+    page = make_report(tmp_path).read_text(encoding="utf-8")
+    assert f"met after {len(told['levels'])} clouds" in page
+
+
+def bar(**refine: Any) -> Scene:
+    """A bar of 16 voxels along its axis, sheared."""
+    data = np.ones((4, 4, 16), np.int32)
+    cloud, _ = build_cloud(
+        Labels(data, np.diag([2.5] * 3 + [1.0])), None, table_defaults("build"), "cm"
+    )
+    tables = {
+        "scene": {"dimension": 3},
+        "material": [{**_RUBBER, "label": 1}],
+        "boundary": [
+            {"set": "bottom", "u_x": 0, "u_y": 0, "u_z": 0},
+            {"set": "top", "u_x": 0.5, "u_y": 0, "u_z": 0},
+        ],
+        "probe": [{"name": "force", "quantity": "force_x", "set": "top"}],
+        "refine": refine,
+    }
+    return Scene.from_tables(tables, cloud)
+
+
+def test_models_are_refined_up_to_their_voxels() -> None:
+    with bar(error=0.002) as scene:
+        states = scene.solve()
+        assert scene.source_points > 3 * 3 * 9
+    assert states.reasons[-1].endswith(
+        "every voxel has its own source points; give a label map of finer voxels"
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"refine": {"error": 0.01, "probe": "top"}}, "refine.probe: there is no probe 'top'"),
+        ({"scene": {"dimension": 2, "method": "rkcm-mixed"}}, r"refine\.error.*rkpm-gauss"),
+        ({"probe": []}, "refine: needs a probe"),
+        ({"refine": {"error": 0.0001}}, r"refine\.error"),
+    ],
+)
+def test_what_cannot_be_refined_is_refused(change, message) -> None:
+    with pytest.raises(InputError, match=message):
+        Scene.from_tables({**cantilever(error=0.01), **change}).close()
