@@ -20,6 +20,7 @@ PACKAGE = ROOT / "pydriver" / "myork"
 FORTRAN_LAYERS = [
     {"base"},
     {"expression", "linalg", "image", "programme"},
+    {"equation"},
     {"deck"},
     {"values"},
     {"solvers", "approximation", "material"},

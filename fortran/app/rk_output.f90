@@ -280,7 +280,12 @@ subroutine step(self, st, x)
    if (allocated(self%record(n + 1)%step%carried)) deallocate (self%record(n + 1)%step%carried)
    self%seconds = self%seconds + tick(clock)
    if (st%step == 0 .or. self%loaded_states() <= self%repeated) return
-   if (self%problem%is_linear()) then
+   if (allocated(self%problem%scene%motion)) then
+      write (line, '("time ", a, " of ", a, "  ", f0.1, " s")') to_text(st%load), &
+         & to_text(self%problem%scene%motion%end), self%last%seconds
+      call self%say(trim(line), level=1)
+      return
+   else if (self%problem%is_linear()) then
       write (line, '("linear: one least squares solve, ", a, "  relative |A''r| ", a, '// &
          & '"  ", f0.1, " s")') self%last%solver, to_power(st%gradient, 1), self%last%seconds
       call self%say(trim(line), level=0)

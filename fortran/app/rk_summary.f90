@@ -233,6 +233,13 @@ subroutine write_steps(json, problem, output, verdict)
          call json%put('min_J', record%step%min_j)
          call json%put('max_J', record%step%max_j)
          if (.not. record%step%planned) call json%put('planned', .false.)
+         if (allocated(record%step%energy)) then
+            call json%begin_object('energy')
+            call json%put('kinetic', record%step%energy(1))
+            call json%put('strain', record%step%energy(2))
+            call json%put('work', record%step%energy(3))
+            call json%end_object()
+         end if
          if (record%step%acoustic_point > 0) then
             call json%begin_object('min_acoustic')
             call json%put('value', record%step%min_acoustic)

@@ -2,6 +2,7 @@
 #include "deck.h"
 
 #include <algorithm>
+#include <cmath>
 
 namespace rk {
 
@@ -13,6 +14,8 @@ static bool is_one_of(const std::string &word, const Words &list) {
 
 // Without [linear] nothing may be there that only linear problems have
 static void check_without(Deck &deck, int dimension) {
+   if (const Section *dynamics = deck.single("dynamics"))
+      deck.complain(dynamics->origin, "dynamics", "only for linear problems: [linear] is missing");
    for (Section *pin : deck.entries("pin"))
       deck.complain(pin->origin, deck.address(*pin), "only for linear problems");
    for (Section *boundary : deck.entries("boundary")) {
@@ -49,6 +52,9 @@ static void check_known(Deck &deck, const Section &linear, int dimension) {
          deck.complain(value->origin, deck.address(linear, key),
                        "an expression is only for solution = none; here solution = " + solution);
    }
+   if (const Section *dynamics = deck.single("dynamics"))
+      deck.complain(dynamics->origin, "dynamics",
+                    "needs loads of its own, linear.solution = none; here solution = " + solution);
    for (Section *boundary : deck.entries("boundary"))
       deck.complain(boundary->origin, deck.address(*boundary),
                     "has no place in a linear problem with solution = " + solution +
@@ -83,6 +89,14 @@ static void check_own(Deck &deck, const Section &linear, int dimension) {
                               (fields == 1 ? "" : "s") + ", one for each unknown, not " +
                               std::to_string(value->items.size()));
       }
+   }
+   if (const Section *dynamics = deck.single("dynamics")) {
+      const Value *step = dynamics->find("time_step"), *end = dynamics->find("end_time");
+      const double steps = step && end ? end->number() / step->number() : 1.0;
+      if (std::round(steps) < 1.0 || std::abs(steps - std::round(steps)) > 1e-6 * steps)
+         deck.complain(end->origin, "dynamics.end_time",
+                       "must be a whole number of time steps of " + step->plain() + ", not " +
+                           end->plain());
    }
    const Value *ratio = linear.find("nu");
    if (!scalar && dimension == 1 && ratio)

@@ -80,6 +80,9 @@ module rk_recorder
       integer :: acoustic_point = 0
       !> Whether the load was asked for; false for the last state before a failure
       logical :: planned = .true.
+      !> Kinetic and strain energy, and work of the loads since the start, of linear dynamics;
+      !> otherwise not allocated [force length]
+      real(wp), allocatable :: energy(:)
       !> What the next load step begins with, not allocated behind the last one
       type(carried_type), allocatable :: carried
    end type step_type

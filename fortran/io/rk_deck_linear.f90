@@ -66,6 +66,7 @@ subroutine read_linear(scene, deck, error)
       end do
    end associate
    call read_conditions(scene, deck, error)
+   if (deck%has('dynamics')) call read_motion(scene, deck)
    ! no materials or load steps
    allocate (scene%tissue(0), scene%tissue_of(0))
    scene%load%steps = 1
@@ -73,5 +74,30 @@ subroutine read_linear(scene, deck, error)
    scene%load%amplitude = 0
    if (.not. allocated(error)) call set_essential_weight(scene, error)
 end subroutine read_linear
+
+!> Masses, times and the start of a motion
+subroutine read_motion(scene, deck)
+   !> Scene
+   type(scene_type), intent(inout) :: scene
+   !> Deck
+   type(deck_type), intent(in) :: deck
+   character(len=:), allocatable :: word
+
+   allocate (scene%motion)
+   associate (motion => scene%motion)
+      call read_value(deck, 'dynamics.density', motion%density, motion%density_of)
+      call deck%get('dynamics.time_step', motion%step)
+      call deck%get('dynamics.end_time', motion%end)
+      call deck%get('dynamics.every', motion%every)
+      call deck%get('dynamics.mass', word)
+      motion%lumped = word == 'lumped'
+      if (deck%is_text('solver.weight_essential')) then
+         call deck%get('solver.weight_essential', word)
+         motion%published = word == 'ns-c4'
+      end if
+      call read_values(deck, 'dynamics.displacement', motion%displacement, motion%displacement_of)
+      call read_values(deck, 'dynamics.velocity', motion%velocity, motion%velocity_of)
+   end associate
+end subroutine read_motion
 
 end module rk_deck_linear

@@ -3,9 +3,10 @@
 !>
 !> They come in pairs, lambda and mu; a conductivity stands in the place of mu.
 module rk_coefficients
+   use rk_equation, only : equation_type
    use rk_error, only : error_type, fatal_error, err_input
    use rk_precision, only : wp
-   use rk_scene, only : equation_type, scene_type
+   use rk_scene, only : scene_type
    use rk_shape, only : approximation_type, new_shape, shape_type
    use rk_text, only : to_text
    implicit none

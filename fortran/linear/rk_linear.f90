@@ -13,11 +13,12 @@ module rk_linear
    use rk_coefficients, only : coefficient_at, coefficients_type, moduli, new_coefficients
    use rk_conditions, only : boundary_type, new_boundary
    use rk_discretisation, only : discretisation_type
+   use rk_equation, only : equation_type
    use rk_error, only : error_type, fatal_error, err_input
    use rk_precision, only : wp
    use rk_problem, only : evaluation_type
    use rk_rows, only : new_rows
-   use rk_scene, only : condition_type, equation_type, scene_type
+   use rk_scene, only : condition_type, scene_type
    use rk_solutions, only : exact_field, source_at
    use rk_states, only : field_state, point_state
    use rk_strong, only : strong_problem
@@ -125,6 +126,8 @@ subroutine find_boundary(self, error)
          where (equation%pin(k)%fixed(:cloud%nd)) self%boundary%essential(:, b) = .true.
       end do
    end associate
+   ! what moves need not be held
+   if (allocated(self%scene%motion)) return
    if (.not. any(self%boundary%essential(:self%fields, :))) call fatal_error(error, err_input, &
       & 'linear: no value is prescribed anywhere: '//trim(merge('give u in a [[boundary]]      ', &
       & 'name sides in linear.essential', self%scene%equation%is_own()))//', or give a pin')

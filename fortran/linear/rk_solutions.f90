@@ -7,9 +7,9 @@
 !>             Timoshenko, Goodier, Theory of Elasticity, McGraw-Hill (1970), section 21
 module rk_solutions
    use rk_basis, only : second_index
+   use rk_equation, only : equation_type
    use rk_error, only : error_type
    use rk_precision, only : pi, wp
-   use rk_scene, only : equation_type
    implicit none
    private
 

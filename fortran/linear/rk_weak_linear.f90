@@ -31,6 +31,8 @@ module rk_weak_linear
    private
 
    public :: weak_linear_problem, new_weak_linear
+   ! parts of the loads, for motions
+   public :: add_given, body_force, lift_at, surface_at
 
    !> Linear problem of a scene
    type, extends(discretisation_type) :: weak_linear_problem
@@ -49,6 +51,8 @@ module rk_weak_linear
       !> Stiffness, and what stands against it at full load, shape (n, 1)
       type(symmetric_matrix) :: matrix
       real(wp), allocatable :: force(:, :)
+      !> Entries of the penalty in the places of the stiffness, of which they are a part
+      real(wp), allocatable :: penalty(:)
    contains
       procedure :: is_linear
       procedure :: evaluate
@@ -114,7 +118,9 @@ subroutine new_weak_linear(self, scene, error)
       & self%force(:, 1))
    if (allocated(error)) return
    call add_pins(self, scene%galerkin%penalty*maxval(stiffness))
+   if (allocated(scene%motion)) self%penalty = self%matrix%value
    call add_groups(self)
+   call add_given(self, self%gradient, self%force(:, 1))
 end subroutine new_weak_linear
 
 !> Moduli c(i, A, k, B) without lambda at an integration point, shape (nd, nd, nd, nd); of a scalar
@@ -314,13 +320,12 @@ subroutine add_pins(self, stiffness)
    end do
 end subroutine add_pins
 
-!> Add the stiffness of all groups, and the forces of the essential values in the gradients
+!> Add the stiffness of all groups
 subroutine add_groups(self)
    !> Problem
    type(weak_linear_problem), intent(inout) :: self
-   real(wp), allocatable :: part(:, :), volume(:, :), c4(:, :, :, :, :), force(:, :)
-   real(wp) :: given(size(self%pressure%total, 1)), p(3, 3)
-   integer :: b, g, k, members, n, nd, o, q
+   real(wp), allocatable :: part(:, :), volume(:, :), c4(:, :, :, :, :)
+   integer :: b, g, members, n, nd, o, q
 
    nd = self%shape%nd
    do g = 1, size(self%cells%first) - 1
@@ -331,11 +336,49 @@ subroutine add_groups(self)
          & self%gradient%member%offset(g + 1)))
          members = size(member)
          allocate (part(nd*members, nd*members), volume(nd*members, b), source=0.0_wp)
-         allocate (c4(3, 3, 3, 3, n), force(nd, members), source=0.0_wp)
+         allocate (c4(3, 3, 3, 3, n), source=0.0_wp)
+         do q = 1, n
+            associate (w => self%cells%weight(o + q))
+               c4(:nd, :nd, :nd, :nd, q) = w*modulus(self, o + q)
+               if (self%fields > 1) call self%gradient%add_work(o + q, w*identity, &
+                  & self%pressure%basis(:b, o + q), volume)
+            end associate
+         end do
+         call dsyrk('u', 'n', nd*members, b, self%lambda, volume, nd*members, 0.0_wp, part, &
+            & nd*members)
+         call self%gradient%add_stiffness(o, c4, part)
+         if (self%fields < nd) part = part(1::nd, 1::nd)
+         call self%matrix%add(self%matrix%value, member, part)
+      end associate
+      deallocate (part, volume, c4)
+   end do
+end subroutine add_groups
+
+!> Add the forces of the essential values that are lifted into the gradients
+subroutine add_given(self, lift, total)
+   !> Problem
+   class(weak_linear_problem), intent(in) :: self
+   !> Gradients, of which what is given counts
+   type(gradient_type), intent(in) :: lift
+   !> Forces, to which these are added, shape (n)
+   real(wp), intent(inout) :: total(:)
+   real(wp), allocatable :: volume(:, :), force(:, :)
+   real(wp) :: given(size(self%pressure%total, 1)), p(3, 3)
+   integer :: b, g, k, members, n, nd, o, q
+
+   nd = self%shape%nd
+   do g = 1, size(self%cells%first) - 1
+      o = self%cells%first(g)
+      n = self%cells%first(g + 1) - o
+      if (.not. any(abs(lift%given(:, :, o + 1:o + n, 1)) > 0.0_wp)) cycle
+      b = self%pressure%count(g)
+      associate (member => self%gradient%member%index(self%gradient%member%offset(g) + 1: &
+         & self%gradient%member%offset(g + 1)))
+         members = size(member)
+         allocate (volume(nd*members, b), force(nd, members), source=0.0_wp)
          given = 0.0_wp
          do q = 1, n
-            associate (w => self%cells%weight(o + q), h => self%gradient%given(:, :, o + q, 1))
-               c4(:nd, :nd, :nd, :nd, q) = w*modulus(self, o + q)
+            associate (w => self%cells%weight(o + q), h => lift%given(:, :, o + q, 1))
                p = 0.0_wp
                p(:nd, :nd) = w*stress(modulus(self, o + q), h)
                call self%gradient%add_force(o + q, p, force)
@@ -346,20 +389,40 @@ subroutine add_groups(self)
             end associate
          end do
          force = force + self%lambda*reshape(matmul(volume, given(:b)), shape(force))
-         call dsyrk('u', 'n', nd*members, b, self%lambda, volume, nd*members, 0.0_wp, part, &
-            & nd*members)
-         call self%gradient%add_stiffness(o, c4, part)
          do k = 1, members
-            associate (own => self%force(self%fields*(member(k) - 1) + 1:self%fields*member(k), 1))
+            associate (own => total(self%fields*(member(k) - 1) + 1:self%fields*member(k)))
                own = own - force(:self%fields, k)
             end associate
          end do
-         if (self%fields < nd) part = part(1::nd, 1::nd)
-         call self%matrix%add(self%matrix%value, member, part)
       end associate
-      deallocate (part, volume, c4, force)
+      deallocate (volume, force)
    end do
-end subroutine add_groups
+end subroutine add_given
+
+!> What is lifted into the gradients at a time
+subroutine lift_at(self, time, lift, error)
+   !> Problem
+   class(weak_linear_problem), intent(in) :: self
+   !> Time
+   real(wp), intent(in) :: time
+   !> Gradients of which only what is given is there
+   type(gradient_type), intent(out) :: lift
+   !> Error handling: an expression without a value somewhere
+   type(error_type), allocatable, intent(out) :: error
+   logical :: fixed(self%fields, size(self%cells%set))
+   logical :: essential(self%shape%nd, size(self%cells%set))
+   real(wp), allocatable :: value(:, :, :), traction(:, :, :), whole(:, :, :)
+
+   call surface_at(self, time, fixed, value, traction, error)
+   if (allocated(error)) return
+   essential = .false.
+   essential(:self%fields, :) = fixed
+   allocate (whole(1, self%shape%nd, size(self%cells%set)), source=0.0_wp)
+   whole(:, :self%fields, :) = value
+   lift%nd = self%shape%nd
+   lift%start = self%gradient%start
+   call lift%set_essential(self%cells, essential, whole)
+end subroutine lift_at
 
 !> Whether residuals are linear in the unknowns
 pure logical function is_linear(self)
@@ -430,6 +493,8 @@ subroutine state(self, x, load, at)
    real(wp), intent(in) :: load
    !> State
    type(field_state), intent(out) :: at
+   type(gradient_type) :: lift
+   type(error_type), allocatable :: error
    real(wp), allocatable :: local(:, :)
    real(wp), allocatable :: h(:, :, :)
    integer :: b, g, k, n, nd, o, q
@@ -438,6 +503,11 @@ subroutine state(self, x, load, at)
    at%x = x
    at%load = load
    at%factor = [load]
+   ! of a motion the load is the time; its expressions had values then
+   if (allocated(self%scene%motion)) then
+      at%factor = [0.0_wp]
+      call lift_at(self, load, lift, error)
+   end if
    allocate (at%p(3, 3, size(self%cells%weight)), source=0.0_wp)
    allocate (at%pressure, mold=self%pressure%total)
    at%pressure = 0.0_wp
@@ -453,6 +523,7 @@ subroutine state(self, x, load, at)
          end do
          do q = 1, n
             call self%gradient%at(o + q, local, at%factor, h(:, :, q))
+            if (allocated(lift%given)) h(:, :, q) = h(:, :, q) + lift%given(:, :, o + q, 1)
             value = value + self%lambda*self%cells%weight(o + q) &
                & *sum([(h(k, k, q), k=1, nd)])*self%pressure%basis(:b, o + q)
          end do

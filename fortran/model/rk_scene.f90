@@ -1,6 +1,7 @@
 !> A scene: what is modelled, as plain data.
 module rk_scene
    use rk_cloud, only : cloud_type
+   use rk_equation, only : equation_type, motion_type
    use rk_error, only : error_type
    use rk_expression, only : expression_type
    use rk_material, only : material_type
@@ -13,7 +14,6 @@ module rk_scene
    private
 
    public :: scene_type, tissue_type, condition_type, probe_type, exact_type, reference_type
-   public :: equation_type, pin_type
 
    !> A material and the label of the points it fills
    type :: tissue_type
@@ -97,57 +97,6 @@ module rk_scene
       character(len=:), allocatable :: source
    end type reference_type
 
-   !> A boundary point where components of a linear problem's solution are prescribed
-   type :: pin_type
-      !> Place [length]
-      real(wp) :: point(3) = 0.0_wp
-      !> Components
-      logical :: fixed(3) = .false.
-   end type pin_type
-
-   !> A linear problem, with a known solution or with loads of its own
-   type :: equation_type
-      !> poisson or elasticity; not allocated in nonlinear scenes
-      character(len=:), allocatable :: kind
-      !> Name of the solution; none where source and conditions are those of the deck
-      character(len=:), allocatable :: solution
-      !> Then what the solution is, where somebody knows, by component
-      type(expression_type) :: exact_of(3)
-      !> and the source or body force, a number or an expression for each component
-      !> [force/length^3]
-      real(wp) :: source(3) = 0.0_wp
-      type(expression_type) :: source_of(3)
-      !> Degree of a polynomial solution
-      integer :: degree = 0
-      !> Young's modulus [force/length^2] and Poisson's ratio [-]
-      real(wp) :: young = 1.0_wp
-      real(wp) :: poisson_ratio = 0.0_wp
-      !> Conductivity of Poisson's problem
-      real(wp) :: conductivity = 1.0_wp
-      !> Expressions in their place
-      type(expression_type) :: young_of, ratio_of, conductivity_of
-      !> Support of functions that interpolate the coefficients between source points, in spacings;
-      !> 0 for the coefficients themselves [-]
-      real(wp) :: smoothing = 0.0_wp
-      !> Plane stress instead of plane strain
-      logical :: plane_stress = .false.
-      !> Shear force on the end of the cantilever, per thickness [force/length]
-      real(wp) :: force = 0.0_wp
-      !> Size of the body [length]
-      real(wp) :: extent(3) = 1.0_wp
-      !> Boundary sets where the solution's values are prescribed; elsewhere its flux is
-      integer, allocatable :: essential(:)
-      !> Single points where they are
-      type(pin_type), allocatable :: pin(:)
-   contains
-      !> Whether its coefficients vary over the body
-      procedure :: varies
-      !> Whether the deck has the loads, and not the solution
-      procedure :: is_own
-      !> Whether a solution is known
-      procedure :: is_known
-   end type equation_type
-
    !> Everything a solve needs
    type :: scene_type
       !> What is modelled
@@ -164,6 +113,8 @@ module rk_scene
       type(interface_options) :: interface
       !> Linear problem, instead of materials, conditions and loads
       type(equation_type) :: equation
+      !> Its motion, not allocated where it is at rest
+      type(motion_type), allocatable :: motion
       !> Materials
       type(tissue_type), allocatable :: tissue(:)
       !> Material of each collocation point, shape (nc)
@@ -272,30 +223,6 @@ pure logical function has_own_activations(self) result(own)
          & .or. abs(self%tissue(k)%activation - self%load%activation) > 0.0_wp
    end do
 end function has_own_activations
-
-!> Whether the coefficients vary over the body
-pure logical function varies(self)
-   !> Equation
-   class(equation_type), intent(in) :: self
-
-   varies = self%young_of%given() .or. self%ratio_of%given() .or. self%conductivity_of%given()
-end function varies
-
-!> Whether the deck has the loads, and not the solution
-pure logical function is_own(self)
-   !> Equation
-   class(equation_type), intent(in) :: self
-
-   is_own = self%solution == 'none'
-end function is_own
-
-!> Whether a solution is known
-pure logical function is_known(self)
-   !> Equation
-   class(equation_type), intent(in) :: self
-
-   is_known = .not. self%is_own() .or. self%exact_of(1)%given()
-end function is_known
 
 !> Whether displacements are prescribed that are not the same everywhere
 pure logical function moves_unevenly(self)

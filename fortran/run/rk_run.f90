@@ -7,7 +7,9 @@ module rk_run
    use rk_error, only : error_type, fatal_error, err_convergence
    use rk_error_norms, only : error_norms, norms_type
    use rk_force, only : set_forces
+   use rk_linear, only : linear_problem
    use rk_linear_solve, only : solve_linear
+   use rk_motion, only : march
    use rk_newton, only : newton_type
    use rk_precision, only : i8, wp
    use rk_problem, only : problem_type
@@ -15,7 +17,10 @@ module rk_run
    use rk_scene, only : scene_type
    use rk_states, only : field_state, point_state
    use rk_static, only : solve_static
+   use rk_strong_motion, only : new_strong_motion, strong_motion
    use rk_text, only : to_text
+   use rk_weak_linear, only : weak_linear_problem
+   use rk_weak_motion, only : new_weak_motion, weak_motion
    implicit none
    private
 
@@ -153,7 +158,10 @@ subroutine solve_problem(problem, scene, linear, recorder, timer, error, start)
    newton%max_iterations = scene%solver%max_iterations
    allocate (x(problem%n), source=0.0_wp)
    call system_clock(timer%start)
-   if (problem%is_linear()) then
+   if (problem%is_linear() .and. allocated(scene%motion)) then
+      call solve_motion(problem, scene, x, recorder, timer, error)
+      return
+   else if (problem%is_linear()) then
       call solve_linear(problem, newton%linear, x, recorder, timer, error)
       return
    end if
@@ -166,6 +174,35 @@ subroutine solve_problem(problem, scene, linear, recorder, timer, error, start)
    call solve_static(problem, newton, scene%programme%plan(scene%load%steps), &
       & scene%load%max_halvings, x, recorder, timer, error, last)
 end subroutine solve_problem
+
+!> March a linear problem through time
+subroutine solve_motion(problem, scene, x, recorder, timer, error)
+   !> Problem
+   class(problem_type), target, intent(inout) :: problem
+   !> Scene with a motion
+   type(scene_type), intent(in) :: scene
+   !> Unknowns at the end, shape (n)
+   real(wp), contiguous, intent(inout) :: x(:)
+   !> Receiver of states
+   class(recorder_type), intent(inout) :: recorder
+   !> Wall times
+   type(timer_type), intent(inout) :: timer
+   !> Error handling: a step that is not stable
+   type(error_type), allocatable, intent(out) :: error
+   type(weak_motion) :: weak
+   type(strong_motion) :: strong
+
+   select type (problem)
+   type is (weak_linear_problem)
+      call new_weak_motion(weak, problem, error)
+      if (.not. allocated(error)) call march(weak, scene%motion, 'central differences', x, &
+         & recorder, timer, error)
+   type is (linear_problem)
+      call new_strong_motion(strong, problem, error)
+      if (.not. allocated(error)) call march(strong, scene%motion, 'central differences', x, &
+         & recorder, timer, error)
+   end select
+end subroutine solve_motion
 
 !> Keep a warning and tell it
 subroutine warn(self, line, recorder)

@@ -40,6 +40,8 @@ module rk_symmetric
       procedure :: compressed
       procedure :: entries
       procedure :: solve_square
+      !> Solve with other entries in the same places
+      procedure :: solve_with
       !> Add a dense part
       procedure :: add
       !> Product of other entries in the same places with a vector

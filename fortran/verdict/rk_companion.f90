@@ -193,6 +193,10 @@ subroutine choose(self, scene, deck, points, words)
    words = [character(len=long) :: 'load.steps='//to_text(steps), &
       & 'load.max_halvings='//to_text(max(scene%load%max_halvings, halvings))]
    self%same_points = index(scene%method, 'rkcm') == 1
+   if (self%same_points .and. allocated(scene%motion)) then
+      self%why_not = 'motions by collocation have no second solution'
+      return
+   end if
    if (self%same_points) then
       self%method = 'rkpm-scni'
       if (allocated(scene%cloud%lattice) .and. .not. scene%cloud%jittered) &

@@ -1,0 +1,174 @@
+!> Linear dynamics by central differences, thesis (6.36)-(6.43).
+!>
+!> A form turns the state of two times into that of the next; what is common to the forms stands
+!> here: the march through time, the states that are written, and the end of what is not stable.
+module rk_motion
+   use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
+   use rk_clock, only : tick, timer_type
+   use rk_equation, only : motion_type
+   use rk_error, only : error_type, fatal_error, err_convergence, err_input, err_stopped
+   use rk_precision, only : i8, wp
+   use rk_recorder, only : iteration_type, recorder_type, step_type
+   use rk_text, only : to_text
+   implicit none
+   private
+
+   public :: moving_type, march
+
+   !> A body in motion
+   type, abstract :: moving_type
+      !> Unknowns
+      integer :: n = 0
+   contains
+      !> Coefficients at the start, and one time step later
+      procedure(start_interface), deferred :: start
+      !> Coefficients at the next time
+      procedure(advance_interface), deferred :: advance
+      !> Largest time step that is stable
+      procedure(limit_interface), deferred :: limit
+      !> Kinetic and strain energy, and the work of the loads since the start
+      procedure(energy_interface), deferred :: energy
+   end type moving_type
+
+   abstract interface
+      subroutine start_interface(self, first, second, error)
+         import :: moving_type, error_type, wp
+         !> Body
+         class(moving_type), intent(inout) :: self
+         !> Coefficients at both times, shape (n)
+         real(wp), contiguous, intent(inout) :: first(:), second(:)
+         !> Error handling
+         type(error_type), allocatable, intent(out) :: error
+      end subroutine start_interface
+      subroutine advance_interface(self, before, now, time, next, error)
+         import :: moving_type, error_type, wp
+         !> Body
+         class(moving_type), intent(inout) :: self
+         !> Coefficients at the last two times, shape (n)
+         real(wp), contiguous, intent(in) :: before(:), now(:)
+         !> The later one of these times
+         real(wp), intent(in) :: time
+         !> Coefficients one time step later, shape (n)
+         real(wp), contiguous, intent(inout) :: next(:)
+         !> Error handling
+         type(error_type), allocatable, intent(out) :: error
+      end subroutine advance_interface
+      subroutine limit_interface(self, step, found, error)
+         import :: moving_type, error_type, wp
+         !> Body
+         class(moving_type), intent(inout) :: self
+         !> Largest stable step
+         real(wp), intent(out) :: step
+         !> Whether it is known
+         logical, intent(out) :: found
+         !> Error handling
+         type(error_type), allocatable, intent(out) :: error
+      end subroutine limit_interface
+      function energy_interface(self, now, next) result(energy)
+         import :: moving_type, wp
+         !> Body
+         class(moving_type), intent(in) :: self
+         !> Coefficients at two times, shape (n)
+         real(wp), contiguous, intent(in) :: now(:), next(:)
+         real(wp) :: energy(3)
+      end function energy_interface
+   end interface
+
+   !> Growth of the unknowns beyond which a motion has blown up [-]
+   real(wp), parameter :: blown_up = 1.0e8_wp
+
+contains
+
+!> March through time
+subroutine march(body, motion, method, x, recorder, timer, error)
+   !> Body
+   class(moving_type), intent(inout) :: body
+   !> Time step, end and states that are written
+   type(motion_type), intent(in) :: motion
+   !> Name of the form
+   character(len=*), intent(in) :: method
+   !> Coefficients at the end, shape (n)
+   real(wp), contiguous, intent(inout) :: x(:)
+   !> Receiver of the states
+   class(recorder_type), intent(inout) :: recorder
+   !> Wall times
+   type(timer_type), intent(inout) :: timer
+   !> Error handling: a step that is not stable, a stop
+   type(error_type), allocatable, intent(out) :: error
+   real(wp), allocatable :: before(:), now(:), next(:)
+   type(iteration_type) :: it
+   real(wp) :: largest, limit
+   integer(i8) :: clock
+   integer :: k, steps
+   logical :: known
+
+   call system_clock(clock)
+   allocate (before(body%n), now(body%n), next(body%n))
+   steps = nint(motion%end/motion%step)
+   call body%limit(limit, known, error)
+   if (.not. allocated(error) .and. known) then
+      call recorder%note('largest stable time step '//to_text(limit, 4)//', used ' &
+         & //to_text(motion%step, 4))
+      if (motion%step > limit) call fatal_error(error, err_input, 'dynamics.time_step: ' &
+         & //to_text(motion%step)//' is not stable, central differences allow ' &
+         & //'at most '//to_text(limit, 4)//' with these points')
+   end if
+   timer%assemble = tick(clock)
+   if (.not. allocated(error)) call body%start(before, now, error)
+   if (allocated(error)) return
+   largest = max(maxval(abs(before)), maxval(abs(now)))
+   do k = 1, steps
+      call body%advance(before, now, k*motion%step, next, error)
+      if (allocated(error)) return
+      if (recorder%stopped()) then
+         call fatal_error(error, err_stopped, 'stopped at time '//to_text(k*motion%step))
+         return
+      end if
+      ! a comparison that a NaN fails; loads make motions grow in proportion to time
+      if (.not. maxval(abs(next)) <= blown_up*max(largest, tiny(1.0_wp))) then
+         call fatal_error(error, err_convergence, 'the motion blows up at time ' &
+            & //to_text(k*motion%step)//': take a smaller dynamics.time_step, or method ' &
+            & //'"rkpm-gauss", whose limit is known')
+         return
+      end if
+      if (k <= 2) largest = max(largest, maxval(abs(next)))
+      if (mod(k, motion%every) == 0 .or. k == steps) then
+         it%step = k
+         it%load = k*motion%step
+         it%iteration = 1
+         it%solver = method
+         it%why = 'central differences'
+         it%seconds = tick(timer%start)
+         it%rcond = 1.0_wp
+         call recorder%iteration(it)
+         call tell(k)
+      end if
+      before = now
+      now = next
+   end do
+   x = before
+   timer%solve = tick(clock)
+
+contains
+
+   !> Hand over the state at time step k
+   subroutine tell(k)
+      integer, intent(in) :: k
+      type(step_type) :: st
+      real(wp) :: none
+
+      ! small strains have no volume ratio
+      none = ieee_value(none, ieee_quiet_nan)
+      st%step = k
+      st%steps = steps
+      st%load = k*motion%step
+      st%iterations = 1
+      st%min_j = none
+      st%max_j = none
+      st%energy = body%energy(now, next)
+      call recorder%step(st, now)
+   end subroutine tell
+
+end subroutine march
+
+end module rk_motion

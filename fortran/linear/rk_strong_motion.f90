@@ -1,0 +1,292 @@
+!> Motion of a body by collocation, (6.38)-(6.43): rows of mass inside, rows of the boundary at the
+!> new time, solved in the least squares sense at each step by the pseudo-inverse.
+!>
+!> Essential rows of weight (6.41b) let the motion grow by 4e-4 a step where a string is marched
+!> with steps of 0.2, and by 2e-2 with steps of 0.02; with 100 times the density it is below 2e-7,
+!> and so is "balanced" here. The published weight is that of "ns-c4".
+module rk_strong_motion
+   use rk_equation, only : motion_type
+   use rk_error, only : error_type, fatal_error, err_memory
+   use rk_lapack, only : svd
+   use rk_linear, only : linear_problem
+   use rk_motion, only : moving_type
+   use rk_precision, only : wp
+   use rk_spectrum, only : spectral_radius
+   use rk_text, only : to_text
+   implicit none
+   private
+
+   public :: strong_motion, new_strong_motion
+
+   !> Equations of the dense pseudo-inverse at most, and unknowns of the stability limit
+   integer, parameter :: most_rows = 5000, most_judged = 400
+   !> Essential rows in densities; growth of a whole motion that counts as stable [-]
+   real(wp), parameter :: heavy = 100.0_wp, harmless = 1.05_wp
+
+   !> Body in motion
+   type, extends(moving_type) :: strong_motion
+      !> Problem with its rows
+      type(linear_problem), pointer :: problem => null()
+      !> What moves it
+      type(motion_type) :: motion
+      !> Pseudo-inverse of the rows, shape (n, m)
+      real(wp), allocatable :: inverse(:, :)
+      !> Density of each row inside, shape (rows inside)
+      real(wp), allocatable :: density(:)
+      !> Weight over that of the static problem of each row on the boundary, shape (m)
+      real(wp), allocatable :: weight(:)
+      !> Values of the fields at the rows' points, and rows of the operator, shape (m, n)
+      real(wp), allocatable :: values(:, :), operator(:, :)
+      !> Loads inside and boundary values, shape (m)
+      real(wp), allocatable :: side(:)
+   contains
+      procedure :: start
+      procedure :: advance
+      procedure :: limit
+      procedure :: energy
+   end type strong_motion
+
+contains
+
+!> Set up the motion of a problem
+subroutine new_strong_motion(self, problem, error)
+   !> Body
+   type(strong_motion), intent(out) :: self
+   !> Problem
+   type(linear_problem), target, intent(inout) :: problem
+   !> Error handling: too many rows for a dense matrix, a density that is not positive
+   type(error_type), allocatable, intent(out) :: error
+   real(wp), allocatable :: a(:, :), unit(:)
+   real(wp), allocatable :: u(:, :)
+   real(wp) :: density, natural, modulus
+   integer :: b, i, j, row
+
+   self%problem => problem
+   self%motion = problem%scene%motion
+   self%n = problem%n
+   if (problem%m > most_rows) then
+      call fatal_error(error, err_memory, 'motions by collocation take a dense matrix of at most ' &
+         & //to_text(most_rows)//' rows, not '//to_text(problem%m)//': use method "rkpm-gauss"')
+      return
+   end if
+   allocate (self%values(problem%m, self%n), self%operator(problem%m, self%n), unit(self%n), &
+      & source=0.0_wp)
+   allocate (self%weight(problem%m), self%density(problem%m), source=1.0_wp)
+   allocate (self%side(problem%m), source=0.0_wp)
+   allocate (u(problem%fields, problem%shape%nq))
+   do j = 1, self%n
+      unit = 0.0_wp
+      unit(j) = 1.0_wp
+      call problem%rows%apply(unit, self%operator(:, j))
+      do b = 1, size(problem%rows%place)
+         call problem%shape%interpolate(problem%rows%place(b), unit, 1, 1, u)
+         row = problem%rows%row(b)
+         self%values(row + 1:row + problem%fields, j) = u(:, 1)
+      end do
+   end do
+   a = self%operator
+   modulus = maxval(problem%coefficient%pair)
+   do b = 1, size(problem%rows%place)
+      row = problem%rows%row(b)
+      call self%motion%density_at(problem%scene%cloud%points(:, problem%rows%place(b)), density, &
+         & error)
+      if (allocated(error)) return
+      self%density(row + 1:row + problem%fields) = density
+      do i = 1, problem%fields
+         if (b <= problem%inside) then
+            a(row + i, :) = density*self%values(row + i, :)
+            cycle
+         end if
+         ! the rows have the weights of the static problem
+         natural = heavy*density*problem%scene%cloud%mean_spacing()/modulus
+         if (problem%boundary%essential(i, b - problem%inside)) then
+            self%weight(row + i) = essential(density)/problem%scene%solver%weight_essential
+         else
+            self%weight(row + i) = natural/problem%scene%solver%weight_traction
+         end if
+         a(row + i, :) = self%weight(row + i)*self%operator(row + i, :)
+      end do
+   end do
+   call invert(a, self%inverse, error)
+
+contains
+
+   !> Weight of an essential row
+   real(wp) function essential(density)
+      real(wp), intent(in) :: density
+
+      essential = heavy*density
+      if (problem%scene%motion%published) essential = max(density, (self%motion%step &
+         & *size(problem%scene%cloud%source, 2))**2)/size(problem%scene%cloud%source, 2)
+   end function essential
+
+end subroutine new_strong_motion
+
+!> Pseudo-inverse by singular values
+subroutine invert(a, inverse, error)
+   !> Matrix, shape (m, n)
+   real(wp), intent(in) :: a(:, :)
+   !> Its pseudo-inverse, shape (n, m)
+   real(wp), allocatable, intent(out) :: inverse(:, :)
+   !> Error handling: no convergence
+   type(error_type), allocatable, intent(out) :: error
+   real(wp), allocatable :: u(:, :), s(:), vt(:, :)
+   integer :: k
+
+   call svd(a, u, s, vt, error)
+   if (allocated(error)) return
+   do k = 1, size(s)
+      vt(k, :) = merge(vt(k, :)/max(s(k), tiny(1.0_wp)), 0.0_wp, s(k) > 1.0e-13_wp*s(1))
+   end do
+   inverse = matmul(transpose(vt), transpose(u))
+end subroutine invert
+
+!> Largest stable time step, where the eigenvalues of a step may be computed
+subroutine limit(self, step, found, error)
+   !> Body
+   class(strong_motion), intent(inout) :: self
+   !> Largest stable step
+   real(wp), intent(out) :: step
+   !> Whether it is known
+   logical, intent(out) :: found
+   !> Error handling: no convergence
+   type(error_type), allocatable, intent(out) :: error
+   integer, parameter :: trials = 12
+   real(wp), allocatable :: mass(:, :), stiff(:, :)
+   real(wp) :: high, low, middle
+   integer :: inside, k
+
+   step = huge(1.0_wp)
+   found = self%n <= most_judged
+   if (.not. found) return
+   inside = self%problem%rows%row(self%problem%inside + 1)
+   allocate (mass(self%n, self%n), stiff(self%n, self%n))
+   mass = matmul(self%inverse(:, :inside), spread(self%density(:inside), 2, self%n) &
+      & *self%values(:inside, :))
+   ! the rows are those of div(c grad u), minus the operator of (6.36a)
+   stiff = -matmul(self%inverse(:, :inside), self%operator(:inside, :))
+   low = self%motion%step
+   high = low
+   if (is_stable(low)) then
+      do k = 1, trials
+         high = 1.5_wp*low
+         if (.not. is_stable(high) .or. allocated(error)) exit
+         low = high
+      end do
+   else
+      low = 0.0_wp
+   end if
+   do k = 1, trials
+      if (allocated(error)) return
+      middle = 0.5_wp*(low + high)
+      if (is_stable(middle)) then
+         low = middle
+      else
+         high = middle
+      end if
+   end do
+   step = low
+
+contains
+
+   !> Whether a motion of these steps grows by no more than a little
+   logical function is_stable(dt)
+      real(wp), intent(in) :: dt
+      real(wp) :: companion(2*self%n, 2*self%n), radius
+      integer :: i
+
+      companion = 0.0_wp
+      companion(:self%n, :self%n) = 2.0_wp*mass - dt**2*stiff
+      companion(:self%n, self%n + 1:) = -mass
+      do i = 1, self%n
+         companion(self%n + i, i) = 1.0_wp
+      end do
+      call spectral_radius(companion, radius, error)
+      is_stable = radius**(self%motion%end/dt) <= harmless
+   end function is_stable
+
+end subroutine limit
+
+!> Coefficients at the start (6.42a), and one time step later
+subroutine start(self, first, second, error)
+   !> Body
+   class(strong_motion), intent(inout) :: self
+   !> Coefficients at both times, shape (n)
+   real(wp), contiguous, intent(inout) :: first(:), second(:)
+   !> Error handling: an expression without a value somewhere
+   type(error_type), allocatable, intent(out) :: error
+   real(wp) :: given(size(self%values, 1), 2), value(3)
+   real(wp), allocatable :: fit(:, :)
+   integer :: b, inside, k, row
+
+   associate (problem => self%problem)
+      do b = 1, size(problem%rows%place)
+         row = problem%rows%row(b)
+         do k = 1, 2
+            call self%motion%initial(k == 1, problem%scene%cloud%points(:, &
+               & problem%rows%place(b)), value, error)
+            if (allocated(error)) return
+            given(row + 1:row + problem%fields, k) = value(:problem%fields)
+         end do
+      end do
+      inside = problem%rows%row(problem%inside + 1)
+   end associate
+   call invert(self%values, fit, error)
+   if (.not. allocated(error)) call self%problem%own_side(0.0_wp, self%side, error)
+   if (allocated(error)) return
+   first = matmul(fit, given(:, 1))
+   ! (6.42b), with the half step that the loads make
+   second = first + self%motion%step*matmul(fit, given(:, 2)) + 0.5_wp*self%motion%step**2 &
+      & *matmul(fit(:, :inside), (matmul(self%operator(:inside, :), first) - self%side(:inside)) &
+      & /self%density(:inside))
+end subroutine start
+
+!> Coefficients at the next time (6.40)
+subroutine advance(self, before, now, time, next, error)
+   !> Body
+   class(strong_motion), intent(inout) :: self
+   !> Coefficients at the last two times, shape (n)
+   real(wp), contiguous, intent(in) :: before(:), now(:)
+   !> The later one of these times
+   real(wp), intent(in) :: time
+   !> Coefficients one time step later, shape (n)
+   real(wp), contiguous, intent(inout) :: next(:)
+   !> Error handling: an expression without a value somewhere
+   type(error_type), allocatable, intent(out) :: error
+   real(wp) :: b(size(self%side))
+   integer :: inside
+
+   inside = self%problem%rows%row(self%problem%inside + 1)
+   call self%problem%own_side(time, self%side, error)
+   if (allocated(error)) return
+   b(:inside) = self%density(:inside)*matmul(self%values(:inside, :), 2.0_wp*now - before) &
+      & + self%motion%step**2*(matmul(self%operator(:inside, :), now) - self%side(:inside))
+   call self%problem%own_side(time + self%motion%step, self%side, error)
+   if (allocated(error)) return
+   b(inside + 1:) = self%weight(inside + 1:)*self%side(inside + 1:)
+   next = matmul(self%inverse, b)
+end subroutine advance
+
+!> Kinetic energy by the collocation points; the strong form has no stiffness whose energy it keeps
+function energy(self, now, next)
+   !> Body
+   class(strong_motion), intent(in) :: self
+   !> Coefficients at two times, shape (n)
+   real(wp), contiguous, intent(in) :: now(:), next(:)
+   real(wp) :: energy(3)
+   real(wp) :: speed(size(self%side))
+   integer :: b, row
+
+   speed = matmul(self%values, next - now)/self%motion%step
+   energy = 0.0_wp
+   associate (problem => self%problem)
+      do b = 1, size(problem%rows%place)
+         row = problem%rows%row(b)
+         energy(1) = energy(1) + 0.5_wp*self%density(row + 1) &
+            & *problem%scene%cloud%volume(problem%rows%place(b)) &
+            & *sum(speed(row + 1:row + problem%fields)**2)
+      end do
+   end associate
+end function energy
+
+end module rk_strong_motion

@@ -1,0 +1,303 @@
+!> Motion of a body in the Galerkin form: M a'' + K a = F, with the penalty of prescribed values at
+!> the new time, as (6.40) has the rows of the boundary.
+!>
+!> With the penalty P implicit and the rest of the stiffness explicit, each vector a gives a scalar
+!> equation whose solutions stay bounded where dt^2 (K - P) <= 4 M: the limit is that of K - P, and
+!> a large penalty makes no step small.
+module rk_weak_motion
+   use rk_equation, only : motion_type
+   use rk_error, only : error_type, fatal_error, err_input
+   use rk_gradient, only : gradient_type
+   use rk_motion, only : moving_type
+   use rk_operator, only : square_report
+   use rk_precision, only : wp
+   use rk_spectrum, only : largest_eigenvalue
+   use rk_text, only : to_text
+   use rk_weak_conditions, only : add_body_force
+   use rk_weak_linear, only : add_given, body_force, lift_at, surface_at, weak_linear_problem
+   implicit none
+   private
+
+   public :: weak_motion, new_weak_motion
+
+   !> Body in motion
+   type, extends(moving_type) :: weak_motion
+      !> Problem with its stiffness
+      type(weak_linear_problem), pointer :: problem => null()
+      !> What moves it
+      type(motion_type) :: motion
+      !> Entries of the mass matrix in the places of the stiffness, consistent and as it is used
+      real(wp), allocatable :: consistent(:), mass(:)
+      !> Entries of the stiffness without the penalty
+      real(wp), allocatable :: stiffness(:)
+      !> Loads inside and on the surface, and those of the penalty, at the last two times, shape (n)
+      real(wp), allocatable :: force(:), held(:)
+      !> Whether they change with time
+      logical :: varies = .false.
+      !> Work of the loads since the start
+      real(wp) :: work = 0.0_wp
+   contains
+      procedure :: start
+      procedure :: advance
+      procedure :: limit
+      procedure :: energy
+   end type weak_motion
+
+contains
+
+!> Set up the motion of a problem
+subroutine new_weak_motion(self, problem, error)
+   !> Body
+   type(weak_motion), intent(out) :: self
+   !> Problem
+   type(weak_linear_problem), target, intent(inout) :: problem
+   !> Error handling: a mass that is not positive
+   type(error_type), allocatable, intent(out) :: error
+   real(wp), allocatable :: ones(:), sums(:)
+   real(wp), pointer, contiguous :: psi(:, :)
+   integer, pointer, contiguous :: nodes(:)
+   real(wp), allocatable :: part(:, :)
+   real(wp) :: density
+   integer :: i, k, l, nf, q
+
+   self%problem => problem
+   self%motion = problem%scene%motion
+   self%n = problem%n
+   nf = problem%fields
+   allocate (self%consistent(size(problem%matrix%value)), source=0.0_wp)
+   do q = 1, size(problem%cells%weight)
+      call self%motion%density_at(problem%cells%point(:, q), density, error)
+      if (allocated(error)) return
+      call problem%inside%row(q, nodes, psi)
+      allocate (part(nf*size(nodes), nf*size(nodes)), source=0.0_wp)
+      do l = 1, size(nodes)
+         do k = 1, l
+            do i = 1, nf
+               part(nf*(k - 1) + i, nf*(l - 1) + i) = density*problem%cells%weight(q) &
+                  & *psi(1, k)*psi(1, l)
+            end do
+         end do
+      end do
+      call problem%matrix%add(self%consistent, nodes, part)
+      deallocate (part)
+   end do
+   self%mass = self%consistent
+   if (self%motion%lumped) then
+      allocate (ones(self%n), source=1.0_wp)
+      allocate (sums(self%n))
+      call problem%matrix%product(self%consistent, ones, sums)
+      self%mass = 0.0_wp
+      do k = 1, self%n
+         self%mass(problem%matrix%start(k + 1)) = sums(k)
+      end do
+      if (.not. all(sums > 0.0_wp)) then
+         call fatal_error(error, err_input, 'dynamics.mass: lumped masses are not all positive ' &
+            & //'with a basis of order '//to_text(problem%scene%approximation%order) &
+            & //': take mass = "consistent", or approximation.order = 1')
+         return
+      end if
+   end if
+   self%stiffness = problem%matrix%value - problem%penalty
+   self%varies = loads_vary(problem)
+   call loads_at(problem, 0.0_wp, self%force, self%held, error)
+end subroutine new_weak_motion
+
+!> Loads at a time: those inside, on the free surface and of lifted values, and those of the penalty
+subroutine loads_at(self, time, force, held, error)
+   !> Problem
+   type(weak_linear_problem), intent(in) :: self
+   !> Time
+   real(wp), intent(in) :: time
+   !> Loads without the penalty, and its own, shape (n)
+   real(wp), allocatable, intent(out) :: force(:), held(:)
+   !> Error handling: an expression without a value somewhere
+   type(error_type), allocatable, intent(out) :: error
+   type(gradient_type) :: lift
+   logical :: essential(self%fields, size(self%cells%set))
+   real(wp), allocatable :: value(:, :, :), traction(:, :, :)
+   real(wp), pointer, contiguous :: psi(:, :)
+   integer, pointer, contiguous :: nodes(:)
+   integer :: k, nf, s
+
+   nf = self%fields
+   allocate (force(self%n), held(self%n), source=0.0_wp)
+   call surface_at(self, time, essential, value, traction, error)
+   if (.not. allocated(error)) call lift_at(self, time, lift, error)
+   if (.not. allocated(error)) call add_body_force(self%inside, self%cells%weight, &
+      & body_force(self, time, error), force)
+   if (allocated(error)) return
+   call add_given(self, lift, force)
+   do s = 1, size(self%cells%set)
+      call self%surface%shape%row(s, nodes, psi)
+      do k = 1, size(nodes)
+         associate (pull => force(nf*(nodes(k) - 1) + 1:nf*nodes(k)), &
+            & hold => held(nf*(nodes(k) - 1) + 1:nf*nodes(k)))
+            where (essential(:, s))
+               hold = hold + psi(1, k)*self%surface%penalty(s)*value(1, :, s)
+            elsewhere
+               pull = pull + psi(1, k)*self%surface%area(s)*traction(1, :, s)
+            end where
+         end associate
+      end do
+   end do
+end subroutine loads_at
+
+!> Whether loads or prescribed values change with time
+logical function loads_vary(self)
+   !> Problem
+   type(weak_linear_problem), intent(in) :: self
+   integer :: i, k
+
+   associate (scene => self%scene)
+      loads_vary = any([(scene%equation%source_of(i)%varies(), i=1, 3)])
+      do k = 1, size(scene%condition)
+         loads_vary = loads_vary .or. any([(scene%condition(k)%value_of(i)%varies() .or. &
+            & scene%condition(k)%traction_of(i)%varies(), i=1, 3)])
+      end do
+   end associate
+end function loads_vary
+
+!> Largest stable time step
+subroutine limit(self, step, found, error)
+   !> Body
+   class(weak_motion), intent(inout) :: self
+   !> Largest stable step
+   real(wp), intent(out) :: step
+   !> Whether it is known
+   logical, intent(out) :: found
+   !> Error handling: a mass that is not positive
+   type(error_type), allocatable, intent(out) :: error
+   real(wp) :: value
+
+   call largest_eigenvalue(self%problem%matrix, self%stiffness - self%problem%penalty, self%mass, &
+      & value, error)
+   found = .not. allocated(error)
+   step = huge(1.0_wp)
+   if (value > 0.0_wp) step = 2.0_wp/sqrt(value)
+end subroutine limit
+
+!> Coefficients at the start, whose values are the projected ones (6.42), and one time step later
+subroutine start(self, first, second, error)
+   !> Body
+   class(weak_motion), intent(inout) :: self
+   !> Coefficients at both times, shape (n)
+   real(wp), contiguous, intent(inout) :: first(:), second(:)
+   !> Error handling: an expression without a value somewhere
+   type(error_type), allocatable, intent(out) :: error
+   real(wp), allocatable :: side(:), speed(:), image(:)
+
+   allocate (side(self%n), speed(self%n), image(self%n))
+   call project(self, .true., first, error)
+   if (.not. allocated(error)) call project(self, .false., speed, error)
+   if (allocated(error)) return
+   associate (dt => self%motion%step, matrix => self%problem%matrix)
+      call matrix%product(self%mass, first + dt*speed, side)
+      call matrix%product(self%stiffness, first, image)
+      side = side + 0.5_wp*dt**2*(self%force - image)
+      call finish(self, side, dt, second, error)
+   end associate
+end subroutine start
+
+!> Coefficients at the next time
+subroutine advance(self, before, now, time, next, error)
+   !> Body
+   class(weak_motion), intent(inout) :: self
+   !> Coefficients at the last two times, shape (n)
+   real(wp), contiguous, intent(in) :: before(:), now(:)
+   !> The later one of these times
+   real(wp), intent(in) :: time
+   !> Coefficients one time step later, shape (n)
+   real(wp), contiguous, intent(inout) :: next(:)
+   !> Error handling: an expression without a value somewhere
+   type(error_type), allocatable, intent(out) :: error
+   real(wp), allocatable :: side(:), image(:), held(:)
+
+   allocate (side(self%n), image(self%n))
+   if (self%varies) call loads_at(self%problem, time, self%force, held, error)
+   if (allocated(error)) return
+   associate (dt => self%motion%step, matrix => self%problem%matrix)
+      call matrix%product(self%mass, 2.0_wp*now - before, side)
+      call matrix%product(self%stiffness, now, image)
+      side = side + dt**2*(self%force - image)
+      call finish(self, side, time + dt, next, error)
+   end associate
+   self%work = self%work + 0.5_wp*dot_product(self%force, next - before)
+end subroutine advance
+
+!> Solve with mass and penalty, which is that of the new time
+subroutine finish(self, side, time, next, error)
+   !> Body
+   class(weak_motion), intent(inout) :: self
+   !> Right hand side without the penalty, shape (n)
+   real(wp), intent(in) :: side(:)
+   !> New time
+   real(wp), intent(in) :: time
+   !> Coefficients, shape (n)
+   real(wp), contiguous, intent(inout) :: next(:)
+   !> Error handling: an expression without a value somewhere
+   type(error_type), allocatable, intent(out) :: error
+   type(square_report) :: report
+   real(wp), allocatable :: unused(:)
+
+   if (self%varies) call loads_at(self%problem, time, unused, self%held, error)
+   if (allocated(error)) return
+   associate (dt => self%motion%step, matrix => self%problem%matrix)
+      call matrix%solve_with(self%mass + dt**2*self%problem%penalty, side + dt**2*self%held, next, &
+         & report, error)
+   end associate
+end subroutine finish
+
+!> Initial displacement or velocity by the consistent mass: what is nearest to it
+subroutine project(self, displacement, x, error)
+   !> Body
+   class(weak_motion), intent(in) :: self
+   !> The displacement, otherwise the velocity
+   logical, intent(in) :: displacement
+   !> Coefficients, shape (n)
+   real(wp), contiguous, intent(inout) :: x(:)
+   !> Error handling: an expression without a value somewhere
+   type(error_type), allocatable, intent(out) :: error
+   type(square_report) :: report
+   real(wp), pointer, contiguous :: psi(:, :)
+   integer, pointer, contiguous :: nodes(:)
+   real(wp) :: side(self%n), value(3), density
+   integer :: k, nf, q
+
+   nf = self%problem%fields
+   side = 0.0_wp
+   do q = 1, size(self%problem%cells%weight)
+      associate (place => self%problem%cells%point(:, q))
+         call self%motion%density_at(place, density, error)
+         call self%motion%initial(displacement, place, value, error)
+         if (allocated(error)) return
+      end associate
+      call self%problem%inside%row(q, nodes, psi)
+      do k = 1, size(nodes)
+         associate (own => side(nf*(nodes(k) - 1) + 1:nf*nodes(k)))
+            own = own + density*self%problem%cells%weight(q)*psi(1, k)*value(:nf)
+         end associate
+      end do
+   end do
+   x = 0.0_wp
+   if (any(abs(side) > 0.0_wp)) call self%problem%matrix%solve_with(self%consistent, side, x, &
+      & report, error)
+end subroutine project
+
+!> Kinetic energy between two times, strain energy as the scheme keeps it, and the work of the loads
+function energy(self, now, next)
+   !> Body
+   class(weak_motion), intent(in) :: self
+   !> Coefficients at two times, shape (n)
+   real(wp), contiguous, intent(in) :: now(:), next(:)
+   real(wp) :: energy(3)
+   real(wp) :: image(self%n), speed(self%n)
+
+   speed = (next - now)/self%motion%step
+   call self%problem%matrix%product(self%mass, speed, image)
+   energy(1) = 0.5_wp*dot_product(speed, image)
+   call self%problem%matrix%product(self%stiffness, now, image)
+   energy(2) = 0.5_wp*dot_product(next, image)
+   energy(3) = self%work
+end function energy
+
+end module rk_weak_motion

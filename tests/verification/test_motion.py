@@ -1,0 +1,146 @@
+"""Linear dynamics by central differences: d'Alembert's solution, orders, energies and limits."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from myork import Scene
+from myork.core.deck import load_tables
+from myork.errors import InputError, MyorkError
+
+INPUTS = Path(__file__).parents[2] / "inputs"
+
+
+def error_of(deck: Path, *overrides: str) -> float:
+    """Relative L2 error at the end."""
+    with Scene(deck, overrides) as scene:
+        return scene.solve().errors["relative_L2"]
+
+
+def string(points: int, step: float, **dynamics: Any) -> dict[str, Any]:
+    """A free string of unit length, stiffness and density whose functions are finite elements."""
+    return {
+        "scene": {"dimension": 1, "method": "rkpm-gauss"},
+        "geometry": {"kind": "box", "size": [1], "source": [points], "collocation": [points]},
+        "approximation": {"order": 1, "support": 1.0001},
+        "linear": {"problem": "elasticity", "E": 1},
+        "dynamics": {"density": 1, "time_step": step, "end_time": 10 * step} | dynamics,
+        "boundary": [],
+    }
+
+
+@pytest.mark.parametrize(("method", "rate"), [("rkcm", 1.5), ("rkpm-gauss", 1.85)])
+def test_wave_against_d_alembert(method: str, rate: float) -> None:
+    """Order 2 in time; collocation keeps an error of its points."""
+    steps = [0.2, 0.1, 0.05]
+    found = [
+        error_of(INPUTS / "wave_1d.toml", f"scene.method={method}", f"dynamics.time_step={step}")
+        for step in steps
+    ]
+    assert found[0] < 0.02
+    slope = np.polyfit(np.log(steps), np.log(found), 1)[0]
+    assert slope > rate, f"order {slope:.2f} of {found}"
+
+
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+def test_limit_is_that_of_a_uniform_lattice(mass: str) -> None:
+    """Linear elements of a free bar: h/c with lumped masses, h/(c sqrt 3) with consistent ones."""
+    h = 1 / 20
+    limit = h if mass == "lumped" else h / np.sqrt(3)
+    with Scene.from_tables(string(21, 0.999 * limit, mass=mass, velocity="cos(pi*x)")) as scene:
+        scene.solve()
+    over = string(21, 1.01 * limit, mass=mass, velocity="cos(pi*x)")
+    with Scene.from_tables(over) as scene, pytest.raises(MyorkError) as error:
+        scene.solve()
+    told = str(error.value).split("at most ")[1].split()[0]
+    assert float(told) == pytest.approx(limit, rel=1e-3)
+
+
+def test_free_bodies_fly() -> None:
+    """A velocity that is the same everywhere stays."""
+    tables = string(11, 0.02, velocity=2.0)
+    tables["probe"] = [{"name": "end", "quantity": "u_x", "point": [1.0]}]
+    with Scene.from_tables(tables) as scene:
+        states = scene.solve()
+        ends = scene.probes(states.x, states.load)[:, 0, 0]
+    assert ends == pytest.approx(2.0 * np.asarray(states.load), rel=1e-9)
+
+
+@pytest.mark.parametrize("method", ["rkcm", "rkpm-gauss"])
+def test_loads_in_time(method: str) -> None:
+    """u = t^2 sin(2x) + x t: values, traction and source that change with time."""
+    tables = {
+        "scene": {"dimension": 1, "method": method},
+        "geometry": {"kind": "box", "size": [1], "source": [21], "collocation": [41]},
+        "approximation": {"order": 2},
+        "linear": {
+            "problem": "elasticity",
+            "E": 2,
+            "source": "2*sin(2*x) + 8*t^2*sin(2*x)",
+            "exact": "t^2*sin(2*x) + x*t",
+        },
+        "dynamics": {"density": 1, "time_step": 0.01, "end_time": 1, "velocity": "x"},
+        "boundary": [
+            {"set": "x0", "u_x": 0},
+            {"set": "x1", "traction": ["4*t^2*cos(2) + 2*t"]},
+        ],
+    }
+    with Scene.from_tables(tables) as scene:
+        assert scene.solve().errors["relative_L2"] < 3e-3
+    tables["boundary"][1] = {"set": "x1", "u_x": "t^2*sin(2) + t"}
+    with Scene.from_tables(tables) as scene:
+        assert scene.solve().errors["relative_L2"] < 3e-3
+
+
+def test_membrane_and_lumped_masses_in_the_plane() -> None:
+    """Poisson's operator moves as a membrane: sin(pi x) sin(pi y) cos(sqrt 2 pi t)."""
+    tables = {
+        "scene": {"dimension": 2, "method": "rkpm-gauss"},
+        "geometry": {"kind": "box", "size": [1, 1], "source": [25, 25], "collocation": [25, 25]},
+        "linear": {"problem": "poisson", "exact": "sin(pi*x)*sin(pi*y)*cos(sqrt(2)*pi*t)"},
+        "dynamics": {
+            "density": 1,
+            "time_step": 0.01,
+            "end_time": 0.5,
+            "mass": "lumped",
+            "displacement": "sin(pi*x)*sin(pi*y)",
+        },
+        "boundary": [{"set": side, "u": 0} for side in ("x0", "x1", "y0", "y1")],
+    }
+    with Scene.from_tables(tables) as scene:
+        assert scene.solve().errors["relative_L2"] < 0.03
+
+
+@pytest.mark.parametrize(
+    ("change", "what"),
+    [
+        (
+            {"dynamics": {"end_time": 0.033}},
+            "dynamics.end_time: must be a whole number of time steps",
+        ),
+        (
+            {"dynamics": {"velocity": ["1", "2"]}},
+            "dynamics.velocity: must have 1 item, one for each",
+        ),
+        ({"dynamics": {"density": "x - 1"}}, "dynamics.density: must be positive, not"),
+        ({"dynamics": {"velocity": "t"}}, "unknown name 't' at position 1"),
+        ({"scene": {"method": "rkcm"}, "dynamics": {"mass": "lumped"}}, "only for scene.method"),
+        ({"linear": {"solution": "sine"}}, "dynamics: needs loads of its own"),
+    ],
+)
+def test_what_does_not_fit_is_refused(change: dict[str, Any], what: str) -> None:
+    tables = string(11, 0.01)
+    for name, content in change.items():
+        tables[name] = tables[name] | content
+    with pytest.raises(InputError) as error, Scene.from_tables(tables) as scene:
+        scene.solve()
+    assert what in str(error.value)
+
+
+def test_time_has_no_meaning_at_rest() -> None:
+    tables = string(11, 0.01) | {"boundary": [{"set": "x0", "u_x": "t"}]}
+    del tables["dynamics"]
+    with pytest.raises(InputError, match="unknown name 't' at position 1"):
+        load_tables(tables)
