@@ -10,7 +10,7 @@ subroutine online_states(r, s, wide, nc, ne, kept, triples, nt, h, weight, local
    & a, first, tissue, fraction, &
    & fiber, constant, volume, law, nq, nqe, all_h, all_weight, all_local, all_a, all_first, &
    & all_tissue, all_fraction, all_fiber, n, activation, sigma_max, given, start, parts, &
-   & from_activation, from_sigma, from_given, least, tolerance, most_steps, threads, nf, wanted, &
+   & from_activation, from_sigma, from_given, least, tolerance, most_steps, threads, nf, wanted, lift, &
    & z, iterations, change, min_j, force)
    use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
    use omp_lib, only : omp_get_max_threads
@@ -32,6 +32,7 @@ subroutine online_states(r, s, wide, nc, ne, kept, triples, nt, h, weight, local
    double precision, intent(in) :: activation(nt, n), sigma_max(nt, n), given(s - r, n)
    double precision, intent(in) :: start(s, n), from_activation(nt, n), from_sigma(nt, n)
    double precision, intent(in) :: from_given(s - r, n), least, tolerance
+   double precision, intent(in) :: lift(r, nf, n)
    integer, intent(in) :: parts(n), wanted(nf)
    double precision, intent(out) :: z(s, n), change(n), min_j(n), force(nf, n)
    integer, intent(out) :: iterations(n)
@@ -70,8 +71,8 @@ subroutine online_states(r, s, wide, nc, ne, kept, triples, nt, h, weight, local
             & change(i))
       end if
       min_j(i) = work%min_j
-      if (nf > 0 .and. iterations(i) > 0) call find_forces(whole, room, work, wish, z(:, i), &
-         & wanted, force(:, i))
+      if (nf > 0 .and. iterations(i) > 0) call find_forces(whole, room, wish, z(:, i), wanted, &
+         & lift(:, :, i), force(:, i))
    end do
    !$omp end do
    !$omp end parallel

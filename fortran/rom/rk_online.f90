@@ -261,7 +261,7 @@ end subroutine add_block
 subroutine solve_state(model, work, condition, tolerance, most_steps, z, iterations, change)
    !> Model
    type(online_model), intent(in) :: model
-   !> Room; the factor of the last tangent stays in it
+   !> Room
    type(work_type), intent(inout) :: work
    !> What is asked for
    type(prescribed_type), intent(in) :: condition
@@ -376,31 +376,28 @@ subroutine follow(model, work, known, condition, parts, tolerance, most_steps, z
    end do
 end subroutine follow
 
-!> Forces that do work on the amplitudes wanted, stationary in those of the modes: an error of the
-!> modes' amplitudes enters squared
-subroutine find_forces(whole, room, work, condition, z, wanted, force)
+!> Forces that do work on the amplitudes wanted, stationary in those of the modes where these follow
+!> the wanted ones as in equilibrium: an error of the modes' amplitudes enters squared
+subroutine find_forces(whole, room, condition, z, wanted, lift, force)
    !> Model with all its cells, or with a sample made for forces
    type(online_model), intent(in) :: whole
    !> Its room
    type(work_type), intent(inout) :: room
-   !> Room of the iteration with its last tangent and factor
-   type(work_type), intent(in) :: work
    !> What was asked for
    type(prescribed_type), intent(in) :: condition
    !> Amplitudes, shape (s)
    real(wp), intent(in) :: z(:)
    !> Amplitudes whose forces are wanted, shape (nf)
    integer, intent(in) :: wanted(:)
+   !> How the modes follow them, shape (r, nf) [-]
+   real(wp), intent(in) :: lift(:, :)
    !> Forces, shape (nf) [force]
    real(wp), intent(out) :: force(:)
-   real(wp) :: c(whole%r)
    integer :: i
 
    call assemble(whole, room, z, condition, .false., .true.)
    do i = 1, size(wanted)
-      c = work%tangent(:whole%r, wanted(i))
-      call substitute(work%factor, work%pivot, c)
-      force(i) = room%residual(wanted(i)) - dot_product(c, room%residual(:whole%r))
+      force(i) = room%residual(wanted(i)) + dot_product(lift(:, i), room%residual(:whole%r))
    end do
 end subroutine find_forces
 

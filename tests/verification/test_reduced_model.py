@@ -164,6 +164,15 @@ def test_stationary_force_beats_the_displacement(rom: ReducedModel) -> None:
     assert c["force"]["median"] < c["u"]["median"]
 
 
+def test_forces_of_a_set_that_stands_still(rom: ReducedModel) -> None:
+    """The pull on the end that nothing moves is as good as that on the other."""
+    values = np.array([[0.3, 0.1], [0.8, -0.1], [0.5, 0.2]])
+    found = rom.batch(values).probes
+    # both ends together are free of force to the error of either
+    worst = rom.certificate["force"]["max"]
+    assert found["pull"][:, 2] == pytest.approx(-found["reaction"], rel=3 * worst + 1e-4)
+
+
 def test_indicator_tells_the_error(rom: ReducedModel) -> None:
     ratio = rom.certificate["indicator_ratio"]
     assert ratio["min"] > 0.3 and ratio["max"] < 3.0

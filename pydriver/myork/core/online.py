@@ -115,12 +115,14 @@ def online_states(
     most: int,
     threads: int,
     wanted: IntArray,
+    lift: F64Array,
 ) -> tuple[Any, ...]:
     """States by Newton's iteration, each with the forces on the amplitudes wanted, from 1.
 
     Cells and volume are those of `padded` and `triples`; what is asked for and what known states
     were asked for are activation, sigma_max and prescribed amplitudes by columns. Amplitudes of
-    the modes below `least` are none.
+    the modes below `least` are none; `lift` tells how they follow the amplitudes wanted, shape
+    `(r, nf, n)`.
 
     Returns
     -------
@@ -131,7 +133,7 @@ def online_states(
     return tuple(
         _core.online_states(
             model.r, *cells, model.constant, volume, model.fibers, *whole, *wish, start, parts,
-            *known, least, tolerance, most, threads, wanted,
+            *known, least, tolerance, most, threads, wanted, lift,
         )
     )  # fmt: skip
 

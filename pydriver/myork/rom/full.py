@@ -100,7 +100,10 @@ class FullModel:
         return base, units
 
     def solve(
-        self, parameters: Sequence[Parameter], values: F64Array, steps: int | None = None
+        self,
+        parameters: Sequence[Parameter],
+        values: F64Array,
+        steps: int | None = None,
     ) -> FullState:
         """Solve at values of the parameters, in as many steps as the deck says or in `steps`.
 
@@ -121,6 +124,30 @@ class FullModel:
             probes = scene.probes(states.x, states.load)
             mass = modal_products(scene, np.asfortranarray(states.x[-1:].T))[1][:, 0]
         return FullState(states.x, states.load, probes, mass, cpu)
+
+    def lift(
+        self,
+        parameters: Sequence[Parameter],
+        values: F64Array,
+        x: F64Array,
+        key: str,
+        prescribed: float,
+        step: float,
+    ) -> F64Array:
+        """How unknowns at values follow a value that is prescribed, by a small step of it.
+
+        Raises
+        ------
+        ConvergenceError
+            The solve did not follow.
+        """
+        more = [override(p, v) for p, v in zip(parameters, values, strict=True)]
+        more += [f"{key}={prescribed + step!r}", "load.steps=1", "solver.tolerance=1e-8"]
+        with self.open(more) as scene:
+            states = scene.solve(start=x, error=False)
+            if len(states.load) == 0 or states.load[-1] < 1.0:
+                raise ConvergenceError("the full model did not follow a small step")
+        return np.asarray((states.x[-1] - x) / step)
 
 
 def cloud_arrays(cloud: PointCloud) -> dict[str, Any]:

@@ -151,6 +151,9 @@ class ReducedModel:
         scale = np.array([p.high - p.low for p in self.parameters])
         forces = np.asarray(arrays["training/forces"])
         self._scale = scale
+        self._lifts = Regression(
+            np.asarray(arrays["lifts/parameters"]), np.asarray(arrays["lifts/values"]), scale
+        )
         self._regression = Regression(self._points, np.hstack([self._amplitudes, forces]), scale)
 
     @classmethod
@@ -284,6 +287,7 @@ class ReducedModel:
             answer = self._solver.solve(
                 conditions, start, self.conditions(self._points),
                 self._amplitudes[:, : self.modes], self._nearest(values), most,
+                self._lifts(values).reshape(len(values), self.modes, -1),
             )  # fmt: skip
             if most < MOST_STEPS:
                 answer = answer._replace(

@@ -127,8 +127,12 @@ class Solver:
         parts: int = 0,
         tolerance: float = TOLERANCE,
         most: int = MOST_STEPS,
+        lift: F64Array | None = None,
     ) -> tuple[Answer, F64Array]:
         """Newton's iteration from amplitudes, or on the way from known states in parts.
+
+        `lift` tells how the modes follow the amplitudes whose forces are wanted, shape
+        `(n, r, nf)`; without it forces are not stationary.
 
         Returns
         -------
@@ -141,11 +145,13 @@ class Solver:
         s = self.model.cells.h.shape[2]
         begin = np.zeros((s, n), order="F")
         begin[:r] = start.T
+        if lift is None:
+            lift = np.zeros((n, r, len(self._wanted)))
         known = known or conditions
         z, iterations, change, min_j, force = online_states(
             self.model, self._cells, self._volume, self._whole, conditions.columns(), begin,
             np.full(n, parts, np.int32), known.columns(), self.least, tolerance, most, self.threads,
-            self._wanted,
+            self._wanted, np.asfortranarray(np.moveaxis(lift, 0, 2)),
         )  # fmt: skip
         answer = Answer(z[:r].T, force[: self._count].T, np.abs(iterations), iterations > 0, min_j)
         return answer, change
@@ -158,16 +164,23 @@ class Solver:
         amplitudes: F64Array,
         nearest: NDArray[np.int64],
         most: int = MOST_STEPS,
+        lift: F64Array | None = None,
     ) -> Answer:
         """States from a start; those that fail are followed from the nearest known ones."""
-        answer = self.newton(conditions, start, most=most)[0]
+        answer = self.newton(conditions, start, most=most, lift=lift)[0]
         for parts in PARTS if most == MOST_STEPS else ():
             failed = np.flatnonzero(~answer.converged)
             if len(failed) == 0:
                 break
             begin = Conditions(*(a[nearest[failed]] for a in known))
             wish = Conditions(*(a[failed] for a in conditions))
-            again = self.newton(wish, amplitudes[nearest[failed]], begin, parts)[0]
+            again = self.newton(
+                wish,
+                amplitudes[nearest[failed]],
+                begin,
+                parts,
+                lift=None if lift is None else lift[failed],
+            )[0]
             for old, new in zip(answer, again, strict=True):
                 if old is not answer.iterations:
                     old[failed] = new

@@ -176,20 +176,25 @@ def with_volume(
 
 
 def volume_directions(
-    cells: Cells, r: int, rows: sparse.csr_matrix, total: F64Array, states: F64Array, kept: int
+    cells: Cells, rows: sparse.csr_matrix, total: F64Array, states: F64Array, kept: int
 ) -> F64Array | None:
     """Directions in which volume changes along states, shape `(s, n)`; None where all are kept."""
     if kept >= rows.shape[0]:
         return None
     found = []
     h = cells.h.reshape(-1, cells.h.shape[2], order="F")
-    modes = np.moveaxis(cells.h[:, :, :r], 0, 1)
+    columns = np.moveaxis(cells.h, 0, 1)
     for z in states.T:
         f = (h @ z).reshape(-1, 9) + _UNIT
         cofactor = _cofactor(f)
-        # dy/da, and y itself
-        found.append(rows @ np.einsum("qk,qkm->qm", cofactor, modes))
-        found.append((rows @ ((cofactor * f).sum(axis=1) / 3.0) - total)[:, None])
+        # dy/dz, also by amplitudes that stay zero: forces are their derivatives
+        slope = rows @ np.einsum("qk,qkm->qm", cofactor, columns)
+        change = rows @ ((cofactor * f).sum(axis=1) / 3.0) - total
+        # the changes themselves, however small, as large as what they may become
+        size = np.linalg.norm(change)
+        if size > 0.0:
+            change *= np.linalg.norm(slope, axis=0).max() / size
+        found += [slope, change[:, None]]
     left: F64Array = np.linalg.svd(np.hstack(found), full_matrices=False)[0]
     return left[:, :kept]
 

@@ -59,6 +59,10 @@ VIRTUAL = 96
 SKETCH_ROWS = 900
 #: Cells up to which forces are found by all of them
 ALL_CELLS = 2000
+#: States at which the body is made to follow sets that stand still, and the step [length]
+_LIFT_STATES, _LIFT_STEP = 4, 1e-3
+#: Weight of such fields among the snapshots, in the largest of them
+_LIFT_WEIGHT = 0.01
 #: Weight of the forces' rows beside those of the amplitudes
 FORCE_WEIGHT = 3.0
 
@@ -85,7 +89,28 @@ class Snapshots(NamedTuple):
 
 
 class Setting(NamedTuple):
-    """What is the same for all models of one training."""
+    """What is the same for all models of one training.
+
+    Attributes
+    ----------
+    parameters : tuple of Parameter
+        Keys with their ranges.
+    laws : Laws
+        Materials.
+    parts : GalerkinParts
+        Integration points.
+    columns : Columns
+        What the deck prescribes beside the parameters, a unit of each load, a unit of each set
+        whose force is wanted and that no load moves.
+    loads, extra : int
+        Numbers of the last two.
+    wanted : NDArray
+        Columns whose forces are wanted.
+    threads : int
+        Number of threads.
+    still : tuple
+        Keys of the values of those sets, with the values.
+    """
 
     parameters: tuple[Parameter, ...]
     laws: Laws
@@ -95,6 +120,7 @@ class Setting(NamedTuple):
     extra: int
     wanted: NDArray[np.int64]
     threads: int
+    still: tuple[tuple[str, float], ...]
 
     def conditions(self, values: F64Array, share: F64Array | None = None) -> Conditions:
         """Conditions of states by their parameters."""
@@ -184,6 +210,7 @@ def train(
         cpu: list[float] = []
         failed = 0
         snapshots: Snapshots | None = None
+        lifts = np.zeros((0, scene.dofs))
         chosen = corners
         steps: int | None = RAY_STEPS
         while True:
@@ -203,15 +230,19 @@ def train(
             if snapshots is None:
                 raise ConvergenceError("no full solve of the corners of the range converged")
             if steps is not None:
+                at = np.flatnonzero(snapshots.share >= 1.0)[:_LIFT_STATES]
+                lifts = _lift_fields(full, setting, snapshots.values[at], snapshots.x[at], progress)
                 # states that fill the range, half of what is left, before the choice begins
                 chosen = spread_points(kinds, max(1, left // 2), seed)
             else:
                 count = min(left, max(BATCH, full_solves // 4))
-                chosen = _choose(scene, setting, snapshots, tolerance, seed + len(cpu), count)
+                chosen = _choose(
+                    scene, setting, snapshots, lifts, tolerance, seed + len(cpu), count
+                )
             steps = None
         if snapshots is None or len(snapshots.x) < 4:
             raise ConvergenceError("fewer than four states of the full model converged")
-        arrays = _finish(scene, setting, snapshots, tolerance, seed, progress)
+        arrays = _finish(scene, setting, snapshots, lifts, tolerance, seed, progress)
     arrays["tractions"] = head.pop("tractions")
     head |= {
         "modes": int(arrays.pop("modes")),
@@ -249,6 +280,7 @@ def _setting(
     sets = probe_sets(scene, len(probes))
     loads = [base, *units]
     wanted: list[int] = []
+    still: list[tuple[str, float]] = []
     pushes: list[F64Array] = []
     told: list[dict[str, Any]] = []
     for index, (probe, of_set) in enumerate(zip(probes, sets, strict=True)):
@@ -266,6 +298,7 @@ def _setting(
                 same = [k for k, load in enumerate(loads) if np.array_equal(load.value, value)]
                 if not same:
                     loads.append(_unit_load(scene, len(parts.weight), value))
+                    still += _prescribed(deck, probe["set"], axis)
                     same = [len(loads) - 1]
                 wanted.append(same[0])
         elif quantity not in ("u", "u_x", "u_y", "u_z") or of_set > 0:
@@ -278,6 +311,7 @@ def _setting(
     setting = Setting(
         kinds, tissue_laws(deck), parts, projection.columns_of(loads), len(units),
         len(loads) - 1 - len(units), np.array(wanted, np.int64), threads,
+        tuple(still),
     )  # fmt: skip
     head = {
         "title": deck["title"],
@@ -289,6 +323,35 @@ def _setting(
         "tractions": push,
     }
     return setting, head
+
+
+def _prescribed(deck: Mapping[str, Any], of_set: str, axis: int) -> list[tuple[str, float]]:
+    """Key and value of a displacement of a set; none where it is no number."""
+    name = f"u_{'xyz'[axis]}"
+    entries = [b for b in deck["boundary"] if b["set"] == of_set and name in b]
+    if len(entries) != 1 or isinstance(entries[0][name], str):
+        return []
+    return [(f"boundary.{of_set}.{name}", float(entries[0][name]))]
+
+
+def _lift_fields(
+    full: FullModel, setting: Setting, rows: F64Array, states: F64Array, progress: ProgressCallback
+) -> F64Array:
+    """How the body follows sets whose forces are wanted but which nothing moves.
+
+    Without such fields among the modes the force on a set that stands still is not stationary: it
+    has the error of the displacement, not its square.
+    """
+    size = max(float(np.abs(setting.columns.value).max()), 1.0)
+    found = []
+    for key, value in setting.still:
+        for row, x in zip(rows, states, strict=True):
+            try:
+                found.append(full.lift(setting.parameters, row, x, key, value, _LIFT_STEP * size))
+            except ConvergenceError as reason:
+                progress(f"{key} at {_named(setting.parameters, row)}: {reason}; left out")
+        progress(f"forces by {key}: {len(found)} fields")
+    return np.array(found).reshape(len(found), states.shape[1])
 
 
 def _unit_load(scene: Scene, points: int, value: F64Array) -> LoadParts:
@@ -323,20 +386,29 @@ def _joined(
     return Snapshots(*(np.concatenate(pair) for pair in zip(before, new, strict=True)))
 
 
-def _basis(scene: Scene, snapshots: Snapshots, tolerance: float) -> Basis:
+def _basis(scene: Scene, snapshots: Snapshots, lifts: F64Array, tolerance: float) -> Basis:
     """Modes of least squares, orthonormal by the mass."""
-    mass = modal_products(scene, np.asfortranarray(snapshots.x.T))[1]
-    values, vectors = np.linalg.eigh(snapshots.x @ mass)
+    x = snapshots.x
+    mass = modal_products(scene, np.asfortranarray(x.T))[1]
+    if len(lifts):
+        product = modal_products(scene, np.asfortranarray(lifts.T))[1]
+        size = np.sqrt((lifts.T * product).sum(axis=0))
+        largest = np.sqrt((x.T * mass).sum(axis=0).max())
+        factor = _LIFT_WEIGHT * largest / size
+        x = np.vstack([x, lifts * factor[:, None]])
+        mass = np.hstack([mass, product * factor])
+    values, vectors = np.linalg.eigh(x @ mass)
     values, vectors = values[::-1], vectors[:, ::-1]
     real = values > 1e-13 * values[0]
     values, vectors = values[real], vectors[:, real]
-    modes = snapshots.x.T @ vectors / np.sqrt(values)
+    modes = x.T @ vectors / np.sqrt(values)
     rest = 1.0 - np.cumsum(values) / values.sum()
     r = int(np.searchsorted(-rest, -((0.25 * tolerance) ** 2)) + 1)
     r = max(1, min(r, MOST_MODES, len(values)))
     m = min(r + MORE_MODES, len(values))
     modes = np.asfortranarray(modes[:, :m])
-    return Basis(modes, (modes.T @ mass).T, r, float(np.sqrt(max(rest[r - 1], 0.0))))
+    amplitudes = (modes.T @ mass[:, : len(snapshots.x)]).T
+    return Basis(modes, amplitudes, r, float(np.sqrt(max(rest[r - 1], 0.0))))
 
 
 def _with_all_cells(
@@ -351,7 +423,7 @@ def _with_all_cells(
     states = np.hstack([basis.amplitudes, given])
     some = states[:: max(1, len(states) // 60)]
     few = min(rows.shape[0], m + MORE_VOLUME)
-    directions = projection.volume_directions(model.cells, m, rows, total, some.T, few)
+    directions = projection.volume_directions(model.cells, rows, total, some.T, few)
     finer = projection.with_volume(model, rows, total, directions)
     return _with_modes(finer, basis.r, min(few, basis.r + MORE_VOLUME)), finer
 
@@ -403,12 +475,13 @@ def _choose(
     scene: Scene,
     setting: Setting,
     snapshots: Snapshots,
+    lifts: F64Array,
     tolerance: float,
     seed: int,
     count: int,
 ) -> F64Array:
     """Parameters at which the reduced model so far estimates its largest errors, apart."""
-    basis = _basis(scene, snapshots, tolerance)
+    basis = _basis(scene, snapshots, lifts, tolerance)
     model, finer = _with_all_cells(scene, setting, snapshots, basis)
     known, amplitudes = _training(setting, snapshots, basis)
     large = len(setting.parts.weight) > ALL_CELLS
@@ -438,12 +511,13 @@ def _finish(
     scene: Scene,
     setting: Setting,
     snapshots: Snapshots,
+    lifts: F64Array,
     tolerance: float,
     seed: int,
     progress: ProgressCallback,
 ) -> dict[str, Any]:
     """Arrays of the model: modes, volume, few cells."""
-    basis = _basis(scene, snapshots, tolerance)
+    basis = _basis(scene, snapshots, lifts, tolerance)
     m, r = basis.modes.shape[1], basis.r
     progress(f"{r} modes of {len(snapshots.x)} states; they leave {basis.lost:.1e} of them")
     model, finer = _with_all_cells(scene, setting, snapshots, basis)
@@ -482,6 +556,7 @@ def _finish(
     arrays |= {f"laws/{key}": value for key, value in setting.laws._asdict().items()}
     probes = scene.deck.get("probe", [])
     forces = _force_values(setting, probes, known.probes)
+    arrays |= {"lifts/parameters": at, "lifts/values": _lifts(model, setting, at, where[:, :r])}
     arrays |= {
         "training/parameters": known.values,
         "training/amplitudes": amplitudes,
@@ -548,6 +623,22 @@ def _sample(
         )
     volume = model.cells.weight / model.cells.weight.sum() * np.sqrt(len(seen))
     return few_cells(np.vstack([sketch.rows, volume]), 0.1 * tolerance, 12 * MOST_MODES)
+
+
+def _lifts(model: Model, setting: Setting, values: F64Array, amplitudes: F64Array) -> F64Array:
+    """How the modes follow the amplitudes of forces, shape `(n, r nf)`.
+
+    By the tangent of all cells: that of a sample is not made for amplitudes that stay zero.
+    """
+    conditions = setting.conditions(values)
+    wanted = setting.wanted + model.r
+    found = []
+    for i, amplitude in enumerate(amplitudes):
+        z = np.concatenate([amplitude, conditions.given[i]])
+        tangent = assemble(model, conditions.activation[i], conditions.sigma_max[i], z)[1]
+        lift = -np.linalg.solve(tangent[: model.r, : model.r], tangent[: model.r, wanted])
+        found.append(lift.ravel() if len(wanted) else np.zeros(model.r))
+    return np.array(found)
 
 
 def _force_sample(
