@@ -10,7 +10,8 @@ subroutine online_states(r, s, wide, nc, ne, kept, triples, nt, h, weight, local
    & a, first, tissue, fraction, &
    & fiber, constant, volume, law, nq, nqe, all_h, all_weight, all_local, all_a, all_first, &
    & all_tissue, all_fraction, all_fiber, n, activation, sigma_max, given, start, parts, &
-   & from_activation, from_sigma, from_given, least, tolerance, most_steps, threads, nf, wanted, lift, &
+   & from_activation, from_sigma, from_given, least, tolerance, most_steps, threads, nf, wanted, &
+   & lift, &
    & z, iterations, change, min_j, force)
    use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
    use omp_lib, only : omp_get_max_threads

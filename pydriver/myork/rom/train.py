@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,26 +16,21 @@ from myork.console import ProgressCallback, silent
 from myork.core.cloud import model_path
 from myork.core.deck import load_deck
 from myork.core.galerkin import (
-    GalerkinParts,
-    LoadParts,
-    galerkin_parts,
-    load_parts,
     modal_products,
-    probe_sets,
 )
-from myork.core.online import Model, assemble, triples
+from myork.core.online import Model, triples
 from myork.core.scene import Scene
 from myork.core.threads import thread_count
 from myork.errors import ConvergenceError, InputError
 from myork.model_file import read_model
 from myork.rom import projection
 from myork.rom.check import compare
-from myork.rom.cubature import Sketch, few_cells
 from myork.rom.full import FullModel, FullState, cloud_arrays
 from myork.rom.model import ReducedModel
-from myork.rom.online import Conditions, Regression, Solver, conditions_of
+from myork.rom.online import Regression, Solver
 from myork.rom.parameters import Parameter, as_parameters, parse_vary, spread_points
-from myork.rom.projection import Columns, Laws, tissue_laws
+from myork.rom.sampling import force_lifts, sample_cells, sample_forces
+from myork.rom.setting import Setting, Snapshots, make_setting
 
 __all__ = ["train"]
 
@@ -55,76 +50,12 @@ MORE_VOLUME = 8
 BATCH, CANDIDATES = 8, 128
 #: Solutions of the model with all cells that the cubature is trained on beside the full ones
 VIRTUAL = 96
-#: Equations that stand for all in the cubature
-SKETCH_ROWS = 900
 #: Cells up to which forces are found by all of them
 ALL_CELLS = 2000
 #: States at which the body is made to follow sets that stand still, and the step [length]
 _LIFT_STATES, _LIFT_STEP = 4, 1e-3
 #: Weight of such fields among the snapshots, in the largest of them
 _LIFT_WEIGHT = 0.01
-#: Weight of the forces' rows beside those of the amplitudes
-FORCE_WEIGHT = 3.0
-
-
-class Snapshots(NamedTuple):
-    """Full states with what they were asked for.
-
-    Attributes
-    ----------
-    values : F64Array
-        Values of the parameters, those of loads scaled with the way, shape `(n, p)`.
-    share : F64Array
-        Part of what is prescribed beside the parameters, shape `(n,)`.
-    x : F64Array
-        Unknowns, shape `(n, dofs)`.
-    probes : F64Array
-        Values of the probes, shape `(n, probes, 3)`.
-    """
-
-    values: F64Array
-    share: F64Array
-    x: F64Array
-    probes: F64Array
-
-
-class Setting(NamedTuple):
-    """What is the same for all models of one training.
-
-    Attributes
-    ----------
-    parameters : tuple of Parameter
-        Keys with their ranges.
-    laws : Laws
-        Materials.
-    parts : GalerkinParts
-        Integration points.
-    columns : Columns
-        What the deck prescribes beside the parameters, a unit of each load, a unit of each set
-        whose force is wanted and that no load moves.
-    loads, extra : int
-        Numbers of the last two.
-    wanted : NDArray
-        Columns whose forces are wanted.
-    threads : int
-        Number of threads.
-    still : tuple
-        Keys of the values of those sets, with the values.
-    """
-
-    parameters: tuple[Parameter, ...]
-    laws: Laws
-    parts: GalerkinParts
-    columns: Columns
-    loads: int
-    extra: int
-    wanted: NDArray[np.int64]
-    threads: int
-    still: tuple[tuple[str, float], ...]
-
-    def conditions(self, values: F64Array, share: F64Array | None = None) -> Conditions:
-        """Conditions of states by their parameters."""
-        return conditions_of(values, self.parameters, self.laws, self.loads, self.extra, share)
 
 
 class Basis(NamedTuple):
@@ -205,7 +136,7 @@ def train(
     full = FullModel(deck.read_text(encoding="utf-8"), overrides, cloud, threads)
     base, units = full.loads(kinds)
     with full.open() as scene:
-        setting, head = _setting(scene, kinds, values, base, units, threads or thread_count())
+        setting, head = make_setting(scene, kinds, values, base, units, threads or thread_count())
         corners = _corners(kinds, full_solves, seed)
         cpu: list[float] = []
         failed = 0
@@ -266,74 +197,6 @@ def train(
     return rom
 
 
-def _setting(
-    scene: Scene,
-    kinds: tuple[Parameter, ...],
-    deck: Mapping[str, Any],
-    base: LoadParts,
-    units: list[LoadParts],
-    threads: int,
-) -> tuple[Setting, dict[str, Any]]:
-    """What does not depend on the snapshots, and the head of the file."""
-    parts = galerkin_parts(scene)
-    probes = deck.get("probe", [])
-    sets = probe_sets(scene, len(probes))
-    loads = [base, *units]
-    wanted: list[int] = []
-    still: list[tuple[str, float]] = []
-    pushes: list[F64Array] = []
-    told: list[dict[str, Any]] = []
-    for index, (probe, of_set) in enumerate(zip(probes, sets, strict=True)):
-        quantity = probe["quantity"]
-        rows: list[int] = []
-        if quantity == "force" or quantity in ("force_x", "force_y", "force_z"):
-            all_axes = range(scene.dimension)
-            axes = all_axes if quantity == "force" else ["xyz".index(quantity[-1])]
-            for axis in axes:
-                rows.append(len(wanted))
-                on = parts.set == of_set
-                value = np.zeros((len(parts.set), scene.dimension))
-                value[on, axis] = parts.essential[on, axis]
-                pushes.append(np.array([load.push[on, axis].sum() for load in (base, *units)]))
-                same = [k for k, load in enumerate(loads) if np.array_equal(load.value, value)]
-                if not same:
-                    loads.append(_unit_load(scene, len(parts.weight), value))
-                    still += _prescribed(deck, probe["set"], axis)
-                    same = [len(loads) - 1]
-                wanted.append(same[0])
-        elif quantity not in ("u", "u_x", "u_y", "u_z") or of_set > 0:
-            continue
-        told.append({"name": probe["name"], "quantity": quantity, "rows": rows, "index": index})
-    push = np.zeros((len(wanted), len(loads)))
-    for i, row in enumerate(pushes):
-        push[i, : len(row)] = row
-    known = [entry["name"] for entry in told]
-    setting = Setting(
-        kinds, tissue_laws(deck), parts, projection.columns_of(loads), len(units),
-        len(loads) - 1 - len(units), np.array(wanted, np.int64), threads,
-        tuple(still),
-    )  # fmt: skip
-    head = {
-        "title": deck["title"],
-        "units": deck["units"],
-        "parameters": [list(p) for p in kinds],
-        "force_amplitudes": setting.extra,
-        "probes": told,
-        "probes_left_out": [p["name"] for p in probes if p["name"] not in known],
-        "tractions": push,
-    }
-    return setting, head
-
-
-def _prescribed(deck: Mapping[str, Any], of_set: str, axis: int) -> list[tuple[str, float]]:
-    """Key and value of a displacement of a set; none where it is no number."""
-    name = f"u_{'xyz'[axis]}"
-    entries = [b for b in deck["boundary"] if b["set"] == of_set and name in b]
-    if len(entries) != 1 or isinstance(entries[0][name], str):
-        return []
-    return [(f"boundary.{of_set}.{name}", float(entries[0][name]))]
-
-
 def _lift_fields(
     full: FullModel, setting: Setting, rows: F64Array, states: F64Array, progress: ProgressCallback
 ) -> F64Array:
@@ -352,14 +215,6 @@ def _lift_fields(
                 progress(f"{key} at {_named(setting.parameters, row)}: {reason}; left out")
         progress(f"forces by {key}: {len(found)} fields")
     return np.array(found).reshape(len(found), states.shape[1])
-
-
-def _unit_load(scene: Scene, points: int, value: F64Array) -> LoadParts:
-    """What displacements of surface points make; the scene's own loads are lost."""
-    fields = np.zeros((len(scene.field_points()), 3))
-    fields[points:, : value.shape[1]] = value
-    scene.set_fields(np.zeros_like(fields), fields, np.zeros((len(fields), 3, 3)))
-    return load_parts(scene)
 
 
 def _corners(kinds: Sequence[Parameter], most: int, seed: int) -> F64Array:
@@ -534,15 +389,15 @@ def _finish(
     at = np.vstack([known.values[some], values[good]])
     where = np.vstack([amplitudes[some], np.zeros((int(good.sum()), m))])
     where[len(some) :, :r] = answer.amplitudes[good]
-    kept = _sample(model, setting, at, where[:, :r], tolerance, seed)
-    more = _sample(finer, setting, at, where, tolerance, seed)
+    kept = sample_cells(model, setting, at, where[:, :r], tolerance, seed, 12 * MOST_MODES)
+    more = sample_cells(finer, setting, at, where, tolerance, seed, 12 * MOST_MODES)
     progress(
         f"{len(kept[0])} of {len(setting.parts.weight)} cells (residual {kept[2]:.1e}), "
         f"{len(more[0])} for the estimate of the error"
     )
     whole = finer.cells
     if len(setting.parts.weight) > ALL_CELLS and len(setting.wanted):
-        force = _force_sample(finer, setting, at, where, tolerance)
+        force = sample_forces(finer, setting, at, where, tolerance)
         whole = finer.cells.sample(*force[:2])
         progress(f"{len(force[0])} cells for the forces (residual {force[2]:.1e})")
     arrays: dict[str, Any] = {"modes": r, "indicator_modes": m, "wanted": setting.wanted}
@@ -556,7 +411,10 @@ def _finish(
     arrays |= {f"laws/{key}": value for key, value in setting.laws._asdict().items()}
     probes = scene.deck.get("probe", [])
     forces = _force_values(setting, probes, known.probes)
-    arrays |= {"lifts/parameters": at, "lifts/values": _lifts(model, setting, at, where[:, :r])}
+    arrays |= {
+        "lifts/parameters": at,
+        "lifts/values": force_lifts(model, setting, at, where[:, :r]),
+    }
     arrays |= {
         "training/parameters": known.values,
         "training/amplitudes": amplitudes,
@@ -577,84 +435,6 @@ def _force_values(
         elif probe["quantity"] in ("force_x", "force_y", "force_z"):
             columns.append(values[:, i, 0])
     return np.stack(columns, axis=1) if columns else np.zeros((len(values), 0))
-
-
-def _contributions(
-    model: Model, setting: Setting, values: F64Array, amplitudes: F64Array
-) -> Iterator[tuple[F64Array, F64Array, F64Array]]:
-    """Work of each cell's stress on all amplitudes, tangent and state, one state at a time."""
-    conditions = setting.conditions(values)
-    h = np.ascontiguousarray(np.moveaxis(model.cells.h, (0, 1, 2), (2, 1, 0)))
-    for i, amplitude in enumerate(amplitudes):
-        z = np.concatenate([amplitude, conditions.given[i]])
-        _, tangent, stress, min_j = assemble(
-            model, conditions.activation[i], conditions.sigma_max[i], z
-        )
-        if min_j > 0.0:
-            yield np.einsum("sqk,qk->sq", h, stress), tangent, z
-
-
-def _sample(
-    model: Model,
-    setting: Setting,
-    values: F64Array,
-    amplitudes: F64Array,
-    tolerance: float,
-    seed: int,
-) -> tuple[NDArray[np.int64], F64Array, float]:
-    """Cells with weights that keep the residual in the norm of the tangent."""
-    r = model.r
-    sketch = Sketch(len(model.cells.weight), SKETCH_ROWS, seed)
-    wanted = setting.wanted + r
-    seen = list(_contributions(model, setting, values, amplitudes))
-    forces = [np.abs(work[wanted].sum(axis=1)).max(initial=0.0) for work, _, _ in seen]
-    unit = max(forces, default=0.0) or 1.0
-    norms, sizes = [], []
-    for _, tangent, z in seen:
-        stiffness, vectors = np.linalg.eigh(0.5 * (tangent + tangent.T)[:r, :r])
-        stiffness = np.abs(stiffness)
-        stiffness = np.maximum(stiffness, 1e-3 * np.median(stiffness))
-        norms.append((vectors / np.sqrt(stiffness)).T)
-        sizes.append(np.linalg.norm((vectors * np.sqrt(stiffness)).T @ z[:r]))
-    floor = 0.1 * max(sizes)
-    for (work, _, _), norm, size in zip(seen, norms, sizes, strict=True):
-        sketch.add(
-            np.vstack([norm @ work[:r] / max(size, floor), FORCE_WEIGHT * work[wanted] / unit])
-        )
-    volume = model.cells.weight / model.cells.weight.sum() * np.sqrt(len(seen))
-    return few_cells(np.vstack([sketch.rows, volume]), 0.1 * tolerance, 12 * MOST_MODES)
-
-
-def _lifts(model: Model, setting: Setting, values: F64Array, amplitudes: F64Array) -> F64Array:
-    """How the modes follow the amplitudes of forces, shape `(n, r nf)`.
-
-    By the tangent of all cells: that of a sample is not made for amplitudes that stay zero.
-    """
-    conditions = setting.conditions(values)
-    wanted = setting.wanted + model.r
-    found = []
-    for i, amplitude in enumerate(amplitudes):
-        z = np.concatenate([amplitude, conditions.given[i]])
-        tangent = assemble(model, conditions.activation[i], conditions.sigma_max[i], z)[1]
-        lift = -np.linalg.solve(tangent[: model.r, : model.r], tangent[: model.r, wanted])
-        found.append(lift.ravel() if len(wanted) else np.zeros(model.r))
-    return np.array(found)
-
-
-def _force_sample(
-    model: Model, setting: Setting, values: F64Array, amplitudes: F64Array, tolerance: float
-) -> tuple[NDArray[np.int64], F64Array, float]:
-    """Cells with weights that keep the stationary forces."""
-    r = model.r
-    wanted = setting.wanted + r
-    rows = []
-    for work, tangent, _ in _contributions(model, setting, values, amplitudes):
-        lift = np.linalg.solve(tangent[:r, :r], tangent[:r, wanted])
-        rows.append(work[wanted] - lift.T @ work[:r])
-    volume = model.cells.weight / model.cells.weight.sum()
-    stacked = np.vstack(rows)
-    unit = np.abs(stacked.sum(axis=1)).max() or 1.0
-    return few_cells(np.vstack([stacked / unit, volume]), 0.02 * tolerance, 600)
 
 
 def _shapes(scene: Scene, modes: F64Array, r: int) -> dict[str, F64Array]:

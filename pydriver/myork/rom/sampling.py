@@ -1,0 +1,100 @@
+"""Cells that stand for all: of the residual, of forces; and how modes follow forces' amplitudes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from myork.core.online import Model, assemble
+from myork.rom.cubature import Sketch, few_cells
+from myork.rom.setting import Setting
+
+__all__ = ["force_lifts", "sample_cells", "sample_forces"]
+
+F64Array = NDArray[np.float64]
+
+#: Equations that stand for all in the cubature
+SKETCH_ROWS = 900
+#: Weight of the forces' rows beside those of the amplitudes
+FORCE_WEIGHT = 3.0
+
+
+def _contributions(
+    model: Model, setting: Setting, values: F64Array, amplitudes: F64Array
+) -> Iterator[tuple[F64Array, F64Array, F64Array]]:
+    """Work of each cell's stress on all amplitudes, tangent and state, one state at a time."""
+    conditions = setting.conditions(values)
+    h = np.ascontiguousarray(np.moveaxis(model.cells.h, (0, 1, 2), (2, 1, 0)))
+    for i, amplitude in enumerate(amplitudes):
+        z = np.concatenate([amplitude, conditions.given[i]])
+        _, tangent, stress, min_j = assemble(
+            model, conditions.activation[i], conditions.sigma_max[i], z
+        )
+        if min_j > 0.0:
+            yield np.einsum("sqk,qk->sq", h, stress), tangent, z
+
+
+def sample_cells(
+    model: Model,
+    setting: Setting,
+    values: F64Array,
+    amplitudes: F64Array,
+    tolerance: float,
+    seed: int,
+    most: int,
+) -> tuple[NDArray[np.int64], F64Array, float]:
+    """Cells with weights that keep the residual in the norm of the tangent."""
+    r = model.r
+    sketch = Sketch(len(model.cells.weight), SKETCH_ROWS, seed)
+    wanted = setting.wanted + r
+    seen = list(_contributions(model, setting, values, amplitudes))
+    forces = [np.abs(work[wanted].sum(axis=1)).max(initial=0.0) for work, _, _ in seen]
+    unit = max(forces, default=0.0) or 1.0
+    norms, sizes = [], []
+    for _, tangent, z in seen:
+        stiffness, vectors = np.linalg.eigh(0.5 * (tangent + tangent.T)[:r, :r])
+        stiffness = np.abs(stiffness)
+        stiffness = np.maximum(stiffness, 1e-3 * np.median(stiffness))
+        norms.append((vectors / np.sqrt(stiffness)).T)
+        sizes.append(np.linalg.norm((vectors * np.sqrt(stiffness)).T @ z[:r]))
+    floor = 0.1 * max(sizes)
+    for (work, _, _), norm, size in zip(seen, norms, sizes, strict=True):
+        sketch.add(
+            np.vstack([norm @ work[:r] / max(size, floor), FORCE_WEIGHT * work[wanted] / unit])
+        )
+    volume = model.cells.weight / model.cells.weight.sum() * np.sqrt(len(seen))
+    return few_cells(np.vstack([sketch.rows, volume]), 0.1 * tolerance, most)
+
+
+def force_lifts(model: Model, setting: Setting, values: F64Array, amplitudes: F64Array) -> F64Array:
+    """How the modes follow the amplitudes of forces, shape `(n, r nf)`.
+
+    By the tangent of all cells: that of a sample is not made for amplitudes that stay zero.
+    """
+    conditions = setting.conditions(values)
+    wanted = setting.wanted + model.r
+    found = []
+    for i, amplitude in enumerate(amplitudes):
+        z = np.concatenate([amplitude, conditions.given[i]])
+        tangent = assemble(model, conditions.activation[i], conditions.sigma_max[i], z)[1]
+        lift = -np.linalg.solve(tangent[: model.r, : model.r], tangent[: model.r, wanted])
+        found.append(lift.ravel() if len(wanted) else np.zeros(model.r))
+    return np.array(found)
+
+
+def sample_forces(
+    model: Model, setting: Setting, values: F64Array, amplitudes: F64Array, tolerance: float
+) -> tuple[NDArray[np.int64], F64Array, float]:
+    """Cells with weights that keep the stationary forces."""
+    r = model.r
+    wanted = setting.wanted + r
+    rows = []
+    for work, tangent, _ in _contributions(model, setting, values, amplitudes):
+        lift = np.linalg.solve(tangent[:r, :r], tangent[:r, wanted])
+        rows.append(work[wanted] - lift.T @ work[:r])
+    volume = model.cells.weight / model.cells.weight.sum()
+    stacked = np.vstack(rows)
+    unit = np.abs(stacked.sum(axis=1)).max() or 1.0
+    return few_cells(np.vstack([stacked / unit, volume]), 0.02 * tolerance, 600)

@@ -1,0 +1,162 @@
+"""What is the same for all models of one training."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from myork.core.galerkin import (
+    GalerkinParts,
+    LoadParts,
+    galerkin_parts,
+    load_parts,
+    probe_sets,
+)
+from myork.core.scene import Scene
+from myork.rom import projection
+from myork.rom.online import Conditions, conditions_of
+from myork.rom.parameters import Parameter
+from myork.rom.projection import Columns, Laws, tissue_laws
+
+__all__ = ["Setting", "Snapshots", "make_setting"]
+
+F64Array = NDArray[np.float64]
+
+
+class Snapshots(NamedTuple):
+    """Full states with what they were asked for.
+
+    Attributes
+    ----------
+    values : F64Array
+        Values of the parameters, those of loads scaled with the way, shape `(n, p)`.
+    share : F64Array
+        Part of what is prescribed beside the parameters, shape `(n,)`.
+    x : F64Array
+        Unknowns, shape `(n, dofs)`.
+    probes : F64Array
+        Values of the probes, shape `(n, probes, 3)`.
+    """
+
+    values: F64Array
+    share: F64Array
+    x: F64Array
+    probes: F64Array
+
+
+class Setting(NamedTuple):
+    """What is the same for all models of one training.
+
+    Attributes
+    ----------
+    parameters : tuple of Parameter
+        Keys with their ranges.
+    laws : Laws
+        Materials.
+    parts : GalerkinParts
+        Integration points.
+    columns : Columns
+        What the deck prescribes beside the parameters, a unit of each load, a unit of each set
+        whose force is wanted and that no load moves.
+    loads, extra : int
+        Numbers of the last two.
+    wanted : NDArray
+        Columns whose forces are wanted.
+    threads : int
+        Number of threads.
+    still : tuple
+        Keys of the values of those sets, with the values.
+    """
+
+    parameters: tuple[Parameter, ...]
+    laws: Laws
+    parts: GalerkinParts
+    columns: Columns
+    loads: int
+    extra: int
+    wanted: NDArray[np.int64]
+    threads: int
+    still: tuple[tuple[str, float], ...]
+
+    def conditions(self, values: F64Array, share: F64Array | None = None) -> Conditions:
+        """Conditions of states by their parameters."""
+        return conditions_of(values, self.parameters, self.laws, self.loads, self.extra, share)
+
+
+def make_setting(
+    scene: Scene,
+    kinds: tuple[Parameter, ...],
+    deck: Mapping[str, Any],
+    base: LoadParts,
+    units: list[LoadParts],
+    threads: int,
+) -> tuple[Setting, dict[str, Any]]:
+    """What does not depend on the snapshots, and the head of the file."""
+    parts = galerkin_parts(scene)
+    probes = deck.get("probe", [])
+    sets = probe_sets(scene, len(probes))
+    loads = [base, *units]
+    wanted: list[int] = []
+    still: list[tuple[str, float]] = []
+    pushes: list[F64Array] = []
+    told: list[dict[str, Any]] = []
+    for index, (probe, of_set) in enumerate(zip(probes, sets, strict=True)):
+        quantity = probe["quantity"]
+        rows: list[int] = []
+        if quantity == "force" or quantity in ("force_x", "force_y", "force_z"):
+            all_axes = range(scene.dimension)
+            axes = all_axes if quantity == "force" else ["xyz".index(quantity[-1])]
+            for axis in axes:
+                rows.append(len(wanted))
+                on = parts.set == of_set
+                value = np.zeros((len(parts.set), scene.dimension))
+                value[on, axis] = parts.essential[on, axis]
+                pushes.append(np.array([load.push[on, axis].sum() for load in (base, *units)]))
+                same = [k for k, load in enumerate(loads) if np.array_equal(load.value, value)]
+                if not same:
+                    loads.append(_unit_load(scene, len(parts.weight), value))
+                    still += _prescribed(deck, probe["set"], axis)
+                    same = [len(loads) - 1]
+                wanted.append(same[0])
+        elif quantity not in ("u", "u_x", "u_y", "u_z") or of_set > 0:
+            continue
+        told.append({"name": probe["name"], "quantity": quantity, "rows": rows, "index": index})
+    push = np.zeros((len(wanted), len(loads)))
+    for i, row in enumerate(pushes):
+        push[i, : len(row)] = row
+    known = [entry["name"] for entry in told]
+    setting = Setting(
+        kinds, tissue_laws(deck), parts, projection.columns_of(loads), len(units),
+        len(loads) - 1 - len(units), np.array(wanted, np.int64), threads,
+        tuple(still),
+    )  # fmt: skip
+    head = {
+        "title": deck["title"],
+        "units": deck["units"],
+        "parameters": [list(p) for p in kinds],
+        "force_amplitudes": setting.extra,
+        "probes": told,
+        "probes_left_out": [p["name"] for p in probes if p["name"] not in known],
+        "tractions": push,
+    }
+    return setting, head
+
+
+def _prescribed(deck: Mapping[str, Any], of_set: str, axis: int) -> list[tuple[str, float]]:
+    """Key and value of a displacement of a set; none where it is no number."""
+    name = f"u_{'xyz'[axis]}"
+    entries = [b for b in deck["boundary"] if b["set"] == of_set and name in b]
+    if len(entries) != 1 or isinstance(entries[0][name], str):
+        return []
+    return [(f"boundary.{of_set}.{name}", float(entries[0][name]))]
+
+
+def _unit_load(scene: Scene, points: int, value: F64Array) -> LoadParts:
+    """What displacements of surface points make; the scene's own loads are lost."""
+    fields = np.zeros((len(scene.field_points()), 3))
+    fields[points:, : value.shape[1]] = value
+    scene.set_fields(np.zeros_like(fields), fields, np.zeros((len(fields), 3, 3)))
+    return load_parts(scene)
