@@ -150,6 +150,8 @@ function held(condition, nd) result(text)
    else if (any(abs(condition%traction(:nd)) > 0.0_wp)) then
       text = text//', traction '//to_text(condition%traction(:nd))
    end if
+   if (abs(condition%pressure) > 0.0_wp) text = text//', pressure '//to_text(condition%pressure)
+   if (any(condition%spring > 0.0_wp)) text = text//', spring '//to_text(condition%spring(:nd))
    if (text == '') text = ', free'
    text = text(3:)
 end function held

@@ -38,7 +38,7 @@ static void check_rotation(Deck &deck, Section &section, int dimension) {
       }
       return;
    }
-   for (const char *key : {"radial", "traction"}) {
+   for (const char *key : {"radial", "traction", "pressure", "spring"}) {
       if (section.find(key))
          deck.complain(rotation->origin, deck.address(section, "rotation"),
                        std::string("cannot be given beside ") + key);
@@ -58,6 +58,11 @@ static void check_boundary(Deck &deck, const std::string &kind, int dimension) {
          deck.complain(radial->origin, deck.address(*section, "radial"),
                        "cannot be given beside u_x or u_y");
       check_rotation(deck, *section, dimension);
+      for (const char *key : {"pressure", "spring"}) {
+         if (deck.single("linear") && section->find(key))
+            deck.complain(section->find(key)->origin, deck.address(*section, key),
+                          "has no place in a linear problem");
+      }
    }
 }
 

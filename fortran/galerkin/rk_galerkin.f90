@@ -8,6 +8,7 @@ module rk_galerkin
    use rk_blas, only : dsyrk
    use rk_conditions, only : new_boundary
    use rk_error, only : error_type, fatal_error, err_input
+   use rk_follower, only : add_pressure
    use rk_gauss_cells, only : gauss_cells
    use rk_gradient, only : new_gradient
    use rk_mixture, only : new_mixture
@@ -326,6 +327,8 @@ subroutine assemble(self, x, held, load, tangent, r, seen)
       end associate
    end do
    !$omp end parallel do
+   call add_pressure(self%surface, self%cells, factor, x, tangent, self%matrix, &
+      & self%matrix%value, r)
    seen%worst = minloc(at%j, dim=1)
    seen%min_j = at%j(seen%worst)
    seen%max_j = maxval(at%j)

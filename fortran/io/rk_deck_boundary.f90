@@ -27,6 +27,7 @@ subroutine read_conditions(scene, deck, error)
    type(error_type), allocatable, intent(inout) :: error
    character(len=:), allocatable :: at, name
    character(len=*), parameter :: component(3) = ['.u_x', '.u_y', '.u_z']
+   real(wp), allocatable :: spring(:)
    integer :: i, k
 
    allocate (scene%condition(deck%count('boundary')))
@@ -54,6 +55,11 @@ subroutine read_conditions(scene, deck, error)
             & set_number(.true., 1, 1)])) call deck%complain(at//'.radial', 'only on the sets ' &
             & //'inner and outer', error)
          call read_values(deck, at//'.traction', condition%traction, condition%traction_of)
+         if (deck%has(at//'.pressure')) call deck%get(at//'.pressure', condition%pressure)
+         if (deck%has(at//'.spring')) then
+            call deck%get(at//'.spring', spring)
+            condition%spring(:size(spring)) = spring
+         end if
          condition%amplitude = find_amplitude(scene%programme, deck, at)
          if (deck%has(at//'.rotation')) &
             & call read_motion(condition, scene%programme, deck, at, scene%cloud%nd)

@@ -45,6 +45,10 @@ module rk_scene
       real(wp) :: traction(3) = 0.0_wp
       !> Expressions in coordinates that stand in the place of values and of parts of the traction
       type(expression_type) :: value_of(3), traction_of(3)
+      !> Pressure that follows the surface, against its outward normal [force/area]
+      real(wp) :: pressure = 0.0_wp
+      !> Springs on the free components [force/length/area]
+      real(wp) :: spring(3) = 0.0_wp
       !> Amplitude of all these, 0 for the ramp
       integer :: amplitude = 0
       !> Load factor of the sine of a rotation, that of 1 - cos follows; 0 where nothing rotates
@@ -55,7 +59,7 @@ module rk_scene
    contains
       !> Whether displacements are prescribed that are not the same everywhere
       procedure :: moves_unevenly
-      !> Whether a displacement or a traction is prescribed that need not be zero
+      !> Whether a displacement, traction or pressure is prescribed that need not be zero
       procedure :: acts
    end type condition_type
 
@@ -243,6 +247,7 @@ pure logical function acts(self, factor)
 
    acts = (self%is_radial .and. abs(self%radial) > 0.0_wp) &
       & .or. any(abs(self%value) > 0.0_wp .and. self%fixed) .or. any(abs(self%traction) > 0.0_wp) &
+      & .or. abs(self%pressure) > 0.0_wp &
       & .or. any([(self%value_of(i)%given() .or. self%traction_of(i)%given(), i=1, 3)])
    if (.not. present(factor)) then
       acts = acts .or. self%sine > 0

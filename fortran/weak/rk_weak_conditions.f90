@@ -10,7 +10,7 @@ module rk_weak_conditions
    use rk_shape, only : shape_type
    use rk_states, only : field_state
    use rk_symmetric, only : symmetric_matrix
-   use rk_tensor, only : vector_product
+   use rk_tensor, only : cofactor, identity, vector_product
    implicit none
    private
 
@@ -26,6 +26,12 @@ module rk_weak_conditions
       real(wp), allocatable :: value(:, :, :)
       !> Tractions of the others that each makes, shape (factors, nd, ms) [force/area]
       real(wp), allocatable :: traction(:, :, :)
+      !> Pressures that follow the surface, that each load factor makes, shape (factors, ms); not
+      !> allocated where there are none [force/area]
+      real(wp), allocatable :: pressure(:, :)
+      !> Springs on the components that are not prescribed, shape (nd, ms); not allocated where
+      !> there are none [force/length/area]
+      real(wp), allocatable :: spring(:, :)
       !> Area of each point, shape (ms) [length^(nd-1)]
       real(wp), allocatable :: area(:)
       !> Penalty times area of each point, shape (ms) [force/length]
@@ -41,6 +47,9 @@ module rk_weak_conditions
       procedure :: add_forces
       !> Force through a set
       procedure :: force => set_force
+      !> Force of a pressure at a point, and the deformation gradient there
+      procedure :: pressure_force
+      procedure :: gradient_at
       !> Moment of the forces on a set
       procedure :: torque => set_torque
       !> Share of lifting and penalty in the forces on one side of a cut
@@ -82,7 +91,63 @@ subroutine set_conditions(self, scene, cells, shear, error)
       end do
    end do
    call self%set_penalty(scene, cells, shear)
+   if (allocated(self%pressure)) deallocate (self%pressure)
+   if (allocated(self%spring)) deallocate (self%spring)
+   if (any(abs(scene%condition%pressure) > 0.0_wp)) allocate (self%pressure(n, ms), source=0.0_wp)
+   if (any([(scene%condition(i)%spring > 0.0_wp, i=1, size(scene%condition))])) &
+      & allocate (self%spring(nd, ms), source=0.0_wp)
+   do i = 1, size(scene%condition)
+      associate (condition => scene%condition(i))
+         do s = 1, ms
+            if (cells%set(s) /= condition%set) cycle
+            if (allocated(self%pressure)) self%pressure(ramp + condition%amplitude, s) &
+               & = self%pressure(ramp + condition%amplitude, s) + condition%pressure
+            if (allocated(self%spring)) self%spring(:, s) = self%spring(:, s) &
+               & + condition%spring(:nd)
+         end do
+      end associate
+   end do
 end subroutine set_conditions
+
+!> Deformation gradient of the approximation at a surface point
+pure function gradient_at(self, s, x) result(f)
+   !> Surface
+   class(surface_type), intent(in) :: self
+   !> Surface point
+   integer, intent(in) :: s
+   !> Unknowns, shape (n) [length]
+   real(wp), intent(in) :: x(:)
+   real(wp) :: f(3, 3)
+   real(wp) :: u(size(self%value, 2), self%shape%nq)
+   integer :: nd
+
+   nd = size(u, 1)
+   call self%shape%interpolate(s, x, 2, 1 + nd, u)
+   f = identity
+   f(:nd, :nd) = f(:nd, :nd) + u(:, 2:1 + nd)
+end function gradient_at
+
+!> Force of a pressure on the deformed surface at a point, on the components that are not prescribed
+pure function pressure_force(self, cells, s, p, x) result(force)
+   !> Surface
+   class(surface_type), intent(in) :: self
+   !> Integration points
+   type(cells_type), intent(in) :: cells
+   !> Surface point
+   integer, intent(in) :: s
+   !> Pressure [force/area]
+   real(wp), intent(in) :: p
+   !> Unknowns, shape (n) [length]
+   real(wp), intent(in) :: x(:)
+   real(wp) :: force(3), c(3, 3)
+   integer :: nd
+
+   nd = size(cells%outward, 1)
+   c = cofactor(self%gradient_at(s, x))
+   force = 0.0_wp
+   force(:nd) = merge(0.0_wp, -p*cells%part(s)*matmul(c(:nd, :nd), cells%outward(:, s)), &
+      & self%essential(:, s))
+end function pressure_force
 
 !> Set values and tractions that vary over the points, at full load of the ramp
 subroutine set_varying(self, cells, displacement, stress)
@@ -130,7 +195,7 @@ subroutine set_penalty(self, scene, cells, shear)
    end do
 end subroutine set_penalty
 
-!> Matrix of the penalty
+!> Matrix of the penalty and of springs
 subroutine add_penalty(self, matrix, value)
    !> Surface
    class(surface_type), target, intent(in) :: self
@@ -141,11 +206,15 @@ subroutine add_penalty(self, matrix, value)
    real(wp), allocatable :: part(:, :)
    real(wp), pointer, contiguous :: values(:, :)
    integer, pointer, contiguous :: nodes(:)
+   real(wp) :: resistance(size(self%value, 2))
    integer :: nd, s, i, k, l, n
 
    nd = size(self%value, 2)
    do s = 1, size(self%penalty)
-      if (.not. any(self%essential(:, s))) cycle
+      resistance = merge(self%penalty(s), 0.0_wp, self%essential(:, s))
+      if (allocated(self%spring)) resistance = merge(resistance, self%area(s)*self%spring(:, s), &
+         & self%essential(:, s))
+      if (.not. any(abs(resistance) > 0.0_wp)) cycle
       call self%shape%row(s, nodes, values)
       n = size(nodes)
       allocate (part(nd*n, nd*n), source=0.0_wp)
@@ -153,8 +222,7 @@ subroutine add_penalty(self, matrix, value)
          do l = 1, n
             do k = 1, l
                do i = 1, nd
-                  if (self%essential(i, s)) part(nd*(k - 1) + i, nd*(l - 1) + i) &
-                     & = self%penalty(s)*psi(k)*psi(l)
+                  part(nd*(k - 1) + i, nd*(l - 1) + i) = resistance(i)*psi(k)*psi(l)
                end do
             end do
          end do
@@ -290,6 +358,10 @@ subroutine add_point_force(self, cells, s, state, force, displacement)
          force(i) = force(i) + combined(self%traction(:, i, s), state%factor)*self%area(s)
       end if
    end do
+   if (allocated(self%spring)) force(:size(u, 1)) = force(:size(u, 1)) - merge(0.0_wp, &
+      & self%area(s)*self%spring(:, s)*u(:, 1), self%essential(:, s))
+   if (allocated(self%pressure)) force = force + self%pressure_force(cells, s, &
+      & dot_product(self%pressure(:, s), state%factor), state%x)
    ! a support moves as it is told, the body a little less
    displacement = 0.0_wp
    displacement(:size(u, 1)) = merge(held, u(:, 1), self%essential(:, s))
