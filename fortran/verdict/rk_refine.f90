@@ -124,7 +124,8 @@ subroutine refine(self, deck, model, receiver, error)
          return
       end if
       next = next_cells(cells, share, relative(bars), counts, aim*self%wanted)
-      next = min(next, limit)
+      ! blocks of as many voxels each: where they differ answers are worse than the bars tell
+      if (allocated(scene%cloud%block)) next = divisor_from(next, limit)
       if (all(next == cells)) then
          self%reason = 'the wanted error of '//to_text(100.0_wp*self%wanted, 3)//' % is not met: ' &
             & //'every voxel has its own source points; give a label map of finer voxels'
@@ -367,5 +368,18 @@ pure function next_cells(cells, share, bar, counts, wanted) result(next)
    ! pairs of cells share their pressures
    where (next > cells) next = 2*((next + 1)/2)
 end function next_cells
+
+!> Smallest divisor of a number from another number on
+elemental integer function divisor_from(least, number) result(divisor)
+   !> From where on
+   integer, intent(in) :: least
+   !> Number, itself the largest divisor
+   integer, intent(in) :: number
+
+   do divisor = min(least, number), number - 1
+      if (mod(number, divisor) == 0) return
+   end do
+   divisor = number
+end function divisor_from
 
 end module rk_refine
