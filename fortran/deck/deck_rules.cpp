@@ -16,13 +16,24 @@ static void check_materials(Deck &deck) {
    const std::vector<Section *> materials = deck.entries("material");
    const Section *scene = deck.single("scene");
    const std::string method = scene ? scene->text("method") : "";
+   const bool regions = std::any_of(materials.begin(), materials.end(), [](Section *material) {
+      return material->find("where") || material->refused.count("where");
+   });
    for (Section *material : materials) {
+      const Value *label = material->find("label");
+      if (regions && label)
+         deck.complain(label->origin, deck.address(*material, "label"),
+                       "cannot be given where materials are told apart by `where`");
+      if (regions && material != materials.front() && !material->find("where") &&
+          !material->refused.count("where"))
+         deck.complain(material->origin, deck.address(*material, "where"),
+                       "missing, only the first material may leave it out and fill the rest");
       const Value *bulk = material->find("K");
       if (bulk && !std::isfinite(bulk->number()) && method == "rkcm")
          deck.complain(bulk->origin, deck.address(*material, "K"),
                        "inf needs a pressure that is an unknown: take scene.method = rkpm-gauss, "
                        "rkpm-scni or rkcm-mixed instead of rkcm");
-      if (materials.size() > 1 && !material->find("label") && !material->refused.count("label"))
+      if (!regions && materials.size() > 1 && !material->find("label") && !material->refused.count("label"))
          deck.complain(material->origin, deck.address(*material, "label"),
                        "missing, an integer is needed where there are several materials");
    }

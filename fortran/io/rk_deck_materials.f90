@@ -2,6 +2,7 @@
 module rk_deck_materials
    use rk_deck, only : deck_type, word_length
    use rk_deck_programme, only : read_activation
+   use rk_deck_regions, only : has_regions, label_regions
    use rk_error, only : error_type, fatal_error, err_input
    use rk_material, only : material_item
    use rk_material_list, only : new_material
@@ -15,8 +16,8 @@ module rk_deck_materials
    public :: read_materials
 
    !> Keys that place a material in the body and drive it; all others are parameters of its law
-   character(len=*), parameter :: placing(6) = ['name       ', 'label      ', 'fiber      ', &
-      & 'fiber_angle', 'activation ', 'amplitude  ']
+   character(len=*), parameter :: placing(7) = ['name       ', 'label      ', 'where      ', &
+      & 'fiber      ', 'fiber_angle', 'activation ', 'amplitude  ']
 
 contains
 
@@ -34,8 +35,12 @@ subroutine read_materials(scene, deck, error)
    real(wp), allocatable :: direction(:)
    integer, allocatable :: material_of(:)
    integer :: k, n
+   logical :: regions, by_label
 
    n = deck%count('material')
+   regions = has_regions(deck)
+   if (regions) call label_regions(scene%cloud, deck, error)
+   if (allocated(error)) return
    allocate (scene%tissue(n), scene%tissue_of(size(scene%cloud%points, 2)))
    scene%tissue_of = 0
    if (allocated(scene%cloud%fraction)) allocate (material_of(size(scene%cloud%fraction, 1)), &
@@ -44,7 +49,9 @@ subroutine read_materials(scene, deck, error)
       at = 'material.'//to_text(k)
       associate (tissue => scene%tissue(k))
          call deck%get(at//'.name', tissue%name)
+         by_label = regions .or. deck%has(at//'.label')
          if (deck%has(at//'.label')) call deck%get(at//'.label', tissue%label)
+         if (regions) tissue%label = k
          call read_parameters(deck, at, tissue%name, parameters)
          call new_material(item, parameters, error)
          if (allocated(error)) then
@@ -52,11 +59,17 @@ subroutine read_materials(scene, deck, error)
             return
          end if
          call move_alloc(item%material, tissue%material)
-         call fill_points(scene%tissue_of, scene%cloud%label, k, tissue, deck%has(at//'.label'))
+         call fill_points(scene%tissue_of, scene%cloud%label, k, tissue, by_label)
          if (allocated(material_of)) call fill_points(material_of, scene%cloud%fraction_label, k, &
-            & tissue, deck%has(at//'.label'))
+            & tissue, by_label)
          if (.not. any(scene%tissue_of == k) .and. .not. has_part(scene, material_of, k)) then
-            call deck%complain(at//'.label', 'no point has label '//to_text(tissue%label), error)
+            if (regions) then
+               call deck%complain(at//'.where', 'no point lies there, or later materials hold ' &
+                  & //'all of them', error)
+            else
+               call deck%complain(at//'.label', 'no point has label '//to_text(tissue%label), &
+                  & error)
+            end if
             return
          end if
          if (tissue%material%fibered) then

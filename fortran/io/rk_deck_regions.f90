@@ -1,0 +1,152 @@
+!> Materials in parts of a box or an annulus, told by expressions in coordinates: labels of the
+!> points, and fractions of the materials where a border cuts through the volume of a point.
+module rk_deck_regions
+   use rk_cloud, only : cloud_type
+   use rk_deck, only : deck_type
+   use rk_deck_expression, only : read_expression
+   use rk_error, only : error_type
+   use rk_expression, only : expression_type
+   use rk_precision, only : pi, wp
+   use rk_text, only : to_text
+   implicit none
+   private
+
+   public :: has_regions, label_regions
+
+   !> Places in each direction at which the volume of a point is looked at where a border cuts it
+   integer, parameter :: samples = 6
+
+contains
+
+!> Whether the deck tells parts of the body by expressions
+logical function has_regions(deck)
+   !> Deck
+   type(deck_type), intent(in) :: deck
+   integer :: k
+
+   has_regions = .false.
+   do k = 1, deck%count('material')
+      has_regions = has_regions .or. deck%has('material.'//to_text(k)//'.where')
+   end do
+end function has_regions
+
+!> Label each point by the number of its material, of which later ones replace earlier ones
+subroutine label_regions(cloud, deck, error)
+   !> Points of a box or an annulus
+   type(cloud_type), intent(inout) :: cloud
+   !> Deck
+   type(deck_type), intent(in) :: deck
+   !> Error handling: an expression without a value somewhere
+   type(error_type), allocatable, intent(inout) :: error
+   type(expression_type) :: region(deck%count('material'))
+   integer, allocatable :: count_(:)
+   real(wp), allocatable :: extent(:)
+   real(wp) :: part(size(region)), low(3), high(3), step(3)
+   integer :: d, ip, k
+
+   do k = 1, size(region)
+      call read_expression(deck, 'material.'//to_text(k)//'.where', region(k))
+   end do
+   call deck%get('geometry.collocation', count_)
+   low = 0.0_wp
+   if (cloud%polar) then
+      call deck%get('geometry.inner_radius', low(1))
+      call deck%get('geometry.outer_radius', high(1))
+      high(2) = 0.5_wp*pi
+   else
+      call deck%get('geometry.size', extent)
+      high(:cloud%nd) = extent
+   end if
+   do d = 1, cloud%nd
+      step(d) = (high(d) - low(d))/(count_(d) - 1)
+   end do
+   if (allocated(cloud%fraction)) deallocate (cloud%fraction)
+   allocate (cloud%fraction(size(region), size(cloud%points, 2)), source=0.0_wp)
+   cloud%fraction_label = [(k, k=1, size(region))]
+   do ip = 1, size(cloud%points, 2)
+      call fill(ip)
+      if (allocated(error)) return
+   end do
+   ! borders between the volumes of points leave nothing to mix
+   if (all(maxval(cloud%fraction, dim=1) >= 1.0_wp)) deallocate (cloud%fraction, &
+      & cloud%fraction_label)
+
+contains
+
+   !> Label and fractions of a point
+   subroutine fill(ip)
+      integer, intent(in) :: ip
+      real(wp) :: from(3), to(3)
+
+      cloud%label(ip) = material_at(cloud%points(:, ip))
+      call cell(cloud%points(:, ip), from, to)
+      part = 0.0_wp
+      call look(from, to, 2)
+      if (count(part > 0.0_wp) > 1 .or. part(cloud%label(ip)) <= 0.0_wp) then
+         part = 0.0_wp
+         call look(from, to, samples)
+      end if
+      cloud%fraction(:, ip) = part/sum(part)
+   end subroutine fill
+
+   !> Volume of a point between lattice lines half way to its neighbours
+   subroutine cell(x, from, to)
+      real(wp), intent(in) :: x(:)
+      real(wp), intent(out) :: from(3), to(3)
+      real(wp) :: q(3)
+
+      q = 0.0_wp
+      q(:size(x)) = x
+      if (cloud%polar) q(:2) = [norm2(x(:2)), atan2(x(2), x(1))]
+      from = 0.0_wp
+      to = 0.0_wp
+      from(:cloud%nd) = max(q(:cloud%nd) - 0.5_wp*step(:cloud%nd), low(:cloud%nd))
+      to(:cloud%nd) = min(q(:cloud%nd) + 0.5_wp*step(:cloud%nd), high(:cloud%nd))
+   end subroutine cell
+
+   !> Add the parts that are seen at so many places in each direction
+   subroutine look(from, to, n)
+      real(wp), intent(in) :: from(3), to(3)
+      integer, intent(in) :: n
+      real(wp) :: q(3), weight
+      integer :: digit(3), e, i, rest
+
+      do i = 0, n**cloud%nd - 1
+         rest = i
+         do e = 1, 3
+            digit(e) = mod(rest, n)
+            rest = rest/n
+         end do
+         q = from + (digit + 0.5_wp)/n*(to - from)
+         weight = 1.0_wp
+         if (cloud%polar) then
+            weight = q(1)
+            q(:2) = q(1)*[cos(q(2)), sin(q(2))]
+         end if
+         associate (k => material_at(q(:cloud%nd)))
+            if (k > 0) part(k) = part(k) + weight
+         end associate
+      end do
+   end subroutine look
+
+   !> Last material whose part of the body holds a place
+   integer function material_at(x) result(found)
+      real(wp), intent(in) :: x(:)
+      real(wp) :: value
+
+      do found = size(region), 1, -1
+         if (.not. region(found)%given()) return
+         call region(found)%at(x, value, error)
+         if (allocated(error)) exit
+         if (abs(value) > 0.0_wp) return
+      end do
+      found = max(found, 0)
+      if (found == 0 .and. .not. allocated(error)) call deck%complain('material.1.where', &
+         & 'no material holds the place '//to_text(x)//': leave `where` out of the first ' &
+         & //'[[material]], which then fills what no other one holds', error)
+      found = max(found, 1)
+   end function material_at
+
+end subroutine label_regions
+
+end module rk_deck_regions
