@@ -401,6 +401,10 @@ function unit_of(scene, i) result(text)
          text = scene%force_unit//' '//scene%length_unit
       case ('length')
          text = scene%length_unit
+      case ('energy')
+         text = scene%force_unit//' '//scene%length_unit
+      case ('angle')
+         text = 'degree'
       case ('ratio')
          text = ''
       case default

@@ -114,13 +114,16 @@ static void check_linear_probes(Deck &deck, const Section &linear, const std::st
       const std::string quantity = probe->text("quantity");
       const bool force = quantity.compare(0, 5, "force") == 0;
       const bool moved = quantity.compare(0, 6, "torque") == 0 ||
-                         quantity.compare(0, 7, "section") == 0 || probe->find("set");
+                         quantity.compare(0, 7, "section") == 0 || probe->find("set") ||
+                         of_whole_body(quantity);
       const bool fits = problem == "poisson" ? quantity == "u" && !moved
                         : force              ? forces
                                              : quantity != "J" && !moved;
       if (!quantity.empty() && !fits)
          deck.complain(probe->find("quantity")->origin, deck.address(*probe, "quantity"),
-                       quantity + (moved && !force ? " of a set or section" : "") +
+                       quantity + (moved && !force && !of_whole_body(quantity)
+                                       ? " of a set or section"
+                                       : "") +
                            " is not known in a linear problem of " + problem +
                            (solution == "none" ? " by " + method : " with " + solution));
    }
@@ -136,6 +139,11 @@ void check_linear(Deck &deck, const std::string &geometry, int dimension) {
       for (Section *section : deck.entries(table))
          deck.complain(section->origin, deck.address(*section),
                        "has no place in a linear problem, where [linear] says it all");
+   }
+   for (Section *boundary : deck.entries("boundary")) {
+      if (const Value *rotation = boundary->find("rotation"))
+         deck.complain(rotation->origin, deck.address(*boundary, "rotation"),
+                       "has no place in a linear problem, where displacements are small");
    }
    if (!geometry.empty() && geometry != "box")
       deck.complain(deck.single("geometry")->find("kind")->origin, "geometry.kind",

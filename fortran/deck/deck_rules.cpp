@@ -106,9 +106,32 @@ static void check_amplitudes(Deck &deck) {
    }
 }
 
+bool of_whole_body(const std::string &quantity) {
+   return quantity == "energy" || quantity == "fiber_stretch" || quantity == "pennation";
+}
+
 static void check_probes(Deck &deck, int dimension) {
+   const Section *scene = deck.single("scene");
+   const bool weak = scene && scene->text("method").compare(0, 4, "rkpm") == 0;
    for (Section *probe : deck.entries("probe")) {
       const std::string quantity = probe->text("quantity");
+      const Value *material = probe->find("material");
+      const bool whole = of_whole_body(quantity);
+      const auto given = [&](const char *key) {
+         return probe->find(key) || probe->refused.count(key);
+      };
+      const bool of_set =
+          quantity.compare(0, 5, "force") == 0 || quantity.compare(0, 6, "torque") == 0;
+      if (!whole && !of_set && !given("point") && !given("set"))
+         deck.complain(probe->origin, deck.address(*probe), "needs one of the keys point, set");
+      for (const char *key : {"point", "set"}) {
+         if (const Value *value = whole ? probe->find(key) : nullptr)
+            deck.complain(value->origin, deck.address(*probe, key),
+                          "has no place beside " + quantity + ", which is of a whole body");
+      }
+      if (material && !whole && !weak)
+         deck.complain(material->origin, deck.address(*probe, "material"),
+                       "parts of forces need a Galerkin form, such as scene.method = rkpm-gauss");
       if (dimension == 2 && (quantity == "u_z" || quantity == "force_z" || quantity == "torque_x" ||
                              quantity == "torque_y" || quantity == "section_force_z"))
          deck.complain(probe->find("quantity")->origin, deck.address(*probe, "quantity"),
@@ -144,7 +167,7 @@ static void check_compared(Deck &deck) {
             const bool vector =
                 quantity == "u" || quantity == "force" || quantity == "section_force";
             const bool local = quantity[0] != 'u' && quantity.find("force") == std::string::npos &&
-                               quantity.compare(0, 6, "torque") != 0;
+                               quantity.compare(0, 6, "torque") != 0 && !of_whole_body(quantity);
             if (probe->text("name") != name->text || quantity.empty() || (exact ? local : !vector))
                continue;
             deck.complain(name->origin, deck.address(*section, "probe"),

@@ -497,6 +497,11 @@ function section_force(self, place, normal, state) result(force)
 
    cut = cut_through(self%scene, place, normal)
    allocate (held(self%n), source=0.0_wp)
+   if (allocated(state%part)) then
+      ! the stress of one tissue, to which neither supports nor stabilisation belong
+      force = inner_force(self%cells, self%gradient, cut, state, held)
+      return
+   end if
    call self%matrix%product(self%constant, state%x(:self%matrix%n), held(:self%matrix%n))
    force = inner_force(self%cells, self%gradient, cut, state, held) &
       & + self%surface%held_force(self%cells, cut, state)

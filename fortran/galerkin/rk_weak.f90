@@ -42,6 +42,8 @@ module rk_weak
       procedure :: state
       procedure :: at_place
       procedure :: load_points
+      procedure :: of_tissue
+      procedure :: strain_energy
       !> Force through a boundary set
       procedure :: set_force
       !> Moment of the forces on a boundary set
@@ -111,6 +113,66 @@ subroutine state(self, x, load, at)
    end do
    !$omp end parallel do
 end subroutine state
+
+!> The state with the stress of one tissue alone, which has its fraction of the pressure
+subroutine of_tissue(self, state, tissue, own)
+   !> Problem
+   class(weak_problem), intent(in) :: self
+   !> State of the body
+   type(field_state), intent(in) :: state
+   !> Tissue
+   integer, intent(in) :: tissue
+   !> The same with other stresses
+   type(field_state), intent(out) :: own
+   integer :: g, nc, q
+
+   nc = size(self%scene%cloud%points, 2)
+   own = state
+   own%part = [(self%mixture%part_of(nc + q, tissue), q=1, size(state%j))]
+   do g = 1, size(self%cells%first) - 1
+      do q = self%cells%first(g) + 1, self%cells%first(g + 1)
+         if (.not. state%j(q) > 0.0_wp) cycle
+         associate (f => state%f(:, :, q))
+            call self%mixture%stress(nc + q, f, state%load, own%p(:, :, q), volumetric=.false., &
+               & tissue=tissue)
+            own%p(:, :, q) = own%p(:, :, q) + own%part(q)*(self%local_bulk(nc + q) &
+               & *(state%j(q) - 1.0_wp) + self%pressure%value(g, q, state%pressure(:, g))) &
+               & *(0.5_wp*cross(f, f))
+         end associate
+      end do
+   end do
+end subroutine of_tissue
+
+!> Energy of the deformation, with that of the projected change of volume; of the whole body with
+!> that of its supports [force length]
+real(wp) function strain_energy(self, state, tissue) result(energy)
+   !> Problem
+   class(weak_problem), intent(in) :: self
+   !> State of the body
+   type(field_state), intent(in) :: state
+   !> Tissue whose part is wanted, 0 for all
+   integer, intent(in) :: tissue
+   real(wp) :: density, part, pressure
+   integer :: g, nc, q
+
+   nc = size(self%scene%cloud%points, 2)
+   energy = 0.0_wp
+   if (tissue == 0) energy = self%surface%held_energy(state)
+   do g = 1, size(self%cells%first) - 1
+      do q = self%cells%first(g) + 1, self%cells%first(g + 1)
+         part = 1.0_wp
+         if (tissue > 0) part = self%mixture%part_of(nc + q, tissue)
+         if (.not. part > 0.0_wp) cycle
+         pressure = self%pressure%value(g, q, state%pressure(:, g))
+         ! half the pressure times the projected change of volume, none where that is kept
+         density = 0.5_wp*self%local_bulk(nc + q)*(state%j(q) - 1.0_wp)**2
+         if (self%bulk(g) > 0.0_wp .and. .not. self%multiplier%free(g)) density = density &
+            & + 0.5_wp*pressure**2/self%bulk(g)
+         energy = energy + self%cells%weight(q)*(part*density + self%mixture%energy(nc + q, &
+            & state%f(:, :, q), state%load, tissue, volumetric=.false.))
+      end do
+   end do
+end function strain_energy
 
 !> Room for the deformation of all groups
 pure subroutine new_state(self, at)

@@ -92,6 +92,7 @@ subroutine read_probes(scene, deck, error)
             call deck%get(at//'.normal', normal)
             probe%normal(:size(normal)) = normal/norm2(normal)
          end if
+         if (deck%has(at//'.material')) probe%tissue = tissue_number(scene, deck, at)
          if (deck%has(at//'.set')) then
             call deck%get(at//'.set', name)
             call find_named_set(scene%cloud, deck, at//'.set', name, probe%set, error)
@@ -100,7 +101,7 @@ subroutine read_probes(scene, deck, error)
                call deck%get(at//'.about', point)
                probe%about(:size(point)) = point
             end if
-         else if (allocated(scene%cloud%lattice)) then
+         else if (allocated(scene%cloud%lattice) .and. deck%has(at//'.point')) then
             if (outside_lattice(scene%cloud, point)) call deck%complain(at//'.point', &
                & to_text(point)//' lies outside the '//body_of(deck), error)
          end if
@@ -145,6 +146,22 @@ integer function probe_number(scene, deck, at)
       if (scene%probe(probe_number)%name == name) return
    end do
 end function probe_number
+
+!> Number of the tissue that an entry names; the deck check knows that it exists
+integer function tissue_number(scene, deck, at)
+   !> Scene with tissues
+   type(scene_type), intent(in) :: scene
+   !> Deck
+   type(deck_type), intent(in) :: deck
+   !> Key of the entry
+   character(len=*), intent(in) :: at
+   character(len=:), allocatable :: name
+
+   call deck%get(at//'.material', name)
+   do tissue_number = 1, size(scene%tissue)
+      if (scene%tissue(tissue_number)%name == name) return
+   end do
+end function tissue_number
 
 !> Number of a boundary set that a key names
 subroutine find_named_set(cloud, deck, key, name, set, error)

@@ -61,6 +61,11 @@ module rk_mixture
       procedure :: bulk_at_one_pressure
       !> Shear modulus of a deformed state
       procedure :: shear_modulus
+      !> Fraction of a tissue, and its fiber
+      procedure :: part_of
+      procedure :: fiber_of
+      !> Energy
+      procedure :: energy
       !> P
       procedure :: stress
       !> P and C4
@@ -346,8 +351,65 @@ pure real(wp) function shear_modulus(self, ip, f)
    end do
 end function shear_modulus
 
+!> Fraction of a tissue at a place [-]
+pure real(wp) function part_of(self, ip, tissue)
+   !> Mixture
+   class(mixture_type), intent(in) :: self
+   !> Place
+   integer, intent(in) :: ip
+   !> Tissue
+   integer, intent(in) :: tissue
+
+   associate (first => self%first(ip) + 1, last => self%first(ip + 1))
+      part_of = sum(self%fraction(first:last), mask=self%tissue(first:last) == tissue)
+   end associate
+end function part_of
+
+!> Fiber of a tissue at a place, zeros where it has none [-]
+pure function fiber_of(self, ip, tissue) result(fiber)
+   !> Mixture
+   class(mixture_type), intent(in) :: self
+   !> Place
+   integer, intent(in) :: ip
+   !> Tissue
+   integer, intent(in) :: tissue
+   real(wp) :: fiber(3)
+   integer :: e
+
+   fiber = 0.0_wp
+   do e = self%first(ip) + 1, self%first(ip + 1)
+      if (self%tissue(e) == tissue) fiber = self%fiber(:, e)
+   end do
+end function fiber_of
+
+!> Energy of a tissue at a place, times its fraction [stress]
+pure real(wp) function energy(self, ip, f, load, tissue, volumetric)
+   !> Mixture
+   class(mixture_type), intent(in) :: self
+   !> Place
+   integer, intent(in) :: ip
+   !> Deformation gradient F(i,A) [-]
+   real(wp), intent(in) :: f(3, 3)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> Tissue, 0 for all
+   integer, intent(in) :: tissue
+   !> Include K/2 (J-1)^2?
+   logical, intent(in) :: volumetric
+   integer :: e
+
+   energy = 0.0_wp
+   do e = self%first(ip) + 1, self%first(ip + 1)
+      if (tissue > 0 .and. self%tissue(e) /= tissue) cycle
+      associate (material => self%scene%tissue(self%tissue(e))%material)
+         energy = energy + self%fraction(e)*material%energy(f, self%fiber(:, e), &
+            & activation_of(self, e, load), volumetric)
+      end associate
+   end do
+end function energy
+
 !> First Piola-Kirchhoff stress at a place
-pure subroutine stress(self, ip, f, load, p, volumetric)
+pure subroutine stress(self, ip, f, load, p, volumetric, tissue)
    !> Mixture
    class(mixture_type), intent(in) :: self
    !> Place
@@ -360,11 +422,16 @@ pure subroutine stress(self, ip, f, load, p, volumetric)
    real(wp), intent(out) :: p(3, 3)
    !> Include K/2 (J-1)^2?
    logical, intent(in) :: volumetric
+   !> The part of this tissue alone
+   integer, intent(in), optional :: tissue
    real(wp) :: part(3, 3)
    integer :: e
 
    p = 0.0_wp
    do e = self%first(ip) + 1, self%first(ip + 1)
+      if (present(tissue)) then
+         if (self%tissue(e) /= tissue) cycle
+      end if
       associate (material => self%scene%tissue(self%tissue(e))%material)
          call material%stress(f, self%fiber(:, e), activation_of(self, e, load), part, volumetric)
       end associate

@@ -69,11 +69,13 @@ module rk_scene
       character(len=:), allocatable :: name
       !> What is measured
       character(len=:), allocatable :: quantity
+      !> Tissue whose part is measured, 0 for all
+      integer :: tissue = 0
       !> Boundary set that it is taken of, 0 for a point or a plane
       integer :: set = 0
       !> Undeformed place of a point quantity, or a point of the plane of a section [length]
       real(wp) :: point(3) = 0.0_wp
-      !> Unit normal of the plane
+      !> Unit normal of the plane, or direction against which fibers are inclined
       real(wp) :: normal(3) = 0.0_wp
       !> Point about which a torque turns [length]
       real(wp) :: about(3) = 0.0_wp

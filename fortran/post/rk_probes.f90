@@ -2,8 +2,8 @@
 module rk_probes
    use rk_discretisation, only : discretisation_type
    use rk_error, only : error_type
-   use rk_precision, only : wp
-   use rk_scene, only : scene_type
+   use rk_precision, only : pi, wp
+   use rk_scene, only : probe_type, scene_type
    use rk_shape, only : shape_type
    use rk_states, only : field_state, point_state
    use rk_tensor, only : principal_values
@@ -38,7 +38,7 @@ subroutine new_probes(self, scene, error)
    do i = 1, size(scene%probe)
       self%nearest(i) = 1
       place(:, i) = scene%cloud%points(:, 1)
-      if (scene%probe(i)%set > 0) cycle
+      if (scene%probe(i)%set > 0 .or. of_body(scene%probe(i)%quantity)) cycle
       place(:, i) = scene%probe(i)%point(:nd)
       self%nearest(i) = minloc(sum((scene%cloud%points - spread(place(:, i), 2, &
          & size(scene%cloud%points, 2)))**2, dim=1), dim=1)
@@ -60,16 +60,23 @@ subroutine probe_value(problem, probes, i, state, value)
    type(field_state), intent(in) :: state
    !> Value, shape (3); the first quantity_size numbers count
    real(wp), intent(out) :: value(3)
+   type(field_state) :: own
    type(point_state) :: local
    real(wp) :: u(problem%fields, problem%shape%nq)
 
    associate (probe => problem%scene%probe(i), nd => problem%scene%cloud%nd)
+      if (of_body(probe%quantity)) then
+         value = 0.0_wp
+         value(1) = muscle_value(problem, probe, state)
+         return
+      end if
       select case (quantity_kind(probe%quantity))
       case ('force')
-         if (probe%set > 0) then
-            value = problem%set_force(probe%set, state, 1.0_wp)
+         if (probe%tissue > 0) then
+            call problem%of_tissue(state, probe%tissue, own)
+            value = force_of(problem, probe, own)
          else
-            value = problem%section_force(probe%point(:nd), probe%normal(:nd), state)
+            value = force_of(problem, probe, state)
          end if
       case ('torque')
          value = problem%set_torque(probe%set, state, probe%about)
@@ -87,6 +94,25 @@ subroutine probe_value(problem, probes, i, state, value)
          & len(probe%quantity)))
    end associate
 end subroutine probe_value
+
+!> Force through a boundary set or a plane section
+function force_of(problem, probe, state) result(value)
+   !> Full problem
+   class(discretisation_type), intent(in) :: problem
+   !> Probe
+   type(probe_type), intent(in) :: probe
+   !> State
+   type(field_state), intent(in) :: state
+   real(wp) :: value(3)
+
+   associate (nd => problem%scene%cloud%nd)
+      if (probe%set > 0) then
+         value = problem%set_force(probe%set, state, 1.0_wp)
+      else
+         value = problem%section_force(probe%point(:nd), probe%normal(:nd), state)
+      end if
+   end associate
+end function force_of
 
 !> Displacement of the middle of a boundary set: the mean of that of its points, by area
 function set_displacement(problem, set, state) result(value)
@@ -111,14 +137,58 @@ function set_displacement(problem, set, state) result(value)
    end associate
 end function set_displacement
 
-!> What kind of number a quantity is: length, ratio, stress, force, torque
+!> Whether a quantity is one of a body or a tissue as a whole, at no place
+pure logical function of_body(name)
+   !> Quantity
+   character(len=*), intent(in) :: name
+
+   of_body = any(name == [character(len=13) :: 'energy', 'fiber_stretch', 'pennation'])
+end function of_body
+
+!> Energy, or mean over the volume of a muscle: of the stretch of its fibers, or of their angle
+!> against a direction [degree]
+real(wp) function muscle_value(problem, probe, state) result(value)
+   !> Full problem
+   class(discretisation_type), intent(in) :: problem
+   !> Probe
+   type(probe_type), intent(in) :: probe
+   !> State
+   type(field_state), intent(in) :: state
+   type(point_state) :: local
+   real(wp) :: fiber(3), part, total, one
+   integer :: ip
+
+   if (probe%quantity == 'energy') then
+      value = problem%strain_energy(state, probe%tissue)
+      return
+   end if
+   value = 0.0_wp
+   total = 0.0_wp
+   do ip = 1, size(problem%scene%cloud%points, 2)
+      part = problem%scene%cloud%volume(ip)*problem%mixture%part_of(ip, probe%tissue)
+      fiber = problem%mixture%fiber_of(ip, probe%tissue)
+      if (.not. part*norm2(fiber) > 0.0_wp) cycle
+      call problem%at_point(state, ip, local)
+      fiber = matmul(local%f, fiber)
+      one = norm2(fiber)
+      if (probe%quantity == 'pennation') one = 180.0_wp/pi &
+         & *acos(min(abs(dot_product(fiber, probe%normal))/one, 1.0_wp))
+      value = value + part*one
+      total = total + part
+   end do
+   value = value/max(total, tiny(1.0_wp))
+end function muscle_value
+
+!> What kind of number a quantity is: length, ratio, stress, force, torque, energy, angle
 pure function quantity_kind(name) result(kind)
    !> Quantity
    character(len=*), intent(in) :: name
    character(len=:), allocatable :: kind
 
    kind = 'stress'
-   if (name == 'J') kind = 'ratio'
+   if (any(name == [character(len=13) :: 'J', 'fiber_stretch'])) kind = 'ratio'
+   if (name == 'energy') kind = 'energy'
+   if (name == 'pennation') kind = 'angle'
    if (name(1:1) == 'u') kind = 'length'
    if (index(name, 'force') > 0) kind = 'force'
    if (index(name, 'torque') == 1) kind = 'torque'

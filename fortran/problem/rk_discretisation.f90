@@ -54,6 +54,10 @@ module rk_discretisation
       procedure :: section_force
       !> Work of the stress against that of the forces
       procedure :: compare_works
+      !> The state with the stress of one tissue alone
+      procedure :: of_tissue
+      !> Energy of the deformation
+      procedure :: strain_energy
       !> Points where set_point_loads wants values
       procedure :: load_points
       !> Set what varies over the points and has no place in a deck
@@ -207,6 +211,42 @@ function section_force(self, place, normal, state) result(force)
    end associate
    force = 0.0_wp
 end function section_force
+
+!> The state with the stress of one tissue alone, for its part in a force; weak forms know it
+subroutine of_tissue(self, state, tissue, own)
+   !> Problem
+   class(discretisation_type), intent(in) :: self
+   !> State of the body
+   type(field_state), intent(in) :: state
+   !> Tissue
+   integer, intent(in) :: tissue
+   !> The same with other stresses
+   type(field_state), intent(out) :: own
+
+   associate (unused => self, unused_too => tissue)
+   end associate
+   own = state
+end subroutine of_tissue
+
+!> Energy of the deformation at the activation of the state: what elastic work has stored, and of
+!> active fibers what they could still do [force length]
+real(wp) function strain_energy(self, state, tissue) result(energy)
+   !> Problem
+   class(discretisation_type), intent(in) :: self
+   !> State of the body
+   type(field_state), intent(in) :: state
+   !> Tissue whose part is wanted, 0 for all
+   integer, intent(in) :: tissue
+   type(point_state) :: local
+   integer :: ip
+
+   energy = 0.0_wp
+   do ip = 1, size(self%scene%cloud%points, 2)
+      call self%at_point(state, ip, local)
+      energy = energy + self%scene%cloud%volume(ip)*self%mixture%energy(ip, local%f, state%load, &
+         & tissue, volumetric=.not. self%has_pressure())
+   end do
+end function strain_energy
 
 !> State at a collocation point
 subroutine at_point(self, state, ip, local)

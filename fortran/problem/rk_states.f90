@@ -22,6 +22,8 @@ module rk_states
       real(wp), allocatable :: j(:)
       !> First Piola-Kirchhoff stress P(i, A), shape (3, 3, np) [stress]
       real(wp), allocatable :: p(:, :, :)
+      !> Where the stress is that of one tissue: its fraction, shape (np) [-]
+      real(wp), allocatable :: part(:)
       !> Weak forms: coefficients of the pressure, the projected K (J - 1) of each group of points,
       !> shape (1 + nd, groups) [stress length^(nd/2)]
       real(wp), allocatable :: pressure(:, :)

@@ -160,6 +160,9 @@ subroutine look_at(self, problem, probes, state, value)
             kind = displacement
          case ('ratio')
             kind = 1.0_wp
+         case ('energy', 'angle')
+            ! nothing else is of their kind
+            kind = 0.0_wp
          case default
             kind = stress
             self%at_surface(i) = on_surface(scene%cloud, scene%probe(i)%point)

@@ -45,6 +45,8 @@ module rk_weak_conditions
       procedure :: add_penalty
       !> Forces of tractions and of the penalty's prescribed values
       procedure :: add_forces
+      !> Energy of the penalty
+      procedure :: held_energy
       !> Force through a set
       procedure :: force => set_force
       !> Force of a pressure at a point, and the deformation gradient there
@@ -330,6 +332,26 @@ function set_torque(self, cells, set, state, about) result(torque)
    end do
 end function set_torque
 
+!> Energy of the penalty: supports give way a little [force length]
+real(wp) function held_energy(self, state) result(energy)
+   !> Surface
+   class(surface_type), intent(in) :: self
+   !> State
+   type(field_state), intent(in) :: state
+   real(wp) :: u(size(self%value, 2), self%shape%nq)
+   integer :: i, s
+
+   energy = 0.0_wp
+   do s = 1, size(self%penalty)
+      if (.not. any(self%essential(:, s))) cycle
+      call self%shape%interpolate(s, state%x, 1, 1, u)
+      do i = 1, size(u, 1)
+         if (self%essential(i, s)) energy = energy + 0.5_wp*self%penalty(s) &
+            & *(u(i, 1) - combined(self%value(:, i, s), state%factor))**2
+      end do
+   end do
+end function held_energy
+
 !> Force on the body at a surface point, and the displacement there
 subroutine add_point_force(self, cells, s, state, force, displacement)
    !> Surface
@@ -344,18 +366,20 @@ subroutine add_point_force(self, cells, s, state, force, displacement)
    real(wp), intent(inout) :: force(3)
    !> Displacement [length]
    real(wp), intent(out) :: displacement(3)
-   real(wp) :: u(size(self%value, 2), self%shape%nq), p(3, 3), held(size(self%value, 2))
+   real(wp) :: u(size(self%value, 2), self%shape%nq), p(3, 3), held(size(self%value, 2)), part
    integer :: i
 
    call self%shape%interpolate(s, state%x, 1, 1, u)
    p = lifted_stress(cells, s, state)
+   part = 1.0_wp
+   if (allocated(state%part)) part = state%part(cells%lift_point(cells%lift_first(s) + 1))
    do i = 1, size(u, 1)
       held(i) = combined(self%value(:, i, s), state%factor)
       if (self%essential(i, s)) then
          force(i) = force(i) + dot_product(p(i, :size(cells%outward, 1)), cells%outward(:, s)) &
-            & - self%penalty(s)*(u(i, 1) - held(i))
+            & - part*self%penalty(s)*(u(i, 1) - held(i))
       else
-         force(i) = force(i) + combined(self%traction(:, i, s), state%factor)*self%area(s)
+         force(i) = force(i) + part*combined(self%traction(:, i, s), state%factor)*self%area(s)
       end if
    end do
    if (allocated(self%spring)) force(:size(u, 1)) = force(:size(u, 1)) - merge(0.0_wp, &

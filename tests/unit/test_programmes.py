@@ -267,3 +267,90 @@ def test_summary_tells_activations_where_they_differ(tmp_path: Path) -> None:
     assert [step["activation"] for step in summary["steps"]] == pytest.approx([0.08, 0.14, 0.2])
     del deck["material"][0]["amplitude"], deck["material"][0]["activation"]
     assert "activations" not in run_deck(deck, tmp_path, error=False)["steps"][0]
+
+
+# ---- muscles -------------------------------------------------------------------------------------
+
+
+#: Numbers of a muscle as a whole
+WHOLE = [
+    {"name": "pull", "quantity": "force_z", "set": "z1"},
+    {"name": "energy", "quantity": "energy"},
+    {"name": "part", "quantity": "energy", "material": "muscle"},
+    {"name": "stretch", "quantity": "fiber_stretch", "material": "muscle"},
+    {"name": "angle", "quantity": "pennation", "normal": [0, 0, 2], "material": "muscle"},
+]
+
+
+def test_work_is_stored_energy_and_what_activation_adds() -> None:
+    """Work of the plate while the activation stands is what the energy changes by; while the plate
+    stands, activation alone changes it."""
+    deck = block(load={"steps": 40}, probe=WHOLE)
+    deck["material"][0] |= {"activation": 0.3, "amplitude": "excite"}
+    deck["amplitude"] = [
+        {"name": "pull", "time": [0, 0.25, 0.5, 0.75], "value": [0, 1, 1, -0.5]},
+        {"name": "excite", "time": [0, 0.25, 0.5], "value": [0, 0, 1]},
+    ]
+    load, probes, _ = solved(deck)
+    place = 0.2 * np.interp(load, [0, 0.25, 0.5, 0.75], [0, 1, 1, -0.5])
+    pull, energy, part = probes[:, :3].T
+    work = np.cumsum(0.5 * (pull[1:] + pull[:-1]) * np.diff(place))
+    for first, last in ((0.05, 0.25), (0.5, 0.75)):
+        i, j = (int(np.argmin(abs(load - at))) for at in (first, last))
+        gained = work[j - 1] - work[i - 1]
+        assert energy[j] - energy[i] == pytest.approx(gained, rel=5e-3)
+    held = (load > 0.25) & (load < 0.5)
+    assert np.ptp(place[held]) == 0
+    assert np.ptp(energy[held]) > 0.1
+    # supports give way a little and store the rest
+    assert np.all(part <= energy)
+    assert np.abs(part - energy).max() < 0.05 * np.abs(energy).max()
+
+
+@pytest.mark.parametrize("method", ["rkpm-gauss", "rkpm-scni", "rkcm"])
+def test_stretch_and_pennation_of_a_stretched_block(method: str) -> None:
+    """Uniform stretch: fibers of 30 degrees turn towards the pull."""
+    stretch, across, angle = 1.2, 0.95, np.radians(30)
+    deck = {
+        "scene": {"dimension": 3, "method": method},
+        "geometry": {"kind": "box", "size": [1] * 3, "source": [4] * 3, "collocation": [5] * 3},
+        "approximation": {"order": 2, "support": 2.5},
+        "material": [
+            {"name": "muscle", "model": "muscle", "A10": 1.0, "K": 500.0, "fiber_angle": 30.0}
+        ],
+        "boundary": [
+            {"set": f"{a}{k}", "u_x": "-0.05 * x", "u_y": "-0.05 * y", "u_z": "0.2 * z"}
+            for a in "xyz"
+            for k in (0, 1)
+        ],
+        "probe": WHOLE[3:],
+    }
+    _, probes, _ = solved(deck)
+    fiber = np.array([across * np.sin(angle), stretch * np.cos(angle)])
+    expected = [np.linalg.norm(fiber), np.degrees(np.arctan2(*fiber))]
+    np.testing.assert_allclose(probes[-1], expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("probe", "complaint"),
+    [
+        ({"quantity": "pennation", "normal": [0, 0, 1]}, "material: missing, a text is needed for"),
+        ({"quantity": "energy", "set": "z1"}, "set: has no place beside energy, which is of a"),
+        ({"quantity": "J"}, "probe.p: needs one of the keys point, set"),
+        (
+            {"quantity": "J", "point": [0, 0, 0], "material": "muscle"},
+            "material: only for quantity",
+        ),
+    ],
+)
+def test_probes_that_cannot_be(probe: dict[str, Any], complaint: str) -> None:
+    with pytest.raises(InputError) as told:
+        load_tables(block(probe=[{"name": "p", **probe}]), ())
+    assert complaint in str(told.value)
+
+
+def test_collocation_does_not_know_the_parts_of_a_force() -> None:
+    deck = block(probe=[{"name": "p", "quantity": "force", "set": "z1", "material": "muscle"}])
+    deck["scene"]["method"] = "rkcm"
+    with pytest.raises(InputError, match="parts of forces need a Galerkin form"):
+        load_tables(deck, ())
