@@ -25,6 +25,7 @@ FORTRAN_LAYERS = [
     {"values"},
     {"solvers", "approximation", "material"},
     {"model"},
+    {"mixture"},
     {"cells", "problem", "h5"},
     {"weak"},
     {"collocation", "galerkin", "driver", "post"},

@@ -1,0 +1,131 @@
+!> Fractions of tissues at places, and the points whose fibers a tissue has there.
+module rk_fractions
+   use rk_material, only : kind_i4
+   use rk_neighbours, only : nearest_points
+   use rk_precision, only : wp
+   use rk_scene, only : scene_type
+   use rk_shape, only : shape_type
+   implicit none
+   private
+
+   public :: own_parts, shares, fractions, has_fibers, fibered_points
+
+   !> Fractions below this are none [-]
+   real(wp), parameter :: nothing = 1.0e-8_wp
+
+contains
+
+!> Fractions of the tissues at a collocation point
+pure function own_parts(scene, ip) result(part)
+   !> Scene
+   type(scene_type), intent(in) :: scene
+   !> Collocation point
+   integer, intent(in) :: ip
+   real(wp) :: part(size(scene%tissue))
+
+   if (allocated(scene%tissue_part)) then
+      part = scene%tissue_part(:, ip)
+   else if (size(part) == 1) then
+      part = 1.0_wp
+   else
+      part = 0.0_wp
+      part(scene%tissue_of(ip)) = 1.0_wp
+   end if
+end function own_parts
+
+!> Fractions of the tissues that belong to each source point
+function shares(scene) result(share)
+   !> Scene
+   type(scene_type), intent(in) :: scene
+   real(wp), allocatable :: share(:, :)
+   real(wp) :: volume(size(scene%cloud%source, 2))
+   integer, allocatable :: nearest(:), owner(:)
+   integer :: ip, is
+
+   allocate (share(size(scene%tissue), size(volume)), source=0.0_wp)
+   nearest = nearest_points(scene%cloud%points, scene%cloud%source)
+   if (.not. allocated(scene%tissue_part)) then
+      do is = 1, size(volume)
+         share(scene%tissue_of(nearest(is)), is) = 1.0_wp
+      end do
+      return
+   end if
+   owner = scene%cloud%nearest_source()
+   volume = 0.0_wp
+   do ip = 1, size(owner)
+      associate (is => owner(ip), part => scene%cloud%volume(ip))
+         volume(is) = volume(is) + part
+         share(:, is) = share(:, is) + part*scene%tissue_part(:, ip)
+      end associate
+   end do
+   do is = 1, size(volume)
+      if (volume(is) > 0.0_wp) then
+         share(:, is) = share(:, is)/volume(is)
+      else
+         share(:, is) = scene%tissue_part(:, nearest(is))
+      end if
+   end do
+end function shares
+
+!> Fractions of all tissues at a place with their gradients
+subroutine fractions(shape, share, ip, part, gradient)
+   !> Shape functions of order 0
+   type(shape_type), target, intent(in) :: shape
+   !> Fractions that belong to each source point, shape (nt, ns) [-]
+   real(wp), intent(in) :: share(:, :)
+   !> Place
+   integer, intent(in) :: ip
+   !> Fractions, shape (nt) [-]
+   real(wp), intent(out) :: part(:)
+   !> Gradients, shape (3, nt) [1/length]
+   real(wp), intent(out) :: gradient(:, :)
+   real(wp), pointer, contiguous :: values(:, :)
+   integer, pointer, contiguous :: nodes(:)
+   integer :: j, k
+
+   part = 0.0_wp
+   gradient = 0.0_wp
+   call shape%row(ip, nodes, values)
+   do j = 1, size(nodes)
+      do k = 1, size(part)
+         part(k) = part(k) + share(k, nodes(j))*values(1, j)
+         gradient(:shape%nd, k) = gradient(:shape%nd, k) &
+            & + share(k, nodes(j))*values(2:1 + shape%nd, j)
+      end do
+   end do
+   where (part < nothing) part = 0.0_wp
+end subroutine fractions
+
+!> Whether a tissue has fibers at a collocation point
+pure logical function has_fibers(scene, k, at)
+   !> Scene
+   type(scene_type), intent(in) :: scene
+   !> Tissue
+   integer, intent(in) :: k
+   !> Collocation point
+   integer, intent(in) :: at
+
+   has_fibers = scene%tissue(k)%material%active(kind_i4)
+   if (has_fibers .and. scene%interface%own_fibers) &
+      & has_fibers = scene%tissue(scene%tissue_of(at))%material%active(kind_i4)
+end function has_fibers
+
+!> Collocation points whose fibers a tissue has at all of them: themselves, or the nearest of the
+!> tissue
+function fibered_points(scene, k) result(at)
+   !> Scene
+   type(scene_type), intent(in) :: scene
+   !> Tissue with fibers
+   integer, intent(in) :: k
+   integer :: at(size(scene%tissue_of))
+   integer, allocatable :: own(:), other(:)
+   integer :: ip
+
+   at = [(ip, ip=1, size(at))]
+   own = pack(at, scene%tissue_of == k)
+   other = pack(at, scene%tissue_of /= k)
+   if (size(own) == 0) return
+   at(other) = own(nearest_points(scene%cloud%points(:, own), scene%cloud%points(:, other)))
+end function fibered_points
+
+end module rk_fractions
