@@ -122,10 +122,12 @@ def train(
     ranges = parameters if isinstance(parameters, Mapping) else parse_vary(parameters)
     values = load_deck(deck, overrides, "solve")
     kinds = as_parameters(ranges, values)
-    if values.get("amplitude") or any("rotation" in b for b in values.get("boundary", [])):
+    for key in ("rotation", "pressure", "spring"):
+        if any(key in entry for entry in values.get("boundary", [])):
+            raise InputError(f"{deck}: boundary.{key}: a reduced model does not know it")
+    if values.get("amplitude"):
         raise InputError(
-            f"{deck}: a reduced model is trained on loads that grow together; leave out amplitudes "
-            "and rotations"
+            f"{deck}: amplitude: a reduced model is trained on loads that grow together"
         )
     if not 0.0 < tolerance < 0.5:
         raise InputError(f"tolerance must lie between 0 and 0.5, not {tolerance}")
