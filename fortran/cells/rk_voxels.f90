@@ -99,7 +99,7 @@ subroutine voxel_facets(facets, cloud, group, filled, error)
    end do
    if (allocated(cloud%block)) then
       group = pairs_of(cloud%block, owner, cells)
-      call join_small(group, facets, (pair**3 + 1)/2)
+      call join_small(group, facets, pair**3/2)
    else
       group = threes_of(cloud)
       call join_small(group, facets, (group_size**3 + 1)/2)

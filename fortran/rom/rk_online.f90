@@ -15,7 +15,7 @@
 !> Reference: Farhat, Chapman, Avery, Int. J. Numer. Meth. Engng 102 (2015),
 !>            doi:10.1002/nme.4820 (cells with weights that keep the energy)
 module rk_online
-   use, intrinsic :: iso_c_binding, only : c_int
+   use, intrinsic :: iso_c_binding, only : c_double, c_int
    use rk_cell_law, only : cell_stress, cell_tangent, law_type
    use rk_precision, only : wp
    implicit none
@@ -83,39 +83,39 @@ module rk_online
 
    interface
       subroutine online_deform(rows, s, h, z, f) bind(c, name='rk_online_deform')
-         import :: c_int, wp
+         import :: c_double, c_int
          integer(c_int), value :: rows, s
-         real(wp), intent(in) :: h(*), z(*)
-         real(wp), intent(inout) :: f(*)
+         real(c_double), intent(in) :: h(*), z(*)
+         real(c_double), intent(inout) :: f(*)
       end subroutine online_deform
 
       subroutine online_forces(rows, s, h, p, force) bind(c, name='rk_online_forces')
-         import :: c_int, wp
+         import :: c_double, c_int
          integer(c_int), value :: rows, s
-         real(wp), intent(in) :: h(*), p(*)
-         real(wp), intent(inout) :: force(*)
+         real(c_double), intent(in) :: h(*), p(*)
+         real(c_double), intent(inout) :: force(*)
       end subroutine online_forces
 
       subroutine online_images(cells, s, c, h, image) bind(c, name='rk_online_images')
-         import :: c_int, wp
+         import :: c_double, c_int
          integer(c_int), value :: cells, s
-         real(wp), intent(in) :: c(*), h(*)
-         real(wp), intent(inout) :: image(*)
+         real(c_double), intent(in) :: c(*), h(*)
+         real(c_double), intent(inout) :: image(*)
       end subroutine online_images
 
       subroutine online_stiffness(rows, s, h, image, a) bind(c, name='rk_online_stiffness')
-         import :: c_int, wp
+         import :: c_double, c_int
          integer(c_int), value :: rows, s
-         real(wp), intent(in) :: h(*), image(*)
-         real(wp), intent(inout) :: a(*)
+         real(c_double), intent(in) :: h(*), image(*)
+         real(c_double), intent(inout) :: a(*)
       end subroutine online_stiffness
 
       subroutine online_volume(pieces, s, t, z, tangent, restart, along, y, dy, pair, force, &
          & stiffness) bind(c, name='rk_online_volume')
-         import :: c_int, wp
+         import :: c_double, c_int
          integer(c_int), value :: pieces, s, tangent, restart
-         real(wp), intent(in) :: t(*), z(*)
-         real(wp), intent(inout) :: along(*), y(*), dy(*), pair(*), force(*), stiffness(*)
+         real(c_double), intent(in) :: t(*), z(*)
+         real(c_double), intent(inout) :: along(*), y(*), dy(*), pair(*), force(*), stiffness(*)
       end subroutine online_volume
    end interface
 

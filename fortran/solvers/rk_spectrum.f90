@@ -35,11 +35,11 @@ subroutine spectral_radius(a, radius, error)
    real(wp), intent(out) :: radius
    !> Error handling: no convergence
    type(error_type), allocatable, intent(out) :: error
-   real(wp) :: wr(size(a, 1)), wi(size(a, 1)), work(8*size(a, 1)), none(1, 1)
+   real(wp) :: wr(size(a, 1)), wi(size(a, 1)), work(8*size(a, 1)), left(1, 1), right(1, 1)
    integer :: info, n
 
    n = size(a, 1)
-   call dgeev('n', 'n', n, a, n, wr, wi, none, 1, none, 1, work, size(work), info)
+   call dgeev('n', 'n', n, a, n, wr, wi, left, 1, right, 1, work, size(work), info)
    radius = maxval(hypot(wr, wi))
    if (info /= 0) call fatal_error(error, err_linalg, 'eigenvalues were not found, info ' &
       & //to_text(info))

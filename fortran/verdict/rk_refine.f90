@@ -208,7 +208,7 @@ subroutine cells_of(scene, cells, limit)
 
    if (allocated(scene%cloud%lattice)) then
       cells = scene%cloud%lattice - 1
-      limit = spread(huge(1)/4, 1, size(cells))
+      limit = spread(ishft(huge(1), -2), 1, size(cells))
    else
       cells = maxval(scene%cloud%block, dim=2) + 1
       limit = maxval(scene%cloud%voxels%index, dim=2) - minval(scene%cloud%voxels%index, dim=2) + 1
