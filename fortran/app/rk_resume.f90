@@ -106,6 +106,11 @@ subroutine start_from(words, deck, problem, start, error)
    integer :: colon, stat, step
    logical :: exists
 
+   if (problem%is_linear()) then
+      call fatal_error(error, err_input, '--start-from '//words//': a linear problem is solved ' &
+         & //'or marched from its own start; leave the option out')
+      return
+   end if
    path = words
    step = -1
    colon = index(words, ':', back=.true.)

@@ -1,6 +1,6 @@
 !> summary.json of a solve.
 module rk_summary
-   use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
+   use, intrinsic :: ieee_arithmetic, only : ieee_is_nan, ieee_quiet_nan, ieee_value
    use rk_bars, only : bars_type
    use rk_deck, only : deck_type
    use rk_discretisation, only : discretisation_type
@@ -236,8 +236,11 @@ subroutine write_steps(json, problem, output, verdict)
          if (allocated(record%step%energy)) then
             call json%begin_object('energy')
             call json%put('kinetic', record%step%energy(1))
-            call json%put('strain', record%step%energy(2))
-            call json%put('work', record%step%energy(3))
+            ! which collocation does not have
+            if (.not. ieee_is_nan(record%step%energy(2))) then
+               call json%put('strain', record%step%energy(2))
+               call json%put('work', record%step%energy(3))
+            end if
             call json%end_object()
          end if
          if (record%step%acoustic_point > 0) then

@@ -5,6 +5,7 @@
 !> with steps of 0.2, and by 2e-2 with steps of 0.02; with 100 times the density it is below 2e-7,
 !> and so is "balanced" here. The published weight is that of "ns-c4".
 module rk_strong_motion
+   use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
    use rk_equation, only : motion_type
    use rk_error, only : error_type, fatal_error, err_memory
    use rk_lapack, only : svd
@@ -267,7 +268,8 @@ subroutine advance(self, before, now, time, next, error)
    next = matmul(self%inverse, b)
 end subroutine advance
 
-!> Kinetic energy by the collocation points; the strong form has no stiffness whose energy it keeps
+!> Kinetic energy by the collocation points; the strong form has no stiffness whose energy it keeps,
+!> the other two are not numbers
 function energy(self, now, next)
    !> Body
    class(strong_motion), intent(in) :: self
@@ -278,7 +280,8 @@ function energy(self, now, next)
    integer :: b, row
 
    speed = matmul(self%values, next - now)/self%motion%step
-   energy = 0.0_wp
+   energy = ieee_value(energy, ieee_quiet_nan)
+   energy(1) = 0.0_wp
    associate (problem => self%problem)
       do b = 1, size(problem%rows%place)
          row = problem%rows%row(b)

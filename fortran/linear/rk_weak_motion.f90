@@ -11,6 +11,7 @@ module rk_weak_motion
    use rk_motion, only : moving_type
    use rk_operator, only : square_report
    use rk_precision, only : wp
+   use rk_sparse, only : factor_upper, sparse_factor
    use rk_spectrum, only : largest_eigenvalue
    use rk_text, only : to_text
    use rk_weak_conditions, only : add_body_force
@@ -36,11 +37,14 @@ module rk_weak_motion
       logical :: varies = .false.
       !> Work of the loads since the start
       real(wp) :: work = 0.0_wp
+      !> Factor of mass and penalty, the same in all time steps
+      type(sparse_factor) :: factor
    contains
       procedure :: start
       procedure :: advance
       procedure :: limit
       procedure :: energy
+      final :: free_motion
    end type weak_motion
 
 contains
@@ -100,7 +104,18 @@ subroutine new_weak_motion(self, problem, error)
    self%stiffness = problem%matrix%value - problem%penalty
    self%varies = loads_vary(problem)
    call loads_at(problem, 0.0_wp, self%force, self%held, error)
+   if (allocated(error)) return
+   call factor_upper(self%factor, self%n, problem%matrix%start, problem%matrix%row, self%mass &
+      & + self%motion%step**2*problem%penalty, error)
 end subroutine new_weak_motion
+
+!> Give the factor back
+subroutine free_motion(self)
+   !> Body
+   type(weak_motion), intent(inout) :: self
+
+   call self%factor%free()
+end subroutine free_motion
 
 !> Loads at a time: those inside, on the free surface and of lifted values, and those of the penalty
 subroutine loads_at(self, time, force, held, error)
@@ -236,15 +251,12 @@ subroutine finish(self, side, time, next, error)
    real(wp), contiguous, intent(inout) :: next(:)
    !> Error handling: an expression without a value somewhere
    type(error_type), allocatable, intent(out) :: error
-   type(square_report) :: report
    real(wp), allocatable :: unused(:)
 
    if (self%varies) call loads_at(self%problem, time, unused, self%held, error)
    if (allocated(error)) return
-   associate (dt => self%motion%step, matrix => self%problem%matrix)
-      call matrix%solve_with(self%mass + dt**2*self%problem%penalty, side + dt**2*self%held, next, &
-         & report, error)
-   end associate
+   next = side + self%motion%step**2*self%held
+   call self%factor%solve(next)
 end subroutine finish
 
 !> Initial displacement or velocity by the consistent mass: what is nearest to it

@@ -1,6 +1,7 @@
 !> Stress and tangent of one cell of a reduced model in few operations: the polynomial of the
 !> reduced invariants, the fibers of its tissues, and the part of the bulk modulus that acts in
-!> each cell. The general materials (room material) take ten times as long.
+!> each cell. The materials' own routines give more derivatives than an iteration needs and call a
+!> material for each tissue; here a cell is one polynomial.
 !>
 !> Tensors are vectors of 9 here, index 3(i-1) + A of F(i, A). The energy is one of I1 = tr C,
 !> I2' = |cof F|^2, I4 = |F N|^2 of each fiber and J; its derivatives are sums of products of the

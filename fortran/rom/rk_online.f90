@@ -265,7 +265,7 @@ subroutine solve_state(model, work, condition, tolerance, most_steps, z, iterati
    type(work_type), intent(inout) :: work
    !> What is asked for
    type(prescribed_type), intent(in) :: condition
-   !> Relative size of a step at which the iteration ends [-]
+   !> Relative size of a step at which the iteration ends; 0 for as many iterations as allowed [-]
    real(wp), intent(in) :: tolerance
    !> Iterations at most
    integer, intent(in) :: most_steps
@@ -286,7 +286,10 @@ subroutine solve_state(model, work, condition, tolerance, most_steps, z, iterati
    halvings = 0
    restart = .true.
    do
-      if (iterations >= most_steps) exit
+      if (iterations >= most_steps) then
+         if (.not. tolerance > 0.0_wp) return
+         exit
+      end if
       iterations = iterations + 1
       call assemble(model, work, z, condition, .true., restart)
       if (.not. work%min_j > min(j_floor, j_share*j_before)) then

@@ -42,6 +42,8 @@ module rk_run
       character(len=:), allocatable :: lost
       !> Why the run ended early; not allocated where it did not
       character(len=:), allocatable :: ended
+      !> Smallest volume ratio at the places of output in all states [-]
+      real(wp) :: min_j = huge(1.0_wp)
       !> The last state
       type(field_state) :: last
       !> States that are judged: that of full load, or all planned ones of a programme, whose end
@@ -318,6 +320,7 @@ subroutine step(self, st, x)
    ! J is that of the F that is written, also where a form integrates elsewhere
    if (allocated(self%outcome%last%j)) then
       seen%min_j = worst%min_j
+      self%outcome%min_j = min(self%outcome%min_j, worst%min_j)
       seen%max_j = worst%max_j
    end if
    call self%receiver%step(seen, x)

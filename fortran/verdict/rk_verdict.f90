@@ -105,6 +105,10 @@ subroutine judge(self, problem, deck, model, with_companion, receiver, outcome)
       call self%compare(outcome%imbalance, of_balance, 'the forces on all boundary ' &
          & //'sets do not balance: # of the largest is left')
       if (problem%has_pressure()) call judge_volume(self, problem, outcome%peak)
+      if (.not. outcome%min_j > 0.0_wp) call self%object(doubtful, 'the volume ratio falls to ' &
+         & //to_text(outcome%min_j, 2)//': material is turned inside out in a place, as at the ' &
+         & //'corner of a held face; what is measured near there means nothing, take more points ' &
+         & //'there for the rest')
    end if
    outcome%warnings = outcome%warnings//self%reasons
    ! of which the run has warned on its way

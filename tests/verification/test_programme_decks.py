@@ -33,7 +33,6 @@ def test_twisted_bar_agrees_with_finite_elements(inputs: Path, tmp_path: Path) -
 
 
 def test_finite_elements_follow_motions_and_amplitudes(inputs: Path) -> None:
-    pytest.importorskip("felupe")
     deck = load_deck(inputs / "twist.toml")
     deck["amplitude"] = [{"name": "back", "time": [0, 0.5, 1], "value": [0, 0.25, 0]}]
     deck["amplitude"][0]["curve"] = "smooth"

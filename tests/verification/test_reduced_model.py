@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from myork import ReducedModel, Scene
+from myork import ReducedModel, Scene, sweep
 from myork.cli import main
 from myork.core.galerkin import galerkin_parts, load_parts, modal_products
 from myork.core.online import Model, assemble
@@ -207,11 +207,14 @@ def test_outside_is_told(rom: ReducedModel) -> None:
 def test_corrections(rom: ReducedModel) -> None:
     """The regression alone is rough, one correction is better."""
     values = np.array([[0.33, 0.07], [0.71, -0.11], [0.52, 0.21]])
-    exact = rom.batch(values).amplitudes
-    rough, once = (
-        np.linalg.norm(rom.batch(values, corrections=n).amplitudes - exact) for n in (0, 1)
-    )
-    assert once < 0.5 * rough
+    exact = rom.batch(values)
+    rough, once = (rom.batch(values, corrections=n) for n in (0, 1))
+    off = [np.linalg.norm(batch.amplitudes - exact.amplitudes) for batch in (rough, once)]
+    assert off[1] < 0.5 * off[0]
+    # forces come with every number of corrections, and none says that it solves the equations
+    assert np.abs(once.force - exact.force).max() < 0.02 * np.abs(exact.force).max()
+    assert np.isfinite(rough.force).all() and not rough.converged.any()
+    assert not once.converged.any() and exact.converged.all()
     with pytest.raises(InputError, match="corrections must be"):
         rom.batch(values, corrections=-1)
 
@@ -276,6 +279,28 @@ def test_damaged_files(trained: Path, tmp_path: Path) -> None:
         ReducedModel.load(damaged)
     with pytest.raises(FileError, match="no such reduced model"):
         ReducedModel.load(tmp_path / "none.rom.h5")
+
+
+def test_sweep_by_the_model(deck: Path, trained: Path, tmp_path: Path) -> None:
+    """A sweep takes the numbers of the model of its deck, and drops no setting."""
+    vary = ["load.activation=0.2,0.9"]
+    table = sweep(deck, vary, tmp_path / "one", model=trained, overrides=["boundary.z1.u_z=0.15"])
+    lines = table.read_text().splitlines()
+    rom = ReducedModel.load(trained, threads=1)
+    expected = rom.solve(activation=0.9, u_z=0.15)
+    row = dict(zip(lines[0].split(","), lines[2].split(","), strict=True))
+    assert float(row["reaction"]) == pytest.approx(expected.force, rel=1e-10)
+    for overrides, message in (
+        ([], "needs a value: vary boundary.z1.u_z"),
+        (["boundary.z1.u_z=0.1", "material.muscle.K=100"], "not a parameter of this reduced"),
+    ):
+        with pytest.raises(InputError, match=message):
+            sweep(deck, vary, tmp_path / "none", model=trained, overrides=overrides)
+    other = tmp_path / "other.toml"
+    other.write_text(BLOCK.replace("K = 5000", "K = 2000"))
+    both = [*vary, "boundary.z1.u_z=0.1"]
+    with pytest.raises(InputError, match="was trained on another deck"):
+        sweep(other, both, tmp_path / "other", model=trained)
 
 
 def test_commands(trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

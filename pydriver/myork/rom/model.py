@@ -37,7 +37,7 @@ class Batch(NamedTuple):
     inside : NDArray
         Whether the parameters lie in the range of the training.
     converged : NDArray
-        Whether the state is a solution.
+        Whether the state solves the equations; a fixed number of corrections may not be enough.
     iterations : NDArray
         Newton's iterations.
     amplitudes : F64Array
@@ -282,17 +282,14 @@ class ReducedModel:
         conditions = self.conditions(values)
         if most == 0:
             none = np.zeros(len(values), np.int64)
-            answer = Answer(start, forces, none, none == 0, np.full(len(values), np.nan))
+            # no equation was looked at
+            answer = Answer(start, forces, none, none > 0, np.full(len(values), np.nan))
         else:
             answer = self._solver.solve(
                 conditions, start, self.conditions(self._points),
                 self._amplitudes[:, : self.modes], self._nearest(values), most,
                 self._lifts(values).reshape(len(values), self.modes, -1),
             )  # fmt: skip
-            if most < MOST_STEPS:
-                answer = answer._replace(
-                    converged=np.asarray(np.isfinite(answer.amplitudes).all(axis=1))
-                )
         error = np.full(len(values), np.nan)
         if indicator:
             error = self._indicate(conditions, answer)

@@ -167,8 +167,12 @@ class Solver:
         lift: F64Array | None = None,
     ) -> Answer:
         """States from a start; those that fail are followed from the nearest known ones."""
-        answer = self.newton(conditions, start, most=most, lift=lift)[0]
-        for parts in PARTS if most == MOST_STEPS else ():
+        if most < MOST_STEPS:
+            # as many corrections as asked for; whether they were enough is told
+            answer, change = self.newton(conditions, start, tolerance=0.0, most=most, lift=lift)
+            return answer._replace(converged=answer.converged & (change < TOLERANCE))
+        answer = self.newton(conditions, start, lift=lift)[0]
+        for parts in PARTS:
             failed = np.flatnonzero(~answer.converged)
             if len(failed) == 0:
                 break

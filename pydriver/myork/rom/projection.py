@@ -82,8 +82,9 @@ def tissue_laws(deck: Mapping[str, Any]) -> Laws:
     }
     polynomials = [named.get(m["model"], lambda m: m)(m) for m in materials]
     muscle = np.array([m["model"] == "muscle" for m in materials])
-    fiber = ({"lambda_o": 1.0, "gamma1": 0.05, "gamma2": 6.6, "sigma_max": 0.0, "curve": "smooth"},)
-    full = [{**fiber[0], **m} for m in materials]
+    # of no meaning without fibers, but the arrays have a row for every material
+    none = {"lambda_o": 1.0, "gamma1": 0.0, "gamma2": 1.0, "sigma_max": 0.0, "curve": "smooth"}
+    full = [{**none, **m} for m in materials]
     sigma = np.array([m["sigma_max"] if muscle[i] else 0.0 for i, m in enumerate(full)], float)
     active = [m.get("activation", deck["load"]["activation"]) for m in materials]
     return Laws(

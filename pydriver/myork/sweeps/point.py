@@ -29,7 +29,7 @@ def solve_point(deck: str, overrides: Sequence[str], out: str | None) -> dict[st
         with Scene(deck, overrides, Path(out) if out else None, threads=1) as scene:
             try:
                 states = scene.solve()
-                row["verdict"] = states.verdict or "accepted"
+                row["verdict"] = states.verdict
                 row["message"] = "; ".join(states.reasons)
                 values = scene.probes(states.x[-1:], states.load[-1:])[0]
                 for i, probe in enumerate(scene.deck.get("probe", [])):

@@ -12,10 +12,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from myork.console import ProgressCallback, silent
 from myork.core.deck import load_deck
 from myork.errors import InputError, InstallationError
 from myork.files import claimed
+from myork.rom.model import ReducedModel
 from myork.sweeps.plan import Plan, make_plan
 from myork.sweeps.point import solve_point
 from myork.sweeps.store import Store
@@ -85,7 +89,7 @@ def sweep(
     """
     plan = make_plan(vary, samples, seed)
     deck, out = Path(deck), Path(out)
-    values = load_deck(deck, [*overrides, *_settings(plan, plan.points[0])], "solve")
+    units = load_deck(deck, [*overrides, *_settings(plan, plan.points[0])], "solve")["units"]
     for point in (plan.points[-1], plan.points[len(plan.points) // 2]):
         load_deck(deck, [*overrides, *_settings(plan, point)], "solve")
     if model is not None and dask is not None:
@@ -97,6 +101,9 @@ def sweep(
         for line in _preview(plan):
             progress(line)
         return out / "sweep.csv"
+    rom = None if model is None else ReducedModel.load(model)
+    if rom is not None:
+        values = _model_values(plan, rom, Path(model or ""), deck, overrides)
     out.mkdir(parents=True, exist_ok=True)
     head = {
         "deck": load_deck(deck, overrides, "solve")["sha256"],
@@ -110,13 +117,13 @@ def sweep(
         if len(left) < len(plan.points):
             progress(f"{len(plan.points) - len(left)} points are done already")
         try:
-            if model is not None:
-                _reduced(plan, left, Path(model), store)
+            if rom is not None:
+                _reduced(rom, values, left, store)
             elif left:
                 with _executor(dask, min(workers, len(left))) as pool:
                     _full(plan, left, deck, out, overrides, pool, store, progress)
         finally:
-            table = store.write_table(plan.keys, plan.points, values["units"])
+            table = store.write_table(plan.keys, plan.points, units)
     counts: dict[str, int] = {}
     for row in store.rows.values():
         counts[row["verdict"]] = counts.get(row["verdict"], 0) + 1
@@ -182,26 +189,38 @@ def _full(
             )
 
 
-def _reduced(plan: Plan, left: Sequence[int], path: Path, store: Store) -> None:
+def _model_values(
+    plan: Plan, rom: ReducedModel, path: Path, deck: Path, overrides: Sequence[str]
+) -> NDArray[np.float64]:
+    """Values of the parameters of a reduced model at all points; it must be of this very deck."""
+    trained = list(rom.head["overrides"])
+    if load_deck(deck, trained, "solve")["sha256"] != rom.head["deck_sha256"]:
+        raise InputError(
+            f"{path}: was trained on another deck than {deck}; sweep that one, or train it anew"
+        )
+    fixed = [item.partition("=") for item in overrides if item not in trained]
+    values = np.empty((len(plan.points), len(rom.parameters)))
+    given = [(rom.key_of(name), j) for j, name in enumerate(plan.keys)]
+    alone = {rom.key_of(name.strip()): value for name, _, value in fixed}
+    for k, key in enumerate(p.key for p in rom.parameters):
+        named = [j for name, j in given if name == key]
+        if not named and key not in alone:
+            raise InputError(f"the reduced model needs a value: vary {key}, or give it by --set")
+        try:
+            values[:, k] = [point[named[0]] for point in plan.points] if named else alone[key]
+        except ValueError:
+            raise InputError(f"{key}: the reduced model takes numbers only") from None
+    return values
+
+
+def _reduced(
+    rom: ReducedModel, values: NDArray[np.float64], left: Sequence[int], store: Store
+) -> None:
     """Answers of a reduced model, all at once."""
-    import numpy as np
-
-    from myork.rom.model import ReducedModel
-
     if not left:
         return
-    rom = ReducedModel.load(path)
-    columns = []
-    for key in (p.key for p in rom.parameters):
-        named = [j for j, name in enumerate(plan.keys) if rom.key_of(name) == key]
-        if not named:
-            raise InputError(
-                f"the reduced model needs a value of {key}: vary it, or give one value"
-            )
-        columns.append([plan.points[number][named[0]] for number in left])
-    values = np.array(columns, float).T
     start = time.process_time()
-    answer = rom.batch(values, indicator=True)
+    answer = rom.batch(values[left], indicator=True)
     cpu = (time.process_time() - start) / len(left)
     for i, number in enumerate(left):
         reasons = []
