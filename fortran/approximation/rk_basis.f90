@@ -1,4 +1,4 @@
-!> Monomials of total degree up to an order, and their derivatives, in scaled coordinates.
+!> Monomials (4.9) of total degree up to an order, and their derivatives, in scaled coordinates.
 module rk_basis
    use rk_precision, only : wp
    implicit none

@@ -1,6 +1,7 @@
 !> Equilibrium of a hyperelastic body at collocation points, with conditions at boundary points.
 !>
-!> All collocation points carry the equilibrium rows, boundary points carry boundary rows as well.
+!> The strong form (5.27) at the points of (5.40)-(5.51). All collocation points carry the
+!> equilibrium rows, boundary points carry boundary rows as well.
 !> Equation numbers are the thesis's: residuals (5.71)-(5.73), linearisation (5.66)-(5.70). A form
 !> with a pressure among its fields adds what the pressure does.
 !>

@@ -1,6 +1,7 @@
 !> Strong form collocation of hyperelasticity in displacements and pressure.
 !>
-!> With P = P_iso(F) + p cof F the unknowns are u and p in the same reproducing kernel space:
+!> With P = P_iso(F) + p cof F, p = dW/dJ (5.39), the unknowns are u and p in the same
+!> reproducing kernel space:
 !>    momentum   Div P_iso + cof F grad p = 0   at the collocation points (Div cof F = 0),
 !>    volume     J - 1 - p/K = 0                at one point for each cell or patch,
 !>    traction   (P_iso + p cof F) N = h, displacement u = g   at the boundary points.

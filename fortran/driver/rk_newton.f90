@@ -1,4 +1,5 @@
-!> Gauss-Newton (5.76) or Newton (5.59) iteration for one load step, with step control.
+!> Gauss-Newton (5.76) or Newton (5.59) iteration for one load step, with step control, on the
+!> least squares functional (5.53)-(5.58) or an energy.
 !>
 !> It stops on the gradient (5.78a) and the step (5.78b), never on the residual, which does not go
 !> to zero. A state with a volume ratio J <= 0 is never accepted.

@@ -1,10 +1,11 @@
 !> Active contours without edges for any number of level sets and channels.
 !>
 !> n level sets part an image into up to 2**n regions, even in each of N channels: energy (3.29),
-!> (4.3) with the means (4.5). The steps are those of Appendix A with the neighbours of
-!> the previous iterate and with the other level sets of the previous iterate, so that the result
-!> knows no direction of sweeping and no order of the level sets. A step that would raise the
-!> energy is repeated with half the time step.
+!> (4.3) with the means (4.5). One channel with one level set (3.11)-(3.15) or several (3.24), and
+!> several channels with one level set (3.25)-(3.28), are its cases. The steps are those of
+!> Appendix A with the neighbours of the previous iterate and with the other level sets of the
+!> previous iterate, so that the result knows no direction of sweeping and no order of the level
+!> sets. A step that would raise the energy is repeated with half the time step.
 !>
 !> Weights of voxels make the same engine serve the estimate of the bias field, whose misfits
 !> (3.43) are weighted squares as well.

@@ -1,5 +1,7 @@
 !> Rows of voxels of a level set problem: the scheme of Appendix A and the sums behind the energy.
 !>
+!> A level set is positive inside (3.1). Its step is that of (3.21)-(3.23) with the curvature (3.3).
+!>
 !> Level sets lie in one padded array, so that a neighbour along any axis is a fixed step away:
 !> the same lines serve two and three dimensions. Signs of n level sets make 2**n combinations p;
 !> membership in one is the product over the bits of p of H (bit set: inside) or 1 - H, equation
@@ -187,7 +189,7 @@ subroutine step_row(row, epsilon, phi, inside)
    end do
 end subroutine step_row
 
-!> A row's part of the integrals behind means and energy
+!> A row's part of the integrals behind means and energy: areas and lengths (3.4)-(3.6)
 subroutine sum_row(grid, row, mu, nu, regions, share, channels, weight, inside, sums)
    !> Grid
    type(grid_type), intent(in) :: grid
@@ -336,8 +338,9 @@ pure subroutine contract(a, b, inside, level, misfit, tree, force)
    force = tree(:, 0) - tree(:, 1)
 end subroutine contract
 
-!> Inverse lengths of the gradient at faces, (A.2): A for the face ahead of a voxel along the
-!> first axis, B for the same face seen from the voxel ahead; no flux to voxels outside
+!> Inverse lengths of the gradient at faces by central differences (3.44), (A.2): A for the face
+!> ahead of a voxel along the first axis, B for the same face seen from the voxel ahead; no flux to
+!> voxels outside
 pure subroutine faces(grid, axis, a, b, phi, inverse)
    !> Grid
    type(grid_type), intent(in) :: grid

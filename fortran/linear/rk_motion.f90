@@ -1,4 +1,4 @@
-!> Linear dynamics by central differences, thesis (6.36)-(6.43).
+!> Linear dynamics (6.33)-(6.35) by central differences, thesis (6.36)-(6.43).
 !>
 !> A form turns the state of two times into that of the next; what is common to the forms stands
 !> here: the march through time, the states that are written, and the end of what is not stable.

@@ -1,4 +1,4 @@
-!> Third and fourth derivatives of a hyperelastic energy along given directions.
+!> Third and fourth derivatives (5.91)-(5.93) of a hyperelastic energy along given directions.
 !>
 !> A row of the strong form is a second derivative of the energy along two directions: a residual
 !> weighted by r_i gives the scalar s = r_i C4_iAjB H_jBA, the sum over A of W_,FF[R_A, H_A] with

@@ -372,7 +372,7 @@ function turns_over(self, before, after) result(found)
    found = places > few_places*size(self%scene%cloud%points, 2)
 end function turns_over
 
-!> Deformation gradient and its derivatives from the displacement's derivatives
+!> Deformation gradient (5.28), (5.29) and its derivatives from the displacement's derivatives
 pure subroutine deformation(nd, u, f, h)
    !> Space dimension
    integer, intent(in) :: nd

@@ -1,5 +1,6 @@
-!> A problem in the span of modes: least squares Galerkin reduction (6.60)-(6.67) of rows, or
-!> projection of the derivatives of an energy (rk_reduced_galerkin).
+!> A problem in the span of modes: least squares Galerkin reduction (6.60)-(6.67) of rows,
+!> which ends by (6.68), (6.69), or projection of the derivatives of an energy
+!> (rk_reduced_galerkin).
 module rk_reduced
    use rk_discretisation, only : discretisation_type
    use rk_error, only : error_type, fatal_error, err_input

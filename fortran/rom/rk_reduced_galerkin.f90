@@ -1,4 +1,4 @@
-!> Galerkin reduction: equilibrium of a form that has an energy, in the span of modes.
+!> Galerkin reduction (6.27)-(6.31): equilibrium of a form that has an energy, in the span of modes.
 !>
 !> With modes V, orthonormal, the energy E(V a) has the residual V^T r(V a) and the tangent V^T K V.
 !> Both are assembled in full and then projected, so that the volume is projected as in the full

@@ -308,3 +308,15 @@ def test_points_that_do_not_exist_are_named() -> None:
     wrong = replace(points, boundary_point=points.boundary_point + len(points.points))
     with pytest.raises(InputError, match=r"tables: .*boundary entry 1 names point"):
         Scene.from_tables(PULLED, wrong)
+
+
+def test_what_notebooks_show() -> None:
+    """Scenes and states tell what they are in a line, and the reasons of a verdict."""
+    with Scene.from_tables({**CUBE, "title": "A cube <of rubber>"}) as scene:
+        states = scene.solve()
+        assert repr(scene).startswith("Scene('A cube <of rubber>': 3-D, ")
+        assert "2 load steps)" in repr(scene)
+    assert repr(states).startswith(f"States({states.verdict}: 2 states to load 1, ")
+    told = states._replace(verdict="doubtful", reasons=["J < 0 & worse"])
+    assert repr(told).endswith("\n  J < 0 & worse)")
+    assert "<b>doubtful</b>" in told._repr_html_() and "J &lt; 0 &amp; worse" in told._repr_html_()

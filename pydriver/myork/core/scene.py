@@ -25,7 +25,7 @@ from myork.core.deck import (
     load_tables,
     text_of_tables,
 )
-from myork.core.states import VERDICTS, Fields, States, error_norms
+from myork.core.states import VERDICTS, Fields, States, states_of
 from myork.records import PointCloud, Voxels
 from myork.results import RestartState
 from myork.tables import override_text, read_only
@@ -211,6 +211,12 @@ class Scene:
             self.steps,
             self.stencils,
         ) = (int(size) for size in sizes)
+
+    def __repr__(self) -> str:
+        return (
+            f"Scene({self.deck['title']!r}: {self.dimension}-D, {self.source_points} source points,"
+            f" {self.dofs} unknowns, {self.steps} load step{'s' * (self.steps != 1)})"
+        )
 
     def __enter__(self) -> Self:
         return self
@@ -547,29 +553,8 @@ class Scene:
             self._handle, self.dimension, self.collocation_points
         )
         errors.check(stat, message)
-        verdict, reasons, probe_errors = self._verdict(x, info[0], reduced)
-        point = info[5].astype(np.int64)
-        seen = point > 0
-        return States(
-            x=x.T,
-            load=info[0],
-            iterations=info[1].astype(np.int64),
-            min_j=info[2],
-            max_j=info[3],
-            assemble_s=float(seconds[0]),
-            solve_s=float(seconds[1]),
-            checks_s=float(seconds[2]),
-            backward_error=float(worst[0]),
-            min_acoustic=np.where(seen, info[4], np.nan),
-            min_acoustic_point=np.where(seen[:, None], places.T[point - 1], np.nan),
-            force_imbalance=float(worst[1]),
-            work_mismatch=float(worst[2]),
-            errors=error_norms(*norms.tolist()),
-            warnings=self._warnings(),
-            verdict=verdict,
-            reasons=reasons,
-            probe_errors=probe_errors,
-        )
+        verdict = self._verdict(x, info[0], reduced)
+        return states_of(x, info, (seconds, worst, norms), places, self._warnings(), verdict)
 
     def _verdict(
         self, x: F64Array, load: F64Array, reduced: int

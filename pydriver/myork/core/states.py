@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from html import escape
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["VERDICTS", "Fields", "States", "error_norms"]
+__all__ = ["VERDICTS", "Fields", "States", "states_of"]
 
 F64Array = NDArray[np.float64]
 
@@ -79,6 +80,29 @@ class States(NamedTuple):
     reasons: list[str]
     probe_errors: F64Array
 
+    def __repr__(self) -> str:
+        lines = [
+            f"{self.verdict or 'not judged'}: {_count(len(self.load), 'state')} to load "
+            f"{self.load[-1]:g}, {_count(int(self.iterations.sum()), 'iteration')}, "
+            f"J {self.min_j.min():.3g} to {self.max_j.max():.3g}",
+            *self.reasons,
+        ]
+        return "States(" + "\n  ".join(lines) + ")"
+
+    def _repr_html_(self) -> str:
+        """The verdict with its reasons, and the states, as notebooks show them."""
+        rows = zip(self.load, self.iterations, self.min_j, self.max_j, strict=True)
+        cells = "".join(
+            f"<tr><td>{a:.4g}</td><td>{b}</td><td>{c:.4g}</td><td>{d:.4g}</td></tr>"
+            for a, b, c, d in rows
+        )
+        reasons = "".join(f"<li>{escape(reason)}</li>" for reason in self.reasons)
+        return (
+            f"<p><b>{self.verdict or 'not judged'}</b></p><ul>{reasons}</ul><table><tr>"
+            "<th>load</th><th>iterations</th><th>least J</th><th>largest J</th></tr>"
+            f"{cells}</table>"
+        )
+
 
 class Fields(NamedTuple):
     """Fields at the collocation points.
@@ -102,7 +126,11 @@ class Fields(NamedTuple):
     named: dict[str, F64Array]
 
 
-def error_norms(l2: float, h1: float, l2_solution: float, h1_solution: float) -> dict[str, float]:
+def _count(number: int, thing: str) -> str:
+    return f"{number} {thing}" + ("s" if number != 1 else "")
+
+
+def _error_norms(l2: float, h1: float, l2_solution: float, h1_solution: float) -> dict[str, float]:
     """Norms by their names; none where the core has none."""
     if l2 < 0:
         return {}
@@ -113,3 +141,54 @@ def error_norms(l2: float, h1: float, l2_solution: float, h1_solution: float) ->
         "relative_L2": l2 / max(l2_solution, tiny),
         "relative_H1": h1 / max(h1_solution, tiny),
     }
+
+
+def states_of(
+    x: F64Array,
+    info: F64Array,
+    numbers: tuple[F64Array, F64Array, F64Array],
+    places: F64Array,
+    warnings: list[str],
+    judged: tuple[str, list[str], F64Array],
+) -> States:
+    """States from the arrays of the core.
+
+    Parameters
+    ----------
+    x : F64Array
+        Unknowns, shape `(n, nstep)`.
+    info : F64Array
+        Load, iterations, extremes of J, acoustic eigenvalue and the number of its point, 0 for
+        none, shape `(6, nstep)`.
+    numbers : tuple of F64Array
+        Wall times; backward error, imbalance and mismatch of work; norms of errors.
+    places : F64Array
+        Collocation points, shape `(dimension, npoint)` [length].
+    warnings : list of str
+        Warnings of the solve.
+    judged : tuple
+        Verdict, reasons, and error bars of the probes.
+    """
+    seconds, worst, norms = numbers
+    point = info[5].astype(np.int64)
+    seen = point > 0
+    return States(
+        x=x.T,
+        load=info[0],
+        iterations=info[1].astype(np.int64),
+        min_j=info[2],
+        max_j=info[3],
+        assemble_s=float(seconds[0]),
+        solve_s=float(seconds[1]),
+        checks_s=float(seconds[2]),
+        backward_error=float(worst[0]),
+        min_acoustic=np.where(seen, info[4], np.nan),
+        min_acoustic_point=np.where(seen[:, None], places.T[point - 1], np.nan),
+        force_imbalance=float(worst[1]),
+        work_mismatch=float(worst[2]),
+        errors=_error_norms(*norms.tolist()),
+        warnings=warnings,
+        verdict=judged[0],
+        reasons=judged[1],
+        probe_errors=judged[2],
+    )

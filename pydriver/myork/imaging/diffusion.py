@@ -1,6 +1,6 @@
 """Diffusion tensors from diffusion-weighted images, and numbers of tensors.
 
-Tensors are stored as xx, yy, zz, xy, xz, yz.
+Tensors (4.1) are symmetric and stored as xx, yy, zz, xy, xz, yz.
 
 References
 ----------

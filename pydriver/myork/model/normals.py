@@ -2,7 +2,7 @@
 
 phi is positive inside, so the outward normal is -grad phi/|grad phi| (the sign of equation (3.2)
 is the other one). Two ways to a smooth phi: reciprocal multiquadrics around each boundary voxel
-(thesis section 4.1.3), and the signed distance under a Gaussian.
+(thesis section 4.1.3, (4.8)), and the signed distance under a Gaussian.
 """
 
 from __future__ import annotations

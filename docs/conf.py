@@ -1,0 +1,59 @@
+"""Settings of the site: `sphinx-build -W docs build/site`, with the package installed."""
+
+import re
+from importlib import metadata
+
+from docutils import nodes
+from latex2mathml.converter import convert
+from sphinx.application import Sphinx
+from sphinx.writers.html5 import HTML5Translator
+
+project = "MyoRK"
+author = "The MyoRK developers"
+copyright = author
+try:
+    release = metadata.version("myork")
+except metadata.PackageNotFoundError:  # a stage of the build, which is found by PYTHONPATH
+    from myork import __version__ as release
+
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "sphinxcontrib.mermaid",
+]
+myst_enable_extensions = ["amsmath", "dollarmath"]
+myst_heading_anchors = 3
+myst_fence_as_directive = ["mermaid"]
+napoleon_google_docstring = False
+autodoc_member_order = "bysource"
+autodoc_typehints = "none"  # the docstrings give shapes and units as well
+html_theme = "furo"
+html_title = f"MyoRK {release}"
+templates_path: list[str] = []
+exclude_patterns: list[str] = []
+html_math_renderer = "mathml"  # what browsers draw themselves: pages need no network
+
+
+def _mathml(node: nodes.Node, display: str) -> str:
+    """MathML of a formula; bold letters by their own characters, which all browsers know."""
+    return re.sub(
+        r'<mi mathvariant="bold">([A-Za-z])</mi>',
+        lambda m: f"<mi>{chr(0x1D400 + ord(m[1]) - (65 if m[1] < 'a' else 71))}</mi>",
+        convert(node.astext(), display=display),
+    )
+
+
+def _inline(self: HTML5Translator, node: nodes.math) -> None:
+    self.body.append(_mathml(node, "inline"))
+    raise nodes.SkipNode
+
+
+def _display(self: HTML5Translator, node: nodes.math_block) -> None:
+    self.body.append(_mathml(node, "block"))
+    raise nodes.SkipNode
+
+
+def setup(app: Sphinx) -> None:
+    """Draw formulas as MathML."""
+    app.add_html_math_renderer("mathml", (_inline, None), (_display, None))
