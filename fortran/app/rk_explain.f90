@@ -138,7 +138,7 @@ function held(condition, nd) result(text)
    do d = 1, nd
       if (condition%value_of(d)%given()) then
          text = text//', u_'//axes(d)//' '//condition%value_of(d)%text
-      else if (condition%fixed(d)) then
+      else if (condition%fixed(d) .and. .not. abs(condition%direction(d)) > 0.0_wp) then
          text = text//', u_'//axes(d)//' '//to_text(condition%value(d))
       end if
    end do
@@ -152,6 +152,9 @@ function held(condition, nd) result(text)
    end if
    if (abs(condition%pressure) > 0.0_wp) text = text//', pressure '//to_text(condition%pressure)
    if (any(condition%spring > 0.0_wp)) text = text//', spring '//to_text(condition%spring(:nd))
+   if (condition%tendon > 0.0_wp) text = text//', tendon '//to_text(condition%tendon)//' along ' &
+      & //to_text(condition%direction(:nd))
+   if (abs(condition%pull) > 0.0_wp) text = text//', pulled by '//to_text(condition%pull)
    if (text == '') text = ', free'
    text = text(3:)
 end function held

@@ -54,17 +54,19 @@ module rk_gradient
 contains
 
 !> Set up the gradients
-subroutine new_gradient(self, cells, ns, inside, facet, surface, essential)
+subroutine new_gradient(self, cells, ns, inside, facet, surface, essential, follows)
    !> Gradients
    type(gradient_type), intent(out) :: self
    !> Integration points
    type(cells_type), intent(in) :: cells
-   !> Source points
+   !> Source points, with blocks of unknowns behind them
    integer, intent(in) :: ns
    !> Shape functions at the points, the facets and the surface
    type(shape_type), target, intent(in) :: inside, facet, surface
    !> Components prescribed at each surface point, shape (nd, ms)
    logical, intent(in) :: essential(:, :)
+   !> Block whose unknown an essential component follows, 0 where it follows none, shape (nd, ms)
+   integer, intent(in), optional :: follows(:, :)
    type(csr_type) :: facets, lifts, surfaces
    integer, allocatable :: surface_of(:), touched(:)
    real(wp), allocatable :: plain(:, :), taken(:, :, :)
@@ -246,6 +248,14 @@ contains
             if (.not. essential(c, ip)) cycle
             taken(:, c, nodes(j)) = taken(:, c, nodes(j)) + factor*psi(1, j)*cells%outward(:, ip)
          end do
+      end do
+      if (.not. present(follows)) return
+      do c = 1, nd
+         if (follows(c, ip) == 0) cycle
+         call touch(follows(c, ip))
+         associate (own => taken(:, c, follows(c, ip)))
+            own = own - factor*cells%outward(:, ip)
+         end associate
       end do
    end subroutine gather_lift
 

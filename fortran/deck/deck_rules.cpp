@@ -62,6 +62,36 @@ static void check_rotation(Deck &deck, Section &section, int dimension) {
    }
 }
 
+// A tendon needs its direction, and the plate at its end moves as nothing else says
+static void check_tendon(Deck &deck, Section &section) {
+   const Value *tendon = section.find("tendon"), *direction = section.find("direction");
+   if (!tendon) {
+      for (const char *key : {"direction", "pull"}) {
+         if (const Value *value = section.find(key))
+            deck.complain(value->origin, deck.address(section, key), "needs tendon beside it");
+      }
+      return;
+   }
+   for (const char *key : {"radial", "rotation"}) {
+      if (section.find(key))
+         deck.complain(tendon->origin, deck.address(section, "tendon"),
+                       std::string("cannot be given beside ") + key);
+   }
+   if (!direction) {
+      if (!section.refused.count("direction"))
+         deck.complain(tendon->origin, deck.address(section, "direction"),
+                       "missing, an array of numbers is needed for tendon");
+      return;
+   }
+   const char *component[] = {"u_x", "u_y", "u_z"};
+   for (std::size_t i = 0; i < std::min<std::size_t>(direction->items.size(), 3); ++i) {
+      const Value *held = section.find(component[i]);
+      if (held && direction->items[i].number() != 0.0)
+         deck.complain(held->origin, deck.address(section, component[i]),
+                       "cannot be given beside a tendon whose direction has a part in it");
+   }
+}
+
 static void check_boundary(Deck &deck, const std::string &kind, int dimension) {
    for (Section *section : deck.entries("boundary")) {
       const Value *radial = section->find("radial");
@@ -69,7 +99,8 @@ static void check_boundary(Deck &deck, const std::string &kind, int dimension) {
          deck.complain(radial->origin, deck.address(*section, "radial"),
                        "cannot be given beside u_x or u_y");
       check_rotation(deck, *section, dimension);
-      for (const char *key : {"pressure", "spring"}) {
+      check_tendon(deck, *section);
+      for (const char *key : {"pressure", "spring", "tendon"}) {
          if (deck.single("linear") && section->find(key))
             deck.complain(section->find(key)->origin, deck.address(*section, key),
                           "has no place in a linear problem");

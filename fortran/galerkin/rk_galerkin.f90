@@ -29,6 +29,7 @@ module rk_galerkin
    use rk_states, only : field_state
    use rk_tangent, only : add_forces, new_tangent, tangent_type
    use rk_tensor, only : cross, cross_form, identity
+   use rk_text, only : to_text
    use rk_weak, only : deform_group, new_state, weak_problem
    use rk_weak_conditions, only : add_body_force, set_conditions
    implicit none
@@ -70,7 +71,7 @@ subroutine new_galerkin(self, scene, error)
    type(error_type), allocatable, intent(out) :: error
    type(shape_type) :: facet
    real(wp), allocatable :: shear(:), softness(:)
-   integer :: ip, nc, nd, np, ns
+   integer :: blocks, ip, nc, nd, np, ns
 
    self%scene => scene
    self%costly = .true.
@@ -111,27 +112,33 @@ subroutine new_galerkin(self, scene, error)
    shear = [(self%mixture%shear_modulus(nc + ip, identity), ip=1, np)]
    call set_conditions(self%surface, scene, self%cells, shear, error)
    if (allocated(error)) return
-   call new_gradient(self%gradient, self%cells, ns, self%inside, facet, self%surface%shape, &
-      & self%surface%essential)
+   blocks = ns + self%surface%plates%count
+   call new_gradient(self%gradient, self%cells, blocks, self%inside, facet, self%surface%shape, &
+      & self%surface%essential, self%surface%plates%follows)
    call self%gradient%set_essential(self%cells, self%surface%essential, self%surface%value)
    call share_bulk(self%mixture, self%cells, nc, scene%galerkin%stabilisation, self%local_bulk, &
       & self%bulk, softness)
    call new_pressure(self%pressure, self%cells, softness, scene%galerkin%pressure_degree, &
       & scene%cloud%points, error)
    if (allocated(error)) return
-   call new_multiplier(self%multiplier, self%cells, self%bulk, shear, ns, self%gradient%member)
-   self%n = nd*(ns + self%multiplier%extra)
+   call new_multiplier(self%multiplier, self%cells, self%bulk, shear, blocks, self%gradient%member)
+   self%n = nd*(blocks + self%multiplier%extra)
    self%m = self%n
    self%energetic = self%multiplier%extra == 0
    if (self%cells%smoothed) call new_recovery(self%recovery, scene, self%cells, error)
    if (allocated(error)) return
-   call new_tangent(self%matrix, ns, self%cells, self%gradient, self%multiplier, self%surface, &
+   call new_tangent(self%matrix, blocks, self%cells, self%gradient, self%multiplier, self%surface, &
       & self%inside, shear, scene%galerkin%direct_limit, error)
    if (allocated(error)) return
+   if (.not. self%matrix%formed .and. blocks > ns) then
+      call fatal_error(error, err_input, 'boundary.tendon needs a tangent that is formed: give ' &
+         & //'a galerkin.direct_limit of '//to_text(nd*blocks)//' or more where memory allows')
+      return
+   end if
    call set_constants(self, shear)
 end subroutine new_galerkin
 
-!> Penalty, stabilisation, and forces of what is prescribed
+!> Penalty, stabilisation, tendons, and forces of what is prescribed
 subroutine set_constants(self, shear)
    !> Problem with conditions and the places of its matrix
    type(galerkin_problem), intent(inout) :: self
@@ -145,6 +152,8 @@ subroutine set_constants(self, shear)
       & self%cells, self%inside, self%scene%galerkin%stabilisation*shear)
    allocate (self%force(self%n, self%scene%programme%count()), source=0.0_wp)
    call self%surface%add_forces(self%force)
+   call self%surface%plates%add_tendons(self%scene, self%cells%set, self%surface%penalty, &
+      & self%matrix%symmetric_matrix, self%constant, self%force)
 end subroutine set_constants
 
 !> Take other loads and material parameters from the scene
@@ -186,7 +195,7 @@ subroutine renew(self, materials, error)
             & scene%cloud%points, error)
          if (allocated(error)) return
          call new_multiplier(self%multiplier, self%cells, self%bulk, shear, &
-            & size(scene%cloud%source, 2), self%gradient%member)
+            & size(scene%cloud%source, 2) + self%surface%plates%count, self%gradient%member)
       end if
    end associate
    call set_constants(self, shear)

@@ -27,7 +27,7 @@ subroutine read_conditions(scene, deck, error)
    type(error_type), allocatable, intent(inout) :: error
    character(len=:), allocatable :: at, name
    character(len=*), parameter :: component(3) = ['.u_x', '.u_y', '.u_z']
-   real(wp), allocatable :: spring(:)
+   real(wp), allocatable :: spring(:), direction(:)
    integer :: i, k
 
    allocate (scene%condition(deck%count('boundary')))
@@ -59,6 +59,13 @@ subroutine read_conditions(scene, deck, error)
          if (deck%has(at//'.spring')) then
             call deck%get(at//'.spring', spring)
             condition%spring(:size(spring)) = spring
+         end if
+         if (deck%has(at//'.tendon')) then
+            call deck%get(at//'.tendon', condition%tendon)
+            call deck%get(at//'.direction', direction)
+            condition%direction(:size(direction)) = direction/norm2(direction)
+            condition%fixed = condition%fixed .or. abs(condition%direction) > 0.0_wp
+            if (deck%has(at//'.pull')) call deck%get(at//'.pull', condition%pull)
          end if
          condition%amplitude = find_amplitude(scene%programme, deck, at)
          if (deck%has(at//'.rotation')) &

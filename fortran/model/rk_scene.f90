@@ -49,6 +49,13 @@ module rk_scene
       real(wp) :: pressure = 0.0_wp
       !> Springs on the free components [force/length/area]
       real(wp) :: spring(3) = 0.0_wp
+      !> Stiffness of a tendon, at whose end the set moves as a rigid plate, 0 where there is none
+      !> [force/length]
+      real(wp) :: tendon = 0.0_wp
+      !> Its unit direction; components in which it has a part are those that the plate moves
+      real(wp) :: direction(3) = 0.0_wp
+      !> Displacement of its other end along this direction [length]
+      real(wp) :: pull = 0.0_wp
       !> Amplitude of all these, 0 for the ramp
       integer :: amplitude = 0
       !> Load factor of the sine of a rotation, that of 1 - cos follows; 0 where nothing rotates
@@ -249,7 +256,7 @@ pure logical function acts(self, factor)
 
    acts = (self%is_radial .and. abs(self%radial) > 0.0_wp) &
       & .or. any(abs(self%value) > 0.0_wp .and. self%fixed) .or. any(abs(self%traction) > 0.0_wp) &
-      & .or. abs(self%pressure) > 0.0_wp &
+      & .or. abs(self%pressure) > 0.0_wp .or. abs(self%pull) > 0.0_wp &
       & .or. any([(self%value_of(i)%given() .or. self%traction_of(i)%given(), i=1, 3)])
    if (.not. present(factor)) then
       acts = acts .or. self%sine > 0

@@ -4,6 +4,7 @@ module rk_weak_conditions
    use rk_cells, only : cells_type
    use rk_conditions, only : conditions_at
    use rk_error, only : error_type
+   use rk_plates, only : new_plates, plates_type
    use rk_precision, only : wp
    use rk_programme, only : combined, ramp
    use rk_scene, only : scene_type
@@ -32,6 +33,8 @@ module rk_weak_conditions
       !> Springs on the components that are not prescribed, shape (nd, ms); not allocated where
       !> there are none [force/length/area]
       real(wp), allocatable :: spring(:, :)
+      !> Sets at the end of a tendon, to whose motion the values are added
+      type(plates_type) :: plates
       !> Area of each point, shape (ms) [length^(nd-1)]
       real(wp), allocatable :: area(:)
       !> Penalty times area of each point, shape (ms) [force/length]
@@ -52,6 +55,8 @@ module rk_weak_conditions
       !> Force of a pressure at a point, and the deformation gradient there
       procedure :: pressure_force
       procedure :: gradient_at
+      !> What is prescribed at a point
+      procedure :: held_at
       !> Moment of the forces on a set
       procedure :: torque => set_torque
       !> Share of lifting and penalty in the forces on one side of a cut
@@ -93,6 +98,7 @@ subroutine set_conditions(self, scene, cells, shear, error)
       end do
    end do
    call self%set_penalty(scene, cells, shear)
+   call new_plates(self%plates, scene, cells%set, self%shape%ns)
    if (allocated(self%pressure)) deallocate (self%pressure)
    if (allocated(self%spring)) deallocate (self%spring)
    if (any(abs(scene%condition%pressure) > 0.0_wp)) allocate (self%pressure(n, ms), source=0.0_wp)
@@ -205,11 +211,12 @@ subroutine add_penalty(self, matrix, value)
    type(symmetric_matrix), intent(in) :: matrix
    !> Entries, to which those of the penalty are added [force/length]
    real(wp), intent(inout) :: value(:)
-   real(wp), allocatable :: part(:, :)
+   real(wp), allocatable :: part(:, :), psi(:, :)
    real(wp), pointer, contiguous :: values(:, :)
    integer, pointer, contiguous :: nodes(:)
+   integer, allocatable :: blocks(:)
    real(wp) :: resistance(size(self%value, 2))
-   integer :: nd, s, i, k, l, n
+   integer :: nd, s, i, k, l, n, plate
 
    nd = size(self%value, 2)
    do s = 1, size(self%penalty)
@@ -218,18 +225,24 @@ subroutine add_penalty(self, matrix, value)
          & self%essential(:, s))
       if (.not. any(abs(resistance) > 0.0_wp)) cycle
       call self%shape%row(s, nodes, values)
-      n = size(nodes)
+      blocks = nodes
+      plate = 0
+      if (self%plates%count > 0) plate = maxval(self%plates%follows(:, s))
+      if (plate > 0) blocks = [nodes, plate]
+      n = size(blocks)
+      psi = spread(values(1, :), 2, nd)
+      ! what is held is the way from the plate
+      if (plate > 0) psi = reshape([transpose(psi), merge(-1.0_wp, 0.0_wp, &
+         & self%plates%follows(:, s) > 0)], [n, nd], order=[2, 1])
       allocate (part(nd*n, nd*n), source=0.0_wp)
-      associate (psi => values(1, :))
-         do l = 1, n
-            do k = 1, l
-               do i = 1, nd
-                  part(nd*(k - 1) + i, nd*(l - 1) + i) = resistance(i)*psi(k)*psi(l)
-               end do
+      do l = 1, n
+         do k = 1, l
+            do i = 1, nd
+               part(nd*(k - 1) + i, nd*(l - 1) + i) = resistance(i)*psi(k, i)*psi(l, i)
             end do
          end do
-      end associate
-      call matrix%add(value, nodes, part)
+      end do
+      call matrix%add(value, blocks, part)
       deallocate (part)
    end do
 end subroutine add_penalty
@@ -332,22 +345,40 @@ function set_torque(self, cells, set, state, about) result(torque)
    end do
 end function set_torque
 
+!> Displacement that is prescribed at a point, by load factors and by the plate it belongs to
+pure function held_at(self, s, state) result(u)
+   !> Surface
+   class(surface_type), intent(in) :: self
+   !> Surface point
+   integer, intent(in) :: s
+   !> State
+   type(field_state), intent(in) :: state
+   !> Displacement, shape (nd) [length]
+   real(wp) :: u(size(self%value, 2))
+   integer :: i
+
+   do i = 1, size(u)
+      u(i) = combined(self%value(:, i, s), state%factor)
+   end do
+   if (self%plates%count > 0) u = u + self%plates%motion(s, state%x)
+end function held_at
+
 !> Energy of the penalty: supports give way a little [force length]
 real(wp) function held_energy(self, state) result(energy)
    !> Surface
    class(surface_type), intent(in) :: self
    !> State
    type(field_state), intent(in) :: state
-   real(wp) :: u(size(self%value, 2), self%shape%nq)
+   real(wp) :: u(size(self%value, 2), self%shape%nq), held(size(self%value, 2))
    integer :: i, s
 
    energy = 0.0_wp
    do s = 1, size(self%penalty)
       if (.not. any(self%essential(:, s))) cycle
       call self%shape%interpolate(s, state%x, 1, 1, u)
+      held = self%held_at(s, state)
       do i = 1, size(u, 1)
-         if (self%essential(i, s)) energy = energy + 0.5_wp*self%penalty(s) &
-            & *(u(i, 1) - combined(self%value(:, i, s), state%factor))**2
+         if (self%essential(i, s)) energy = energy + 0.5_wp*self%penalty(s)*(u(i, 1) - held(i))**2
       end do
    end do
 end function held_energy
@@ -373,8 +404,8 @@ subroutine add_point_force(self, cells, s, state, force, displacement)
    p = lifted_stress(cells, s, state)
    part = 1.0_wp
    if (allocated(state%part)) part = state%part(cells%lift_point(cells%lift_first(s) + 1))
+   held = self%held_at(s, state)
    do i = 1, size(u, 1)
-      held(i) = combined(self%value(:, i, s), state%factor)
       if (self%essential(i, s)) then
          force(i) = force(i) + dot_product(p(i, :size(cells%outward, 1)), cells%outward(:, s)) &
             & - part*self%penalty(s)*(u(i, 1) - held(i))
@@ -432,6 +463,7 @@ function held_force(self, cells, cut, state) result(force)
       share = dot_product(values(1, :), cut(nodes))
       call self%shape%interpolate(s, state%x, 1, 1, u)
       p = lifted_stress(cells, s, state)
+      if (self%plates%count > 0) u(:, 1) = u(:, 1) - self%plates%motion(s, state%x)
       do i = 1, size(u, 1)
          if (self%essential(i, s)) force(i) = force(i) + share*(dot_product(p(i, &
             & :size(cells%outward, 1)), cells%outward(:, s)) - self%penalty(s)*u(i, 1))

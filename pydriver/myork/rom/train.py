@@ -122,7 +122,7 @@ def train(
     ranges = parameters if isinstance(parameters, Mapping) else parse_vary(parameters)
     values = load_deck(deck, overrides, "solve")
     kinds = as_parameters(ranges, values)
-    for key in ("rotation", "pressure", "spring"):
+    for key in ("rotation", "pressure", "spring", "tendon"):
         if any(key in entry for entry in values.get("boundary", [])):
             raise InputError(f"{deck}: boundary.{key}: a reduced model does not know it")
     if values.get("amplitude"):

@@ -1,0 +1,126 @@
+!> Sets that move as rigid plates at the end of a tendon: a single spring along a direction.
+!>
+!> The displacement of a plate is an unknown. It stands in a block of its own behind those of the
+!> source points, and the prescribed values of its set are this unknown: they are lifted into the
+!> gradients and held by the penalty as given ones are. Residual and tangent are still derivatives
+!> of one energy, to which the spring adds its own; what the set's points pull at is the spring.
+module rk_plates
+   use rk_precision, only : wp
+   use rk_programme, only : ramp
+   use rk_scene, only : scene_type
+   use rk_symmetric, only : symmetric_matrix
+   implicit none
+   private
+
+   public :: plates_type, new_plates
+
+   !> Plates of a scene
+   type :: plates_type
+      !> How many
+      integer :: count = 0
+      !> Blocks before theirs
+      integer, private :: before = 0
+      !> Condition of each, shape (plates)
+      integer, allocatable, private :: condition(:)
+      !> Block whose unknown a component of a surface point follows, 0 where it follows none, shape
+      !> (nd, ms)
+      integer, allocatable :: follows(:, :)
+   contains
+      !> What a surface point is moved by
+      procedure :: motion
+      !> Stiffness and pull of the tendons
+      procedure :: add_tendons
+   end type plates_type
+
+   !> Stiffness across the direction of a tendon, of that of the penalty of its whole set; with 1e6
+   !> rounding keeps the iteration from its end [-]
+   real(wp), parameter :: guide = 1.0e4_wp
+
+contains
+
+!> Find the plates
+subroutine new_plates(self, scene, set, before)
+   !> Plates
+   type(plates_type), intent(out) :: self
+   !> Scene
+   type(scene_type), intent(in) :: scene
+   !> Boundary set of each surface point, shape (ms)
+   integer, intent(in) :: set(:)
+   !> Source points, behind which the plates stand
+   integer, intent(in) :: before
+   integer :: c, i, k, nd
+
+   nd = scene%cloud%nd
+   self%before = before
+   self%condition = pack([(c, c=1, size(scene%condition))], scene%condition%tendon > 0.0_wp)
+   self%count = size(self%condition)
+   allocate (self%follows(nd, size(set)), source=0)
+   do k = 1, self%count
+      associate (mine => scene%condition(self%condition(k)))
+         do i = 1, nd
+            if (.not. abs(mine%direction(i)) > 0.0_wp) cycle
+            where (set == mine%set) self%follows(i, :) = before + k
+         end do
+      end associate
+   end do
+end subroutine new_plates
+
+!> Displacement by which its plate moves a surface point, on the components that follow [length]
+pure function motion(self, s, x) result(u)
+   !> Plates
+   class(plates_type), intent(in) :: self
+   !> Surface point
+   integer, intent(in) :: s
+   !> Unknowns, shape (n) [length]
+   real(wp), intent(in) :: x(:)
+   real(wp) :: u(size(self%follows, 1))
+   integer :: i
+
+   u = 0.0_wp
+   do i = 1, size(u)
+      if (self%follows(i, s) > 0) u(i) = x(size(u)*(self%follows(i, s) - 1) + i)
+   end do
+end function motion
+
+!> Add the stiffness of the tendons, and the forces of ends that are moved
+subroutine add_tendons(self, scene, set, penalty, matrix, value, force)
+   !> Plates
+   class(plates_type), intent(in) :: self
+   !> Scene
+   type(scene_type), intent(in) :: scene
+   !> Boundary set of each surface point, shape (ms)
+   integer, intent(in) :: set(:)
+   !> Penalty times area of each, shape (ms) [force/length]
+   real(wp), intent(in) :: penalty(:)
+   !> Places of the entries
+   type(symmetric_matrix), intent(in) :: matrix
+   !> Entries, to which those of the tendons are added [force/length]
+   real(wp), intent(inout) :: value(:)
+   !> Forces of each load factor, to which those of the pulls are added, shape (n, factors) [force]
+   real(wp), intent(inout) :: force(:, :)
+   real(wp), allocatable :: part(:, :)
+   real(wp) :: across, all
+   integer :: i, k, nd, o
+
+   nd = scene%cloud%nd
+   allocate (part(nd, nd))
+   do k = 1, self%count
+      associate (mine => scene%condition(self%condition(k)), &
+         & d => scene%condition(self%condition(k))%direction(:nd))
+         all = sum(penalty, mask=set == mine%set)
+         ! along it the tendon; what is across does not move, nor does what stands for nothing
+         across = merge(guide*all, 0.0_wp, count(abs(d) > 0.0_wp) > 1)
+         do i = 1, nd
+            part(:, i) = (mine%tendon - across)*d*d(i)
+            part(i, i) = part(i, i) + merge(across, all, abs(d(i)) > 0.0_wp)
+         end do
+         call matrix%add(value, [self%before + k], part)
+         o = nd*(self%before + k - 1)
+         associate (own => force(o + 1:o + nd, ramp + mine%amplitude))
+            own = own + mine%tendon*mine%pull*d
+         end associate
+      end associate
+   end do
+end subroutine add_tendons
+
+end module rk_plates
