@@ -8,7 +8,7 @@ module rk_galerkin
    use rk_blas, only : dsyrk
    use rk_conditions, only : new_boundary
    use rk_error, only : error_type, fatal_error, err_input
-   use rk_follower, only : add_pressure
+   use rk_follower, only : add_pressure, has_free_rim
    use rk_gauss_cells, only : gauss_cells
    use rk_gradient, only : new_gradient
    use rk_mixture, only : new_mixture
@@ -154,6 +154,10 @@ subroutine set_constants(self, shear)
    call self%surface%add_forces(self%force)
    call self%surface%plates%add_tendons(self%scene, self%cells%set, self%surface%penalty, &
       & self%matrix%symmetric_matrix, self%constant, self%force)
+   if (allocated(self%matrix%skew)) deallocate (self%matrix%skew)
+   ! minimal residuals need a symmetric matrix
+   if (self%matrix%formed .and. has_free_rim(self%scene)) &
+      & allocate (self%matrix%skew, source=0.0_wp*self%constant)
 end subroutine set_constants
 
 !> Take other loads and material parameters from the scene
@@ -321,6 +325,7 @@ subroutine assemble(self, x, held, load, tangent, r, seen)
    call self%matrix%product(self%constant, x(:self%matrix%n), r(:self%matrix%n))
    r = r - matmul(self%force, factor)
    if (tangent) self%matrix%value = self%constant
+   if (tangent .and. allocated(self%matrix%skew)) self%matrix%skew = 0.0_wp
    ! parts are added in the order of the groups, so that sums do not depend on the threads
    !$omp parallel do default(none) schedule(static, 1) ordered private(g, part, force) &
    !$omp shared(self, x, jump, load, tangent, r, at)
@@ -336,8 +341,7 @@ subroutine assemble(self, x, held, load, tangent, r, seen)
       end associate
    end do
    !$omp end parallel do
-   call add_pressure(self%surface, self%cells, factor, x, tangent, self%matrix, &
-      & self%matrix%value, r)
+   call add_pressure(self%surface, self%cells, factor, x, tangent, self%matrix, r)
    seen%worst = minloc(at%j, dim=1)
    seen%min_j = at%j(seen%worst)
    seen%max_j = maxval(at%j)

@@ -1,5 +1,5 @@
 !> A sparse symmetric matrix made of small blocks, assembled from dense parts and solved directly:
-!> Cholesky where it is positive definite, LU otherwise.
+!> Cholesky where it is positive definite, LU otherwise, also where a skew part stands beside it.
 module rk_symmetric
    use rk_csr, only : csr_type, sort
    use rk_envelope, only : envelope_type
@@ -27,13 +27,15 @@ module rk_symmetric
       integer(i8), allocatable :: row(:)
       !> Entries
       real(wp), allocatable :: value(:)
+      !> Entries of a skew part in the same places, not allocated where there is none
+      real(wp), allocatable :: skew(:)
       !> Blocks of each column of blocks by their row, ascending, the diagonal one last
       type(csr_type), private :: above
       !> What the factors have in common
       type(kept_factor), pointer, private :: kept => null()
    contains
       procedure :: apply
-      procedure :: apply_transposed => apply
+      procedure :: apply_transposed
       procedure :: envelope
       procedure :: normal
       procedure :: dense
@@ -46,6 +48,8 @@ module rk_symmetric
       procedure :: add
       !> Product of other entries in the same places with a vector
       procedure :: product => product_with
+      !> Add that of the skew part
+      procedure :: add_skew
       final :: free
    end type symmetric_matrix
 
@@ -165,7 +169,44 @@ subroutine apply(self, x, y)
    real(wp), contiguous, intent(inout) :: y(:)
 
    call self%product(self%value, x, y)
+   call self%add_skew(1.0_wp, x, y)
 end subroutine apply
+
+!> x = A^T y
+subroutine apply_transposed(self, x, y)
+   !> Matrix
+   class(symmetric_matrix), intent(in) :: self
+   !> Vector, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Product, shape (n)
+   real(wp), contiguous, intent(inout) :: y(:)
+
+   call self%product(self%value, x, y)
+   call self%add_skew(-1.0_wp, x, y)
+end subroutine apply_transposed
+
+!> Add the product of the skew part, where there is one, with a vector
+subroutine add_skew(self, sign, x, y)
+   !> Matrix
+   class(symmetric_matrix), intent(in) :: self
+   !> 1, or -1 for its transpose
+   real(wp), intent(in) :: sign
+   !> Vector, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Sum, shape (n)
+   real(wp), contiguous, intent(inout) :: y(:)
+   integer(i8) :: k, i
+   integer :: j
+
+   if (.not. allocated(self%skew)) return
+   do j = 1, self%n
+      do k = self%start(j) + 1, self%start(j + 1) - 1
+         i = self%row(k) + 1
+         y(i) = y(i) + sign*self%skew(k)*x(j)
+         y(j) = y(j) - sign*self%skew(k)*x(i)
+      end do
+   end do
+end subroutine add_skew
 
 !> Product of other entries in the same places with a vector
 subroutine product_with(self, value, x, y)
@@ -239,7 +280,7 @@ subroutine dense(self, a)
    end do
 end subroutine dense
 
-!> Both triangles in compressed rows, which are its columns too
+!> Both triangles in compressed rows
 subroutine compressed(self, start, column, value)
    !> Matrix
    class(symmetric_matrix), intent(in) :: self
@@ -250,15 +291,18 @@ subroutine compressed(self, start, column, value)
    !> Entries
    real(wp), allocatable, intent(out) :: value(:)
 
-   call both_triangles(self, self%value, start, column, value)
+   call both_triangles(self, self%value, 1.0_wp, start, column, value)
 end subroutine compressed
 
-!> Other entries in the same places, both triangles in compressed rows
-subroutine both_triangles(self, given, start, column, value)
+!> Other entries in the same places, both triangles in compressed rows; with the skew part, or its
+!> transpose, whose rows are the columns
+subroutine both_triangles(self, given, sign, start, column, value)
    !> Places of the entries
    class(symmetric_matrix), intent(in) :: self
    !> Entries of the upper triangle, shape (entries)
    real(wp), intent(in) :: given(:)
+   !> 1 for rows of the skew part, -1 for those of its transpose
+   real(wp), intent(in) :: sign
    !> Row i has entries start(i)+1 : start(i+1), shape (m + 1)
    integer(i8), allocatable, intent(out) :: start(:)
    !> Column of each entry less 1, ascending in each row
@@ -268,7 +312,7 @@ subroutine both_triangles(self, given, start, column, value)
    !> Columns of blocks in which each row of blocks has an entry, the diagonal one first
    type(csr_type) :: later
    integer(i8), allocatable :: entry(:)
-   integer(i8) :: at, k, l
+   integer(i8) :: at, k, l, place
    integer :: b, c, i, j, row
 
    b = self%block
@@ -287,13 +331,16 @@ subroutine both_triangles(self, given, start, column, value)
          at = start(row) + self%start(row + 1) - self%start(row)
          column(start(row) + 1:at) = self%row(self%start(row) + 1:self%start(row + 1))
          value(start(row) + 1:at) = given(self%start(row) + 1:self%start(row + 1))
+         if (allocated(self%skew)) value(start(row) + 1:at) = value(start(row) + 1:at) &
+            & - sign*self%skew(self%start(row) + 1:self%start(row + 1))
          do k = later%offset(j) + 1, later%offset(j + 1)
             do c = merge(i + 1, 1, later%index(k) == j), b
                l = (later%index(k) - 1)*b + c
                at = at + 1
                column(at) = l - 1
-               value(at) = given(self%start(l) &
-                  & + b*(entry(k) - self%above%offset(later%index(k)) - 1) + i)
+               place = self%start(l) + b*(entry(k) - self%above%offset(later%index(k)) - 1) + i
+               value(at) = given(place)
+               if (allocated(self%skew)) value(at) = value(at) + sign*self%skew(place)
             end do
          end do
       end do
@@ -355,32 +402,40 @@ subroutine solve_with(self, given, b, x, report, error)
    integer(i8), allocatable :: start(:), column(:)
    real(wp), allocatable :: value(:), r(:)
    real(wp) :: norm
+   logical :: definite
 
+   definite = .not. (self%indefinite .or. allocated(self%skew))
    report%used = 'cholesky'
    report%why = 'the tangent is square and symmetric: Cholesky, or LU where it is not positive ' &
       & //'definite'
-   if (self%indefinite) then
+   if (allocated(self%skew)) then
+      report%why = 'the tangent has the skew part of a pressure whose surface has a free rim: LU'
+   else if (self%indefinite) then
       report%why = 'the tangent has pressures as unknowns and is not definite: LU'
-   else
+   end if
+   if (definite) then
       call solve_sparse(self%n, self%start, self%row, given, .true., b, x, report%rcond, &
          & self%kept, error)
    end if
-   if (self%indefinite .or. allocated(error)) then
+   if (.not. definite .or. allocated(error)) then
       if (allocated(error)) then
          if (error%code == err_memory) return
       end if
       report%used = 'lu'
-      call both_triangles(self, given, start, column, value)
+      ! columns
+      call both_triangles(self, given, -1.0_wp, start, column, value)
       call solve_sparse(self%n, start, column, value, .false., b, x, report%rcond, self%kept, error)
    end if
    if (allocated(error)) then
       if (error%code /= err_input) return
       report%used = 'band'
+      call both_triangles(self, given, 1.0_wp, start, column, value)
       call solve_band(start, column, value, b, x, report%rcond, error)
    end if
    if (allocated(error)) return
    allocate (r(self%n))
    call self%product(given, x, r)
+   call self%add_skew(1.0_wp, x, r)
    norm = sqrt(sum(given**2))
    report%backward_error = norm2(r - b)/max(norm*norm2(x) + norm2(b), tiny(1.0_wp))
 end subroutine solve_with

@@ -55,7 +55,7 @@ module rk_tangent
       type(preconditioner_type), private :: preconditioner
    contains
       procedure :: apply
-      procedure :: apply_transposed => apply
+      procedure :: apply_transposed
       procedure :: dense
       procedure :: solve_square
    end type tangent_type
@@ -141,7 +141,21 @@ subroutine apply(self, x, y)
    y = 0.0_wp
    call self%product(self%value, x(:self%n), y(:self%n))
    if (.not. self%formed) call add_groups(self, x, y, volume)
+   call self%add_skew(1.0_wp, x, y)
 end subroutine apply
+
+!> y = K^T u
+subroutine apply_transposed(self, x, y)
+   !> Tangent
+   class(tangent_type), intent(in) :: self
+   !> Vector, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Product, shape (n)
+   real(wp), contiguous, intent(inout) :: y(:)
+
+   call self%apply(x, y)
+   call self%add_skew(-2.0_wp, x, y)
+end subroutine apply_transposed
 
 !> Add the forces of all groups, the pressures given or those of the volume's change
 subroutine add_groups(self, x, y, volume, pressure)

@@ -1,8 +1,13 @@
 """Pressure that follows the surface, and springs on it or behind a plate, against limits."""
 
-import pytest
+import csv
+import math
 
-from myork import Scene
+import numpy as np
+import pytest
+from scipy.integrate import solve_bvp
+
+from myork import Scene, run_deck
 from myork.errors import InputError
 
 BLOCK = {
@@ -66,6 +71,84 @@ def test_the_tube_under_pressure_has_the_exact_radius(inputs):
     assert found == pytest.approx(exact, rel=1e-3)
     # the stiffness is symmetric over a surface that ends in planes of symmetry
     assert states.iterations.max() <= 8
+
+
+@pytest.mark.parametrize("method", ["rkpm-gauss", "rkpm-scni"])
+def test_newton_converges_quadratically_with_a_free_rim(method, write_deck, tmp_path):
+    """Order of the last steps from the ratio of logarithms of their contractions, 2 in the limit.
+
+    Without the skew part of the tangent the contraction is constant at a pressure of half a shear
+    modulus (229 iterations), and above there is no convergence.
+    """
+    tables = {**BLOCK, "scene": {"dimension": 3, "method": method}, "load": {"steps": 1}}
+    tables["boundary"] = [*BLOCK["boundary"][:3], {"set": "z1", "pressure": 2}]
+    run_deck(write_deck(tables), tmp_path / "out")
+    with (tmp_path / "out" / "history.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    size = np.array([float(row["step_norm"]) for row in rows])
+    assert len(size) <= 8
+    assert {row["solver"] for row in rows} == {"lu"}
+    contraction = np.log(size[1:] / size[:-1])
+    assert max(contraction[-2:] / contraction[-3:-1]) > 1.7
+
+
+@pytest.mark.parametrize("pressure", [4.0, -4.0])
+def test_a_free_rim_goes_on_beyond_the_shear_modulus(pressure):
+    """Twice the shear modulus; the state stays homogeneous."""
+    tables = {**BLOCK, "boundary": [*BLOCK["boundary"][:3], {"set": "z1", "pressure": pressure}]}
+    found = answers(tables)
+    area = (1 + found["wide"]) ** 2
+    assert found["stress"] == pytest.approx(-pressure, rel=1e-6)
+    assert found["below"] == pytest.approx(pressure * area, rel=1e-6)
+
+
+def elastica(load: float) -> tuple[float, float]:
+    """Tip of a cantilever of length and stiffness 1 under a load that stays normal to it."""
+
+    def slope(_, y, load):
+        turn, bend, along, across = y[:4]
+        return np.array([
+            bend, -across, bend * across, load - bend * along, np.cos(turn), np.sin(turn),
+        ])  # fmt: skip
+
+    def ends(a, b):
+        return np.array([a[0], a[4], a[5], b[1], b[2], b[3]])
+
+    s = np.linspace(0, 1, 100)
+    y = np.zeros((6, s.size))
+    y[4] = s
+    for part in np.linspace(0.1, 1, 10) * load:
+        found = solve_bvp(lambda s, y, q=part: slope(s, y, q), ends, s, y, tol=1e-8)
+        assert found.success
+        s, y = found.x, found.y
+    return y[4, -1] - 1, y[5, -1]
+
+
+def test_a_cantilever_under_pressure_is_an_elastica():
+    """A thin sheet in plane strain, bent by a pressure that stays normal to it.
+
+    Its bending stiffness is 4 mu h^3/12 where it keeps its volume.
+    """
+    length, thick, load = 10.0, 0.5, 3.0
+    tables = {
+        "scene": {"dimension": 2, "method": "rkpm-gauss"},
+        "geometry": {"kind": "box", "size": [length, thick], "source": [41, 4],
+                     "collocation": [41, 4]},
+        "approximation": {"order": 2},
+        "material": [{"name": "rubber", "model": "neo-hookean", "mu": 1, "K": math.inf}],
+        "boundary": [
+            {"set": "x0", "u_x": 0, "u_y": 0},
+            {"set": "y1", "pressure": load * 4 * thick**3 / 12 / length**3},
+        ],
+        "load": {"steps": 1},
+        "probe": [{"name": "tip", "quantity": "u", "point": [length, thick / 2]}],
+    }  # fmt: skip
+    with Scene.from_tables(tables, threads=1) as scene:
+        states = scene.solve(error=False)
+        found = scene.probes(states.x[-1:], states.load[-1:])[0, 0]
+    x, y = elastica(load)
+    assert found[0] / length == pytest.approx(x, rel=5e-3)
+    assert found[1] / length == pytest.approx(y, rel=5e-3)
 
 
 def test_pressure_follows_an_amplitude():
