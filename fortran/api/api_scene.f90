@@ -104,20 +104,23 @@ subroutine scene_sizes(handle, sizes, stat, message)
       & slot%scene%steps(), maxval(slot%full%shape%stencil)]
 end subroutine scene_sizes
 
-!> Project the full problem on modes; tells the number of equations that are left
-subroutine scene_reduce(handle, n, r, modes, rows, stat, message)
+!> Project the full problem on modes, by a projection (auto, galerkin, least-squares) and with rows
+!> that are assembled in full (assembled = 1) or not; tells the number of equations that are left
+subroutine scene_reduce(handle, n, r, modes, projection, assembled, rows, stat, message)
    use rk_error, only : error_type
    use rk_pack, only : pack_error
+   use rk_reduced, only : reduction_type
    use rk_session, only : reduce_session
    implicit none
    !f2py threadsafe
-   integer, intent(in) :: handle, n, r
+   integer, intent(in) :: handle, n, r, assembled
    double precision, intent(in) :: modes(n, r)
+   character(len=*), intent(in) :: projection
    integer, intent(out) :: rows, stat
    character(len=2048), intent(out) :: message
    type(error_type), allocatable :: error
 
-   call reduce_session(handle, modes, rows, error)
+   call reduce_session(handle, modes, reduction_type(projection, assembled /= 0), rows, error)
    call pack_error(error, stat, message)
 end subroutine scene_reduce
 
@@ -487,8 +490,9 @@ subroutine scene_probes(handle, n, k, np, x, load, value, stat, message)
    call pack_error(error, stat, message)
 end subroutine scene_probes
 
-!> Proper orthogonal modes and values of snapshots
-subroutine pod_basis(n, s, k, snapshots, modes, values, stat, message)
+!> Proper orthogonal modes and values of snapshots, by singular values (svd) or one of the
+!> eigenvalue problems (eigen, snapshots); tells how many modes there are
+subroutine pod_basis(n, s, k, snapshots, way, modes, values, kept, stat, message)
    use rk_error, only : error_type
    use rk_pack, only : pack_error
    use rk_pod, only : pod_modes
@@ -496,17 +500,20 @@ subroutine pod_basis(n, s, k, snapshots, modes, values, stat, message)
    !f2py threadsafe
    integer, intent(in) :: n, s, k
    double precision, intent(in) :: snapshots(n, s)
+   character(len=*), intent(in) :: way
    double precision, intent(out) :: modes(n, k), values(k)
-   integer, intent(out) :: stat
+   integer, intent(out) :: kept, stat
    character(len=2048), intent(out) :: message
    type(error_type), allocatable :: error
    double precision, allocatable :: u(:, :), v(:)
 
    modes = 0
    values = 0
-   call pod_modes(snapshots, u, v, error)
+   kept = 0
+   call pod_modes(snapshots, way, u, v, error)
    call pack_error(error, stat, message)
    if (stat /= 0) return
-   modes = u
-   values = v
+   kept = size(v)
+   modes(:, :kept) = u
+   values(:kept) = v
 end subroutine pod_basis

@@ -11,7 +11,7 @@ module rk_session
    use rk_probes, only : new_probes, probe_value, probes_type
    use rk_problem, only : problem_type, evaluation_type
    use rk_recorder, only : start_type
-   use rk_reduced, only : new_reduced
+   use rk_reduced, only : new_reduced, reduction_type
    use rk_refine, only : refine
    use rk_run, only : outcome_type, solve_problem, solve_scene
    use rk_scene, only : scene_type
@@ -163,11 +163,13 @@ subroutine set_session_fields(handle, body_force, displacement, stress, error)
 end subroutine set_session_fields
 
 !> Make the reduced problem of a scene
-subroutine reduce_session(handle, modes, rows, error)
+subroutine reduce_session(handle, modes, way, rows, error)
    !> Handle
    integer, intent(in) :: handle
    !> Modes, shape (n, r)
    real(wp), intent(in) :: modes(:, :)
+   !> How it is projected and assembled
+   type(reduction_type), intent(in) :: way
    !> Equations of the reduced problem
    integer, intent(out) :: rows
    !> Error handling
@@ -178,7 +180,7 @@ subroutine reduce_session(handle, modes, rows, error)
    call find_slot(handle, slot, error)
    if (allocated(error)) return
    if (associated(slot%reduced)) deallocate (slot%reduced)
-   call new_reduced(slot%reduced, slot%full, modes, error)
+   call new_reduced(slot%reduced, slot%full, modes, way, error)
    if (.not. allocated(error)) rows = slot%reduced%m
 end subroutine reduce_session
 

@@ -52,7 +52,7 @@ struct TableSpec {
    std::string name; // empty for the keys outside every table
    bool many, required;
    std::string named_by;
-   std::string solve_without; // a table that may stand in place of this one for `solve`
+   std::string not_beside; // a table that may stand in place of this one
    std::vector<std::string> needed_by, at_least, at_most;
    std::vector<KeySpec> keys;
 

@@ -20,7 +20,7 @@ from typing import Any
 HERE = Path(__file__).resolve().parent
 TYPES = ("text", "integer", "number", "boolean", "texts", "integers", "numbers")
 TABLE_ATTRIBUTES = {
-    "about", "many", "named_by", "required", "needed_by", "solve_without", "at_least", "at_most",
+    "about", "many", "named_by", "required", "needed_by", "not_beside", "at_least", "at_most",
 }  # fmt: skip
 KEY_ATTRIBUTES = {
     "type", "help", "unit", "default", "required", "choices", "min", "max", "above", "below",
@@ -82,8 +82,8 @@ def check(tables: dict[str, dict[str, Any]]) -> None:
         for word in [table.get("named_by"), *table.get("at_least", []), *table.get("at_most", [])]:
             if word and word not in table["keys"]:
                 wrong.append(f"[{name}]: no key {word}")
-        if table.get("solve_without", name) not in tables:
-            wrong.append(f"[{name}]: no table {table['solve_without']}")
+        if table.get("not_beside", name) not in tables:
+            wrong.append(f"[{name}]: no table {table['not_beside']}")
         for key, spec in table["keys"].items():
             wrong += [f"[{name}.{key}]: {word}" for word in spec.keys() - KEY_ATTRIBUTES]
             if spec.get("type") not in TYPES or not spec.get("help"):
@@ -184,7 +184,7 @@ def cpp_table(tables: dict[str, dict[str, Any]]) -> str:
         # in the order of the members of TableSpec in deck.h
         head = [quoted(name), flag(table, "many"), flag(table, "required")]
         head.append(quoted(table.get("named_by", "")))
-        head.append(quoted(table.get("solve_without", "")))
+        head.append(quoted(table.get("not_beside", "")))
         head += [texts(table.get(word, [])) for word in ("needed_by", "at_least", "at_most")]
         keys = "".join(cpp_key(key, spec) for key, spec in table["keys"].items())
         lines.append(f"      {{{', '.join(head)}, {{\n{keys}      }}}},\n")
@@ -284,8 +284,8 @@ def section(name: str, table: dict[str, Any]) -> str:
         sentences.append("Needed in every deck.")
     if "needed_by" in table:
         sentences.append(f"Needed by {code(table['needed_by'])}.")
-    if "solve_without" in table:
-        sentences.append(f"`solve` does not need it beside `[{table['solve_without']}]`.")
+    if "not_beside" in table:
+        sentences.append(f"It is not needed beside `[{table['not_beside']}]`.")
     if "named_by" in table:
         sentences.append(f"An entry is named by its `{table['named_by']}`.")
     some, one = table.get("at_least"), table.get("at_most")

@@ -177,12 +177,17 @@ module rk_scene
 
 contains
 
-!> Number of load steps
+!> Number of load steps, of a motion that of the states that are written
 pure integer function count_steps(self)
    !> Scene
    class(scene_type), intent(in) :: self
    type(plan_type) :: planned
 
+   if (allocated(self%motion)) then
+      count_steps = (nint(self%motion%end/self%motion%step) + self%motion%every - 1) &
+         & /self%motion%every
+      return
+   end if
    planned = self%programme%plan(self%load%steps)
    count_steps = size(planned%load)
 end function count_steps

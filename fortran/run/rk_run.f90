@@ -7,20 +7,18 @@ module rk_run
    use rk_error, only : error_type, fatal_error, err_convergence
    use rk_error_norms, only : error_norms, norms_type
    use rk_force, only : set_forces
-   use rk_linear, only : linear_problem
    use rk_linear_solve, only : solve_linear
-   use rk_motion, only : march
+   use rk_motion, only : march, moving_type
+   use rk_new_motion, only : new_motion
    use rk_newton, only : newton_type
    use rk_precision, only : i8, wp
    use rk_problem, only : problem_type
    use rk_recorder, only : iteration_type, recorder_type, start_type, step_type
+   use rk_reduced_motion, only : moving_problem, prepare
    use rk_scene, only : scene_type
    use rk_states, only : field_state, point_state
    use rk_static, only : solve_static
-   use rk_strong_motion, only : new_strong_motion, strong_motion
    use rk_text, only : to_text
-   use rk_weak_linear, only : weak_linear_problem
-   use rk_weak_motion, only : new_weak_motion, weak_motion
    implicit none
    private
 
@@ -161,7 +159,7 @@ subroutine solve_problem(problem, scene, linear, recorder, timer, error, start)
    allocate (x(problem%n), source=0.0_wp)
    call system_clock(timer%start)
    if (problem%is_linear() .and. allocated(scene%motion)) then
-      call solve_motion(problem, scene, x, recorder, timer, error)
+      call solve_motion(problem, scene, newton%linear, x, recorder, timer, error)
       return
    else if (problem%is_linear()) then
       call solve_linear(problem, newton%linear, x, recorder, timer, error)
@@ -178,11 +176,13 @@ subroutine solve_problem(problem, scene, linear, recorder, timer, error, start)
 end subroutine solve_problem
 
 !> March a linear problem through time
-subroutine solve_motion(problem, scene, x, recorder, timer, error)
+subroutine solve_motion(problem, scene, linear, x, recorder, timer, error)
    !> Problem
    class(problem_type), target, intent(inout) :: problem
    !> Scene with a motion
    type(scene_type), intent(in) :: scene
+   !> How a reduced problem is solved
+   character(len=*), intent(in) :: linear
    !> Unknowns at the end, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
    !> Receiver of states
@@ -191,18 +191,18 @@ subroutine solve_motion(problem, scene, x, recorder, timer, error)
    type(timer_type), intent(inout) :: timer
    !> Error handling: a step that is not stable
    type(error_type), allocatable, intent(out) :: error
-   type(weak_motion) :: weak
-   type(strong_motion) :: strong
+   class(moving_type), pointer :: body
 
    select type (problem)
-   type is (weak_linear_problem)
-      call new_weak_motion(weak, problem, error)
-      if (.not. allocated(error)) call march(weak, scene%motion, 'central differences', x, &
+   class is (moving_problem)
+      call prepare(problem, linear, error)
+      if (.not. allocated(error)) call march(problem%body, scene%motion, 'central differences', x, &
          & recorder, timer, error)
-   type is (linear_problem)
-      call new_strong_motion(strong, problem, error)
-      if (.not. allocated(error)) call march(strong, scene%motion, 'central differences', x, &
-         & recorder, timer, error)
+   class is (discretisation_type)
+      call new_motion(body, problem, error)
+      if (allocated(error)) return
+      call march(body, scene%motion, 'central differences', x, recorder, timer, error)
+      deallocate (body)
    end select
 end subroutine solve_motion
 

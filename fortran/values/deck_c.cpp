@@ -197,8 +197,8 @@ const char *rk_deck_needed(const char *command) {
          if (user != command)
             continue;
          tables += spec.name;
-         if (user == "solve" && !spec.solve_without.empty())
-            tables += " " + spec.solve_without;
+         if (!spec.not_beside.empty())
+            tables += " " + spec.not_beside;
          tables += "\n";
       }
    }

@@ -14,6 +14,7 @@ from myork.core.deck import load_tables
 from myork.core.pod import pod_basis
 from myork.core.scene import Scene
 from myork.errors import InputError, RefusedError
+from myork.rom.basis import modes_for_energy, proper_orthogonal_basis
 from myork.rom.errors import displacement_error, gradient_error
 
 BLOCK = {
@@ -316,8 +317,141 @@ def test_states_of_other_materials_or_points_are_refused(study_of):
         assert any("is not of these points and materials" in line for line in lines), lines
 
 
-def test_linear_problems_are_not_reduced(inputs: Path) -> None:
+# ---- modes (6.13)-(6.26), (6.32) -----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("way", ["eigen", "snapshots"])
+def test_eigenvalue_problems_have_the_modes_of_the_singular_values(full, way) -> None:
+    """But for signs, and for what rounding of squares leaves of small values."""
+    _, states, modes, values = full
+    other, squares = pod_basis(states.x, way)
+    assert_allclose(squares[:3], values[:3], rtol=1e-9, atol=1e-13 * values[0])
+    for k in range(3):
+        assert abs(modes[:, k] @ other[:, k]) == pytest.approx(1.0, abs=1e-6), k
+    # (6.19) is smaller than (6.15) and has the same eigenvalues; neither counts what is rounding
+    assert len(squares) <= len(values)
+    assert squares[-1] > 0
+
+
+def test_modes_for_an_energy() -> None:
+    values = np.array([90.0, 9.0, 0.9, 0.1])
+    assert [modes_for_energy(values, share) for share in (0.5, 0.9, 0.95, 0.99, 0.9991)] == [
+        1, 1, 2, 2, 4,
+    ]  # fmt: skip
+
+
+def test_unit_snapshots_weigh_small_states_like_large_ones() -> None:
+    rng = np.random.default_rng(1)
+    small, large = rng.standard_normal(20), 1e6 * rng.standard_normal(20)
+    basis = proper_orthogonal_basis(np.array([small, large]), unit=True)
+    assert basis.values.sum() == pytest.approx(1.0)
+    lost = small - basis.modes[:, :1] @ (basis.modes[:, :1].T @ small)
+    plain = proper_orthogonal_basis(np.array([small, large])).modes[:, :1]
+    assert np.linalg.norm(lost) < 0.9 * np.linalg.norm(small - plain @ (plain.T @ small))
+
+
+def test_unknown_ways_are_refused() -> None:
+    with pytest.raises(InputError, match="svd, eigen, snapshots"):
+        pod_basis(np.eye(3), "qr")
+
+
+# ---- rows assembled in full (6.62)-(6.67) --------------------------------------------------------
+
+
+def test_rows_assembled_in_full_are_those_of_the_span(full) -> None:
+    scene, states, modes, _ = full
+    answers = []
+    for assembled in (False, True):
+        scene.reduce(modes[:, :3], assembled=assembled)
+        amplitudes = modes[:, :3].T @ states.x[2]
+        rows = [
+            scene.linearise(amplitudes, 0.6, unit, start=0 * amplitudes, reduced=True)
+            for unit in np.eye(3)
+        ]
+        answers.append((np.array(rows), scene.solve_reduced("normal").x))
+    assert_allclose(answers[1][0], answers[0][0], rtol=0, atol=1e-9 * np.abs(answers[0][0]).max())
+    assert_allclose(answers[1][1], answers[0][1], rtol=0, atol=1e-6 * np.abs(answers[0][1]).max())
+
+
+@pytest.mark.parametrize(
+    ("method", "projection", "why"),
+    [("rkcm", "galerkin", "least-squares"), ("rkpm-gauss", "least-squares", 'by "galerkin"')],
+)
+def test_projections_that_do_not_fit_are_refused(method, projection, why) -> None:
+    tables = {**RUBBER, "scene": {"dimension": 3, "method": method}}
+    with Scene.from_tables(tables, threads=1) as scene:
+        modes = np.linalg.qr(np.ones((scene.dofs, 1)))[0]
+        with pytest.raises(InputError, match=f"rom.projection: .*{why}"):
+            scene.reduce(modes, projection)
+
+
+# ---- motions (6.27)-(6.52) -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("deck", "method", "projection"),
+    [
+        ("wave_1d", "rkcm", "auto"),
+        ("bar_1d", "rkcm", "least-squares"),
+        ("bar_1d", "rkpm-gauss", "auto"),
+        ("bar_1d", "rkpm-gauss", "least-squares"),
+    ],
+)
+def test_motions_in_the_span_of_their_modes(inputs: Path, tmp_path, deck, method, projection):
+    """Tables 6.1 and 6.2: errors fall, and stay near what the modes can do."""
+    lines = ["rom.modes=[1,5,25]", f"scene.method={method}", f"rom.projection={projection}"]
+    found = {}
+    for solver in ("qr", "cholesky"):
+        study = myork.run_rom(
+            inputs / f"{deck}.toml", tmp_path, overrides=[*lines, f"rom.solver={solver}"]
+        )
+        assert study["snapshots"] == 30
+        found[solver] = [model["e1"] for model in study["models"]]
+        assert found[solver][0] > 2 * found[solver][1] > 1e3 * found[solver][2]
+        assert found[solver][2] < 1e-6
+        for model in study["models"]:
+            assert model["best_e1"] * 0.99 <= model["e1"] < 3 * model["best_e1"]
+    assert_allclose(found["qr"], found["cholesky"], rtol=0.05)
+
+
+def test_all_modes_give_the_motion_with_loads_in_time() -> None:
+    """Values and tractions that change with time are projected at each step; in the span of all
+    unknowns nothing is lost, whatever the residual is orthogonal to.
+    """
+    tables = {
+        "scene": {"dimension": 1, "method": "rkcm"},
+        "geometry": {"kind": "box", "size": [1], "source": [11], "collocation": [21]},
+        "approximation": {"order": 2},
+        "linear": {"problem": "elasticity", "E": 2, "source": "2*sin(2*x) + 8*t^2*sin(2*x)"},
+        "dynamics": {"density": 1, "time_step": 0.02, "end_time": 1, "velocity": "x"},
+        "boundary": [{"set": "x0", "u_x": 0}, {"set": "x1", "u_x": "t^2*sin(2) + t"}],
+    }
+    weak = {**tables, "scene": {"dimension": 1, "method": "rkpm-gauss"}}
+    for deck, projection in ((tables, "auto"), (weak, "galerkin"), (weak, "least-squares")):
+        with Scene.from_tables(deck) as scene:
+            states = scene.solve(error=False)
+            assert states.x.shape == (50, 11)
+            assert_allclose(states.load, 0.02 * np.arange(1, 51), rtol=1e-12)
+            for solver in ("dgels", "normal"):
+                scene.reduce(np.eye(scene.dofs), projection)
+                reduced = scene.solve_reduced(solver)
+                assert_allclose(reduced.x, states.x, rtol=0, atol=1e-7 * abs(states.x).max())
+            rows = np.array(
+                [scene.linearise(unit, 1.0, unit, reduced=True)[1] for unit in np.eye(scene.dofs)]
+            )
+            assert np.linalg.matrix_rank(rows) == scene.dofs
+
+
+def test_motions_by_collocation_have_no_galerkin_projection(inputs: Path) -> None:
+    wanted = pytest.raises(InputError, match="more equations than unknowns")
+    with Scene(inputs / "wave_1d.toml") as scene, wanted:
+        scene.reduce(np.eye(scene.dofs)[:, :2], "galerkin")
+
+
+def test_linear_problems_are_not_reduced(inputs: Path, tmp_path) -> None:
     """One solve leaves nothing to save."""
+    with pytest.raises(InputError, match="nothing to save"):
+        myork.run_rom(inputs / "poisson_1d.toml", tmp_path)
     with Scene(inputs / "poisson_1d.toml") as scene:
         modes = np.linalg.qr(np.ones((scene.dofs, 1)))[0]
         with pytest.raises(InputError, match="made of nonlinear problems"):

@@ -14,7 +14,15 @@ from myork import _core, errors
 from myork.core.states import States
 from myork.results import RestartState, restart_of
 
-__all__ = ["check_changeable", "field_sizes", "lines_of", "shaped", "unknowns_of"]
+__all__ = [
+    "check_changeable",
+    "field_sizes",
+    "finite",
+    "lines_of",
+    "modes_of",
+    "shaped",
+    "unknowns_of",
+]
 
 F64Array = NDArray[np.float64]
 
@@ -61,6 +69,22 @@ def shaped(name: str, array: F64Array, shape: tuple[int, ...]) -> F64Array:
     if array.shape != shape:
         raise errors.InputError(f"{name} must have shape {shape}, not {array.shape}")
     return array
+
+
+def finite(name: str, array: F64Array, shape: tuple[int, ...]) -> None:
+    """Refuse an array of another shape, or with numbers that are not finite."""
+    if array.shape != shape or not np.all(np.isfinite(array)):
+        raise errors.InputError(f"{name} must be finite and have shape {shape}, not {array.shape}")
+
+
+def modes_of(modes: F64Array, dofs: int) -> F64Array:
+    """Modes of a model with as many unknowns, shape `(dofs, r)`, as finite numbers."""
+    modes = np.asarray(modes, float)
+    if modes.ndim != 2 or modes.shape[0] != dofs or modes.shape[1] == 0:
+        raise errors.InputError(f"modes must have shape ({dofs}, r), not {modes.shape}")
+    if not np.isfinite(modes).all():
+        raise errors.InputError("modes must be finite numbers")
+    return modes
 
 
 def unknowns_of(

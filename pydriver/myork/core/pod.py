@@ -7,25 +7,37 @@ from numpy.typing import ArrayLike, NDArray
 
 from myork import _core, errors
 
+__all__ = ["BASES", "pod_basis"]
+
 F64Array = NDArray[np.float64]
 
+#: Where modes may come from
+BASES = ("svd", "eigen", "snapshots")
 
-def pod_basis(snapshots: ArrayLike) -> tuple[F64Array, F64Array]:
-    """Proper orthogonal modes and values of snapshots (6.22).
+
+def pod_basis(snapshots: ArrayLike, way: str = "svd") -> tuple[F64Array, F64Array]:
+    """Proper orthogonal modes and values of snapshots (6.13)-(6.26).
 
     Parameters
     ----------
     snapshots : ArrayLike
         One state a row, shape `(s, n)`.
+    way : str
+        `svd` for singular values (6.22), `eigen` for the eigenvalue problem of the averaged
+        autocorrelation (6.15), of size n, `snapshots` for that of the method of snapshots (6.19),
+        of size s. The last two lose modes whose values are below rounding of the largest.
 
     Returns
     -------
     modes, values : F64Array
-        Orthonormal modes in columns, shape `(n, min(n, s))`, and proper orthogonal values.
+        Orthonormal modes in columns, shape `(n, k)`, `k = min(n, s)` or fewer where some are lost,
+        and proper orthogonal values.
     """
+    if way not in BASES:
+        raise errors.InputError(f"modes come from {', '.join(BASES)}, not from {way!r}")
     states = np.asarray(snapshots, float)
     if states.ndim != 2 or states.size == 0:
         raise errors.InputError(f"snapshots must have shape (s, n), not {states.shape}")
-    modes, values, stat, message = _core.pod_basis(min(states.shape), states.T)
+    modes, values, kept, stat, message = _core.pod_basis(min(states.shape), states.T, way)
     errors.check(stat, message)
-    return modes, values
+    return modes[:, : int(kept)], values[: int(kept)]

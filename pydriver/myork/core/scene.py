@@ -15,7 +15,15 @@ from numpy.typing import NDArray
 
 from myork import _core, errors
 from myork.core.calls import Turn, call_in_thread
-from myork.core.checks import check_changeable, field_sizes, lines_of, shaped, unknowns_of
+from myork.core.checks import (
+    check_changeable,
+    field_sizes,
+    finite,
+    lines_of,
+    modes_of,
+    shaped,
+    unknowns_of,
+)
 from myork.core.cloud import NO_CLOUD, check_cloud, model_of, with_cloud
 from myork.core.deck import (
     as_texts,
@@ -363,15 +371,9 @@ class Scene:
             boundary points carry, shape `(field_points, 3, 3)` [stress].
         """
         n = len(self.field_points())
-        for name, array, shape in (
-            ("body_force", body_force, (n, 3)),
-            ("displacement", displacement, (n, 3)),
-            ("stress", stress, (n, 3, 3)),
-        ):
-            if array.shape != shape or not np.all(np.isfinite(array)):
-                raise errors.InputError(
-                    f"{name} must be finite and have shape {shape}, not {array.shape}"
-                )
+        finite("body_force", body_force, (n, 3))
+        finite("displacement", displacement, (n, 3))
+        finite("stress", stress, (n, 3, 3))
         with self._turn.short():
             stat, message = _core.scene_set_fields(
                 self._handle,
@@ -382,15 +384,23 @@ class Scene:
         errors.check(stat, message)
         self._has_fields = True
 
-    def reduce(self, modes: F64Array) -> None:
-        """Project the model on modes, shape `(dofs, r)`, orthonormal columns."""
-        modes = np.asarray(modes, float)
-        if modes.ndim != 2 or modes.shape[0] != self.dofs or modes.shape[1] == 0:
-            raise errors.InputError(f"modes must have shape ({self.dofs}, r), not {modes.shape}")
-        if not np.isfinite(modes).all():
-            raise errors.InputError("modes must be finite numbers")
+    def reduce(self, modes: F64Array, projection: str = "auto", *, assembled: bool = False) -> None:
+        """Project the model on modes.
+
+        Parameters
+        ----------
+        modes : F64Array
+            Orthonormal columns, shape `(dofs, r)`.
+        projection : str
+            `galerkin`, `least-squares`, or `auto`: least squares for collocation.
+        assembled : bool
+            Assemble the rows of nonlinear collocation in full before they are projected.
+        """
+        modes = modes_of(modes, self.dofs)
         with self._turn.short():
-            rows, stat, message = _core.scene_reduce(self._handle, modes)
+            rows, stat, message = _core.scene_reduce(
+                self._handle, modes, projection, int(assembled)
+            )
         errors.check(stat, message)
         self._unknowns = modes.shape[1]
         self._reduced_rows = int(rows)

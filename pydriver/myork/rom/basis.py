@@ -5,10 +5,12 @@ from __future__ import annotations
 import time
 from typing import NamedTuple
 
+import numpy as np
+
 from myork.core.pod import pod_basis
 from myork.core.scene import F64Array
 
-__all__ = ["Basis", "proper_orthogonal_basis"]
+__all__ = ["Basis", "modes_for_energy", "proper_orthogonal_basis"]
 
 
 class Basis(NamedTuple):
@@ -29,8 +31,27 @@ class Basis(NamedTuple):
     seconds: float
 
 
-def proper_orthogonal_basis(snapshots: F64Array) -> Basis:
-    """Proper orthogonal modes of snapshots, one state a row, shape `(s, dofs)`."""
+def proper_orthogonal_basis(snapshots: F64Array, way: str = "svd", *, unit: bool = False) -> Basis:
+    """Proper orthogonal modes of snapshots.
+
+    Parameters
+    ----------
+    snapshots : F64Array
+        One state a row, shape `(s, dofs)`.
+    way : str
+        `svd`, `eigen` or `snapshots`, see `pod_basis`.
+    unit : bool
+        Divide every snapshot by its norm: errors that are relative to each state want modes that
+        know the small ones as well as the large ones.
+    """
     started = time.perf_counter()
-    modes, values = pod_basis(snapshots)
+    if unit:
+        size = np.linalg.norm(snapshots, axis=1)
+        snapshots = snapshots[size > 0.0] / size[size > 0.0, np.newaxis]
+    modes, values = pod_basis(snapshots, way)
     return Basis(modes, values, time.perf_counter() - started)
+
+
+def modes_for_energy(values: F64Array, share: float) -> int:
+    """Number of modes that hold a share of the sum of all proper orthogonal values (6.32)."""
+    return int(np.searchsorted(np.cumsum(values), share * values.sum())) + 1

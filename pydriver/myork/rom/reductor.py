@@ -24,15 +24,24 @@ class ReducedStates(NamedTuple):
         Iterations of each step.
     offline_s, online_s : float
         Wall time of the projection, and of all load steps [s].
+    cpu_s : float
+        Processor time of all load steps [s].
     """
 
     x: F64Array
     iterations: list[int]
     offline_s: float
     online_s: float
+    cpu_s: float
 
 
-def solve_reduced(scene: Scene, modes: F64Array, solver: str) -> ReducedStates:
+def solve_reduced(
+    scene: Scene,
+    modes: F64Array,
+    solver: str = "qr",
+    projection: str = "auto",
+    assembly: str = "reduced",
+) -> ReducedStates:
     """Project a scene on modes and solve all its load steps.
 
     Parameters
@@ -43,11 +52,15 @@ def solve_reduced(scene: Scene, modes: F64Array, solver: str) -> ReducedStates:
         Orthonormal columns, shape `(dofs, r)`.
     solver : str
         `qr` or `cholesky`.
+    projection : str
+        `auto`, `galerkin` or `least-squares`.
+    assembly : str
+        `reduced`, or `full` for rows that are assembled in full and then projected.
     """
     started = time.perf_counter()
-    scene.reduce(modes)
+    scene.reduce(modes, projection, assembled=assembly == "full")
     offline_s = time.perf_counter() - started
-    started = time.perf_counter()
+    started, cpu = time.perf_counter(), time.process_time()
     states = scene.solve_reduced(_SOLVERS[solver])
-    online_s = time.perf_counter() - started
-    return ReducedStates(states.x @ modes.T, states.iterations.tolist(), offline_s, online_s)
+    online_s, cpu = time.perf_counter() - started, time.process_time() - cpu
+    return ReducedStates(states.x @ modes.T, states.iterations.tolist(), offline_s, online_s, cpu)

@@ -14,7 +14,7 @@ from myork.core.scene import F64Array, Scene
 from myork.core.states import Fields
 from myork.core.threads import thread_count
 from myork.errors import InputError
-from myork.rom.basis import proper_orthogonal_basis
+from myork.rom.basis import Basis, modes_for_energy, proper_orthogonal_basis
 from myork.rom.errors import displacement_error, gradient_error, largest_error
 from myork.rom.probes import force_names, named_probes
 from myork.rom.reductor import ReducedStates, solve_reduced
@@ -115,7 +115,12 @@ def _with_steps(
 
 
 def _check_modes(scene: Scene) -> None:
-    """Refuse more modes than there can be, before anything is solved."""
+    """Refuse more modes than there can be, and what has no states, before anything is solved."""
+    if "linear" in scene.deck and "dynamics" not in scene.deck:
+        raise InputError(
+            "reduced models are made of nonlinear problems and of motions: a linear problem at "
+            "rest is solved once, which leaves nothing to save"
+        )
     wanted, limit = max(scene.deck["rom"]["modes"]), min(scene.steps, scene.dofs)
     if wanted > limit:
         raise InputError(
@@ -128,18 +133,26 @@ def _study(scene: Scene, full: Snapshots, progress: ProgressCallback) -> dict[st
     """Modes and reduced models of the full states."""
     table = scene.deck["rom"]
     is_galerkin = scene.deck["scene"]["method"].startswith("rkpm")
-    basis = proper_orthogonal_basis(full.x)
+    basis = proper_orthogonal_basis(full.x, table["basis"], unit=table["snapshots"] == "unit")
     full_fields = _fields(scene, full.x, full.load)
     full_probes = named_probes(scene, full.x, full.load)
     models = []
-    for number, r in enumerate(table["modes"], start=1):
-        states = solve_reduced(scene, basis.modes[:, :r], table["solver"])
+    wanted = _numbers(table, basis)
+    for number, r in enumerate(wanted, start=1):
+        modes = basis.modes[:, :r]
+        states = solve_reduced(
+            scene, modes, table["solver"], table["projection"], table["assembly"]
+        )
         online = states.online_s / scene.steps
         model = {
             "kind": "galerkin" if is_galerkin else "reduced",
             "r": r,
             "points": scene.collocation_points,
             **_errors(scene, full.load, full_fields, full_probes, states),
+            "best_e1": displacement_error(
+                full_fields, _fields(scene, full.x @ modes @ modes.T, full.load)
+            ),
+            "energy": float(basis.values[:r].sum() / basis.values.sum()),
             "offline_s": states.offline_s + basis.seconds,
             "online_s": states.online_s,
             "online_s_per_state": online,
@@ -148,7 +161,7 @@ def _study(scene: Scene, full: Snapshots, progress: ProgressCallback) -> dict[st
         }
         models.append(model)
         progress(
-            f"model {number}/{len(table['modes'])}  r {r}  e1 {model['e1']:.2e}  "
+            f"model {number}/{len(wanted)}  r {r}  e1 {model['e1']:.2e}  "
             f"e2 {model['e2']:.2e}  speed-up {times_faster(model['speedup_vs_full'])}"
         )
     return {
@@ -167,6 +180,19 @@ def _study(scene: Scene, full: Snapshots, progress: ProgressCallback) -> dict[st
         },
         "models": models,
     }
+
+
+def _numbers(table: Mapping[str, Any], basis: Basis) -> list[int]:
+    """Numbers of modes of the models: those that are named, and that of the energy."""
+    wanted = list(table["modes"])
+    if "energy" in table:
+        wanted.append(modes_for_energy(basis.values, table["energy"]))
+    if max(wanted) > len(basis.values):
+        raise InputError(
+            f"rom.modes: {max(wanted)} modes are wanted, but rom.basis = {table['basis']} finds "
+            f"{len(basis.values)}: take svd or fewer modes"
+        )
+    return list(dict.fromkeys(wanted))
 
 
 def _fields(scene: Scene, x: F64Array, load: F64Array) -> list[Fields]:

@@ -10,7 +10,7 @@ module rk_strong_motion
    use rk_error, only : error_type, fatal_error, err_memory
    use rk_lapack, only : svd
    use rk_linear, only : linear_problem
-   use rk_motion, only : moving_type
+   use rk_motion, only : loads_vary, moving_type
    use rk_precision, only : wp
    use rk_spectrum, only : spectral_radius
    use rk_text, only : to_text
@@ -30,8 +30,8 @@ module rk_strong_motion
       type(linear_problem), pointer :: problem => null()
       !> What moves it
       type(motion_type) :: motion
-      !> Pseudo-inverse of the rows, shape (n, m)
-      real(wp), allocatable :: inverse(:, :)
+      !> Rows of a time step, shape (m, n), and their pseudo-inverse, shape (n, m)
+      real(wp), allocatable :: row(:, :), inverse(:, :)
       !> Density of each row inside, shape (rows inside)
       real(wp), allocatable :: density(:)
       !> Weight over that of the static problem of each row on the boundary, shape (m)
@@ -42,7 +42,10 @@ module rk_strong_motion
       real(wp), allocatable :: side(:)
    contains
       procedure :: start
-      procedure :: advance
+      procedure :: left
+      procedure :: carry
+      procedure :: add_loads
+      procedure :: solve
       procedure :: limit
       procedure :: energy
    end type strong_motion
@@ -57,7 +60,7 @@ subroutine new_strong_motion(self, problem, error)
    type(linear_problem), target, intent(inout) :: problem
    !> Error handling: too many rows for a dense matrix, a density that is not positive
    type(error_type), allocatable, intent(out) :: error
-   real(wp), allocatable :: a(:, :), unit(:)
+   real(wp), allocatable :: unit(:)
    real(wp), allocatable :: u(:, :)
    real(wp) :: density, natural, modulus
    integer :: b, i, j, row
@@ -65,6 +68,8 @@ subroutine new_strong_motion(self, problem, error)
    self%problem => problem
    self%motion = problem%scene%motion
    self%n = problem%n
+   self%m = problem%m
+   self%varies = loads_vary(problem%scene)
    if (problem%m > most_rows) then
       call fatal_error(error, err_memory, 'motions by collocation take a dense matrix of at most ' &
          & //to_text(most_rows)//' rows, not '//to_text(problem%m)//': use method "rkpm-gauss"')
@@ -85,7 +90,7 @@ subroutine new_strong_motion(self, problem, error)
          self%values(row + 1:row + problem%fields, j) = u(:, 1)
       end do
    end do
-   a = self%operator
+   self%row = self%operator
    modulus = maxval(problem%coefficient%pair)
    do b = 1, size(problem%rows%place)
       row = problem%rows%row(b)
@@ -95,7 +100,7 @@ subroutine new_strong_motion(self, problem, error)
       self%density(row + 1:row + problem%fields) = density
       do i = 1, problem%fields
          if (b <= problem%inside) then
-            a(row + i, :) = density*self%values(row + i, :)
+            self%row(row + i, :) = density*self%values(row + i, :)
             cycle
          end if
          ! the rows have the weights of the static problem
@@ -105,10 +110,10 @@ subroutine new_strong_motion(self, problem, error)
          else
             self%weight(row + i) = natural/problem%scene%solver%weight_traction
          end if
-         a(row + i, :) = self%weight(row + i)*self%operator(row + i, :)
+         self%row(row + i, :) = self%weight(row + i)*self%operator(row + i, :)
       end do
    end do
-   call invert(a, self%inverse, error)
+   call invert(self%row, self%inverse, error)
 
 contains
 
@@ -242,31 +247,72 @@ subroutine start(self, first, second, error)
       & /self%density(:inside))
 end subroutine start
 
-!> Coefficients at the next time (6.40)
-subroutine advance(self, before, now, time, next, error)
+!> Rows of the new time (6.40)
+subroutine left(self, x, y)
    !> Body
-   class(strong_motion), intent(inout) :: self
+   class(strong_motion), intent(in) :: self
+   !> Coefficients, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Product, shape (m)
+   real(wp), contiguous, intent(inout) :: y(:)
+
+   y = matmul(self%row, x)
+end subroutine left
+
+!> Right hand side of the last two states (6.38a)
+subroutine carry(self, before, now, y)
+   !> Body
+   class(strong_motion), intent(in) :: self
    !> Coefficients at the last two times, shape (n)
    real(wp), contiguous, intent(in) :: before(:), now(:)
-   !> The later one of these times
+   !> Right hand side without loads, shape (m)
+   real(wp), contiguous, intent(inout) :: y(:)
+   real(wp) :: path(size(now))
+   integer :: inside
+
+   inside = self%problem%rows%row(self%problem%inside + 1)
+   path = 2.0_wp*now - before
+   y(:inside) = self%density(:inside)*matmul(self%values(:inside, :), path)
+   y(:inside) = y(:inside) + self%motion%step**2*matmul(self%operator(:inside, :), now)
+   y(inside + 1:) = 0.0_wp
+end subroutine carry
+
+!> Add the loads inside of a time and the boundary values of the time after it
+subroutine add_loads(self, time, y, error)
+   !> Body
+   class(strong_motion), intent(inout) :: self
+   !> The time from which the step goes
    real(wp), intent(in) :: time
-   !> Coefficients one time step later, shape (n)
-   real(wp), contiguous, intent(inout) :: next(:)
+   !> Right hand side, to which the loads are added, shape (m)
+   real(wp), contiguous, intent(inout) :: y(:)
    !> Error handling: an expression without a value somewhere
    type(error_type), allocatable, intent(out) :: error
-   real(wp) :: b(size(self%side))
    integer :: inside
 
    inside = self%problem%rows%row(self%problem%inside + 1)
    call self%problem%own_side(time, self%side, error)
    if (allocated(error)) return
-   b(:inside) = self%density(:inside)*matmul(self%values(:inside, :), 2.0_wp*now - before) &
-      & + self%motion%step**2*(matmul(self%operator(:inside, :), now) - self%side(:inside))
+   y(:inside) = y(:inside) - self%motion%step**2*self%side(:inside)
    call self%problem%own_side(time + self%motion%step, self%side, error)
    if (allocated(error)) return
-   b(inside + 1:) = self%weight(inside + 1:)*self%side(inside + 1:)
-   next = matmul(self%inverse, b)
-end subroutine advance
+   y(inside + 1:) = y(inside + 1:) + self%weight(inside + 1:)*self%side(inside + 1:)
+end subroutine add_loads
+
+!> Least squares solution of the rows
+subroutine solve(self, y, x, error)
+   !> Body
+   class(strong_motion), intent(in) :: self
+   !> Right hand side, shape (m)
+   real(wp), contiguous, intent(in) :: y(:)
+   !> Coefficients, shape (n)
+   real(wp), contiguous, intent(inout) :: x(:)
+   !> Error handling: none
+   type(error_type), allocatable, intent(out) :: error
+
+   associate (unused => error)
+   end associate
+   x = matmul(self%inverse, y)
+end subroutine solve
 
 !> Kinetic energy by the collocation points; the strong form has no stiffness whose energy it keeps,
 !> the other two are not numbers

@@ -1,7 +1,9 @@
 !> Linear dynamics (6.33)-(6.35) by central differences, thesis (6.36)-(6.43).
 !>
-!> A form turns the state of two times into that of the next; what is common to the forms stands
-!> here: the march through time, the states that are written, and the end of what is not stable.
+!> The states of two times give that of the next by equations L a(n+1) = B (2 a(n) - a(n-1))
+!> - dt^2 K a(n) + loads, of which a form has more than unknowns or as many; what is common to the
+!> forms stands here: the march through time, the states that are written, and the end of what is
+!> not stable.
 module rk_motion
    use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
    use rk_clock, only : tick, timer_type
@@ -9,21 +11,38 @@ module rk_motion
    use rk_error, only : error_type, fatal_error, err_convergence, err_input, err_stopped
    use rk_precision, only : i8, wp
    use rk_recorder, only : iteration_type, recorder_type, step_type
+   use rk_scene, only : scene_type
    use rk_text, only : to_text
    implicit none
    private
 
-   public :: moving_type, march
+   public :: moving_type, loads_vary, march
 
    !> A body in motion
    type, abstract :: moving_type
       !> Unknowns
       integer :: n = 0
+      !> Equations of a time step
+      integer :: m = 0
+      !> Whether loads or prescribed values change with time
+      logical :: varies = .false.
+      !> Whether the equations have symmetric matrices, as many as unknowns
+      logical :: symmetric = .false.
    contains
       !> Coefficients at the start, and one time step later
       procedure(start_interface), deferred :: start
+      !> L times the coefficients of the new time
+      procedure(left_interface), deferred :: left
+      !> B (2 a(n) - a(n-1)) - dt^2 K a(n)
+      procedure(carry_interface), deferred :: carry
+      !> What loads and prescribed values add to it
+      procedure(loads_interface), deferred :: add_loads
+      !> Coefficients that fulfil the equations, or come nearest to it
+      procedure(solve_interface), deferred :: solve
       !> Coefficients at the next time
-      procedure(advance_interface), deferred :: advance
+      procedure :: advance
+      !> Take notice of a time step that was made
+      procedure :: note
       !> Largest time step that is stable
       procedure(limit_interface), deferred :: limit
       !> Kinetic and strain energy, and the work of the loads since the start
@@ -40,19 +59,46 @@ module rk_motion
          !> Error handling
          type(error_type), allocatable, intent(out) :: error
       end subroutine start_interface
-      subroutine advance_interface(self, before, now, time, next, error)
+      subroutine left_interface(self, x, y)
+         import :: moving_type, wp
+         !> Body
+         class(moving_type), intent(in) :: self
+         !> Coefficients, shape (n)
+         real(wp), contiguous, intent(in) :: x(:)
+         !> Product, shape (m)
+         real(wp), contiguous, intent(inout) :: y(:)
+      end subroutine left_interface
+      subroutine carry_interface(self, before, now, y)
+         import :: moving_type, wp
+         !> Body
+         class(moving_type), intent(in) :: self
+         !> Coefficients at the last two times, shape (n)
+         real(wp), contiguous, intent(in) :: before(:), now(:)
+         !> Right hand side without loads, shape (m)
+         real(wp), contiguous, intent(inout) :: y(:)
+      end subroutine carry_interface
+      subroutine loads_interface(self, time, y, error)
          import :: moving_type, error_type, wp
          !> Body
          class(moving_type), intent(inout) :: self
-         !> Coefficients at the last two times, shape (n)
-         real(wp), contiguous, intent(in) :: before(:), now(:)
-         !> The later one of these times
+         !> The time from which the step goes
          real(wp), intent(in) :: time
-         !> Coefficients one time step later, shape (n)
-         real(wp), contiguous, intent(inout) :: next(:)
+         !> Right hand side, to which the loads are added, shape (m)
+         real(wp), contiguous, intent(inout) :: y(:)
          !> Error handling
          type(error_type), allocatable, intent(out) :: error
-      end subroutine advance_interface
+      end subroutine loads_interface
+      subroutine solve_interface(self, y, x, error)
+         import :: moving_type, error_type, wp
+         !> Body
+         class(moving_type), intent(in) :: self
+         !> Right hand side, shape (m)
+         real(wp), contiguous, intent(in) :: y(:)
+         !> Coefficients, shape (n)
+         real(wp), contiguous, intent(inout) :: x(:)
+         !> Error handling
+         type(error_type), allocatable, intent(out) :: error
+      end subroutine solve_interface
       subroutine limit_interface(self, step, found, error)
          import :: moving_type, error_type, wp
          !> Body
@@ -78,6 +124,50 @@ module rk_motion
    real(wp), parameter :: blown_up = 1.0e8_wp
 
 contains
+
+!> Coefficients at the next time
+subroutine advance(self, before, now, time, next, error)
+   !> Body
+   class(moving_type), intent(inout) :: self
+   !> Coefficients at the last two times, shape (n)
+   real(wp), contiguous, intent(in) :: before(:), now(:)
+   !> The later one of these times
+   real(wp), intent(in) :: time
+   !> Coefficients one time step later, shape (n)
+   real(wp), contiguous, intent(inout) :: next(:)
+   !> Error handling: an expression without a value somewhere
+   type(error_type), allocatable, intent(out) :: error
+   real(wp) :: side(self%m)
+
+   call self%carry(before, now, side)
+   call self%add_loads(time, side, error)
+   if (.not. allocated(error)) call self%solve(side, next, error)
+   if (.not. allocated(error)) call self%note(before, next)
+end subroutine advance
+
+!> Take notice of a time step that was made: nothing but for forms that count the work of the loads
+subroutine note(self, before, next)
+   !> Body
+   class(moving_type), intent(inout) :: self
+   !> Coefficients at the time before the step began, and at its end, shape (n)
+   real(wp), contiguous, intent(in) :: before(:), next(:)
+
+   associate (unused => self, unused_before => before, unused_next => next)
+   end associate
+end subroutine note
+
+!> Whether loads or prescribed values change with time
+logical function loads_vary(scene)
+   !> Scene of a motion
+   type(scene_type), intent(in) :: scene
+   integer :: i, k
+
+   loads_vary = any([(scene%equation%source_of(i)%varies(), i=1, 3)])
+   do k = 1, size(scene%condition)
+      loads_vary = loads_vary .or. any([(scene%condition(k)%value_of(i)%varies() .or. &
+         & scene%condition(k)%traction_of(i)%varies(), i=1, 3)])
+   end do
+end function loads_vary
 
 !> March through time
 subroutine march(body, motion, method, x, recorder, timer, error)

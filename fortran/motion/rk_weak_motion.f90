@@ -8,7 +8,7 @@ module rk_weak_motion
    use rk_equation, only : motion_type
    use rk_error, only : error_type, fatal_error, err_input
    use rk_gradient, only : gradient_type
-   use rk_motion, only : moving_type
+   use rk_motion, only : loads_vary, moving_type
    use rk_operator, only : square_report
    use rk_precision, only : wp
    use rk_sparse, only : factor_upper, sparse_factor
@@ -33,15 +33,17 @@ module rk_weak_motion
       real(wp), allocatable :: stiffness(:)
       !> Loads inside and on the surface, and those of the penalty, at the last two times, shape (n)
       real(wp), allocatable :: force(:), held(:)
-      !> Whether they change with time
-      logical :: varies = .false.
       !> Work of the loads since the start
       real(wp) :: work = 0.0_wp
       !> Factor of mass and penalty, the same in all time steps
       type(sparse_factor) :: factor
    contains
       procedure :: start
-      procedure :: advance
+      procedure :: left
+      procedure :: carry
+      procedure :: add_loads
+      procedure :: solve
+      procedure :: note
       procedure :: limit
       procedure :: energy
       final :: free_motion
@@ -67,6 +69,8 @@ subroutine new_weak_motion(self, problem, error)
    self%problem => problem
    self%motion = problem%scene%motion
    self%n = problem%n
+   self%m = problem%n
+   self%symmetric = .true.
    nf = problem%fields
    allocate (self%consistent(size(problem%matrix%value)), source=0.0_wp)
    do q = 1, size(problem%cells%weight)
@@ -102,7 +106,7 @@ subroutine new_weak_motion(self, problem, error)
       end if
    end if
    self%stiffness = problem%matrix%value - problem%penalty
-   self%varies = loads_vary(problem)
+   self%varies = loads_vary(problem%scene)
    call loads_at(problem, 0.0_wp, self%force, self%held, error)
    if (allocated(error)) return
    call factor_upper(self%factor, self%n, problem%matrix%start, problem%matrix%row, self%mass &
@@ -157,21 +161,6 @@ subroutine loads_at(self, time, force, held, error)
    end do
 end subroutine loads_at
 
-!> Whether loads or prescribed values change with time
-logical function loads_vary(self)
-   !> Problem
-   type(weak_linear_problem), intent(in) :: self
-   integer :: i, k
-
-   associate (scene => self%scene)
-      loads_vary = any([(scene%equation%source_of(i)%varies(), i=1, 3)])
-      do k = 1, size(scene%condition)
-         loads_vary = loads_vary .or. any([(scene%condition(k)%value_of(i)%varies() .or. &
-            & scene%condition(k)%traction_of(i)%varies(), i=1, 3)])
-      end do
-   end associate
-end function loads_vary
-
 !> Largest stable time step
 subroutine limit(self, step, found, error)
    !> Body
@@ -209,55 +198,99 @@ subroutine start(self, first, second, error)
       call matrix%product(self%mass, first + dt*speed, side)
       call matrix%product(self%stiffness, first, image)
       side = side + 0.5_wp*dt**2*(self%force - image)
-      call finish(self, side, dt, second, error)
+      call hold_at(self, dt, side, error)
+      if (.not. allocated(error)) call self%solve(side, second, error)
    end associate
 end subroutine start
 
-!> Coefficients at the next time
-subroutine advance(self, before, now, time, next, error)
+!> Mass and penalty, which is that of the new time, times coefficients
+subroutine left(self, x, y)
    !> Body
-   class(weak_motion), intent(inout) :: self
+   class(weak_motion), intent(in) :: self
+   !> Coefficients, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Product, shape (n)
+   real(wp), contiguous, intent(inout) :: y(:)
+
+   call self%problem%matrix%product(self%mass + self%motion%step**2*self%problem%penalty, x, y)
+end subroutine left
+
+!> Right hand side of the last two states
+subroutine carry(self, before, now, y)
+   !> Body
+   class(weak_motion), intent(in) :: self
    !> Coefficients at the last two times, shape (n)
    real(wp), contiguous, intent(in) :: before(:), now(:)
-   !> The later one of these times
-   real(wp), intent(in) :: time
-   !> Coefficients one time step later, shape (n)
-   real(wp), contiguous, intent(inout) :: next(:)
-   !> Error handling: an expression without a value somewhere
-   type(error_type), allocatable, intent(out) :: error
-   real(wp), allocatable :: side(:), image(:), held(:)
+   !> Right hand side without loads, shape (n)
+   real(wp), contiguous, intent(inout) :: y(:)
+   real(wp) :: image(self%n)
 
-   allocate (side(self%n), image(self%n))
-   if (self%varies) call loads_at(self%problem, time, self%force, held, error)
-   if (allocated(error)) return
-   associate (dt => self%motion%step, matrix => self%problem%matrix)
-      call matrix%product(self%mass, 2.0_wp*now - before, side)
-      call matrix%product(self%stiffness, now, image)
-      side = side + dt**2*(self%force - image)
-      call finish(self, side, time + dt, next, error)
-   end associate
-   self%work = self%work + 0.5_wp*dot_product(self%force, next - before)
-end subroutine advance
+   call self%problem%matrix%product(self%mass, 2.0_wp*now - before, y)
+   call self%problem%matrix%product(self%stiffness, now, image)
+   y = y - self%motion%step**2*image
+end subroutine carry
 
-!> Solve with mass and penalty, which is that of the new time
-subroutine finish(self, side, time, next, error)
+!> Add the loads of a time and the penalty's share of the time after it
+subroutine add_loads(self, time, y, error)
    !> Body
    class(weak_motion), intent(inout) :: self
-   !> Right hand side without the penalty, shape (n)
-   real(wp), intent(in) :: side(:)
+   !> The time from which the step goes
+   real(wp), intent(in) :: time
+   !> Right hand side, to which the loads are added, shape (n)
+   real(wp), contiguous, intent(inout) :: y(:)
+   !> Error handling: an expression without a value somewhere
+   type(error_type), allocatable, intent(out) :: error
+   real(wp), allocatable :: held(:)
+
+   if (self%varies) call loads_at(self%problem, time, self%force, held, error)
+   if (allocated(error)) return
+   y = y + self%motion%step**2*self%force
+   call hold_at(self, time + self%motion%step, y, error)
+end subroutine add_loads
+
+!> Add the penalty's share of a new time
+subroutine hold_at(self, time, y, error)
+   !> Body
+   class(weak_motion), intent(inout) :: self
    !> New time
    real(wp), intent(in) :: time
-   !> Coefficients, shape (n)
-   real(wp), contiguous, intent(inout) :: next(:)
+   !> Right hand side, to which it is added, shape (n)
+   real(wp), intent(inout) :: y(:)
    !> Error handling: an expression without a value somewhere
    type(error_type), allocatable, intent(out) :: error
    real(wp), allocatable :: unused(:)
 
    if (self%varies) call loads_at(self%problem, time, unused, self%held, error)
    if (allocated(error)) return
-   next = side + self%motion%step**2*self%held
-   call self%factor%solve(next)
-end subroutine finish
+   y = y + self%motion%step**2*self%held
+end subroutine hold_at
+
+!> Solve with mass and penalty
+subroutine solve(self, y, x, error)
+   !> Body
+   class(weak_motion), intent(in) :: self
+   !> Right hand side, shape (n)
+   real(wp), contiguous, intent(in) :: y(:)
+   !> Coefficients, shape (n)
+   real(wp), contiguous, intent(inout) :: x(:)
+   !> Error handling: none
+   type(error_type), allocatable, intent(out) :: error
+
+   associate (unused => error)
+   end associate
+   x = y
+   call self%factor%solve(x)
+end subroutine solve
+
+!> Count the work of the loads
+subroutine note(self, before, next)
+   !> Body
+   class(weak_motion), intent(inout) :: self
+   !> Coefficients at the time before the step began, and at its end, shape (n)
+   real(wp), contiguous, intent(in) :: before(:), next(:)
+
+   self%work = self%work + 0.5_wp*dot_product(self%force, next - before)
+end subroutine note
 
 !> Initial displacement or velocity by the consistent mass: what is nearest to it
 subroutine project(self, displacement, x, error)

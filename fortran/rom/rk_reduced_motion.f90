@@ -1,0 +1,328 @@
+!> Linear dynamics in the span of modes (6.27)-(6.31), (6.44)-(6.50).
+!>
+!> The equations of a time step, L a(n+1) = right hand side, keep what is orthogonal to test vectors
+!> W: Galerkin projection takes the modes U, which needs as many equations as unknowns; least
+!> squares Galerkin projection takes W = L U (6.48), of which Cholesky's factor of (L U)^T L U
+!> (6.50) or Householder's of L U give the amplitudes. Everything but loads that change with time is
+!> projected once: a time step costs some r x r products.
+!>
+!> Reference: Carlberg, Bou-Mosleh, Farhat, Int. J. Numer. Meth. Engng. 86 (2011),
+!> doi:10.1002/nme.3050
+module rk_reduced_motion
+   use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
+   use rk_error, only : error_type, fatal_error, err_input
+   use rk_lapack, only : cholesky, solve_pivoted_qr, solve_triangular
+   use rk_lstsq, only : row_operator
+   use rk_matrix, only : matrix_rows
+   use rk_motion, only : moving_type
+   use rk_precision, only : wp
+   use rk_problem, only : evaluation_type, problem_type
+   implicit none
+   private
+
+   public :: moving_problem, new_moving_problem, prepare
+
+   !> Body whose unknowns are amplitudes
+   type, extends(moving_type) :: reduced_motion
+      !> Body in motion
+      class(moving_type), pointer :: full => null()
+      !> Orthonormal modes, shape (full n, r), L U and test vectors W, shape (full m, r)
+      real(wp), allocatable :: modes(:, :), image(:, :), test(:, :)
+      !> Whether W = L U, and whether that is solved by QR of L U
+      logical :: least_squares = .false.
+      logical :: by_qr = .false.
+      !> Cholesky's factor of W^T L U, shape (r, r)
+      real(wp), allocatable :: factor(:, :)
+      !> Amplitudes at the new time by those at the last two times, shape (r, r)
+      real(wp), allocatable :: from_now(:, :), from_before(:, :)
+      !> What the loads add to them, shape (r), where they do not change; whether it is known
+      real(wp), allocatable :: pushed(:)
+      logical :: is_pushed = .false.
+   contains
+      procedure :: start
+      procedure :: left
+      procedure :: carry
+      procedure :: add_loads
+      procedure :: solve
+      procedure :: limit
+      procedure :: energy
+      final :: free_reduced
+   end type reduced_motion
+
+   !> A problem in motion in the span of modes; its rows are those of a time step
+   type, extends(problem_type) :: moving_problem
+      !> What moves
+      type(reduced_motion) :: body
+      !> L U
+      type(matrix_rows) :: rows
+   contains
+      procedure :: is_linear
+      procedure :: evaluate
+      procedure :: linearise => evaluate
+      procedure :: operator
+   end type moving_problem
+
+contains
+
+!> Project a motion on modes
+subroutine new_moving_problem(self, full, modes, projection, error)
+   !> Reduced problem
+   type(moving_problem), intent(inout) :: self
+   !> Body in motion, which is the reduced problem's from now on
+   class(moving_type), pointer, intent(in) :: full
+   !> Orthonormal modes, shape (full n, r)
+   real(wp), intent(in) :: modes(:, :)
+   !> auto, galerkin or least-squares
+   character(len=*), intent(in) :: projection
+   !> Error handling: Galerkin projection of more equations than unknowns
+   type(error_type), allocatable, intent(out) :: error
+   integer :: j
+
+   associate (body => self%body)
+      body%full => full
+      body%n = size(modes, 2)
+      ! the march sees the equations after their solution
+      body%m = body%n
+      body%varies = full%varies
+      body%modes = modes
+      allocate (body%image(full%m, body%n))
+      do j = 1, body%n
+         call full%left(modes(:, j), body%image(:, j))
+      end do
+      body%least_squares = projection == 'least-squares' .or. (projection == 'auto' &
+         & .and. .not. full%symmetric)
+      if (body%least_squares) then
+         body%test = body%image
+      else if (full%symmetric) then
+         body%test = modes
+      else
+         call fatal_error(error, err_input, 'rom.projection: collocation has more equations ' &
+            & //'than unknowns, which "galerkin" cannot project: take "least-squares"')
+         return
+      end if
+      self%m = full%m
+      self%n = body%n
+      self%rows%a = body%image
+      self%rows%m = self%m
+      self%rows%n = self%n
+   end associate
+end subroutine new_moving_problem
+
+!> Project the equations of a time step and solve them for what each amplitude does
+subroutine prepare(self, solver, error)
+   !> Problem
+   type(moving_problem), intent(inout) :: self
+   !> normal for Cholesky's factor of the projected equations, else QR where they are least squares
+   character(len=*), intent(in) :: solver
+   !> Error handling: modes that the equations do not tell apart
+   type(error_type), allocatable, intent(out) :: error
+   real(wp), allocatable :: zero(:), side(:)
+   integer :: j
+
+   associate (body => self%body)
+      body%by_qr = body%least_squares .and. solver /= 'normal'
+      body%is_pushed = .false.
+      if (.not. body%by_qr) then
+         body%factor = matmul(transpose(body%test), body%image)
+         call cholesky(body%factor, error)
+         if (allocated(error)) return
+      end if
+      allocate (zero(body%full%n), side(body%full%m), source=0.0_wp)
+      if (.not. allocated(body%from_now)) allocate (body%from_now(body%n, body%n), &
+         & body%from_before(body%n, body%n))
+      do j = 1, body%n
+         call body%full%carry(zero, body%modes(:, j), side)
+         call amplitudes(body, side, body%from_now(:, j), error)
+         if (allocated(error)) return
+         call body%full%carry(body%modes(:, j), zero, side)
+         call amplitudes(body, side, body%from_before(:, j), error)
+         if (allocated(error)) return
+      end do
+   end associate
+end subroutine prepare
+
+!> Amplitudes of a right hand side of the full equations
+subroutine amplitudes(self, side, x, error)
+   !> Body
+   type(reduced_motion), intent(in) :: self
+   !> Right hand side, shape (full m)
+   real(wp), contiguous, intent(in) :: side(:)
+   !> Amplitudes, shape (r)
+   real(wp), contiguous, intent(inout) :: x(:)
+   !> Error handling: numbers that are not finite
+   type(error_type), allocatable, intent(out) :: error
+   real(wp), allocatable :: a(:, :), b(:, :)
+   real(wp) :: rcond
+   integer :: pivot(self%n), rank
+
+   if (.not. self%by_qr) then
+      x = matmul(side, self%test)
+      call solve_triangular(self%factor, x, transposed=.true.)
+      call solve_triangular(self%factor, x, transposed=.false.)
+      return
+   end if
+   a = self%image
+   b = reshape(side, [size(side), 1])
+   call solve_pivoted_qr(a, b, pivot, rank, rcond, error)
+   if (.not. allocated(error)) x = b(:self%n, 1)
+end subroutine amplitudes
+
+!> Amplitudes at the start and one time step later: the parts of the full body's in the modes
+subroutine start(self, first, second, error)
+   !> Body
+   class(reduced_motion), intent(inout) :: self
+   !> Amplitudes at both times, shape (r)
+   real(wp), contiguous, intent(inout) :: first(:), second(:)
+   !> Error handling: an expression without a value somewhere
+   type(error_type), allocatable, intent(out) :: error
+   real(wp), allocatable :: one(:), other(:)
+
+   allocate (one(self%full%n), other(self%full%n))
+   call self%full%start(one, other, error)
+   if (allocated(error)) return
+   first = matmul(one, self%modes)
+   second = matmul(other, self%modes)
+end subroutine start
+
+!> The new amplitudes themselves
+subroutine left(self, x, y)
+   !> Body
+   class(reduced_motion), intent(in) :: self
+   !> Amplitudes, shape (r)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> The same, shape (r)
+   real(wp), contiguous, intent(inout) :: y(:)
+
+   associate (unused => self)
+   end associate
+   y = x
+end subroutine left
+
+!> New amplitudes without loads
+subroutine carry(self, before, now, y)
+   !> Body
+   class(reduced_motion), intent(in) :: self
+   !> Amplitudes at the last two times, shape (r)
+   real(wp), contiguous, intent(in) :: before(:), now(:)
+   !> New amplitudes, shape (r)
+   real(wp), contiguous, intent(inout) :: y(:)
+
+   y = matmul(self%from_now, now) + matmul(self%from_before, before)
+end subroutine carry
+
+!> What the loads add to them
+subroutine add_loads(self, time, y, error)
+   !> Body
+   class(reduced_motion), intent(inout) :: self
+   !> The time from which the step goes
+   real(wp), intent(in) :: time
+   !> New amplitudes, shape (r)
+   real(wp), contiguous, intent(inout) :: y(:)
+   !> Error handling: an expression without a value somewhere
+   type(error_type), allocatable, intent(out) :: error
+   real(wp), allocatable :: side(:)
+
+   if (self%varies .or. .not. self%is_pushed) then
+      allocate (side(self%full%m), source=0.0_wp)
+      if (.not. allocated(self%pushed)) allocate (self%pushed(self%n))
+      call self%full%add_loads(time, side, error)
+      if (.not. allocated(error)) call amplitudes(self, side, self%pushed, error)
+      if (allocated(error)) return
+      self%is_pushed = .true.
+   end if
+   y = y + self%pushed
+end subroutine add_loads
+
+!> The new amplitudes are what the step is written in
+subroutine solve(self, y, x, error)
+   !> Body
+   class(reduced_motion), intent(in) :: self
+   !> New amplitudes, shape (r)
+   real(wp), contiguous, intent(in) :: y(:)
+   !> The same, shape (r)
+   real(wp), contiguous, intent(inout) :: x(:)
+   !> Error handling: none
+   type(error_type), allocatable, intent(out) :: error
+
+   associate (unused => self, unused_too => error)
+   end associate
+   x = y
+end subroutine solve
+
+!> Largest time step that is stable: that of the full body has been looked at
+subroutine limit(self, step, found, error)
+   !> Body
+   class(reduced_motion), intent(inout) :: self
+   !> Largest stable step
+   real(wp), intent(out) :: step
+   !> Whether it is known
+   logical, intent(out) :: found
+   !> Error handling: none
+   type(error_type), allocatable, intent(out) :: error
+
+   associate (unused => self, unused_too => error)
+   end associate
+   step = huge(1.0_wp)
+   found = .false.
+end subroutine limit
+
+!> Energies are not numbers here: full states have them
+function energy(self, now, next)
+   !> Body
+   class(reduced_motion), intent(in) :: self
+   !> Amplitudes at two times, shape (r)
+   real(wp), contiguous, intent(in) :: now(:), next(:)
+   real(wp) :: energy(3)
+
+   associate (unused => self, unused_now => now, unused_next => next)
+   end associate
+   energy = ieee_value(energy, ieee_quiet_nan)
+end function energy
+
+!> Give the full body back
+subroutine free_reduced(self)
+   !> Body
+   type(reduced_motion), intent(inout) :: self
+
+   if (associated(self%full)) deallocate (self%full)
+end subroutine free_reduced
+
+!> Equations of a time step are linear
+pure logical function is_linear(self)
+   !> Problem
+   class(moving_problem), intent(in) :: self
+
+   associate (unused => self)
+   end associate
+   is_linear = .true.
+end function is_linear
+
+!> Rows of a time step times amplitudes
+subroutine evaluate(self, x, load, r, seen)
+   !> Problem
+   class(moving_problem), target, intent(inout) :: self
+   !> Amplitudes, shape (r)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Of no meaning here
+   real(wp), intent(in) :: load
+   !> L U x, shape (m)
+   real(wp), contiguous, intent(inout) :: r(:)
+   !> What was seen
+   type(evaluation_type), intent(out) :: seen
+
+   associate (unused => load)
+   end associate
+   call self%rows%apply(x, r)
+   seen%valid = all(abs(r) <= huge(1.0_wp))
+end subroutine evaluate
+
+!> L U
+function operator(self) result(op)
+   !> Problem
+   class(moving_problem), target, intent(in) :: self
+   class(row_operator), pointer :: op
+
+   op => self%rows
+end function operator
+
+end module rk_reduced_motion
