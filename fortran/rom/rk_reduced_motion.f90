@@ -1,4 +1,4 @@
-!> Linear dynamics in the span of modes (6.27)-(6.31), (6.44)-(6.50).
+!> Linear dynamics in the span of modes (6.27)-(6.31), (6.45)-(6.50).
 !>
 !> The equations of a time step, L a(n+1) = right hand side, keep what is orthogonal to test vectors
 !> W: Galerkin projection takes the modes U, which needs as many equations as unknowns; least

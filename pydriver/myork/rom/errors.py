@@ -11,7 +11,7 @@ __all__ = ["displacement_error", "gradient_error", "largest_error"]
 
 
 def displacement_error(full: list[Fields], reduced: list[Fields]) -> float:
-    """Error e1 of the displacement (6.70), (6.71) [-]."""
+    """Error e1 of the displacement (6.70), (6.71), over time (6.51), (6.52) [-]."""
     return _relative([a.u for a in full], [b.u for b in reduced])
 
 
