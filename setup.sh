@@ -63,24 +63,30 @@ has_libraries() {
       { pkg-config --exists hdf5-serial || pkg-config --exists hdf5; }
 }
 
+# The tests look at pages in a real browser
+has_browser() {
+   command -v chromium >/dev/null || command -v chromium-browser >/dev/null ||
+      command -v google-chrome >/dev/null
+}
+
 install_packages() {
    command -v apt-get >/dev/null ||
-      fail "no apt-get here; install what these Debian packages hold: $(echo $packages)"
+      fail "no apt-get here; install what these Debian packages hold: $(echo $*)"
    if [ "$(id -u)" = 0 ]; then
       as_root=
    elif command -v sudo >/dev/null; then
       as_root=sudo
    else
-      fail "compilers or libraries are missing; as root: apt-get install $(echo $packages)"
+      fail "packages are missing; as root: apt-get install $(echo $*)"
    fi
-   say "installing compilers and libraries with apt (1-2 minutes)"
+   say "installing packages with apt (1-2 minutes)"
    apt="$as_root env DEBIAN_FRONTEND=noninteractive apt-get -qq -o DPkg::Lock::Timeout=300"
-   { $apt update && $apt install -y --no-install-recommends $packages; } >&2 </dev/null ||
+   { $apt update && $apt install -y --no-install-recommends "$@"; } >&2 </dev/null ||
       fail "apt-get failed, see above"
 }
 
 install_myork() {
-   has_libraries && find_python >/dev/null || install_packages
+   has_libraries && find_python >/dev/null || install_packages $packages
    has_libraries || fail "compilers or libraries are still missing after apt-get"
    if ! has_venv; then
       python=$(find_python) ||
@@ -113,6 +119,7 @@ demo)
    ;;
 test)
    shift
+   has_browser || install_packages chromium
    exec .venv/bin/python -m pytest "$@"
    ;;
 '') say "ready: .venv/bin/myork, .venv/bin/myork-solve" ;;

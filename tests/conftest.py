@@ -1,6 +1,7 @@
 """Settings shared by all tests."""
 
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -79,3 +80,43 @@ def open_scene() -> Iterator[Callable[..., Any]]:
     yield open_
     for scene in scenes:
         scene.close()
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """A headless Chromium; a test without one has failed, not passed.
+
+    It ends with its module: its loop of events would stand in the way of others.
+    """
+    from playwright.sync_api import sync_playwright
+
+    names = ("chromium", "chromium-browser", "google-chrome")
+    path = next((found for name in names if (found := shutil.which(name))), None)
+    assert path is not None, f"a browser is needed, one of {', '.join(names)}: apt install chromium"
+    with sync_playwright() as driver:
+        # WebGL without a graphics card
+        options = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+        chromium = driver.chromium.launch(executable_path=path, args=options)
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture
+def open_page(browser: Any) -> Iterator[Callable[[str], Any]]:
+    """Open a page; at the end it must have said nothing on its console."""
+    said: list[str] = []
+    pages = []
+
+    def open_(address: str) -> Any:
+        page = browser.new_page(viewport={"width": 1400, "height": 860})
+        page.set_default_timeout(60_000)
+        page.on("console", lambda message: said.append(f"{message.type}: {message.text}"))
+        page.on("pageerror", lambda error: said.append(f"error: {error}"))
+        page.goto(address)
+        pages.append(page)
+        return page
+
+    yield open_
+    for page in pages:
+        page.close()
+    assert said == []

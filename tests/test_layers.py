@@ -47,7 +47,7 @@ PYTHON_LAYERS = [
     {"model"},
     {"stations"},
     {"rom", "report", "reference"},
-    {"bench", "demo", "sweeps"},
+    {"bench", "demo", "sweeps", "view"},
     {"commands"},
     {"cli"},
     {"__main__"},

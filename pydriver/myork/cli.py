@@ -19,7 +19,14 @@ from pathlib import Path
 from typing import Any
 
 import myork
-from myork.commands import add_rom_commands, add_sweep, override, overrides_of, positive
+from myork.commands import (
+    add_rom_commands,
+    add_sweep,
+    add_view,
+    override,
+    overrides_of,
+    positive,
+)
 from myork.console import Console
 from myork.errors import ConvergenceError, MyorkError
 
@@ -345,6 +352,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     add_rom_commands(add, add_deck)
     add_sweep(add_deck)
+    add_view(commands.add_parser, common)
     bench = add(
         "bench",
         _bench,

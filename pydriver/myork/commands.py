@@ -6,11 +6,19 @@ import argparse
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 from myork.console import Console
 from myork.errors import ConvergenceError, InputError
 
-__all__ = ["add_rom_commands", "add_sweep", "override", "overrides_of", "positive"]
+__all__ = [
+    "add_rom_commands",
+    "add_sweep",
+    "add_view",
+    "override",
+    "overrides_of",
+    "positive",
+]
 
 
 def overrides_of(options: argparse.Namespace) -> list[str]:
@@ -128,6 +136,30 @@ def _sweep(options: argparse.Namespace) -> None:
         print(f"table: {table}")
 
 
+def _view(options: argparse.Namespace) -> None:
+    from myork.view import serve
+
+    serve(
+        options.file,
+        port=options.port,
+        browser=not options.no_browser,
+        threads=options.threads or 1,
+        progress=_flushed,
+    )
+
+
+def _flushed(line: str) -> None:
+    """Print a line at once, also into a pipe."""
+    print(line, flush=True)
+
+
+def _port(text: str) -> int:
+    """Port of an option."""
+    if not (text.isdecimal() and int(text) < 65536):
+        raise argparse.ArgumentTypeError(f"a number from 0 to 65535 is needed, not {text!r}")
+    return int(text)
+
+
 def _numbers(items: Sequence[str]) -> dict[str, float]:
     """Values of `--set KEY=VALUE` that are numbers."""
     found = {}
@@ -169,6 +201,32 @@ def add_sweep(add_deck: Callable[..., argparse.ArgumentParser]) -> None:
         "--model", type=Path, metavar="FILE", help="reduced model that answers (.rom.h5)"
     )
     command.add_argument("--dry-run", action="store_true", help="say what would be solved, and end")
+
+
+def add_view(add_parser: Callable[..., Any], common: argparse.ArgumentParser) -> None:
+    """The command that serves a page; it writes no folder."""
+    what = "a page with sliders for a reduced model, on this machine, until Ctrl-C"
+    view = add_parser(
+        "view",
+        parents=[common],
+        help=what,
+        description=what[0].upper() + what[1:] + ".",
+        epilog="examples:\n  myork view out/muscle/muscle.rom.h5\n"
+        "  myork view muscle.rom.h5 --no-browser --port 8080",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    view.add_argument("file", type=Path, metavar="FILE", help="reduced model (.rom.h5)")
+    view.add_argument(
+        "--port",
+        type=_port,
+        default=0,
+        metavar="N",
+        help="port of this machine; default a free one",
+    )
+    view.add_argument(
+        "--no-browser", action="store_true", help="print the address, open no browser"
+    )
+    view.set_defaults(run=_view)
 
 
 def add_rom_commands(

@@ -1,0 +1,202 @@
+// Sliders ask, the server answers, the body and the curves follow. One question at a time: the
+// next one takes the latest values.
+const $ = (id) => document.getElementById(id);
+const WORDS = {accepted: ["good", "✓ accepted"], doubtful: ["unsure", "? doubtful"],
+  refused: ["bad", "✗ refused"]};
+const body = new Body($("body"));
+const values = [...about.start];
+const shades = ["#c6d4e1", "#a3bfd6", "#7fa9ca", "#5c93be", "#387db2"];
+// a curve along a parameter stays while only that one moves
+const own = about.parameters.map(() => null);
+let wanted = true, busy = false, last = null, families = {}, later = 0, drawn = 0;
+// what a test reads: answers shown, and the values of the last of them
+window.shown = {answers: 0, values: null, probes: null};
+
+const text = (x, digits = 4) => x === null || x === undefined ? "–"
+  : x !== 0 && Math.abs(x) < 1e-3 ? x.toExponential(digits - 1) : x.toPrecision(digits);
+const short = (key) => {
+  const word = key.split(".").pop();
+  return about.parameters.filter((p) => p.key.split(".").pop() === word).length > 1 ? key : word;
+};
+
+function makeSliders() {
+  about.parameters.forEach((p, k) => {
+    const box = document.createElement("div"), label = document.createElement("label");
+    const name = document.createElement("span"), output = document.createElement("output");
+    const input = document.createElement("input"), bar = document.createElement("div");
+    const trained = document.createElement("i");
+    box.className = "slider";
+    name.textContent = short(p.key);
+    name.title = p.key;
+    Object.assign(input, {type: "range", min: p.least, max: p.most, step: "any", id: `p${k}`});
+    input.value = values[k];
+    label.htmlFor = input.id;
+    bar.className = "trained";
+    const part = (x) => 100 * (x - p.least) / (p.most - p.least);
+    trained.style.left = `${part(p.low)}%`;
+    trained.style.right = `${100 - part(p.high)}%`;
+    bar.append(trained);
+    const told = () => {
+      const slack = 1e-9 * (p.high - p.low);
+      output.textContent = `${values[k].toPrecision(3)} ${p.unit}`;
+      box.classList.toggle("outside", values[k] < p.low - slack || values[k] > p.high + slack);
+    };
+    input.addEventListener("input", () => {
+      values[k] = Number(input.value);
+      told();
+      ask();
+    });
+    told();
+    label.append(name, output);
+    box.append(label, input, bar);
+    $("sliders").append(box);
+  });
+  about.parameters.forEach((p) => {
+    const svg = document.createElementNS("http://www.w3.org/2000/svg", "svg");
+    svg.setAttribute("role", "img");
+    svg.setAttribute("aria-label", `force against ${p.key}`);
+    $("curves").append(svg);
+  });
+}
+
+async function fetched(path) {
+  const answer = await fetch(path, {cache: "no-store"});
+  if (!answer.ok) throw new Error(await answer.text());
+  return answer;
+}
+
+function unpacked(buffer) {
+  const size = new DataView(buffer).getUint32(0, true);
+  const told = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, size)));
+  return [told, 4 + size];
+}
+
+async function ask() {
+  wanted = true;
+  if (busy) return;
+  busy = true;
+  try {
+    while (wanted) {
+      wanted = false;
+      const asked = [...values];
+      const query = `p=${asked.join(",")}`;
+      const state = await fetched(`/state?${query}&field=${$("field").value}`);
+      const buffer = await state.arrayBuffer();
+      await new Promise(requestAnimationFrame);
+      tell(buffer, asked);
+      // states come first: curves follow some times a second, and at the end
+      if (!wanted || performance.now() - drawn > 200) await askCurves(asked);
+      draw();
+    }
+  } catch (reason) {
+    fail(reason);
+  }
+  busy = false;
+  clearTimeout(later);
+  later = setTimeout(askFamilies, 150);
+}
+
+async function askCurves(asked) {
+  const probe = $("probe").value;
+  const marks = asked.map((_, k) => [probe, ...asked.map((x, i) => i === k ? 0 : x)].join());
+  const of = asked.map((_, k) => k).filter((k) => !own[k] || own[k].mark !== marks[k]);
+  if (of.length) {
+    const found = await fetched(`/curves?p=${asked.join(",")}&probe=${probe}&of=${of.join(",")}`);
+    for (const one of await found.json()) own[one.parameter] = {...one, mark: marks[one.parameter]};
+  }
+  drawn = performance.now();
+}
+
+async function askFamilies() {
+  if (busy) return;
+  busy = true;
+  try {
+    const query = `p=${values.join(",")}&probe=${$("probe").value}&family=1`;
+    const found = await (await fetched(`/curves?${query}`)).json();
+    families = Object.fromEntries(found.map((one) => [one.parameter, one]));
+    draw();
+  } catch (reason) {
+    fail(reason);
+  }
+  busy = false;
+  if (wanted) ask();
+}
+
+function tell(buffer, asked) {
+  const [told, start] = unpacked(buffer), n = body.rest_corners;
+  const [mark, word] = WORDS[told.verdict];
+  $("verdict").className = `state ${mark}`;
+  $("verdict").textContent = word;
+  $("reasons").replaceChildren(...told.reasons.map((reason) => {
+    const line = document.createElement("li");
+    line.textContent = reason;
+    return line;
+  }));
+  $("indicator").textContent = told.indicator === null ? "–" : `${text(100 * told.indicator, 2)} %`;
+  $("ms").textContent = `${told.ms.toFixed(1)} ms`;
+  // no number without a state
+  told.probes.forEach((value, k) => {
+    $(`probe${k}`).textContent = told.converged ? text(value) : "–";
+  });
+  document.querySelector("section.body").classList.toggle("old", !told.converged);
+  last = {told, asked};
+  if (told.converged) {
+    $("j").textContent = `${text(told.J[0], 3)} to ${text(told.J[1], 3)}`;
+    const field = about.fields.find((f) => f.name === $("field").value);
+    const unit = field.unit === "-" ? "" : ` ${field.unit}`;
+    $("low").textContent = text(field.range[0], 3);
+    $("high").textContent = text(field.range[1], 3) + unit;
+    $("here").textContent = `here ${text(told.range[0], 3)} to ${text(told.range[1], 3)}${unit}`;
+    body.show(new Float32Array(buffer, start, 3 * n), new Float32Array(buffer, start + 12 * n, n),
+      field.range);
+  }
+  window.shown.answers += 1;
+  Object.assign(window.shown, {values: asked, probes: told.probes});
+}
+
+function draw() {
+  const probe = about.probes[$("probe").value], charts = $("curves").children;
+  own.filter((one) => one).forEach((one) => {
+    const p = about.parameters[one.parameter], family = families[one.parameter];
+    const lines = [];
+    if (family) family.y.forEach((y, k) => lines.push({x: family.x, y, colour: shades[k], width: 1}));
+    lines.push({x: one.x, y: one.y[0], colour: "#0b5c96", width: 2.2});
+    const marker = last && last.told.converged
+      ? [last.asked[one.parameter], last.told.probes[$("probe").value]] : null;
+    const of = family
+      ? `; thin: ${short(family.of)} ${family.at[0].toPrecision(2)} to ${family.at.at(-1).toPrecision(2)}`
+      : "";
+    const label = `${short(p.key)}${p.unit ? ` [${p.unit}]` : ""}${of}`;
+    chart(charts[one.parameter], label, `${probe.name} [${probe.unit}]`, lines, marker);
+  });
+}
+
+function fail(reason) {
+  $("verdict").className = "state bad";
+  $("verdict").textContent = "✗ no answer";
+  const line = document.createElement("li");
+  line.textContent = `${reason.message || reason}: does myork view still run?`;
+  $("reasons").replaceChildren(line);
+}
+
+async function begin() {
+  makeSliders();
+  $("colours").getContext("2d").drawImage(body.bar, 0, 0);
+  for (const id of ["field", "probe"]) $(id).addEventListener("change", () => {
+    if (id === "probe") families = {};
+    ask();
+  });
+  try {
+    const buffer = await (await fetched("/surface")).arrayBuffer();
+    const [told, start] = unpacked(buffer);
+    body.rest_corners = told.corners;
+    body.surface(new Float32Array(buffer, start, 3 * told.corners),
+      new Uint32Array(buffer, start + 12 * told.corners, 3 * told.triangles));
+  } catch (reason) {
+    fail(reason);
+    return;
+  }
+  ask();
+}
+
+begin();

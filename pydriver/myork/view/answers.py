@@ -1,0 +1,375 @@
+"""What the page asks of a reduced model: its body, a state, curves of a force."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+import threading
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from myork.core.scene import Scene
+from myork.core.states import Fields
+from myork.errors import InputError
+from myork.model_file import write_model
+from myork.rom.model import Batch, ReducedModel
+from myork.view.surface import outer_triangles, point_distances
+
+__all__ = ["FIELDS", "Answers", "Shown", "verdict_of"]
+
+F64Array = NDArray[np.float64]
+
+#: Fields by name, with a title and the kind of their unit
+FIELDS = {
+    "von_mises": ("von Mises stress", "stress"),
+    "principal": ("largest principal stress", "stress"),
+    "strain": ("largest principal strain", ""),
+    "J": ("volume ratio J", ""),
+    "displacement": ("displacement", "length"),
+}
+#: Bounds of the estimated error of all displacements, those of a full solve against more points
+DOUBTFUL, REFUSED = 0.05, 0.125
+#: Part of a range by which sliders go beyond it
+_BEYOND = 0.15
+#: Points of a curve, and curves of a family
+_POINTS, _CURVES = 31, 5
+#: Per cent of the values of sample states at either end that have the colour of the end: stresses
+#: of few places are many times those of all others
+_TAIL = 2.0
+
+
+class Shown(NamedTuple):
+    """A state as it is shown.
+
+    Attributes
+    ----------
+    told : dict
+        Numbers beside the body: probes, indicator, verdict with reasons, range of the field.
+    positions : F64Array
+        Where the corners of the surface are, shape `(n, 3)` [length].
+    values : F64Array
+        The field there, not a number where the body is inside out, shape `(n,)`.
+    """
+
+    told: dict[str, Any]
+    positions: F64Array
+    values: F64Array
+
+
+class Answers:
+    """A reduced model with its full scene, which tells fields; asked by one thread at a time.
+
+    Parameters
+    ----------
+    path : Path
+        Reduced model.
+    threads : int
+        Threads of a call.
+    """
+
+    def __init__(self, path: Path, threads: int = 1) -> None:
+        self.rom = rom = ReducedModel.load(path, threads=threads)
+        self._lock = threading.Lock()
+        self._folder = tempfile.TemporaryDirectory(prefix="myork-")
+        self._changed: dict[str, float] = {}
+        full = rom.full_model()
+        more = ["load.steps=1"]
+        deck = Path(self._folder.name, "deck.toml")
+        deck.write_text(full.text, encoding="utf-8")
+        if full.cloud is not None:
+            write_model(deck.with_name("model.h5"), full.cloud)
+            more.append("geometry.file=model.h5")
+        self._scene = Scene(deck, [*full.overrides, *more], threads=threads)
+        points = self._scene.points()
+        triangles = outer_triangles(points, point_distances(points, self._scene.deck, full.cloud))
+        self._corners, renumbered = np.unique(triangles, return_inverse=True)
+        self.triangles = renumbered.reshape(-1, 3).astype(np.uint32)
+        self._rest = np.zeros((len(self._corners), 3))
+        self._rest[:, : points.shape[1]] = points[self._corners]
+        self.probes = self._probes()
+        self.ranges = self._ranges()
+
+    def __enter__(self) -> Answers:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._scene.close()
+        self._folder.cleanup()
+
+    @property
+    def rest(self) -> F64Array:
+        """Undeformed corners of the surface, shape `(n, 3)` [length]."""
+        return self._rest
+
+    def about(self) -> dict[str, Any]:
+        """What the page is built from."""
+        rom, units = self.rom, self.rom.units
+        stress = units.get("stress") or f"{units['force']}/{units['length']}^2"
+        named = {"stress": stress, "length": units["length"], "": "-"}
+        parameters = []
+        for p in rom.parameters:
+            more = _BEYOND * (p.high - p.low)
+            low, high = p.low - more, p.high + more
+            if p.kind == "activation":
+                low, high = max(low, 0.0), min(high, 1.0)
+            elif p.kind != "load":
+                # moduli and stresses are positive
+                low = max(low, 0.5 * p.low)
+            unit = units["length"] if p.kind == "load" else stress
+            unit = "" if p.kind == "activation" else unit
+            parameters.append(
+                {"key": p.key, "low": p.low, "high": p.high, "least": low, "most": high,
+                 "unit": unit}
+            )  # fmt: skip
+        return {
+            "title": rom.head["title"],
+            "parameters": parameters,
+            "start": self.start(),
+            "probes": self.probes,
+            "fields": [
+                {"name": name, "title": title, "unit": named[unit], "range": self.ranges[name]}
+                for name, (title, unit) in FIELDS.items()
+            ],
+            "length": units["length"],
+            "describe": rom.describe(),
+        }
+
+    def start(self) -> list[float]:
+        """Values of the first state: no load where that is in the range, else the middle."""
+        return [
+            0.0 if p.kind == "load" and p.low <= 0.0 <= p.high else 0.5 * (p.low + p.high)
+            for p in self.rom.parameters
+        ]
+
+    def state(self, values: Sequence[float], field: str) -> Shown:
+        """A state with one field on the surface.
+
+        Raises
+        ------
+        InputError
+            A wrong number of values, or no such field.
+        """
+        if field not in FIELDS:
+            raise InputError(f"{field}: no field; there are {', '.join(FIELDS)}")
+        row = np.array([values], float)
+        with self._lock:
+            start = time.perf_counter()
+            batch = self.rom.batch(row, indicator=True)
+            took = time.perf_counter() - start
+            fields = self._fields(row[0], batch.amplitudes[0])
+        value = _field(fields, field)[self._corners]
+        j = fields.named["J"][:, 0]
+        verdict, reasons = self._verdict(row[0], batch, float(j.min()))
+        positions = self._rest + fields.u[self._corners]
+        told = {
+            "probes": [_number(v) for v in self._values(batch)[0]],
+            "indicator": _number(batch.indicator[0]),
+            "inside": bool(batch.inside[0]),
+            "converged": bool(batch.converged[0]),
+            "iterations": int(batch.iterations[0]),
+            "verdict": verdict,
+            "reasons": reasons,
+            "range": _range(value),
+            "J": [_number(j.min()), _number(j.max())],
+            "ms": 1e3 * took,
+        }
+        return Shown(told, positions, value)
+
+    def curves(
+        self, values: Sequence[float], probe: int, of: Sequence[int], *, family: bool = False
+    ) -> list[dict[str, Any]]:
+        """A probe along parameters through a state, or families of such curves.
+
+        Parameters
+        ----------
+        values : sequence of float
+            The state.
+        probe : int
+            Place in `probes`.
+        of : sequence of int
+            Parameters.
+        family : bool
+            Curves at values of one other parameter, activation first, instead of that through the
+            state itself.
+
+        Returns
+        -------
+        list of dict
+            One a parameter: `x`, the values of what the curves differ in (`at`, none of the curve
+            through the state), its key, and `y`, shape `(curves, n)`; None where no state is.
+        """
+        if not 0 <= probe < len(self.probes):
+            raise InputError(f"probe {probe}: there are {len(self.probes)}")
+        found, rows = [], []
+        for k in of:
+            p = self.rom.parameters[k]
+            other = self._other(k) if family else None
+            if family and other is None:
+                continue
+            x = np.linspace(p.low, p.high, _POINTS)
+            at: list[float] = []
+            if other is not None:
+                ends = self.rom.parameters[other]
+                at = np.linspace(ends.low, ends.high, _CURVES).tolist()
+            for level in at or [0.0]:
+                row = np.tile(np.asarray(values, float), (_POINTS, 1))
+                if other is not None:
+                    row[:, other] = level
+                row[:, k] = x
+                rows.append(row)
+            found.append(
+                {"parameter": k, "x": x.tolist(), "at": at,
+                 "of": "" if other is None else self.rom.parameters[other].key}
+            )  # fmt: skip
+        if not rows:
+            return []
+        with self._lock:
+            batch = self.rom.batch(np.concatenate(rows))
+        y = np.where(batch.converged, self._values(batch)[:, probe], np.nan)
+        told = iter(y.reshape(-1, _POINTS))
+        for one in found:
+            one["y"] = [[_number(v) for v in next(told)] for _ in one["at"] or [0.0]]
+        return found
+
+    def _other(self, k: int) -> int | None:
+        """What the curves of a parameter's family differ in."""
+        kinds = [p.kind for p in self.rom.parameters]
+        others = [i for i in range(len(kinds)) if i != k]
+        others.sort(key=lambda i: ("activation", "load").index(kinds[i]) if kinds[i] in
+                    ("activation", "load") else 2)  # fmt: skip
+        return others[0] if others else None
+
+    def _fields(self, row: F64Array, amplitudes: F64Array) -> Fields:
+        """Fields of a state, by the full scene: materials and what is prescribed enter them."""
+        wanted = {p.key: float(v) for p, v in zip(self.rom.parameters, row, strict=True)}
+        changes = {key: v for key, v in wanted.items() if self._changed.get(key) != v}
+        if changes:
+            self._scene.update(changes)
+            self._changed |= changes
+        return self._scene.fields(self.rom.basis @ amplitudes, 1.0)
+
+    def _probes(self) -> list[dict[str, str]]:
+        """Names and units of the scalars that probes give, forces first."""
+        found = []
+        for probe in self.rom.head["probes"]:
+            force = probe["quantity"].startswith("force")
+            unit = self.rom.units["force" if force else "length"]
+            vector = probe["quantity"] in ("force", "u")
+            ends = [f" {axis}" for axis in "xyz"[: self._scene.dimension]] if vector else [""]
+            found += [
+                {"name": probe["name"] + end, "unit": unit, "of": probe["name"], "axis": str(k)}
+                for k, end in enumerate(ends)
+            ]
+        if not found:
+            raise InputError("the reduced model has no probe that could be shown")
+        first = {p["name"] for p in self.rom.head["probes"] if p["quantity"].startswith("force")}
+        return sorted(found, key=lambda p: p["of"] not in first)
+
+    def _values(self, batch: Batch) -> F64Array:
+        """Scalars of `probes`, shape `(n, probes)`."""
+        columns = []
+        for probe in self.probes:
+            value = batch.probes[probe["of"]]
+            columns.append(value if value.ndim == 1 else value[:, int(probe["axis"])])
+        return np.stack(columns, axis=1)
+
+    def _verdict(self, row: F64Array, batch: Batch, j: float) -> tuple[str, list[str]]:
+        outside = [
+            f"{p.key} = {v:.4g} is outside the trained range {p.low:g} to {p.high:g}"
+            for p, v in zip(self.rom.parameters, row, strict=True)
+            if not p.low - 1e-9 * (p.high - p.low) <= v <= p.high + 1e-9 * (p.high - p.low)
+        ]
+        return verdict_of(bool(batch.converged[0]), float(batch.indicator[0]), j, outside)
+
+    def _ranges(self) -> dict[str, list[float]]:
+        """Ranges of the colours: values at the ends of each parameter and in the middle."""
+        middle = np.array([0.5 * (p.low + p.high) for p in self.rom.parameters])
+        rows = [middle]
+        for k, p in enumerate(self.rom.parameters):
+            for end in (p.low, p.high):
+                rows.append(np.where(np.arange(len(middle)) == k, end, middle))
+        batch = self.rom.batch(np.array(rows))
+        found: dict[str, list[F64Array]] = {name: [] for name in FIELDS}
+        for row, a in zip(np.array(rows)[batch.converged], batch.amplitudes[batch.converged],
+                          strict=True):  # fmt: skip
+            fields = self._fields(row, a)
+            for name in FIELDS:
+                found[name].append(_field(fields, name)[self._corners])
+        if not found["J"]:
+            raise InputError("the reduced model finds no state in its own range: train it anew")
+        ranges = {}
+        for name, values in found.items():
+            every = np.concatenate(values)
+            # stresses of places that are inside out are no numbers
+            every = every[np.isfinite(every)]
+            ranges[name] = np.percentile(every, [_TAIL, 100.0 - _TAIL]).tolist()
+        return ranges
+
+
+def verdict_of(
+    converged: bool, indicator: float, smallest_j: float, outside: Sequence[str]
+) -> tuple[str, list[str]]:
+    """Verdict on a state of a reduced model with its reasons.
+
+    It judges what the reduction adds: of the full model its own solve tells.
+
+    Parameters
+    ----------
+    converged : bool
+        Whether the equations are solved.
+    indicator : float
+        Estimated relative error of the displacement.
+    smallest_j : float
+        Smallest volume ratio.
+    outside : sequence of str
+        What lies outside the range of the training, a sentence each.
+    """
+    if not converged:
+        return "refused", ["no state was found for these values", *outside]
+    reasons = list(outside)
+    if smallest_j <= 0.0:
+        reasons.insert(0, f"a place of the body is inside out: J = {smallest_j:.3g}")
+    if not indicator <= DOUBTFUL:
+        told = f"the estimated error of the displacement is {100 * indicator:.2g} %"
+        reasons.insert(0, told)
+        if not indicator <= REFUSED:
+            return "refused", reasons
+    return ("doubtful" if reasons else "accepted"), reasons
+
+
+def _field(fields: Fields, name: str) -> F64Array:
+    """One number a point."""
+    if name == "displacement":
+        return np.linalg.norm(fields.u, axis=1)
+    if name == "J":
+        return np.asarray(fields.named["J"][:, 0])
+    if name == "principal":
+        return np.asarray(fields.named["principal_stress"].max(axis=1))
+    if name == "strain":
+        stretch = np.linalg.eigvalsh(np.einsum("pia,pib->pab", fields.f, fields.f))
+        return np.asarray(np.sqrt(np.maximum(stretch[:, -1], 0.0)) - 1.0)
+    first, second, third = fields.named["principal_stress"].T
+    squares = (first - second) ** 2 + (second - third) ** 2 + (third - first) ** 2
+    return np.asarray(np.sqrt(0.5 * squares))
+
+
+def _range(values: F64Array) -> list[float | None]:
+    """Smallest and largest of the values that are numbers."""
+    real = values[np.isfinite(values)]
+    return [float(real.min()), float(real.max())] if len(real) else [None, None]
+
+
+def _number(value: Any) -> float | None:
+    """A number that JSON knows."""
+    return float(value) if math.isfinite(value) else None

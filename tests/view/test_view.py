@@ -1,0 +1,299 @@
+"""The page of a reduced model: what it shows is what the model says, in a real browser."""
+
+import io
+import json
+import re
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from myork import ReducedModel
+from myork.cli import main
+from myork.core.deck import text_of_tables
+from myork.view.answers import FIELDS, Answers, verdict_of
+
+N = [3, 3, 5]
+DECK = {
+    "title": "block <of> muscle",
+    "units": {"force": "N", "length": "cm"},
+    "scene": {"dimension": 3, "method": "rkpm-scni"},
+    "geometry": {"kind": "box", "size": [1, 1, 2], "source": N, "collocation": N},
+    "material": [
+        {"name": "muscle", "model": "muscle", "A10": 6.43, "A01": -3.8, "A20": 0.94, "K": 5000,
+         "sigma_max": 30, "fiber_angle": 20},
+    ],
+    "boundary": [
+        {"set": "z0", "u_x": 0, "u_y": 0, "u_z": 0},
+        {"set": "z1", "u_x": 0, "u_y": 0, "u_z": 0.1},
+    ],
+    "load": {"steps": 3, "activation": 0.5},
+    "probe": [
+        {"name": "middle", "quantity": "u", "point": [0.5, 0.5, 1.0]},
+        {"name": "reaction", "quantity": "force_z", "set": "z1"},
+    ],
+}  # fmt: skip
+RANGES = {
+    "load.activation": (0.0, 0.8),
+    "boundary.z1.u_z": (-0.2, 0.3),
+    "material.muscle.sigma_max": (20.0, 40.0),
+}
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("view")
+    deck = folder / "block.toml"
+    deck.write_text(text_of_tables(DECK))
+    rom = ReducedModel.train(deck, RANGES, full_solves=12, tests=2, threads=1)
+    return rom.save(folder / "block.rom.h5")
+
+
+@pytest.fixture(scope="module")
+def answers(trained: Path) -> Iterator[Answers]:
+    with Answers(trained) as found:
+        yield found
+
+
+def start(trained: Path, *words: str) -> tuple[subprocess.Popen[str], str]:
+    """The command and the address that it prints."""
+    command = [sys.executable, "-m", "myork", "view", str(trained), "--no-browser", *words]
+    server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert server.stdout is not None
+    line = server.stdout.readline()
+    found = re.search(r"http://127\.0\.0\.1:\d+/", line)
+    assert found, (line, server.stderr.read() if server.stderr else "")
+    return server, found[0]
+
+
+@pytest.fixture(scope="module")
+def address(trained: Path) -> Iterator[str]:
+    server, found = start(trained)
+    yield found
+    server.terminate()
+    assert server.wait(20) == 0
+
+
+def asked(address: str) -> tuple[dict[str, Any], np.ndarray]:
+    """JSON and numbers of an answer."""
+    with urllib.request.urlopen(address, timeout=60) as answer:
+        content = answer.read()
+    size = struct.unpack("<I", content[:4])[0]
+    return json.loads(content[4 : 4 + size]), np.frombuffer(content[4 + size :], "<f4")
+
+
+def slide(page: Any, number: int, value: float) -> None:
+    """Move a slider and wait for the answer to its last value."""
+    page.evaluate(
+        "([k, x]) => { const s = document.getElementById(`p${k}`); s.value = x;"
+        " s.dispatchEvent(new Event('input')); }",
+        [number, value],
+    )
+    page.wait_for_function(
+        "([k, x]) => shown.values && Math.abs(shown.values[k] - x) < 1e-9", arg=[number, value]
+    )
+
+
+def picture(page: Any) -> np.ndarray:
+    """Pixels of the body."""
+    content = page.locator("#body").screenshot()
+    return np.asarray(Image.open(io.BytesIO(content)).convert("RGB"))
+
+
+def test_force_shown_is_that_of_rom_solve(
+    open_page: Any, address: str, trained: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = open_page(address)
+    page.wait_for_function("shown.answers > 0")
+    for number, value in enumerate((0.4, 0.13, 33.0)):
+        slide(page, number, value)
+    values = ["--set", "activation=0.4", "--set", "u_z=0.13", "--set", "sigma_max=33"]
+    assert main(["rom", "solve", str(trained), *values, "--json"]) == 0
+    expected = json.loads(capsys.readouterr().out)
+    force = expected["probes"]["reaction"]
+    # forces stand first
+    assert page.evaluate("shown.probes[0]") == pytest.approx(force, rel=1e-12)
+    assert page.inner_text("#probe0") == f"{force:.4g}"
+    assert page.inner_text("#indicator").endswith("%")
+    indicator = float(page.inner_text("#indicator").split()[0])
+    assert indicator == pytest.approx(100 * expected["indicator"], rel=0.06)
+    assert page.inner_text("#verdict") == "✓ accepted"
+    assert page.inner_text("h1").startswith("block <of> muscle")
+    # a curve for each parameter, with the state on it
+    assert page.locator("#curves svg circle").count() == 3
+
+
+def test_the_body_follows_the_sliders(open_page: Any, address: str) -> None:
+    page = open_page(address)
+    page.wait_for_function("shown.answers > 0")
+    slide(page, 1, -0.2)
+    short = picture(page)
+    slide(page, 1, 0.3)
+    long = picture(page)
+    inked = [(p < 200).any(axis=2) for p in (short, long)]
+    assert 0.03 < inked[0].mean() < 0.9
+    # the pulled end is higher on the screen: the body at rest is drawn in both
+    rows = [np.flatnonzero((p < 120).any(axis=2).any(axis=1)).min() for p in (short, long)]
+    assert rows[1] < rows[0] - 5
+    colours = {}
+    for field in FIELDS:
+        page.select_option("#field", field)
+        page.wait_for_function(
+            "(n) => shown.answers > n && !busy", arg=page.evaluate("shown.answers - 1")
+        )
+        page.wait_for_function("() => !wanted && !busy")
+        colours[field] = (picture(page).astype(int).sum(), page.inner_text("#high"))
+    assert len({told for told in colours.values()}) == len(FIELDS)
+    # turned by the mouse
+    before = picture(page)
+    box = page.locator("#body").bounding_box()
+    page.mouse.move(box["x"] + 200, box["y"] + 200)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 320, box["y"] + 240, steps=4)
+    page.mouse.up()
+    assert (picture(page) != before).any()
+
+
+def test_a_moving_slider_is_followed(open_page: Any, address: str) -> None:
+    """Sixty moves: each answer is drawn, the last one is that of the last value."""
+    page = open_page(address)
+    page.wait_for_function("shown.answers > 0")
+    before = page.evaluate("shown.answers")
+    page.evaluate(
+        "async () => { const s = document.getElementById('p0');"
+        " for (let k = 1; k <= 60; k++) { s.value = 0.01 * k; s.dispatchEvent(new Event('input'));"
+        " await new Promise(requestAnimationFrame); } }"
+    )
+    page.wait_for_function("shown.values[0] === 0.6 && !busy && !wanted")
+    assert page.evaluate("shown.answers") > before + 1
+
+
+def test_outside_is_told(open_page: Any, address: str) -> None:
+    page = open_page(address)
+    page.wait_for_function("shown.answers > 0")
+    slide(page, 1, 0.34)
+    assert page.inner_text("#verdict") == "? doubtful"
+    reasons = page.inner_text("#reasons")
+    assert "boundary.z1.u_z = 0.34 is outside the trained range -0.2 to 0.3" in reasons
+    assert page.locator(".slider.outside").count() == 1
+
+
+def test_no_number_without_a_state(address: str) -> None:
+    told, numbers = asked(f"{address}state?p=0.8,-1.9,40&field=J")
+    assert told["verdict"] == "refused" and not told["converged"] and not told["inside"]
+    assert told["reasons"][0] == "no state was found for these values"
+    assert len(numbers) % 4 == 0
+
+
+def test_positions_and_fields(answers: Answers) -> None:
+    """Displacements are the model's, J and stress those of the full scene at the state."""
+    values = [0.5, 0.2, 30.0]
+    shown = answers.state(values, "displacement")
+    state = answers.rom.solve(activation=0.5, u_z=0.2, sigma_max=30.0)
+    # no point of three by three by five lies inside but three
+    assert len(answers.rest) == 42
+    moved = {tuple(np.round(x, 9)) for x in (answers.rest + 0.0)}
+    points = answers.rom.full_model().open().points()
+    on = [tuple(np.round(x, 9)) in moved for x in points]
+    assert np.sum(on) == 42
+    assert shown.positions == pytest.approx(points[on] + state.u()[on], abs=1e-9)
+    assert shown.values == pytest.approx(np.linalg.norm(state.u()[on], axis=1), abs=1e-9)
+    told = shown.told
+    with answers.rom.full_model().open(
+        ["load.activation=0.5", "boundary.z1.u_z=0.2", "load.steps=1"]
+    ) as scene:
+        x = answers.rom.basis @ answers.rom.batch(np.array([values])).amplitudes[0]
+        fields = scene.fields(x, 1.0)
+    assert told["J"] == pytest.approx([fields.named["J"].min(), fields.named["J"].max()], rel=1e-6)
+    principal = answers.state(values, "principal").values
+    assert principal == pytest.approx(fields.named["principal_stress"].max(axis=1)[on], rel=1e-6)
+    # materials are those of the state, also after another
+    low, high = (answers.state([0.5, 0.2, s], "von_mises").values.max() for s in (20.0, 40.0))
+    assert high > 1.2 * low
+    assert answers.state([0.5, 0.2, 20.0], "von_mises").values.max() == low
+
+
+def test_curves_pass_through_the_state(answers: Answers) -> None:
+    values = [0.4, 0.05, 30.0]
+    told = answers.state(values, "J").told
+    for one in answers.curves(values, 0, [0, 1, 2]):
+        y = np.interp(values[one["parameter"]], one["x"], one["y"][0])
+        assert y == pytest.approx(told["probes"][0], rel=0.01)
+    families = answers.curves(values, 0, [0, 1, 2], family=True)
+    assert [len(one["y"]) for one in families] == [5, 5, 5]
+    assert families[1]["of"] == "load.activation" and families[0]["of"] == "boundary.z1.u_z"
+    # more activation, more force
+    assert np.all(np.diff([y[15] for y in families[1]["y"]]) > 0)
+
+
+@pytest.mark.parametrize(
+    ("path", "status", "message"),
+    [
+        ("state?p=0.1,0&field=J", 400, "3 finite numbers are needed"),
+        ("state?p=0.1,0,nan&field=J", 400, "3 finite numbers are needed"),
+        ("state?p=0.1,0,30&field=heat", 400, "heat: no field; there are von_mises"),
+        ("state?field=J", 400, "'p'"),
+        ("curves?p=0.1,0,30&probe=9", 400, "probe 9: there are 4"),
+        ("curves?p=0.1,0,30&probe=0&of=3", 400, "numbers from 0 to 2"),
+        ("../etc/passwd", 404, "no such page"),
+    ],
+)
+def test_wrong_questions(address: str, path: str, status: int, message: str) -> None:
+    with pytest.raises(urllib.error.HTTPError) as told:
+        urllib.request.urlopen(address + path, timeout=60)
+    assert told.value.code == status and message in told.value.read().decode()
+
+
+@pytest.mark.parametrize(
+    ("converged", "indicator", "j", "outside", "verdict"),
+    [
+        (True, 1e-3, 0.9, [], "accepted"),
+        (True, 0.06, 0.9, [], "doubtful"),
+        (True, 1e-3, 0.9, ["u_z"], "doubtful"),
+        (True, 1e-3, -0.1, [], "doubtful"),
+        (True, 0.13, 0.9, [], "refused"),
+        (True, float("nan"), 0.9, [], "refused"),
+        (False, 1e-3, 0.9, [], "refused"),
+    ],
+)
+def test_verdicts(
+    converged: bool, indicator: float, j: float, outside: list[str], verdict: str
+) -> None:
+    found, reasons = verdict_of(converged, indicator, j, outside)
+    assert found == verdict and bool(reasons) == (verdict != "accepted")
+
+
+@pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGTERM])
+def test_it_ends_cleanly(trained: Path, sign: signal.Signals) -> None:
+    server, address = start(trained)
+    assert asked(f"{address}surface")[0]["corners"] == 42
+    server.send_signal(sign)
+    out, error = server.communicate(timeout=20)
+    assert server.returncode == 0 and out == "view ended\n" and error == ""
+
+
+def test_a_port_in_use(trained: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        port = other.getsockname()[1]
+        assert main(["view", str(trained), "--no-browser", "--port", str(port)]) == 2
+    assert f"--port {port}: is in use; name another" in capsys.readouterr().err
+
+
+def test_no_model(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["view", str(tmp_path / "none.rom.h5"), "--no-browser"]) == 2
+    assert "there is no such reduced model" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main(["view", "x.rom.h5", "--port", "70000"])
+    assert "0 to 65535" in capsys.readouterr().err
