@@ -76,10 +76,11 @@ void rk_online_stiffness(int rows, int s, const double *restrict h, const double
 /* Energy of the changes of volume y = t(z, z, z) with z(0) = 1: pieces of 8 directions each, in which
    t has its entries l <= m <= n, l running first. Adds dy.y to the forces of z(1) .. z(s) and, where
    wanted, dy.dy + along.d2y to their stiffness up to the diagonal; `along` is set to y first where
-   `restart` says so. `pair` is room for (s + 1)(s + 2)/2 vectors. */
+   `restart` says so. `scale` has a factor on the energy of each piece; `pair` is room for
+   (s + 1)(s + 2)/2 vectors. */
 EACH_PROCESSOR
 void rk_online_volume(int pieces, int s, const double *restrict t, const double *restrict z,
-                      int tangent, int restart, double *restrict along, double *restrict y,
+                      const double *restrict scale, int tangent, int restart, double *restrict along, double *restrict y,
                       double *restrict dy, double *restrict pair, double *restrict force,
                       double *restrict stiffness)
 {
@@ -139,14 +140,14 @@ void rk_online_volume(int pieces, int s, const double *restrict t, const double 
          double sum = 0.0;
 #pragma omp simd reduction(+ : sum)
          for (int v = 0; v < 8; v++) sum += dm[v] * y[v];
-         force[m] += sum;
+         force[m] += scale[piece] * sum;
          for (int k = 0; tangent && k <= m; k++) {
             const double *dk = dy + 8L * k;
             const double *km = pair + 8L * (k + 1 + (m + 1) * (m + 2) / 2);
             double both = 0.0;
 #pragma omp simd reduction(+ : both)
             for (int v = 0; v < 8; v++) both += dk[v] * dm[v] + 6.0 * along[v] * km[v];
-            stiffness[(long)m * s + k] += both;
+            stiffness[(long)m * s + k] += scale[piece] * both;
          }
       }
    }

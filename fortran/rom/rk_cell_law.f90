@@ -22,6 +22,8 @@ module rk_cell_law
       real(wp) :: lambda_o = 1.0_wp
       !> Active and passive force
       type(curve_type) :: active, passive
+      !> Unit axis about which fibers are turned [-]
+      real(wp) :: axis(3) = [0.0_wp, 1.0_wp, 0.0_wp]
    end type law_type
 
    !> Invariants of a cell with their derivatives

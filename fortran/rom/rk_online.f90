@@ -51,12 +51,22 @@ module rk_online
       !> Changes of volume, in roots of energy, in pieces of 8 directions: symmetric in three
       !> indices 0..s, entries of l <= m <= n with l running first, shape (8, triples, pieces)
       real(wp), pointer, contiguous :: volume(:, :, :) => null()
+      !> Derivatives by parameters of the materials: of the polynomial's coefficients, shape
+      !> (9, nc, nm), of the bulk modulus of each cell itself, shape (nc, nm), of `constant`, shape
+      !> (s, s, nm), and of the factor on the volume's energy in each piece, shape (pieces, nm)
+      real(wp), pointer, contiguous :: a_slope(:, :, :) => null(), bulk_slope(:, :) => null()
+      real(wp), pointer, contiguous :: constant_slope(:, :, :) => null()
+      real(wp), pointer, contiguous :: volume_slope(:, :) => null()
    end type online_model
 
    !> What a state is asked for
    type :: prescribed_type
       !> Activation and largest isometric stress of each tissue, shape (nt) [-], [stress]
       real(wp), allocatable :: activation(:), sigma_max(:)
+      !> Angle by which the fibers of each tissue are turned about its axis, shape (nt) [rad]
+      real(wp), allocatable :: turn(:)
+      !> Parameters of the materials less their values in the model, shape (nm)
+      real(wp), allocatable :: modulus(:)
       !> Prescribed amplitudes, shape (s - r)
       real(wp), allocatable :: given(:)
    end type prescribed_type
@@ -110,11 +120,11 @@ module rk_online
          real(c_double), intent(inout) :: a(*)
       end subroutine online_stiffness
 
-      subroutine online_volume(pieces, s, t, z, tangent, restart, along, y, dy, pair, force, &
-         & stiffness) bind(c, name='rk_online_volume')
+      subroutine online_volume(pieces, s, t, z, scale, tangent, restart, along, y, dy, pair, &
+         & force, stiffness) bind(c, name='rk_online_volume')
          import :: c_double, c_int
          integer(c_int), value :: pieces, s, tangent, restart
-         real(c_double), intent(in) :: t(*), z(*)
+         real(c_double), intent(in) :: t(*), z(*), scale(*)
          real(c_double), intent(inout) :: along(*), y(*), dy(*), pair(*), force(*), stiffness(*)
       end subroutine online_volume
    end interface
@@ -162,18 +172,27 @@ subroutine assemble(model, work, z, condition, tangent, restart)
    !> The pressures are those of this state; otherwise those that are linear in the last step
    logical, intent(in) :: restart
 
-   real(wp) :: one(0:model%s)
-   integer :: k
+   real(wp) :: one(0:model%s), scale(size(model%volume, 3))
+   integer :: i, k
 
    call assemble_cells(model, work, z, condition, tangent)
    work%residual = work%residual + matmul(model%constant, z)
+   do i = 1, size(condition%modulus)
+      if (.not. abs(condition%modulus(i)) > 0.0_wp) cycle
+      work%residual = work%residual + condition%modulus(i)*matmul(model%constant_slope(:, :, i), z)
+   end do
+   scale = 1.0_wp + matmul(model%volume_slope, condition%modulus)
    one(0) = 1.0_wp
    one(1:) = z
-   call online_volume(size(model%volume, 3), model%s, model%volume, one, merge(1, 0, tangent), &
+   call online_volume(size(scale), model%s, model%volume, one, scale, merge(1, 0, tangent), &
       & merge(1, 0, restart), work%along, work%y, work%dy, work%pairs, work%residual, work%tangent)
    if (.not. tangent) return
    do k = 1, model%s
       work%tangent(:k, k) = work%tangent(:k, k) + model%constant(:k, k)
+      do i = 1, size(condition%modulus)
+         work%tangent(:k, k) = work%tangent(:k, k) &
+            & + condition%modulus(i)*model%constant_slope(:k, k, i)
+      end do
       work%tangent(k, :k - 1) = work%tangent(:k - 1, k)
    end do
 end subroutine assemble
@@ -190,9 +209,13 @@ subroutine assemble_cells(model, work, z, condition, tangent)
    type(prescribed_type), intent(in) :: condition
    !> Derivatives as well
    logical, intent(in) :: tangent
-   real(wp) :: p(9), j, passive(most), active(most)
+   real(wp) :: p(9), j, passive(most), active(most), a(9), bulk, fiber(3, most)
+   real(wp) :: turned(3, 3, size(condition%turn))
    integer :: e, l, n, o, q, wide
 
+   do e = 1, size(condition%turn)
+      turned(:, :, e) = rotation(model%laws(e)%axis, condition%turn(e))
+   end do
    wide = size(work%z)
    work%z = 0.0_wp
    work%z(:model%s) = z
@@ -206,21 +229,23 @@ subroutine assemble_cells(model, work, z, condition, tangent)
       n = min(block, size(model%weight) - o)
       do q = o + 1, o + n
          l = model%first(q + 1) - model%first(q)
+         a = model%a(:, q) + matmul(model%a_slope(:, q, :), condition%modulus)
+         bulk = model%local_bulk(q) + dot_product(model%bulk_slope(q, :), condition%modulus)
          associate (first => model%first(q) + 1, last => model%first(q + 1))
             do e = 1, l
+               fiber(:, e) = matmul(turned(:, :, model%tissue(first - 1 + e)), &
+                  & model%fiber(:, first - 1 + e))
                passive(e) = model%fraction(first - 1 + e)*condition%sigma_max(model%tissue(first &
                   & - 1 + e))
                active(e) = passive(e)*condition%activation(model%tissue(first - 1 + e))
             end do
             if (tangent) then
-               call cell_tangent(work%f(:, q), model%a(:, q), model%local_bulk(q), model%laws, &
-                  & model%tissue(first:last), model%fiber(:, first:last), passive(:l), &
-                  & active(:l), p, work%moduli(:, :, q - o), j)
+               call cell_tangent(work%f(:, q), a, bulk, model%laws, model%tissue(first:last), &
+                  & fiber(:, :l), passive(:l), active(:l), p, work%moduli(:, :, q - o), j)
                work%moduli(:, :, q - o) = model%weight(q)*work%moduli(:, :, q - o)
             else
-               call cell_stress(work%f(:, q), model%a(:, q), model%local_bulk(q), model%laws, &
-                  & model%tissue(first:last), model%fiber(:, first:last), passive(:l), &
-                  & active(:l), p, j)
+               call cell_stress(work%f(:, q), a, bulk, model%laws, model%tissue(first:last), &
+                  & fiber(:, :l), passive(:l), active(:l), p, j)
             end if
          end associate
          work%min_j = min(work%min_j, j)
@@ -233,6 +258,25 @@ subroutine assemble_cells(model, work, z, condition, tangent)
    if (.not. tangent) return
    work%tangent = work%stiffness(:model%s, :model%s)
 end subroutine assemble_cells
+
+!> Rotation about a unit axis
+pure function rotation(axis, angle) result(q)
+   !> Axis [-]
+   real(wp), intent(in) :: axis(3)
+   !> Angle [rad]
+   real(wp), intent(in) :: angle
+   !> Rotation [-]
+   real(wp) :: q(3, 3)
+   integer :: i
+
+   do i = 1, 3
+      q(:, i) = (1.0_wp - cos(angle))*axis(i)*axis
+      q(i, i) = q(i, i) + cos(angle)
+   end do
+   q(2:3, 1) = q(2:3, 1) + sin(angle)*[axis(3), -axis(2)]
+   q(1:3:2, 2) = q(1:3:2, 2) + sin(angle)*[-axis(3), axis(1)]
+   q(1:2, 3) = q(1:2, 3) + sin(angle)*[axis(2), -axis(1)]
+end function rotation
 
 !> Add the work of a block of cells
 subroutine add_block(wide, o, n, cells, h, tangent, stress, moduli, image, force, stiffness)
@@ -353,6 +397,8 @@ subroutine follow(model, work, known, condition, parts, tolerance, most_steps, z
       share = real(i, wp)/real(parts, wp)
       target%activation = known%activation + share*(condition%activation - known%activation)
       target%sigma_max = known%sigma_max + share*(condition%sigma_max - known%sigma_max)
+      target%turn = known%turn + share*(condition%turn - known%turn)
+      target%modulus = known%modulus + share*(condition%modulus - known%modulus)
       target%given = known%given + share*(condition%given - known%given)
       ! the residual under the new activation at the old place, and what moving it adds
       call assemble(model, work, z, target, .true., .true.)

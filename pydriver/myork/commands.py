@@ -61,6 +61,7 @@ def _rom_train(options: argparse.Namespace) -> None:
             tolerance=options.tolerance,
             full_solves=options.full_solves,
             tests=options.tests,
+            snapshots=options.snapshots,
             seed=options.seed,
             out=folder,
             overrides=overrides_of(options),
@@ -253,7 +254,17 @@ def add_rom_commands(
     vary(train, "LOW:HIGH", "load.activation=0:1")
     train.add_argument("-o", "--output", type=Path, metavar="FILE", help="file of the model")
     train.add_argument("--tolerance", type=float, default=1e-3, help="wanted relative error")
-    train.add_argument("--full-solves", type=int, default=60, metavar="N", help="full solves")
+    train.add_argument(
+        "--full-solves", type=int, default=60, metavar="N", help="full solves at most"
+    )
+    train.add_argument(
+        "--snapshots",
+        type=Path,
+        nargs="+",
+        default=[],
+        metavar="DIR",
+        help="folders with solutions of the deck, whose states are not solved again",
+    )
     train.add_argument(
         "--tests", type=int, default=16, metavar="N", help="further full solves as a test"
     )

@@ -9,7 +9,7 @@ import pytest
 from myork import ReducedModel, Scene, sweep
 from myork.cli import main
 from myork.core.galerkin import galerkin_parts, load_parts, modal_products
-from myork.core.online import Model, assemble
+from myork.core.online import Model, Wish, assemble
 from myork.errors import FileError, InputError
 from myork.rom import projection
 
@@ -120,8 +120,9 @@ def test_all_cells_are_the_full_model(deck: Path, change: list[str]) -> None:
         full = scene.linearise(basis @ a, 1.0, np.zeros(scene.dofs))[0]
         force = scene.probes((basis @ a)[None], np.ones(1))[0, 0, 0]
         z = np.concatenate([a, [1.0]])
-        at = (laws.activation, laws.sigma_max)
-        residual, tangent, _, _ = assemble(model, *at, z)
+        state = np.stack([laws.activation, laws.sigma_max, 0.0 * laws.angle])[..., None]
+        wish = Wish(np.asfortranarray(state), np.zeros((1, 1)), z[3:, None])
+        residual, tangent, _, _ = assemble(model, wish, z)
         scale = np.abs(tangent[:3, :3]).max() * np.abs(a).max()
         # sums of a thousand products of rounded numbers
         assert np.abs(residual[:3] - basis.T @ full).max() < 1e-12 * scale
@@ -129,7 +130,7 @@ def test_all_cells_are_the_full_model(deck: Path, change: list[str]) -> None:
         assert residual[3] == pytest.approx(0.1 * force, rel=1e-10)
         step = 1e-5
         for k, unit in enumerate(np.eye(4)):
-            ahead, behind = (assemble(model, *at, z + sign * step * unit)[0] for sign in (1, -1))
+            ahead, behind = (assemble(model, wish, z + sign * step * unit)[0] for sign in (1, -1))
             # central differences: third derivatives times the squared step
             difference = np.abs((ahead - behind) / (2 * step) - tangent[:, k]).max()
             assert difference < 1e-7 * np.abs(tangent).max()
@@ -155,6 +156,58 @@ def test_unseen_states(rom: ReducedModel) -> None:
     )
     # what was asked for and what cannot be told
     assert rom.head["probes_left_out"] == ["stress"]
+
+
+def test_parameters_of_the_material(deck: Path) -> None:
+    """Bulk modulus, a coefficient of the polynomial, the fibers' angle, apart from each other."""
+    ranges = {
+        "material.muscle.K": (1000.0, 5000.0),
+        "material.muscle.A10": (5.0, 9.0),
+        "material.muscle.fiber_angle": (0.0, 30.0),
+    }
+    rom = ReducedModel.train(deck, ranges, full_solves=24, tests=4, threads=1)
+    c = rom.certificate
+    assert c["failed"] == 0 and rom.head["started_solves"] > 0
+    # a wrong derivative by any of them would be an error of ten per cent
+    assert c["force"]["max"] < 2e-3 and c["u"]["max"] < 2e-2
+    forces = rom.batch([[5000, 6.43, 20], [2000, 6.43, 20], [5000, 9, 20], [5000, 6.43, 0]]).force
+    assert np.unique(np.round(forces, 2)).size == 4
+
+
+def test_solutions_in_folders_are_snapshots(deck: Path, tmp_path: Path) -> None:
+    """States of solves that were made are taken, once each, and nothing is solved again."""
+    folders = [tmp_path / name for name in ("corner", "again", "other")]
+    changes = [["load.activation=1", "boundary.z1.u_z=0.3", "load.steps=2"]] * 2
+    changes.append(["load.activation=1", "boundary.z1.u_z=0.3", "material.muscle.K=1000"])
+    for folder, change in zip(folders, changes, strict=True):
+        words = [word for text in change for word in ("--set", text)]
+        # the corner is past loss of ellipticity, which the verdict tells
+        assert main(["solve", str(deck), "--out", str(folder), "-q", *words]) in (0, 1)
+    lines: list[str] = []
+    rom = ReducedModel.train(
+        deck, RANGES, full_solves=5, tests=0, snapshots=folders[:2], threads=1,
+        progress=lines.append,
+    )  # fmt: skip
+    assert rom.head["read_states"] == 2
+    assert sum("again: 0 states" in line for line in lines) == 1
+    solved = [line for line in lines if line.startswith("full solve")]
+    # three corners are left, and two states inside
+    assert len(solved) == 5
+    assert not any("load.activation = 1, boundary.z1.u_z = 0.3" in line for line in solved)
+    with pytest.raises(InputError, match=r"another deck, which differs in material.muscle.K"):
+        ReducedModel.train(deck, RANGES, snapshots=[folders[2]], threads=1)
+    with pytest.raises(InputError, match="there is no summary.json"):
+        ReducedModel.train(deck, RANGES, snapshots=[tmp_path], threads=1)
+
+
+def test_training_ends_at_the_tolerance(deck: Path) -> None:
+    """A test that is met ends the training before its last solve."""
+    rom = ReducedModel.train(
+        deck, {"load.activation": (0.0, 0.4)}, full_solves=40, tests=4, tolerance=0.02, threads=1
+    )
+    c = rom.certificate
+    assert rom.head["full_solves"] < 40
+    assert c["force"]["max"] <= 0.02 and c["u"]["max_of_largest"] <= 0.02
 
 
 def test_stationary_force_beats_the_displacement(rom: ReducedModel) -> None:
@@ -235,7 +288,8 @@ def test_wrong_values(rom: ReducedModel, given: dict[str, float], message: str) 
     ("ranges", "message"),
     [
         ({}, "needs parameters"),
-        ({"material.muscle.K": (1e3, 1e4)}, "cannot vary it"),
+        ({"material.muscle.lambda_o": (0.9, 1.1)}, "cannot vary it"),
+        ({"material.tendon.K": (1e3, 1e4)}, "name one material that has it"),
         ({"boundary.z1.u_q": (0, 1)}, "cannot vary it"),
         ({"boundary.x0.u_x": (0, 1)}, "prescribes no such value"),
         ({"load.activation": (0.0, 1.5)}, "between 0 and 1"),

@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from myork import _core, errors
+from myork.core.checks import unknowns_of
 from myork.core.scene import Scene
+from myork.results import RestartState
 
 __all__ = [
     "GalerkinParts",
@@ -18,6 +20,7 @@ __all__ = [
     "modal_gradients",
     "modal_products",
     "probe_sets",
+    "stored_unknowns",
 ]
 
 F64Array = NDArray[np.float64]
@@ -128,6 +131,19 @@ def probe_sets(scene: Scene, probes: int) -> IntArray:
         sets, stat, message = _core.galerkin_probe_sets(scene._handle, max(probes, 1))
     errors.check(stat, message)
     return np.asarray(sets[:probes])
+
+
+def stored_unknowns(scene: Scene, state: RestartState) -> F64Array:
+    """Unknowns of a state of a result file.
+
+    Raises
+    ------
+    InputError
+        It belongs to other points or to another approximation.
+    """
+    points = scene.points()
+    with scene._turn.short():
+        return unknowns_of(state, scene._handle, points, scene.dofs)
 
 
 def modal_gradients(scene: Scene, modes: F64Array) -> F64Array:

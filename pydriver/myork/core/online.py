@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from myork import _core
 
-__all__ = ["Cells", "Model", "assemble", "online_states", "padded", "triples"]
+__all__ = ["Cells", "Model", "Wish", "assemble", "online_states", "padded", "triples"]
 
 F64Array = NDArray[np.float64]
 IntArray = NDArray[np.int32]
@@ -30,6 +30,9 @@ class Cells(NamedTuple):
         Fibers before each cell, and the tissue of each, from 1.
     fraction, fiber : F64Array
         Their fraction and direction, shapes `(ne,)`, `(3, ne)`.
+    a_slope, bulk_slope : F64Array
+        Derivatives of `a` and `local_bulk` by parameters of materials, shapes `(9, nc, nm)`,
+        `(nc, nm)`.
     """
 
     h: F64Array
@@ -40,6 +43,8 @@ class Cells(NamedTuple):
     tissue: IntArray
     fraction: F64Array
     fiber: F64Array
+    a_slope: F64Array
+    bulk_slope: F64Array
 
     def sample(self, kept: NDArray[np.int64], factor: F64Array) -> Cells:
         """Some of the cells, their weights times factors."""
@@ -58,6 +63,8 @@ class Cells(NamedTuple):
             self.tissue[entries],
             self.fraction[entries],
             np.asfortranarray(self.fiber[:, entries]),
+            np.asfortranarray(self.a_slope[:, kept]),
+            np.asfortranarray(self.bulk_slope[kept]),
         )
 
     def modes(self, kept: NDArray[np.int64]) -> Cells:
@@ -76,27 +83,54 @@ class Model(NamedTuple):
         Cells that are evaluated.
     constant : F64Array
         Penalty and stabilisation, shape `(s, s)`.
+    constant_slope : F64Array
+        Its derivatives by parameters of materials, shape `(s, s, nm)`.
     volume : F64Array
         Changes of volume as a cubic form, shape `(s + 1, s + 1, s + 1, kept)`; entries whose
         indices rise count.
+    volume_slope : F64Array
+        Derivatives of the factor on the energy of each change, shape `(kept, nm)`, those of eight
+        in a row equal.
     fibers : F64Array
-        As in `Laws`, shape `(4, nt)`.
+        As in `Laws`, shape `(7, nt)`.
     """
 
     r: int
     cells: Cells
     constant: F64Array
+    constant_slope: F64Array
     volume: F64Array
+    volume_slope: F64Array
     fibers: F64Array
 
 
-def assemble(
-    model: Model, activation: F64Array, sigma_max: F64Array, z: F64Array
-) -> tuple[F64Array, F64Array, F64Array, float]:
-    """Residual and tangent by all amplitudes, stresses times weights `(nc, 9)`, and smallest J."""
+class Wish(NamedTuple):
+    """What states are asked for, by columns.
+
+    Attributes
+    ----------
+    state : F64Array
+        Activation, largest isometric stress and angle of the fibers [rad] of each tissue, shape
+        `(3, nt, n)`.
+    modulus : F64Array
+        Parameters of materials less their values in the model, shape `(nm, n)`.
+    given : F64Array
+        Prescribed amplitudes, shape `(s - r, n)`.
+    """
+
+    state: F64Array
+    modulus: F64Array
+    given: F64Array
+
+
+def assemble(model: Model, wish: Wish, z: F64Array) -> tuple[F64Array, F64Array, F64Array, float]:
+    """Residual and tangent by all amplitudes, stresses times weights `(nc, 9)`, and smallest J.
+
+    `wish` holds one state; its prescribed amplitudes are those of `z`.
+    """
     residual, tangent, stress, min_j = _core.online_assemble(
-        model.r, *padded(model.cells), model.constant, triples(model.volume), model.fibers,
-        activation, sigma_max, z,
+        model.r, *padded(model.cells), model.constant, model.constant_slope, triples(model.volume),
+        _of_pieces(model.volume_slope), model.fibers, wish.state[:, :, 0], wish.modulus[:, 0], z,
     )  # fmt: skip
     return residual, tangent, stress.T, float(min_j)
 
@@ -106,10 +140,10 @@ def online_states(
     cells: Cells,
     volume: F64Array,
     whole: Cells,
-    wish: tuple[F64Array, ...],
+    wish: Wish,
     start: F64Array,
     parts: IntArray,
-    known: tuple[F64Array, ...],
+    known: Wish,
     least: float,
     tolerance: float,
     most: int,
@@ -119,10 +153,9 @@ def online_states(
 ) -> tuple[Any, ...]:
     """States by Newton's iteration, each with the forces on the amplitudes wanted, from 1.
 
-    Cells and volume are those of `padded` and `triples`; what is asked for and what known states
-    were asked for are activation, sigma_max and prescribed amplitudes by columns. Amplitudes of
-    the modes below `least` are none; `lift` tells how they follow the amplitudes wanted, shape
-    `(r, nf, n)`.
+    Cells and volume are those of `padded` and `triples`; `wish` is what is asked for, `known` what
+    states at which the way begins were asked for. Amplitudes of the modes below `least` are none;
+    `lift` tells how they follow the amplitudes wanted, shape `(r, nf, n)`.
 
     Returns
     -------
@@ -132,8 +165,9 @@ def online_states(
     """
     return tuple(
         _core.online_states(
-            model.r, *cells, model.constant, volume, model.fibers, *whole, *wish, start, parts,
-            *known, least, tolerance, most, threads, wanted, lift,
+            model.r, *cells, model.constant, model.constant_slope, volume,
+            _of_pieces(model.volume_slope), model.fibers, *whole, *wish, start, parts, *known,
+            least, tolerance, most, threads, wanted, lift,
         )
     )  # fmt: skip
 
@@ -155,3 +189,8 @@ def triples(volume: F64Array) -> F64Array:
     wide = np.zeros((len(n), 8 * max(1, -(-kept // 8))))
     wide[:, :kept] = volume[k, m, n]
     return np.asfortranarray(np.moveaxis(wide.reshape(len(n), -1, 8), (0, 1, 2), (1, 2, 0)))
+
+
+def _of_pieces(slope: F64Array) -> F64Array:
+    """Factors of pieces of eight changes from those of each."""
+    return np.asfortranarray(slope[::8] if len(slope) else np.zeros((1, slope.shape[1])))

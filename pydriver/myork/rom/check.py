@@ -3,23 +3,47 @@
 from __future__ import annotations
 
 import time
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from myork.console import ProgressCallback
 from myork.errors import ConvergenceError
-from myork.rom.full import FullModel
+from myork.rom.full import FullModel, FullState
 from myork.rom.model import ReducedModel
+from myork.rom.online import Answer
 from myork.rom.parameters import spread_points
+from myork.rom.setting import Setting, force_values
 
-__all__ = ["compare"]
+__all__ = ["Tests", "compare", "errors_of", "measure", "solve_tests"]
 
 F64Array = NDArray[np.float64]
 
 #: Forces are compared with their own size, but not with less than this share of the largest
 LEAST_FORCE = 0.05
+
+
+class Tests(NamedTuple):
+    """Full states at values that no training sees.
+
+    Attributes
+    ----------
+    values : F64Array
+        Values of the parameters, shape `(n, p)`.
+    states : list of FullState
+        The states there.
+    failed : int
+        Further ones that the full model did not reach.
+    seed : int
+        Start of the random numbers that chose the values.
+    """
+
+    values: F64Array
+    states: list[FullState]
+    failed: int
+    seed: int
 
 
 def compare(
@@ -35,50 +59,109 @@ def compare(
     dict
         What `check.json` holds.
     """
-    from scipy.stats import spearmanr
+
+    def guess(values: F64Array) -> list[F64Array | None]:
+        found = rom.batch(values)
+        return started(found.amplitudes, found.converged, rom.basis)
 
     values = spread_points(rom.parameters, points, seed)
+    return measure(rom, solve_tests(full, rom.parameters, values, seed, guess, progress))
+
+
+def started(
+    amplitudes: F64Array, converged: NDArray[np.bool_], basis: F64Array
+) -> list[F64Array | None]:
+    """Unknowns at which full solves may begin; none where the reduced model has no state."""
+    return [basis @ a if good else None for a, good in zip(amplitudes, converged, strict=True)]
+
+
+def solve_tests(
+    full: FullModel,
+    parameters: Any,
+    values: F64Array,
+    seed: int,
+    guess: Callable[[F64Array], list[F64Array | None]],
+    progress: ProgressCallback,
+) -> Tests:
+    """Full states of a test, each from the state that a reduced model guesses.
+
+    Raises
+    ------
+    ConvergenceError
+        None was reached.
+    """
     states, kept = [], []
-    for i, row in enumerate(values):
+    for i, (row, start) in enumerate(zip(values, guess(values), strict=True)):
         try:
-            states.append(full.solve(rom.parameters, row))
+            states.append(full.solve(parameters, row, start=start))
         except ConvergenceError as reason:
-            progress(f"test {i + 1}/{points}: the full model: {reason}; left out")
+            progress(f"test {i + 1}/{len(values)}: the full model: {reason}; left out")
             continue
         kept.append(i)
-        progress(f"test {i + 1}/{points}")
+        progress(f"test {i + 1}/{len(values)}")
     if not states:
         raise ConvergenceError("no full solve of the test converged")
-    values = values[kept]
+    return Tests(values[kept], states, len(values) - len(kept), seed)
+
+
+def errors_of(
+    tests: Tests, amplitudes: F64Array, basis: F64Array, force: F64Array, truth: F64Array
+) -> tuple[F64Array, F64Array, F64Array]:
+    """Errors of displacement, absolute in L2 over the body and relative, and of the force."""
+    size = np.sqrt([state.x[-1] @ state.mass for state in tests.states])
+    overlap = np.array([basis.T @ state.mass for state in tests.states])
+    a = amplitudes
+    u_error = np.sqrt(np.maximum(size**2 - 2.0 * (a * overlap).sum(1) + (a * a).sum(1), 0.0))
+    relative = u_error / np.maximum(size, np.finfo(float).tiny)
+    magnitude = np.linalg.norm(truth, axis=1)
+    least = LEAST_FORCE * magnitude.max(initial=0.0)
+    wrong = np.linalg.norm(force - truth, axis=1) / np.maximum(magnitude, least or 1.0)
+    return u_error / size.max(), relative, wrong
+
+
+def largest_errors(
+    tests: Tests, setting: Setting, answer: Answer, basis: F64Array, force: F64Array
+) -> tuple[float, float]:
+    """Largest errors of a model in training: of displacement, in the largest, and of forces."""
+    truth = np.array([force_values(setting, state.probes[-1:])[0] for state in tests.states])
+    push = setting.conditions(tests.values).given @ setting.pushes.T
+    # as in `measure`, the first probe of a force
+    own = [k for k, place in enumerate(setting.places) if place[0] == setting.places[0][0]]
+    of_largest, _, wrong = errors_of(
+        tests, answer.amplitudes, basis, (force + push)[:, own], truth[:, own]
+    )
+    failed = not answer.converged.all()
+    return (np.inf, np.inf) if failed else (float(of_largest.max()), float(wrong.max(initial=0.0)))
+
+
+def measure(rom: ReducedModel, tests: Tests) -> dict[str, Any]:
+    """Errors and times of a model at the states of a test."""
+    from scipy.stats import spearmanr
+
+    values, states = tests.values, tests.states
     begin = time.process_time()
     answer = rom.batch(values)
     seconds = (time.process_time() - begin) / len(values)
     estimate = rom.batch(values, indicator=True).indicator
-    size = np.sqrt([state.x[-1] @ state.mass for state in states])
-    overlap = np.array([rom.basis.T @ state.mass for state in states])
-    a = answer.amplitudes
-    u_error = np.sqrt(np.maximum(size**2 - 2.0 * (a * overlap).sum(1) + (a * a).sum(1), 0.0))
-    relative = u_error / np.maximum(size, np.finfo(float).tiny)
     truth = np.array([_force(rom, state.probes[-1]) for state in states])
     force = np.asarray(answer.force).reshape(len(values), -1)
-    magnitude = np.linalg.norm(truth, axis=1)
-    least = LEAST_FORCE * magnitude.max(initial=0.0)
-    force_error = np.linalg.norm(force - truth, axis=1) / np.maximum(magnitude, least or 1.0)
+    of_largest, relative, wrong = errors_of(tests, answer.amplitudes, rom.basis, force, truth)
     ratio = estimate / np.maximum(relative, np.finfo(float).tiny)
     return {
         "points": len(values),
         "failed": int((~answer.converged).sum()),
-        "failed_full_solves": points - len(values),
-        "u": {**_spread(relative), "max_of_largest": float(u_error.max() / size.max())},
-        "force": _spread(force_error),
+        "failed_full_solves": tests.failed,
+        "u": {**_spread(relative), "max_of_largest": float(of_largest.max())},
+        "force": _spread(wrong),
         "cpu_us_per_state": 1e6 * seconds,
         "indicator_ratio": {"min": float(ratio.min()), "max": float(ratio.max())},
         "spearman": float(spearmanr(estimate, relative)[0]),
         "full_cpu_s_per_state": float(np.mean([state.cpu_s for state in states])),
+        "full_started": sum(state.started for state in states),
         "cells": rom.head["cells"],
         "modes": rom.modes,
         "parameters": values.tolist(),
-        "seed": seed,
+        "seed": tests.seed,
     }
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import shutil
 import tempfile
 import time
+import weakref
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,16 +13,22 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from myork.core.galerkin import LoadParts, load_parts, modal_products
+from myork.core.galerkin import LoadParts, load_parts, modal_products, stored_unknowns
 from myork.core.scene import Scene
-from myork.errors import ConvergenceError
+from myork.errors import ConvergenceError, InputError
 from myork.model_file import read_model, write_model
 from myork.records import PointCloud
-from myork.rom.parameters import Parameter, override
+from myork.results import Results
+from myork.rom.parameters import Parameter, override, value_of
+from myork.summary import read_summary
 
 __all__ = ["FullModel", "FullState", "cloud_arrays", "full_model_of"]
 
 F64Array = NDArray[np.float64]
+
+#: Tables of a deck of which its states depend, and keys in them on which they do not
+_TABLES = ("scene", "geometry", "approximation", "galerkin", "material", "boundary", "load")
+_OTHER_KEYS = {"file", "steps", "at", "max_halvings"}
 
 
 class FullState(NamedTuple):
@@ -39,6 +47,8 @@ class FullState(NamedTuple):
         of the displacement over the body.
     cpu_s : float
         Processor time of the solve [s].
+    started : bool
+        Whether the iteration began at a guess of the state and not at rest.
     """
 
     x: F64Array
@@ -46,6 +56,7 @@ class FullState(NamedTuple):
     probes: F64Array
     mass: F64Array
     cpu_s: float
+    started: bool = False
 
 
 class FullModel:
@@ -74,25 +85,33 @@ class FullModel:
         self.overrides = tuple(overrides)
         self.cloud = cloud
         self._threads = threads
+        self._scene: Scene | None = None
+        self._fixed: list[str] = []
+        self._load: dict[str, Any] = {}
+        # an open scene reads its deck again where it takes other values
+        self._folder = Path(tempfile.mkdtemp(prefix="myork-"))
+        self._clean = weakref.finalize(self, shutil.rmtree, self._folder, True)
+        self._folder.joinpath("deck.toml").write_text(deck, encoding="utf-8")
+        if cloud is not None:
+            write_model(self._folder / "model.h5", cloud)
 
     def open(self, more: Sequence[str] = ()) -> Scene:
         """Open the scene with further overrides."""
-        with tempfile.TemporaryDirectory(prefix="myork-") as folder:
-            path = Path(folder, "deck.toml")
-            path.write_text(self.text, encoding="utf-8")
-            if self.cloud is not None:
-                write_model(Path(folder, "model.h5"), self.cloud)
-                more = (*more, "geometry.file=model.h5")
-            return Scene(path, [*self.overrides, *more], threads=self._threads)
+        if self.cloud is not None:
+            more = (*more, "geometry.file=model.h5")
+        path = self._folder / "deck.toml"
+        return Scene(path, [*self.overrides, *more], threads=self._threads)
 
-    def loads(self, parameters: Sequence[Parameter]) -> tuple[LoadParts, list[LoadParts]]:
+    def loads(
+        self, parameters: Sequence[Parameter], more: Sequence[str] = ()
+    ) -> tuple[LoadParts, list[LoadParts]]:
         """What is prescribed without the parameters, and what a unit of each one adds."""
         own = [p for p in parameters if p.kind == "load"]
-        with self.open([override(p, 0.0) for p in own]) as scene:
+        with self.open([*more, *(override(p, 0.0) for p in own)]) as scene:
             base = load_parts(scene)
         units = []
         for unit in own:
-            values = [override(p, float(p is unit)) for p in own]
+            values = [*more, *(override(p, float(p is unit)) for p in own)]
             with self.open(values) as scene:
                 found = load_parts(scene)
             pairs = zip(found, base, strict=True)
@@ -104,26 +123,92 @@ class FullModel:
         parameters: Sequence[Parameter],
         values: F64Array,
         steps: int | None = None,
+        start: F64Array | None = None,
     ) -> FullState:
         """Solve at values of the parameters, in as many steps as the deck says or in `steps`.
+
+        A guess `start` of the unknowns saves the way from rest; where the iteration does not end
+        from it, the way is gone.
 
         Raises
         ------
         ConvergenceError
             The solve ended before its full load.
         """
-        more = [override(p, v) for p, v in zip(parameters, values, strict=True)]
-        if steps is not None:
-            more.append(f"load.steps={steps}")
-        with self.open(more) as scene:
-            start = time.process_time()
+        scene = self._at(parameters, values)
+        begin = time.process_time()
+        states = None
+        if start is not None:
+            scene.update({"load.steps": 1, "load.max_halvings": 0})
+            try:
+                states = scene.solve(start=start, error=False)
+            except ConvergenceError:
+                states = None
+        started = states is not None
+        if states is None:
+            load = dict(self._load)
+            if steps is not None:
+                load["load.steps"] = steps
+            scene.update(load)
             states = scene.solve(error=False)
-            cpu = time.process_time() - start
-            if len(states.load) == 0 or states.load[-1] < 1.0:
-                raise ConvergenceError("the full model ended before its full load")
-            probes = scene.probes(states.x, states.load)
-            mass = modal_products(scene, np.asfortranarray(states.x[-1:].T))[1][:, 0]
-        return FullState(states.x, states.load, probes, mass, cpu)
+        cpu = time.process_time() - begin
+        if len(states.load) == 0 or states.load[-1] < 1.0:
+            raise ConvergenceError("the full model ended before its full load")
+        return self._state(scene, states.x, states.load, cpu, started)
+
+    def read(self, parameters: Sequence[Parameter], folder: Path) -> tuple[F64Array, FullState]:
+        """States of the results in a folder, with the values of their parameters.
+
+        Raises
+        ------
+        InputError
+            They are of another deck, of other points or of another approximation.
+        """
+        summary = read_summary(folder)
+        if not summary:
+            raise InputError(f"{folder}: there is no summary.json; give a folder of `myork solve`")
+        if not summary.get("converged"):
+            raise InputError(f"{folder}: the solve in it did not converge")
+        deck = summary["deck"]
+        values = np.array([value_of(p, deck) for p in parameters])
+        scene = self._at(parameters, values)
+        different = _differences(deck, scene.deck, [p.key for p in parameters])
+        if different:
+            raise InputError(
+                f"{folder}: its solution is of another deck, which differs in "
+                + ", ".join(different)
+            )
+        with Results(folder) as results:
+            steps = [i for i, step in enumerate(summary["steps"], 1) if step.get("planned", True)]
+            states = [results.restart(i) for i in steps]
+        x = np.array([stored_unknowns(scene, state) for state in states])
+        load = np.array([state.load for state in states])
+        return values, self._state(scene, x, load, float(summary["cpu_s"]), False)
+
+    def _at(self, parameters: Sequence[Parameter], values: F64Array) -> Scene:
+        """The scene at values; it is opened once for all that an open scene can change."""
+        pairs = list(zip(parameters, values, strict=True))
+        fixed = [override(p, v) for p, v in pairs if p.kind == "fiber_angle"]
+        if self._scene is not None and self._fixed == fixed:
+            try:
+                self._scene.update({p.key: float(v) for p, v in pairs if p.kind != "fiber_angle"})
+                return self._scene
+            except InputError:
+                # materials of what is solved by iterations stay as they were opened
+                pass
+        if self._scene is not None:
+            self._scene.close()
+        self._scene, self._fixed = self.open([override(p, v) for p, v in pairs]), fixed
+        own = self._scene.deck["load"]
+        self._load = {f"load.{k}": own[k] for k in ("steps", "max_halvings")}
+        return self._scene
+
+    def _state(
+        self, scene: Scene, x: F64Array, load: F64Array, cpu: float, started: bool
+    ) -> FullState:
+        probes = scene.probes(x, load)
+        mass = modal_products(scene, np.asfortranarray(x[-1:].T))[1][:, 0]
+        return FullState(x, load, probes, mass, cpu, started)
 
     def lift(
         self,
@@ -141,13 +226,48 @@ class FullModel:
         ConvergenceError
             The solve did not follow.
         """
-        more = [override(p, v) for p, v in zip(parameters, values, strict=True)]
-        more += [f"{key}={prescribed + step!r}", "load.steps=1", "solver.tolerance=1e-8"]
-        with self.open(more) as scene:
+        scene = self._at(parameters, values)
+        before = {key: prescribed, "solver.tolerance": scene.deck["solver"]["tolerance"]}
+        scene.update(
+            {
+                key: prescribed + step,
+                "load.steps": 1,
+                "load.max_halvings": 0,
+                "solver.tolerance": 1e-8,
+            }
+        )
+        try:
             states = scene.solve(start=x, error=False)
-            if len(states.load) == 0 or states.load[-1] < 1.0:
-                raise ConvergenceError("the full model did not follow a small step")
+        finally:
+            scene.update(before)
+        if len(states.load) == 0 or states.load[-1] < 1.0:
+            raise ConvergenceError("the full model did not follow a small step")
         return np.asarray((states.x[-1] - x) / step)
+
+
+def _differences(one: Any, other: Any, keys: Sequence[str]) -> list[str]:
+    """Keys in which two decks differ but for parameters."""
+
+    def flat(value: Any, name: str) -> dict[str, Any]:
+        if isinstance(value, Mapping):
+            pairs = [(str(k), v) for k, v in value.items() if k not in _OTHER_KEYS]
+        elif name in ("material", "boundary"):
+            pairs = [(str(v.get("name", v.get("set"))), v) for v in value]
+        else:
+            return {} if name in keys else {name: np.asarray(value).tolist()}
+        found: dict[str, Any] = {}
+        for key, item in pairs:
+            found |= flat(item, f"{name}.{key}")
+        return found
+
+    sides = []
+    for deck in (one, other):
+        found: dict[str, Any] = {}
+        for table in _TABLES:
+            found |= flat(deck.get(table, {}), table)
+        sides.append(found)
+    left, right = sides
+    return sorted(k for k in {*left, *right} if left.get(k) != right.get(k))
 
 
 def cloud_arrays(cloud: PointCloud) -> dict[str, Any]:

@@ -385,10 +385,15 @@ def _cells(arrays: Mapping[str, Any], name: str) -> Cells:
 
 
 def _model(arrays: Mapping[str, Any], name: str, r: int) -> Model:
+    def array(key: str) -> F64Array:
+        return np.asfortranarray(np.asarray(arrays[f"{name}/{key}"], float))
+
     return Model(
         r,
         _cells(arrays, name),
-        np.asfortranarray(arrays[f"{name}/constant"]),
-        np.asfortranarray(arrays[f"{name}/volume"]),
+        array("constant"),
+        array("constant_slope"),
+        array("volume"),
+        array("volume_slope"),
         np.asfortranarray(np.asarray(arrays["laws/fibers"]).T),
     )

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from myork.core.online import Cells, Model, online_states, padded, triples
+from myork.core.online import Cells, Model, Wish, online_states, padded, triples
 from myork.rom.projection import Laws
 
 __all__ = ["Answer", "Regression", "Solver"]
@@ -57,8 +57,9 @@ class Regression:
         degree = 2 if n > (p + 1) * (p + 2) else 1 if n > p + 1 else 0
         while True:
             try:
+                kernel = "cubic" if degree else "linear"
                 self._function = RBFInterpolator(
-                    points / scale, values, kernel="cubic", degree=degree
+                    points / scale, values, kernel=kernel, degree=degree
                 )
                 break
             except np.linalg.LinAlgError:
@@ -72,15 +73,32 @@ class Regression:
 
 
 class Conditions(NamedTuple):
-    """What states are asked for, by rows: activation and sigma_max of the tissues, amplitudes."""
+    """What states are asked for, by rows.
+
+    Attributes
+    ----------
+    activation, sigma_max, turn : F64Array
+        Of the tissues; the last is the angle by which fibers are turned [rad], shape `(n, nt)`.
+    modulus : F64Array
+        Moduli that are parameters less their values in the model, shape `(n, nm)`.
+    given : F64Array
+        Prescribed amplitudes, shape `(n, s - r)`.
+    """
 
     activation: F64Array
     sigma_max: F64Array
+    turn: F64Array
+    modulus: F64Array
     given: F64Array
 
-    def columns(self) -> tuple[F64Array, F64Array, F64Array]:
+    def one(self, i: int) -> Conditions:
+        """Those of one state."""
+        return Conditions(*(a[i : i + 1] for a in self))
+
+    def columns(self) -> Wish:
         """As the core takes them."""
-        return tuple(np.asfortranarray(a.T) for a in self)  # type: ignore[return-value]
+        state = np.stack([self.activation.T, self.sigma_max.T, self.turn.T])
+        return Wish(*(np.asfortranarray(a) for a in (state, self.modulus.T, self.given.T)))
 
 
 class Solver:
@@ -220,15 +238,26 @@ def conditions_of(
     n = len(values)
     activation = np.tile(laws.activation, (n, 1))
     sigma = np.tile(laws.sigma_max, (n, 1))
+    turn = np.zeros_like(activation)
+    modulus = np.zeros((n, len(laws.modulus)))
     given = np.zeros((n, 1 + columns + extra))
     given[:, 0] = 1.0 if share is None else share
     if share is not None:
         activation *= share[:, None]
-    load = 0
+    load = number = 0
     for j, parameter in enumerate(kinds):
+        tissues = list(parameter.tissues)
+        column = values[:, j, None]
         if parameter.kind == "load":
             load += 1
             given[:, load] = values[:, j]
-        for tissue in parameter.tissues:
-            (activation if parameter.kind == "activation" else sigma)[:, tissue] = values[:, j]
-    return Conditions(activation, sigma, given)
+        elif parameter.kind == "activation":
+            activation[:, tissues] = column
+        elif parameter.kind == "sigma_max":
+            sigma[:, tissues] = column
+        elif parameter.kind == "fiber_angle":
+            turn[:, tissues] = np.radians(column - laws.angle[tissues])
+        else:
+            modulus[:, number] = values[:, j] - laws.modulus[number]
+            number += 1
+    return Conditions(activation, sigma, turn, modulus, given)

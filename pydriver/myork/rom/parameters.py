@@ -11,14 +11,26 @@ from numpy.typing import NDArray
 
 from myork.errors import InputError
 
-__all__ = ["Parameter", "as_parameters", "override", "parse_vary", "short_names", "spread_points"]
+__all__ = [
+    "Parameter",
+    "as_parameters",
+    "override",
+    "parse_vary",
+    "short_names",
+    "spread_points",
+    "value_of",
+]
 
 F64Array = NDArray[np.float64]
 
 _POSSIBLE = (
-    "load.activation, material.NAME.activation, material.NAME.sigma_max and prescribed values "
-    "such as boundary.SET.u_z are possible"
+    "load.activation, material.NAME.KEY with activation, sigma_max, fiber_angle, K and the other "
+    "moduli, and prescribed values such as boundary.SET.u_z are possible"
 )
+#: Constants of the materials on which the energy depends linearly, beside K
+_MODULI = (
+    "mu", "C1", "C2", "C3", "A10", "A01", "A20", "A11", "A02", "A30", "A21", "A12", "A03",
+)  # fmt: skip
 
 
 class Parameter(NamedTuple):
@@ -31,7 +43,7 @@ class Parameter(NamedTuple):
     low, high : float
         Range of the training.
     kind : str
-        "activation", "sigma_max" or "load".
+        "activation", "sigma_max", "fiber_angle", "modulus" or "load".
     tissues : tuple of int
         Materials that it changes, from 0; none for a load.
     """
@@ -41,6 +53,11 @@ class Parameter(NamedTuple):
     high: float
     kind: str
     tissues: tuple[int, ...]
+
+    @property
+    def grows(self) -> bool:
+        """Whether the value grows from zero with the load, as that of a material does not."""
+        return self.kind in ("activation", "load")
 
 
 def parse_vary(items: Sequence[str]) -> dict[str, tuple[float, float]]:
@@ -107,43 +124,19 @@ def override(parameter: Parameter, value: float) -> str:
     return f"{parameter.key}={float(value)!r}"
 
 
+def value_of(parameter: Parameter, deck: Mapping[str, Any]) -> float:
+    """The value that a deck has for a parameter."""
+    table, *entry, key = parameter.key.split(".")
+    found = deck[table]
+    if entry:
+        found = next(e for e in found if entry[0] in (e.get("name"), e.get("set")))
+    return float(found.get(key, deck["load"].get(key)))
+
+
 def _resolved(name: str, low: float, high: float, deck: Mapping[str, Any]) -> Parameter:
-    materials = deck.get("material", [])
     words = name.split(".")
-    if name in ("activation", "load.activation"):
-        muscles = tuple(
-            i for i, m in enumerate(materials) if m["model"] == "muscle" and "activation" not in m
-        )
-        if not muscles:
-            raise InputError(f"{name}: no muscle of the deck takes the common activation")
-        if low < 0 or high > 1:
-            raise InputError(f"{name}: activations lie between 0 and 1, not {low} and {high}")
-        return Parameter("load.activation", low, high, "activation", muscles)
-    if words[0] == "material" and words[-1] == "activation" and len(words) == 3:
-        named = [
-            i
-            for i, m in enumerate(materials)
-            if m["model"] == "muscle" and words[1] in (m["name"], str(i + 1))
-        ]
-        if len(named) != 1:
-            raise InputError(f"{name}: the deck has no such muscle")
-        if low < 0 or high > 1:
-            raise InputError(f"{name}: activations lie between 0 and 1, not {low} and {high}")
-        key = f"material.{materials[named[0]]['name']}.activation"
-        return Parameter(key, low, high, "activation", (named[0],))
-    if words[-1] == "sigma_max" and (words[0] == "material" or len(words) == 1):
-        named = [i for i, m in enumerate(materials) if m["model"] == "muscle"]
-        if len(words) == 3:
-            named = [i for i in named if words[1] in (materials[i]["name"], str(i + 1))]
-        if len(named) != 1:
-            raise InputError(
-                f"{name}: name one muscle of the deck, as material.NAME.sigma_max: "
-                + ", ".join(m["name"] for m in materials)
-            )
-        if low <= 0:
-            raise InputError(f"{name}: sigma_max must be above 0, not {low}")
-        key = f"material.{materials[named[0]]['name']}.sigma_max"
-        return Parameter(key, low, high, "sigma_max", (named[0],))
+    if words[-1] == "activation":
+        return _activation(name, low, high, deck)
     if words[0] == "boundary" and words[-1] in ("u_x", "u_y", "u_z", "radial"):
         entries = deck.get("boundary", [])
         own = [b for i, b in enumerate(entries) if words[1] in (b["set"], str(i + 1))]
@@ -158,4 +151,51 @@ def _resolved(name: str, low: float, high: float, deck: Mapping[str, Any]) -> Pa
                 )
             )
         return Parameter(f"boundary.{own[0]['set']}.{words[-1]}", low, high, "load", ())
+    if (words[0] == "material" and len(words) == 3) or len(words) == 1:
+        return _of_material(name, low, high, deck)
     raise InputError(f"{name}: a reduced model cannot vary it; {_POSSIBLE}")
+
+
+def _activation(name: str, low: float, high: float, deck: Mapping[str, Any]) -> Parameter:
+    """Activation of all muscles that have none of their own, or of one."""
+    materials = deck.get("material", [])
+    words = name.split(".")
+    muscles = [i for i, m in enumerate(materials) if m["model"] == "muscle"]
+    if low < 0 or high > 1:
+        raise InputError(f"{name}: activations lie between 0 and 1, not {low} and {high}")
+    if name in ("activation", "load.activation"):
+        common = tuple(i for i in muscles if "activation" not in materials[i])
+        if not common:
+            raise InputError(f"{name}: no muscle of the deck takes the common activation")
+        return Parameter("load.activation", low, high, "activation", common)
+    named = [i for i in muscles if words[1] in (materials[i]["name"], str(i + 1))]
+    if words[0] != "material" or len(words) != 3 or len(named) != 1:
+        raise InputError(f"{name}: the deck has no such muscle")
+    key = f"material.{materials[named[0]]['name']}.activation"
+    return Parameter(key, low, high, "activation", (named[0],))
+
+
+def _of_material(name: str, low: float, high: float, deck: Mapping[str, Any]) -> Parameter:
+    """A constant of one material."""
+    materials = deck.get("material", [])
+    words = name.split(".")
+    key = words[-1]
+    if key not in ("sigma_max", "fiber_angle", "K", *_MODULI):
+        raise InputError(f"{name}: a reduced model cannot vary it; {_POSSIBLE}")
+    named = [
+        i
+        for i, m in enumerate(materials)
+        if m.get(key) is not None and (len(words) == 1 or words[1] in (m["name"], str(i + 1)))
+    ]
+    if len(named) != 1:
+        raise InputError(
+            f"{name}: name one material that has it, as material.NAME.{key}; the deck has "
+            + ", ".join(m["name"] for m in materials)
+        )
+    if isinstance(materials[named[0]][key], str):
+        raise InputError(f"{name}: it is an expression, a reduced model varies numbers")
+    if key in ("sigma_max", "K", "mu") and low <= 0:
+        raise InputError(f"{name}: {key} must be above 0, not {low}")
+    kind = key if key in ("sigma_max", "fiber_angle") else "modulus"
+    path = f"material.{materials[named[0]]['name']}.{key}"
+    return Parameter(path, low, high, kind, (named[0],))

@@ -15,11 +15,14 @@ from myork.core.scene import Scene
 
 __all__ = [
     "Columns",
+    "Directions",
     "Laws",
+    "Variant",
     "columns_of",
     "project",
     "tissue_laws",
     "volume_directions",
+    "volume_slopes",
     "with_volume",
 ]
 
@@ -40,11 +43,14 @@ class Laws(NamedTuple):
     coefficients : F64Array
         `COEFFICIENTS` of each, shape `(nt, 9)` [stress].
     fibers : F64Array
-        lambda_o, gamma1, gamma2 and whether the curves are smooth, shape `(nt, 4)`.
+        lambda_o, gamma1, gamma2, whether the curves are smooth, and the axis about which
+        `fiber_angle` turns fibers, shape `(nt, 7)`.
     fibered : NDArray
         Whether a tissue has fibers, shape `(nt,)`.
-    sigma_max, activation : F64Array
-        Largest isometric stress and activation of the deck, shape `(nt,)`.
+    sigma_max, activation, angle : F64Array
+        Largest isometric stress, activation and `fiber_angle` [degree] of the deck, shape `(nt,)`.
+    modulus : F64Array
+        Values of the deck of those parameters that are moduli, one zero where there is none.
     """
 
     coefficients: F64Array
@@ -52,6 +58,54 @@ class Laws(NamedTuple):
     fibered: NDArray[np.bool_]
     sigma_max: F64Array
     activation: F64Array
+    angle: F64Array
+    modulus: F64Array
+
+
+class Variant(NamedTuple):
+    """The full model at another value of a modulus that is a parameter.
+
+    Attributes
+    ----------
+    step : float
+        That value less the deck's.
+    scene : Scene
+        Open scene.
+    parts, laws, columns
+        Its parts.
+    """
+
+    step: float
+    scene: Scene
+    parts: GalerkinParts
+    laws: Laws
+    columns: Columns
+
+
+class Directions(NamedTuple):
+    """Directions in which volume changes, by blocks whose energy has one factor.
+
+    Attributes
+    ----------
+    basis : F64Array
+        Columns, of each block up to a multiple of eight, shape `(rows, kept)`.
+    slope : F64Array
+        Derivatives of their factors by parameters of materials, shape `(kept, nm)`.
+    blocks : tuple of int
+        Columns of each block that are not zero.
+    """
+
+    basis: F64Array
+    slope: F64Array
+    blocks: tuple[int, ...]
+
+    def first(self, count: int) -> NDArray[np.int64]:
+        """Numbers of the first columns of each block, up to a multiple of eight."""
+        found, start = [], 0
+        for size in self.blocks:
+            found.append(start + np.arange(_eights(min(size, count))))
+            start += _eights(size)
+        return np.concatenate(found)
 
 
 class Columns(NamedTuple):
@@ -72,8 +126,8 @@ class Columns(NamedTuple):
     value: F64Array
 
 
-def tissue_laws(deck: Mapping[str, Any]) -> Laws:
-    """Materials of a deck as polynomials with fibers."""
+def tissue_laws(deck: Mapping[str, Any], moduli: Sequence[float] = ()) -> Laws:
+    """Materials of a deck as polynomials with fibers; `moduli` are the values of parameters."""
     materials = deck["material"]
     named = {
         "neo-hookean": lambda m: {"A10": 0.5 * m["mu"]},
@@ -86,15 +140,23 @@ def tissue_laws(deck: Mapping[str, Any]) -> Laws:
     none = {"lambda_o": 1.0, "gamma1": 0.0, "gamma2": 1.0, "sigma_max": 0.0, "curve": "smooth"}
     full = [{**none, **m} for m in materials]
     sigma = np.array([m["sigma_max"] if muscle[i] else 0.0 for i, m in enumerate(full)], float)
+    # from the last axis towards x
+    axis = (0, 1, 0) if deck["scene"]["dimension"] == 3 else (0, 0, -1)
     active = [m.get("activation", deck["load"]["activation"]) for m in materials]
     return Laws(
         np.array([[p.get(name, 0.0) for name in COEFFICIENTS] for p in polynomials], float),
         np.array(
-            [[m["lambda_o"], m["gamma1"], m["gamma2"], m["curve"] == "smooth"] for m in full], float
+            [
+                [m["lambda_o"], m["gamma1"], m["gamma2"], m["curve"] == "smooth", *axis]
+                for m in full
+            ],
+            float,
         ),
         muscle,
         sigma,
         np.where(muscle, np.array(active, float), 0.0),
+        np.array([m.get("fiber_angle") or 0.0 for m in materials], float),
+        np.array(list(moduli) or [0.0], float),
     )
 
 
@@ -117,11 +179,18 @@ def all_cells(parts: GalerkinParts, laws: Laws, h: F64Array) -> Cells:
         parts.tissue[entries] + 1,
         parts.fraction[entries],
         np.asfortranarray(parts.fiber[entries].T),
+        np.zeros((9, points, 1), order="F"),
+        np.zeros((points, 1), order="F"),
     )
 
 
 def project(
-    scene: Scene, parts: GalerkinParts, laws: Laws, modes: F64Array, columns: Columns
+    scene: Scene,
+    parts: GalerkinParts,
+    laws: Laws,
+    modes: F64Array,
+    columns: Columns,
+    variants: Sequence[Variant] = (),
 ) -> tuple[Model, sparse.csr_matrix, F64Array]:
     """The reduced model with all its cells, but without its volume.
 
@@ -135,31 +204,53 @@ def project(
     r = modes.shape[1]
     s = r + columns.force.shape[1]
     h = np.concatenate([modal_gradients(scene, modes), columns.given], axis=2)
-    stiff = modal_products(scene, modes)[0]
-    side = -(modes.T @ columns.force)
-    penalty = parts.penalty[:, None] * parts.essential
-    corner = np.einsum("si,sil,sim->lm", penalty, columns.value, columns.value)
-    constant = np.block([[modes.T @ stiff, side], [side.T, corner]])
-    constant = 0.5 * (constant + constant.T)
+    constant = _constant(scene, parts, modes, columns)
     cells = all_cells(parts, laws, h)
+    slope = np.zeros((s, s, max(1, len(variants))), order="F")
+    if variants:
+        for i, v in enumerate(variants):
+            slope[..., i] = (_constant(v.scene, v.parts, modes, v.columns) - constant) / v.step
+        others = [all_cells(v.parts, v.laws, h) for v in variants]
+        pairs = list(zip(variants, others, strict=True))
+        cells = cells._replace(
+            a_slope=np.stack([(o.a - cells.a) / v.step for v, o in pairs], axis=2),
+            bulk_slope=np.stack([(o.local_bulk - cells.local_bulk) / v.step for v, o in pairs], 1),
+        )
     model = Model(
         r,
         cells,
         np.asfortranarray(constant),
+        slope,
         np.zeros((s + 1, s + 1, s + 1, 0)),
+        np.zeros((0, slope.shape[2])),
         np.asfortranarray(laws.fibers.T),
     )
     rows, total = _volume_rows(parts)
     return model, rows, total
 
 
+def _constant(scene: Scene, parts: GalerkinParts, modes: F64Array, columns: Columns) -> F64Array:
+    """Penalty and stabilisation of all amplitudes."""
+    stiff = modal_products(scene, modes)[0]
+    side = -(modes.T @ columns.force)
+    penalty = parts.penalty[:, None] * parts.essential
+    corner = np.einsum("si,sil,sim->lm", penalty, columns.value, columns.value)
+    constant = np.block([[modes.T @ stiff, side], [side.T, corner]])
+    return np.asarray(0.5 * (constant + constant.T))
+
+
 def with_volume(
-    model: Model, rows: sparse.csr_matrix, total: F64Array, basis: F64Array | None
+    model: Model, rows: sparse.csr_matrix, total: F64Array, directions: Directions | None
 ) -> Model:
-    """Add the cubic form of the volume, of all groups or of the directions in `basis`."""
-    projected = rows.toarray() if basis is None else basis.T @ rows
-    total = total if basis is None else basis.T @ total
-    projected = np.ascontiguousarray(projected)
+    """Add the cubic form of the volume, of all groups or of some directions."""
+    if directions is None:
+        directions = Directions(
+            np.eye(rows.shape[0]),
+            np.zeros((rows.shape[0], model.volume_slope.shape[1])),
+            (rows.shape[0],),
+        )
+    projected = np.ascontiguousarray(directions.basis.T @ rows)
+    total = directions.basis.T @ total
     s = model.cells.h.shape[2]
     points = model.cells.h.shape[1]
     z = np.empty((s + 1, points, 3, 3))
@@ -173,15 +264,45 @@ def with_volume(
             form = np.einsum("qk,nqk->nq", cross, flat[m:], optimize=True) / 6.0
             volume[k, m, m:] = form @ projected.T
     volume[0, 0, 0] -= total
-    return model._replace(volume=volume)
+    return model._replace(volume=volume, volume_slope=directions.slope)
 
 
 def volume_directions(
-    cells: Cells, rows: sparse.csr_matrix, total: F64Array, states: F64Array, kept: int
-) -> F64Array | None:
-    """Directions in which volume changes along states, shape `(s, n)`; None where all are kept."""
-    if kept >= rows.shape[0]:
-        return None
+    cells: Cells,
+    rows: sparse.csr_matrix,
+    total: F64Array,
+    slopes: F64Array,
+    states: F64Array,
+    kept: int,
+) -> Directions:
+    """Directions in which volume changes along states, shape `(s, n)`.
+
+    `slopes` are derivatives of the factors on the energy of the rows, shape `(rows, nm)`; rows
+    that have the same ones are a block.
+    """
+    size = np.abs(slopes).max(axis=0)
+    rounded = np.round(slopes / np.where(size > 0.0, size, 1.0), 9)
+    block_of = np.unique(rounded, axis=0, return_inverse=True)[1].ravel()
+    found = None
+    columns, factors, blocks = [], [], []
+    for block in range(block_of.max() + 1):
+        own = np.flatnonzero(block_of == block)
+        if kept < len(own):
+            if found is None:
+                found = _changes(cells, rows, total, states)
+            left = np.linalg.svd(found[own], full_matrices=False)[0][:, :kept]
+        else:
+            left = np.eye(len(own))
+        wide = np.zeros((rows.shape[0], _eights(left.shape[1])))
+        wide[own, : left.shape[1]] = left
+        columns.append(wide)
+        factors.append(np.tile(slopes[own[0]], (wide.shape[1], 1)))
+        blocks.append(left.shape[1])
+    return Directions(np.hstack(columns), np.vstack(factors), tuple(blocks))
+
+
+def _changes(cells: Cells, rows: sparse.csr_matrix, total: F64Array, states: F64Array) -> F64Array:
+    """Changes of volume along states and their derivatives by the amplitudes."""
     found = []
     h = cells.h.reshape(-1, cells.h.shape[2], order="F")
     columns = np.moveaxis(cells.h, 0, 1)
@@ -196,8 +317,19 @@ def volume_directions(
         if size > 0.0:
             change *= np.linalg.norm(slope, axis=0).max() / size
         found += [slope, change[:, None]]
-    left: F64Array = np.linalg.svd(np.hstack(found), full_matrices=False)[0]
-    return left[:, :kept]
+    return np.hstack(found)
+
+
+def _eights(count: int) -> int:
+    """The next multiple of eight."""
+    return 8 * max(1, -(-count // 8))
+
+
+def volume_slopes(parts: GalerkinParts, variants: Sequence[Variant]) -> F64Array:
+    """Derivatives of the factors on the energy of the rows by moduli, shape `(rows, nm)`."""
+    own = np.repeat(np.arange(len(parts.bulk)), parts.polynomials)
+    slopes = [(v.parts.bulk / parts.bulk - 1.0) / v.step for v in variants]
+    return np.stack([slope[own] for slope in slopes] or [np.zeros(len(own))], axis=1)
 
 
 def columns_of(loads: Sequence[LoadParts]) -> Columns:

@@ -29,9 +29,7 @@ def _contributions(
     h = np.ascontiguousarray(np.moveaxis(model.cells.h, (0, 1, 2), (2, 1, 0)))
     for i, amplitude in enumerate(amplitudes):
         z = np.concatenate([amplitude, conditions.given[i]])
-        _, tangent, stress, min_j = assemble(
-            model, conditions.activation[i], conditions.sigma_max[i], z
-        )
+        _, tangent, stress, min_j = assemble(model, conditions.one(i).columns(), z)
         if min_j > 0.0:
             yield np.einsum("sqk,qk->sq", h, stress), tangent, z
 
@@ -78,22 +76,28 @@ def force_lifts(model: Model, setting: Setting, values: F64Array, amplitudes: F6
     found = []
     for i, amplitude in enumerate(amplitudes):
         z = np.concatenate([amplitude, conditions.given[i]])
-        tangent = assemble(model, conditions.activation[i], conditions.sigma_max[i], z)[1]
+        tangent = assemble(model, conditions.one(i).columns(), z)[1]
         lift = -np.linalg.solve(tangent[: model.r, : model.r], tangent[: model.r, wanted])
         found.append(lift.ravel() if len(wanted) else np.zeros(model.r))
     return np.array(found)
 
 
 def sample_forces(
-    model: Model, setting: Setting, values: F64Array, amplitudes: F64Array, tolerance: float
+    model: Model,
+    setting: Setting,
+    values: F64Array,
+    amplitudes: F64Array,
+    lifts: F64Array,
+    tolerance: float,
 ) -> tuple[NDArray[np.int64], F64Array, float]:
-    """Cells with weights that keep the stationary forces."""
+    """Cells with weights that keep the stationary forces; `lifts` are those of `force_lifts`."""
     r = model.r
     wanted = setting.wanted + r
     rows = []
-    for work, tangent, _ in _contributions(model, setting, values, amplitudes):
-        lift = np.linalg.solve(tangent[:r, :r], tangent[:r, wanted])
-        rows.append(work[wanted] - lift.T @ work[:r])
+    follow = lifts.reshape(len(lifts), r, -1)
+    for i, amplitude in enumerate(amplitudes):
+        for work, _, _ in _contributions(model, setting, values[i : i + 1], amplitude[None]):
+            rows.append(work[wanted] + follow[i].T @ work[:r])
     volume = model.cells.weight / model.cells.weight.sum()
     stacked = np.vstack(rows)
     unit = np.abs(stacked.sum(axis=1)).max() or 1.0

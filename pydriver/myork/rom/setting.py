@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,12 +17,14 @@ from myork.core.galerkin import (
     probe_sets,
 )
 from myork.core.scene import Scene
+from myork.errors import InputError
 from myork.rom import projection
+from myork.rom.full import FullModel
 from myork.rom.online import Conditions, conditions_of
-from myork.rom.parameters import Parameter
-from myork.rom.projection import Columns, Laws, tissue_laws
+from myork.rom.parameters import Parameter, override, value_of
+from myork.rom.projection import Columns, Laws, Variant, tissue_laws
 
-__all__ = ["Setting", "Snapshots", "make_setting"]
+__all__ = ["Setting", "Snapshots", "force_values", "make_setting"]
 
 F64Array = NDArray[np.float64]
 
@@ -69,6 +72,12 @@ class Setting(NamedTuple):
         Number of threads.
     still : tuple
         Keys of the values of those sets, with the values.
+    pushes : F64Array
+        Parts of the wanted forces that are tractions, by the columns, shape `(nf, columns)`.
+    places : tuple
+        Probe and component of each wanted force.
+    variants : tuple of Variant
+        The full model at other values of the moduli that are parameters.
     """
 
     parameters: tuple[Parameter, ...]
@@ -80,6 +89,9 @@ class Setting(NamedTuple):
     wanted: NDArray[np.int64]
     threads: int
     still: tuple[tuple[str, float], ...]
+    pushes: F64Array
+    places: tuple[tuple[int, int], ...]
+    variants: tuple[Variant, ...]
 
     def conditions(self, values: F64Array, share: F64Array | None = None) -> Conditions:
         """Conditions of states by their parameters."""
@@ -90,11 +102,20 @@ def make_setting(
     scene: Scene,
     kinds: tuple[Parameter, ...],
     deck: Mapping[str, Any],
-    base: LoadParts,
-    units: list[LoadParts],
+    full: FullModel,
     threads: int,
+    opened: ExitStack,
 ) -> tuple[Setting, dict[str, Any]]:
-    """What does not depend on the snapshots, and the head of the file."""
+    """What does not depend on the snapshots, and the head of the file.
+
+    Scenes at other values of moduli are opened in `opened`.
+
+    Raises
+    ------
+    InputError
+        A modulus on which the model does not depend linearly.
+    """
+    base, units = full.loads(kinds)
     parts = galerkin_parts(scene)
     probes = deck.get("probe", [])
     sets = probe_sets(scene, len(probes))
@@ -102,6 +123,8 @@ def make_setting(
     wanted: list[int] = []
     still: list[tuple[str, float]] = []
     pushes: list[F64Array] = []
+    extra: list[F64Array] = []
+    places: list[tuple[int, int]] = []
     told: list[dict[str, Any]] = []
     for index, (probe, of_set) in enumerate(zip(probes, sets, strict=True)):
         quantity = probe["quantity"]
@@ -109,14 +132,16 @@ def make_setting(
         if quantity == "force" or quantity in ("force_x", "force_y", "force_z"):
             all_axes = range(scene.dimension)
             axes = all_axes if quantity == "force" else ["xyz".index(quantity[-1])]
-            for axis in axes:
+            for place, axis in enumerate(axes):
                 rows.append(len(wanted))
+                places.append((index, place))
                 on = parts.set == of_set
                 value = np.zeros((len(parts.set), scene.dimension))
                 value[on, axis] = parts.essential[on, axis]
                 pushes.append(np.array([load.push[on, axis].sum() for load in (base, *units)]))
                 same = [k for k, load in enumerate(loads) if np.array_equal(load.value, value)]
                 if not same:
+                    extra.append(value)
                     loads.append(_unit_load(scene, len(parts.weight), value))
                     still += _prescribed(deck, probe["set"], axis)
                     same = [len(loads) - 1]
@@ -128,10 +153,20 @@ def make_setting(
     for i, row in enumerate(pushes):
         push[i, : len(row)] = row
     known = [entry["name"] for entry in told]
+    moduli = [p for p in kinds if p.kind == "modulus"]
+    variants = []
+    for p in moduli:
+        own = value_of(p, deck)
+        other = p.low if own - p.low > p.high - own else p.high
+        middle = 0.5 * (other + own)
+        ends = [opened.enter_context(full.open([override(p, v)])) for v in (middle, other)]
+        more = full.loads(kinds, [override(p, other)])
+        variants.append(_variant(p, deck, parts, ends, [more[0], *more[1]], extra))
+    laws = tissue_laws(deck, [value_of(p, deck) for p in moduli])
     setting = Setting(
-        kinds, tissue_laws(deck), parts, projection.columns_of(loads), len(units),
+        kinds, laws, parts, projection.columns_of(loads), len(units),
         len(loads) - 1 - len(units), np.array(wanted, np.int64), threads,
-        tuple(still),
+        tuple(still), push, tuple(places), tuple(variants),
     )  # fmt: skip
     head = {
         "title": deck["title"],
@@ -140,9 +175,41 @@ def make_setting(
         "force_amplitudes": setting.extra,
         "probes": told,
         "probes_left_out": [p["name"] for p in probes if p["name"] not in known],
-        "tractions": push,
     }
     return setting, head
+
+
+def _variant(
+    parameter: Parameter,
+    deck: Mapping[str, Any],
+    parts: GalerkinParts,
+    scenes: Sequence[Scene],
+    loads: Sequence[LoadParts],
+    extra: Sequence[F64Array],
+) -> Variant:
+    """The full model at another value of a modulus, by scenes half-way there and there."""
+    half, there = (galerkin_parts(scene) for scene in scenes)
+    for name in ("bulk", "local_bulk", "basis", "weight"):
+        old, middle, new = (getattr(p, name) for p in (parts, half, there))
+        size = np.abs(new).max(initial=np.finfo(float).tiny)
+        moved = np.abs(new - old).max(initial=0.0) if name in ("basis", "weight") else 0.0
+        if max(np.abs(0.5 * (old + new) - middle).max(initial=0.0), moved) > 1e-9 * size:
+            raise InputError(
+                f"{parameter.key}: the model does not depend linearly on it, as where groups of "
+                "cells hold tissues of several bulk moduli: a reduced model cannot vary it"
+            )
+    scene = scenes[1]
+    found = [*loads, *(_unit_load(scene, len(parts.weight), value) for value in extra)]
+    return Variant(
+        value_of(parameter, scene.deck) - value_of(parameter, deck), scene, there,
+        tissue_laws(scene.deck), projection.columns_of(found),
+    )  # fmt: skip
+
+
+def force_values(setting: Setting, probes: F64Array) -> F64Array:
+    """Wanted forces of states by the values of their probes, shape `(n, probes, 3)`."""
+    columns = [probes[:, index, place] for index, place in setting.places]
+    return np.stack(columns, axis=1) if columns else np.zeros((len(probes), 0))
 
 
 def _prescribed(deck: Mapping[str, Any], of_set: str, axis: int) -> list[tuple[str, float]]:

@@ -1,0 +1,108 @@
+"""The arrays of a reduced model: modes, volume, few cells in place of all."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from myork.console import ProgressCallback
+from myork.core.online import triples
+from myork.core.scene import Scene
+from myork.rom.modes import MOST_MODES, Draft
+from myork.rom.online import Solver
+from myork.rom.parameters import spread_points
+from myork.rom.sampling import force_lifts, sample_cells, sample_forces
+from myork.rom.setting import Setting, force_values
+
+__all__ = ["finish"]
+
+F64Array = NDArray[np.float64]
+
+#: Solutions of the model with all cells that the cubature is trained on beside the full ones
+VIRTUAL = 96
+#: Cells up to which forces are found by all of them
+ALL_CELLS = 2000
+
+
+def finish(
+    scene: Scene,
+    setting: Setting,
+    draft: Draft,
+    tolerance: float,
+    seed: int,
+    progress: ProgressCallback,
+) -> dict[str, Any]:
+    """Arrays of the model: modes, volume, few cells."""
+    basis, model, finer, known, amplitudes = draft
+    m, r = basis.modes.shape[1], basis.r
+    progress(f"{r} modes of {len(known.x)} states; they leave {basis.lost:.1e} of them")
+    values = spread_points(setting.parameters, VIRTUAL, seed + 1)
+    answer = draft.solve(setting, values)
+    good = answer.converged
+    progress(f"{good.sum()} of {len(good)} states of the model with all cells converged")
+    some = np.unique(np.linspace(0, len(known.values) - 1, VIRTUAL).astype(int))
+    at = np.vstack([known.values[some], values[good]])
+    where = np.vstack([amplitudes[some], np.zeros((int(good.sum()), m))])
+    where[len(some) :, :r] = answer.amplitudes[good]
+    kept = sample_cells(model, setting, at, where[:, :r], tolerance, seed, 12 * MOST_MODES)
+    more = sample_cells(finer, setting, at, where, tolerance, seed, 12 * MOST_MODES)
+    progress(
+        f"{len(kept[0])} of {len(setting.parts.weight)} cells (residual {kept[2]:.1e}), "
+        f"{len(more[0])} for the estimate of the error"
+    )
+    lifts = force_lifts(model, setting, at, where[:, :r])
+    whole = finer.cells
+    if len(setting.parts.weight) > ALL_CELLS and len(setting.wanted):
+        # the states at which forces are asked for are those of few cells, and others as far off
+        few = Solver(
+            model._replace(cells=model.cells.sample(*kept[:2])), model.cells,
+            np.zeros(0, np.int64), setting.threads,
+        )  # fmt: skip
+        rough = few.newton(setting.conditions(at), where[:, :r])[0]
+        off = rough.amplitudes - where[:, :r]
+        own = np.flatnonzero(rough.converged & np.isfinite(off).all(axis=1))
+        order = np.random.default_rng(seed).permutation(own)
+        near = np.vstack([where[:, :r], rough.amplitudes[own], where[own, :r] + off[order]])
+        rows = np.concatenate([np.arange(len(at)), own, own])
+        force = sample_forces(model, setting, at[rows], near, lifts[rows], tolerance)
+        whole = finer.cells.sample(*force[:2])
+        progress(f"{len(force[0])} cells for the forces (residual {force[2]:.1e})")
+    arrays: dict[str, Any] = {"modes": r, "indicator_modes": m, "wanted": setting.wanted}
+    for name, one, cells in (
+        ("online", model, model.cells.sample(*kept[:2])),
+        ("indicator", finer, finer.cells.sample(*more[:2])),
+    ):
+        arrays |= {f"{name}/{key}": value for key, value in cells._asdict().items()}
+        arrays |= {
+            f"{name}/constant": one.constant,
+            f"{name}/constant_slope": one.constant_slope,
+            f"{name}/volume": triples(one.volume),
+            f"{name}/volume_slope": one.volume_slope,
+        }
+    arrays |= {f"force/{key}": value for key, value in whole._asdict().items()}
+    arrays |= {f"laws/{key}": value for key, value in setting.laws._asdict().items()}
+    arrays |= {"lifts/parameters": at, "lifts/values": lifts}
+    arrays |= {
+        "training/parameters": known.values,
+        "training/amplitudes": amplitudes,
+        "training/forces": force_values(setting, known.probes),
+    }
+    arrays |= {"basis": basis.modes[:, :r], **_shapes(scene, basis.modes, r)}
+    return arrays
+
+
+def _shapes(scene: Scene, modes: F64Array, r: int) -> dict[str, F64Array]:
+    """Displacements of modes at the collocation points and at the probes of displacements."""
+    small = 1e-6 / np.abs(modes).max()
+    fields = [scene.fields(small * mode, 0.0).u / small for mode in modes.T[:r]]
+    found = {"shapes": np.stack(fields, axis=2), "points": scene.points()}
+    probes = scene.deck.get("probe", [])
+    if probes:
+        values = scene.probes(small * modes.T, np.zeros(modes.shape[1])) / small
+        for i, probe in enumerate(probes):
+            if probe["quantity"] in ("u", "u_x", "u_y", "u_z"):
+                axes = scene.dimension if probe["quantity"] == "u" else 1
+                found[f"probes/{probe['name']}"] = values[:, i, :axes].T
+    return found

@@ -1,0 +1,213 @@
+"""Modes of the states of a training, and the reduced model of all cells that they make."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from myork.core.galerkin import modal_products
+from myork.core.online import Model
+from myork.core.scene import Scene
+from myork.rom import projection
+from myork.rom.full import FullState
+from myork.rom.online import Answer, Regression, Solver
+from myork.rom.parameters import Parameter
+from myork.rom.sampling import force_lifts
+from myork.rom.setting import Setting, Snapshots
+
+__all__ = ["Draft", "joined", "make_draft"]
+
+F64Array = NDArray[np.float64]
+
+#: Modes at most; beyond, the volume and not the cells sets the time
+MOST_MODES = 30
+#: Modes that the error estimate has more
+MORE_MODES = 12
+#: Directions of volume beyond the number of modes
+MORE_VOLUME = 8
+#: Part of the tolerance that the modes may leave of the states: the error of the model is several
+#: times theirs, most of all where the material is about to lose ellipticity
+_SHARE = 0.1
+#: Errors of states are relative to their size, but not below this share of the largest
+_LEAST = 0.2
+#: Weight of the fields of forces among the snapshots
+_LIFT_WEIGHT = 0.01
+#: Values of parameters, in their ranges, that are the same ones
+_SAME = 1e-9
+
+
+class Basis(NamedTuple):
+    """Modes with the amplitudes of the snapshots."""
+
+    modes: F64Array
+    amplitudes: F64Array
+    r: int
+    lost: float
+
+
+class Draft(NamedTuple):
+    """The reduced model of the states so far, with all cells.
+
+    Attributes
+    ----------
+    basis : Basis
+        Modes, `r` of which are the model's.
+    model, finer : Model
+        Models of `r` and of all modes.
+    known : Snapshots
+        States of the range.
+    amplitudes : F64Array
+        Their amplitudes, shape `(n, modes)`.
+    """
+
+    basis: Basis
+    model: Model
+    finer: Model
+    known: Snapshots
+    amplitudes: F64Array
+
+    def solve(self, setting: Setting, values: F64Array) -> Answer:
+        """States at values of the parameters."""
+        from scipy.spatial import cKDTree
+
+        scale = _scale(setting)
+        r = self.basis.r
+        start = Regression(self.known.values, self.amplitudes, scale)(values)[:, :r]
+        solver = Solver(self.model, self.model.cells, np.zeros(0, np.int64), setting.threads)
+        nearest = cKDTree(self.known.values / scale).query(values / scale)[1]
+        return solver.solve(
+            setting.conditions(values), start, setting.conditions(self.known.values),
+            self.amplitudes[:, :r], nearest,
+        )  # fmt: skip
+
+    def forces(self, setting: Setting, values: F64Array, answer: Answer) -> F64Array:
+        """Stationary forces of states, without those of tractions, shape `(n, nf)`."""
+        conditions = setting.conditions(values)
+        r, count = self.basis.r, len(setting.wanted)
+        lift = force_lifts(self.model, setting, values, answer.amplitudes)
+        solver = Solver(self.model, self.model.cells, setting.wanted + r, setting.threads)
+        return solver.newton(
+            conditions, answer.amplitudes, tolerance=np.inf, most=1, lift=lift.reshape(-1, r, count)
+        )[0].force
+
+    def estimate(self, setting: Setting, values: F64Array, answer: Answer) -> F64Array:
+        """Size of a Newton step in all modes."""
+        begin = np.zeros((len(values), self.finer.r))
+        begin[:, : self.basis.r] = answer.amplitudes
+        better = Solver(self.finer, self.finer.cells, np.zeros(0, np.int64), setting.threads)
+        found = better.newton(setting.conditions(values), begin, tolerance=np.inf, most=1)[0]
+        return np.asarray(np.linalg.norm(found.amplitudes - begin, axis=1))
+
+
+def make_draft(
+    scene: Scene, setting: Setting, snapshots: Snapshots, lifts: F64Array, tolerance: float
+) -> Draft:
+    """The reduced model of snapshots and fields of forces, with all cells."""
+    basis = _basis(scene, snapshots, lifts, tolerance)
+    model, finer = _with_all_cells(scene, setting, snapshots, basis)
+    known, amplitudes = _training(setting, snapshots, basis)
+    return Draft(basis, model, finer, known, amplitudes)
+
+
+def joined(
+    before: Snapshots | None, kinds: Sequence[Parameter], state: FullState, row: F64Array
+) -> Snapshots:
+    """Snapshots with those of one more solve; a state that is there already is dropped."""
+    values = np.tile(row, (len(state.load), 1))
+    for j, parameter in enumerate(kinds):
+        if parameter.grows:
+            values[:, j] *= state.load
+    new = Snapshots(values, state.load, state.x, state.probes)
+    if before is None:
+        return new
+    scale = np.array([p.high - p.low for p in kinds])
+    new_at = np.column_stack([values / scale, state.load])
+    old_at = np.column_stack([before.values / scale, before.share])
+    gap = np.abs(new_at[:, None] - old_at[None]).max(axis=2).min(axis=1)
+    own = gap > _SAME
+    return Snapshots(*(np.concatenate([a, b[own]]) for a, b in zip(before, new, strict=True)))
+
+
+def _scale(setting: Setting) -> F64Array:
+    return np.array([p.high - p.low for p in setting.parameters])
+
+
+def _basis(scene: Scene, snapshots: Snapshots, lifts: F64Array, tolerance: float) -> Basis:
+    """Modes of least squares, orthonormal by the mass, of states with relative errors."""
+    x = snapshots.x
+    mass = modal_products(scene, np.asfortranarray(x.T))[1]
+    size = np.sqrt((x.T * mass).sum(axis=0))
+    weight = 1.0 / np.maximum(size, _LEAST * size.max())
+    scaled, image = x * weight[:, None], mass * weight
+    if len(lifts):
+        product = modal_products(scene, np.asfortranarray(lifts.T))[1]
+        factor = _LIFT_WEIGHT / np.sqrt((lifts.T * product).sum(axis=0))
+        scaled = np.vstack([scaled, lifts * factor[:, None]])
+        image = np.hstack([image, product * factor])
+    values, vectors = np.linalg.eigh(scaled @ image)
+    values, vectors = values[::-1], vectors[:, ::-1]
+    real = values > 1e-13 * values[0]
+    values, vectors = values[real], vectors[:, real]
+    modes = scaled.T @ vectors / np.sqrt(values)
+    rest = 1.0 - np.cumsum(values) / values.sum()
+    r = int(np.searchsorted(-rest, -((_SHARE * tolerance) ** 2)) + 1)
+    r = max(1, min(r, MOST_MODES, len(values)))
+    m = min(r + MORE_MODES, len(values))
+    modes = np.asfortranarray(modes[:, :m])
+    return Basis(modes, (modes.T @ mass).T, r, float(np.sqrt(max(rest[r - 1], 0.0))))
+
+
+def _with_all_cells(
+    scene: Scene, setting: Setting, snapshots: Snapshots, basis: Basis
+) -> tuple[Model, Model]:
+    """Models of `r` and of all modes with all cells."""
+    m, r = basis.modes.shape[1], basis.r
+    model, rows, total = projection.project(
+        scene, setting.parts, setting.laws, basis.modes, setting.columns, setting.variants
+    )
+    given = setting.conditions(snapshots.values, snapshots.share).given
+    states = np.hstack([basis.amplitudes, given])
+    some = states[:: max(1, len(states) // 60)]
+    slopes = projection.volume_slopes(setting.parts, setting.variants)
+    directions = projection.volume_directions(
+        model.cells, rows, total, slopes, some.T, m + MORE_VOLUME
+    )
+    finer = projection.with_volume(model, rows, total, directions)
+    s = finer.cells.h.shape[2]
+    few = np.concatenate([np.arange(r), np.arange(m, s)])
+    one = np.concatenate([[0], few + 1])
+    kept = directions.first(r + MORE_VOLUME)
+    coarse = finer._replace(
+        r=r,
+        cells=finer.cells.modes(few),
+        constant=np.asfortranarray(finer.constant[np.ix_(few, few)]),
+        constant_slope=np.asfortranarray(finer.constant_slope[np.ix_(few, few)]),
+        volume=np.asfortranarray(finer.volume[np.ix_(one, one, one)][..., kept]),
+        volume_slope=finer.volume_slope[kept],
+    )
+    return coarse, finer
+
+
+def _training(setting: Setting, snapshots: Snapshots, basis: Basis) -> tuple[Snapshots, F64Array]:
+    """Snapshots that are states of the range with their amplitudes, and rest where it is one."""
+    fixed = np.abs(setting.columns.value[:, :, 0]).max(initial=0.0) > 0 or (
+        np.abs(setting.columns.force[:, 0]).max() > 0
+    )
+    active = {t for p in setting.parameters if p.kind == "activation" for t in p.tissues}
+    fixed = fixed or any(a > 0 for t, a in enumerate(setting.laws.activation) if t not in active)
+    if fixed:
+        own = np.flatnonzero(snapshots.share >= 1.0)
+        return Snapshots(*(a[own] for a in snapshots)), basis.amplitudes[own]
+    rest = np.array([[0.0 if p.grows else p.low for p in setting.parameters]])
+    empty = Snapshots(
+        rest, np.ones(1), np.zeros((1, snapshots.x.shape[1])), 0.0 * snapshots.probes[:1]
+    )
+    values = np.vstack([snapshots.values, rest])
+    # states of different rays meet at rest
+    _, own = np.unique(np.round(values, 12), axis=0, return_index=True)
+    joined = [np.concatenate(pair)[own] for pair in zip(snapshots, empty, strict=True)]
+    amplitudes = np.vstack([basis.amplitudes, np.zeros((1, basis.amplitudes.shape[1]))])
+    return Snapshots(*joined), amplitudes[own]
