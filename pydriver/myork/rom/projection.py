@@ -160,7 +160,7 @@ def tissue_laws(deck: Mapping[str, Any], moduli: Sequence[float] = ()) -> Laws:
     )
 
 
-def all_cells(parts: GalerkinParts, laws: Laws, h: F64Array) -> Cells:
+def _all_cells(parts: GalerkinParts, laws: Laws, h: F64Array) -> Cells:
     """All integration points as cells."""
     points = len(parts.weight)
     owner = np.repeat(np.arange(points), np.diff(parts.first))
@@ -205,12 +205,12 @@ def project(
     s = r + columns.force.shape[1]
     h = np.concatenate([modal_gradients(scene, modes), columns.given], axis=2)
     constant = _constant(scene, parts, modes, columns)
-    cells = all_cells(parts, laws, h)
+    cells = _all_cells(parts, laws, h)
     slope = np.zeros((s, s, max(1, len(variants))), order="F")
     if variants:
         for i, v in enumerate(variants):
             slope[..., i] = (_constant(v.scene, v.parts, modes, v.columns) - constant) / v.step
-        others = [all_cells(v.parts, v.laws, h) for v in variants]
+        others = [_all_cells(v.parts, v.laws, h) for v in variants]
         pairs = list(zip(variants, others, strict=True))
         cells = cells._replace(
             a_slope=np.stack([(o.a - cells.a) / v.step for v, o in pairs], axis=2),
@@ -283,16 +283,12 @@ def volume_directions(
     size = np.abs(slopes).max(axis=0)
     rounded = np.round(slopes / np.where(size > 0.0, size, 1.0), 9)
     block_of = np.unique(rounded, axis=0, return_inverse=True)[1].ravel()
-    found = None
+    found = _changes(cells, rows, total, states)
     columns, factors, blocks = [], [], []
     for block in range(block_of.max() + 1):
         own = np.flatnonzero(block_of == block)
-        if kept < len(own):
-            if found is None:
-                found = _changes(cells, rows, total, states)
-            left = np.linalg.svd(found[own], full_matrices=False)[0][:, :kept]
-        else:
-            left = np.eye(len(own))
+        # in the order of their size, also where all are kept: smaller models take the first ones
+        left = np.linalg.svd(found[own], full_matrices=False)[0][:, :kept]
         wide = np.zeros((rows.shape[0], _eights(left.shape[1])))
         wide[own, : left.shape[1]] = left
         columns.append(wide)
