@@ -191,7 +191,7 @@ subroutine galerkin_loads(handle, nd, n, np, ms, value, push, given, force, stat
    force = matmul(full%force, factor)
    do a = 1, size(factor)
       value = value + factor(a)*full%surface%value(a, :, :)
-      push = push + factor(a)*full%surface%traction(a, :, :)*spread(full%surface%area, 1, nd)
+      push = push + factor(a)*full%surface%traction(a, :, :)*spread(full%surface%bearing, 1, nd)
       do q = 1, np
          h = 0
          h(:nd, :nd) = factor(a)*full%gradient%given(:, :, q, a)

@@ -3,9 +3,11 @@ module rk_explain
    use rk_clock, only : tick
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type
+   use rk_error, only : error_type
    use rk_estimate, only : estimate_cost, estimate_type
    use rk_lapack, only : syrk
    use rk_memory, only : available_bytes
+   use rk_named_sets, only : extent_of
    use rk_precision, only : i8, wp
    use rk_scene, only : condition_type, scene_type
    use rk_text, only : to_text
@@ -52,6 +54,7 @@ subroutine explain(deck, model, scene)
             & //to_text(count(scene%tissue_of == k))//' points'
       end associate
    end do
+   call explain_sets(scene)
    do k = 1, size(scene%condition)
       associate (condition => scene%condition(k))
          print '(a)', '  boundary      '//trim(scene%cloud%set_names(condition%set))//': ' &
@@ -64,6 +67,33 @@ subroutine explain(deck, model, scene)
    print '(a)', '  memory        '//to_text(1.0e-6_wp*cost%bytes, 3)//' MB of ' &
       & //to_text(1.0e-6_wp*available_bytes(), 3)//' MB free'
 end subroutine explain
+
+!> Sets that are parts of the surface, and which of them overlap
+subroutine explain_sets(scene)
+   !> Scene
+   type(scene_type), intent(in) :: scene
+   type(error_type), allocatable :: error
+   character(len=:), allocatable :: text
+   real(wp) :: area, middle(scene%cloud%nd)
+   integer :: k, l, n, shared
+
+   associate (cloud => scene%cloud)
+      n = size(cloud%set_names)
+      do k = cloud%sides() + 1, n
+         call extent_of(cloud, k, area, middle, error)
+         text = trim(cloud%set_names(k))//': '//to_text(count(cloud%within(k, :)))//' of ' &
+            & //to_text(size(cloud%boundary_set))//' boundary points, ' &
+            & //trim(merge('area  ', 'length', cloud%nd == 3))//' ' &
+            & //to_text(area, 4)//', middle at '//to_text(middle)
+         do l = cloud%sides() + 1, n
+            shared = count(cloud%within(k, :) .and. cloud%within(l, :))
+            if (l /= k .and. shared > 0) text = text//'; '//to_text(shared)//' shared with ' &
+               & //trim(cloud%set_names(l))
+         end do
+         print '(a)', '  set           '//text
+      end do
+   end associate
+end subroutine explain_sets
 
 !> Load steps and what grows in them
 subroutine explain_load(scene)

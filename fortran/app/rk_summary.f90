@@ -2,6 +2,7 @@
 module rk_summary
    use, intrinsic :: ieee_arithmetic, only : ieee_is_nan, ieee_quiet_nan, ieee_value
    use rk_bars, only : bars_type
+   use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type
    use rk_discretisation, only : discretisation_type
    use rk_error, only : error_type
@@ -9,6 +10,7 @@ module rk_summary
    use rk_exact, only : exact_value
    use rk_json, only : json_type
    use rk_json_entries, only : json_entry
+   use rk_named_sets, only : extent_of
    use rk_output, only : output_type, step_record
    use rk_precision, only : wp
    use rk_probes, only : quantity_size
@@ -84,6 +86,7 @@ subroutine write_summary(path, deck, problem, output, outcome, verdict, refineme
       call json%end_object()
       call json%put('source_points', problem%shape%ns)
       call json%put('collocation_points', size(problem%scene%cloud%points, 2))
+      if (allocated(scene%cloud%region)) call write_sets(json, scene%cloud)
       call json%put('stencils', maxval(problem%shape%stencil))
       call json%put('dofs', problem%n)
       call json%put('rows', problem%m)
@@ -122,6 +125,30 @@ subroutine write_summary(path, deck, problem, output, outcome, verdict, refineme
    end associate
    call json%save(path, error)
 end subroutine write_summary
+
+!> Sets that are parts of the surface
+subroutine write_sets(json, cloud)
+   !> JSON inside the summary
+   type(json_type), intent(inout) :: json
+   !> Points
+   type(cloud_type), intent(in) :: cloud
+   type(error_type), allocatable :: error
+   real(wp) :: area, middle(cloud%nd)
+   integer :: k
+
+   call json%begin_array('sets')
+   do k = cloud%sides() + 1, size(cloud%set_names)
+      ! an expression without a value was refused before the solve
+      call extent_of(cloud, k, area, middle, error)
+      call json%begin_object()
+      call json%put('name', trim(cloud%set_names(k)))
+      call json%put('boundary_points', count(cloud%within(k, :)))
+      call json%put('area', area)
+      call json%put('middle', middle)
+      call json%end_object()
+   end do
+   call json%end_array()
+end subroutine write_sets
 
 !> Whether a summary is that of a solve that reached full load
 pure logical function is_complete(entries)

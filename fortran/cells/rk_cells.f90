@@ -51,8 +51,14 @@ module rk_cells
       real(wp), allocatable :: outward(:, :)
       !> Area of the body behind each over that of the facet, shape (ms) [-]
       real(wp), allocatable :: part(:)
-      !> Boundary set of each, shape (ms)
+      !> Side of the body that each lies on, shape (ms)
       integer, allocatable :: set(:)
+      !> Boundary entry that each stands for, 0 for none, shape (ms); not allocated where surface
+      !> points are places of their own
+      integer, allocatable :: entry(:)
+      !> Whether each lies in a boundary set, shape (sets, ms); not allocated where it lies in that
+      !> of its side alone
+      logical, allocatable :: within(:, :)
       !> Values of surface point s lifted into the body reach points
       !> lift_point(lift_first(s)+1 : lift_first(s+1)), shape (ms + 1)
       integer, allocatable :: lift_first(:)
@@ -61,6 +67,27 @@ module rk_cells
       real(wp), allocatable :: lift(:)
       !> Second moments of each nodal cell about its point, shape (nd, nd, np) [length^(nd+2)]
       real(wp), allocatable :: moment(:, :, :)
+   contains
+      !> Whether a surface point lies in a boundary set
+      procedure :: in_set
    end type cells_type
+
+contains
+
+!> Whether a surface point lies in a boundary set
+elemental logical function in_set(self, s, set)
+   !> Points
+   class(cells_type), intent(in) :: self
+   !> Surface point
+   integer, intent(in) :: s
+   !> Set
+   integer, intent(in) :: set
+
+   if (allocated(self%within)) then
+      in_set = self%within(set, s)
+   else
+      in_set = self%set(s) == set
+   end if
+end function in_set
 
 end module rk_cells

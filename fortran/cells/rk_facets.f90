@@ -18,6 +18,8 @@ module rk_facets
       real(wp), allocatable :: part(:)
       integer, allocatable :: side(:, :)
       integer, allocatable :: set(:)
+      !> Boundary entry on the surface of a model, 0 elsewhere
+      integer, allocatable :: entry(:)
    contains
       !> Add a point
       procedure :: add
@@ -26,7 +28,7 @@ module rk_facets
 contains
 
 !> Add a point
-subroutine add(self, x, area, cell, other, set, part)
+subroutine add(self, x, area, cell, other, set, part, entry)
    !> Facets
    class(facets_type), intent(inout) :: self
    !> Place, shape (nd) [length]
@@ -39,16 +41,19 @@ subroutine add(self, x, area, cell, other, set, part)
    integer, intent(in) :: set
    !> Area of the body behind the facet over its own, all if not given [-]
    real(wp), intent(in), optional :: part
+   !> Boundary entry on the surface of a model
+   integer, intent(in), optional :: entry
    integer :: room
 
    if (.not. allocated(self%x)) allocate (self%x(size(x), 64), self%area(size(x), 64), &
-      & self%side(2, 64), self%set(64), self%part(64))
+      & self%side(2, 64), self%set(64), self%part(64), self%entry(64))
    if (self%n == size(self%set)) then
       room = 2*self%n
       call grow(self%x, room)
       call grow(self%area, room)
       self%side = reshape(self%side, [2, room], pad=[0])
       self%set = reshape(self%set, [room], pad=[0])
+      self%entry = reshape(self%entry, [room], pad=[0])
       self%part = reshape(self%part, [room], pad=[0.0_wp])
    end if
    self%n = self%n + 1
@@ -56,6 +61,8 @@ subroutine add(self, x, area, cell, other, set, part)
    self%area(:, self%n) = area
    self%side(:, self%n) = [cell, other]
    self%set(self%n) = set
+   self%entry(self%n) = 0
+   if (present(entry)) self%entry(self%n) = entry
    self%part(self%n) = 1.0_wp
    if (present(part)) self%part(self%n) = part
 end subroutine add
@@ -172,6 +179,8 @@ subroutine close_cells(self, cells, facets, group, filled)
    allocate (self%lift_first(ms + 1), self%lift_point(ms), self%lift(ms))
    i = 0
    ms = 0
+   if (any(facets%entry(:facets%n) > 0)) self%entry = pack(facets%entry(:facets%n), &
+      & facets%side(2, :facets%n) == 0)
    self%lift_first(1) = 0
    do k = 1, facets%n
       if (facets%side(2, k) > 0) then

@@ -5,12 +5,16 @@
 !> pressure that varies along its width: in groups of three cells volume goes from cell to cell
 !> almost for nothing (a rubber cube of 5^3 cells between plates, 30 % shorter: J from 0.08 to 4.0).
 !> In the plane such groups do no harm.
+!>
+!> Faces that the border of a named set cuts have finer points, which lie on one side of it each.
 module rk_gauss_cells
    use rk_cells, only : cells_type
    use rk_cloud, only : cloud_type
    use rk_error, only : error_type, fatal_error, err_input
    use rk_gauss, only : gauss_rule
    use rk_lattice, only : digits_of, lattice_frame, place_of, set_number
+   use rk_named_sets, only : sets_of
+   use rk_neighbours, only : nearest_points
    use rk_precision, only : wp
    implicit none
    private
@@ -19,6 +23,8 @@ module rk_gauss_cells
 
    !> Cells between source points that make one group, in each direction
    integer, parameter :: group_size = 2
+   !> Parts of a face in each direction where the border of a set cuts it, by space dimension
+   integer, parameter :: parts(3) = [1, 64, 12]
 
 contains
 
@@ -35,10 +41,11 @@ subroutine gauss_cells(self, cloud, count, degree, error)
    !> Error handling: no lattice
    type(error_type), allocatable, intent(out) :: error
    real(wp) :: rule(count), share(count), low(3), step(3), map(3, 3), jacobian
-   real(wp) :: outer(3)
-   integer :: cells(3), groups(3), pairs(3), ones(3), at(3), cell(3), sub(3), from(3), to(3), g(3)
+   real(wp) :: outer(3), fine_rule(count*parts(cloud%nd)), fine_share(count*parts(cloud%nd))
+   integer :: cells(3), groups(3), pairs(3), ones(3), at(3), cell(3), from(3), to(3), g(3)
    integer :: points(3)
    integer, allocatable :: number(:)
+   logical, allocatable :: cut(:, :)
    integer :: nd, np, ng, i, j, d, k, side, faces, ms, mf, nl, own
 
    if (.not. allocated(cloud%lattice)) then
@@ -63,6 +70,10 @@ subroutine gauss_cells(self, cloud, count, degree, error)
       faces = faces + 2*product(cells)/cells(d)*count**(nd - 1)
       mf = mf + (product(cells) - product(cells)/cells(d))*count**(nd - 1)
    end do
+   call compose(rule, share, parts(nd), fine_rule, fine_share)
+   call find_cut(error)
+   if (allocated(error)) return
+   faces = faces + cuts()*(size(fine_rule)**(nd - 1) - count**(nd - 1))
    ! arcs do not close around a cell to rounding: polar cells keep their plain gradients
    self%closed = .not. cloud%polar
    if (cloud%polar) mf = 0
@@ -104,14 +115,15 @@ subroutine gauss_cells(self, cloud, count, degree, error)
          end do
          do d = 1, nd
             do side = 0, 1
-               do k = 1, count**(nd - 1)
-                  sub = digits_of(k - 1, [count, merge(count, 1, nd == 3), 1])
-                  if (cell(d) == side*(cells(d) - 1)) then
-                     call add_surface(cell, d, side, sub)
-                  else if (side == 1 .and. .not. cloud%polar) then
-                     call add_facet(cell, d, sub)
+               if (cell(d) == side*(cells(d) - 1)) then
+                  if (cut(2*d - 1 + side, place_of(cell, cells))) then
+                     call add_surface(cell, d, side, fine_rule, fine_share)
+                  else
+                     call add_surface(cell, d, side, rule, share)
                   end if
-               end do
+               else if (side == 1 .and. .not. cloud%polar) then
+                  call add_facet(cell, d)
+               end if
             end do
          end do
          np = np + own
@@ -148,21 +160,23 @@ contains
    end subroutine place
 
    !> A Gauss point of a face of a cell
-   subroutine face_point(index, axis, end, sub, xi, area)
-      integer, intent(in) :: index(3), axis, end, sub(3)
+   subroutine face_point(index, axis, end, k, nodes, shares, xi, area)
+      integer, intent(in) :: index(3), axis, end, k
+      real(wp), intent(in) :: nodes(:), shares(:)
       real(wp), intent(out) :: xi(:), area(:)
       real(wp) :: length
-      integer :: e, n
+      integer :: e, n, sub(3)
 
       n = 0
       length = 1.0_wp
+      sub = digits_of(k - 1, [size(nodes), merge(size(nodes), 1, nd == 3), 1])
       do e = 1, nd
          if (e == axis) then
             xi(e) = 2.0_wp*end - 1.0_wp
          else
             n = n + 1
-            xi(e) = rule(sub(n) + 1)
-            length = length*share(sub(n) + 1)
+            xi(e) = nodes(sub(n) + 1)
+            length = length*shares(sub(n) + 1)
          end if
       end do
       call place(index, xi)
@@ -170,39 +184,96 @@ contains
       area = xi(axis)*length*jacobian*map(:nd, axis)/sum(map(:, axis)**2)
    end subroutine face_point
 
-   !> A Gauss point of a face between two cells, at the upper end of the first
-   subroutine add_facet(index, axis, sub)
-      integer, intent(in) :: index(3), axis, sub(3)
+   !> Gauss points of a face between two cells, at the upper end of the first
+   subroutine add_facet(index, axis)
+      integer, intent(in) :: index(3), axis
       real(wp) :: xi(nd)
-      integer :: next(3)
+      integer :: k, next(3)
 
-      mf = mf + 1
-      call face_point(index, axis, 1, sub, xi, self%area(:, mf))
-      self%facet(:, mf) = outer(:nd)
       next = index
       next(axis) = index(axis) + 1
-      self%side(:, mf) = [number(place_of(index, cells)), number(place_of(next, cells))]
+      do k = 1, count**(nd - 1)
+         mf = mf + 1
+         call face_point(index, axis, 1, k, rule, share, xi, self%area(:, mf))
+         self%facet(:, mf) = outer(:nd)
+         self%side(:, mf) = [number(place_of(index, cells)), number(place_of(next, cells))]
+      end do
    end subroutine add_facet
 
-   !> A Gauss point of a face on the surface
-   subroutine add_surface(index, axis, end, sub)
-      integer, intent(in) :: index(3), axis, end, sub(3)
+   !> Points of a face on the surface
+   subroutine add_surface(index, axis, end, nodes, shares)
+      integer, intent(in) :: index(3), axis, end
+      real(wp), intent(in) :: nodes(:), shares(:)
       real(wp) :: xi(nd), eta(nd)
-      integer :: digit(3), q
+      integer :: digit(3), k, q
 
-      ms = ms + 1
-      call face_point(index, axis, end, sub, xi, self%outward(:, ms))
-      self%surface(:, ms) = outer(:nd)
-      self%set(ms) = set_number(cloud%polar, axis, end)
-      do q = 1, own
-         digit = digits_of(q - 1, points)
-         eta = rule(digit(:nd) + 1)
-         nl = nl + 1
-         self%lift_point(nl) = np + q
-         self%lift(nl) = product(kernel(eta, xi)*share(digit(:nd) + 1))/self%weight(np + q)
+      do k = 1, size(nodes)**(nd - 1)
+         ms = ms + 1
+         call face_point(index, axis, end, k, nodes, shares, xi, self%outward(:, ms))
+         self%surface(:, ms) = outer(:nd)
+         self%set(ms) = set_number(cloud%polar, axis, end)
+         do q = 1, own
+            digit = digits_of(q - 1, points)
+            eta = rule(digit(:nd) + 1)
+            nl = nl + 1
+            self%lift_point(nl) = np + q
+            self%lift(nl) = product(kernel(eta, xi)*share(digit(:nd) + 1))/self%weight(np + q)
+         end do
+         self%lift_first(ms + 1) = nl
       end do
-      self%lift_first(ms + 1) = nl
    end subroutine add_surface
+
+   !> Faces on the surface whose finer points do not all lie in the same sets
+   subroutine find_cut(error)
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), allocatable :: at(:, :), area(:, :)
+      integer, allocatable :: face(:), side_of(:)
+      logical, allocatable :: within(:, :)
+      real(wp) :: xi(nd)
+      integer :: c, e, end, index(3), k, n, each
+
+      allocate (cut(2*nd, product(cells)), source=.false.)
+      if (.not. allocated(cloud%region)) return
+      each = size(fine_rule)**(nd - 1)
+      n = faces/count**(nd - 1)*each
+      allocate (at(nd, n), area(nd, n), face(n), side_of(n))
+      n = 0
+      do c = 1, product(cells)
+         index = digits_of(c - 1, cells)
+         do e = 1, nd
+            do end = 0, 1
+               if (index(e) /= end*(cells(e) - 1)) cycle
+               do k = 1, each
+                  n = n + 1
+                  call face_point(index, e, end, k, fine_rule, fine_share, xi, area(:, n))
+                  at(:, n) = outer(:nd)
+                  side_of(n) = set_number(cloud%polar, e, end)
+                  face(n) = 2*e - 1 + end + 2*nd*(c - 1)
+               end do
+            end do
+         end do
+      end do
+      call sets_of(cloud, at, area, side_of, nearest_points(cloud%points, at), within, error)
+      if (allocated(error)) return
+      do k = 1, n, each
+         associate (here => within(:, k:k + each - 1))
+            cut(1 + mod(face(k) - 1, 2*nd), 1 + (face(k) - 1)/(2*nd)) &
+               & = any(any(here, dim=2) .and. .not. all(here, dim=2))
+         end associate
+      end do
+   end subroutine find_cut
+
+   !> Faces that are cut
+   integer function cuts()
+      integer :: c, e
+
+      cuts = 0
+      do c = 1, size(cut, 2)
+         do e = 1, size(cut, 1)
+            if (cut(e, c)) cuts = cuts + 1
+         end do
+      end do
+   end function cuts
 
    !> Reproducing kernel of Legendre polynomials up to the degree, in each direction
    elemental real(wp) function kernel(x, y)
@@ -213,6 +284,23 @@ contains
    end function kernel
 
 end subroutine gauss_cells
+
+!> A rule on equal parts of the line from -1 to 1
+pure subroutine compose(rule, share, parts, fine_rule, fine_share)
+   !> Points and weights, shape (n)
+   real(wp), intent(in) :: rule(:), share(:)
+   !> Parts
+   integer, intent(in) :: parts
+   !> Points and weights on them, shape (n*parts)
+   real(wp), intent(out) :: fine_rule(:), fine_share(:)
+   integer :: k, n
+
+   n = size(rule)
+   do k = 1, parts
+      fine_rule(n*(k - 1) + 1:n*k) = (rule + 2*k - 1)/parts - 1.0_wp
+      fine_share(n*(k - 1) + 1:n*k) = share/parts
+   end do
+end subroutine compose
 
 !> Groups of cells in one direction, which lie symmetrically where they can
 elemental subroutine arrange(cells, in_space, pairs, ones, groups)

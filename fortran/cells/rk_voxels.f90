@@ -36,7 +36,7 @@ subroutine voxel_facets(facets, cloud, group, filled, error)
    real(wp) :: area(3), x(3), part
    real(wp), allocatable :: centre(:, :), share(:)
    integer, allocatable :: owner(:), at(:, :), voxel(:, :, :)
-   integer :: n(3), cells, ip, other, d, side, next(3), set
+   integer :: n(3), cells, ip, other, d, side, next(3), entry
 
    if (.not. allocated(cloud%voxels%index)) then
       call fatal_error(error, err_input, 'nodal cells need a model of voxels, or a box, ' &
@@ -86,11 +86,11 @@ subroutine voxel_facets(facets, cloud, group, filled, error)
             x = centre(:, ip)
             x(d) = x(d) + 0.5_wp*side*cloud%voxels%size(d)
             if (other == 0) then
-               set = face_set(cloud, ip, area)
+               entry = face_entry(cloud, ip, area)
                ! a slice at an end is cut through as much of the body as it holds
                part = 1.0_wp
                if (d == 3 .and. (next(3) == 0 .or. next(3) > n(3))) part = share(ip)
-               call facets%add(x, area, owner(ip), 0, set, part)
+               call facets%add(x, area, owner(ip), 0, side_of(cloud, entry), part, entry)
             else if (side == 1 .and. owner(other) /= owner(ip)) then
                call facets%add(x, area, owner(ip), owner(other), 0)
             end if
@@ -207,8 +207,8 @@ pure function mean_of(values, owner, cells) result(mean)
    mean = mean/number
 end function mean_of
 
-!> Boundary set of a voxel's face: that of the entry whose normal is nearest to the face's
-pure integer function face_set(cloud, ip, area)
+!> Boundary entry of a voxel's face: the one whose normal is nearest to the face's, 0 without one
+pure integer function face_entry(cloud, ip, area)
    !> Cloud
    type(cloud_type), intent(in) :: cloud
    !> Voxel
@@ -219,13 +219,24 @@ pure integer function face_set(cloud, ip, area)
    integer :: e
 
    most = -huge(1.0_wp)
-   face_set = 0
+   face_entry = 0
    do e = 1, size(cloud%boundary_point)
       if (cloud%boundary_point(e) /= ip) cycle
       if (dot_product(cloud%normal(:, e), area) <= most) cycle
       most = dot_product(cloud%normal(:, e), area)
-      face_set = cloud%boundary_set(e)
+      face_entry = e
    end do
-end function face_set
+end function face_entry
+
+!> Side of the body of a boundary entry, 0 without one
+pure integer function side_of(cloud, entry)
+   !> Cloud
+   type(cloud_type), intent(in) :: cloud
+   !> Boundary entry
+   integer, intent(in) :: entry
+
+   side_of = 0
+   if (entry > 0) side_of = cloud%boundary_set(entry)
+end function side_of
 
 end module rk_voxels

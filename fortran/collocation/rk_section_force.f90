@@ -80,7 +80,7 @@ function torque_on_set(problem, set, state, about) result(torque)
    usable = [usable(2) .and. usable(3), usable(1) .and. usable(3), usable(1) .and. usable(2)]
    associate (cloud => problem%scene%cloud)
       do e = 1, size(cloud%boundary_point)
-         if (cloud%boundary_set(e) /= set .or. all(usable)) cycle
+         if (.not. cloud%in_set(e, set) .or. all(usable)) cycle
          call problem%at_point(state, cloud%boundary_point(e), local)
          pull(:nd) = matmul(local%p(:nd, :nd), cloud%normal(:, e))*cloud%area(e)
          torque = torque + vector_product(local%x + local%u - about, pull)
@@ -152,12 +152,13 @@ subroutine find_reach(problem, set, normal, origin, reach, usable)
    reach = 0.0_wp
    associate (cloud => problem%scene%cloud)
       first = findloc(cloud%boundary_set, set, dim=1)
+      ! a part of a side says nothing of the sections below it
       if (first == 0) return
       normal = cloud%normal(:, first)
       origin = cloud%points(:, cloud%boundary_point(first))
       deepest = maxval(-matmul(normal, cloud%points - spread(origin, 2, size(cloud%points, 2))))
       do e = 1, size(cloud%boundary_point)
-         if (cloud%boundary_set(e) /= set) cycle
+         if (.not. cloud%in_set(e, set)) cycle
          if (dot_product(cloud%normal(:, e), normal) < 1.0_wp - 1.0e-9_wp) return
          if (abs(dot_product(normal, cloud%points(:, cloud%boundary_point(e)) - origin)) &
             & > 1.0e-6_wp*deepest) return
@@ -198,7 +199,7 @@ function traction_integral(problem, set, state) result(force)
    force = 0.0_wp
    associate (cloud => problem%scene%cloud)
       do e = 1, size(cloud%boundary_point)
-         if (cloud%boundary_set(e) /= set) cycle
+         if (.not. cloud%in_set(e, set)) cycle
          ip = cloud%boundary_point(e)
          call problem%at_point(state, ip, local)
          force(:nd) = force(:nd) + matmul(local%p(:nd, :nd), cloud%normal(:, e))*cloud%area(e)

@@ -27,7 +27,7 @@ real(wp) function own_work_mismatch(problem, state) result(mismatch)
    type(field_state), intent(in) :: state
    type(point_state) :: local
    real(wp) :: inside, outside, total, density, force(3)
-   integer :: a, c, ip, nd, set
+   integer :: a, c, ip, nd, side
 
    nd = problem%scene%cloud%nd
    inside = 0.0_wp
@@ -43,11 +43,8 @@ real(wp) function own_work_mismatch(problem, state) result(mismatch)
          inside = inside + density
          total = total + abs(density)
       end do
-      do set = 1, size(cloud%set_names)
-         if (.not. any(condition%set == set)) cycle
-         outside = outside + surface_work(problem, set, state, &
-            & any([(condition(c)%moves_unevenly() .and. condition(c)%set == set, &
-            & c=1, size(condition))]))
+      do side = 1, cloud%sides()
+         outside = outside + surface_work(problem, side, state)
       end do
       do c = 1, size(condition)
          if (condition(c)%moves_unevenly()) cycle
@@ -63,35 +60,36 @@ real(wp) function own_work_mismatch(problem, state) result(mismatch)
 end function own_work_mismatch
 
 !> Work of prescribed tractions, or of the stress where a wall moves by other amounts at each point
-real(wp) function surface_work(problem, set, state, by_stress) result(work)
+real(wp) function surface_work(problem, side, state) result(work)
    !> Full problem
    class(discretisation_type), intent(in) :: problem
-   !> Boundary set
-   integer, intent(in) :: set
+   !> Side of the body
+   integer, intent(in) :: side
    !> State
    type(field_state), intent(in) :: state
-   !> The wall moves by amounts of its own at each point
-   logical, intent(in) :: by_stress
    type(error_type), allocatable :: error
    type(point_state) :: local
    real(wp), dimension(size(state%factor), 3) :: traction, value
    real(wp) :: pull(3)
-   logical :: fixed(3)
-   integer :: e, i, ip, nd
+   logical :: fixed(3), here(size(problem%scene%condition))
+   integer :: c, e, i, ip, nd
 
    nd = problem%scene%cloud%nd
    work = 0.0_wp
    associate (cloud => problem%scene%cloud)
       do e = 1, size(cloud%boundary_point)
-         if (cloud%boundary_set(e) /= set) cycle
+         if (cloud%boundary_set(e) /= side) cycle
+         here = cloud%in_set(e, problem%scene%condition%set)
+         if (.not. any(here)) cycle
          ip = cloud%boundary_point(e)
-         call conditions_at(cloud, problem%scene%condition, set, cloud%points(:, ip), fixed, &
+         call conditions_at(cloud, problem%scene%condition, here, cloud%points(:, ip), fixed, &
             & value, traction, error)
          if (allocated(error)) return
          call problem%at_point(state, ip, local)
          pull = [(merge(0.0_wp, combined(traction(:, i), state%factor), fixed(i)), i=1, 3)]
-         if (by_stress) pull(:nd) = pull(:nd) + merge(matmul(local%p(:nd, :nd), &
-            & cloud%normal(:, e)), 0.0_wp, fixed(:nd))
+         if (any([(here(c) .and. problem%scene%condition(c)%moves_unevenly(), c=1, size(here))])) &
+            & pull(:nd) = pull(:nd) + merge(matmul(local%p(:nd, :nd), cloud%normal(:, e)), 0.0_wp, &
+            & fixed(:nd))
          work = work + dot_product(pull(:nd), local%u(:nd))*cloud%area(e)
       end do
    end associate

@@ -108,6 +108,14 @@ static void check_boundary(Deck &deck, const std::string &kind, int dimension) {
    }
 }
 
+static void check_sets(Deck &deck) {
+   for (Section *section : deck.entries("set")) {
+      const Value *angle = section->find("angle");
+      if (angle && !section->find("normal") && !section->refused.count("normal"))
+         deck.complain(angle->origin, deck.address(*section, "angle"), "needs normal beside it");
+   }
+}
+
 // An amplitude starts at rest and has a value for each of its times
 static void check_amplitudes(Deck &deck) {
    for (Section *amplitude : deck.entries("amplitude")) {
@@ -228,6 +236,7 @@ void check_rules(Deck &deck) {
    const Section *geometry = deck.single("geometry");
    const std::string kind = geometry ? geometry->text("kind") : "";
    check_materials(deck);
+   check_sets(deck);
    check_boundary(deck, kind, dimension);
    check_amplitudes(deck);
    check_probes(deck, dimension);

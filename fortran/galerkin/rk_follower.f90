@@ -104,7 +104,7 @@ pure logical function has_free_rim(scene)
    type(scene_type), intent(in) :: scene
    ! cosine of an angle that is none [-]
    real(wp), parameter :: along = 1.0_wp - 1.0e-6_wp
-   logical :: mine(size(scene%cloud%points, 2)), fixed(3)
+   logical :: mine(size(scene%cloud%points, 2)), inside(scene%cloud%sides()), fixed(3)
    integer :: c, d, e
 
    has_free_rim = .false.
@@ -113,16 +113,18 @@ pure logical function has_free_rim(scene)
          if (.not. abs(scene%condition(c)%pressure) > 0.0_wp) cycle
          mine = .false.
          do e = 1, size(cloud%boundary_set)
-            if (cloud%boundary_set(e) == scene%condition(c)%set) mine(cloud%boundary_point(e)) &
-               & = .true.
+            if (cloud%in_set(e, scene%condition(c)%set)) mine(cloud%boundary_point(e)) = .true.
          end do
+         ! the rim of a part of a side lies inside it
+         inside = [(cloud%meets_side(scene%condition(c)%set, d), d=1, cloud%sides())]
          do e = 1, size(cloud%boundary_set)
-            if (cloud%boundary_set(e) == scene%condition(c)%set) cycle
+            if (cloud%in_set(e, scene%condition(c)%set)) cycle
             ! sets of a model need not share points where they meet
-            if (allocated(cloud%lattice) .and. .not. mine(cloud%boundary_point(e))) cycle
+            if (allocated(cloud%lattice) .and. .not. (mine(cloud%boundary_point(e)) &
+               & .or. inside(cloud%boundary_set(e)))) cycle
             fixed = held(scene%condition(c))
             do d = 1, size(scene%condition)
-               if (scene%condition(d)%set /= cloud%boundary_set(e)) cycle
+               if (.not. cloud%in_set(e, scene%condition(d)%set)) cycle
                if (same_pressure(scene%condition(c), scene%condition(d))) exit
                fixed = fixed .or. held(scene%condition(d))
             end do

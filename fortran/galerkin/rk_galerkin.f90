@@ -27,6 +27,7 @@ module rk_galerkin
    use rk_split_cells, only : split_cells
    use rk_stabilisation, only : share_bulk, stabilise
    use rk_states, only : field_state
+   use rk_surface_sets, only : find_surface_sets
    use rk_tangent, only : add_forces, new_tangent, tangent_type
    use rk_tensor, only : cross, cross_form, identity
    use rk_text, only : to_text
@@ -93,6 +94,7 @@ subroutine new_galerkin(self, scene, error)
    else
       call nodal_cells(self%cells, scene%cloud, error)
    end if
+   if (.not. allocated(error)) call find_surface_sets(self%cells, scene%cloud, error)
    if (allocated(error)) return
    np = size(self%cells%weight)
    self%extent = sqrt(real(nd*ns, wp))*maxval(maxval(scene%cloud%source, dim=2) &
@@ -152,7 +154,7 @@ subroutine set_constants(self, shear)
       & self%cells, self%inside, self%scene%galerkin%stabilisation*shear)
    allocate (self%force(self%n, self%scene%programme%count()), source=0.0_wp)
    call self%surface%add_forces(self%force)
-   call self%surface%plates%add_tendons(self%scene, self%cells%set, self%surface%penalty, &
+   call self%surface%plates%add_tendons(self%scene, self%cells, self%surface%penalty, &
       & self%matrix%symmetric_matrix, self%constant, self%force)
    if (allocated(self%matrix%skew)) deallocate (self%matrix%skew)
    ! minimal residuals need a symmetric matrix

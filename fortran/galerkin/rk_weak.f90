@@ -2,7 +2,7 @@
 !> pressures, and states with the answers to questions about them.
 module rk_weak
    use rk_cells, only : cells_type
-   use rk_discretisation, only : discretisation_type, deformation
+   use rk_discretisation, only : discretisation_type, deformation, entry_displacement
    use rk_gradient, only : gradient_type
    use rk_multiplier, only : multiplier_type
    use rk_precision, only : wp
@@ -48,6 +48,8 @@ module rk_weak
       procedure :: set_force
       !> Moment of the forces on a boundary set
       procedure :: set_torque
+      !> Displacement of the middle of a boundary set
+      procedure :: set_displacement
    end type weak_problem
 
 contains
@@ -287,5 +289,33 @@ function set_torque(self, set, state, about) result(torque)
 
    torque = self%surface%torque(self%cells, set, state, about)
 end function set_torque
+
+!> Displacement of the middle of a set: of a part of the surface that of its integration points, of
+!> which there are more than boundary entries
+function set_displacement(self, set, state) result(value)
+   !> Problem
+   class(weak_problem), intent(in) :: self
+   !> Boundary set
+   integer, intent(in) :: set
+   !> State
+   type(field_state), intent(in) :: state
+   real(wp) :: value(3)
+   real(wp) :: u(self%fields, self%surface%shape%nq), total
+   integer :: s
+
+   if (set <= self%scene%cloud%sides()) then
+      value = entry_displacement(self, set, state)
+      return
+   end if
+   value = 0.0_wp
+   total = 0.0_wp
+   do s = 1, size(self%cells%set)
+      if (.not. self%cells%in_set(s, set)) cycle
+      call self%surface%shape%interpolate(s, state%x, 1, 1, u)
+      value(:self%fields) = value(:self%fields) + self%surface%bearing(s)*u(:, 1)
+      total = total + self%surface%bearing(s)
+   end do
+   value = value/total
+end function set_displacement
 
 end module rk_weak

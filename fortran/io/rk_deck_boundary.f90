@@ -7,6 +7,7 @@ module rk_deck_boundary
    use rk_deck_programme, only : find_amplitude, read_motion
    use rk_error, only : error_type
    use rk_lattice, only : outside_lattice, set_number
+   use rk_named_sets, only : extent_of
    use rk_precision, only : wp
    use rk_scene, only : scene_type
    use rk_text, only : to_text
@@ -83,7 +84,9 @@ subroutine read_probes(scene, deck, error)
    !> Error handling, one line more for each unknown set and each point outside
    type(error_type), allocatable, intent(inout) :: error
    character(len=:), allocatable :: at, name
+   type(error_type), allocatable :: fault
    real(wp), allocatable :: point(:), normal(:)
+   real(wp) :: area
    integer :: k
 
    allocate (scene%probe(deck%count('probe')), scene%exact(deck%count('exact')), &
@@ -103,7 +106,10 @@ subroutine read_probes(scene, deck, error)
          if (deck%has(at//'.set')) then
             call deck%get(at//'.set', name)
             call find_named_set(scene%cloud, deck, at//'.set', name, probe%set, error)
-            if (probe%set > 0) probe%about(:scene%cloud%nd) = scene%cloud%set_centroid(probe%set)
+            if (probe%set > 0) then
+               call extent_of(scene%cloud, probe%set, area, probe%about(:scene%cloud%nd), fault)
+               if (allocated(fault)) call move_alloc(fault, error)
+            end if
             if (deck%has(at//'.about')) then
                call deck%get(at//'.about', point)
                probe%about(:size(point)) = point

@@ -9,6 +9,7 @@ module rk_deck_scene
    use rk_deck_linear, only : read_linear
    use rk_deck_materials, only : read_materials
    use rk_deck_programme, only : find_amplitude, read_programme
+   use rk_deck_sets, only : read_sets
    use rk_error, only : error_type, fatal_error, err_input, err_memory
    use rk_estimate, only : estimate_cost, estimate_type
    use rk_kernel, only : find_kernel, find_window
@@ -59,6 +60,8 @@ subroutine new_scene(scene, deck, model, error)
    call read_solver(scene, deck)
    if (is_linear) then
       call read_weights(scene, deck)
+      call read_sets(scene, deck, error)
+      if (allocated(error)) return
       call read_linear(scene, deck, error)
       call read_probes(scene, deck, error)
       return
@@ -75,6 +78,8 @@ subroutine new_scene(scene, deck, model, error)
    call read_weights(scene, deck)
    if (scene%method == 'rkcm-mixed' .and. .not. allocated(scene%cloud%volume_points)) &
       & call volume_patches(scene%cloud)
+   call read_sets(scene, deck, error)
+   if (allocated(error)) return
    call read_conditions(scene, deck, error)
    call read_probes(scene, deck, error)
 end subroutine new_scene

@@ -23,6 +23,7 @@ module rk_weak_linear
    use rk_shape, only : shape_type
    use rk_solutions, only : exact_field, source_at
    use rk_states, only : field_state, point_state
+   use rk_surface_sets, only : find_surface_sets
    use rk_symmetric, only : new_symmetric, symmetric_matrix
    use rk_basis, only : second_index
    use rk_tensor, only : identity
@@ -91,6 +92,7 @@ subroutine new_weak_linear(self, scene, error)
    if (allocated(error)) return
    call gauss_cells(self%cells, scene%cloud, scene%galerkin%gauss, &
       & min(scene%approximation%order - 1, 1), error)
+   if (.not. allocated(error)) call find_surface_sets(self%cells, scene%cloud, error)
    if (.not. allocated(error)) call scene%shape_at(self%cells%point, self%inside, error)
    if (.not. allocated(error)) call scene%shape_at(self%cells%surface, self%surface%shape, error)
    if (.not. allocated(error)) call scene%shape_at(self%cells%facet, facet, error)
@@ -171,8 +173,9 @@ subroutine surface_at(self, time, essential, value, traction, error)
    associate (equation => self%scene%equation)
       do s = 1, size(self%cells%set)
          if (equation%is_own()) then
-            call conditions_at(self%scene%cloud, self%scene%condition, self%cells%set(s), &
-               & self%cells%surface(:, s), fixed, g, h, error, time)
+            call conditions_at(self%scene%cloud, self%scene%condition, &
+               & self%cells%in_set(s, self%scene%condition%set), self%cells%surface(:, s), fixed, &
+               & g, h, error, time)
             if (allocated(error)) return
             essential(:, s) = fixed(:self%fields)
             value(:, :, s) = g(:, :self%fields)
@@ -181,7 +184,7 @@ subroutine surface_at(self, time, essential, value, traction, error)
          end if
          call exact_field(equation, self%cells%surface(:, s), u)
          p = plain_stress(self, u)
-         essential(:, s) = any(equation%essential == self%cells%set(s))
+         essential(:, s) = any(self%cells%in_set(s, equation%essential))
          value(1, :, s) = u(:, 1)
          traction(1, :, s) = matmul(p(:self%fields, :), self%cells%outward(:, s)) &
             & /norm2(self%cells%outward(:, s))

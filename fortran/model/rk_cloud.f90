@@ -5,6 +5,7 @@ module rk_cloud
    use rk_kernel, only : window_product
    use rk_neighbours, only : find_neighbours, nearest_points
    use rk_precision, only : i8, wp
+   use rk_region, only : region_type
    use rk_text, only : to_text
    implicit none
    private
@@ -67,8 +68,13 @@ module rk_cloud
       real(wp), allocatable :: normal(:, :)
       !> Area (length in 2-D) that belongs to the entry, shape (nb) [length^(nd-1)]
       real(wp), allocatable :: area(:)
-      !> Names of the sets
+      !> Names of the sets: sides, then regions
       character(len=32), allocatable :: set_names(:)
+      !> Sets that are parts of the surface, those behind the sides; not allocated without any
+      type(region_type), allocatable :: region(:)
+      !> Whether a boundary entry lies in a set, shape (sets, nb); not allocated where each lies in
+      !> that of its side alone
+      logical, allocatable :: within(:, :)
       !> Unit of all lengths, not allocated or blank where the deck's holds
       character(len=:), allocatable :: length_unit
       !> Source points along each direction of a box or (radial, angular) an annulus, shape (nd);
@@ -81,6 +87,10 @@ module rk_cloud
    contains
       !> Number of a set by its name, 0 if unknown
       procedure :: find_set
+      !> Whether a boundary entry lies in a set, number of sides, whether a set has a part of one
+      procedure :: in_set
+      procedure :: sides
+      procedure :: meets_side
       !> Middle of a set by area
       procedure :: set_centroid
       !> Distance of neighbouring source points, mean over points and directions
@@ -118,21 +128,64 @@ pure integer function find_set(self, name)
    end do
 end function find_set
 
+!> Whether a boundary entry lies in a set
+elemental logical function in_set(self, e, set)
+   !> Cloud
+   class(cloud_type), intent(in) :: self
+   !> Boundary entry
+   integer, intent(in) :: e
+   !> Set
+   integer, intent(in) :: set
+
+   if (allocated(self%within)) then
+      in_set = self%within(set, e)
+   else
+      in_set = self%boundary_set(e) == set
+   end if
+end function in_set
+
+!> Number of sides, whose sets come first
+pure integer function sides(self)
+   !> Cloud
+   class(cloud_type), intent(in) :: self
+
+   sides = size(self%set_names)
+   if (allocated(self%region)) sides = sides - size(self%region)
+end function sides
+
+!> Whether a set has boundary entries on a side
+pure logical function meets_side(self, set, side)
+   !> Cloud
+   class(cloud_type), intent(in) :: self
+   !> Set
+   integer, intent(in) :: set
+   !> Side, the set of which is itself
+   integer, intent(in) :: side
+   integer :: e
+
+   meets_side = set == side
+   if (meets_side .or. .not. allocated(self%within)) return
+   meets_side = any([(self%within(set, e), e=1, size(self%boundary_set))] &
+      & .and. self%boundary_set == side)
+end function meets_side
+
 !> Middle of a set by area, shape (nd) [length]
 pure function set_centroid(self, set) result(middle)
    !> Cloud
    class(cloud_type), intent(in) :: self
    !> Set, which has entries
    integer, intent(in) :: set
-   real(wp) :: middle(self%nd)
+   real(wp) :: middle(self%nd), total
    integer :: e
 
    middle = 0.0_wp
+   total = 0.0_wp
    do e = 1, size(self%boundary_set)
-      if (self%boundary_set(e) == set) middle = middle &
-         & + self%area(e)*self%points(:, self%boundary_point(e))
+      if (.not. self%in_set(e, set)) cycle
+      middle = middle + self%area(e)*self%points(:, self%boundary_point(e))
+      total = total + self%area(e)
    end do
-   middle = middle/sum(self%area, mask=self%boundary_set == set)
+   middle = middle/total
 end function set_centroid
 
 !> Distance of neighbouring source points: the edge of a cube as large as the mean cell [length]

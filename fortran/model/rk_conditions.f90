@@ -14,7 +14,7 @@ module rk_conditions
    implicit none
    private
 
-   public :: boundary_type, new_boundary, conditions_at
+   public :: boundary_type, new_boundary, conditions_at, overlaps
 
    !> Boundary points with what holds there
    type :: boundary_type
@@ -76,8 +76,8 @@ subroutine new_boundary(self, cloud, condition, factors, error, time)
    do e = 1, size(cloud%boundary_point)
       b = number(cloud%boundary_point(e))
       associate (x => cloud%points(:, cloud%boundary_point(e)))
-         call conditions_at(cloud, condition, cloud%boundary_set(e), x, fixed(:, e), value, &
-            & traction(:, :, e), error, time)
+         call conditions_at(cloud, condition, cloud%in_set(e, condition%set), x, fixed(:, e), &
+            & value, traction(:, :, e), error, time)
          if (allocated(error)) return
          do i = 1, nd
             if (.not. fixed(i, e)) cycle
@@ -137,14 +137,15 @@ pure integer function contradiction(one, other)
    contradiction = 0
 end function contradiction
 
-!> What the conditions of a set prescribe at one of its places, for strong and for weak forms
-subroutine conditions_at(cloud, condition, set, x, fixed, value, traction, error, time)
+!> What conditions prescribe at a place of their sets, for strong and for weak forms: tractions add,
+!> displacements must agree
+subroutine conditions_at(cloud, condition, here, x, fixed, value, traction, error, time)
    !> Points, whose sets have names
    type(cloud_type), intent(in) :: cloud
    !> Conditions on sets
    type(condition_type), intent(in) :: condition(:)
-   !> Set
-   integer, intent(in) :: set
+   !> Whether the place lies in the set of each, shape (conditions)
+   logical, intent(in) :: here(:)
    !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
    !> Prescribed components
@@ -154,19 +155,20 @@ subroutine conditions_at(cloud, condition, set, x, fixed, value, traction, error
    !> Traction that each makes, which acts where nothing is prescribed, shape (factors, 3)
    !> [force/area]
    real(wp), intent(out) :: traction(:, :)
-   !> Error handling: no direction on the axis, an expression that is not finite
+   !> Error handling: no direction on the axis, an expression that is not finite, sets that overlap
+   !> and prescribe two displacements
    type(error_type), allocatable, intent(out) :: error
    !> Time of expressions in it, 0 without
    real(wp), intent(in), optional :: time
    logical :: own(3)
    real(wp) :: g(size(value, 1), 3), h(3), arm(3), turn(3)
-   integer :: a, c, i
+   integer :: a, c, i, other, owner(3)
 
    fixed = .false.
    value = 0.0_wp
    traction = 0.0_wp
    do c = 1, size(condition)
-      if (condition(c)%set /= set) cycle
+      if (.not. here(c)) cycle
       a = ramp + condition(c)%amplitude
       own = condition(c)%fixed
       g = 0.0_wp
@@ -182,7 +184,8 @@ subroutine conditions_at(cloud, condition, set, x, fixed, value, traction, error
       if (condition(c)%is_radial) then
          own(:2) = .true.
          if (.not. norm2(x(:2)) > 0.0_wp) then
-            call fatal_error(error, err_input, 'boundary set '//trim(cloud%set_names(set)) &
+            call fatal_error(error, err_input, 'boundary set ' &
+               & //trim(cloud%set_names(condition(c)%set)) &
                & //': a radial displacement has no direction at '//to_text(x)//' on the axis')
             return
          end if
@@ -196,12 +199,74 @@ subroutine conditions_at(cloud, condition, set, x, fixed, value, traction, error
          g(condition(c)%sine, :) = turn
          g(condition(c)%sine + 1, :) = vector_product(condition(c)%axis, turn)
       end if
-      fixed = fixed .or. own
       do i = 1, 3
-         if (own(i)) value(:, i) = g(:, i)
+         if (.not. own(i)) cycle
+         if (fixed(i)) then
+            other = owner(i)
+            a = contradiction(value(:, i), g(:, i))
+            if (max(condition(c)%tendon, condition(other)%tendon) > 0.0_wp) then
+               call fatal_error(error, err_input, 'boundary sets ' &
+                  & //trim(cloud%set_names(condition(other)%set))//' and ' &
+                  & //trim(cloud%set_names(condition(c)%set))//' overlap at '//to_text(x) &
+                  & //', where a tendon moves one of them as a plate: keep them apart by `where`')
+               return
+            else if (a > 0) then
+               call fatal_error(error, err_input, 'boundary sets ' &
+                  & //trim(cloud%set_names(condition(other)%set))//' and ' &
+                  & //trim(cloud%set_names(condition(c)%set))//' overlap and prescribe two ' &
+                  & //'displacements, '//to_text(value(a, i))//' and '//to_text(g(a, i)) &
+                  & //', for component '//to_text(i)//' at '//to_text(x)//': give one of them, ' &
+                  & //'or keep them apart by `where`')
+               return
+            end if
+         end if
+         fixed(i) = .true.
+         owner(i) = c
+         value(:, i) = g(:, i)
       end do
+      a = ramp + condition(c)%amplitude
       traction(a, :) = traction(a, :) + h
    end do
 end subroutine conditions_at
+
+!> Sets that overlap and whose conditions meet in a component, a line each with its line feed
+function overlaps(cloud, condition) result(lines)
+   !> Points
+   type(cloud_type), intent(in) :: cloud
+   !> Conditions on sets
+   type(condition_type), intent(in) :: condition(:)
+   character(len=:), allocatable :: lines
+   integer :: b, c, e, shared
+   integer :: entries(size(condition))
+   logical :: inside(size(cloud%boundary_set), size(condition))
+
+   lines = ''
+   do c = 1, size(condition)
+      inside(:, c) = [(cloud%in_set(e, condition(c)%set), e=1, size(inside, 1))]
+      entries(c) = count(inside(:, c))
+      do b = 1, c - 1
+         shared = count(inside(:, b) .and. inside(:, c))
+         if (shared == 0 .or. .not. any(loaded(condition(b)) .and. loaded(condition(c)))) cycle
+         lines = lines//'sets '//trim(cloud%set_names(condition(b)%set))//' and ' &
+            & //trim(cloud%set_names(condition(c)%set))//' share '//to_text(shared) &
+            & //' boundary points (of '//to_text(entries(b))//' and '//to_text(entries(c)) &
+            & //'), where the conditions of both hold: loads add, and a component that one of ' &
+            & //'them prescribes takes none; keep them apart by `where` if that is not meant' &
+            & //new_line('a')
+      end do
+   end do
+end function overlaps
+
+!> Components on which a condition acts
+pure function loaded(condition)
+   !> Condition
+   type(condition_type), intent(in) :: condition
+   logical :: loaded(3)
+   integer :: i
+
+   loaded = condition%fixed .or. condition%is_radial .or. abs(condition%traction) > 0.0_wp &
+      & .or. [(condition%traction_of(i)%given(), i=1, 3)] .or. condition%spring > 0.0_wp &
+      & .or. abs(condition%pressure) > 0.0_wp
+end function loaded
 
 end module rk_conditions

@@ -14,12 +14,11 @@ module rk_force
 
 contains
 
-!> Sum of the forces on all boundary sets with conditions, and the largest of them: the sum is 0 for
-!> a body in equilibrium. Forces that do not balance are the sign of a locked or too coarse
-!> solution. Each is
-!> taken from the nearer half of the body: over the whole length between two fixed sets both would
-!> be the same mean of all sections, however these differ. A body that nothing pulls at, such as a
-!> muscle with a free end, has forces of rounding only.
+!> Sum of the forces on all sides of the body with conditions, and the largest of them: the sum is 0
+!> for a body in equilibrium. Forces that do not balance are the sign of a locked or too coarse
+!> solution. Each is taken from the nearer half of the body: over the whole length between two fixed
+!> sets both would be the same mean of all sections, however these differ. A body that nothing pulls
+!> at, such as a muscle with a free end, has forces of rounding only.
 subroutine set_forces(problem, state, left, largest)
    !> Full problem
    class(discretisation_type), intent(in) :: problem
@@ -29,12 +28,13 @@ subroutine set_forces(problem, state, left, largest)
    real(wp), intent(out) :: left, largest
    type(point_state) :: local
    real(wp) :: total(3), force(3), inside
-   integer :: ip, set
+   integer :: c, ip, set
 
    total = 0.0_wp
    largest = 0.0_wp
-   do set = 1, size(problem%scene%cloud%set_names)
-      if (.not. any(problem%scene%condition%set == set)) cycle
+   do set = 1, problem%scene%cloud%sides()
+      if (.not. any([(problem%scene%cloud%meets_side(problem%scene%condition(c)%set, set), &
+         & c=1, size(problem%scene%condition))])) cycle
       force = problem%set_force(set, state, 0.5_wp)
       total = total + force
       largest = max(largest, norm2(force))

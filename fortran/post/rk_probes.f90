@@ -82,7 +82,7 @@ subroutine probe_value(problem, probes, i, state, value)
          value = problem%set_torque(probe%set, state, probe%about)
       case default
          if (probe%set > 0) then
-            value = set_displacement(problem, probe%set, state)
+            value = problem%set_displacement(probe%set, state)
          else
             call probes%shape%interpolate(i, state%x, 1, 1 + nd, u)
             call problem%at_place(state, probes%nearest(i), probe%point(:nd), u, local)
@@ -113,29 +113,6 @@ function force_of(problem, probe, state) result(value)
       end if
    end associate
 end function force_of
-
-!> Displacement of the middle of a boundary set: the mean of that of its points, by area
-function set_displacement(problem, set, state) result(value)
-   !> Full problem
-   class(discretisation_type), intent(in) :: problem
-   !> Boundary set
-   integer, intent(in) :: set
-   !> State
-   type(field_state), intent(in) :: state
-   real(wp) :: value(3)
-   real(wp) :: u(problem%fields, problem%shape%nq)
-   integer :: e
-
-   value = 0.0_wp
-   associate (cloud => problem%scene%cloud)
-      do e = 1, size(cloud%boundary_point)
-         if (cloud%boundary_set(e) /= set) cycle
-         call problem%field(cloud%boundary_point(e), state%x, 1, u)
-         value(:cloud%nd) = value(:cloud%nd) + cloud%area(e)*u(:cloud%nd, 1)
-      end do
-      value = value/sum(cloud%area, mask=cloud%boundary_set == set)
-   end associate
-end function set_displacement
 
 !> Whether a quantity is one of a body or a tissue as a whole, at no place
 pure logical function of_body(name)

@@ -15,7 +15,7 @@ module rk_discretisation
    implicit none
    private
 
-   public :: discretisation_type, free_discretisation, deformation
+   public :: discretisation_type, free_discretisation, deformation, entry_displacement
 
    !> A discretised scene
    type, abstract, extends(problem_type) :: discretisation_type
@@ -50,6 +50,8 @@ module rk_discretisation
       procedure(force_interface), deferred :: set_force
       !> Moment of the forces on a set where it has moved to
       procedure :: set_torque
+      !> Displacement of the middle of a set
+      procedure :: set_displacement => entry_displacement
       !> Force through a plane section of the body
       procedure :: section_force
       !> Work of the stress against that of the forces
@@ -193,6 +195,31 @@ function set_torque(self, set, state, about) result(torque)
    end associate
    torque = 0.0_wp
 end function set_torque
+
+!> Displacement of the middle of a boundary set: the mean of that of its points, by area
+function entry_displacement(self, set, state) result(value)
+   !> Problem
+   class(discretisation_type), intent(in) :: self
+   !> Boundary set
+   integer, intent(in) :: set
+   !> State
+   type(field_state), intent(in) :: state
+   real(wp) :: value(3)
+   real(wp) :: u(self%fields, self%shape%nq), total
+   integer :: e
+
+   value = 0.0_wp
+   total = 0.0_wp
+   associate (cloud => self%scene%cloud)
+      do e = 1, size(cloud%boundary_point)
+         if (.not. cloud%in_set(e, set)) cycle
+         call self%field(cloud%boundary_point(e), state%x, 1, u)
+         value(:cloud%nd) = value(:cloud%nd) + cloud%area(e)*u(:cloud%nd, 1)
+         total = total + cloud%area(e)
+      end do
+   end associate
+   value = value/total
+end function entry_displacement
 
 !> Force through a plane section: that of the part behind the normal on the part before it;
 !> nonlinear forms know it

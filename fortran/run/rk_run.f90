@@ -2,6 +2,7 @@
 !> iteration, load steps or one linear solve, and what deserves a warning.
 module rk_run
    use rk_clock, only : tick, timer_type
+   use rk_conditions, only : overlaps
    use rk_discretisation, only : discretisation_type
    use rk_ellipticity, only : ellipticity_type, find_ellipticity
    use rk_error, only : error_type, fatal_error, err_convergence
@@ -99,6 +100,7 @@ subroutine solve_scene(problem, linear, recorder, outcome, error, start)
    integer :: k
 
    outcome%warnings = ''
+   call warn_of_overlaps(problem%scene, outcome, recorder)
    watcher%problem => problem
    watcher%receiver => recorder
    watcher%outcome => outcome
@@ -205,6 +207,28 @@ subroutine solve_motion(problem, scene, linear, x, recorder, timer, error)
       deallocate (body)
    end select
 end subroutine solve_motion
+
+!> Tell sets of the deck that overlap
+subroutine warn_of_overlaps(scene, outcome, recorder)
+   !> Scene
+   type(scene_type), intent(in) :: scene
+   !> Where warnings are kept
+   type(outcome_type), intent(inout) :: outcome
+   !> Receiver of warnings
+   class(recorder_type), intent(inout) :: recorder
+   character(len=:), allocatable :: lines
+   integer :: first, length
+
+   if (.not. allocated(scene%cloud%region)) return
+   lines = overlaps(scene%cloud, scene%condition)
+   first = 1
+   do
+      length = index(lines(first:), new_line('a'))
+      if (length == 0) return
+      call outcome%warn(lines(first:first + length - 2), recorder)
+      first = first + length
+   end do
+end subroutine warn_of_overlaps
 
 !> Keep a warning and tell it
 subroutine warn(self, line, recorder)

@@ -233,7 +233,7 @@ subroutine bars_by_solution(self, problem, time, error)
             exact = 0.0_wp
             if (probe%set > 0) then
                do e = 1, size(cloud%boundary_point)
-                  if (cloud%boundary_set(e) /= probe%set) cycle
+                  if (.not. cloud%in_set(e, probe%set)) cycle
                   call exact_state(cloud%points(:, cloud%boundary_point(e)))
                   exact(:nd) = exact(:nd) + matmul(local%p(:nd, :nd), cloud%normal(:, e)) &
                      & *cloud%area(e)

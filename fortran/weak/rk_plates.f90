@@ -5,6 +5,7 @@
 !> gradients and held by the penalty as given ones are. Residual and tangent are still derivatives
 !> of one energy, to which the spring adds its own; what the set's points pull at is the spring.
 module rk_plates
+   use rk_cells, only : cells_type
    use rk_precision, only : wp
    use rk_programme, only : ramp
    use rk_scene, only : scene_type
@@ -39,27 +40,29 @@ module rk_plates
 contains
 
 !> Find the plates
-subroutine new_plates(self, scene, set, before)
+subroutine new_plates(self, scene, cells, before)
    !> Plates
    type(plates_type), intent(out) :: self
    !> Scene
    type(scene_type), intent(in) :: scene
-   !> Boundary set of each surface point, shape (ms)
-   integer, intent(in) :: set(:)
+   !> Integration points
+   type(cells_type), intent(in) :: cells
    !> Source points, behind which the plates stand
    integer, intent(in) :: before
-   integer :: c, i, k, nd
+   integer :: c, i, k, nd, s
 
    nd = scene%cloud%nd
    self%before = before
    self%condition = pack([(c, c=1, size(scene%condition))], scene%condition%tendon > 0.0_wp)
    self%count = size(self%condition)
-   allocate (self%follows(nd, size(set)), source=0)
+   allocate (self%follows(nd, size(cells%set)), source=0)
    do k = 1, self%count
       associate (mine => scene%condition(self%condition(k)))
          do i = 1, nd
             if (.not. abs(mine%direction(i)) > 0.0_wp) cycle
-            where (set == mine%set) self%follows(i, :) = before + k
+            do s = 1, size(cells%set)
+               if (cells%in_set(s, mine%set)) self%follows(i, s) = before + k
+            end do
          end do
       end associate
    end do
@@ -83,13 +86,13 @@ pure function motion(self, s, x) result(u)
 end function motion
 
 !> Add the stiffness of the tendons, and the forces of ends that are moved
-subroutine add_tendons(self, scene, set, penalty, matrix, value, force)
+subroutine add_tendons(self, scene, cells, penalty, matrix, value, force)
    !> Plates
    class(plates_type), intent(in) :: self
    !> Scene
    type(scene_type), intent(in) :: scene
-   !> Boundary set of each surface point, shape (ms)
-   integer, intent(in) :: set(:)
+   !> Integration points
+   type(cells_type), intent(in) :: cells
    !> Penalty times area of each, shape (ms) [force/length]
    real(wp), intent(in) :: penalty(:)
    !> Places of the entries
@@ -100,14 +103,14 @@ subroutine add_tendons(self, scene, set, penalty, matrix, value, force)
    real(wp), intent(inout) :: force(:, :)
    real(wp), allocatable :: part(:, :)
    real(wp) :: across, all
-   integer :: i, k, nd, o
+   integer :: i, k, nd, o, s
 
    nd = scene%cloud%nd
    allocate (part(nd, nd))
    do k = 1, self%count
       associate (mine => scene%condition(self%condition(k)), &
          & d => scene%condition(self%condition(k))%direction(:nd))
-         all = sum(penalty, mask=set == mine%set)
+         all = sum(penalty, mask=[(cells%in_set(s, mine%set), s=1, size(penalty))])
          ! along it the tendon; what is across does not move, nor does what stands for nothing
          across = merge(guide*all, 0.0_wp, count(abs(d) > 0.0_wp) > 1)
          do i = 1, nd

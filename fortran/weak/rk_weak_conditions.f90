@@ -37,6 +37,9 @@ module rk_weak_conditions
       type(plates_type) :: plates
       !> Area of each point, shape (ms) [length^(nd-1)]
       real(wp), allocatable :: area(:)
+      !> That of the smooth surface behind it, on which loads per area act, shape (ms): faces of
+      !> voxels have more, on a cylinder 4/pi times as much [length^(nd-1)]
+      real(wp), allocatable :: bearing(:)
       !> Penalty times area of each point, shape (ms) [force/length]
       real(wp), allocatable :: penalty(:)
    contains
@@ -88,8 +91,8 @@ subroutine set_conditions(self, scene, cells, shear, error)
       & self%penalty)
    allocate (self%essential(nd, ms), self%value(n, nd, ms), self%traction(n, nd, ms))
    do s = 1, ms
-      call conditions_at(scene%cloud, scene%condition, cells%set(s), cells%surface(:, s), fixed, &
-         & value, traction, error)
+      call conditions_at(scene%cloud, scene%condition, cells%in_set(s, scene%condition%set), &
+         & cells%surface(:, s), fixed, value, traction, error)
       if (allocated(error)) return
       self%essential(:, s) = fixed(:nd)
       self%value(:, :, s) = value(:, :nd)
@@ -98,7 +101,7 @@ subroutine set_conditions(self, scene, cells, shear, error)
       end do
    end do
    call self%set_penalty(scene, cells, shear)
-   call new_plates(self%plates, scene, cells%set, self%shape%ns)
+   call new_plates(self%plates, scene, cells, self%shape%ns)
    if (allocated(self%pressure)) deallocate (self%pressure)
    if (allocated(self%spring)) deallocate (self%spring)
    if (any(abs(scene%condition%pressure) > 0.0_wp)) allocate (self%pressure(n, ms), source=0.0_wp)
@@ -107,7 +110,7 @@ subroutine set_conditions(self, scene, cells, shear, error)
    do i = 1, size(scene%condition)
       associate (condition => scene%condition(i))
          do s = 1, ms
-            if (cells%set(s) /= condition%set) cycle
+            if (.not. cells%in_set(s, condition%set)) cycle
             if (allocated(self%pressure)) self%pressure(ramp + condition%amplitude, s) &
                & = self%pressure(ramp + condition%amplitude, s) + condition%pressure
             if (allocated(self%spring)) self%spring(:, s) = self%spring(:, s) &
@@ -172,6 +175,8 @@ subroutine set_varying(self, cells, displacement, stress)
    nd = size(self%value, 2)
    self%value = 0.0_wp
    self%traction = 0.0_wp
+   ! stresses are those on the faces themselves
+   self%bearing = self%area
    do s = 1, size(cells%set)
       self%value(ramp, :, s) = displacement(:nd, s)
       self%traction(ramp, :, s) = merge(0.0_wp, matmul(stress(:nd, :nd, s), &
@@ -194,6 +199,14 @@ subroutine set_penalty(self, scene, cells, shear)
 
    allocate (self%penalty(size(cells%set)))
    self%area = cells%part*norm2(cells%outward, dim=1)
+   self%bearing = self%area
+   if (allocated(cells%entry)) then
+      do s = 1, size(self%bearing)
+         if (cells%entry(s) > 0) self%bearing(s) = self%area(s)*max(0.0_wp, &
+            & dot_product(cells%outward(:, s), scene%cloud%normal(:, cells%entry(s))) &
+            & /norm2(cells%outward(:, s)))
+      end do
+   end if
    step = sum(scene%cloud%spacing, dim=2)/size(scene%cloud%spacing, 2)
    do s = 1, size(cells%set)
       q = cells%lift_point(cells%lift_first(s) + 1)
@@ -221,7 +234,8 @@ subroutine add_penalty(self, matrix, value)
    nd = size(self%value, 2)
    do s = 1, size(self%penalty)
       resistance = merge(self%penalty(s), 0.0_wp, self%essential(:, s))
-      if (allocated(self%spring)) resistance = merge(resistance, self%area(s)*self%spring(:, s), &
+      if (allocated(self%spring)) resistance = merge(resistance, &
+         & self%bearing(s)*self%spring(:, s), &
          & self%essential(:, s))
       if (.not. any(abs(resistance) > 0.0_wp)) cycle
       call self%shape%row(s, nodes, values)
@@ -262,7 +276,7 @@ subroutine add_forces(self, force)
    do s = 1, size(self%penalty)
       call self%shape%row(s, nodes, values)
       do a = 1, size(force, 2)
-         push = merge(self%penalty(s)*self%value(a, :, s), self%area(s)*self%traction(a, :, s), &
+         push = merge(self%penalty(s)*self%value(a, :, s), self%bearing(s)*self%traction(a, :, s), &
             & self%essential(:, s))
          do k = 1, size(nodes)
             associate (own => force(nd*(nodes(k) - 1) + 1:nd*nodes(k), a))
@@ -314,7 +328,7 @@ function set_force(self, cells, set, state) result(force)
 
    force = 0.0_wp
    do s = 1, size(cells%set)
-      if (cells%set(s) == set) call add_point_force(self, cells, s, state, force, u)
+      if (cells%in_set(s, set)) call add_point_force(self, cells, s, state, force, u)
    end do
 end function set_force
 
@@ -336,7 +350,7 @@ function set_torque(self, cells, set, state, about) result(torque)
    nd = size(cells%surface, 1)
    torque = 0.0_wp
    do s = 1, size(cells%set)
-      if (cells%set(s) /= set) cycle
+      if (.not. cells%in_set(s, set)) cycle
       force = 0.0_wp
       call add_point_force(self, cells, s, state, force, u)
       arm = u - about
@@ -410,11 +424,11 @@ subroutine add_point_force(self, cells, s, state, force, displacement)
          force(i) = force(i) + dot_product(p(i, :size(cells%outward, 1)), cells%outward(:, s)) &
             & - part*self%penalty(s)*(u(i, 1) - held(i))
       else
-         force(i) = force(i) + part*combined(self%traction(:, i, s), state%factor)*self%area(s)
+         force(i) = force(i) + part*combined(self%traction(:, i, s), state%factor)*self%bearing(s)
       end if
    end do
    if (allocated(self%spring)) force(:size(u, 1)) = force(:size(u, 1)) - merge(0.0_wp, &
-      & self%area(s)*self%spring(:, s)*u(:, 1), self%essential(:, s))
+      & self%bearing(s)*self%spring(:, s)*u(:, 1), self%essential(:, s))
    if (allocated(self%pressure)) force = force + self%pressure_force(cells, s, &
       & dot_product(self%pressure(:, s), state%factor), state%x)
    ! a support moves as it is told, the body a little less

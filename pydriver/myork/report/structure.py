@@ -52,6 +52,7 @@ _SEGMENTATION = {
     "scores": _Each(each={"dice": _NUMBER, "pcc": _NUMBER}),
     "energy": [_NUMBER],
     "warnings": [_TEXT],
+    "sets": [{"name!": _TEXT, "boundary_points!": _NUMBER, "area!": _NUMBER}],
     "orientation": [{"axes!": _TEXT, "tract_length_mm!": _NUMBER, "agreement": _NUMBER}],
 }
 _SUMMARY = {
@@ -71,6 +72,7 @@ _SUMMARY = {
     },
     "overrides": [_TEXT],
     "warnings": [_TEXT],
+    "sets": [{"name!": _TEXT, "boundary_points!": _NUMBER, "area!": _NUMBER}],
     "steps": [_STEP],
     "deck": {"probe": [{"name": _TEXT, "quantity": _TEXT}]},
     "exact": _Each(each=_EXACT),

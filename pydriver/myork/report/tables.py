@@ -55,6 +55,15 @@ def run_table(summary: Mapping[str, Any]) -> Markup:
         ("threads", number(summary.get("threads"))),
         ("units", ", ".join(f"{key} {unit}" for key, unit in units.items()) or DASH),
     ]
+    if summary.get("sets"):
+        length = units.get("length", "?")
+        unit = f"{length}²" if summary.get("dimension") == 3 else length
+        lines = [
+            f"{own.get('name')}: {own.get('boundary_points')} boundary points, "
+            + Markup("{} {}").format(number(own.get("area")), unit)
+            for own in summary["sets"]
+        ]
+        rows.append(("sets of the deck", Markup("<br>").join(lines)))
     overrides = summary.get("overrides")
     if overrides:
         rows.append(("changed with --set", Markup("<br>").join(str(line) for line in overrides)))

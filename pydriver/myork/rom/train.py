@@ -109,6 +109,13 @@ def train(
     for key in ("rotation", "pressure", "spring", "tendon"):
         if any(key in entry for entry in values.get("boundary", [])):
             raise InputError(f"{deck}: boundary.{key}: a reduced model does not know it")
+    named = {entry["name"] for entry in values.get("set", [])}
+    for probe in values.get("probe", []):
+        if probe.get("set") in named:
+            raise InputError(
+                f"{deck}: probe.{probe['name']}.set: a reduced model knows forces of sides, not of "
+                f"the [[set]] {probe['set']}: leave the probe out"
+            )
     if values.get("amplitude"):
         raise InputError(
             f"{deck}: amplitude: a reduced model is trained on loads that grow together"

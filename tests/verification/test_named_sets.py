@@ -1,0 +1,388 @@
+"""Boundary sets that decks name: parts of the surface by side, material, normal or expression."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from myork import Scene, make_report, run_deck
+from myork.core.deck import table_defaults
+from myork.errors import InputError
+from myork.records import Labels, PointCloud
+from myork.stations.build import build_cloud
+from myork.stations.explain import explain_deck
+
+#: No Poisson's ratio at small strains: E = 2 mu, K = 2/3 mu, and a clamped end disturbs no bending
+CORK = {"name": "cork", "model": "neo-hookean", "mu": 1.0, "K": 2 / 3}
+E = 2.0
+PULL = 1e-5
+
+
+def column(
+    method: str, sets: list[dict[str, Any]], boundary: list[dict[str, Any]], **more: Any
+) -> dict[str, Any]:
+    """A column 1 wide and 8 high, clamped below."""
+    return {
+        "scene": {"dimension": 2, "method": method},
+        "geometry": {"kind": "box", "size": [1, 8], "source": [9, 65], "collocation": [9, 65]},
+        "material": [CORK],
+        "set": sets,
+        "boundary": [{"set": "y0", "u_x": 0, "u_y": 0}, *boundary],
+        "load": {"steps": 1},
+        **more,
+    }
+
+
+def last(tables: dict[str, Any], cloud: PointCloud | None = None) -> NDArray[np.float64]:
+    """Probes of the last state, shape `(probes, 3)`."""
+    with Scene.from_tables(tables, cloud) as scene:
+        states = scene.solve(error=False)
+        return np.asarray(scene.probes(states.x, states.load)[-1])
+
+
+@pytest.mark.parametrize("method", ["rkpm-gauss", "rkpm-scni"])
+@pytest.mark.parametrize("border", [0.5, 0.43])
+def test_a_load_on_a_part_of_the_end_bends_the_column(border: float, method: str) -> None:
+    """Beam theory holds away from the ends: N = p (1 - b), M = N e, u = -M y^2 / (2 E I)."""
+    if method == "rkpm-scni" and border != 0.5:
+        pytest.skip("its facets have two points each: the border is met to a quarter of a spacing")
+    pad = {"name": "pad", "side": "y1", "where": f"x > {border}"}
+    probes = [
+        {"name": "N", "quantity": "force_y", "set": "pad"},
+        {"name": "M", "quantity": "torque_z", "set": "pad", "about": [0.5, 8]},
+        {"name": "R", "quantity": "force_y", "set": "y0"},
+        {"name": "u", "quantity": "u_x", "point": [0.5, 4]},
+        {"name": "end", "quantity": "u_x", "set": "pad"},
+    ]
+    load = [{"set": "pad", "traction": [0, PULL]}]
+    found = last(column(method, [pad], load, probe=probes))[:, 0]
+    force = PULL * (1 - border)
+    moment = force * 0.5 * border
+    assert found[0] == pytest.approx(force, rel=2e-3)
+    assert found[1] == pytest.approx(moment, rel=2e-3)
+    assert found[2] == pytest.approx(-force, rel=2e-3)
+    assert found[3] == pytest.approx(-moment * 4**2 / (2 * E / 12), rel=0.01)
+    assert found[4] == pytest.approx(-moment * 8**2 / (2 * E / 12), rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("what", "method"),
+    [
+        ({"u_x": 0.1, "u_y": 0.3}, "rkpm-gauss"),
+        ({"u_x": 0.1, "u_y": 0.3}, "rkcm-mixed"),
+        ({"traction": [0.01, 0.02]}, "rkpm-gauss"),
+        ({"traction": [0.01, "0.02*x"]}, "rkcm"),
+        ({"pressure": 0.01}, "rkpm-gauss"),
+        ({"u_x": 0.1, "spring": [0, 2]}, "rkpm-scni"),
+        ({"rotation": 10, "about": [0.5, 8]}, "rkpm-gauss"),
+        ({"u_x": 0.1, "tendon": 2, "direction": [0, 1], "pull": 0.1}, "rkpm-gauss"),
+    ],
+)
+def test_a_set_that_is_a_whole_side_is_that_side(what: dict[str, Any], method: str) -> None:
+    """To the last bit, for all conditions; probes of Galerkin forms too."""
+    found = []
+    for name in ("y1", "end"):
+        sets = [{"name": "end", "normal": [0, 2]}]
+        tables = column(method, sets, [{"set": name, **what}])
+        tables["geometry"] |= {"source": [4, 13], "collocation": [7, 25]}
+        with Scene.from_tables(tables) as scene:
+            found.append(scene.solve(error=False).x)
+    assert np.array_equal(*found)
+
+
+def test_parts_add_to_the_whole() -> None:
+    """Forces, torques and moved centroids of a glued end by its parts, one by its material."""
+    probes = [
+        {"name": f"{part}{quantity}", "quantity": quantity, "set": part, "about": [0, 8]}
+        if quantity == "torque_z"
+        else {"name": f"{part}{quantity}", "quantity": quantity, "set": part}
+        for quantity in ("force", "torque_z", "u")
+        for part in ("y1", "soft end", "stiff end")
+    ]
+    sets = [
+        {"name": "soft end", "side": "y1", "where": "x <= 0.5"},
+        {"name": "stiff end", "side": "y1", "on": "stiff"},
+    ]
+    stiff = {**CORK, "name": "stiff", "mu": 3.0, "K": 2.0, "where": "x > 0.5"}
+    move = [{"set": "y1", "u_x": 0.2, "u_y": "0.1 + 0.1*x"}]
+    tables = column("rkpm-gauss", sets, move, material=[CORK, stiff], probe=probes)
+    tables["geometry"] |= {"size": [1, 2], "source": [9, 17], "collocation": [17, 33]}
+    found = last(tables)
+    for whole, one, other in (found[:3], found[3:6]):
+        assert one + other == pytest.approx(whole, rel=1e-9)
+    middle = 0.5 * (found[7] + found[8])
+    assert middle == pytest.approx(found[6], rel=5e-3)
+    assert abs(found[2, 1]) > 2.0 * abs(found[1, 1])
+
+
+def test_a_load_on_a_patch_in_space_is_that_of_an_expression() -> None:
+    """A patch whose border is met by lattice lines, and one that cuts through cells."""
+    found = {}
+    for where in ("x > 0.5 and y < 0.5", "x > 0.4 and y < 0.7"):
+        tables: dict[str, Any] = {
+            "scene": {"dimension": 3},
+            "geometry": {
+                "kind": "box",
+                "size": [1, 1, 2],
+                "source": [5, 5, 9],
+                "collocation": [5, 5, 9],
+            },
+            "material": [CORK],
+            "set": [{"name": "patch", "where": f"{where} and nz > 0.9"}],
+            "boundary": [
+                {"set": "z0", "u_x": 0, "u_y": 0, "u_z": 0},
+                {"set": "patch", "traction": [0, 0, PULL]},
+            ],
+            "probe": [{"name": "f", "quantity": "force_z", "set": "patch"}],
+        }
+        found[where] = last(tables)[0, 0]
+        if "0.7" in where:
+            continue
+        with Scene.from_tables(tables) as scene:
+            x = scene.solve(error=False).x
+        tables["boundary"][1] = {"set": "z1", "traction": [0, 0, f"{PULL}*({where})"]}
+        with Scene.from_tables(tables) as scene:
+            assert scene.solve(error=False).x == pytest.approx(x, rel=1e-9, abs=1e-15)
+    # the area by finer points
+    assert list(found.values()) == pytest.approx([PULL * 0.25, PULL * 0.42], rel=0.02)
+
+
+def test_linear_problems_have_named_sets() -> None:
+    """Heat that enters through a part of a side, against the same by an expression."""
+    tables: dict[str, Any] = {
+        "scene": {"dimension": 2},
+        "geometry": {"kind": "box", "size": [1, 1], "source": [9, 9], "collocation": [9, 9]},
+        "linear": {"problem": "poisson"},
+        "set": [{"name": "door", "side": "x1", "where": "y > 0.25 and y < 0.75"}],
+        "boundary": [{"set": "x0", "u": 0}, {"set": "door", "flux": 1}],
+        "probe": [{"name": "u", "quantity": "u", "point": [1, 0.5]}],
+    }
+    found = last(tables)
+    tables["boundary"][1] = {"set": "x1", "flux": "y > 0.25 and y < 0.75"}
+    assert found == pytest.approx(last(tables), rel=1e-12)
+    # div u = 0: through every section flows 0.5
+    assert 0.5 < found[0, 0] < 1.0
+
+
+def test_all_of_a_curved_wall_by_its_normals() -> None:
+    """An annulus: a set of all outer normals, and halves of it that add up."""
+    tables: dict[str, Any] = {
+        "scene": {"dimension": 2},
+        "geometry": {
+            "kind": "annulus",
+            "inner_radius": 1,
+            "outer_radius": 2,
+            "source": [7, 13],
+            "collocation": [7, 13],
+        },
+        "material": [CORK],
+        "set": [
+            {"name": "steep", "side": "outer", "normal": [1, 0], "angle": 30},
+            {"name": "flat", "side": "outer", "normal": [0, 1], "angle": 60},
+        ],
+        "boundary": [
+            {"set": "x0", "u_x": 0},
+            {"set": "y0", "u_y": 0},
+            {"set": "outer", "pressure": 0.01},
+        ],
+        "probe": [
+            {"name": name, "quantity": "force", "set": name} for name in ("outer", "steep", "flat")
+        ],
+    }
+    found = last(tables)
+    # the border of both at 30 degrees lies on a lattice line
+    assert found[1] + found[2] == pytest.approx(found[0], rel=1e-9)
+    assert abs(found[1, 0]) > abs(found[1, 1])
+
+
+def cylinder(h: float) -> PointCloud:
+    """A cylinder of radius 0.5 and length 1.5 along z, its axis off the voxels."""
+    across = (np.arange(round(1 / h) + 6) - 0.5 * (round(1 / h) + 5)) * h
+    along = (np.arange(round(1.5 / h)) + 0.5) * h
+    x, y, _ = np.meshgrid(across, across, along, indexing="ij")
+    filled = (x - 0.03) ** 2 + (y + 0.01) ** 2 < 0.25
+    affine = np.diag([10 * h] * 3 + [1.0])
+    affine[:3, 3] = 10 * across[0], 10 * across[0], 10 * along[0]
+    labels = Labels(filled.astype(np.int32), affine)
+    return build_cloud(labels, None, table_defaults("build"), "cm")[0]
+
+
+def test_sets_of_a_model() -> None:
+    """Loads on parts of the wall of a cylinder act on its smooth area, not that of its voxels."""
+    tables: dict[str, Any] = {
+        "scene": {"dimension": 3},
+        "material": [{**CORK, "mu": 10.0, "K": 20 / 3}],
+        "set": [
+            {"name": "right", "side": "surface", "normal": [1, 0, 0], "angle": 90},
+            {"name": "upper", "side": "surface", "where": "z > 0.75"},
+            {"name": "cap", "normal": [0, 0, 1]},
+        ],
+        "boundary": [
+            {"set": "bottom", "u_x": 0, "u_y": 0, "u_z": 0},
+            {"set": "right", "traction": [0.01, 0, 0]},
+            {"set": "upper", "traction": [0, 0.02, 0]},
+        ],
+        "probe": [
+            {"name": "right", "quantity": "force_x", "set": "right"},
+            {"name": "upper", "quantity": "force_y", "set": "upper"},
+            {"name": "bottom", "quantity": "force", "set": "bottom"},
+            {"name": "cap", "quantity": "u", "set": "cap"},
+            {"name": "top", "quantity": "u", "set": "top"},
+        ],
+    }
+    with Scene.from_tables(tables, cylinder(0.0625)) as scene:
+        states = scene.solve()
+        found = scene.probes(states.x, states.load)[-1]
+        assert states.verdict != "refused"
+    half = 0.5 * np.pi * 1.5
+    # faces of voxels have 4/pi times as much
+    assert found[0, 0] == pytest.approx(0.01 * half, rel=0.04)
+    assert found[1, 0] == pytest.approx(0.02 * half, rel=0.04)
+    assert found[2, :2] == pytest.approx([-found[0, 0], -found[1, 0]], rel=1e-6)
+    assert found[3] == pytest.approx(found[4], rel=0.02, abs=1e-4)
+
+
+def test_a_plane_map_has_as_many_sets_as_asked() -> None:
+    """A single slice, which has one side: its ends are told apart by their normals."""
+    filled = np.ones((24, 8, 1), np.int32)
+    labels = Labels(filled, np.diag([1.0, 1.0, 1.0, 1.0]))
+    cloud = build_cloud(labels, None, table_defaults("build"), "cm")[0]
+    assert cloud.set_names == ("surface",)
+    tables: dict[str, Any] = {
+        "scene": {"dimension": 3},
+        "material": [CORK],
+        "set": [
+            {"name": "left", "normal": [-1, 0, 0]},
+            {"name": "right", "normal": [1, 0, 0]},
+        ],
+        "boundary": [
+            {"set": "left", "u_x": 0, "u_y": 0, "u_z": 0},
+            {"set": "right", "traction": [PULL, 0, 0]},
+        ],
+        "probe": [
+            {"name": "f", "quantity": "force_x", "set": "right"},
+            {"name": "u", "quantity": "u_x", "set": "right"},
+        ],
+    }
+    found = last(tables, cloud)[:, 0]
+    # normals are those of a smooth surface: edges are round, and corner voxels have two faces
+    assert found[0] == pytest.approx(PULL * 0.8 * 0.1, rel=0.07)
+    assert found[1] == pytest.approx(found[0] / 0.08 * 2.4 / E, rel=0.05)
+
+
+SIDE = {"name": "pad", "side": "y1"}
+
+
+@pytest.mark.parametrize(
+    ("sets", "boundary", "what"),
+    [
+        ([{"name": "pad"}], {}, "set.pad: needs one of the keys side, on, normal, where"),
+        ([SIDE | {"name": "x1"}], {}, "'x1' is a side of this body"),
+        ([SIDE, SIDE], {}, "taken already"),
+        ([SIDE | {"side": "z1"}], {}, "'z1' is no side of this box; there are x0, x1, y0, y1"),
+        ([SIDE, {"name": "b", "side": "pad"}], {}, "is no side, but another"),
+        ([SIDE | {"on": "wood"}], {}, "no [[material]] is called 'wood'"),
+        ([SIDE | {"angle": 3}], {}, "set.pad.angle: needs normal beside it"),
+        ([SIDE | {"where": "z > 1"}], {}, "unknown name 'z'"),
+        ([SIDE | {"where": "1/(x - 0.5)"}], {}, "is not finite at (0.5, 0)"),
+        (
+            [SIDE | {"normal": [0, -1]}],
+            {},
+            "`side` leaves 9, `normal` leaves 0; widen `angle`, or turn `normal` round",
+        ),
+        ([SIDE | {"where": "x > 2"}], {}, "`side` leaves 9, `where` leaves 0; coordinates are"),
+        (
+            [SIDE],
+            {"set": "pda", "u_x": 0},
+            "'pda' is no side of this box; there are x0, x1, y0, y1",
+        ),
+        ([SIDE], {"set": "pad", "radial": 0.1}, "annulus"),
+        ([SIDE], {"set": "y0", "u_x": 0}, "taken already"),
+        (
+            [{"name": "pad", "side": "y0", "where": "x > 0.5"}],
+            {"set": "pad", "u_x": 0.1},
+            "y0 and pad overlap and prescribe two displacements, 0 and 0.1, for component 1",
+        ),
+        (
+            [{"name": "pad", "side": "y0", "where": "x > 0.5"}],
+            {"set": "pad", "tendon": 1.0, "direction": [1, 0]},
+            "overlap at (0.625, 0), where a tendon moves one of them as a plate",
+        ),
+        (
+            [SIDE | {"where": "abs(x - 0.5) < 1e-9"}],
+            {"set": "pad", "u_x": 0.1},
+            "set pad: it holds 1 boundary points, but none of the",
+        ),
+    ],
+)
+def test_sets_that_cannot_be(
+    sets: list[dict[str, Any]], boundary: dict[str, Any], what: str
+) -> None:
+    tables = column("rkpm-gauss", sets, [boundary] if boundary else [])
+    with pytest.raises(InputError) as caught:
+        Scene.from_tables(tables)
+    assert what in str(caught.value)
+
+
+def test_overlaps_are_told() -> None:
+    sets = [SIDE, {"name": "half", "side": "y1", "where": "x > 0.5"}]
+    boundary = [{"set": "pad", "traction": [0, PULL]}, {"set": "half", "traction": [0, PULL]}]
+    probe = [{"name": "f", "quantity": "force_y", "set": "pad"}]
+    with Scene.from_tables(column("rkpm-gauss", sets, boundary, probe=probe)) as scene:
+        states = scene.solve(error=False)
+        told = "sets pad and half share 4 boundary points (of 9 and 4)"
+        assert any(told in line for line in states.warnings)
+        # the loads of both add
+        assert scene.probes(states.x, states.load)[-1, 0, 0] == pytest.approx(1.5 * PULL, rel=1e-9)
+        # what acts on other components is no matter
+        scene.update({"boundary.half.traction": [PULL, 0]})
+        assert not any("share" in line for line in scene.solve(error=False).warnings)
+
+
+def test_explain_and_report_name_them(tmp_path: Path) -> None:
+    deck = tmp_path / "pad.toml"
+    deck.write_text(
+        """title = "pad"
+[units]
+force = "N"
+length = "cm"
+[scene]
+dimension = 2
+[geometry]
+kind = "box"
+size = [1, 2]
+source = [5, 9]
+collocation = [5, 9]
+[[material]]
+name = "cork"
+model = "neo-hookean"
+mu = 1
+K = 0.7
+[[set]]
+name = "pad"
+side = "y1"
+where = "x > 0.3"
+[[set]]
+name = "end"
+normal = [0, 1]
+[[boundary]]
+set = "y0"
+u_x = 0
+u_y = 0
+[[boundary]]
+set = "pad"
+traction = [0, 0.01]
+"""
+    )
+    lines: list[str] = []
+    explain_deck(deck, progress=lines.append)
+    told = next(line for line in lines if "pad: " in line)
+    assert "3 of 28 boundary points, length 0.7" in told
+    assert "3 shared with end" in told
+    summary = run_deck(deck, tmp_path / "out")
+    sizes = {own["name"]: own["area"] for own in summary["sets"]}
+    assert sizes == pytest.approx({"pad": 0.7, "end": 1.0}, rel=2e-3)
+    page = make_report(tmp_path / "out").read_text(encoding="utf-8")
+    assert "pad: 3 boundary points" in page
