@@ -16,8 +16,8 @@ program main
    use rk_output, only : output_type
    use rk_precision, only : i8, wp
    use rk_recorder, only : start_type
-   use rk_refine, only : refine, refinement_type
-   use rk_resume, only : resume_run, start_from
+   use rk_refine, only : refine, refined_before, refinement_type
+   use rk_resume, only : resume_points, resume_run, start_from
    use rk_run, only : outcome_type, solve_scene
    use rk_scene, only : scene_type
    use rk_search, only : search_type
@@ -70,7 +70,7 @@ contains
       type(json_entry), allocatable :: earlier(:)
       real(wp) :: shape_s
       character(len=:), allocatable :: history, message
-      logical :: damaged, replaces
+      logical :: damaged, replaces, resumed
       integer(i8) :: began, journal
 
       call system_clock(began)
@@ -83,9 +83,12 @@ contains
       call lock_folder(config%out, error)
       call leave_on(error)
       call catch_signals()
+      resumed = .false.
       if (deck%has('refine')) then
          search%verbosity = config%verbosity
-         call refine(refinement, deck, model, search, error)
+         if (config%resume) call resume_points(config%out, deck, resumed, error)
+         if (.not. allocated(error) .and. .not. resumed) call refine(refinement, deck, model, &
+            & search, error)
          call leave_on(error)
          call free_discretisation(problem)
          call new_scene(scene, deck, model, error)
@@ -117,6 +120,8 @@ contains
       call solve_scene(problem, '', output, outcome, failure, start)
       call judge(verdict, problem, deck, model, config%estimate, output, outcome)
       call output%tell_verdict(verdict)
+      if (resumed) call refined_before(refinement, deck, scene, verdict%bars, error)
+      call leave_on(error)
       if (allocated(refinement%reason)) call output%say(refinement%reason, level=0)
       message = ''
       if (allocated(failure)) message = failure%message

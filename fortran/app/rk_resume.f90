@@ -14,7 +14,7 @@ module rk_resume
    implicit none
    private
 
-   public :: resume_run, start_from, to_space, step_numbers, step_columns
+   public :: resume_run, resume_points, start_from, to_space, step_numbers, step_columns
    public :: numbers_of_step, journal_name
 
    !> Numbers of a step in the file: those of step_type, of carried_type, the worst backward error,
@@ -45,34 +45,15 @@ subroutine resume_run(folder, deck, problem, start, history, worst, journal, err
    !> Error handling: another deck, other points, a damaged file
    type(error_type), allocatable, intent(out) :: error
    type(restart_type) :: found
-   character(len=:), allocatable :: path, text
-   logical :: exists
+   character(len=:), allocatable :: path
    integer :: k, planned
 
    history = ''
    journal = 0
    if (problem%is_linear()) return
-   path = folder//journal_name
-   inquire (file=path, exist=exists)
-   if (exists) then
-      call read_journal(path, numbers_of_step, found, history, journal)
-      if (size(found%load) == 0) return
-   else
-      path = folder//'/results.vtkhdf'
-      inquire (file=path, exist=exists)
-      if (.not. exists) return
-      call read_restart(found, path, error)
-      if (allocated(error)) then
-         error%message = error%message//'; without --resume the run begins anew'
-         return
-      end if
-      ! the state at rest comes with the problem
-      found%load = found%load(2:)
-      found%step = found%step(:, 2:)
-      found%x = found%x(:, 2:)
-      call load_text(folder//'/history.csv', text)
-      history = text(1 + index(text, new_line('a')):)
-   end if
+   call read_run(folder, found, path, history, journal, error)
+   if (allocated(error) .or. .not. allocated(found%load)) return
+   if (size(found%load) == 0) return
    call compare_decks(found, deck, path, error)
    if (.not. allocated(error)) call compare_points(found, deck, problem, path, error)
    if (allocated(error)) return
@@ -88,6 +69,85 @@ subroutine resume_run(folder, deck, problem, start, history, worst, journal, err
    worst = found%step(14:16, :planned)
    history = lines_until(history, planned)
 end subroutine resume_run
+
+!> Give a deck that has a table refine the points which its ended run had found, so that they are
+!> not searched again: another search may be ended by its cost at others
+subroutine resume_points(folder, deck, resumed, error)
+   !> Folder
+   character(len=*), intent(in) :: folder
+   !> Deck, replaced by one with these points
+   type(deck_type), intent(inout) :: deck
+   !> Whether there was a run with states
+   logical, intent(out) :: resumed
+   !> Error handling: another deck, a damaged file
+   type(error_type), allocatable, intent(out) :: error
+   type(restart_type) :: found
+   type(deck_type) :: finer
+   character(len=:), allocatable :: path, history
+   character(len=512), allocatable :: words(:)
+   integer(int64) :: journal
+   integer :: k, own
+
+   resumed = .false.
+   call read_run(folder, found, path, history, journal, error)
+   if (allocated(error) .or. .not. allocated(found%load)) return
+   if (size(found%load) == 0) return
+   own = len(deck%overrides)
+   if (found%deck /= deck%text .or. index(found%overrides, deck%overrides) /= 1) then
+      call compare_decks(found, deck, path, error)
+      return
+   end if
+   resumed = .true.
+   allocate (words(0))
+   k = 1
+   do while (line(found%overrides(own + 1:), k) /= '')
+      words = [character(len=512) :: words, line(found%overrides(own + 1:), k)]
+      k = k + 1
+   end do
+   call deck%vary(words, finer, error)
+   if (.not. allocated(error)) deck = finer
+end subroutine resume_points
+
+!> States of the run in a folder, behind the one at rest; none are allocated where there is no run
+subroutine read_run(folder, found, path, history, journal, error)
+   !> Folder
+   character(len=*), intent(in) :: folder
+   !> States
+   type(restart_type), intent(out) :: found
+   !> File they are from
+   character(len=:), allocatable, intent(out) :: path
+   !> Lines of history.csv behind the first, each with its line feed
+   character(len=:), allocatable, intent(out) :: history
+   !> Bytes of the journal that are whole, 0 where there is none
+   integer(int64), intent(out) :: journal
+   !> Error handling: a damaged file
+   type(error_type), allocatable, intent(out) :: error
+   character(len=:), allocatable :: text
+   logical :: exists
+
+   history = ''
+   journal = 0
+   path = folder//journal_name
+   inquire (file=path, exist=exists)
+   if (exists) then
+      call read_journal(path, numbers_of_step, found, history, journal)
+      return
+   end if
+   path = folder//'/results.vtkhdf'
+   inquire (file=path, exist=exists)
+   if (.not. exists) return
+   call read_restart(found, path, error)
+   if (allocated(error)) then
+      error%message = error%message//'; without --resume the run begins anew'
+      return
+   end if
+   ! the state at rest comes with the problem
+   found%load = found%load(2:)
+   found%step = found%step(:, 2:)
+   found%x = found%x(:, 2:)
+   call load_text(folder//'/history.csv', text)
+   history = text(1 + index(text, new_line('a')):)
+end subroutine read_run
 
 !> State of a file at which the iteration shall begin
 subroutine start_from(words, deck, problem, start, error)

@@ -18,9 +18,11 @@ contains
 
 !> Merge blocks of voxels, two in each direction, along z as many as divide the slices evenly, so
 !> that the body keeps its length
-subroutine coarse_cloud(cloud, coarse, possible)
+subroutine coarse_cloud(cloud, kept, coarse, possible)
    !> Points of a model of voxels
    type(cloud_type), intent(in) :: cloud
+   !> Directions in which no voxels are merged, shape (3)
+   logical, intent(in) :: kept(3)
    !> Its coarser cloud
    type(cloud_type), intent(out) :: coarse
    !> Whether some direction has layers enough
@@ -38,7 +40,7 @@ subroutine coarse_cloud(cloud, coarse, possible)
    edge = 1
    do d = 1, 3
       do k = 2, 3
-         if (edge(d) > 1 .or. n(d) < k*ratio(d)*least_layers) cycle
+         if (kept(d) .or. edge(d) > 1 .or. n(d) < k*ratio(d)*least_layers) cycle
          if (d < 3 .or. mod(n(d), k) == 0) edge(d) = k
       end do
    end do

@@ -16,6 +16,8 @@ module rk_ellipticity
       real(wp) :: value = huge(1.0_wp)
       !> Its collocation point
       integer :: point = 0
+      !> Where it is lost, shape (nc)
+      logical, allocatable :: lost(:)
       !> Smallest and largest volume ratio J = det F there, as fields and probes have it [-]
       real(wp) :: min_j = 1.0_wp
       real(wp) :: max_j = 1.0_wp
@@ -54,6 +56,7 @@ subroutine find_ellipticity(problem, state, worst)
    !$omp end parallel do
    worst%point = minloc(least, dim=1)
    worst%value = least(worst%point)
+   worst%lost = .not. least > 0.0_wp
    worst%min_j = minval(j)
    worst%max_j = maxval(j)
 end subroutine find_ellipticity

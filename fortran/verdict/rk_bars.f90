@@ -16,20 +16,27 @@ module rk_bars
       & quantity_kind, quantity_size
    use rk_solutions, only : solution_at
    use rk_states, only : field_state, point_state
+   use rk_voxel_shape, only : surface_share
    implicit none
    private
 
    public :: bars_type, new_bars, bars_by_other, bars_by_solution
-   public :: fewer_points, more_points, another_form
+   public :: fewer_points, few_fewer, more_points, another_form
 
-   !> What an answer is compared with: the same form on fewer or on more points, or another form
-   integer, parameter :: fewer_points = 1, more_points = 2, another_form = 3
+   !> What an answer is compared with: the same form on half as many cells in each direction, on
+   !> three quarters of them, or on more, or another form
+   integer, parameter :: fewer_points = 1, few_fewer = 2, more_points = 3, another_form = 4
 
    !> Bar over the difference from fewer points. Errors of order two are a third of it, as stresses
    !> inside have them; displacements and forces where edges are singular two thirds, and stresses
    !> at the surface converge later. Bodies of voxels have stairs for a surface, and take its factor
    !> everywhere
    real(wp), parameter :: factor_coarse = 0.7_wp, factor_inside = 0.5_wp, factor_surface = 1.5_wp
+   !> The same for blocks of voxels, and how far from their faces the surface of the body may be, in
+   !> voxels, as displacements and as forces see it
+   real(wp), parameter :: factor_blocks = 0.5_wp, off_length = 0.05_wp, off_force = 0.08_wp
+   !> From three quarters of the cells: errors of order two are 9/7 of it
+   real(wp), parameter :: factor_near = 1.5_wp
    !> From more points: errors of order two are 4/3 of it, those of order one twice as much
    real(wp), parameter :: factor_fine = 2.0_wp
    !> A displacement differs by this share of the root mean square of all differences at least: two
@@ -64,6 +71,9 @@ module rk_bars
       real(wp), allocatable :: kind(:)
       !> Stresses at the surface, shape (probes)
       logical, allocatable :: at_surface(:)
+      !> Part of each bar that the voxels of a body leave open, whatever the points, over the size,
+      !> shape (probes) [-]
+      real(wp), allocatable :: open(:)
    contains
       !> Bars of a probe at a load
       procedure :: at
@@ -94,7 +104,7 @@ subroutine new_bars(self, problem, load, x, error)
    self%load = load
    allocate (self%values(3, n, size(load)), self%bars(3, n, size(load)))
    allocate (self%value(3, n), self%bar(3, n), self%change(n), self%at_surface(n))
-   allocate (self%size(n), self%kind(n), source=0.0_wp)
+   allocate (self%size(n), self%kind(n), self%open(n), source=0.0_wp)
    allocate (self%factor(n), source=1.0_wp)
    self%bar = ieee_value(1.0_wp, ieee_quiet_nan)
    self%bars = self%bar(1, 1)
@@ -183,22 +193,40 @@ subroutine bars_by_other(self, problem, other, kind, difference)
    class(discretisation_type), intent(in) :: problem
    !> Values of the second solution
    type(bars_type), intent(in) :: other
-   !> fewer_points, more_points or another_form
+   !> fewer_points, few_fewer, more_points or another_form
    integer, intent(in) :: kind
    !> Root mean square of the difference of all displacements [length]
    real(wp), intent(in) :: difference
-   real(wp) :: least_change
+   real(wp) :: least_change, left, share
+   logical :: blocks
    integer :: i
 
+   blocks = allocated(problem%scene%cloud%block) .and. kind == fewer_points
+   if (blocks) share = surface_share(problem%scene%cloud)
    do i = 1, size(self%change)
       associate (quantity => problem%scene%probe(i)%quantity, factor => self%factor(i))
          least_change = 0.0_wp
+         left = 0.0_wp
          factor = factor_coarse
          if (quantity_kind(quantity) == 'stress') factor = factor_inside
          if (self%at_surface(i) .or. .not. allocated(problem%scene%cloud%lattice)) &
             & factor = factor_surface
-         if (kind == more_points) factor = factor_fine*merge(factor_surface, 1.0_wp, &
-            & self%at_surface(i))
+         if (blocks) then
+            factor = factor_blocks
+            select case (quantity_kind(quantity))
+            case ('length')
+               left = off_length*share
+            case ('ratio', 'angle')
+               ! of the order of one, or without a size
+               left = 0.0_wp
+            case default
+               left = off_force*share
+            end select
+         end if
+         if (kind == few_fewer) factor = factor_near
+         if (kind == more_points) factor = factor_fine
+         if (any(kind == [few_fewer, more_points]) .and. self%at_surface(i)) &
+            & factor = factor_surface*factor
          if (kind == another_form) then
             factor = factor_forms
             self%size(i) = max(self%size(i), other%size(i))
@@ -206,7 +234,8 @@ subroutine bars_by_other(self, problem, other, kind, difference)
          else if (quantity_kind(quantity) == 'length') then
             least_change = share_of_all*difference
          end if
-         call set_bar(self, i, quantity_size(quantity), other%values(:, i, :), least_change)
+         call set_bar(self, i, quantity_size(quantity), other%values(:, i, :), least_change, &
+            & left)
       end associate
    end do
 end subroutine bars_by_other
@@ -243,7 +272,8 @@ subroutine bars_by_solution(self, problem, time, error)
                call exact_state(probe%point(:nd))
                exact = quantity(probe%quantity, local)
             end if
-            call set_bar(self, i, quantity_size(probe%quantity), reshape(exact, [3, 1]), 0.0_wp)
+            call set_bar(self, i, quantity_size(probe%quantity), reshape(exact, [3, 1]), &
+               & 0.0_wp, 0.0_wp)
          end associate
       end do
    end associate
@@ -263,7 +293,7 @@ contains
 end subroutine bars_by_solution
 
 !> Bars of one probe from other values of it
-subroutine set_bar(self, i, n, other, least_change)
+subroutine set_bar(self, i, n, other, least_change, left)
    !> Bars
    type(bars_type), intent(inout) :: self
    !> Probe
@@ -274,16 +304,19 @@ subroutine set_bar(self, i, n, other, least_change)
    real(wp), intent(in) :: other(:, :)
    !> Least difference that counts
    real(wp), intent(in) :: least_change
+   !> Share of its value that the voxels leave open [-]
+   real(wp), intent(in) :: left
    real(wp) :: difference(n, size(self%load))
    integer :: k
 
    difference = max(abs(self%values(:n, i, :) - other(:n, :)), least_change)
    do k = 1, size(self%load)
-      self%bars(:n, i, k) = max(self%factor(i)*difference(:, k), &
-         & least(self, i, self%values(:n, i, k)))
+      self%bars(:n, i, k) = max(self%factor(i)*difference(:, k) &
+         & + left*norm2(self%values(:n, i, k)), least(self, i, self%values(:n, i, k)))
    end do
    self%bar(:n, i) = self%bars(:n, i, size(self%load))
    self%change(i) = maxval(difference)/max(self%size(i), tiny(1.0_wp))
+   self%open(i) = left*norm2(self%value(:n, i))/max(self%size(i), tiny(1.0_wp))
 end subroutine set_bar
 
 !> Least bar of a value

@@ -22,6 +22,7 @@ module rk_companion
    use rk_shape, only : shape_type
    use rk_states, only : field_state, point_state
    use rk_text, only : to_text
+   use rk_voxel_shape, only : thin_directions
    implicit none
    private
 
@@ -37,6 +38,9 @@ module rk_companion
    !> Cells across a plane body whose half are too few to tell anything: twice as many, which cost
    !> little there, are looked at instead
    integer, parameter :: least_cells = 6
+   !> Blocks of voxels across a layer whose half are too few to tell anything; there three of four
+   !> are left, on voxels that are not merged
+   integer, parameter :: least_blocks = 4
    !> Distance from which on the companion itself is looked at again [-]
    real(wp), parameter :: suspect = 0.05_wp
 
@@ -50,7 +54,7 @@ module rk_companion
       character(len=:), allocatable :: method
       !> On the same points, in another form; otherwise in the same form on others
       logical :: same_points = .false.
-      !> Then its source points along each direction, as a deck writes them
+      !> Then its source points or blocks along each direction, in words
       character(len=:), allocatable :: lattice
       !> So few in some direction that it may be much farther off than the answer
       logical :: coarse = .false.
@@ -87,7 +91,7 @@ module rk_companion
 contains
 
 !> Solve the companion of a scene and look at the same probes
-subroutine solve_companion(self, problem, load, answer, deck, model, receiver)
+subroutine solve_companion(self, problem, load, answer, deck, model, receiver, near)
    !> What it says
    type(companion_type), intent(out) :: self
    !> Problem of the answer
@@ -102,16 +106,21 @@ subroutine solve_companion(self, problem, load, answer, deck, model, receiver)
    type(cloud_type), intent(in) :: model
    !> Receiver of the caller, asked whether to stop
    class(recorder_type), target, intent(inout) :: receiver
+   !> With three quarters of the cells of a lattice instead of half of them
+   logical, intent(in), optional :: near
    type(cloud_type) :: points
    character(len=long), allocatable :: words(:)
+   logical :: nearer
 
+   nearer = .false.
+   if (present(near)) nearer = near
    self%method = problem%scene%method
    if (allocated(problem%scene%body_force)) then
       self%why_not = 'the loads were set point by point, which no deck tells'
       return
    end if
    points = model
-   call choose(self, problem%scene, deck, points, words)
+   call choose(self, problem%scene, deck, nearer, points, words)
    if (.not. allocated(self%why_not)) &
       & call solve_beside(self, problem, load, answer, deck, words, points, receiver)
 end subroutine solve_companion
@@ -171,13 +180,15 @@ subroutine solve_beside(self, problem, load, answer, deck, words, model, receive
 end subroutine solve_beside
 
 !> Form and points of the companion as overrides of the deck
-subroutine choose(self, scene, deck, points, words)
+subroutine choose(self, scene, deck, near, points, words)
    !> Companion
    type(companion_type), intent(inout) :: self
    !> Scene of the answer
    type(scene_type), intent(in) :: scene
    !> Its deck
    type(deck_type), intent(in) :: deck
+   !> With three quarters of the cells of a lattice
+   logical, intent(in) :: near
    !> Points of a model, which become fewer where the companion has fewer
    type(cloud_type), intent(inout) :: points
    !> Overrides
@@ -185,7 +196,7 @@ subroutine choose(self, scene, deck, points, words)
    integer, allocatable :: source(:), other(:)
    type(cloud_type) :: coarse
    integer :: steps
-   logical :: possible
+   logical :: kept(3), possible
 
    ! all planned states of a programme are compared, of a ramp the last one
    steps = 1
@@ -214,27 +225,53 @@ subroutine choose(self, scene, deck, points, words)
       return
    end if
    if (.not. allocated(scene%cloud%lattice)) then
-      call coarse_cloud(points, coarse, possible)
-      if (.not. possible) then
+      words = [character(len=long) :: words, 'scene.method='//self%method]
+      kept = .false.
+      if (allocated(scene%cloud%block)) then
+         call fewer_blocks(scene%cloud, kept, other)
+         words = [character(len=long) :: words, 'geometry.blocks='//list(other)]
+      end if
+      call coarse_cloud(points, kept, coarse, possible)
+      if (possible) then
+         points = coarse
+      else if (.not. any(kept)) then
          self%why_not = 'the model has no voxels to merge, or too few of them'
          return
       end if
-      points = coarse
-      self%lattice = to_text(size(points%source, 2))
+      self%lattice = to_text(size(points%source, 2))//' points'
+      if (allocated(scene%cloud%block)) self%lattice = list(other)//' blocks'
       self%coarse = .true.
-      words = [character(len=long) :: words, 'scene.method='//self%method]
-      if (deck%has('geometry.blocks')) words = [character(len=long) :: words, 'geometry.blocks=' &
-         & //list(max(1, (maxval(scene%cloud%block, dim=2) + 2)/2))]
       return
    end if
    call deck%get('geometry.source', source)
    other = other_number(source, scene%approximation%order)
    if (scene%cloud%nd == 2 .and. any(source <= least_cells)) other = 2*source - 1
+   if (near) other = max(min(source, 1 + max(few_cells, scene%approximation%order)), &
+      & 1 + (3*(source - 1))/4)
    self%finer = all(other > source)
-   self%lattice = list(other)
+   self%lattice = list(other)//' points'
    self%coarse = any(other < source .and. other - 1 <= few_cells)
    words = [character(len=long) :: words, 'scene.method='//self%method, lattice_words(deck, other)]
 end subroutine choose
+
+!> Half as many blocks in each direction, three quarters of them where the body or its tissues are
+!> thin
+subroutine fewer_blocks(cloud, thin, other)
+   !> Points of the answer, with blocks
+   type(cloud_type), intent(in) :: cloud
+   !> Thin directions, shape (3)
+   logical, intent(out) :: thin(3)
+   !> Blocks of the companion, shape (3)
+   integer, allocatable, intent(out) :: other(:)
+   integer :: blocks(3), voxels(3)
+
+   blocks = maxval(cloud%block, dim=2) + 1
+   voxels = maxval(cloud%voxels%index, dim=2) - minval(cloud%voxels%index, dim=2) + 1
+   thin = thin_directions(cloud, max(2, (least_blocks*voxels)/blocks))
+   other = (blocks + 1)/2
+   ! pairs of blocks share their pressures
+   where (thin) other = min(blocks, max(2, 2*((3*blocks + 2)/8)))
+end subroutine fewer_blocks
 
 !> Overrides that put a deck on another lattice, with collocation points to match
 function lattice_words(deck, source) result(words)

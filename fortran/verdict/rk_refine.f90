@@ -26,7 +26,7 @@ module rk_refine
    implicit none
    private
 
-   public :: refinement_type, refine
+   public :: refinement_type, refine, refined_before
 
    !> Length of an override
    integer, parameter :: long = 512
@@ -148,6 +148,31 @@ subroutine refine(self, deck, model, receiver, error)
    self%reason = 'the wanted error of '//to_text(100.0_wp*self%wanted, 3)//' % is not met after ' &
       & //to_text(most_levels)//' lattices'
 end subroutine refine
+
+!> What the bars of an answer say about the points of a search that is not repeated
+subroutine refined_before(self, deck, scene, bars, error)
+   !> What is known of the search
+   type(refinement_type), intent(out) :: self
+   !> Deck with a table refine
+   type(deck_type), intent(in) :: deck
+   !> Its scene
+   type(scene_type), intent(in) :: scene
+   !> Bars of the answer
+   type(bars_type), intent(in) :: bars
+   !> Error handling: no such probe
+   type(error_type), allocatable, intent(out) :: error
+   logical, allocatable :: counts(:)
+
+   call wanted_probes(deck, scene, counts, error)
+   if (allocated(error)) return
+   call deck%get('refine.error', self%wanted)
+   self%levels = ''
+   ! where there are no bars nothing is met
+   if (allocated(bars%size)) self%met = all(.not. counts .or. (relative(bars) >= 0.0_wp &
+      & .and. relative(bars) <= self%wanted))
+   self%reason = 'the wanted error of '//to_text(100.0_wp*self%wanted, 3)//' % is ' &
+      & //trim(merge('met    ', 'not met', self%met))//' by the points of the run that is resumed'
+end subroutine refined_before
 
 !> Refuse what has no lattice of cells and no second solution
 subroutine check(scene, deck, error)

@@ -41,7 +41,7 @@ RUBBER = {
     "load": {"steps": 6},
 }
 #: Quantities of a summary that tell of the run, not of the answer
-OF_THE_RUN = {"timings_s", "cpu_s", "memory_peak_bytes", "companion"}
+OF_THE_RUN = {"timings_s", "cpu_s", "memory_peak_bytes", "companion", "refine"}
 
 
 def start(deck: Path, out: Path, *options: str) -> subprocess.Popen:
@@ -243,3 +243,33 @@ def test_both_commands_know_the_options(tmp_path):
     file = tmp_path / "out" / "results.vtkhdf"
     assert main([*options[:-1], "-q", "--no-error", "--start-from", f"{file}:1"]) == 0
     assert main([*options, "--start-from", str(tmp_path / "none.vtkhdf")]) == 2
+
+
+def test_points_that_were_refined_are_not_searched_again(tmp_path, write_deck):
+    """A killed run goes on with the points it had found, whatever a search would find now."""
+    wanted = {"error": 0.01, "probe": "force", "cost": 60.0}
+    deck = write_deck({**RUBBER, "load": {"steps": 12}, "refine": wanted})
+    said = run(deck, tmp_path / "whole")
+    assert "refine 2:" in said and "the wanted error of 1 % is" in said
+    out = tmp_path / "killed"
+    child = start(deck, out)
+    journal = out / "results.journal"
+    while child.poll() is None and not (journal.exists() and journal.stat().st_size > 200_000):
+        time.sleep(0.001)
+    assert child.poll() is None
+    child.kill()
+    child.wait()
+    said = run(deck, out, "--resume")
+    assert "refine 1:" not in said and "resumed behind load step" in said
+    assert "the points of the run that is resumed" in said
+    assert_equal(out, tmp_path / "whole")
+    found, before = (
+        json.loads((folder / "summary.json").read_text())["refine"]
+        for folder in (out, tmp_path / "whole")
+    )
+    assert found["met"] and before["met"] and not found["levels"]
+    # and a run that ended is read again; another wish is another deck
+    assert "refine 1:" not in run(deck, out, "--resume")
+    child = start(deck, out, "--resume", "--set", "geometry.source=[5,5,5]")
+    assert "another deck: it was solved with --set geometry" in child.communicate()[0]
+    assert child.returncode == 2

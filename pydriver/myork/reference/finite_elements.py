@@ -157,6 +157,7 @@ class _Body:
         self.geometry = deck["geometry"]
         self.dim = int(deck["scene"]["dimension"])
         mesh, material = self._mesh(elements, deck, labels)
+        self.warp = warp
         if warp:
             mesh.points[:] = warp(mesh.points)
         self.mesh, self.points = mesh, mesh.points
@@ -270,7 +271,7 @@ class _Body:
             self.pulls.append((load, _in_proportion(amplitude, force)))
 
     def _areas(self, name: str, mask: NDArray[np.bool_]) -> F64Array:
-        """Area of each node of a box's face: the integral of its shape function."""
+        """Area of each node of a box's face, warped or not: what it weighs in integrals over it."""
         if self.geometry["kind"] != "box":
             raise InputError("finite elements take tractions on boxes only")
         across = [axis for axis in range(self.dim) if axis != _AXES.index(name[0])]
@@ -283,6 +284,13 @@ class _Body:
                 step = (lines[k + 2] - lines[k]) / 6.0
                 weight[k : k + 3] += np.array([1.0, 4.0, 1.0]) * step
             area *= weight[number]
+        if self.warp and self.dim == 3:
+            place, small = self.place[mask], 1e-6 * np.ptp(self.place)
+            edges = []
+            for axis in across:
+                move = small * np.eye(self.dim)[axis]
+                edges.append((self.warp(place + move) - self.warp(place - move)) / (2.0 * small))
+            area *= np.linalg.norm(np.cross(*edges), axis=1)
         return area
 
     def advance(self, start: float, end: float) -> int:
