@@ -28,7 +28,7 @@ FORTRAN_LAYERS = [
     {"mixture"},
     {"cells", "problem", "h5"},
     {"weak"},
-    {"collocation", "galerkin", "driver", "post"},
+    {"collocation", "galerkin", "subdomain", "driver", "post"},
     {"linear"},
     {"motion"},
     {"rom"},

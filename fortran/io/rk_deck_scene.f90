@@ -239,6 +239,8 @@ subroutine read_solver(scene, deck)
    call deck%get('galerkin.direct_limit', scene%galerkin%direct_limit)
    call deck%get('galerkin.stabilisation', scene%galerkin%stabilisation)
    call deck%get('galerkin.pressure_degree', scene%galerkin%pressure_degree)
+   call deck%get('subdomain.pressure_spacing', scene%subdomain%pressure_spacing)
+   call deck%get('subdomain.local_bulk', scene%subdomain%local_bulk)
 end subroutine read_solver
 
 !> Weights of boundary rows beside equilibrium rows of weight 1. The residuals are stress over

@@ -6,6 +6,7 @@ module rk_options
    private
 
    public :: load_options, solver_options, mixed_options, galerkin_options, interface_options
+   public :: subdomain_options
 
    !> How the load is applied
    type :: load_options
@@ -63,6 +64,14 @@ module rk_options
       !> Degree of the pressure in a group of cells
       integer :: pressure_degree
    end type galerkin_options
+
+   !> Balances of nodal cells
+   type :: subdomain_options
+      !> Spacings of source points from one pressure to the next
+      integer :: pressure_spacing
+      !> Part of the bulk modulus that acts at each point itself, in shear moduli [-]
+      real(wp) :: local_bulk
+   end type subdomain_options
 
    !> Interfaces between materials
    type :: interface_options

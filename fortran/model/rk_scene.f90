@@ -6,7 +6,7 @@ module rk_scene
    use rk_expression, only : expression_type
    use rk_material, only : material_type
    use rk_options, only : galerkin_options, interface_options, load_options, mixed_options, &
-      & solver_options
+      & solver_options, subdomain_options
    use rk_precision, only : wp
    use rk_programme, only : plan_type, programme_type, ramp
    use rk_shape, only : approximation_type, new_shape, shape_type
@@ -152,6 +152,8 @@ module rk_scene
       type(mixed_options) :: mixed
       !> Galerkin form
       type(galerkin_options) :: galerkin
+      !> Balances of nodal cells
+      type(subdomain_options) :: subdomain
       !> Probes
       type(probe_type), allocatable :: probe(:)
       !> Exact solutions

@@ -33,7 +33,7 @@ CHANGES = [
 ]
 
 
-@pytest.mark.parametrize("method", ["rkpm-gauss", "rkpm-scni", "rkcm-mixed"])
+@pytest.mark.parametrize("method", ["rkpm-gauss", "rkpm-scni", "rkcm-mixed", "rkcm-subdomain"])
 def test_ten_changes_are_ten_fresh_scenes(method):
     tables = {**TABLES, "scene": {"dimension": 3, "method": method}}
     overrides: list[str] = []

@@ -42,6 +42,10 @@ CASES: dict[str, tuple[str, tuple[str, ...]]] = {
         "uniaxial_tension",
         ("scene.method=rkpm-gauss", "material.K=inf", "load.steps=1", *_ORDERS),
     ),
+    "balances of nodal cells": (
+        "muscle_fibers",
+        ("scene.method=rkcm-subdomain", "approximation.order=2", *_BLOCK),
+    ),
     "nodal cells": ("muscle_fibers", ("scene.method=rkpm-scni", *_LINEAR)),
     "nodal cells, not formed": (
         "muscle_fibers",

@@ -91,7 +91,8 @@ def solve(problem: Problem, method: str, n: int, overrides: Sequence[str] = ()) 
     problem : Problem
         What is solved.
     method : str
-        `rkcm` or `rkcm-mixed`.
+        `rkcm`, `rkcm-mixed` or `rkcm-subdomain`, which begins beside the solution: under dead
+        loads as large the body has other states in equilibrium.
     n : int
         Source points along each edge; there are twice as many collocation points.
     overrides : sequence of str
@@ -120,7 +121,8 @@ def solve(problem: Problem, method: str, n: int, overrides: Sequence[str] = ()) 
         exact = _exact(scene.points(), problem, n)
         case |= {"dofs": scene.dofs, "rows": scene.rows, "outcome": "converged", "message": ""}
         try:
-            states = scene.solve(error=False)
+            start = _beside(scene.dofs, problem, n) if method == "rkcm-subdomain" else None
+            states = scene.solve(error=False, start=start)
         except MyorkError as error:
             return case | {"outcome": "not converged", "message": str(error)}
         fields = scene.fields(states.x[-1], 1.0)
@@ -221,7 +223,6 @@ def _exact(points: F64Array, problem: Problem, n: int) -> _Exact:
 def _tables(problem: Problem, method: str, n: int) -> tuple[dict[str, Any], PointCloud | None]:
     """Deck of a unit square, or of a unit cube with its points, which have two labels."""
     nd = problem.dimension
-    cloud = None
     # the chosen solution is smooth, so that rows near the edges count in full
     tables: dict[str, Any] = {
         "title": "Manufactured solution",
@@ -243,14 +244,34 @@ def _tables(problem: Problem, method: str, n: int) -> tuple[dict[str, Any], Poin
         size = {"size": [1, 1], "source": [n, n], "collocation": [2 * n - 1, 2 * n - 1]}
         tables["geometry"] = {"kind": "box", **size}
         tables["material"] = [{"name": "muscle", "K": problem.bulk[0], **muscle}]
-    else:
-        cloud = box((1.0, 1.0, 1.0), (n, n, n), (2 * n - 1,) * 3, _FIBER[3])
-        cloud.label[cloud.points[:, 0] > 0.5] = 2
-        tables["material"] = [
-            {"name": f"muscle{label}", "label": label, "K": bulk, **muscle}
-            for label, bulk in enumerate(problem.bulk, 1)
-        ]
+        return tables, None
+    materials = [
+        {"name": f"muscle{label}", "K": bulk, **muscle}
+        for label, bulk in enumerate(problem.bulk, 1)
+    ]
+    tables["material"] = materials
+    if method == "rkcm-subdomain":
+        size = {"size": [1, 1, 1], "source": [n] * 3, "collocation": [2 * n - 1] * 3}
+        tables["geometry"] = {"kind": "box", **size}
+        materials[1]["where"] = "x > 0.5"
+        return tables, None
+    cloud = box((1.0, 1.0, 1.0), (n, n, n), (2 * n - 1,) * 3, _FIBER[3])
+    cloud.label[cloud.points[:, 0] > 0.5] = 2
+    for label, material in enumerate(materials, 1):
+        material["label"] = label
     return tables, cloud
+
+
+def _beside(dofs: int, problem: Problem, n: int) -> F64Array:
+    """Chosen displacement at the points of the lattice, and no pressures."""
+    nd = problem.dimension
+    axis = np.linspace(0.0, 1.0, n)
+    source = np.zeros((n**nd, 3))
+    source[:, :nd] = np.stack(np.meshgrid(*[axis] * nd, indexing="ij"), axis=-1).reshape(-1, nd)
+    deform = chosen_deformation if nd == 2 else _chosen_3d
+    start = np.zeros(dofs)
+    start[: nd * len(source)] = (deform(source) - source)[:, :nd].ravel()
+    return start
 
 
 def _relative(value: F64Array, exact: F64Array) -> float:
