@@ -47,7 +47,7 @@ PYTHON_LAYERS = [
     {"model"},
     {"stations"},
     {"rom", "report", "reference"},
-    {"bench", "demo", "sweeps", "view"},
+    {"bench", "demo", "sweeps", "studies", "view"},
     {"commands"},
     {"cli"},
     {"__main__"},

@@ -21,6 +21,7 @@ from typing import Any
 import myork
 from myork.commands import (
     add_rom_commands,
+    add_studies,
     add_sweep,
     add_view,
     override,
@@ -37,7 +38,11 @@ exit status: 0 done; 1 ended without convergence, the last state is written, or 
 refused; 2 bad input; 3 a missing or broken part of the installation"""
 
 
-_ROM_COMMANDS = ("train", "solve", "map", "check")
+#: Commands of two words
+_PAIRS = {
+    "rom": ("train", "solve", "map", "check"),
+    "study": ("sensitivity", "identify", "uncertainty"),
+}
 
 #: OpenBLAS does not end where its buffers are refused; `myork-solve` has the same limit
 _LEAST_BYTES = 800_000_000
@@ -57,9 +62,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         Exit status.
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
-    if words[:1] == ["rom"] and words[1:2] and words[1] in _ROM_COMMANDS:
+    if words[1:2] and words[1] in _PAIRS.get(words[0], ()):
         # commands of a trained model stand beside `rom DECK`
-        words[:2] = [f"rom {words[1]}"]
+        words[:2] = [" ".join(words[:2])]
     options = _parser().parse_args(words)
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
     if limit != resource.RLIM_INFINITY and limit < _LEAST_BYTES:
@@ -352,6 +357,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     add_rom_commands(add, add_deck)
     add_sweep(add_deck)
+    add_studies(add)
     add_view(commands.add_parser, common)
     bench = add(
         "bench",

@@ -13,6 +13,7 @@ from myork.errors import ConvergenceError, InputError
 
 __all__ = [
     "add_rom_commands",
+    "add_studies",
     "add_sweep",
     "add_view",
     "override",
@@ -202,6 +203,190 @@ def add_sweep(add_deck: Callable[..., argparse.ArgumentParser]) -> None:
         "--model", type=Path, metavar="FILE", help="reduced model that answers (.rom.h5)"
     )
     command.add_argument("--dry-run", action="store_true", help="say what would be solved, and end")
+
+
+def _sensitivity(options: argparse.Namespace) -> None:
+    from myork.studies import sensitivity
+
+    out = options.out or _study_folder(options.source)
+    with Console(options.verbosity) as console:
+        found = sensitivity(
+            options.source,
+            out,
+            vary=options.vary,
+            fixed=options.set,
+            probe=options.probe,
+            samples=options.samples,
+            seed=options.seed,
+            threads=options.threads,
+            progress=console,
+        )
+    print(f"{found['probe']}: {found['mean']:.4g} +- {found['standard_deviation']:.2g}")
+    for key, entry in found["indices"].items():
+        alone, total = (
+            "{value:.3f} ({low:.3f} to {high:.3f})".format(**entry[kind])
+            for kind in ("first_order", "total_order")
+        )
+        print(f"  {key}: alone {alone}, in all {total}")
+    print(_cost(found["cost"]))
+    print(f"study: {out / 'sensitivity.csv'}, {out / 'sensitivity.png'}")
+
+
+def _identify(options: argparse.Namespace) -> None:
+    from myork.studies import identify
+
+    out = options.out or _study_folder(options.source)
+    with Console(options.verbosity) as console:
+        found = identify(
+            options.source,
+            options.data,
+            options.free,
+            out,
+            fixed=options.set,
+            seed=options.seed,
+            threads=options.threads,
+            progress=console,
+        )
+    for key, entry in found["parameters"].items():
+        low, high = entry["interval"]
+        print(f"{key}: {entry['value']:.5g}, 95 % from {low:.5g} to {high:.5g}")
+    for line in found["warnings"]:
+        print(f"warning: {line}")
+    print(_cost(found["cost"]))
+    print(f"study: {out / 'identify.json'}, {out / 'identify.csv'}")
+
+
+def _uncertainty(options: argparse.Namespace) -> None:
+    from myork.studies import uncertainty
+    from myork.studies.uncertainty import Doubt
+
+    out = options.out or _study_folder(options.source)
+    with Console(options.verbosity) as console:
+        found = uncertainty(
+            options.source,
+            out,
+            doubt=Doubt(options.bias, options.shift, options.noise, options.length),
+            samples=options.samples,
+            seed=options.seed,
+            probe=options.probe,
+            fixed=options.set,
+            threads=options.threads,
+            progress=console,
+        )
+    low, high = (found["percentiles"][end] for end in ("2.5", "97.5"))
+    print(
+        f"{found['probe']}: {found['mean']:.4g} +- {found['standard_deviation']:.2g}, 95 % of the "
+        f"maps from {low:.4g} to {high:.4g}; the map as it is: {found['as_it_is']:.4g}"
+    )
+    print(f"{found['cpu_s']:.1f} s of processor time for {found['maps']} maps")
+    print(f"study: {out / 'uncertainty.csv'}, {out / 'uncertainty.png'}")
+
+
+def _study_folder(source: Path) -> Path:
+    return Path("out", source.name.split(".")[0])
+
+
+def _cost(cost: dict[str, Any]) -> str:
+    told = f"{cost['states']} states by {cost['by']}: {cost['cpu_s']:.1f} s of processor time"
+    if "full_cpu_s" in cost:
+        told += f"; full solves as in the training would take {cost['full_cpu_s']:.0f} s"
+    return told
+
+
+def add_studies(add: Callable[..., argparse.ArgumentParser]) -> None:
+    """Commands that ask many states of a model for one answer."""
+
+    def add_study(
+        name: str, run: Callable[..., None], what: str, examples: str, source: str
+    ) -> argparse.ArgumentParser:
+        command = add(
+            f"study {name}", run, what, examples, "folder of the results; default out/<name>"
+        )
+        command.add_argument("source", type=Path, metavar=source.split()[0], help=source)
+        command.add_argument(
+            "--set",
+            type=override,
+            action="append",
+            default=[],
+            metavar="KEY=VALUE",
+            help="value of another parameter, or override of the deck; may be repeated",
+        )
+        command.add_argument(
+            "--seed", type=int, default=0, metavar="S", help="start of random numbers"
+        )
+        return command
+
+    either = "MODEL is a reduced model (.rom.h5), or a deck whose scene is solved in full"
+
+    def add_probe(command: argparse.ArgumentParser) -> None:
+        command.add_argument(
+            "--probe",
+            metavar="NAME",
+            help="probe, such as reaction or pull_x; default the first force",
+        )
+
+    study = add_study(
+        "sensitivity",
+        _sensitivity,
+        "what a force depends on: Sobol's indices over ranges of parameters",
+        "  myork study sensitivity block.rom.h5 --samples 256\n"
+        "  myork study sensitivity deck.toml --vary material.muscle.A10=5:8 \\\n"
+        "      --vary load.activation=0.2:0.4 --samples 32",
+        either,
+    )
+    study.add_argument(
+        "--vary",
+        action="append",
+        default=[],
+        metavar="KEY=LOW:HIGH",
+        help="parameter with its range; default those of the training; may be repeated",
+    )
+    add_probe(study)
+    study.add_argument(
+        "--samples", type=int, default=256, metavar="N", help="a power of two; default 256"
+    )
+    study = add_study(
+        "identify",
+        _identify,
+        "parameters that fit measured forces or displacements, with intervals",
+        "  myork study identify block.rom.h5 --data measured.csv --free sigma_max\n"
+        "  myork study identify deck.toml --data measured.csv \\\n"
+        "      --free material.muscle.sigma_max=20:60 --free material.muscle.A10=4:9",
+        either,
+    )
+    study.add_argument(
+        "--data",
+        type=Path,
+        required=True,
+        metavar="FILE",
+        help="CSV: a column for each key that was set and each probe, NAME_error for its error",
+    )
+    study.add_argument(
+        "--free",
+        action="append",
+        required=True,
+        metavar="KEY=LOW:HIGH",
+        help="parameter that is wanted; KEY alone takes the range of the training",
+    )
+    study = add_study(
+        "uncertainty",
+        _uncertainty,
+        "what the segmentation's uncertainty does to a force: label maps moved, rebuilt, solved",
+        "  myork study uncertainty inputs/mg_muscle.toml --out out/mg_muscle --shift 0.6",
+        "DECK of a model from a label map",
+    )
+    add_probe(study)
+    study.add_argument("--samples", type=int, default=12, metavar="N", help="maps; default 12")
+    for option, default, told in (
+        ("bias", 0.0, "move of all boundaries outwards"),
+        ("shift", 0.5, "standard deviation of the move of a whole boundary"),
+        ("noise", 0.5, "standard deviation of a move that varies along it"),
+        ("length", 10.0, "distance over which that varies"),
+    ):
+        study.add_argument(
+            f"--{option}", type=float, default=default, metavar="MM",
+            help=f"{told} [mm]; default {default:g}",
+        )  # fmt: skip
 
 
 def add_view(add_parser: Callable[..., Any], common: argparse.ArgumentParser) -> None:

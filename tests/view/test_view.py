@@ -223,6 +223,24 @@ def test_positions_and_fields(answers: Answers) -> None:
     assert answers.state([0.5, 0.2, 20.0], "von_mises").values.max() == low
 
 
+def test_angles_of_fibers_move(tmp_path: Path) -> None:
+    """A scene whose fibers turn is another one; its fields are those of the state."""
+    deck = tmp_path / "turning.toml"
+    deck.write_text(text_of_tables(DECK))
+    key = "material.muscle.fiber_angle"
+    ranges = {key: (5.0, 25.0), "load.activation": (0.0, 0.5)}
+    rom = ReducedModel.train(deck, ranges, full_solves=8, tests=0, threads=1)
+    with Answers(rom.save(tmp_path / "turning.rom.h5")) as found:
+        assert found.about()["parameters"][0]["unit"] == "°"
+        shown = [found.state([angle, 0.4], "principal").values for angle in (8.0, 21.0, 8.0)]
+        assert np.array_equal(shown[0], shown[2])
+        x = rom.basis @ rom.batch(np.array([[21.0, 0.4]])).amplitudes[0]
+        with rom.full_model().open([f"{key}=21.0", "load.activation=0.4", "load.steps=1"]) as scene:
+            stress = scene.fields(x, 1.0).named["principal_stress"].max(axis=1)
+        assert shown[1].max() <= stress.max() * (1 + 1e-6)
+        assert np.isin(np.round(shown[1], 8), np.round(stress, 8)).all()
+
+
 def test_curves_pass_through_the_state(answers: Answers) -> None:
     values = [0.4, 0.05, 30.0]
     told = answers.state(values, "J").told

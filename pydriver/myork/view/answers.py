@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from myork.core.changing import scene_at
 from myork.core.scene import Scene
 from myork.core.states import Fields
 from myork.errors import InputError
@@ -77,15 +78,16 @@ class Answers:
         self.rom = rom = ReducedModel.load(path, threads=threads)
         self._lock = threading.Lock()
         self._folder = tempfile.TemporaryDirectory(prefix="myork-")
-        self._changed: dict[str, float] = {}
+        self._has: dict[str, float] = {}
         full = rom.full_model()
-        more = ["load.steps=1"]
+        own = [*full.overrides, "load.steps=1"]
         deck = Path(self._folder.name, "deck.toml")
         deck.write_text(full.text, encoding="utf-8")
         if full.cloud is not None:
             write_model(deck.with_name("model.h5"), full.cloud)
-            more.append("geometry.file=model.h5")
-        self._scene = Scene(deck, [*full.overrides, *more], threads=threads)
+            own.append("geometry.file=model.h5")
+        self._open = lambda more: Scene(deck, [*own, *more], threads=threads)
+        self._scene = self._open([])
         points = self._scene.points()
         triangles = outer_triangles(points, point_distances(points, self._scene.deck, full.cloud))
         self._corners, renumbered = np.unique(triangles, return_inverse=True)
@@ -123,11 +125,12 @@ class Answers:
             low, high = p.low - more, p.high + more
             if p.kind == "activation":
                 low, high = max(low, 0.0), min(high, 1.0)
-            elif p.kind != "load":
-                # moduli and stresses are positive
+            elif p.low > 0.0:
+                # a modulus stays what it is
                 low = max(low, 0.5 * p.low)
-            unit = units["length"] if p.kind == "load" else stress
-            unit = "" if p.kind == "activation" else unit
+            unit = {"load": units["length"], "activation": "", "fiber_angle": "°"}.get(
+                p.kind, stress
+            )
             parameters.append(
                 {"key": p.key, "low": p.low, "high": p.high, "least": low, "most": high,
                  "unit": unit}
@@ -253,10 +256,8 @@ class Answers:
     def _fields(self, row: F64Array, amplitudes: F64Array) -> Fields:
         """Fields of a state, by the full scene: materials and what is prescribed enter them."""
         wanted = {p.key: float(v) for p, v in zip(self.rom.parameters, row, strict=True)}
-        changes = {key: v for key, v in wanted.items() if self._changed.get(key) != v}
-        if changes:
-            self._scene.update(changes)
-            self._changed |= changes
+        self._scene = scene_at(self._scene, self._has, wanted, self._open)
+        self._has = wanted
         return self._scene.fields(self.rom.basis @ amplitudes, 1.0)
 
     def _probes(self) -> list[dict[str, str]]:

@@ -1,0 +1,46 @@
+"""A scene at other values of its keys: changed while open where that is possible."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from myork.core.scene import Scene
+from myork.errors import InputError
+from myork.tables import override_text
+
+__all__ = ["scene_at"]
+
+
+def scene_at(
+    scene: Scene,
+    known: Mapping[str, Any],
+    wanted: Mapping[str, Any],
+    open_scene: Callable[[Sequence[str]], Scene],
+) -> Scene:
+    """The scene with other values; another one in its place where fibers or points change.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene that may be changed; it is closed where another one takes its place.
+    known, wanted : mapping
+        Values by key that it has, and that it is to have.
+    open_scene : callable
+        Opens the scene with overrides.
+
+    Raises
+    ------
+    InputError
+        A wrong value.
+    """
+    changes = {key: value for key, value in wanted.items() if known.get(key) != value}
+    try:
+        if changes:
+            scene.update(changes)
+    except InputError:
+        # where the value is wrong, the other scene says so
+        other = open_scene([override_text(key, value) for key, value in wanted.items()])
+        scene.close()
+        return other
+    return scene

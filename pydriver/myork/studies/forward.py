@@ -1,0 +1,289 @@
+"""Answers for values of parameters: by a reduced model, or by full solves of an open scene."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from myork.console import ProgressCallback, silent
+from myork.core.changing import scene_at
+from myork.core.scene import Scene
+from myork.errors import ConvergenceError, InputError
+from myork.rom.model import ReducedModel
+
+__all__ = ["Forward", "Values", "open_forward", "probe_of", "ranges_of"]
+
+F64Array = NDArray[np.float64]
+
+
+class Values(NamedTuple):
+    """Answers for many sets of parameters.
+
+    Attributes
+    ----------
+    probes : dict
+        Scalars by name, those of vectors with their axis behind (`pull_x`), shape `(n,)` each.
+    good : NDArray
+        Whether a state was found, shape `(n,)`.
+    """
+
+    probes: dict[str, F64Array]
+    good: NDArray[np.bool_]
+
+
+class Forward:
+    """A model that answers for values of the keys asked for, others fixed.
+
+    Attributes
+    ----------
+    is_reduced : bool
+        Whether a reduced model answers.
+    forces : list of str
+        Scalars that are forces.
+    units : dict
+        Unit of each scalar.
+    states, cpu_s : int, float
+        States asked for so far, and their processor time.
+    """
+
+    is_reduced = False
+
+    def __init__(self) -> None:
+        self.states = 0
+        self.cpu_s = 0.0
+        self.units: dict[str, str] = {}
+        self.forces: list[str] = []
+
+    def key_of(self, name: str) -> str:
+        """Key of the deck by its name."""
+        return name
+
+    def range_of(self, key: str) -> tuple[float, float] | None:
+        """Range of the training; none of a full model."""
+        return None
+
+    def ask(self, keys: Sequence[str], values: F64Array) -> Values:
+        """Answers for rows of values of the keys, shape `(n, len(keys))`."""
+        start = time.process_time()
+        found = self._answer(keys, values)
+        self.cpu_s += time.process_time() - start
+        self.states += len(values)
+        return found
+
+    def unknown(self, keys: Sequence[str]) -> list[str]:
+        """Keys that still need a value."""
+        return []
+
+    def close(self) -> None:
+        """Give back what is open."""
+
+    def cost(self) -> dict[str, Any]:
+        """States and processor time so far."""
+        return {"states": self.states, "cpu_s": self.cpu_s, "by": "full solves"}
+
+    def _answer(self, keys: Sequence[str], values: F64Array) -> Values:
+        raise NotImplementedError
+
+    def _name(self, probe: Mapping[str, Any], dimension: int) -> list[str]:
+        """Names of the scalars of a probe; their units are kept."""
+        vector = probe["quantity"] in ("u", "force", "section_force")
+        ends = [f"_{axis}" for axis in "xyz"[:dimension]] if vector else [""]
+        return [probe["name"] + end for end in ends]
+
+
+class _Reduced(Forward):
+    is_reduced = True
+
+    def __init__(self, path: Path, fixed: Mapping[str, str], threads: int) -> None:
+        super().__init__()
+        self._rom = ReducedModel.load(path, threads=threads)
+        self._fixed: dict[str, float] = {}
+        for name, text in fixed.items():
+            try:
+                self._fixed[self._rom.key_of(name)] = float(text)
+            except ValueError:
+                raise InputError(f"--set {name}={text}: a number is needed") from None
+        for probe in self._rom.head["probes"]:
+            force = probe["quantity"].startswith("force")
+            for name in self._name(probe, 3):
+                self.units[name] = self._rom.units["force" if force else "length"]
+                if force:
+                    self.forces.append(name)
+
+    def key_of(self, name: str) -> str:
+        return self._rom.key_of(name)
+
+    def range_of(self, key: str) -> tuple[float, float] | None:
+        return next((p.low, p.high) for p in self._rom.parameters if p.key == key)
+
+    def unknown(self, keys: Sequence[str]) -> list[str]:
+        return [p.key for p in self._rom.parameters if p.key not in {*keys, *self._fixed}]
+
+    def cost(self) -> dict[str, Any]:
+        full = self._rom.head["full_cpu_s"]
+        more = {"full_cpu_s_per_state": full, "full_cpu_s": full * self.states}
+        return {**super().cost(), "by": "the reduced model", **more}
+
+    def _answer(self, keys: Sequence[str], values: F64Array) -> Values:
+        missing = self.unknown(keys)
+        if missing:
+            raise InputError(f"a value is missing of {', '.join(missing)}; --set gives one")
+        columns = {**self._fixed, **dict(zip(keys, values.T, strict=True))}
+        rows = np.stack(
+            [np.broadcast_to(columns[p.key], len(values)) for p in self._rom.parameters], axis=1
+        )
+        batch = self._rom.batch(rows)
+        found = {}
+        for probe in self._rom.head["probes"]:
+            value = batch.probes[probe["name"]]
+            value = value[:, None] if value.ndim == 1 else value
+            for k, name in enumerate(self._name(probe, value.shape[1])):
+                found[name] = value[:, k]
+        return Values(found, batch.converged)
+
+
+class _Full(Forward):
+    def __init__(
+        self,
+        deck: Path,
+        overrides: Sequence[str],
+        out: Path | None,
+        threads: int | None,
+        progress: ProgressCallback,
+    ) -> None:
+        super().__init__()
+        self._open = lambda more: Scene(deck, [*overrides, *more], out, threads=threads)
+        self._progress = progress
+        self._scene = self._open([])
+        self._has: dict[str, float] = {}
+        self._steps = self._scene.deck["load"]["steps"]
+        self._known: list[tuple[F64Array, F64Array]] = []
+        self._keys: tuple[str, ...] = ()
+        units = self._scene.deck["units"]
+        for probe in self._scene.deck.get("probe", []):
+            force = "force" in probe["quantity"]
+            length = probe["quantity"].split("_")[0] == "u"
+            stress = f"{units['force']}/{units['length']}^2"
+            for name in self._name(probe, self._scene.dimension):
+                self.units[name] = (
+                    units["force"] if force else units["length"] if length else stress
+                )
+                if force:
+                    self.forces.append(name)
+
+    def close(self) -> None:
+        self._scene.close()
+
+    def _answer(self, keys: Sequence[str], values: F64Array) -> Values:
+        if tuple(keys) != self._keys:
+            if self._keys:
+                # values of keys that are not asked for any more are the deck's
+                self._scene.close()
+                self._scene, self._has = self._open([]), {}
+            self._keys, self._known = tuple(keys), []
+        good = np.zeros(len(values), bool)
+        found = {name: np.full(len(values), np.nan) for name in self.units}
+        for i, row in enumerate(values):
+            try:
+                x = self._solve(row)
+            except ConvergenceError as reason:
+                told = ", ".join(f"{k} = {v:.4g}" for k, v in zip(keys, row, strict=True))
+                self._progress(f"no state at {told}: {reason}")
+                continue
+            good[i] = True
+            value = self._scene.probes(x[None], np.ones(1))[0]
+            for j, probe in enumerate(self._scene.deck["probe"]):
+                for k, name in enumerate(self._name(probe, self._scene.dimension)):
+                    found[name][i] = value[j, k]
+            self._progress(f"solve {i + 1}/{len(values)}")
+        return Values(found, good)
+
+    def _solve(self, row: F64Array) -> F64Array:
+        """Unknowns of a state: from the nearest known one in one step, else from rest."""
+        changes = dict(zip(self._keys, (float(v) for v in row), strict=True))
+        starts: list[F64Array | None] = [None]
+        if self._known:
+            rows = np.array([known for known, _ in self._known])
+            scale = np.maximum(np.ptp(np.vstack([rows, row]), axis=0), 1e-300)
+            near = int(np.argmin((((rows - row) / scale) ** 2).sum(axis=1)))
+            starts.insert(0, self._known[near][1])
+        for start in starts:
+            steps = {"load.steps": self._steps if start is None else 1}
+            wanted = {**changes, **steps}
+            self._scene = scene_at(self._scene, self._has, wanted, self._open)
+            self._has = wanted
+            try:
+                x = np.asarray(self._scene.solve(error=False, start=start).x[-1])
+            except ConvergenceError:
+                if start is None:
+                    raise
+                continue
+            self._known.append((row, x))
+            return x
+        raise AssertionError("the last start raises or returns")
+
+
+def open_forward(
+    source: str | Path,
+    fixed: Sequence[str] = (),
+    threads: int | None = None,
+    progress: ProgressCallback = silent,
+    out: Path | None = None,
+) -> Forward:
+    """A reduced model (`.rom.h5`) or a deck, with `KEY=VALUE` of what is fixed.
+
+    The model file of a deck is looked for in `out` first.
+
+    Raises
+    ------
+    InputError
+        A key or a value is wrong.
+    """
+    source = Path(source)
+    if source.name.endswith(".h5"):
+        pairs = (item.partition("=") for item in fixed)
+        return _Reduced(source, {key.strip(): value for key, _, value in pairs}, threads or 0)
+    return _Full(source, fixed, out, threads, progress)
+
+
+def ranges_of(
+    forward: Forward, items: Sequence[str], option: str
+) -> dict[str, tuple[float, float]]:
+    """Ranges from texts `KEY=LOW:HIGH`, or `KEY` alone for the range of the training."""
+    found = {}
+    for item in items:
+        name, sign, text = item.partition("=")
+        key = forward.key_of(name.strip())
+        try:
+            low, high = (
+                (float(word) for word in text.split(":")) if sign else _trained(forward, key)
+            )
+        except ValueError:
+            low, high = 0.0, 0.0
+        if not (np.isfinite([low, high]).all() and low < high):
+            raise InputError(f"{option} {item}: KEY=LOW:HIGH is needed, as in load.activation=0:1")
+        if key in found:
+            raise InputError(f"{option} {item}: named twice")
+        found[key] = (low, high)
+    return found
+
+
+def probe_of(forward: Forward, asked: str | None) -> str:
+    """Name of the scalar asked for, the first force by default."""
+    if asked is None:
+        if not forward.forces:
+            raise InputError(f"--probe: name one of {', '.join(forward.units) or 'none'}")
+        return forward.forces[0]
+    if asked not in forward.units:
+        raise InputError(f"--probe {asked}: there are {', '.join(forward.units)}")
+    return asked
+
+
+def _trained(forward: Forward, key: str) -> tuple[float, float]:
+    found = forward.range_of(key)
+    return found if found is not None else (0.0, 0.0)

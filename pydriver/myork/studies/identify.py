@@ -1,0 +1,305 @@
+"""Parameters that fit measured forces and displacements, with confidence intervals."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from myork.console import ProgressCallback, silent
+from myork.errors import ConvergenceError, FileError, InputError
+from myork.files import whole_file, write_json, write_text
+from myork.studies.forward import Forward, open_forward, ranges_of
+
+__all__ = ["identify"]
+
+F64Array = NDArray[np.float64]
+
+#: Starts among which the best are tried, where a reduced model answers
+_STARTS, _BEST = 64, 3
+#: Step of the differences, of a range: above the tolerance of the states, below curvature
+_STEP = 1e-3
+_CONFIDENCE = 0.95
+#: Parameters whose estimates go together as far as this are not told apart by the data
+_TOGETHER = 0.98
+
+
+class _Data(NamedTuple):
+    """Measurements: conditions by keys, values and their standard errors by names of probes."""
+
+    keys: list[str]
+    conditions: F64Array
+    names: list[str]
+    values: F64Array
+    errors: F64Array | None
+
+
+def identify(
+    source: str | Path,
+    data: str | Path,
+    free: Sequence[str],
+    out: str | Path,
+    *,
+    fixed: Sequence[str] = (),
+    seed: int = 0,
+    threads: int | None = None,
+    progress: ProgressCallback = silent,
+) -> dict[str, Any]:
+    """Values of parameters by least squares.
+
+    Parameters
+    ----------
+    source : str or Path
+        Reduced model, or a deck whose scene is solved in full.
+    data : str or Path
+        CSV with a row a measurement: a column for each key that was set, and one for each probe
+        that was measured, by its name (`_x` behind that of a vector); `NAME_error` are standard
+        errors. Without them all measurements of a probe are equally good, and the scatter about
+        the fit says how good. Empty fields were not measured.
+    free : sequence of str
+        Keys that are wanted, `KEY=LOW:HIGH` each; `KEY` takes the range of the training.
+    out : str or Path
+        Folder of `identify.json`, `.csv` (measured and fitted) and `.png`.
+    fixed : sequence of str
+        `KEY=VALUE` each: other parameters, or overrides of the deck.
+    seed : int
+        Start of the random numbers.
+    threads : int, optional
+        Number of threads.
+    progress : callable
+        Called with every line of progress.
+
+    Returns
+    -------
+    dict
+        What `identify.json` holds: values with intervals, correlations, warnings.
+
+    Raises
+    ------
+    InputError
+        A key or the data are wrong.
+    ConvergenceError
+        A state that the fit asks for could not be found.
+    """
+    out = Path(out)
+    forward = open_forward(source, fixed, threads, progress, out)
+    try:
+        ranges = ranges_of(forward, free, "--free")
+        if not ranges:
+            raise InputError("name what is wanted: --free KEY=LOW:HIGH")
+        measured = _read(Path(data), forward, list(ranges))
+        summary, fitted = _fit(forward, measured, ranges, seed, progress)
+    finally:
+        forward.close()
+    out.mkdir(parents=True, exist_ok=True)
+    write_text(out / "identify.csv", _table(measured, fitted))
+    _draw(forward, measured, fitted, out / "identify.png")
+    write_json(out / "identify.json", summary)
+    return summary
+
+
+def _read(path: Path, forward: Forward, free: Sequence[str]) -> _Data:
+    """Read the measurements; each column is a key, a probe or a standard error."""
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            head, *rows = [row for row in csv.reader(file) if any(field.strip() for field in row)]
+    except OSError as reason:
+        raise FileError(f"{path}: cannot be read: {reason.strerror or reason}") from None
+    except ValueError:
+        raise InputError(f"{path}: a head and a row a measurement are needed") from None
+    head = [name.strip() for name in head]
+    table = np.full((len(rows), len(head)), np.nan)
+    for i, row in enumerate(rows):
+        if len(row) != len(head):
+            raise InputError(f"{path}: row {i + 1} has {len(row)} fields, the head {len(head)}")
+        for j, field in enumerate(row):
+            try:
+                table[i, j] = float(field) if field.strip() else np.nan
+            except ValueError:
+                raise InputError(
+                    f"{path}: row {i + 1}, {head[j]}: {field!r} is no number"
+                ) from None
+    names = [name for name in head if name in forward.units]
+    others = [n for n in head if n not in names and n.removesuffix("_error") not in names]
+    if not names:
+        raise InputError(f"{path}: no column is a probe; there are {', '.join(forward.units)}")
+    keys = [forward.key_of(name) for name in others]
+    if set(keys) & set(free):
+        raise InputError(f"{path}: {', '.join(set(keys) & set(free))}: is wanted, not given")
+    missing = forward.unknown([*keys, *free])
+    if missing:
+        raise InputError(f"{path}: a column or --set is needed for {', '.join(missing)}")
+    conditions = table[:, [head.index(name) for name in others]]
+    values = table[:, [head.index(name) for name in names]]
+    if len(rows) == 0 or not np.isfinite(conditions).all() or not np.isfinite(values).any():
+        raise InputError(f"{path}: every row needs its conditions, and something measured")
+    errors = None
+    if any(f"{name}_error" in head for name in names):
+        if not all(f"{name}_error" in head for name in names):
+            raise InputError(f"{path}: standard errors are needed of all probes or of none")
+        errors = table[:, [head.index(f"{name}_error") for name in names]]
+        if not (errors[np.isfinite(values)] > 0.0).all():
+            raise InputError(f"{path}: standard errors must be above 0")
+    return _Data(keys, conditions, names, values, errors)
+
+
+def _fit(
+    forward: Forward,
+    data: _Data,
+    ranges: dict[str, tuple[float, float]],
+    seed: int,
+    progress: ProgressCallback,
+) -> tuple[dict[str, Any], F64Array]:
+    from scipy.optimize import least_squares
+    from scipy.stats import qmc
+    from scipy.stats import t as student
+
+    keys = list(ranges)
+    low, high = np.array(list(ranges.values())).T
+    known = np.isfinite(data.values)
+    # without errors: one for each probe, in proportion to the size of its values
+    size = np.sqrt(np.nanmean(data.values**2, axis=0))
+    scale = data.errors if data.errors is not None else np.where(size > 0, size, 1.0)
+    scale = np.broadcast_to(scale, data.values.shape)
+
+    def model(shares: F64Array) -> F64Array:
+        """Values of all measurements at shares of the ranges, from one on, shape `(n, m, k)`."""
+        place = low + (high - low) * (np.atleast_2d(shares) - 1.0)
+        rows = [np.hstack([data.conditions, np.tile(p, (len(data.values), 1))]) for p in place]
+        found = forward.ask([*data.keys, *keys], np.concatenate(rows))
+        value = np.stack([found.probes[name] for name in data.names], axis=1)
+        value[~found.good] = np.nan
+        return value.reshape(len(place), *data.values.shape)
+
+    def residual(shares: F64Array) -> F64Array:
+        value = model(shares)[0]
+        left: F64Array = ((value - data.values) / scale)[known]
+        if not np.isfinite(left).all():
+            told = low + (high - low) * (shares - 1.0)
+            named = ", ".join(f"{k} = {v:.4g}" for k, v in zip(keys, told, strict=True))
+            raise ConvergenceError(f"no state at {named}: narrow the ranges of --free")
+        return left
+
+    starts = np.full((1, len(keys)), 1.5)
+    if forward.is_reduced:
+        tried = 1.0 + qmc.Sobol(len(keys), seed=seed).random(_STARTS)
+        off = ((model(tried) - data.values) / scale)[:, known]
+        misfit = np.where(np.isfinite(off).all(axis=1), (off**2).sum(axis=1), np.inf)
+        starts = tried[np.argsort(misfit)[:_BEST]]
+    fits = []
+    for start in starts:
+        fit = least_squares(
+            residual, start, bounds=(1.0, 2.0), diff_step=_STEP, xtol=1e-8, ftol=1e-10
+        )
+        fits.append(fit)
+        progress(f"fit {len(fits)}/{len(starts)}: misfit {2 * fit.cost:.4g}")
+    fits.sort(key=lambda fit: fit.cost)
+    best = fits[0]
+    freedom = int(known.sum()) - len(keys)
+    left, s, right = np.linalg.svd(best.jac, full_matrices=False)
+    told = s > 1e-10 * s[0]
+    inverse = (right[told].T / s[told] ** 2) @ right[told]
+    spread = 1.0
+    if data.errors is None:
+        spread = np.sqrt(2.0 * best.cost / freedom) if freedom > 0 else np.nan
+    if not told.all():
+        inverse = inverse + np.where(np.eye(len(keys)) > 0, np.inf, 0.0)
+    factor = student.ppf(0.5 + 0.5 * _CONFIDENCE, max(freedom, 1)) if data.errors is None else 1.96
+    error = spread * np.sqrt(np.diag(inverse)) * (high - low)
+    value = low + (high - low) * (best.x - 1.0)
+    spreads = np.sqrt(np.diag(inverse))
+    together = inverse / np.outer(spreads, spreads)
+    fitted = model(best.x)[0]
+    warnings = _warnings(keys, best, fits, together, freedom, told.all())
+    if data.errors is not None and freedom > 0 and 2.0 * best.cost > 4.0 * freedom:
+        warnings.append(
+            f"the misfit is {np.sqrt(2.0 * best.cost / freedom):.2g} times the standard errors: "
+            "the model or the errors are wrong, and the intervals too narrow"
+        )
+    summary = {
+        "parameters": {
+            key: {
+                "value": float(value[k]),
+                "standard_error": float(error[k]),
+                "interval": [
+                    float(value[k] - factor * error[k]),
+                    float(value[k] + factor * error[k]),
+                ],
+                "range": list(ranges[key]),
+            }
+            for k, key in enumerate(keys)
+        },
+        "confidence": _CONFIDENCE,
+        "correlation": np.where(np.isfinite(together), together, np.nan).tolist(),
+        "measurements": int(known.sum()),
+        "misfit": float(2.0 * best.cost),
+        "largest_residual": float(np.abs(best.fun).max()),
+        "residual_unit": "standard errors" if data.errors is not None else "rms of the probe",
+        "warnings": warnings,
+        "cost": forward.cost(),
+    }
+    return summary, fitted
+
+
+def _warnings(
+    keys: Sequence[str],
+    best: Any,
+    fits: Sequence[Any],
+    together: F64Array,
+    freedom: int,
+    determined: bool,
+) -> list[str]:
+    """What the data do not say."""
+    found = []
+    if freedom <= 0:
+        found.append("there are no more measurements than parameters: no interval is known")
+    if not determined:
+        found.append("the data do not determine all parameters: some change nothing measured")
+    for k, key in enumerate(keys):
+        if best.active_mask[k]:
+            found.append(f"{key} is at the end of its range")
+        for j in range(k):
+            if abs(together[k, j]) > _TOGETHER:
+                found.append(
+                    f"{keys[j]} and {key} are not told apart by these data "
+                    f"(correlation {together[k, j]:.3f})"
+                )
+    near = [f for f in fits if f.cost < 1.5 * best.cost and np.abs(f.x - best.x).max() > 0.02]
+    if near:
+        found.append("another set of values fits almost as well: the data allow several")
+    return found
+
+
+def _table(data: _Data, fitted: F64Array) -> str:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([*data.keys, *(c for n in data.names for c in (n, f"{n}_fitted"))])
+    for i, row in enumerate(data.conditions):
+        pairs = [v for k in range(len(data.names)) for v in (data.values[i, k], fitted[i, k])]
+        writer.writerow([*row.tolist(), *("" if np.isnan(v) else float(v) for v in pairs)])
+    return text.getvalue()
+
+
+def _draw(forward: Forward, data: _Data, fitted: F64Array, path: Path) -> None:
+    """Fitted against measured values of each probe."""
+    from matplotlib.figure import Figure
+
+    count = len(data.names)
+    figure = Figure(figsize=(4.2 * count, 4), layout="constrained")
+    for k, axes in enumerate(figure.subplots(1, count, squeeze=False)[0]):
+        measured = data.values[:, k]
+        bars = None if data.errors is None else 1.96 * data.errors[:, k]
+        axes.errorbar(measured, fitted[:, k], xerr=bars, fmt="o", color="#0b5c96", ms=4)
+        ends = [np.nanmin(measured), np.nanmax(measured)]
+        axes.plot(ends, ends, color="#5b6875", lw=1)
+        unit = forward.units[data.names[k]]
+        axes.set_xlabel(f"{data.names[k]} measured [{unit}]")
+        axes.set_ylabel(f"fitted [{unit}]")
+        axes.spines[["top", "right"]].set_visible(False)
+    with whole_file(path) as unfinished:
+        figure.savefig(unfinished, dpi=110, format="png")

@@ -1,0 +1,285 @@
+"""What a segmentation's uncertainty does to a force: perturbed label maps, rebuilt and solved."""
+
+from __future__ import annotations
+
+import csv
+import io
+import shutil
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+from scipy.special import ndtr
+
+from myork.console import ProgressCallback, silent
+from myork.core.deck import read_deck
+from myork.errors import ConvergenceError, FileError, InputError
+from myork.files import whole_file, write_json, write_text
+from myork.imaging.io import read_labels, write_labels
+from myork.model_file import read_model
+from myork.records import Labels
+from myork.stations.build import build
+from myork.studies.forward import open_forward, probe_of
+from myork.tables import override_text
+
+__all__ = ["Doubt", "perturbed", "uncertainty"]
+
+F64Array = NDArray[np.float64]
+
+
+class Doubt(NamedTuple):
+    """How a boundary may be wrong, all in mm.
+
+    Attributes
+    ----------
+    bias : float
+        By how much all boundaries lie too far inside; negative: outside.
+    shift : float
+        Standard deviation of a displacement of a whole boundary, one a map.
+    noise : float
+        Standard deviation of a displacement that varies along it.
+    length : float
+        Distance over which that varies.
+    """
+
+    bias: float = 0.0
+    shift: float = 0.5
+    noise: float = 0.5
+    length: float = 10.0
+
+
+def uncertainty(
+    deck: str | Path,
+    out: str | Path,
+    *,
+    doubt: Doubt | None = None,
+    samples: int = 12,
+    seed: int = 0,
+    probe: str | None = None,
+    fixed: Sequence[str] = (),
+    threads: int | None = None,
+    progress: ProgressCallback = silent,
+) -> dict[str, Any]:
+    """Distribution of a force over label maps that could as well be true.
+
+    The boundary of each label is moved outwards by a bias, by a random shift of the whole map and
+    by a random field along it; the model is rebuilt and solved for each map.
+
+    Parameters
+    ----------
+    deck : str or Path
+        Deck of a model from labels: `build.labels`, or what `myork segment` left in `out`.
+    out : str or Path
+        Folder of `uncertainty.json`, `.csv` and `.png`.
+    doubt : Doubt, optional
+        How the boundaries may be wrong.
+    samples : int
+        Perturbed maps; the map as it is comes first.
+    seed : int
+        Start of the random numbers.
+    probe : str, optional
+        Probe; the first one of a force by default.
+    fixed : sequence of str
+        Overrides of the deck, `KEY=VALUE`.
+    threads : int, optional
+        Number of threads.
+    progress : callable
+        Called with every line of progress.
+
+    Returns
+    -------
+    dict
+        What `uncertainty.json` holds.
+
+    Raises
+    ------
+    InputError
+        The deck has no label map, or the amounts are wrong.
+    """
+    doubt = doubt or Doubt()
+    if not np.isfinite(doubt).all() or min(doubt[1:]) < 0.0 or doubt.length == 0.0:
+        raise InputError("shift and noise must not be negative, and the length above 0")
+    if samples < 2:
+        raise InputError(f"--samples {samples}: 2 at least are needed")
+    deck, out = Path(deck).resolve(), Path(out)
+    values = read_deck(deck, fixed, "build")
+    table = values["build"]
+    if "surface" in table:
+        raise InputError("build.surface: its label map is not an image's; name build.labels")
+    source = deck.parent / table["labels"] if "labels" in table else out / "segmentation.nii.gz"
+    if not source.is_file():
+        raise FileError(f"{source}: there is no label map; run `myork segment` into {out} first")
+    labels = read_labels(source)
+    if not (labels.data > 0).any():
+        raise InputError(f"{source}: no label is above 0")
+    own = out / "fibers.nii.gz"
+    fibers = deck.parent / table["fibers"] if "fibers" in table else own
+    rng = np.random.default_rng(seed)
+    rows: list[dict[str, Any]] = []
+    name = probe
+    for number in range(samples + 1):
+        start = time.process_time()
+        shift = doubt.bias + doubt.shift * rng.standard_normal()
+        moved = labels
+        if number == 0:
+            shift = 0.0
+        else:
+            moved = perturbed(labels, shift, doubt.noise, doubt.length, rng)
+        folder = out / f"map_{number:03d}"
+        folder.mkdir(parents=True, exist_ok=True)
+        write_labels(folder / "labels.nii.gz", moved)
+        settings = [
+            *fixed,
+            override_text("build.labels", str((folder / "labels.nii.gz").resolve())),
+        ]
+        if fibers.is_file() and ("fibers" in table or "labels" not in table):
+            settings.append(override_text("build.fibers", str(fibers.resolve())))
+        row: dict[str, Any] = {"map": number, "shift": shift, "value": np.nan, "message": ""}
+        try:
+            build(deck, folder, overrides=settings)
+            row["volume"] = float(read_model(folder / "model.h5").volume.sum())
+            forward = open_forward(deck, settings, threads, out=folder)
+            try:
+                answer = forward.ask([], np.zeros((1, 0)))
+            finally:
+                forward.close()
+            name = probe_of(forward, name)
+            row["value"] = float(answer.probes[name][0])
+            row["message"] = "" if answer.good[0] else "no state was found"
+        except ConvergenceError as reason:
+            row["message"] = str(reason)
+        row["cpu_s"] = time.process_time() - start
+        rows.append(row)
+        shutil.rmtree(folder)
+        progress(f"map {number}/{samples}: {name or ''} {row['value']:.4g} {row['message']}")
+    summary = _summary(rows, doubt, name or "", values["units"], seed)
+    write_text(out / "uncertainty.csv", _table(rows))
+    _draw(rows, summary, out / "uncertainty.png")
+    write_json(out / "uncertainty.json", summary)
+    return summary
+
+
+def perturbed(
+    labels: Labels, shift: float, noise: float, length: float, rng: np.random.Generator
+) -> Labels:
+    """A label map whose boundaries are moved outwards.
+
+    The body is what lies inside a moved signed distance to its surface. Within it each voxel has
+    the label that it is deepest in; borders between labels move by the random field alone, since
+    what one of them loses the other has. A move by less than a voxel takes as many voxels of the
+    boundary, in random patches, so that volumes change by it on average.
+
+    Parameters
+    ----------
+    labels : Labels
+        Label map.
+    shift : float
+        Move of the surface [mm].
+    noise, length : float
+        Standard deviation of a smooth random move, and over which distance it varies [mm].
+    rng : Generator
+        Random numbers.
+    """
+    data, spacing = labels.data, labels.spacing
+
+    def moved(inside: NDArray[np.bool_]) -> F64Array:
+        """Distance to the moved boundary, positive inside [mm]."""
+        # a map goes on beyond its first and last slice
+        whole = np.pad(inside, 1)
+        whole[:, :, 0], whole[:, :, -1] = whole[:, :, 1], whole[:, :, -2]
+        depth = ndimage.distance_transform_edt(whole, spacing)
+        depth -= ndimage.distance_transform_edt(~whole, spacing)
+        depth = depth[1:-1, 1:-1, 1:-1]
+        # distances are those to centres of voxels: the boundary lies half a voxel before
+        half = 0.5 * float(np.min(spacing))
+        depth = depth - half * np.sign(depth) + noise * _field(data.shape, length / spacing, rng)
+        # evenly between half a voxel inwards and outwards
+        part = ndtr(_field(data.shape, np.full(3, 2.0), rng)) - 0.5
+        return np.asarray(depth + 2.0 * half * part)
+
+    body = moved(data > 0) + shift > 0.0
+    found = [int(label) for label in np.unique(data[data > 0])]
+    chosen = np.full(data.shape, found[0], data.dtype)
+    if len(found) > 1:
+        depths = np.stack([moved(data == label) for label in found])
+        chosen = np.asarray(found, data.dtype)[np.argmax(depths, axis=0)]
+    return Labels(np.where(body, chosen, 0), labels.affine, labels.names, labels.name)
+
+
+def _field(shape: tuple[int, ...], length: F64Array, rng: np.random.Generator) -> F64Array:
+    """A smooth random field of standard deviation one."""
+    field = ndimage.gaussian_filter(rng.standard_normal(shape), 0.5 * length, mode="wrap")
+    return np.asarray(field / max(float(field.std()), 1e-300))
+
+
+def _summary(
+    rows: Sequence[dict[str, Any]], doubt: Doubt, name: str, units: Any, seed: int
+) -> dict[str, Any]:
+    value = np.array([row["value"] for row in rows])
+    good = np.isfinite(value)
+    good[0] = False
+    if good.sum() < 2:
+        raise InputError(f"fewer than two maps have an answer: {rows[-1]['message']}")
+    spread = value[good]
+    volume = np.array([row.get("volume", np.nan) for row in rows])[good]
+    slope = np.polyfit(volume / volume.mean() - 1.0, spread / spread.mean() - 1.0, 1)[0]
+    left = spread / spread.mean() - 1.0 - slope * (volume / volume.mean() - 1.0)
+    total = float(np.var(spread / spread.mean()))
+    return {
+        "probe": name,
+        "units": dict(units),
+        "doubt_mm": doubt._asdict(),
+        "seed": seed,
+        "maps": len(rows) - 1,
+        "failed": int(len(rows) - 1 - good.sum()),
+        "as_it_is": float(value[0]) if np.isfinite(value[0]) else None,
+        "mean": float(spread.mean()),
+        "standard_deviation": float(spread.std(ddof=1)),
+        "percentiles": dict(
+            zip(("2.5", "50", "97.5"), np.percentile(spread, [2.5, 50, 97.5]).tolist(), strict=True)
+        ),
+        "relative_standard_deviation": float(spread.std(ddof=1) / abs(spread.mean())),
+        "volume_relative_standard_deviation": float(volume.std(ddof=1) / volume.mean()),
+        "force_per_volume": float(slope),
+        "explained_by_volume": 1.0 - float(np.var(left)) / total if total > 0 else None,
+        "cpu_s": float(sum(row["cpu_s"] for row in rows)),
+    }
+
+
+def _table(rows: Sequence[dict[str, Any]]) -> str:
+    text = io.StringIO()
+    names = ["map", "shift", "volume", "value", "message", "cpu_s"]
+    writer = csv.DictWriter(text, names, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()
+
+
+def _draw(rows: Sequence[dict[str, Any]], summary: dict[str, Any], path: Path) -> None:
+    """Values of the maps in order, and against their volumes."""
+    from matplotlib.figure import Figure
+
+    value = np.array([row["value"] for row in rows])
+    volume = np.array([row.get("volume", np.nan) for row in rows])
+    figure = Figure(figsize=(9, 3.8), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    left.hist(value[1:][np.isfinite(value[1:])], bins="auto", color="#0b5c96")
+    left.axvline(value[0], color="#d55e00", label="the map as it is")
+    units = summary["units"]
+    label = f"{summary['probe']} [{units['force']}]"
+    left.set_xlabel(label)
+    left.set_ylabel("maps")
+    left.margins(y=0.2)
+    left.legend(frameon=False, loc="upper right")
+    right.plot(volume[1:], value[1:], "o", color="#0b5c96")
+    right.plot(volume[0], value[0], "o", color="#d55e00")
+    right.set_xlabel(f"volume [{units['length']}^3]")
+    right.set_ylabel(label)
+    for axes in (left, right):
+        axes.spines[["top", "right"]].set_visible(False)
+    with whole_file(path) as unfinished:
+        figure.savefig(unfinished, dpi=110, format="png")

@@ -1,0 +1,366 @@
+"""Studies: known indices, parameters recovered from made measurements, moved label maps."""
+
+import csv
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import nibabel
+import numpy as np
+import pytest
+
+from myork import ReducedModel, Scene
+from myork.cli import main
+from myork.core.deck import text_of_tables
+from myork.errors import ConvergenceError, FileError, InputError
+from myork.records import Labels
+from myork.studies import identify, sensitivity, uncertainty
+from myork.studies.forward import Forward, Values, open_forward, ranges_of
+from myork.studies.uncertainty import Doubt, perturbed
+
+N = [3, 3, 5]
+BLOCK: dict[str, Any] = {
+    "title": "block",
+    "units": {"force": "N", "length": "cm"},
+    "scene": {"dimension": 3, "method": "rkpm-scni"},
+    "geometry": {"kind": "box", "size": [1, 1, 2], "source": N, "collocation": N},
+    "material": [
+        {"name": "muscle", "model": "muscle", "A10": 6.43, "A01": -3.8, "A20": 0.94, "K": 5000,
+         "sigma_max": 30, "fiber_angle": 20},
+    ],
+    "boundary": [
+        {"set": "z0", "u_x": 0, "u_y": 0, "u_z": 0},
+        {"set": "z1", "u_x": 0, "u_y": 0, "u_z": 0.1},
+    ],
+    "load": {"steps": 3, "activation": 0.5},
+    "probe": [
+        {"name": "reaction", "quantity": "force_z", "set": "z1"},
+        {"name": "belly", "quantity": "u", "point": [1.0, 0.5, 1.0]},
+    ],
+}  # fmt: skip
+RANGES = {
+    "load.activation": (0.0, 0.8),
+    "boundary.z1.u_z": (-0.1, 0.2),
+    "material.muscle.sigma_max": (20.0, 45.0),
+}
+STRETCHES = [(0.1, 0.0), (0.3, 0.1), (0.6, 0.05), (0.8, -0.05), (0.5, 0.15), (0.0, 0.15)]
+
+
+@pytest.fixture(scope="module")
+def deck(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("studies") / "block.toml"
+    path.write_text(text_of_tables(BLOCK))
+    return path
+
+
+@pytest.fixture(scope="module")
+def trained(deck: Path) -> Path:
+    rom = ReducedModel.train(deck, RANGES, full_solves=14, tests=0, threads=1)
+    return rom.save(deck.parent / "block.rom.h5")
+
+
+def measured(deck: Path, path: Path, changes: Sequence[str], noise: float) -> Path:
+    """What full solves of a deck with changes say, with noise of a part of the largest force."""
+    rows = []
+    for activation, u_z in STRETCHES:
+        with Scene(
+            deck, [*changes, f"load.activation={activation}", f"boundary.z1.u_z={u_z}"]
+        ) as scene:
+            states = scene.solve(error=False)
+            value = scene.probes(states.x[-1:], states.load[-1:])[0]
+        rows.append([activation, u_z, value[0, 0], value[1, 0]])
+    table = np.array(rows)
+    rng = np.random.default_rng(5)
+    for column in (2, 3):
+        size = np.abs(table[:, column]).max()
+        table[:, column] += noise * size * rng.standard_normal(len(table))
+    head = "load.activation,boundary.z1.u_z,reaction,belly_x"
+    np.savetxt(path, table, delimiter=",", header=head, comments="", fmt="%.12g")
+    return path
+
+
+class Formula(Forward):
+    """Three parameters: one matters most, one with another, one not at all."""
+
+    is_reduced = True
+
+    def __init__(self, broken: Callable[[np.ndarray], np.ndarray] | None = None) -> None:
+        super().__init__()
+        self.units, self.forces, self._broken = {"force": "N"}, ["force"], broken
+
+    def _answer(self, keys: Sequence[str], values: np.ndarray) -> Values:
+        a, b, _ = (2.0 * values - 1.0).T
+        good = np.ones(len(values), bool) if self._broken is None else ~self._broken(values)
+        # variances of a, b and their product: 3, 1/3 and 1/9
+        return Values({"force": np.where(good, 3 * a + b + a * b, np.nan)}, good)
+
+
+VARY = ["a=0:1", "b=0:1", "c=0:1"]
+
+
+@pytest.fixture
+def formula(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    def use(forward: Forward) -> None:
+        import sys
+
+        module = sys.modules["myork.studies.sensitivity"]
+        monkeypatch.setattr(module, "open_forward", lambda *_: forward)
+
+    return use
+
+
+def test_indices_of_a_formula(formula: Callable[..., None], tmp_path: Path) -> None:
+    formula(Formula())
+    found = sensitivity("x.rom.h5", tmp_path, vary=VARY, samples=512)
+    total = 3.0 + 1 / 3 + 1 / 9
+    exact = {"a": (3.0, 3.0 + 1 / 9), "b": (1 / 3, 1 / 3 + 1 / 9), "c": (0.0, 0.0)}
+    for key, (alone, share) in exact.items():
+        entry = found["indices"][key]
+        for kind, value in (("first_order", alone), ("total_order", share)):
+            assert entry[kind]["value"] == pytest.approx(value / total, abs=0.04)
+            assert entry[kind]["low"] - 0.02 <= value / total <= entry[kind]["high"] + 0.02
+    assert found["cost"]["states"] == 512 * 5
+    assert found["standard_deviation"] == pytest.approx(np.sqrt(total), rel=0.03)
+    assert (tmp_path / "sensitivity.png").stat().st_size > 3000
+    with (tmp_path / "sensitivity.csv").open() as file:
+        assert [row["key"] for row in csv.DictReader(file)] == ["a", "b", "c"]
+
+
+def test_states_that_fail(formula: Callable[..., None], tmp_path: Path) -> None:
+    """A few samples are replaced, many end the study."""
+    formula(Formula(lambda values: values[:, 2] > 0.99))
+    found = sensitivity("x.rom.h5", tmp_path, vary=VARY, samples=256)
+    assert 0 < found["failed"] < 25
+    assert found["indices"]["a"]["first_order"]["value"] == pytest.approx(3 / 3.444, abs=0.08)
+    formula(Formula(lambda values: values[:, 0] > 0.7))
+    with pytest.raises(ConvergenceError, match="narrow the ranges"):
+        sensitivity("x.rom.h5", tmp_path, vary=VARY, samples=64)
+
+
+def test_sensitivity_of_a_reduced_model(trained: Path, tmp_path: Path) -> None:
+    """What is fixed does not vary; reduced and full answers agree."""
+    fixed = ["boundary.z1.u_z=0.05"]
+    found = sensitivity(trained, tmp_path, fixed=fixed, samples=64, threads=1)
+    assert list(found["indices"]) == ["load.activation", "material.muscle.sigma_max"]
+    assert found["probe"] == "reaction" and found["unit"] == "N"
+    assert found["cost"]["full_cpu_s"] > found["cost"]["cpu_s"]
+    vary = ["load.activation=0:0.8", "material.muscle.sigma_max=20:45"]
+    full = sensitivity(
+        trained.parent / "block.toml", tmp_path, vary=vary, fixed=fixed, samples=8, threads=1
+    )
+    same = sensitivity(trained, tmp_path, vary=vary, fixed=fixed, samples=8, threads=1)
+    assert full["mean"] == pytest.approx(same["mean"], rel=2e-3)
+    for key, entry in full["indices"].items():
+        assert entry["total_order"]["value"] == pytest.approx(
+            same["indices"][key]["total_order"]["value"], abs=5e-3
+        )
+
+
+def test_sigma_max_by_a_reduced_model(deck: Path, trained: Path, tmp_path: Path) -> None:
+    data = measured(deck, tmp_path / "data.csv", ["material.muscle.sigma_max=36"], 0.01)
+    found = identify(trained, data, ["sigma_max"], tmp_path, threads=1)
+    entry = found["parameters"]["material.muscle.sigma_max"]
+    low, high = entry["interval"]
+    assert low < 36 < high and high - low < 6
+    assert found["warnings"] == [] and found["measurements"] == 12
+    assert found["cost"]["by"] == "the reduced model"
+    # the same measurements, the deck's own value: the fit is off by what it says
+    assert (tmp_path / "identify.png").stat().st_size > 3000
+    with (tmp_path / "identify.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    off = [float(r["reaction"]) - float(r["reaction_fitted"]) for r in rows]
+    assert len(rows) == 6 and np.abs(off).max() < 0.05 * max(float(r["reaction"]) for r in rows)
+
+
+def test_muscle_matrix_and_fibers_by_full_solves(deck: Path, tmp_path: Path) -> None:
+    """Largest stress, a modulus of the matrix and the angle of the fibers."""
+    true = {"sigma_max": 36.0, "A10": 5.8, "fiber_angle": 14.0}
+    changes = [f"material.muscle.{key}={value}" for key, value in true.items()]
+    data = measured(deck, tmp_path / "data.csv", changes, 0.0)
+    free = ["sigma_max=20:45", "A10=4.5:7.5", "fiber_angle=5:25"]
+    found = identify(deck, data, [f"material.muscle.{f}" for f in free], tmp_path, threads=1)
+    for key, value in true.items():
+        entry = found["parameters"][f"material.muscle.{key}"]
+        assert entry["value"] == pytest.approx(value, rel=5e-3)
+        assert entry["interval"][0] < entry["value"] < entry["interval"][1]
+    assert found["cost"]["by"] == "full solves"
+
+
+def test_data_that_do_not_tell(trained: Path, deck: Path, tmp_path: Path) -> None:
+    """At rest sigma_max has no effect, and activation takes its part elsewhere."""
+    data = tmp_path / "data.csv"
+    data.write_text("load.activation,boundary.z1.u_z,reaction\n0,0.1,0.8\n0,0.15,1.3\n")
+    found = identify(trained, data, ["sigma_max"], tmp_path, threads=1)
+    assert found["warnings"]
+    low, high = found["parameters"]["material.muscle.sigma_max"]["interval"]
+    assert not high - low < 25
+    data.write_text("u_z,reaction\n0.0,5.0\n0.01,5.1\n0.02,5.2\n")
+    found = identify(trained, data, ["sigma_max", "activation"], tmp_path, threads=1)
+    assert any("are not told apart" in line for line in found["warnings"])
+
+
+def test_measurements_with_errors(deck: Path, trained: Path, tmp_path: Path) -> None:
+    """Wider errors, wider intervals; errors that are too small are told."""
+    plain = measured(deck, tmp_path / "data.csv", ["material.muscle.sigma_max=36"], 0.0)
+    rows = [line.split(",")[:3] for line in plain.read_text().splitlines()]
+    widths = []
+    for error in (0.1, 0.3):
+        data = tmp_path / "errors.csv"
+        text = [",".join([*rows[0], "reaction_error"])]
+        text += [",".join([*row, str(error)]) for row in rows[1:]]
+        data.write_text("\n".join(text))
+        found = identify(trained, data, ["sigma_max"], tmp_path, threads=1)
+        low, high = found["parameters"]["material.muscle.sigma_max"]["interval"]
+        assert low < 36 < high
+        widths.append(high - low)
+    assert widths[1] == pytest.approx(3 * widths[0], rel=0.05)
+    text = [text[0], *(",".join([*r[:2], str(1.1 * float(r[2]) + 1), "0.01"]) for r in rows[1:])]
+    data.write_text("\n".join(text))
+    found = identify(trained, data, ["sigma_max"], tmp_path, threads=1)
+    assert any("times the standard errors" in line for line in found["warnings"])
+
+
+@pytest.mark.parametrize(
+    ("text", "free", "message"),
+    [
+        ("load.activation,u_z,push\n0.1,0,1\n", ["sigma_max"], "no column is a probe"),
+        ("load.activation,reaction\n0.1,1\n", ["sigma_max"], "needed for boundary.z1.u_z"),
+        ("load.activation,u_z,reaction\n0.1,0,x\n", ["sigma_max"], "'x' is no number"),
+        ("load.activation,u_z,reaction\n0.1,0\n", ["sigma_max"], "row 1 has 2 fields"),
+        ("sigma_max,load.activation,u_z,reaction\n30,0.1,0,1\n", ["sigma_max"], "not given"),
+        ("load.activation,u_z,reaction\n,0,1\n", ["sigma_max"], "needs its conditions"),
+        ("load.activation,u_z,reaction,reaction_error\n0.1,0,1,0\n", ["sigma_max"], "above 0"),
+        ("load.activation,u_z,reaction\n0.1,0,1\n", ["sigma_max=3"], "KEY=LOW:HIGH is needed"),
+        ("load.activation,u_z,reaction\n0.1,0,1\n", ["K=1:2"], "K: not a parameter"),
+    ],
+)
+def test_wrong_data(
+    trained: Path, tmp_path: Path, text: str, free: list[str], message: str
+) -> None:
+    data = tmp_path / "data.csv"
+    data.write_text(text)
+    with pytest.raises(InputError, match=message):
+        identify(trained, data, free, tmp_path / "out", threads=1)
+
+
+def test_ranges(trained: Path) -> None:
+    forward = open_forward(trained)
+    found = ranges_of(forward, ["activation", "u_z=0:0.1"], "--vary")
+    assert found == {"load.activation": (0.0, 0.8), "boundary.z1.u_z": (0.0, 0.1)}
+    with pytest.raises(InputError, match="named twice"):
+        ranges_of(forward, ["activation", "load.activation=0:1"], "--vary")
+    with pytest.raises(InputError, match="a number is needed"):
+        open_forward(trained, ["activation=much"])
+
+
+def cylinder(shape: tuple[int, int, int] = (40, 40, 12)) -> Labels:
+    """Radius 12 mm, voxels of 1 x 1 x 3 mm; within, a core of 6 mm."""
+    x, y, _ = np.indices(shape)
+    radius = np.hypot(x - 19.5, y - 19.5)
+    data = np.where(radius < 6, 2, np.where(radius < 12, 1, 0)).astype(np.int32)
+    return Labels(data, np.diag([1.0, 1.0, 3.0, 1.0]), {1: "muscle", 2: "core"})
+
+
+@pytest.mark.parametrize("shift", [-0.7, -0.2, 0.0, 0.3, 0.8])
+def test_moved_by_less_than_a_voxel(shift: float) -> None:
+    """Volumes follow the move also where it is below half a voxel."""
+    labels = cylinder()
+    whole = (labels.data > 0).sum()
+    changes = [
+        (perturbed(labels, shift, 0.0, 10.0, np.random.default_rng(k)).data > 0).sum() / whole - 1
+        for k in range(8)
+    ]
+    assert np.mean(changes) == pytest.approx((1 + shift / 12) ** 2 - 1, abs=0.012)
+    if shift == 0.0:
+        assert changes == [0.0] * 8
+
+
+def test_borders_between_labels_stay() -> None:
+    """Both sides are moved alike: the core keeps its size on average, the outside grows."""
+    labels = cylinder()
+    moved = perturbed(labels, 1.0, 0.0, 10.0, np.random.default_rng(1)).data
+    assert (moved > 0).sum() > 1.1 * (labels.data > 0).sum()
+    assert (moved == 2).sum() == pytest.approx((labels.data == 2).sum(), rel=0.1)
+    noisy = [
+        (perturbed(labels, 0.0, 0.8, 8.0, np.random.default_rng(k)).data > 0).sum()
+        for k in range(12)
+    ]
+    whole = (labels.data > 0).sum()
+    assert np.std(noisy) > 0.002 * whole
+    assert np.mean(noisy) == pytest.approx(whole, rel=0.03)
+
+
+@pytest.fixture
+def spindle(tmp_path: Path) -> Path:
+    """A label map of one muscle and its deck."""
+    x, y, z = np.meshgrid(*(np.arange(n) + 0.5 for n in (18, 18, 20)), indexing="ij")
+    labels = (np.hypot(x - 9, y - 9) < 5 + 2 * np.sin(np.pi * z / 20)).astype(np.int16)
+    nibabel.save(nibabel.Nifti1Image(labels, np.diag([1, 1, 1, 1])), tmp_path / "labels.nii.gz")
+    tables = {
+        "title": "spindle",
+        "units": {"force": "N", "length": "cm"},
+        "scene": {"dimension": 3, "method": "rkpm-scni"},
+        "build": {"labels": "labels.nii.gz", "source_stride": [4, 4, 4],
+                  "collocation_stride": [2, 2, 2]},
+        "geometry": {"kind": "model"},
+        "material": [{**BLOCK["material"][0], "label": 1, "fiber": [0, 0, 1]}],
+        "boundary": [
+            {"set": "bottom", "u_x": 0, "u_y": 0, "u_z": 0},
+            {"set": "top", "u_x": 0, "u_y": 0, "u_z": 0},
+        ],
+        "load": {"steps": 2, "activation": 0.2},
+        "probe": [{"name": "force", "quantity": "force_z", "set": "top"}],
+    }  # fmt: skip
+    del tables["material"][0]["fiber_angle"]
+    path = tmp_path / "spindle.toml"
+    path.write_text(text_of_tables(tables))
+    return path
+
+
+def test_segmentation_carried_to_force(
+    spindle: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    words = ["study", "uncertainty", str(spindle), "--samples", "6", "--shift", "0.6", "--noise",
+             "0.3", "--out", str(out), "-q"]  # fmt: skip
+    assert main(words) == 0
+    assert "95 % of the maps from" in capsys.readouterr().out
+    found = json.loads((out / "uncertainty.json").read_text())
+    assert found["maps"] == 6 and found["failed"] == 0
+    # a force of fibers grows with its section
+    assert found["explained_by_volume"] > 0.6 and 0.4 < found["force_per_volume"] < 2.0
+    assert 0.03 < found["relative_standard_deviation"] < 0.4
+    assert found["as_it_is"] == pytest.approx(found["mean"], rel=0.3)
+    with (out / "uncertainty.csv").open() as file:
+        assert len(list(csv.DictReader(file))) == 7
+    assert (out / "uncertainty.png").stat().st_size > 3000
+    # a bias moves all of them
+    wider = uncertainty(spindle, out, doubt=Doubt(bias=1.0, shift=0.2, noise=0.0), samples=3)
+    assert wider["mean"] > 1.15 * wider["as_it_is"]
+    assert wider["as_it_is"] == pytest.approx(found["as_it_is"], rel=1e-9)
+
+
+def test_wrong_doubts(spindle: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="must not be negative"):
+        uncertainty(spindle, tmp_path / "out", doubt=Doubt(shift=-1.0))
+    with pytest.raises(InputError, match="2 at least"):
+        uncertainty(spindle, tmp_path / "out", samples=1)
+    with pytest.raises(FileError, match="no label map"):
+        uncertainty(spindle, tmp_path / "out", fixed=["build.labels=none.nii"])
+    with pytest.raises(InputError, match="--probe pull: there are force"):
+        uncertainty(spindle, tmp_path / "out", samples=2, probe="pull")
+
+
+def test_commands(trained: Path, deck: Path, tmp_path: Path, capsys: Any) -> None:
+    words = [str(trained), "--out", str(tmp_path), "-q", "--threads", "1"]
+    assert main(["study", "sensitivity", *words, "--samples", "16"]) == 0
+    told = capsys.readouterr().out
+    assert "material.muscle.sigma_max: alone" in told and "full solves as in the training" in told
+    data = measured(deck, tmp_path / "data.csv", ["material.muscle.sigma_max=36"], 0.0)
+    assert main(["study", "identify", *words, "--data", str(data), "--free", "sigma_max"]) == 0
+    assert "material.muscle.sigma_max: 3" in capsys.readouterr().out
+    assert main(["study", "sensitivity", *words, "--samples", "12"]) == 2
+    assert "a power of two" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main(["study"])
