@@ -134,3 +134,31 @@ def test_methods(tmp_path: Path) -> None:
             # homogeneous: what Newton leaves, and the penalty-like weights of the collocation
             assert case["oscillation"] < 1e-7, name
     assert (tmp_path / "bench.html").read_text(encoding="utf-8").count("<img alt=") == 4 + 10
+
+
+def test_rom(tmp_path: Path) -> None:
+    """Chapter 6 in small: motions, both assemblies, a trained model and its regression."""
+    bench = run_benches(["rom"], tmp_path, quick=True)["benches"]["rom"]
+    bar = [case for case in bench["motions"] if "table 6.2" in case["name"]]
+    assert bar[1]["e1_qr"] == pytest.approx(bar[1]["published_e1"], rel=0.1)
+    for case in bench["motions"]:
+        assert case["e1_qr"] == pytest.approx(case["e1_cholesky"], rel=0.01)
+        assert case["best_e1"] * 0.99 <= case["e1_qr"]
+    for problem in ("shear", "tube"):
+        own = [case for case in bench["cases"] if case["name"].startswith(f"{problem} (")]
+        full, reduced = (
+            {case["r"]: case for case in own if f"rows {way}" in case["model"]}
+            for way in ("full", "reduced")
+        )
+        for r, case in reduced.items():
+            assert case["e1"] < (0.05, 1e-3, 1e-4)[list(reduced).index(r)]
+            assert full[r]["e1"] == pytest.approx(case["e1"], rel=1e-2, abs=1e-6)
+        assert {"full, auto", "full, dgels"} < {case["model"] for case in own}
+    weak = [case for case in bench["cases"] if case["form"] == "Galerkin form" and "r" in case]
+    assert max(case["e1"] for case in weak if case["r"] == 10) < 1e-8
+    full, _, regression, _, sampled, every = bench["trained"]
+    assert sampled["failed"] == every["failed"] == 0
+    assert sampled["cells"] < every["cells"]
+    assert sampled["force"]["max"] < 5e-3
+    assert regression["cpu_us"] < full["cpu_us"]
+    assert len(bench["tables"]) == 4 and (tmp_path / "bench.html").is_file()

@@ -42,6 +42,7 @@ BENCHES = (
     "trust",
     "newcomer",
     "certify",
+    "rom",
 )
 
 

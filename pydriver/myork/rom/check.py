@@ -17,7 +17,7 @@ from myork.rom.online import Answer
 from myork.rom.parameters import spread_points
 from myork.rom.setting import Setting, force_values
 
-__all__ = ["Tests", "compare", "errors_of", "measure", "solve_tests"]
+__all__ = ["Tests", "compare", "errors_of", "measure", "solve_tests", "started"]
 
 F64Array = NDArray[np.float64]
 
@@ -134,15 +134,17 @@ def largest_errors(
     return (np.inf, np.inf) if failed else (float(of_largest.max()), float(wrong.max(initial=0.0)))
 
 
-def measure(rom: ReducedModel, tests: Tests) -> dict[str, Any]:
-    """Errors and times of a model at the states of a test."""
+def measure(
+    rom: ReducedModel, tests: Tests, corrections: int | str = "converged"
+) -> dict[str, Any]:
+    """Errors and times of a model, after some corrections, at the states of a test."""
     from scipy.stats import spearmanr
 
     values, states = tests.values, tests.states
     begin = time.process_time()
-    answer = rom.batch(values)
+    answer = rom.batch(values, corrections)
     seconds = (time.process_time() - begin) / len(values)
-    estimate = rom.batch(values, indicator=True).indicator
+    estimate = rom.batch(values, corrections, indicator=True).indicator
     truth = np.array([_force(rom, state.probes[-1]) for state in states])
     force = np.asarray(answer.force).reshape(len(values), -1)
     of_largest, relative, wrong = errors_of(tests, answer.amplitudes, rom.basis, force, truth)

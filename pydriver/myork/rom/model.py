@@ -194,6 +194,23 @@ class ReducedModel:
         write_arrays(path, self._arrays)
         return path
 
+    def with_all_cells(self) -> ReducedModel:
+        """The same model with nothing sampled: what its sample of cells is compared with.
+
+        Raises
+        ------
+        InputError
+            A large model keeps a sample of its cells for the forces as well.
+        """
+        if len(self._arrays["force/weight"]) < self.head["cells"]["all"]:
+            raise InputError("this reduced model does not hold all cells of the full one")
+        r, m = self.modes, int(self.head["indicator_modes"])
+        whole = _cells(self._arrays, "force")
+        few = np.concatenate([np.arange(r), np.arange(m, whole.h.shape[2])])
+        own = {f"online/{key}": value for key, value in whole.modes(few)._asdict().items()}
+        every = {f"indicator/{key}": value for key, value in whole._asdict().items()}
+        return ReducedModel({**self._arrays, **own, **every}, self._solver.threads)
+
     def set_certificate(self, certificate: dict[str, Any]) -> None:
         """Keep what was measured on unseen states."""
         self.certificate = self.head["certificate"] = certificate

@@ -1,0 +1,621 @@
+"""Reduced models of Basava (2015), chapter 6, and what came after.
+
+Tables 6.1 to 6.10 are run as published: modes of the states along one path of loads, least squares
+Galerkin projection of the collocation form, errors e1 and e2 summed over the states. Each path is
+solved by the full model with dense QR, as published, and with the solver that `auto` takes; by the
+reduced model with rows assembled in full and Cholesky's factor, as published, and with rows formed
+in the span of the modes; and by the Galerkin form projected on its modes. A trained model, which
+answers for parameters that it has not seen, stands beside the regression through the same states.
+
+All times are of one thread. Those of dense QR are the time of one iteration times the number of
+iterations. A model pays after so many solves that what it saves is what its training took: states
+of the full model (by `auto`), modes and projection.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import tempfile
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+
+from myork.bench.runs import INPUTS, lattice
+from myork.bench.tables import Columns, table
+from myork.console import ProgressCallback
+from myork.core.scene import F64Array, Scene
+from myork.core.states import Fields
+from myork.errors import ConvergenceError
+from myork.rom.basis import Basis, proper_orthogonal_basis
+from myork.rom.check import measure, solve_tests, started
+from myork.rom.errors import displacement_error, gradient_error, largest_error
+from myork.rom.model import ReducedModel
+from myork.rom.parameters import spread_points
+from myork.rom.probes import force_names, named_probes
+from myork.rom.reductor import ReducedStates, solve_reduced
+from myork.stations.build import build
+from myork.stations.segment import segment
+
+__all__ = ["run"]
+
+_Value = TypeVar("_Value")
+
+_WEIGHTS = ('solver.weight_essential="ns-c4"', "solver.weight_traction=1")
+_RKCM = (
+    "scene.method=rkcm",
+    "approximation.order=2",
+    "approximation.support=3",
+    "approximation.kernel=quintic",
+    *_WEIGHTS,
+)
+
+
+class _Motion(NamedTuple):
+    """A motion: what is varied, and the published errors."""
+
+    name: str
+    deck: str
+    overrides: tuple[str, ...]
+    published: tuple[float, ...] = ()
+
+
+_MODES = (1, 5, 25)
+_MOTIONS = (
+    _Motion(
+        "wave, order 2, 3h (table 6.1)",
+        "wave_1d",
+        ("scene.method=rkcm",),
+        (3.202e-3, 4.791e-4, 5.597e-9),
+    ),
+    _Motion(
+        "the same, weights of (6.41)",
+        "wave_1d",
+        ("scene.method=rkcm", _WEIGHTS[0]),
+        (3.202e-3, 4.791e-4, 5.597e-9),
+    ),
+    _Motion(
+        "the same, order 3, 3.5h",
+        "wave_1d",
+        ("scene.method=rkcm", _WEIGHTS[0], "approximation.order=3", "approximation.support=3.5"),
+        (3.202e-3, 4.791e-4, 5.597e-9),
+    ),
+    _Motion("wave, Galerkin form", "wave_1d", ("scene.method=rkpm-gauss",)),
+    _Motion(
+        "wave, Galerkin form, least squares",
+        "wave_1d",
+        ("scene.method=rkpm-gauss", "rom.projection=least-squares"),
+    ),
+    _Motion(
+        "bar of two stiffnesses (table 6.2)",
+        "bar_1d",
+        ("scene.method=rkcm",),
+        (5.776, 3.547e-2, 3.018e-7),
+    ),
+    _Motion("bar, Galerkin form", "bar_1d", ("scene.method=rkpm-gauss",)),
+)
+
+
+class _Path(NamedTuple):
+    """A path of loads.
+
+    Attributes
+    ----------
+    name, deck : str
+        Problem and deck.
+    overrides, quick : tuple of str
+        The published discretisation, and a small one.
+    modes : tuple of int
+        Published numbers of modes, with what was published of them: errors, and minutes of
+        processor time of the full model and of each.
+    """
+
+    name: str
+    deck: str
+    overrides: tuple[str, ...]
+    quick: tuple[str, ...]
+    modes: tuple[int, ...] = ()
+    e1: tuple[float, ...] = ()
+    e2: tuple[float, ...] = ()
+    full_min: float | None = None
+    reduced_min: tuple[float, ...] = ()
+
+
+_SHEAR = _Path(
+    "shear (tables 6.3, 6.4)",
+    "shear_3d",
+    (*lattice((17, 5, 5)), "load.steps=50"),
+    (*lattice((9, 3, 3)), "load.steps=20"),
+    (1, 5, 20),
+    (9.271e-3, 1.188e-3, 2.393e-6),
+    (4.076e-2, 5.267e-3, 1.060e-5),
+    98.504,
+    (10.681, 15.109, 18.445),
+)
+_TUBE = _Path(
+    "tube (tables 6.5, 6.6)",
+    "tube",
+    lattice((17, 101)),
+    (*lattice((9, 51)), "load.steps=12"),
+    (2, 5, 10),
+    (6.356e-2, 5.021e-5, 5.305e-6),
+    (2.917e-1, 2.777e-4, 2.933e-5),
+    196.983,
+    (2.491, 2.684, 2.968),
+)
+_BLOCK = _Path(
+    "muscle block (tables 6.7, 6.8)",
+    "muscle_block",
+    (*_RKCM, 'material.curve="published"', "load.steps=10"),
+    (*lattice((4, 4, 7)), "load.activation=0.2"),
+    (1, 2, 10),
+    (4.975e-2, 5.685e-3, 2.277e-6),
+    (5.622e-2, 6.973e-3, 2.402e-6),
+    372.567,
+    (23.843, 23.961, 24.420),
+)
+_GASTROCNEMIUS = _Path(
+    "medial gastrocnemius (tables 6.9, 6.10)",
+    "mg_muscle",
+    _RKCM,
+    (),
+    (5, 10),
+    (1.365e-2, 3.999e-5),
+    (1.376e-2, 3.983e-5),
+    1868.9,
+    (19.9, 21.932),
+)
+_PATHS = (_SHEAR, _TUBE, _BLOCK, _GASTROCNEMIUS)
+#: The same in the Galerkin form, with points that it can afford
+_GALERKIN = (
+    _Path("tube", "tube", ("scene.method=rkpm-gauss", *lattice((9, 51))), _TUBE.quick, (2, 5, 10)),
+    _Path(
+        "muscle block",
+        "muscle_block",
+        (*lattice((5, 5, 9)), "load.steps=10"),
+        _BLOCK.quick,
+        (1, 2, 5, 10),
+    ),
+    _Path("medial gastrocnemius", "mg_muscle", (), (), (2, 5, 10)),
+)
+
+#: The trained model: a block with inclined fibers, and the range of its parameters
+_TRAINED = (
+    *lattice((5, 5, 9)),
+    "material.muscle.fiber=[0.3420201433256687, 0.0, 0.9396926207859084]",
+)
+_RANGE = {
+    "load.activation": (0.0, 1.0),
+    "boundary.z1.u_z": (-0.2, 0.3),
+    "material.muscle.sigma_max": (20.0, 40.0),
+}
+_QUICK_TRAINED = (*lattice((4, 4, 6)), _TRAINED[2])
+_QUICK_RANGE = {"load.activation": (0.0, 0.3)}
+_SEED = 7919
+
+
+class _Full(NamedTuple):
+    """States of the full model, with what errors need of them."""
+
+    x: F64Array
+    load: F64Array
+    fields: list[Fields]
+    probes: Mapping[str, Any]
+    cpu: float
+    wall: float
+    iterations: int
+
+
+def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
+    """Reduce all problems; see `myork.bench` for the result."""
+    del out
+    motions = [case for motion in _MOTIONS for case in _motion_cases(motion, progress)]
+    cases, decays = [], []
+    with tempfile.TemporaryDirectory(prefix="myork-bench-") as folder:
+        model = Path(folder)
+        paths = [path for path in _PATHS if not quick or path is not _GASTROCNEMIUS]
+        weak = [path for path in _GALERKIN if not quick or path.deck != "mg_muscle"]
+        if not quick:
+            progress("medial gastrocnemius: from the phantom's images to points")
+            segment(INPUTS / "mg_muscle.toml", model, threads=1)
+            build(INPUTS / "mg_muscle.toml", model, threads=1)
+        for path in paths:
+            found, values = _path_cases(path, model, progress, quick, strong=True)
+            cases += found
+            decays.append((path.name, values))
+        for path in weak:
+            cases += _path_cases(path, model, progress, quick, strong=False)[0]
+    trained = _trained_cases(progress, quick)
+    return {
+        "title": "Reduced models: chapter 6, and models that outlive it",
+        "about": __doc__,
+        "motions": motions,
+        "cases": cases,
+        "trained": trained,
+        "tables": [
+            table(_MOTION_CAPTION, _MOTION_COLUMNS, motions),
+            table(_ERROR_CAPTION, _ERROR_COLUMNS, [c for c in cases if c["shown"] == "errors"]),
+            table(_TIME_CAPTION, _TIME_COLUMNS, [c for c in cases if c["model"]]),
+            table(_TRAINED_CAPTION, _TRAINED_COLUMNS, trained),
+        ],
+        "plots": [_error_plot(cases), _decay_plot(decays)],
+    }
+
+
+def _timed(call: Callable[[], _Value]) -> tuple[_Value, float, float]:
+    """What a call returns, its processor time and its wall time [s]."""
+    wall, cpu = time.perf_counter(), time.process_time()
+    value = call()
+    return value, time.process_time() - cpu, time.perf_counter() - wall
+
+
+# ---- motions: tables 6.1 and 6.2 -----------------------------------------------------------------
+
+
+def _motion_cases(motion: _Motion, progress: ProgressCallback) -> list[dict[str, Any]]:
+    """A motion in the span of its modes, by QR and by Cholesky's factor."""
+    progress(motion.name)
+    cases = []
+    with Scene(INPUTS / f"{motion.deck}.toml", motion.overrides, threads=1) as scene:
+        states = scene.solve(error=False)
+        full = [scene.fields(x, t) for x, t in zip(states.x, states.load, strict=True)]
+        basis = proper_orthogonal_basis(states.x)
+        table_ = scene.deck["rom"]
+        for k, r in enumerate(_MODES):
+            modes = basis.modes[:, :r]
+            case: dict[str, Any] = {"name": motion.name, "r": r}
+            case["energy_lost"] = float(max(1.0 - basis.values[:r].sum() / basis.values.sum(), 0.0))
+            if motion.published:
+                case["published_e1"] = motion.published[k]
+            for solver in ("qr", "cholesky"):
+                found = solve_reduced(scene, modes, solver, table_["projection"])
+                case[f"e1_{solver}"] = _displacement(scene, full, found.x, states.load)
+            case["best_e1"] = _displacement(scene, full, states.x @ modes @ modes.T, states.load)
+            case["full_error"] = states.errors.get("relative_L2")
+            cases.append(case)
+    return cases
+
+
+def _displacement(scene: Scene, full: list[Fields], x: F64Array, load: F64Array) -> float:
+    """e1 of states against fields of full ones."""
+    return displacement_error(full, [scene.fields(s, t) for s, t in zip(x, load, strict=True)])
+
+
+_MOTION_CAPTION = (
+    "Tables 6.1 and 6.2: e1 (6.51) of 30 states. The error of the modes is that of the full states "
+    "projected on them; the lost energy is what (6.32) lacks of 1; the error of the full solution "
+    "at the end is against d'Alembert's."
+)
+_MOTION_COLUMNS: Columns = (
+    ("problem", "name"),
+    ("r", "r"),
+    ("e1 published", "published_e1"),
+    ("e1, QR", "e1_qr"),
+    ("e1, Cholesky", "e1_cholesky"),
+    ("error of the modes", "best_e1"),
+    ("lost energy", "energy_lost"),
+    ("error of the full solution", "full_error"),
+)
+
+
+# ---- paths of loads: tables 6.3 to 6.10 ----------------------------------------------------------
+
+
+def _path_cases(
+    path: _Path, model: Path, progress: ProgressCallback, quick: bool, *, strong: bool
+) -> tuple[list[dict[str, Any]], F64Array]:
+    """All models of a path, and its proper orthogonal values."""
+    form = "collocation" if strong else "Galerkin form"
+    progress(f"{path.name}, {form}: full model")
+    overrides = (*path.overrides, *(path.quick if quick else ()))
+    with Scene(INPUTS / f"{path.deck}.toml", overrides, model, threads=1) as scene:
+        states, cpu, wall = _timed(lambda: scene.solve(error=False))
+        full = _Full(
+            states.x,
+            states.load,
+            [scene.fields(x, t) for x, t in zip(states.x, states.load, strict=True)],
+            named_probes(scene, states.x, states.load),
+            cpu,
+            wall,
+            int(states.iterations.sum()),
+        )
+        plain = proper_orthogonal_basis(full.x)
+        unit = proper_orthogonal_basis(full.x, unit=True)
+        cases = [_full_case(path, form, scene, full)]
+        ways = ["full", "reduced"] if strong else ["projected"]
+        for way in ways:
+            for k, r in enumerate(path.modes):
+                progress(f"{path.name}, {form}: r = {r}, rows {way}")
+                cases.append(_reduced_case(path, form, scene, full, (plain, unit), k, way))
+        if strong:
+            # last: the scene keeps the single load step
+            cases.insert(1, _dense_case(path, form, scene, full))
+    dense = cases[1]["cpu"] if strong else full.cpu
+    for case in cases:
+        if case["cpu"] is not None:
+            case["saved"] = 100.0 * (1.0 - case["cpu"] / dense)
+    return cases, plain.values
+
+
+def _full_case(path: _Path, form: str, scene: Scene, full: _Full) -> dict[str, Any]:
+    return {
+        "name": path.name,
+        "form": form,
+        "shown": "",
+        "model": "full, auto",
+        "dofs": scene.dofs,
+        "rows": scene.rows,
+        "states": len(full.x),
+        "iterations": full.iterations,
+        "cpu": full.cpu,
+        "wall": full.wall,
+    }
+
+
+def _dense_case(path: _Path, form: str, scene: Scene, full: _Full) -> dict[str, Any]:
+    """The full model by dense QR: one iteration at full load, times their number."""
+    changes = {"load.steps": 1, "load.max_halvings": 0, "solver.max_iterations": 1}
+    scene.update(changes)
+
+    def once() -> None:
+        # one iteration seldom converges, and need not
+        with contextlib.suppress(ConvergenceError):
+            scene.solve("dgels", error=False, start=full.x[-1])
+
+    _, cpu, wall = _timed(once)
+    case = _full_case(path, form, scene, full)
+    return case | {
+        "model": "full, dgels",
+        "cpu": cpu * full.iterations,
+        "wall": wall * full.iterations,
+        "published_min": path.full_min,
+        "published_saved": 0.0 if path.full_min else None,
+    }
+
+
+def _reduced_case(
+    path: _Path,
+    form: str,
+    scene: Scene,
+    full: _Full,
+    bases: tuple[Basis, Basis],
+    k: int,
+    way: str,
+) -> dict[str, Any]:
+    """One reduced model with modes of the states; the error with modes of unit states beside it."""
+    r = path.modes[k]
+    plain, unit = bases
+    solver, assembly = ("cholesky", "full") if way == "full" else ("qr", "reduced")
+    modes = plain.modes[:, :r]
+    case = _full_case(path, form, scene, full) | {
+        "model": f"r = {r}, " + ("Galerkin" if way == "projected" else f"LSG, rows {way}"),
+        "r": r,
+    }
+    try:
+        found = solve_reduced(scene, modes, solver, assembly=assembly)
+    except ConvergenceError as reason:
+        return case | {"outcome": str(reason), "iterations": None, "cpu": None, "wall": None}
+    case |= {
+        "iterations": sum(found.iterations),
+        "cpu": found.cpu_s,
+        "wall": found.online_s,
+        "offline": plain.seconds + found.offline_s,
+        **_errors(scene, full, found),
+    }
+    offline = full.cpu + case["offline"]
+    if full.cpu > found.cpu_s:
+        case["pays_after"] = offline / (full.cpu - found.cpu_s)
+    if way == "full":
+        case |= {"published_min": path.reduced_min[k]}
+        case["published_saved"] = 100.0 * (1.0 - path.reduced_min[k] / (path.full_min or np.inf))
+        return case
+    case["shown"] = "errors"
+    if path.e1:
+        case |= {"published_e1": path.e1[k], "published_e2": path.e2[k]}
+    case["best_e1"] = _displacement(scene, full.fields, full.x @ modes @ modes.T, full.load)
+    other = solve_reduced(scene, unit.modes[:, :r])
+    case |= {f"{key}_unit": value for key, value in _errors(scene, full, other).items()}
+    return case
+
+
+def _errors(scene: Scene, full: _Full, found: ReducedStates) -> dict[str, Any]:
+    """Errors of states of a reduced model."""
+    fields = [scene.fields(x, t) for x, t in zip(found.x, full.load, strict=True)]
+    probes = named_probes(scene, found.x, full.load)
+    forces = [
+        largest_error(np.array(full.probes[name]), np.array(probes[name]))
+        for name in force_names(scene)
+    ]
+    return {
+        "e1": displacement_error(full.fields, fields),
+        "e2": gradient_error(full.fields, fields),
+        "force_error": max(forces) if forces else None,
+    }
+
+
+_ERROR_CAPTION = (
+    "Tables 6.4, 6.6, 6.8 and 6.10: e1 (6.70) and e2 (6.72), summed over the load steps. Unit "
+    "states: each snapshot divided by its norm. The error of the modes is e1 of the full states "
+    "projected on them. The forces are those of the probes, relative to the largest."
+)
+_ERROR_COLUMNS: Columns = (
+    ("problem", "name"),
+    ("form", "form"),
+    ("r", "r"),
+    ("e1 published", "published_e1"),
+    ("e1", "e1"),
+    ("e1, unit states", "e1_unit"),
+    ("error of the modes", "best_e1"),
+    ("e2 published", "published_e2"),
+    ("e2", "e2"),
+    ("e2, unit states", "e2_unit"),
+    ("force error", "force_error"),
+)
+_TIME_CAPTION = (
+    "Tables 6.3, 6.5, 6.7 and 6.9: times of the whole path on one thread. LSG, rows full: "
+    "assembled in full, then projected, and Cholesky's factor, as published; rows reduced: formed "
+    "in the span of the modes, and QR. The share of time saved is against dense QR; in the "
+    "Galerkin form against the full model."
+)
+_TIME_COLUMNS: Columns = (
+    ("problem", "name"),
+    ("form", "form"),
+    ("unknowns", "dofs"),
+    ("model", "model"),
+    ("iterations", lambda case: case.get("outcome", case["iterations"])),
+    ("CPU [s]", "cpu"),
+    ("wall [s]", "wall"),
+    ("saved [%]", "saved"),
+    ("CPU published [min]", "published_min"),
+    ("saved published [%]", "published_saved"),
+    ("modes and projection [s]", "offline"),
+    ("pays after solves", "pays_after"),
+)
+
+
+# ---- a trained model -----------------------------------------------------------------------------
+
+
+def _trained_cases(progress: ProgressCallback, quick: bool) -> list[dict[str, Any]]:
+    """Regression, corrections and converged states of a trained model, sampled and not."""
+    deck = INPUTS / "muscle_block.toml"
+    overrides, ranges = (_QUICK_TRAINED, _QUICK_RANGE) if quick else (_TRAINED, _RANGE)
+    rom, offline, _ = _timed(
+        lambda: ReducedModel.train(
+            deck,
+            ranges,
+            overrides=overrides,
+            full_solves=6 if quick else 60,
+            tests=0,
+            threads=1,
+            progress=progress,
+        )
+    )
+    full = rom.full_model()
+    values = spread_points(rom.parameters, 3 if quick else 24, _SEED)
+    every = rom.with_all_cells()
+    found = rom.batch(values)
+
+    def from_reduced(_: F64Array) -> list[F64Array | None]:
+        return started(found.amplitudes, found.converged, rom.basis)
+
+    def from_rest(_: F64Array) -> list[F64Array | None]:
+        return [None] * len(values)
+
+    cases: list[dict[str, Any]] = []
+    for name, guess in (
+        ("full, from the reduced state", from_reduced),
+        ("full, from rest", from_rest),
+    ):
+        tests = solve_tests(full, rom.parameters, values, _SEED, guess, progress)
+        cpu = float(np.mean([state.cpu_s for state in tests.states]))
+        cases.insert(0, {"model": name, "points": len(tests.states), "cpu_us": 1e6 * cpu})
+    kept, cells = rom.head["cells"]["kept"], rom.head["cells"]["all"]
+    ways: Sequence[tuple[str, ReducedModel, int | str, int]] = (
+        ("regression alone", rom, 0, 0),
+        ("one correction, sampled", rom, 1, kept),
+        ("converged, sampled", rom, "converged", kept),
+        ("converged, all cells", every, "converged", cells),
+    )
+    for name, model, corrections, count in ways:
+        # the first call makes what all share
+        model.batch(tests.values[:1], corrections)
+        case = measure(model, tests, corrections) | {"model": name, "cells": count}
+        if corrections != "converged":
+            # nothing says whether a fixed number of corrections is enough
+            del case["failed"], case["indicator_ratio"]
+        saved = cpu - 1e-6 * case["cpu_us_per_state"]
+        cases.append(
+            case
+            | {
+                "cpu_us": case["cpu_us_per_state"],
+                "faster": 1e6 * cpu / max(case["cpu_us_per_state"], 1.0),
+                "offline": offline,
+                "pays_after": offline / max(saved, 1e-9),
+            }
+        )
+    return cases
+
+
+_TRAINED_CAPTION = (
+    "A block of muscle with fibers inclined by 20°, trained for activation, length and sigma_max, "
+    "at parameters that the training did not see: errors of displacement (L2 over the body) and "
+    "force, each relative to its own state, forces not below a twentieth of the largest. Times are "
+    "of a state; faster, and after how many solves the training is paid, are against the full "
+    "model from rest, in as many load steps as it needs. The training is full solves, modes and "
+    "cells together."
+)
+_TRAINED_COLUMNS: Columns = (
+    ("model", "model"),
+    ("points", "points"),
+    ("modes", "modes"),
+    ("cells", "cells"),
+    ("failed", "failed"),
+    ("u median", "u.median"),
+    ("95 %", "u.p95"),
+    ("maximum", "u.max"),
+    ("force median", "force.median"),
+    ("95 %", "force.p95"),
+    ("maximum", "force.max"),
+    ("u maximum, of the largest", "u.max_of_largest"),
+    ("estimated over true, least", "indicator_ratio.min"),
+    ("largest", "indicator_ratio.max"),
+    ("CPU [us]", "cpu_us"),
+    ("faster", "faster"),
+    ("training CPU [s]", "offline"),
+    ("pays after solves", "pays_after"),
+)
+
+
+# ---- pictures ------------------------------------------------------------------------------------
+
+
+def _error_plot(cases: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """e1 over the number of modes: published, ours, and ours with unit states."""
+    series = []
+    shown = [case for case in cases if case["shown"] == "errors" and case["form"] == "collocation"]
+    for name in dict.fromkeys(case["name"] for case in shown):
+        own = [case for case in shown if case["name"] == name]
+        problem = name.split(" (")[0]
+        modes = [case["r"] for case in own]
+        for key, label in (("published_e1", "published"), ("e1", ""), ("e1_unit", "unit states")):
+            series.append(
+                {
+                    "name": f"{problem}, {label}" if label else problem,
+                    "x": modes,
+                    "y": [case[key] for case in own],
+                    "rival": label == "published",
+                    "notes": [problem] * len(own) if label == "published" else [],
+                }
+            )
+    return {
+        "title": "Error e1 of reduced collocation",
+        "x": "modes r [-]",
+        "y": "e1, summed over the load steps [-]",
+        "scale": "log-log",
+        "series": series,
+    }
+
+
+def _decay_plot(decays: Sequence[tuple[str, F64Array]]) -> dict[str, Any]:
+    """Figures 6.9, 6.11, 6.14 and 6.17."""
+    series = []
+    for name, values in decays:
+        share = values / values[0]
+        kept = share > np.finfo(float).eps ** 2
+        series.append(
+            {
+                "name": name.split(" (")[0],
+                "x": (np.flatnonzero(kept) + 1).tolist(),
+                "y": share[kept].tolist(),
+            }
+        )
+    return {
+        "title": "Decay of proper orthogonal values (figures 6.9, 6.11, 6.14, 6.17)",
+        "x": "number [-]",
+        "y": "value over the largest [-]",
+        "scale": "log-y",
+        "series": series,
+    }
