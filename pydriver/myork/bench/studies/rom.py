@@ -23,6 +23,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
+from myork.bench.chapter_6 import GALERKIN, MODES, MOTIONS, PATHS, LoadPath, Motion
 from myork.bench.runs import INPUTS, lattice
 from myork.bench.tables import Columns, table
 from myork.console import ProgressCallback
@@ -42,144 +43,6 @@ from myork.stations.segment import segment
 __all__ = ["run"]
 
 _Value = TypeVar("_Value")
-
-_WEIGHTS = ('solver.weight_essential="ns-c4"', "solver.weight_traction=1")
-_RKCM = (
-    "scene.method=rkcm",
-    "approximation.order=2",
-    "approximation.support=3",
-    "approximation.kernel=quintic",
-    *_WEIGHTS,
-)
-
-
-class _Motion(NamedTuple):
-    """A motion: what is varied, and the published errors."""
-
-    name: str
-    deck: str
-    overrides: tuple[str, ...]
-    published: tuple[float, ...] = ()
-
-
-_MODES = (1, 5, 25)
-_MOTIONS = (
-    _Motion(
-        "wave, order 2, 3h (table 6.1)",
-        "wave_1d",
-        ("scene.method=rkcm",),
-        (3.202e-3, 4.791e-4, 5.597e-9),
-    ),
-    _Motion(
-        "the same, weights of (6.41)",
-        "wave_1d",
-        ("scene.method=rkcm", _WEIGHTS[0]),
-        (3.202e-3, 4.791e-4, 5.597e-9),
-    ),
-    _Motion(
-        "the same, order 3, 3.5h",
-        "wave_1d",
-        ("scene.method=rkcm", _WEIGHTS[0], "approximation.order=3", "approximation.support=3.5"),
-        (3.202e-3, 4.791e-4, 5.597e-9),
-    ),
-    _Motion("wave, Galerkin form", "wave_1d", ("scene.method=rkpm-gauss",)),
-    _Motion(
-        "wave, Galerkin form, least squares",
-        "wave_1d",
-        ("scene.method=rkpm-gauss", "rom.projection=least-squares"),
-    ),
-    _Motion(
-        "bar of two stiffnesses (table 6.2)",
-        "bar_1d",
-        ("scene.method=rkcm",),
-        (5.776, 3.547e-2, 3.018e-7),
-    ),
-    _Motion("bar, Galerkin form", "bar_1d", ("scene.method=rkpm-gauss",)),
-)
-
-
-class _Path(NamedTuple):
-    """A path of loads.
-
-    Attributes
-    ----------
-    name, deck : str
-        Problem and deck.
-    overrides, quick : tuple of str
-        The published discretisation, and a small one.
-    modes : tuple of int
-        Published numbers of modes, with what was published of them: errors, and minutes of
-        processor time of the full model and of each.
-    """
-
-    name: str
-    deck: str
-    overrides: tuple[str, ...]
-    quick: tuple[str, ...]
-    modes: tuple[int, ...] = ()
-    e1: tuple[float, ...] = ()
-    e2: tuple[float, ...] = ()
-    full_min: float | None = None
-    reduced_min: tuple[float, ...] = ()
-
-
-_SHEAR = _Path(
-    "shear (tables 6.3, 6.4)",
-    "shear_3d",
-    (*lattice((17, 5, 5)), "load.steps=50"),
-    (*lattice((9, 3, 3)), "load.steps=20"),
-    (1, 5, 20),
-    (9.271e-3, 1.188e-3, 2.393e-6),
-    (4.076e-2, 5.267e-3, 1.060e-5),
-    98.504,
-    (10.681, 15.109, 18.445),
-)
-_TUBE = _Path(
-    "tube (tables 6.5, 6.6)",
-    "tube",
-    lattice((17, 101)),
-    (*lattice((9, 51)), "load.steps=12"),
-    (2, 5, 10),
-    (6.356e-2, 5.021e-5, 5.305e-6),
-    (2.917e-1, 2.777e-4, 2.933e-5),
-    196.983,
-    (2.491, 2.684, 2.968),
-)
-_BLOCK = _Path(
-    "muscle block (tables 6.7, 6.8)",
-    "muscle_block",
-    (*_RKCM, 'material.curve="published"', "load.steps=10"),
-    (*lattice((4, 4, 7)), "load.activation=0.2"),
-    (1, 2, 10),
-    (4.975e-2, 5.685e-3, 2.277e-6),
-    (5.622e-2, 6.973e-3, 2.402e-6),
-    372.567,
-    (23.843, 23.961, 24.420),
-)
-_GASTROCNEMIUS = _Path(
-    "medial gastrocnemius (tables 6.9, 6.10)",
-    "mg_muscle",
-    _RKCM,
-    (),
-    (5, 10),
-    (1.365e-2, 3.999e-5),
-    (1.376e-2, 3.983e-5),
-    1868.9,
-    (19.9, 21.932),
-)
-_PATHS = (_SHEAR, _TUBE, _BLOCK, _GASTROCNEMIUS)
-#: The same in the Galerkin form, with points that it can afford
-_GALERKIN = (
-    _Path("tube", "tube", ("scene.method=rkpm-gauss", *lattice((9, 51))), _TUBE.quick, (2, 5, 10)),
-    _Path(
-        "muscle block",
-        "muscle_block",
-        (*lattice((5, 5, 9)), "load.steps=10"),
-        _BLOCK.quick,
-        (1, 2, 5, 10),
-    ),
-    _Path("medial gastrocnemius", "mg_muscle", (), (), (2, 5, 10)),
-)
 
 #: The trained model: a block with inclined fibers, and the range of its parameters
 _TRAINED = (
@@ -211,12 +74,12 @@ class _Full(NamedTuple):
 def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
     """Reduce all problems; see `myork.bench` for the result."""
     del out
-    motions = [case for motion in _MOTIONS for case in _motion_cases(motion, progress)]
+    motions = [case for motion in MOTIONS for case in _motion_cases(motion, progress)]
     cases, decays = [], []
     with tempfile.TemporaryDirectory(prefix="myork-bench-") as folder:
         model = Path(folder)
-        paths = [path for path in _PATHS if not quick or path is not _GASTROCNEMIUS]
-        weak = [path for path in _GALERKIN if not quick or path.deck != "mg_muscle"]
+        paths = [path for path in PATHS if not quick or path.deck != "mg_muscle"]
+        weak = [path for path in GALERKIN if not quick or path.deck != "mg_muscle"]
         if not quick:
             progress("medial gastrocnemius: from the phantom's images to points")
             segment(INPUTS / "mg_muscle.toml", model, threads=1)
@@ -254,7 +117,7 @@ def _timed(call: Callable[[], _Value]) -> tuple[_Value, float, float]:
 # ---- motions: tables 6.1 and 6.2 -----------------------------------------------------------------
 
 
-def _motion_cases(motion: _Motion, progress: ProgressCallback) -> list[dict[str, Any]]:
+def _motion_cases(motion: Motion, progress: ProgressCallback) -> list[dict[str, Any]]:
     """A motion in the span of its modes, by QR and by Cholesky's factor."""
     progress(motion.name)
     cases = []
@@ -263,7 +126,7 @@ def _motion_cases(motion: _Motion, progress: ProgressCallback) -> list[dict[str,
         full = [scene.fields(x, t) for x, t in zip(states.x, states.load, strict=True)]
         basis = proper_orthogonal_basis(states.x)
         table_ = scene.deck["rom"]
-        for k, r in enumerate(_MODES):
+        for k, r in enumerate(MODES):
             modes = basis.modes[:, :r]
             case: dict[str, Any] = {"name": motion.name, "r": r}
             case["energy_lost"] = float(max(1.0 - basis.values[:r].sum() / basis.values.sum(), 0.0))
@@ -304,7 +167,7 @@ _MOTION_COLUMNS: Columns = (
 
 
 def _path_cases(
-    path: _Path, model: Path, progress: ProgressCallback, quick: bool, *, strong: bool
+    path: LoadPath, model: Path, progress: ProgressCallback, quick: bool, *, strong: bool
 ) -> tuple[list[dict[str, Any]], F64Array]:
     """All models of a path, and its proper orthogonal values."""
     form = "collocation" if strong else "Galerkin form"
@@ -339,7 +202,7 @@ def _path_cases(
     return cases, plain.values
 
 
-def _full_case(path: _Path, form: str, scene: Scene, full: _Full) -> dict[str, Any]:
+def _full_case(path: LoadPath, form: str, scene: Scene, full: _Full) -> dict[str, Any]:
     return {
         "name": path.name,
         "form": form,
@@ -354,7 +217,7 @@ def _full_case(path: _Path, form: str, scene: Scene, full: _Full) -> dict[str, A
     }
 
 
-def _dense_case(path: _Path, form: str, scene: Scene, full: _Full) -> dict[str, Any]:
+def _dense_case(path: LoadPath, form: str, scene: Scene, full: _Full) -> dict[str, Any]:
     """The full model by dense QR: one iteration at full load, times their number."""
     changes = {"load.steps": 1, "load.max_halvings": 0, "solver.max_iterations": 1}
     scene.update(changes)
@@ -376,7 +239,7 @@ def _dense_case(path: _Path, form: str, scene: Scene, full: _Full) -> dict[str, 
 
 
 def _reduced_case(
-    path: _Path,
+    path: LoadPath,
     form: str,
     scene: Scene,
     full: _Full,

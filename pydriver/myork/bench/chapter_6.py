@@ -1,0 +1,155 @@
+"""Problems of Basava (2015), chapter 6, with what was published of them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from myork.bench.runs import lattice
+
+__all__ = ["GALERKIN", "MODES", "MOTIONS", "PATHS", "LoadPath", "Motion"]
+
+_WEIGHTS = ('solver.weight_essential="ns-c4"', "solver.weight_traction=1")
+_RKCM = (
+    "scene.method=rkcm",
+    "approximation.order=2",
+    "approximation.support=3",
+    "approximation.kernel=quintic",
+    *_WEIGHTS,
+)
+
+
+class Motion(NamedTuple):
+    """A motion: what is varied, and the published errors."""
+
+    name: str
+    deck: str
+    overrides: tuple[str, ...]
+    published: tuple[float, ...] = ()
+
+
+#: Published numbers of modes of the motions
+MODES = (1, 5, 25)
+#: Tables 6.1 and 6.2
+MOTIONS = (
+    Motion(
+        "wave, order 2, 3h (table 6.1)",
+        "wave_1d",
+        ("scene.method=rkcm",),
+        (3.202e-3, 4.791e-4, 5.597e-9),
+    ),
+    Motion(
+        "the same, weights of (6.41)",
+        "wave_1d",
+        ("scene.method=rkcm", _WEIGHTS[0]),
+        (3.202e-3, 4.791e-4, 5.597e-9),
+    ),
+    Motion(
+        "the same, order 3, 3.5h",
+        "wave_1d",
+        ("scene.method=rkcm", _WEIGHTS[0], "approximation.order=3", "approximation.support=3.5"),
+        (3.202e-3, 4.791e-4, 5.597e-9),
+    ),
+    Motion("wave, Galerkin form", "wave_1d", ("scene.method=rkpm-gauss",)),
+    Motion(
+        "wave, Galerkin form, least squares",
+        "wave_1d",
+        ("scene.method=rkpm-gauss", "rom.projection=least-squares"),
+    ),
+    Motion(
+        "bar of two stiffnesses (table 6.2)",
+        "bar_1d",
+        ("scene.method=rkcm",),
+        (5.776, 3.547e-2, 3.018e-7),
+    ),
+    Motion("bar, Galerkin form", "bar_1d", ("scene.method=rkpm-gauss",)),
+)
+
+
+class LoadPath(NamedTuple):
+    """A path of loads with what was published of it.
+
+    Attributes
+    ----------
+    name, deck : str
+        Problem and deck.
+    overrides, quick : tuple of str
+        The published discretisation, and a small one.
+    modes : tuple of int
+        Numbers of modes.
+    e1, e2 : tuple of float
+        Published errors with each number of modes.
+    full_min, reduced_min
+        Published processor time of the full model, and with each number of modes [min].
+    """
+
+    name: str
+    deck: str
+    overrides: tuple[str, ...]
+    quick: tuple[str, ...]
+    modes: tuple[int, ...] = ()
+    e1: tuple[float, ...] = ()
+    e2: tuple[float, ...] = ()
+    full_min: float | None = None
+    reduced_min: tuple[float, ...] = ()
+
+
+_SHEAR = LoadPath(
+    "shear (tables 6.3, 6.4)",
+    "shear_3d",
+    (*lattice((17, 5, 5)), "load.steps=50"),
+    (*lattice((9, 3, 3)), "load.steps=20"),
+    (1, 5, 20),
+    (9.271e-3, 1.188e-3, 2.393e-6),
+    (4.076e-2, 5.267e-3, 1.060e-5),
+    98.504,
+    (10.681, 15.109, 18.445),
+)
+_TUBE = LoadPath(
+    "tube (tables 6.5, 6.6)",
+    "tube",
+    lattice((17, 101)),
+    (*lattice((9, 51)), "load.steps=12"),
+    (2, 5, 10),
+    (6.356e-2, 5.021e-5, 5.305e-6),
+    (2.917e-1, 2.777e-4, 2.933e-5),
+    196.983,
+    (2.491, 2.684, 2.968),
+)
+_BLOCK = LoadPath(
+    "muscle block (tables 6.7, 6.8)",
+    "muscle_block",
+    (*_RKCM, 'material.curve="published"', "load.steps=10"),
+    (*lattice((4, 4, 7)), "load.activation=0.2"),
+    (1, 2, 10),
+    (4.975e-2, 5.685e-3, 2.277e-6),
+    (5.622e-2, 6.973e-3, 2.402e-6),
+    372.567,
+    (23.843, 23.961, 24.420),
+)
+_GASTROCNEMIUS = LoadPath(
+    "medial gastrocnemius (tables 6.9, 6.10)",
+    "mg_muscle",
+    _RKCM,
+    (),
+    (5, 10),
+    (1.365e-2, 3.999e-5),
+    (1.376e-2, 3.983e-5),
+    1868.9,
+    (19.9, 21.932),
+)
+#: Tables 6.3 to 6.10
+PATHS = (_SHEAR, _TUBE, _BLOCK, _GASTROCNEMIUS)
+#: The same in the Galerkin form, with points that it can afford
+GALERKIN = (
+    LoadPath(
+        "tube", "tube", ("scene.method=rkpm-gauss", *lattice((9, 51))), _TUBE.quick, (2, 5, 10)
+    ),
+    LoadPath(
+        "muscle block",
+        "muscle_block",
+        (*lattice((5, 5, 9)), "load.steps=10"),
+        _BLOCK.quick,
+        (1, 2, 5, 10),
+    ),
+    LoadPath("medial gastrocnemius", "mg_muscle", (), (), (2, 5, 10)),
+)
