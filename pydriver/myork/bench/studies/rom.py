@@ -103,7 +103,7 @@ def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
             table(_TIME_CAPTION, _TIME_COLUMNS, [c for c in cases if c["model"]]),
             table(_TRAINED_CAPTION, _TRAINED_COLUMNS, trained),
         ],
-        "plots": [_error_plot(cases), _decay_plot(decays)],
+        "plots": [*_error_plots(cases), _decay_plot(decays)],
     }
 
 
@@ -435,31 +435,36 @@ _TRAINED_COLUMNS: Columns = (
 # ---- pictures ------------------------------------------------------------------------------------
 
 
-def _error_plot(cases: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """e1 over the number of modes: published, ours, and ours with unit states."""
-    series = []
+def _error_plots(cases: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """e1 over the number of modes: published, ours, and ours with unit states; one each problem."""
+    plots = []
     shown = [case for case in cases if case["shown"] == "errors" and case["form"] == "collocation"]
     for name in dict.fromkeys(case["name"] for case in shown):
         own = [case for case in shown if case["name"] == name]
-        problem = name.split(" (")[0]
-        modes = [case["r"] for case in own]
-        for key, label in (("published_e1", "published"), ("e1", ""), ("e1_unit", "unit states")):
-            series.append(
-                {
-                    "name": f"{problem}, {label}" if label else problem,
-                    "x": modes,
-                    "y": [case[key] for case in own],
-                    "rival": label == "published",
-                    "notes": [problem] * len(own) if label == "published" else [],
-                }
-            )
-    return {
-        "title": "Error e1 of reduced collocation",
-        "x": "modes r [-]",
-        "y": "e1, summed over the load steps [-]",
-        "scale": "log-log",
-        "series": series,
-    }
+        curves = (
+            ("published", "published_e1"),
+            ("MyoRK", "e1"),
+            ("MyoRK, unit states", "e1_unit"),
+            ("error of the modes", "best_e1"),
+        )
+        plots.append(
+            {
+                "title": f"Error e1 of reduced collocation: {name.split(' (')[0]}",
+                "x": "modes r [-]",
+                "y": "e1, summed over the load steps [-]",
+                "scale": "log-y",
+                "series": [
+                    {
+                        "name": label,
+                        "x": [case["r"] for case in own if case.get(key)],
+                        "y": [case[key] for case in own if case.get(key)],
+                        "rival": label == "published",
+                    }
+                    for label, key in curves
+                ],
+            }
+        )
+    return plots
 
 
 def _decay_plot(decays: Sequence[tuple[str, F64Array]]) -> dict[str, Any]:
