@@ -75,7 +75,7 @@ subroutine refine(self, deck, model, receiver, error)
    type(bars_type) :: bars
    type(deck_type) :: finer
    real(wp) :: cost, start, before, now, worst, expected
-   real(wp), allocatable :: share(:, :)
+   real(wp), allocatable :: left(:), share(:, :)
    integer, allocatable :: cells(:), next(:), limit(:)
    logical, allocatable :: counts(:)
    integer :: level, unknowns
@@ -101,8 +101,10 @@ subroutine refine(self, deck, model, receiver, error)
       call solve(problem, scene, deck, model, receiver, answer, bars, error)
       if (.not. allocated(error)) then
          worst = maxval(relative(bars), mask=counts)
-         if (worst > self%wanted) call shares(problem, answer, deck, model, cells, bars, receiver, &
-            & share)
+         ! what voxels leave open no blocks will close
+         left = relative(bars) - bars%open
+         if (any(counts .and. left > self%wanted)) call shares(problem, answer, deck, model, &
+            & cells, bars, receiver, share)
       end if
       call free_discretisation(problem)
       deallocate (problem)
@@ -123,7 +125,13 @@ subroutine refine(self, deck, model, receiver, error)
          self%reason = 'the wanted error of '//to_text(100.0_wp*self%wanted, 3)//' % is met'
          return
       end if
-      next = next_cells(cells, share, relative(bars), counts, aim*self%wanted)
+      if (.not. any(counts .and. left > self%wanted)) then
+         self%reason = 'the wanted error of '//to_text(100.0_wp*self%wanted, 3)//' % is not ' &
+            & //'met: the voxels leave '//to_text(100.0_wp*maxval(bars%open, mask=counts), 2) &
+            & //' % open, however many points there are; give a label map of finer voxels'
+         return
+      end if
+      next = next_cells(cells, share, left, counts, aim*self%wanted)
       ! blocks of as many voxels each: where they differ answers are worse than the bars tell
       if (allocated(scene%cloud%block)) next = divisor_from(next, limit)
       if (all(next == cells)) then

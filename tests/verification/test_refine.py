@@ -104,6 +104,15 @@ def test_models_are_refined_up_to_their_voxels() -> None:
     )
 
 
+def test_what_voxels_leave_open_is_not_promised() -> None:
+    """Four voxels across, whose faces a force knows to 0.08 of a voxel on each side."""
+    with bar(error=0.05) as scene:
+        states = scene.solve()
+        force = scene.probes(states.x[-1:], np.ones(1))[0, 0, 0]
+    assert states.probe_errors[-1, 0, 0] > 0.08 * abs(force)
+    assert "is not met: the voxels leave 8 % open, however many" in states.reasons[-1]
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
