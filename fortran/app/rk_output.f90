@@ -63,7 +63,7 @@ module rk_output
       type(text_file), private :: log
       type(journal_type), private :: journal
       !> Load steps that the journal has already
-      integer, private :: journaled = 0
+      integer, private :: journaled = -1
    contains
       !> Open the files
       procedure :: open => open_output
@@ -257,7 +257,7 @@ subroutine step(self, st, x)
       end associate
    end do
    call move_alloc(grown, self%record)
-   if (st%step > 0 .and. st%step <= self%repeated) then
+   if (self%repeated > 0 .and. st%step <= self%repeated) then
       self%backward_error = self%worst(1, st%step)
       self%misfit = self%worst(2, st%step)
       self%rcond = self%worst(3, st%step)

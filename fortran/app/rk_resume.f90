@@ -38,7 +38,7 @@ subroutine resume_run(folder, deck, problem, start, history, worst, journal, err
    type(start_type), allocatable, intent(out) :: start
    !> Lines of history.csv behind the first, each with its line feed
    character(len=:), allocatable, intent(out) :: history
-   !> Worst backward error, misfit and condition of the run up to each step, shape (3, steps) [-]
+   !> Worst backward error, misfit and condition of the run up to each step, shape (3, 0:steps) [-]
    real(wp), allocatable, intent(out) :: worst(:, :)
    !> Bytes of the journal that are whole, 0 where there is none
    integer(int64), intent(out) :: journal
@@ -46,6 +46,9 @@ subroutine resume_run(folder, deck, problem, start, history, worst, journal, err
    type(error_type), allocatable, intent(out) :: error
    type(restart_type) :: found
    character(len=:), allocatable :: path
+   type(step_type) :: begin
+   real(wp) :: unloaded(3)
+   real(wp), allocatable :: first(:)
    integer :: k, planned
 
    history = ''
@@ -54,19 +57,35 @@ subroutine resume_run(folder, deck, problem, start, history, worst, journal, err
    call read_run(folder, found, path, history, journal, error)
    if (allocated(error) .or. .not. allocated(found%load)) return
    if (size(found%load) == 0) return
+   first = found%x(:, 1)
+   unloaded = found%step(14:16, 1)
+   begin = step_of(found, 1)
+   if (allocated(begin%carried)) deallocate (begin%carried)
+   found%load = found%load(2:)
+   found%step = found%step(:, 2:)
+   found%x = found%x(:, 2:)
+   ! a state between two planned ones, where the run ended, is found again
+   planned = count(found%step(8, :) > 0.0_wp)
+   if (planned == 0) then
+      ! what has led to the state at load 0 is found again
+      history = ''
+      journal = 0
+      return
+   end if
    call compare_decks(found, deck, path, error)
    if (.not. allocated(error)) call compare_points(found, deck, problem, path, error)
    if (allocated(error)) return
-   ! a state between two planned ones, where the run ended, is found again
-   planned = count(found%step(8, :) > 0.0_wp)
-   if (planned == 0) return
    allocate (start)
+   start%first = first
+   start%begin = begin
    allocate (start%step(planned))
    do k = 1, planned
       start%step(k) = step_of(found, k)
    end do
    start%x = found%x(:, :planned)
-   worst = found%step(14:16, :planned)
+   allocate (worst(3, 0:planned))
+   worst(:, 0) = unloaded
+   worst(:, 1:) = found%step(14:16, :planned)
    history = lines_until(history, planned)
 end subroutine resume_run
 
@@ -91,7 +110,7 @@ subroutine resume_points(folder, deck, resumed, error)
    resumed = .false.
    call read_run(folder, found, path, history, journal, error)
    if (allocated(error) .or. .not. allocated(found%load)) return
-   if (size(found%load) == 0) return
+   if (size(found%load) < 2) return
    own = len(deck%overrides)
    if (found%deck /= deck%text .or. index(found%overrides, deck%overrides) /= 1) then
       call compare_decks(found, deck, path, error)
@@ -108,7 +127,7 @@ subroutine resume_points(folder, deck, resumed, error)
    if (.not. allocated(error)) deck = finer
 end subroutine resume_points
 
-!> States of the run in a folder, behind the one at rest; none are allocated where there is no run
+!> States of the run in a folder, that at load 0 first; none are allocated where there is no run
 subroutine read_run(folder, found, path, history, journal, error)
    !> Folder
    character(len=*), intent(in) :: folder
@@ -141,10 +160,6 @@ subroutine read_run(folder, found, path, history, journal, error)
       error%message = error%message//'; without --resume the run begins anew'
       return
    end if
-   ! the state at rest comes with the problem
-   found%load = found%load(2:)
-   found%step = found%step(:, 2:)
-   found%x = found%x(:, 2:)
    call load_text(folder//'/history.csv', text)
    history = text(1 + index(text, new_line('a')):)
 end subroutine read_run

@@ -28,7 +28,7 @@ static const char usage[] =
    "  --no-error    no second solution, which gives the probes their error bars\n"
    "  --resume      go on from the last whole load step of an earlier run in the folder\n"
    "  --start-from FILE[:STEP]\n"
-   "                begin the iteration at a state of a result file instead of at rest\n"
+   "                begin at a state of a result file instead of at rest\n"
    "  --explain     say what will be modelled and what it costs, and stop\n"
    "  --version     version\n"
    "  --help        this text\n"

@@ -116,7 +116,7 @@ static void check_sets(Deck &deck) {
    }
 }
 
-// An amplitude starts at rest and has a value for each of its times
+// An amplitude starts at load time 0 and has a value for each of its times
 static void check_amplitudes(Deck &deck) {
    for (Section *amplitude : deck.entries("amplitude")) {
       const Value *time = amplitude->find("time"), *value = amplitude->find("value");
@@ -129,10 +129,6 @@ static void check_amplitudes(Deck &deck) {
       if (time->items.front().number() != 0.0)
          deck.complain(time->origin, deck.address(*amplitude, "time"),
                        "must start at 0, not " + time->items.front().plain());
-      if (value->items.front().number() != 0.0)
-         deck.complain(value->origin, deck.address(*amplitude, "value"),
-                       "must start with 0, not " + value->items.front().plain() +
-                           ": the body starts at rest");
       for (std::size_t i = 1; i < time->items.size(); ++i) {
          const Value &before = time->items[i - 1], &item = time->items[i];
          if (item.number() > before.number())

@@ -94,6 +94,9 @@ module rk_recorder
       type(step_type), allocatable :: step(:)
       !> Their unknowns, or those at which the iteration begins, shape (n, max(steps, 1))
       real(wp), allocatable :: x(:, :)
+      !> Step 0 of this earlier run, and its unknowns, shape (n); not allocated without such a run
+      type(step_type) :: begin
+      real(wp), allocatable :: first(:)
    end type start_type
 
    !> Receiver of what happens

@@ -1,5 +1,6 @@
 !> Load steps from rest through planned loads, halved where the iteration fails and grown again
-!> afterwards.
+!> afterwards. A programme that begins loaded has a step 0, to the state at which it begins: the one
+!> that it starts from, in equilibrium with what is prescribed there, or else by a way from rest.
 module rk_static
    use rk_clock, only : timer_type
    use rk_error, only : error_type, fatal_error, err_convergence, err_linalg, err_stopped
@@ -44,7 +45,7 @@ subroutine solve_static(problem, newton, planned, max_halvings, x, recorder, tim
    type(step_type), intent(in), optional :: last
    type(step_type) :: record
    real(wp), allocatable :: before(:)
-   real(wp) :: load, part, target_load, done, from
+   real(wp) :: load, part, most, target_load, done, from
    integer :: step, first, halvings
    logical :: aside
 
@@ -61,14 +62,30 @@ subroutine solve_static(problem, newton, planned, max_halvings, x, recorder, tim
       end if
    end if
    record%steps = size(planned%load)
+   if (planned%loaded .and. .not. present(last)) then
+      if (aside) call begin_at_start()
+      if (allocated(error)) return
+      if (aside) x = 0.0_wp
+      if (aside .or. .not. any(abs(x) > 0.0_wp)) then
+         first = 0
+         done = -1.0_wp
+      end if
+      aside = .false.
+   end if
    do step = first, record%steps
       from = done
-      target_load = planned%load(step)
+      if (step > 0) then
+         target_load = planned%load(step)
+         most = planned%most(step)
+      else
+         target_load = 0.0_wp
+         most = planned%first_most
+      end if
       record%step = step
       record%iterations = 0
       do
          ! a step is a power of two of the planned one, so the target is met exactly
-         part = planned%most(step)/2.0_wp**halvings
+         part = most/2.0_wp**halvings
          load = min(done + part, target_load)
          if (target_load - load < 1.0e-9_wp*part) load = target_load
          newton%done = done
@@ -113,8 +130,14 @@ subroutine solve_static(problem, newton, planned, max_halvings, x, recorder, tim
          if (load >= target_load) exit
       end do
       ! what was prescribed goes on at another rate
-      if (planned%knot(step) .and. allocated(newton%slope)) deallocate (newton%slope)
-      if (step < record%steps) then
+      if (allocated(newton%slope)) then
+         if (step == 0) then
+            deallocate (newton%slope)
+         else if (planned%knot(step)) then
+            deallocate (newton%slope)
+         end if
+      end if
+      if (step > 0 .and. step < record%steps) then
          call hand_over(newton, record%carried)
          record%carried%halvings = halvings
       end if
@@ -123,6 +146,35 @@ subroutine solve_static(problem, newton, planned, max_halvings, x, recorder, tim
    end do
 
 contains
+
+   !> Equilibrium at load 0 from a start, which is that already where the start belongs to what the
+   !> programme begins with. Where there is none, what follows goes by the way from rest
+   subroutine begin_at_start()
+      before = x
+      record%step = 0
+      newton%done = 0.0_wp
+      newton%impatient = .true.
+      call solve_step(newton, problem, 0, 0.0_wp, x, recorder, timer, error)
+      record%iterations = newton%iterations
+      if (.not. allocated(error)) then
+         if (problem%turns_over(before, x)) call fatal_error(error, err_convergence, 'the start ' &
+            & //'is turned by a right angle or more')
+      end if
+      if (allocated(error)) then
+         if (.not. any(error%code == [err_convergence, err_linalg])) return
+         call recorder%note('no equilibrium at the beginning of the programme from the start: ' &
+            & //error%message//'; the way there begins at rest')
+         deallocate (error)
+         return
+      end if
+      aside = .false.
+      record%load = 0.0_wp
+      record%gradient = newton%gradient
+      record%step_norm = newton%step_norm
+      record%min_j = newton%state%min_j
+      record%max_j = newton%state%max_j
+      call recorder%step(record, x)
+   end subroutine begin_at_start
 
    !> Load at which what is prescribed fits a start beside the path best, by the residual: from
    !> there to that of the first step what is prescribed jumps
@@ -158,7 +210,7 @@ contains
 
    !> Hand over the last converged state and say where it ended
    subroutine give_up()
-      if (done > from) then
+      if (done > from .and. step > 0) then
          record%planned = .false.
          call recorder%step(record, x)
       end if

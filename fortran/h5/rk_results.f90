@@ -169,8 +169,11 @@ subroutine add_step(self, load, activation, fields, coefficients, error, step, c
    if (allocated(error)) return
    if (present(step)) call self%file%append(own//"/step", reshape(step, [size(step), 1]), error)
    if (allocated(error)) return
-   if (present(carried)) call self%file%append(own//"/carried", carried, error)
-   if (allocated(error)) return
+   if (present(carried)) then
+      ! a step whose successor begins with nothing but its state has no columns
+      if (size(carried) > 0) call self%file%append(own//"/carried", carried, error)
+      if (allocated(error)) return
+   end if
    do k = 1, size(fields)
       associate (field => fields(k))
          call check_shape(field%name, shape(field%value), [size(field%value, 1), self%npoint], &

@@ -1,5 +1,9 @@
 !> Load programmes: how what is prescribed grows over load time, which runs from 0 to 1.
 !>
+!> A programme begins at rest, or loaded where amplitudes begin with other values than 0: at a state
+!> of an earlier run, as a rule. A body that has no such state is brought there from rest, by loads
+!> from -1 to 0 over which these values grow.
+!>
 !> All that is prescribed is linear in a few load factors, so that forms keep a column for each: the
 !> ramp, which is the load itself; one for each amplitude; and two for each rotation by an angle
 !> theta about a fixed axis n, since (R - I)d = sin(theta) n x d + (1 - cos(theta)) n x (n x d).
@@ -18,13 +22,13 @@ module rk_programme
    !> steps of 15 degrees, 40 of 22, 24 of 45; of 60 degrees and more some fail and are halved
    real(wp), parameter :: largest_turn = 0.8_wp
 
-   !> A function of load time: 0 at rest, between its knots linear or smooth, then what it was last
+   !> A function of load time: between its knots linear or smooth, then what it was last
    type :: amplitude_type
       !> Name in the deck
       character(len=:), allocatable :: name
       !> Load times of the knots, ascending from 0, shape (n) [-]
       real(wp), allocatable :: time(:)
-      !> Values there, the first one 0, shape (n) [-]
+      !> Values there, shape (n) [-]
       real(wp), allocatable :: value(:)
       !> Without slope and curvature at the knots; otherwise linear between them
       logical :: smooth = .false.
@@ -57,10 +61,16 @@ module rk_programme
       procedure :: sine_of
       !> Load steps
       procedure :: plan
+      !> Whether it begins loaded
+      procedure :: begins_loaded
    end type programme_type
 
    !> Load steps that are planned
    type :: plan_type
+      !> The programme begins loaded
+      logical :: loaded = .false.
+      !> Largest change of load at once on the way there from rest [-]
+      real(wp) :: first_most = 1.0_wp
       !> Load at the end of each step, ascending, the last one 1, shape (n) [-]
       real(wp), allocatable :: load(:)
       !> Largest change of load at once on the way there, shape (n) [-]
@@ -103,7 +113,7 @@ pure function factors(self, load) result(factor)
    real(wp) :: angle
    integer :: a, r
 
-   factor(ramp) = load
+   factor(ramp) = max(load, 0.0_wp)
    if (allocated(self%amplitude)) then
       do a = 1, size(self%amplitude)
          factor(ramp + a) = self%value(a, load)
@@ -129,11 +139,13 @@ pure real(wp) function value_at(self, amplitude, load) result(value)
    real(wp) :: s
    integer :: k
 
-   value = load
+   value = max(load, 0.0_wp)
    if (amplitude == no_amplitude) return
    associate (time => self%amplitude(amplitude)%time, values => self%amplitude(amplitude)%value)
       k = count(time <= load)
       value = values(max(k, 1))
+      ! from rest to where the programme begins
+      if (load < 0.0_wp) value = (1.0_wp + load)*value
       if (k == 0 .or. k == size(time)) return
       s = (load - time(k))/(time(k + 1) - time(k))
       if (self%amplitude(amplitude)%smooth) s = s**3*(10.0_wp - s*(15.0_wp - 6.0_wp*s))
@@ -172,7 +184,22 @@ pure function plan(self, steps) result(planned)
    end do
    ! a power of two of this is met exactly
    if (self%count() == 1 .and. .not. allocated(self%output)) planned%most = 1.0_wp/real(steps, wp)
+   planned%loaded = self%begins_loaded()
+   planned%first_most = 1.0_wp/turns(self, -1.0_wp, 0.0_wp)
 end function plan
+
+!> Whether the programme begins with another state than that at rest
+pure logical function begins_loaded(self) result(loaded)
+   !> Programme
+   class(programme_type), intent(in) :: self
+   integer :: a
+
+   loaded = .false.
+   if (.not. allocated(self%amplitude)) return
+   do a = 1, size(self%amplitude)
+      loaded = loaded .or. abs(self%amplitude(a)%value(1)) > 0.0_wp
+   end do
+end function begins_loaded
 
 !> Add loads to ascending ones; 0 is rest and no step
 pure subroutine merge_loads(load, more)

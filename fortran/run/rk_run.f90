@@ -98,6 +98,7 @@ subroutine solve_scene(problem, linear, recorder, outcome, error, start)
    type(watcher_type) :: watcher
    integer(i8) :: clock
    integer :: k
+   logical :: loaded
 
    outcome%warnings = ''
    call warn_of_overlaps(problem%scene, outcome, recorder)
@@ -106,8 +107,11 @@ subroutine solve_scene(problem, linear, recorder, outcome, error, start)
    watcher%outcome => outcome
    if (.not. problem%is_linear()) then
       call problem%state(spread(0.0_wp, 1, problem%n), 0.0_wp, outcome%last)
-      call recorder%step(step_type(load=0.0_wp), outcome%last%x)
+      loaded = problem%scene%programme%begins_loaded()
+      ! where the programme begins loaded its first state is found yet
+      if (.not. loaded) call recorder%step(step_type(load=0.0_wp), outcome%last%x)
       if (present(start)) then
+         if (loaded .and. allocated(start%first)) call watcher%step(start%begin, start%first)
          do k = 1, size(start%step)
             call watcher%step(start%step(k), start%x(:, k))
          end do

@@ -341,7 +341,7 @@ def _parser() -> argparse.ArgumentParser:
     solve.add_argument(
         "--start-from",
         metavar="FILE[:STEP]",
-        help="begin the iteration at a state of a result file instead of at rest",
+        help="begin at a state of a result file instead of at rest",
     )
     solve.add_argument(
         "--no-error",

@@ -211,6 +211,89 @@ def test_a_state_is_where_another_run_starts(tmp_path):
         assert scene.solve(error=False).iterations[-1] > 3
 
 
+def programme(pull: list[float], excite: list[float], steps: int, method: str) -> dict:
+    """A block of muscle, stretched and excited by amplitudes over equal parts of load time."""
+    time = np.linspace(0, 1, len(pull)).tolist()
+    return {
+        **MUSCLE,
+        "scene": {"dimension": 3, "method": method},
+        "geometry": {"kind": "box", "size": [1, 1, 1], "source": [3] * 3, "collocation": [4] * 3},
+        "material": [
+            {"name": "muscle", "model": "muscle", "A10": 1, "K": 500, "fiber": [0.3, 0, 1]},
+        ],
+        "amplitude": [
+            {"name": "pull", "time": time, "value": pull},
+            {"name": "excite", "time": time, "value": excite},
+        ],
+        "boundary": [MUSCLE["boundary"][0], {**MUSCLE["boundary"][1], "amplitude": "pull"}],
+        "load": {"activation": 0.2, "amplitude": "excite", "steps": steps},
+    }
+
+
+@pytest.mark.parametrize("method", ["rkpm-gauss", "rkpm-scni"])
+def test_two_programmes_are_the_long_one(tmp_path, method):
+    """Stretched, then excited: in one run, and in two of which the second begins loaded.
+
+    The state at load time 0 of the second is that in which the first one ended. Without the
+    first, the second one finds it from rest.
+    """
+
+    def solve(name: str, deck: dict, begin: Path | None = None) -> Path:
+        run_deck(deck, tmp_path / name, threads=1, error=False, start=begin)
+        return tmp_path / name
+
+    whole = solve("whole", programme([0, 1, 1], [0, 0, 1], 4, method))
+    first = solve("first", programme([0, 1], [0, 0], 2, method))
+    tables = programme([1, 1], [0, 1], 2, method)
+    second = solve("second", tables, first)
+    alone = solve("alone", tables)
+    with Results(whole) as expected, Results(first) as before:
+        last = before.restart().coefficients
+        size = np.abs(last).max()
+        for folder in (second, alone):
+            with Results(folder) as found:
+                for step in range(3):
+                    np.testing.assert_allclose(
+                        found.restart(step).coefficients,
+                        expected.restart(2 + step).coefficients,
+                        atol=1e-6 * size,
+                    )
+                np.testing.assert_allclose(found.restart(0).coefficients, last, atol=1e-6 * size)
+    # one iteration confirms the state
+    assert sum(line.startswith("0,") for line in history(second)) <= 2
+    assert sum(line.startswith("0,") for line in history(alone)) > 2
+
+
+def test_a_programme_begins_at_equilibrium_with_what_it_prescribes():
+    """A start with other loads is brought to those of load time 0; one that is none is left out."""
+    tables = programme([1, 0.5], [1, 0], 1, "rkpm-gauss")
+    with Scene.from_tables(tables, threads=1) as scene:
+        rest = scene.solve(error=False).x
+        for begin in (0.7 * rest[-1], np.random.default_rng(0).standard_normal(scene.dofs)):
+            np.testing.assert_allclose(scene.solve(error=False, start=begin).x, rest, atol=1e-7)
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+def test_a_run_that_began_loaded_is_resumed(tmp_path, write_deck, number):
+    """Its first state is neither that at rest nor found twice; the start need not be named."""
+    body = {key: MUSCLE[key] for key in ("geometry", "material")}
+    first = programme([0, 1], [0, 0], 1, "rkpm-gauss") | body
+    run_deck(first, tmp_path / "first", threads=1, error=False)
+    deck = write_deck(programme([1, 1], [0, 1], 6, "rkpm-gauss") | body)
+    begin = ("--start-from", str(tmp_path / "first"))
+    run(deck, tmp_path / "whole", *begin)
+    out = tmp_path / "out"
+    child = start(deck, out, *begin)
+    assert child.stdout is not None
+    for line in child.stdout:
+        if line.startswith("step   3"):
+            child.send_signal(number)
+            break
+    child.communicate()
+    assert "resumed behind load step" in run(deck, out, "--resume")
+    assert_equal(out, tmp_path / "whole")
+
+
 def test_a_state_of_other_points_is_refused(tmp_path):
     run_deck(RUBBER, tmp_path / "first", threads=1, error=False)
     file = tmp_path / "first" / "results.vtkhdf"

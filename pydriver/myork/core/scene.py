@@ -316,9 +316,10 @@ class Scene:
         start : F64Array, States, RestartState, str or Path, optional
             State at which the iteration begins instead of at rest: unknowns of shape `(dofs,)`, the
             last of some states, or a state of a result file, also as `"FILE"` or `"FILE:STEP"`.
-            It must belong to the same points and approximation. A body has no memory: the states
-            found are those of this scene's loads. A start saves the way there, and decides which
-            state is found where there are several.
+            It must belong to the same points and approximation. A programme whose amplitudes begin
+            with other values than 0 begins there, in equilibrium with what it prescribes at load
+            time 0. For others a start saves the way to the first load step, and decides which
+            state is found where there are several: a body has no memory.
 
         Raises
         ------
