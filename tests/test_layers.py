@@ -28,6 +28,7 @@ FORTRAN_LAYERS = [
     {"mixture"},
     {"cells", "problem", "h5"},
     {"weak"},
+    {"held"},
     {"collocation", "galerkin", "subdomain", "driver", "post"},
     {"linear"},
     {"motion"},

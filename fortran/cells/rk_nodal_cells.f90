@@ -18,7 +18,7 @@ module rk_nodal_cells
    implicit none
    private
 
-   public :: nodal_cells
+   public :: nodal_cells, lattice_index
 
    !> Gauss points of an edge, from -1 to 1
    real(wp), parameter :: gauss(2) = [-1.0_wp, 1.0_wp]/sqrt(3.0_wp)

@@ -2,15 +2,18 @@
 !>
 !> The energy of the body is integrated with Gauss points, or with smoothed gradients in nodal cells
 !> (SCNI). Prescribed displacements hold weakly: they are lifted into the gradients (rk_gradient)
-!> and held by the penalty of (4.22), which needs not be large then. The volume change is projected
-!> (rk_pressure). Residual and tangent are the exact derivatives of that energy.
+!> and held by the penalty of (4.22), which needs not be large then, or exactly at source points
+!> (rk_held). The volume change is projected (rk_pressure). Residual and tangent are the exact
+!> derivatives of that energy.
 module rk_galerkin
    use rk_blas, only : dsyrk
    use rk_conditions, only : new_boundary
+   use rk_csr, only : csr_type
    use rk_error, only : error_type, fatal_error, err_input
    use rk_follower, only : add_pressure, has_free_rim
    use rk_gauss_cells, only : gauss_cells
    use rk_gradient, only : new_gradient
+   use rk_held, only : new_held
    use rk_mixture, only : new_mixture
    use rk_multiplier, only : new_multiplier
    use rk_neighbours, only : nearest_points
@@ -28,6 +31,7 @@ module rk_galerkin
    use rk_stabilisation, only : share_bulk, stabilise
    use rk_states, only : field_state
    use rk_surface_sets, only : find_surface_sets
+   use rk_symmetric, only : symmetric_matrix
    use rk_tangent, only : add_forces, new_tangent, tangent_type
    use rk_tensor, only : cross, cross_form, identity
    use rk_text, only : to_text
@@ -48,6 +52,7 @@ module rk_galerkin
       !> Forces of each load factor, with those of prescribed values, shape (n, factors) [force]
       real(wp), allocatable :: force(:, :)
    contains
+      procedure :: forces
       procedure :: start_step
       procedure :: evaluate
       procedure :: linearise
@@ -71,6 +76,7 @@ subroutine new_galerkin(self, scene, error)
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
    type(shape_type) :: facet
+   type(csr_type) :: covering
    real(wp), allocatable :: shear(:), softness(:)
    integer :: blocks, ip, nc, nd, np, ns
 
@@ -126,11 +132,15 @@ subroutine new_galerkin(self, scene, error)
    call new_multiplier(self%multiplier, self%cells, self%bulk, shear, blocks, self%gradient%member)
    self%n = nd*(blocks + self%multiplier%extra)
    self%m = self%n
-   self%energetic = self%multiplier%extra == 0
    if (self%cells%smoothed) call new_recovery(self%recovery, scene, self%cells, error)
    if (allocated(error)) return
+   if (scene%galerkin%transformation) call hold_points(self, error)
+   if (allocated(error)) return
+   self%energetic = self%multiplier%extra == 0 .and. .not. allocated(self%held)
+   covering = csr_type([0_i8], [integer ::])
+   if (allocated(self%held)) covering = self%held%points%shape%neighbour
    call new_tangent(self%matrix, blocks, self%cells, self%gradient, self%multiplier, self%surface, &
-      & self%inside, shear, scene%galerkin%direct_limit, error)
+      & self%inside, covering, shear, scene%galerkin%direct_limit, error)
    if (allocated(error)) return
    if (.not. self%matrix%formed .and. blocks > ns) then
       call fatal_error(error, err_input, 'boundary.tendon needs a tangent that is formed: give ' &
@@ -139,6 +149,29 @@ subroutine new_galerkin(self, scene, error)
    end if
    call set_constants(self, shear)
 end subroutine new_galerkin
+
+!> Hold source points, with the values of the deck
+subroutine hold_points(self, error)
+   !> Problem with its surface
+   type(galerkin_problem), intent(inout) :: self
+   !> Error handling: places that cannot be held together
+   type(error_type), allocatable, intent(out) :: error
+   integer :: h
+
+   if (self%surface%plates%count > 0 .or. has_free_rim(self%scene)) then
+      call fatal_error(error, err_input, 'galerkin.essential = "transformation" knows neither ' &
+         & //'tendons nor pressures with a free rim: take galerkin.essential = "penalty"')
+      return
+   end if
+   if (.not. allocated(self%held)) call new_held(self%held, self%scene, self%cells, &
+      & self%surface, error)
+   if (allocated(error) .or. .not. allocated(self%held)) return
+   associate (near => self%held%nearest + size(self%scene%cloud%points, 2), mixture => self%mixture)
+      call self%held%set_deck(self%scene, [(mixture%shear_modulus(near(h), identity), &
+         & h=1, size(near))], [(mixture%bulk_at_one_pressure(near(h)), h=1, size(near))], self%n, &
+         & error)
+   end associate
+end subroutine hold_points
 
 !> Penalty, stabilisation, tendons, and forces of what is prescribed
 subroutine set_constants(self, shear)
@@ -203,6 +236,8 @@ subroutine renew(self, materials, error)
          call new_multiplier(self%multiplier, self%cells, self%bulk, shear, &
             & size(scene%cloud%source, 2) + self%surface%plates%count, self%gradient%member)
       end if
+      if (allocated(self%held)) call hold_points(self, error)
+      if (allocated(error)) return
    end associate
    call set_constants(self, shear)
    if (allocated(self%base)) deallocate (self%base)
@@ -219,7 +254,7 @@ subroutine set_point_loads(self, body_force, displacement, stress)
    real(wp), intent(in) :: displacement(:, :)
    !> Stress P(i, A) whose traction the other components carry, shape (3, 3, n) [stress]
    real(wp), intent(in) :: stress(:, :, :)
-   integer :: nd, np
+   integer :: ms, nd, np
 
    nd = self%scene%cloud%nd
    np = size(self%cells%weight)
@@ -228,6 +263,10 @@ subroutine set_point_loads(self, body_force, displacement, stress)
    self%force = 0.0_wp
    call self%surface%add_forces(self%force)
    call add_body_force(self%inside, self%cells%weight, body_force(:nd, :np), self%force(:, ramp))
+   if (.not. allocated(self%held)) return
+   ms = np + size(self%cells%set)
+   self%held%points%value = 0.0_wp
+   self%held%points%value(ramp, :, :) = displacement(:nd, ms + 1:)
 end subroutine set_point_loads
 
 !> Forget where the last step came from
@@ -328,6 +367,7 @@ subroutine assemble(self, x, held, load, tangent, r, seen)
    r = r - matmul(self%force, factor)
    if (tangent) self%matrix%value = self%constant
    if (tangent .and. allocated(self%matrix%skew)) self%matrix%skew = 0.0_wp
+   if (tangent .and. allocated(self%held)) call self%held%resist(self%matrix)
    ! parts are added in the order of the groups, so that sums do not depend on the threads
    !$omp parallel do default(none) schedule(static, 1) ordered private(g, part, force) &
    !$omp shared(self, x, jump, load, tangent, r, at)
@@ -344,6 +384,7 @@ subroutine assemble(self, x, held, load, tangent, r, seen)
    end do
    !$omp end parallel do
    call add_pressure(self%surface, self%cells, factor, x, tangent, self%matrix, r)
+   if (allocated(self%held)) call self%held%constrain(x, factor, r)
    seen%worst = minloc(at%j, dim=1)
    seen%min_j = at%j(seen%worst)
    seen%max_j = maxval(at%j)
@@ -357,6 +398,35 @@ subroutine assemble(self, x, held, load, tangent, r, seen)
    self%matrix%pressure => self%pressure
    self%matrix%multiplier => self%multiplier
 end subroutine assemble
+
+!> Internal less external forces of a state
+function forces(self, state) result(r)
+   !> Problem
+   class(galerkin_problem), intent(in) :: self
+   !> State with stresses
+   type(field_state), intent(in) :: state
+   !> Forces, shape (n) [force]
+   real(wp) :: r(self%n)
+   real(wp), allocatable :: part(:, :)
+   type(symmetric_matrix) :: none
+   integer :: g, q
+
+   r = 0.0_wp
+   call self%matrix%product(self%constant, state%x(:self%matrix%n), r(:self%matrix%n))
+   r = r - matmul(self%force, state%factor)
+   do g = 1, size(self%cells%first) - 1
+      associate (member => self%gradient%member%index(self%gradient%member%offset(g) + 1: &
+         & self%gradient%member%offset(g + 1)))
+         allocate (part(self%gradient%nd, size(member)), source=0.0_wp)
+         do q = self%cells%first(g) + 1, self%cells%first(g + 1)
+            call self%gradient%add_force(q, self%cells%weight(q)*state%p(:, :, q), part)
+         end do
+         call add_forces(member, part, r)
+         deallocate (part)
+      end associate
+   end do
+   call add_pressure(self%surface, self%cells, state%factor, state%x, .false., none, r)
+end function forces
 
 !> Forces and stiffness of a group of points
 subroutine group_part(self, g, at, change, load, tangent, force, part)
@@ -474,6 +544,7 @@ function operator(self) result(op)
    class(row_operator), pointer :: op
 
    op => self%matrix
+   if (allocated(self%held)) op => self%held%whole
 end function operator
 
 !> Newton's step by the tangent itself
@@ -494,7 +565,11 @@ subroutine square_step(self, shift, r, dx, found, report, error)
    type(error_type), allocatable, intent(out) :: error
 
    found = .true.
-   call self%matrix%solve_square(shift, -r, dx, report, error)
+   if (allocated(self%held)) then
+      call self%held%whole%solve_square(shift, -r, dx, report, error)
+   else
+      call self%matrix%solve_square(shift, -r, dx, report, error)
+   end if
 end subroutine square_step
 
 !> Force through a plane section: that of its part behind the normal on the part before it

@@ -4,6 +4,7 @@ module rk_weak
    use rk_cells, only : cells_type
    use rk_discretisation, only : discretisation_type, deformation, entry_displacement
    use rk_gradient, only : gradient_type
+   use rk_held, only : held_type
    use rk_multiplier, only : multiplier_type
    use rk_precision, only : wp
    use rk_pressure, only : pressure_type
@@ -35,11 +36,15 @@ module rk_weak
       real(wp), allocatable :: local_bulk(:), bulk(:)
       !> Surface
       type(surface_type) :: surface
+      !> What is held at source points; not allocated where the penalty holds
+      type(held_type), allocatable :: held
       !> Nearest collocation point of each point, shape (np)
       integer, allocatable :: nearest(:)
    contains
       procedure :: scaled_norms
       procedure :: state
+      !> Internal less external forces of a state
+      procedure(forces_interface), deferred :: forces
       procedure :: at_place
       procedure :: load_points
       procedure :: of_tissue
@@ -52,20 +57,34 @@ module rk_weak
       procedure :: set_displacement
    end type weak_problem
 
+   abstract interface
+      function forces_interface(self, state) result(r)
+         import :: field_state, weak_problem, wp
+         !> Problem
+         class(weak_problem), intent(in) :: self
+         !> State with stresses
+         type(field_state), intent(in) :: state
+         !> Forces, shape (n) [force]
+         real(wp) :: r(self%n)
+      end function forces_interface
+   end interface
+
 contains
 
-!> Points where set_point_loads wants values: the integration points, then those of the surface
+!> Points where set_point_loads wants values: the integration points, those of the surface, then
+!> held source points
 function load_points(self) result(x)
    !> Problem
    class(weak_problem), intent(in) :: self
    !> Points, shape (nd, n) [length]
    real(wp), allocatable :: x(:, :)
-   integer :: np
+   integer :: nd
 
-   np = size(self%cells%weight)
-   allocate (x(size(self%cells%point, 1), np + size(self%cells%set)))
-   x(:, :np) = self%cells%point
-   x(:, np + 1:) = self%cells%surface
+   nd = size(self%cells%point, 1)
+   x = reshape([self%cells%point, self%cells%surface], [nd, size(self%cells%weight) &
+      & + size(self%cells%set)])
+   if (allocated(self%held)) x = reshape([x, self%held%at%x], [nd, size(x, 2) &
+      & + size(self%held%at%x, 2)])
 end function load_points
 
 !> Norms of displacements and of the pressures that are unknowns
@@ -114,6 +133,7 @@ subroutine state(self, x, load, at)
       end do
    end do
    !$omp end parallel do
+   if (allocated(self%held)) at%held = self%held%reaction(self%forces(at))
 end subroutine state
 
 !> The state with the stress of one tissue alone, which has its fraction of the pressure
@@ -130,6 +150,9 @@ subroutine of_tissue(self, state, tissue, own)
 
    nc = size(self%scene%cloud%points, 2)
    own = state
+   if (allocated(own%held)) own%held = own%held &
+      & *spread([(self%mixture%part_of(nc + self%held%nearest(q), tissue), &
+      & q=1, size(own%held, 2))], 1, size(own%held, 1))
    own%part = [(self%mixture%part_of(nc + q, tissue), q=1, size(state%j))]
    do g = 1, size(self%cells%first) - 1
       do q = self%cells%first(g) + 1, self%cells%first(g + 1)
@@ -273,6 +296,7 @@ function set_force(self, set, state, share) result(force)
    associate (unused => share)
    end associate
    force = self%surface%force(self%cells, set, state)
+   if (allocated(self%held)) force = force + self%held%force(set, state%held)
 end function set_force
 
 !> Moment of the forces that the surroundings exert on the body through a set
@@ -288,6 +312,7 @@ function set_torque(self, set, state, about) result(torque)
    real(wp) :: torque(3)
 
    torque = self%surface%torque(self%cells, set, state, about)
+   if (allocated(self%held)) torque = torque + self%held%torque(set, state%held, state%x, about)
 end function set_torque
 
 !> Displacement of the middle of a set: of a part of the surface that of its integration points, of

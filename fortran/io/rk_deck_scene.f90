@@ -222,6 +222,7 @@ subroutine read_solver(scene, deck)
    type(scene_type), intent(inout) :: scene
    !> Deck
    type(deck_type), intent(in) :: deck
+   character(len=:), allocatable :: word
 
    call deck%get('load.steps', scene%load%steps)
    call deck%get('load.activation', scene%load%activation)
@@ -235,6 +236,8 @@ subroutine read_solver(scene, deck)
    call deck%get('mixed.edge_exponent', scene%mixed%edge_exponent)
    call deck%get('mixed.edge_length', scene%mixed%edge_length)
    call deck%get('galerkin.gauss', scene%galerkin%gauss)
+   call deck%get('galerkin.essential', word)
+   scene%galerkin%transformation = word == 'transformation'
    call deck%get('galerkin.penalty', scene%galerkin%penalty)
    call deck%get('galerkin.direct_limit', scene%galerkin%direct_limit)
    call deck%get('galerkin.stabilisation', scene%galerkin%stabilisation)

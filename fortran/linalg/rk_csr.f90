@@ -4,7 +4,7 @@ module rk_csr
    implicit none
    private
 
-   public :: csr_type, group_by, sort
+   public :: csr_type, group_by, joined, sort
 
    !> Lists of numbers, one a row
    type :: csr_type
@@ -47,6 +47,16 @@ pure subroutine transposed(self, n, other, entry)
       end do
    end do
 end subroutine transposed
+
+!> Rows of two lists, one behind the other
+pure function joined(first, second) result(both)
+   !> Lists
+   type(csr_type), intent(in) :: first, second
+   type(csr_type) :: both
+
+   both = csr_type([first%offset, first%offset(size(first%offset)) + second%offset(2:)], &
+      & [first%index, second%index])
+end function joined
 
 !> Places of each number in a list, ascending
 pure subroutine group_by(n, number, places)

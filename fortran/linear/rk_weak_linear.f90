@@ -1,7 +1,8 @@
 !> Galerkin form of linear boundary value problems: the operators of rk_linear, integrated with
 !> Gauss points in the cells between the source points of a box.
 !>
-!> Essential values are lifted into the gradients and held by a penalty as in the nonlinear form.
+!> Essential values are lifted into the gradients and held by a penalty, or exactly at source points
+!> (rk_held), as in the nonlinear form.
 !> Of elasticity, Lame's lambda acts on the change of volume that is projected in each group of
 !> cells, so that nearly incompressible bodies do not lock. Source, traction and prescribed values
 !> follow from the known solution, or the deck gives them.
@@ -10,10 +11,12 @@ module rk_weak_linear
    use rk_cells, only : cells_type
    use rk_coefficients, only : coefficient_at, coefficients_type, moduli, new_coefficients
    use rk_conditions, only : conditions_at
+   use rk_csr, only : joined
    use rk_discretisation, only : discretisation_type
-   use rk_error, only : error_type
+   use rk_error, only : error_type, fatal_error, err_input
    use rk_gauss_cells, only : gauss_cells
    use rk_gradient, only : gradient_type, new_gradient
+   use rk_held, only : held_type, new_held
    use rk_linear, only : find_boundary, small_strain
    use rk_operator, only : row_operator, square_report
    use rk_precision, only : wp
@@ -21,19 +24,19 @@ module rk_weak_linear
    use rk_problem, only : evaluation_type
    use rk_scene, only : scene_type
    use rk_shape, only : shape_type
-   use rk_solutions, only : exact_field, source_at
+   use rk_solutions, only : exact_field
    use rk_states, only : field_state, point_state
    use rk_surface_sets, only : find_surface_sets
    use rk_symmetric, only : new_symmetric, symmetric_matrix
-   use rk_basis, only : second_index
    use rk_tensor, only : identity
    use rk_weak_conditions, only : add_body_force, surface_type
+   use rk_weak_loads, only : add_pins, body_force
    implicit none
    private
 
    public :: weak_linear_problem, new_weak_linear
    ! parts of the loads, for motions
-   public :: add_given, body_force, lift_at, surface_at
+   public :: add_given, lift_at, surface_at
 
    !> Linear problem of a scene
    type, extends(discretisation_type) :: weak_linear_problem
@@ -54,6 +57,8 @@ module rk_weak_linear
       real(wp), allocatable :: force(:, :)
       !> Entries of the penalty in the places of the stiffness, of which they are a part
       real(wp), allocatable :: penalty(:)
+      !> What is held at source points; not allocated where the penalty holds
+      type(held_type), allocatable :: held
    contains
       procedure :: is_linear
       procedure :: evaluate
@@ -82,6 +87,11 @@ subroutine new_weak_linear(self, scene, error)
    self%scene => scene
    nd = scene%cloud%nd
    ns = size(scene%cloud%source, 2)
+   if (allocated(scene%motion) .and. scene%galerkin%transformation) then
+      call fatal_error(error, err_input, 'galerkin.essential = "transformation" is for problems ' &
+         & //'at rest: motions take galerkin.essential = "penalty"')
+      return
+   end if
    self%fields = merge(1, nd, scene%equation%kind == 'poisson')
    self%n = self%fields*ns
    self%m = self%n
@@ -112,18 +122,61 @@ subroutine new_weak_linear(self, scene, error)
    call new_pressure(self%pressure, self%cells, softness(self), &
       & scene%galerkin%pressure_degree, scene%cloud%points, error)
    if (allocated(error)) return
-   call new_symmetric(self%matrix, self%fields, ns, self%gradient%member)
+   if (scene%galerkin%transformation) then
+      call hold_points(self, stiffness, error)
+      if (allocated(error)) return
+   end if
+   if (allocated(self%held)) then
+      call new_symmetric(self%matrix, self%fields, ns, joined(self%gradient%member, &
+         & self%held%points%shape%neighbour))
+      self%matrix%keeps = .true.
+      call self%held%resist(self%matrix)
+   else
+      call new_symmetric(self%matrix, self%fields, ns, self%gradient%member)
+   end if
    allocate (self%force(self%n, 1), source=0.0_wp)
    call self%surface%add_penalty(self%matrix, self%matrix%value)
    call self%surface%add_forces(self%force)
-   call add_body_force(self%inside, self%cells%weight, body_force(self, 0.0_wp, error), &
-      & self%force(:, 1))
+   call add_body_force(self%inside, self%cells%weight, body_force(scene, self%cells%point, &
+      & self%coefficient%pair, self%fields, 0.0_wp, error), self%force(:, 1))
    if (allocated(error)) return
-   call add_pins(self, scene%galerkin%penalty*maxval(stiffness))
+   call add_pins(scene, self%shape, scene%galerkin%penalty*maxval(stiffness), self%matrix, &
+      & self%force(:, 1))
    if (allocated(scene%motion)) self%penalty = self%matrix%value
    call add_groups(self)
    call add_given(self, self%gradient, self%force(:, 1))
 end subroutine new_weak_linear
+
+!> Hold source points, with the values of the known solution or of the deck
+subroutine hold_points(self, stiffness, error)
+   !> Problem with its surface
+   type(weak_linear_problem), intent(inout) :: self
+   !> Modulus at each integration point, shape (np)
+   real(wp), intent(in) :: stiffness(:)
+   !> Error handling: places that cannot be held together
+   type(error_type), allocatable, intent(out) :: error
+   real(wp), allocatable :: value(:, :, :)
+   logical, allocatable :: by(:, :)
+   real(wp) :: u(self%fields, self%shape%nq)
+   integer :: e
+
+   call new_held(self%held, self%scene, self%cells, self%surface, error)
+   if (allocated(error) .or. .not. allocated(self%held)) return
+   call self%held%deck_values(self%scene, by, value, error)
+   if (allocated(error)) return
+   by = by(:self%fields, :)
+   value = value(:, :self%fields, :)
+   associate (at => self%held%at, equation => self%scene%equation, near => self%held%nearest)
+      do e = 1, size(at%side)
+         if (equation%is_own()) exit
+         call exact_field(equation, at%x(:, at%place(e)), u)
+         by(:, e) = any(at%in_set(e, equation%essential))
+         value(1, :, e) = u(:, 1)
+      end do
+      call self%held%set(by, value, self%scene, stiffness(near), self%coefficient%pair(1, near), &
+         & self%n, error)
+   end associate
+end subroutine hold_points
 
 !> Moduli c(i, A, k, B) without lambda at an integration point, shape (nd, nd, nd, nd); of a scalar
 !> problem the first component is the field
@@ -247,81 +300,6 @@ subroutine set_gradient(self, ns, facet)
       & essential)
    call self%gradient%set_essential(self%cells, essential, value)
 end subroutine set_gradient
-
-!> Body force at the integration points: that of the deck, or minus the operator of the known
-!> solution
-function body_force(self, time, error) result(b)
-   !> Problem
-   class(weak_linear_problem), intent(in) :: self
-   !> Time, of no meaning where nothing moves
-   real(wp), intent(in) :: time
-   !> Error handling: an expression without a value somewhere
-   type(error_type), allocatable, intent(inout) :: error
-   !> Body force, shape (fields, np)
-   real(wp) :: b(self%fields, size(self%cells%weight))
-   real(wp), allocatable :: c(:, :, :, :)
-   real(wp) :: u(self%fields, self%shape%nq)
-   integer :: a, d, nd, q
-
-   nd = self%shape%nd
-   b = 0.0_wp
-   if (self%scene%equation%is_own()) then
-      do q = 1, size(b, 2)
-         call source_at(self%scene%equation, self%cells%point(:, q), time, b(:, q), error)
-         if (allocated(error)) return
-      end do
-      return
-   end if
-   c = moduli(self%scene%equation, nd, self%coefficient%pair(:, 1))
-   do q = 1, size(b, 2)
-      call exact_field(self%scene%equation, self%cells%point(:, q), u)
-      do d = 1, nd
-         do a = 1, nd
-            b(:, q) = b(:, q) - matmul(c(:, a, :, d), u(:, second_index(nd, min(a, d), max(a, d))))
-         end do
-      end do
-   end do
-end function body_force
-
-!> Springs at the pins: they hold what nothing pushes
-subroutine add_pins(self, stiffness)
-   !> Problem with its boundary
-   type(weak_linear_problem), intent(inout), target :: self
-   !> Penalty of the pins [stress]
-   real(wp), intent(in) :: stiffness
-   real(wp), allocatable :: part(:, :)
-   real(wp), pointer, contiguous :: values(:, :)
-   integer, pointer, contiguous :: nodes(:)
-   real(wp) :: spring, u(self%fields, self%shape%nq)
-   integer :: b, i, k, l, nd, pin
-
-   nd = self%scene%cloud%nd
-   spring = stiffness*self%scene%cloud%mean_spacing()**(nd - 2)
-   do pin = 1, size(self%scene%equation%pin)
-      associate (pinned => self%scene%equation%pin(pin), points => self%scene%cloud%points)
-         b = minloc([(norm2(points(:, k) - pinned%point(:nd)), k=1, size(points, 2))], dim=1)
-         u = 0.0_wp
-         if (.not. self%scene%equation%is_own()) &
-            & call exact_field(self%scene%equation, points(:, b), u)
-         call self%shape%row(b, nodes, values)
-         allocate (part(self%fields*size(nodes), self%fields*size(nodes)), source=0.0_wp)
-         do i = 1, self%fields
-            if (.not. pinned%fixed(i)) cycle
-            do l = 1, size(nodes)
-               associate (entry => self%fields*(l - 1) + i, &
-                  & at => self%fields*(nodes(l) - 1) + i)
-                  do k = 1, l
-                     part(self%fields*(k - 1) + i, entry) = spring*values(1, k)*values(1, l)
-                  end do
-                  self%force(at, 1) = self%force(at, 1) + spring*values(1, l)*u(i, 1)
-               end associate
-            end do
-         end do
-      end associate
-      call self%matrix%add(self%matrix%value, nodes, part)
-      deallocate (part)
-   end do
-end subroutine add_pins
 
 !> Add the stiffness of all groups
 subroutine add_groups(self)
@@ -452,6 +430,11 @@ subroutine evaluate(self, x, load, r, seen)
 
    call self%matrix%apply(x, r)
    r = r - load*self%force(:, 1)
+   if (allocated(self%held)) then
+      call self%held%constrain(x, [load], r)
+      ! the problem may have been moved since it was made
+      call self%held%bind(self%matrix)
+   end if
    seen%valid = all(abs(r) <= huge(1.0_wp))
 end subroutine evaluate
 
@@ -462,6 +445,7 @@ function operator(self) result(op)
    class(row_operator), pointer :: op
 
    op => self%matrix
+   if (allocated(self%held)) op => self%held%whole
 end function operator
 
 !> The solution by the stiffness itself
@@ -482,7 +466,11 @@ subroutine square_step(self, shift, r, dx, found, report, error)
    type(error_type), allocatable, intent(out) :: error
 
    found = .true.
-   call self%matrix%solve_square(shift, -r, dx, report, error)
+   if (allocated(self%held)) then
+      call self%held%whole%solve_square(shift, -r, dx, report, error)
+   else
+      call self%matrix%solve_square(shift, -r, dx, report, error)
+   end if
 end subroutine square_step
 
 !> State of the body: gradients and stresses at the integration points, and the projected change of
@@ -498,8 +486,7 @@ subroutine state(self, x, load, at)
    type(field_state), intent(out) :: at
    type(gradient_type) :: lift
    type(error_type), allocatable :: error
-   real(wp), allocatable :: local(:, :)
-   real(wp), allocatable :: h(:, :, :)
+   real(wp), allocatable :: local(:, :), h(:, :, :), f(:)
    integer :: b, g, k, n, nd, o, q
 
    nd = self%shape%nd
@@ -537,6 +524,14 @@ subroutine state(self, x, load, at)
       end associate
       deallocate (local, h)
    end do
+   if (.not. allocated(self%held)) return
+   allocate (f(self%n))
+   call self%matrix%apply(x, f)
+   f = f - load*self%force(:, 1)
+   associate (rows => self%held%rows)
+      call rows%add_transposed(-rows%resistance*rows%times(x), f)
+   end associate
+   at%held = self%held%reaction(f)
 end subroutine state
 
 !> Small strain stress at a place; of a scalar problem the value alone
@@ -589,6 +584,7 @@ function set_force(self, set, state, share) result(force)
    associate (unused => share)
    end associate
    force = self%surface%force(self%cells, set, state)
+   if (allocated(self%held)) force = force + self%held%force(set, state%held)
 end function set_force
 
 end module rk_weak_linear

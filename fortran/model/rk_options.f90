@@ -55,6 +55,8 @@ module rk_options
    type :: galerkin_options
       !> Gauss points in each direction of a cell
       integer :: gauss
+      !> Prescribed displacements hold exactly at source points, not by the penalty
+      logical :: transformation
       !> Penalty of prescribed displacements in shear moduli over spacing [-]
       real(wp) :: penalty
       !> Resistance of nodal cells to gradients that vary, in shear moduli [-]

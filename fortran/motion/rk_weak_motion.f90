@@ -15,7 +15,8 @@ module rk_weak_motion
    use rk_spectrum, only : largest_eigenvalue
    use rk_text, only : to_text
    use rk_weak_conditions, only : add_body_force
-   use rk_weak_linear, only : add_given, body_force, lift_at, surface_at, weak_linear_problem
+   use rk_weak_linear, only : add_given, lift_at, surface_at, weak_linear_problem
+   use rk_weak_loads, only : body_force
    implicit none
    private
 
@@ -143,7 +144,8 @@ subroutine loads_at(self, time, force, held, error)
    call surface_at(self, time, essential, value, traction, error)
    if (.not. allocated(error)) call lift_at(self, time, lift, error)
    if (.not. allocated(error)) call add_body_force(self%inside, self%cells%weight, &
-      & body_force(self, time, error), force)
+      & body_force(self%scene, self%cells%point, self%coefficient%pair, self%fields, time, error), &
+      & force)
    if (allocated(error)) return
    call add_given(self, lift, force)
    do s = 1, size(self%cells%set)

@@ -132,6 +132,11 @@ subroutine reduce(self, modes, problem, error)
 
    associate (unused => modes, unused_too => problem)
    end associate
+   if (self%scene%galerkin%transformation) then
+      call fatal_error(error, err_input, 'modes do not reduce galerkin.essential = ' &
+         & //'"transformation": take "penalty"')
+      return
+   end if
    call fatal_error(error, err_input, 'modes do not reduce method "'//self%scene%method &
       & //'" with a material of K = inf, whose pressures are unknowns: take a finite K, 1e3 ' &
       & //'times the shear modulus, or method "rkcm-mixed"')

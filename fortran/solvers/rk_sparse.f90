@@ -14,7 +14,8 @@ module rk_sparse
    implicit none
    private
 
-   public :: sparse_factor, kept_factor, sparse_cholesky, sparse_qr, solve_sparse, factor_upper
+   public :: sparse_factor, kept_factor, sparse_cholesky, sparse_qr, solve_sparse
+   public :: solve_again_sparse, factor_upper
 
    !> A factor held by SuiteSparse
    type, extends(factor_type) :: sparse_factor
@@ -54,13 +55,13 @@ module rk_sparse
          integer(c_int64_t), intent(out) :: rank
          type(c_ptr), intent(out) :: handle
       end function rk_sparse_qr
-      integer(c_int) function rk_sparse_direct(n, start, row, value, definite, b, x, rcond, kept) &
-         & bind(c)
+      integer(c_int) function rk_sparse_direct(n, start, row, value, definite, again, b, x, rcond, &
+         & kept) bind(c)
          import :: c_double, c_int, c_int64_t, c_ptr
          integer(c_int64_t), value :: n
          integer(c_int64_t), intent(in) :: start(*), row(*)
          real(c_double), intent(in) :: value(*), b(*)
-         integer(c_int), value :: definite
+         integer(c_int), value :: definite, again
          real(c_double), intent(inout) :: x(*)
          real(c_double), intent(out) :: rcond
          type(c_ptr), intent(inout) :: kept
@@ -188,7 +189,7 @@ subroutine factor_upper(self, n, start, row, value, error)
 end subroutine factor_upper
 
 !> Solve equations with a square matrix
-subroutine solve_sparse(n, start, row, value, definite, b, x, rcond, kept, error)
+subroutine solve_sparse(n, start, row, value, definite, again, b, x, rcond, kept, error)
    !> Unknowns
    integer, intent(in) :: n
    !> Column j has entries start(j)+1 : start(j+1), shape (n + 1)
@@ -200,6 +201,8 @@ subroutine solve_sparse(n, start, row, value, definite, b, x, rcond, kept, error
    !> The entries are the upper triangle of a symmetric, positive definite matrix (Cholesky);
    !> otherwise they are all (LU)
    logical, intent(in) :: definite
+   !> The factor stays for further solves
+   logical, intent(in) :: again
    !> Right hand side, shape (n)
    real(wp), contiguous, intent(in) :: b(:)
    !> Solution, shape (n)
@@ -214,11 +217,24 @@ subroutine solve_sparse(n, start, row, value, definite, b, x, rcond, kept, error
    integer(c_int) :: stat
 
    call hold_threads(threads)
-   stat = rk_sparse_direct(int(n, i8), start, row, value, merge(1, 0, definite), b, x, rcond, &
-      & kept%handle)
+   stat = rk_sparse_direct(int(n, i8), start, row, value, merge(1, 0, definite), &
+      & merge(1, 0, again), b, x, rcond, kept%handle)
    call release_threads(threads)
    call complain(stat, error)
 end subroutine solve_sparse
+
+!> Solve in place with the last factor, which was to stay
+subroutine solve_again_sparse(kept, x)
+   !> What is left of factors
+   type(kept_factor), intent(in) :: kept
+   !> Right hand side, replaced by the solution, shape (n)
+   real(wp), contiguous, intent(inout) :: x(:)
+   integer :: threads
+
+   call hold_threads(threads)
+   call rk_sparse_solve(kept%handle, x)
+   call release_threads(threads)
+end subroutine solve_again_sparse
 
 !> What the shim's answer means
 subroutine complain(stat, error)

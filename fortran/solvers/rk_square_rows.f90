@@ -210,7 +210,8 @@ recursive subroutine solve_square(self, shift, b, x, report, error)
          if (self%row(k) == j - 1) value(k) = (1.0_wp + shift)*value(k)
       end do
    end do
-   call solve_sparse(self%n, self%below, self%row, value, .false., b, x, report%rcond, kept, error)
+   call solve_sparse(self%n, self%below, self%row, value, .false., .false., b, x, report%rcond, &
+      & kept, error)
    if (allocated(error)) then
       if (error%code /= err_input) return
       report%used = 'band'

@@ -7,7 +7,7 @@ module rk_symmetric
    use rk_lapack, only : solve_band
    use rk_operator, only : square_operator, square_report
    use rk_precision, only : i8, wp
-   use rk_sparse, only : kept_factor, solve_sparse
+   use rk_sparse, only : kept_factor, solve_again_sparse, solve_sparse
    use rk_text, only : to_text
    implicit none
    private
@@ -21,6 +21,8 @@ module rk_symmetric
       integer :: block = 1
       !> Known not to be definite: no attempt at Cholesky
       logical :: indefinite = .false.
+      !> The last factor stays for further solves
+      logical :: keeps = .false.
       !> Column j has entries start(j)+1 : start(j+1), shape (n + 1)
       integer(i8), allocatable :: start(:)
       !> Row of each entry less 1
@@ -44,6 +46,8 @@ module rk_symmetric
       procedure :: solve_square
       !> Solve with other entries in the same places
       procedure :: solve_with
+      !> Solve with the factor of the last solve
+      procedure :: solve_again
       !> Add a dense part
       procedure :: add
       !> Product of other entries in the same places with a vector
@@ -259,7 +263,7 @@ subroutine normal(self, a)
 
    allocate (full(self%n, self%n))
    call self%dense(full)
-   a = matmul(full, full)
+   a = matmul(transpose(full), full)
 end subroutine normal
 
 !> A itself, both triangles
@@ -414,8 +418,8 @@ subroutine solve_with(self, given, b, x, report, error)
       report%why = 'the tangent has pressures as unknowns and is not definite: LU'
    end if
    if (definite) then
-      call solve_sparse(self%n, self%start, self%row, given, .true., b, x, report%rcond, &
-         & self%kept, error)
+      call solve_sparse(self%n, self%start, self%row, given, .true., self%keeps, b, x, &
+         & report%rcond, self%kept, error)
    end if
    if (.not. definite .or. allocated(error)) then
       if (allocated(error)) then
@@ -424,7 +428,8 @@ subroutine solve_with(self, given, b, x, report, error)
       report%used = 'lu'
       ! columns
       call both_triangles(self, given, -1.0_wp, start, column, value)
-      call solve_sparse(self%n, start, column, value, .false., b, x, report%rcond, self%kept, error)
+      call solve_sparse(self%n, start, column, value, .false., self%keeps, b, x, report%rcond, &
+         & self%kept, error)
    end if
    if (allocated(error)) then
       if (error%code /= err_input) return
@@ -439,6 +444,16 @@ subroutine solve_with(self, given, b, x, report, error)
    norm = sqrt(sum(given**2))
    report%backward_error = norm2(r - b)/max(norm*norm2(x) + norm2(b), tiny(1.0_wp))
 end subroutine solve_with
+
+!> Solve in place with the factor of the last solve, which is there where the matrix keeps it
+subroutine solve_again(self, x)
+   !> Matrix
+   class(symmetric_matrix), intent(in) :: self
+   !> Right hand side, replaced by the solution, shape (n)
+   real(wp), contiguous, intent(inout) :: x(:)
+
+   call solve_again_sparse(self%kept, x)
+end subroutine solve_again
 
 !> Give back what was kept
 subroutine free(self)

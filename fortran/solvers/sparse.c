@@ -27,12 +27,22 @@ struct factor {
     SuiteSparse_long *order;  /* column order, NULL if none */
     double *work;
     cholmod_dense *x, *y, *e; /* CHOLMOD's work */
+    void *lu;                 /* or UMFPACK's factor */
 };
+
+static void free_lu(struct factor *f)
+{
+#ifdef HAVE_UMFPACK
+    umfpack_dl_free_numeric(&f->lu);
+#endif
+    f->lu = NULL;
+}
 
 void rk_sparse_free(struct factor *f)
 {
     if (!f)
         return;
+    free_lu(f);
     cholmod_l_free_factor(&f->cholesky, &f->common);
     cholmod_l_free_sparse(&f->r, &f->common);
     if (f->order)
@@ -153,6 +163,17 @@ int rk_sparse_qr(int64_t m, int64_t n, int64_t *start, int64_t *column, double *
 /* Solve with the matrix of a Cholesky factor, or with R^T R, in place */
 void rk_sparse_solve(struct factor *f, double *x)
 {
+#ifdef HAVE_UMFPACK
+    if (f->lu) {
+        /* refinement would ask for the matrix */
+        double control[UMFPACK_CONTROL];
+        umfpack_dl_defaults(control);
+        control[UMFPACK_IRSTEP] = 0;
+        memcpy(f->work, x, (size_t)f->n * sizeof *x);
+        umfpack_dl_solve(UMFPACK_A, NULL, NULL, NULL, x, f->work, f->lu, control, NULL);
+        return;
+    }
+#endif
     if (f->cholesky) {
         cholmod_dense b = vector(f->n, x);
         if (cholmod_l_solve2(CHOLMOD_A, f->cholesky, &b, NULL, &f->x, NULL, &f->y, &f->e,
@@ -179,17 +200,23 @@ void rk_sparse_solve(struct factor *f, double *x)
 }
 
 /* Solve with a square matrix in compressed columns: Cholesky of an upper triangle, or LU of all. The
- * order of elimination and the place of the factor are kept for further matrices of the pattern. */
+ * order of elimination and the place of the factor are kept for further matrices of the pattern, LU
+ * as a whole where the matrix is to be solved with again. */
 int rk_sparse_direct(int64_t n, int64_t *start, int64_t *row, double *value, int definite,
-                     const double *b, double *x, double *rcond, struct factor **kept)
+                     int again, const double *b, double *x, double *rcond, struct factor **kept)
 {
     *rcond = 0;
+    if (*kept)
+        free_lu(*kept);
+    if (definite || again) {
+        if (!*kept)
+            *kept = new_factor(n);
+        if (!*kept)
+            return rk_no_memory;
+    }
     if (definite) {
         cholmod_sparse a = matrix(n, n, start, row, value, 1);
-        struct factor *f = *kept ? *kept : new_factor(n);
-        if (!f)
-            return rk_no_memory;
-        *kept = f;
+        struct factor *f = *kept;
         if (!f->cholesky)
             f->cholesky = cholmod_l_analyze(&a, &f->common);
         if (f->cholesky)
@@ -220,7 +247,10 @@ int rk_sparse_direct(int64_t n, int64_t *start, int64_t *row, double *value, int
         stat = umfpack_dl_solve(UMFPACK_A, start, row, value, x, b, numeric, control, info);
     }
     umfpack_dl_free_symbolic(&symbolic);
-    umfpack_dl_free_numeric(&numeric);
+    if (again && stat == UMFPACK_OK)
+        (*kept)->lu = numeric;
+    else
+        umfpack_dl_free_numeric(&numeric);
     if (stat == UMFPACK_ERROR_out_of_memory)
         return rk_no_memory;
     return stat == UMFPACK_OK ? rk_done : rk_singular;
@@ -253,9 +283,10 @@ int rk_sparse_qr(int64_t m, int64_t n, int64_t *start, int64_t *column, double *
 }
 
 int rk_sparse_direct(int64_t n, int64_t *start, int64_t *row, double *value, int definite,
-                     const double *b, double *x, double *rcond, void **kept)
+                     int again, const double *b, double *x, double *rcond, void **kept)
 {
-    (void)n, (void)start, (void)row, (void)value, (void)definite, (void)b, (void)x, (void)kept;
+    (void)n, (void)start, (void)row, (void)value, (void)definite, (void)again, (void)b, (void)x;
+    (void)kept;
     *rcond = 0;
     return rk_missing;
 }

@@ -17,8 +17,8 @@
 !>            section 4.2, doi:10.1093/acprof:oso/9780199678792.001.0001
 module rk_tangent
    use rk_cells, only : cells_type
-   use rk_csr, only : csr_type
-   use rk_error, only : error_type, fatal_error, err_linalg
+   use rk_csr, only : csr_type, joined
+   use rk_error, only : error_type, fatal_error, err_input, err_linalg
    use rk_gradient, only : gradient_type
    use rk_minres, only : minres, symmetric_system
    use rk_multiplier, only : multiplier_type
@@ -83,7 +83,8 @@ module rk_tangent
 contains
 
 !> Set up the places of the entries and, where it is not formed, the preconditioner
-subroutine new_tangent(self, ns, cells, gradient, multiplier, surface, inside, shear, limit, error)
+subroutine new_tangent(self, ns, cells, gradient, multiplier, surface, inside, held, shear, limit, &
+   & error)
    !> Tangent
    type(tangent_type), intent(inout) :: self
    !> Source points
@@ -98,25 +99,33 @@ subroutine new_tangent(self, ns, cells, gradient, multiplier, surface, inside, s
    type(surface_type), intent(in) :: surface
    !> Shape functions at the integration points
    type(shape_type), intent(in) :: inside
+   !> Source points that cover each held one
+   type(csr_type), intent(in) :: held
    !> Shear modulus at each point, shape (np) [stress]
    real(wp), intent(in) :: shear(:)
    !> Unknowns up to which it is formed
    integer, intent(in) :: limit
-   !> Error handling: no memory, no SuiteSparse
+   !> Error handling: no memory, no SuiteSparse, held points without a factor
    type(error_type), allocatable, intent(out) :: error
    integer :: g
 
    self%formed = .not. cells%smoothed .or. gradient%nd*ns <= limit
+   self%keeps = size(held%offset) > 1
+   if (self%keeps .and. .not. self%formed) then
+      call fatal_error(error, err_input, 'galerkin.essential = "transformation" needs a tangent ' &
+         & //'that is factorised: take galerkin.direct_limit = '//to_text(gradient%nd*ns) &
+         & //' where memory allows, or galerkin.essential = "penalty"')
+      return
+   end if
    if (self%formed) then
-      call new_symmetric(self%symmetric_matrix, gradient%nd, ns + multiplier%extra, gradient%member)
+      call new_symmetric(self%symmetric_matrix, gradient%nd, ns + multiplier%extra, &
+         & joined(gradient%member, held))
       self%indefinite = multiplier%extra > 0
       return
    end if
    ! only what never changes: penalty and stabilisation
-   associate (skin => surface%shape%neighbour, at => inside%neighbour)
-      call new_symmetric(self%symmetric_matrix, gradient%nd, ns, csr_type([at%offset, &
-         & at%offset(size(at%offset)) + skin%offset(2:)], [at%index, skin%index]))
-   end associate
+   call new_symmetric(self%symmetric_matrix, gradient%nd, ns, joined(inside%neighbour, &
+      & surface%shape%neighbour))
    allocate (self%moduli(3, 3, 3, 3, size(shear)), self%cofactor(3, 3, size(shear)))
    allocate (self%bulk(size(cells%first) - 1), self%shear(size(cells%first) - 1))
    do g = 1, size(self%shear)

@@ -208,6 +208,8 @@ subroutine set_penalty(self, scene, cells, shear)
       end do
    end if
    step = sum(scene%cloud%spacing, dim=2)/size(scene%cloud%spacing, 2)
+   self%penalty = 0.0_wp
+   if (scene%galerkin%transformation) return
    do s = 1, size(cells%set)
       q = cells%lift_point(cells%lift_first(s) + 1)
       ! the spacing across the surface
@@ -221,7 +223,7 @@ subroutine add_penalty(self, matrix, value)
    !> Surface
    class(surface_type), target, intent(in) :: self
    !> Places of the entries
-   type(symmetric_matrix), intent(in) :: matrix
+   class(symmetric_matrix), intent(in) :: matrix
    !> Entries, to which those of the penalty are added [force/length]
    real(wp), intent(inout) :: value(:)
    real(wp), allocatable :: part(:, :), psi(:, :)

@@ -308,6 +308,7 @@ def test_wrong_parameters(deck: Path, ranges: dict[str, tuple[float, float]], me
         ("scene.method=rkcm-mixed", "one of the Galerkin forms"),
         ("material.muscle.K=inf", "finite bulk moduli"),
         ("boundary.z1.pressure=1", "boundary.pressure: a reduced model does not know it"),
+        ("galerkin.essential=transformation", "what the penalty holds"),
     ],
 )
 def test_wrong_decks(deck: Path, change: str, message: str) -> None:

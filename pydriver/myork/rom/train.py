@@ -120,6 +120,11 @@ def train(
         raise InputError(
             f"{deck}: amplitude: a reduced model is trained on loads that grow together"
         )
+    if values.get("galerkin", {}).get("essential") == "transformation":
+        raise InputError(
+            f'{deck}: galerkin.essential = "transformation": a reduced model is trained on what '
+            f'the penalty holds; take "penalty"'
+        )
     if not 0.0 < tolerance < 0.5:
         raise InputError(f"tolerance must lie between 0 and 0.5, not {tolerance}")
     if full_solves < 4:

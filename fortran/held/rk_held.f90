@@ -1,0 +1,494 @@
+!> Prescribed displacements that hold exactly at source points: the transformation method.
+!>
+!> Shape functions of a reproducing kernel are not one at their own point and zero at others, so a
+!> prescribed value is an equation for the coefficients of all source points near: B d = g with a
+!> row for each held component of a held point. The mixed transformation of Chen and Wang solves it
+!> for the coefficients of the held points, d_b = B_bb^-1 (g - B_bi d_i), and transforms residual
+!> and stiffness. Here the same equations are met by multipliers (rk_constraint): residuals are
+!> projected across the rows, and the stiffness keeps its places. The multipliers are the forces
+!> that do work when held points move.
+!>
+!> Between held points u - g is free, lifted into the gradients as with the penalty (rk_gradient):
+!> constant stress does no work there.
+!>
+!> Reference: Chen, Wang, Comput. Methods Appl. Mech. Eng. 187 (2000),
+!>            doi:10.1016/S0045-7825(00)80007-4
+module rk_held
+   use rk_cells, only : cells_type
+   use rk_cloud, only : cloud_type
+   use rk_conditions, only : conditions_at, contradiction
+   use rk_constraint, only : constrained_matrix, constraint_type, new_constraint
+   use rk_csr, only : csr_type
+   use rk_error, only : error_type, fatal_error, err_input
+   use rk_lattice, only : set_number
+   use rk_named_sets, only : sets_of
+   use rk_neighbours, only : nearest_points
+   use rk_nodal_cells, only : lattice_index
+   use rk_precision, only : i8, wp
+   use rk_programme, only : combined
+   use rk_scene, only : scene_type
+   use rk_symmetric, only : symmetric_matrix
+   use rk_tensor, only : vector_product
+   use rk_text, only : to_text
+   use rk_weak_conditions, only : surface_type
+   implicit none
+   private
+
+   public :: held_type, new_held
+
+   !> Source points on sides of the body that hold something, an entry for each side
+   type :: places_type
+      !> Places, shape (nd, nh) [length]
+      real(wp), allocatable :: x(:, :)
+      !> Entries: place and side of the body, shape (ne) each
+      integer, allocatable :: place(:), side(:)
+      !> Whether an entry lies in a boundary set, shape (sets, ne); not allocated where it lies in
+      !> that of its side alone
+      logical, allocatable :: within(:, :)
+   contains
+      !> Whether an entry lies in a boundary set
+      procedure :: in_set
+   end type places_type
+
+   !> What is held
+   type :: held_type
+      !> Where
+      type(places_type) :: at
+      !> Nearest integration point of each, shape (nh)
+      integer, allocatable :: nearest(:)
+      !> Shape functions, components, values and resistances there
+      type(surface_type) :: points
+      !> Whether an entry's sets hold a component, shape (nd, ne)
+      logical, allocatable :: by(:, :)
+      !> Number of each held component's row, 0 of others, shape (nd, nh)
+      integer, allocatable :: row(:, :)
+      !> Rows
+      type(constraint_type) :: rows
+      !> Stiffness under them
+      type(constrained_matrix) :: whole
+   contains
+      !> Values and rows
+      procedure :: set
+      procedure :: deck_values
+      procedure :: set_deck
+      !> Add the resistance of the rows to the stiffness
+      procedure :: resist
+      procedure :: bind
+      !> Residuals under the constraints, from forces
+      procedure :: constrain
+      !> Forces on held points
+      procedure :: reaction
+      !> Force and moment through a boundary set
+      procedure :: force => set_force
+      procedure :: torque => set_torque
+   end type held_type
+
+   !> Resistance of a row in shear moduli, and in bulk moduli beside it, over spacing: more takes
+   !> fewer iterations for the multipliers and more digits
+   real(wp), parameter :: by_shear = 1.0e3_wp, by_bulk = 10.0_wp
+   !> Part of the spacing within which places are the same [-]
+   real(wp), parameter :: alike = 1.0e-6_wp
+
+contains
+
+!> Find the points
+subroutine new_held(self, scene, cells, surface, error)
+   !> What is held, not allocated where nothing is
+   type(held_type), allocatable, intent(out) :: self
+   !> Scene
+   type(scene_type), intent(in) :: scene
+   !> Integration points
+   type(cells_type), intent(in) :: cells
+   !> What holds at their surface points
+   type(surface_type), intent(in) :: surface
+   !> Error handling: a place that too few source points cover
+   type(error_type), allocatable, intent(out) :: error
+
+   if (.not. any(surface%essential)) return
+   allocate (self)
+   call find_places(self%at, scene%cloud, cells, surface, error)
+   if (allocated(error)) return
+   call scene%shape_at(self%at%x, self%points%shape, error)
+   if (allocated(error)) error%message = 'held '//error%message
+   self%nearest = nearest_points(cells%point, self%at%x)
+end subroutine new_held
+
+!> Source points on the sides of the body where something is held: of a lattice those of its faces;
+!> of a model corners of blocks in the plane of a side's voxel faces, or what nodal cells have there
+!> of their source points
+subroutine find_places(self, cloud, cells, surface, error)
+   !> Places
+   type(places_type), intent(out) :: self
+   !> Cloud
+   type(cloud_type), intent(in) :: cloud
+   !> Integration points
+   type(cells_type), intent(in) :: cells
+   !> What holds at their surface points
+   type(surface_type), target, intent(in) :: surface
+   !> Error handling: a set's expression that is not finite
+   type(error_type), allocatable, intent(out) :: error
+   real(wp), allocatable :: x(:, :), outward(:, :)
+   real(wp), pointer, contiguous :: values(:, :)
+   integer, pointer, contiguous :: nodes(:)
+   logical, allocatable :: on(:, :), member(:, :, :)
+   integer, allocatable :: node(:)
+   integer :: d, is, k, s, side
+
+   x = cloud%source
+   allocate (on(cloud%sides(), size(x, 2)), source=.false.)
+   if (allocated(cells%within)) &
+      & allocate (member(size(cloud%set_names), cloud%sides(), size(x, 2)), source=.false.)
+   do s = 1, size(cells%set)
+      if (.not. any(surface%essential(:, s))) cycle
+      side = cells%set(s)
+      d = maxloc(abs(cells%outward(:, s)), dim=1)
+      associate (y => cells%surface(:, s))
+         if (allocated(cloud%lattice)) then
+            on(side, :) = .true.
+         else if (allocated(cells%node)) then
+            is = cells%node(cells%lift_point(cells%lift_first(s) + 1))
+            ! source points in the middle of voxels are half a spacing inside
+            if (.not. on(side, is)) x(d, is) = y(d)
+            call mark(is)
+         else
+            call surface%shape%row(s, nodes, values)
+            do k = 1, size(nodes)
+               associate (away => abs(x(:, nodes(k)) - y), step => cloud%spacing(:, nodes(k)))
+                  if (away(d) <= alike*step(d) .and. all(away < (1.0_wp - alike)*step)) &
+                     & call mark(nodes(k))
+               end associate
+            end do
+         end if
+      end associate
+   end do
+   if (allocated(cloud%lattice)) on = on .and. on_faces(cloud)
+   self%x = x(:, pack([(is, is=1, size(x, 2))], any(on, dim=1)))
+   allocate (self%place(count(on)), self%side(count(on)), node(count(on)))
+   s = 0
+   k = 0
+   do is = 1, size(x, 2)
+      if (any(on(:, is))) k = k + 1
+      do side = 1, size(on, 1)
+         if (.not. on(side, is)) cycle
+         s = s + 1
+         self%place(s) = k
+         self%side(s) = side
+         node(s) = is
+      end do
+   end do
+   if (.not. allocated(cloud%region)) return
+   if (allocated(cloud%lattice)) then
+      allocate (outward(cloud%nd, size(node)))
+      do s = 1, size(node)
+         outward(:, s) = cells%outward(:, findloc(cells%set, self%side(s), dim=1))
+         ! the side of an annulus that is no plane
+         if (cloud%polar .and. self%side(s) <= 2) outward(:, s) = x(:, node(s)) &
+            & *merge(-1, 1, self%side(s) == 1)
+      end do
+      call sets_of(cloud, x(:, node), outward, self%side, nearest_points(cloud%points, &
+         & x(:, node)), self%within, error)
+   else
+      allocate (self%within(size(member, 1), size(node)))
+      do s = 1, size(node)
+         self%within(:, s) = member(:, self%side(s), node(s))
+      end do
+   end if
+
+contains
+
+   !> A source point belongs to the side of the surface point, and to its sets
+   subroutine mark(source)
+      integer, intent(in) :: source
+
+      on(side, source) = .true.
+      if (allocated(member)) member(:, side, source) = member(:, side, source) &
+         & .or. cells%within(:, s)
+   end subroutine mark
+
+end subroutine find_places
+
+!> Faces of a lattice that each of its source points is on, shape (sides, ns)
+pure function on_faces(cloud) result(on)
+   !> Cloud with a lattice
+   type(cloud_type), intent(in) :: cloud
+   logical :: on(2*cloud%nd, size(cloud%source, 2))
+   integer :: d, end, index(3), is
+
+   do is = 1, size(on, 2)
+      index = lattice_index(cloud, is)
+      do d = 1, cloud%nd
+         do end = 0, 1
+            on(set_number(cloud%polar, d, end), is) = index(d) == end*(cloud%lattice(d) - 1)
+         end do
+      end do
+   end do
+end function on_faces
+
+!> Whether the place of an entry lies in a boundary set
+elemental logical function in_set(self, e, set)
+   !> Places
+   class(places_type), intent(in) :: self
+   !> Entry
+   integer, intent(in) :: e
+   !> Set
+   integer, intent(in) :: set
+
+   if (allocated(self%within)) then
+      in_set = self%within(set, e)
+   else
+      in_set = self%side(e) == set
+   end if
+end function in_set
+
+!> What the conditions of the deck prescribe
+subroutine deck_values(self, scene, by, value, error)
+   !> What is held
+   class(held_type), intent(in) :: self
+   !> Scene
+   type(scene_type), intent(in) :: scene
+   !> Whether an entry's sets hold a component, shape (nd, ne)
+   logical, allocatable, intent(out) :: by(:, :)
+   !> Its value that each load factor makes, shape (factors, nd, ne) [length]
+   real(wp), allocatable, intent(out) :: value(:, :, :)
+   !> Error handling: no direction on the axis, an expression that is not finite
+   type(error_type), allocatable, intent(out) :: error
+   real(wp), dimension(scene%programme%count(), 3) :: own, traction
+   logical :: fixed(3)
+   integer :: e, nd
+
+   nd = scene%cloud%nd
+   allocate (by(nd, size(self%at%side)))
+   allocate (value(size(own, 1), nd, size(self%at%side)))
+   do e = 1, size(self%at%side)
+      call conditions_at(scene%cloud, scene%condition, &
+         & self%at%in_set(e, scene%condition%set), self%at%x(:, self%at%place(e)), fixed, own, &
+         & traction, error)
+      if (allocated(error)) return
+      by(:, e) = fixed(:nd)
+      value(:, :, e) = own(:, :nd)
+   end do
+end subroutine deck_values
+
+!> Take the values of the deck
+subroutine set_deck(self, scene, shear, bulk, n, error)
+   !> What is held
+   class(held_type), intent(inout) :: self
+   !> Scene
+   type(scene_type), intent(in) :: scene
+   !> Shear modulus at each place, and bulk modulus, which may be infinite, shape (nh) [stress]
+   real(wp), intent(in) :: shear(:), bulk(:)
+   !> Unknowns in all
+   integer, intent(in) :: n
+   !> Error handling: two values of one point, rows that depend on each other
+   type(error_type), allocatable, intent(out) :: error
+   real(wp), allocatable :: value(:, :, :)
+   logical, allocatable :: by(:, :)
+
+   call self%deck_values(scene, by, value, error)
+   if (.not. allocated(error)) call self%set(by, value, scene, shear, bulk, n, error)
+end subroutine set_deck
+
+!> Values and rows
+subroutine set(self, by, value, scene, shear, bulk, n, error)
+   !> What is held, with places and their shape functions
+   class(held_type), target, intent(inout) :: self
+   !> Whether an entry's sets hold a component, shape (fields, ne)
+   logical, intent(in) :: by(:, :)
+   !> Its value that each load factor makes, shape (factors, fields, ne) [length]
+   real(wp), intent(in) :: value(:, :, :)
+   !> Scene
+   type(scene_type), intent(in) :: scene
+   !> Shear modulus at each place, and bulk modulus, which may be infinite, shape (nh) [stress]
+   real(wp), intent(in) :: shear(:), bulk(:)
+   !> Unknowns in all
+   integer, intent(in) :: n
+   !> Error handling: two values of one point, more points held than there are to hold them
+   type(error_type), allocatable, intent(out) :: error
+   type(csr_type) :: unknown
+   real(wp), allocatable :: weight(:), resistance(:)
+   real(wp), pointer, contiguous :: values(:, :)
+   integer, pointer, contiguous :: nodes(:)
+   integer(i8) :: k
+   integer :: a, e, h, i, nf, nh
+
+   nf = size(by, 1)
+   nh = size(shear)
+   self%by = by
+   associate (points => self%points)
+      if (allocated(points%essential)) deallocate (points%essential, points%value)
+      allocate (points%essential(nf, nh), source=.false.)
+      allocate (points%value(size(value, 1), nf, nh), source=0.0_wp)
+      do e = 1, size(self%at%place)
+         h = self%at%place(e)
+         do i = 1, nf
+            if (.not. by(i, e)) cycle
+            a = 0
+            if (points%essential(i, h)) a = contradiction(points%value(:, i, h), value(:, i, e))
+            if (a > 0) then
+               call fatal_error(error, err_input, 'boundary sets prescribe two displacements, ' &
+                  & //to_text(points%value(a, i, h))//' and '//to_text(value(a, i, e)) &
+                  & //', for component '//to_text(i)//' at '//to_text(self%at%x(:, h)))
+               return
+            end if
+            points%essential(i, h) = .true.
+            points%value(:, i, h) = value(:, i, e)
+         end do
+      end do
+      points%penalty = (by_shear*shear + by_bulk*merge(0.0_wp, bulk, bulk > huge(1.0_wp))) &
+         & *scene%cloud%mean_spacing()**(scene%cloud%nd - 2)
+      k = count(points%essential)
+      allocate (unknown%offset(k + 1), resistance(k))
+      k = sum([(points%shape%count(h)*count(points%essential(:, h)), h=1, nh)])
+      allocate (unknown%index(k), weight(k))
+      if (allocated(self%row)) deallocate (self%row)
+      allocate (self%row(nf, nh), source=0)
+      unknown%offset(1) = 0
+      k = 0
+      do h = 1, nh
+         call points%shape%row(h, nodes, values)
+         do i = 1, nf
+            if (.not. points%essential(i, h)) cycle
+            k = k + 1
+            self%row(i, h) = int(k)
+            unknown%offset(k + 1) = unknown%offset(k) + size(nodes)
+            unknown%index(unknown%offset(k) + 1:unknown%offset(k + 1)) = nf*(nodes - 1) + i
+            weight(unknown%offset(k) + 1:unknown%offset(k + 1)) = values(1, :)
+            resistance(k) = points%penalty(h)
+         end do
+      end do
+   end associate
+   call new_constraint(self%rows, n, unknown, weight, resistance, error)
+   if (allocated(error)) error%message = 'galerkin.essential = "transformation": the held points ' &
+      & //'depend on each other: '//error%message
+end subroutine set
+
+!> Add the resistance of the rows to the stiffness, which the stiffness under them then knows
+subroutine resist(self, matrix)
+   !> What is held
+   class(held_type), target, intent(inout) :: self
+   !> Stiffness
+   class(symmetric_matrix), target, intent(inout) :: matrix
+   real(wp), allocatable :: value(:)
+
+   call move_alloc(matrix%value, value)
+   call self%points%add_penalty(matrix, value)
+   call move_alloc(value, matrix%value)
+   call self%bind(matrix)
+end subroutine resist
+
+!> Let the stiffness under the rows know the stiffness
+subroutine bind(self, matrix)
+   !> What is held
+   class(held_type), target, intent(inout) :: self
+   !> Stiffness with their resistance
+   class(symmetric_matrix), target, intent(in) :: matrix
+
+   self%whole%m = matrix%n
+   self%whole%n = matrix%n
+   self%whole%matrix => matrix
+   self%whole%constraint => self%rows
+end subroutine bind
+
+!> Residuals under the constraints: forces without those of the multipliers that balance them best,
+!> and the resistance of what is missed
+subroutine constrain(self, x, factor, r)
+   !> What is held
+   class(held_type), intent(in) :: self
+   !> Unknowns, shape (n) [length]
+   real(wp), intent(in) :: x(:)
+   !> Load factors, shape (factors) [-]
+   real(wp), intent(in) :: factor(:)
+   !> Internal less external forces, then residuals, shape (n) [force]
+   real(wp), intent(inout) :: r(:)
+   real(wp) :: missed(self%rows%rows)
+   integer :: h, i
+
+   missed = self%rows%times(x)
+   do h = 1, size(self%row, 2)
+      do i = 1, size(self%row, 1)
+         associate (k => self%row(i, h))
+            if (k > 0) missed(k) = missed(k) - combined(self%points%value(:, i, h), factor)
+         end associate
+      end do
+   end do
+   call self%rows%add_transposed(self%rows%resistance*missed - self%rows%multipliers(r), r)
+end subroutine constrain
+
+!> Forces of the supports on held points, which balance internal less external forces
+function reaction(self, f) result(force)
+   !> What is held
+   class(held_type), intent(in) :: self
+   !> Internal less external forces, shape (n) [force]
+   real(wp), intent(in) :: f(:)
+   !> Forces, shape (fields, nh) [force]
+   real(wp) :: force(size(self%row, 1), size(self%row, 2))
+
+   force = unpack(self%rows%multipliers(f), self%row > 0, 0.0_wp)
+end function reaction
+
+!> Force of the supports through a boundary set; sets that hold the same component of a point have
+!> equal parts in it
+pure function set_force(self, set, held) result(force)
+   !> What is held
+   class(held_type), intent(in) :: self
+   !> Boundary set
+   integer, intent(in) :: set
+   !> Forces on held points, shape (fields, nh) [force]
+   real(wp), intent(in) :: held(:, :)
+   real(wp) :: force(3)
+   integer :: e
+
+   force = 0.0_wp
+   do e = 1, size(self%at%side)
+      if (self%at%in_set(e, set)) force = force + entry_force(self, e, held)
+   end do
+end function set_force
+
+!> Moment of these forces where the set has moved to
+pure function set_torque(self, set, held, x, about) result(torque)
+   !> What is held
+   class(held_type), intent(in) :: self
+   !> Boundary set
+   integer, intent(in) :: set
+   !> Forces on held points, shape (fields, nh) [force]
+   real(wp), intent(in) :: held(:, :)
+   !> Unknowns, shape (n) [length]
+   real(wp), intent(in) :: x(:)
+   !> Point about which it turns [length]
+   real(wp), intent(in) :: about(3)
+   real(wp) :: torque(3), arm(3), u(size(held, 1), self%points%shape%nq)
+   integer :: e
+
+   torque = 0.0_wp
+   do e = 1, size(self%at%side)
+      if (.not. self%at%in_set(e, set)) cycle
+      associate (h => self%at%place(e))
+         call self%points%shape%interpolate(h, x, 1, 1, u)
+         arm = -about
+         arm(:size(self%at%x, 1)) = arm(:size(self%at%x, 1)) + self%at%x(:, h)
+         arm(:size(u, 1)) = arm(:size(u, 1)) + u(:, 1)
+      end associate
+      torque = torque + vector_product(arm, entry_force(self, e, held))
+   end do
+end function set_torque
+
+!> Part of an entry's set in the force on its point
+pure function entry_force(self, e, held) result(force)
+   !> What is held
+   class(held_type), intent(in) :: self
+   !> Entry
+   integer, intent(in) :: e
+   !> Forces on held points, shape (fields, nh) [force]
+   real(wp), intent(in) :: held(:, :)
+   real(wp) :: force(3)
+   integer :: i, sets
+
+   force = 0.0_wp
+   do i = 1, size(held, 1)
+      if (.not. self%by(i, e)) cycle
+      sets = count(self%by(i, :) .and. self%at%place == self%at%place(e))
+      force(i) = held(i, self%at%place(e))/sets
+   end do
+end function entry_force
+
+end module rk_held
