@@ -81,7 +81,7 @@ pure integer function derivative_count(nd)
 end function derivative_count
 
 !> Evaluate all shape functions at all places
-subroutine new_shape(self, approximation, source, support, place, error)
+subroutine new_shape(self, approximation, source, support, place, error, first)
    !> Shape functions
    type(shape_type), intent(out) :: self
    !> Order, kernel and window
@@ -94,6 +94,8 @@ subroutine new_shape(self, approximation, source, support, place, error)
    real(wp), intent(in) :: place(:, :)
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
+   !> First derivatives will do, which take a third of the time
+   logical, intent(in), optional :: first
    integer, allocatable :: example(:), powers(:, :)
    logical, allocatable :: singular(:)
    integer :: ip, is, nb
@@ -105,6 +107,7 @@ subroutine new_shape(self, approximation, source, support, place, error)
    end if
    self%nd = size(source, 1)
    self%nq = derivative_count(self%nd)
+   if (present(first)) self%nq = merge(1 + self%nd, self%nq, first)
    self%np = size(place, 2)
    self%ns = size(source, 2)
    call find_neighbours(self%neighbour, source, support, place, approximation%window, error)
@@ -349,7 +352,7 @@ subroutine shape_at_place(approximation, powers, source, support, neighbours, x,
    integer, intent(in) :: neighbours(:)
    !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
-   !> Value and derivatives, shape (nq, n)
+   !> Value and derivatives, shape (nq, n); nq = 1 + nd for first ones only
    real(wp), intent(out) :: value(:, :)
    !> Whether the moment matrix is singular
    logical, intent(out) :: singular
@@ -404,6 +407,15 @@ subroutine shape_at_place(approximation, powers, source, support, neighbours, x,
       end do
       call solve(m, w, db(:, i))
    end do
+   if (size(value, 1) == 1 + nd) then
+      do k = 1, n
+         value(1, k) = phi(k)*s(k)
+         do i = 1, nd
+            value(1 + i, k) = dphi(i, k)*s(k) + phi(k)*(ds(i, k) + dot_product(h(:, k), db(:, i)))
+         end do
+      end do
+      return
+   end if
    do k = 1, n
       do j = 1, nd
          t(j, k) = dot_product(h(:, k), db(:, j))

@@ -274,7 +274,7 @@ pure logical function acts(self, factor)
 end function acts
 
 !> Shape functions of the source points at places
-subroutine shape_at(self, place, shape, error)
+subroutine shape_at(self, place, shape, error, first)
    !> Scene
    class(scene_type), intent(in) :: self
    !> Places, shape (nd, np) [length]
@@ -283,8 +283,10 @@ subroutine shape_at(self, place, shape, error)
    type(shape_type), intent(out) :: shape
    !> Error handling: a place that too few source points cover
    type(error_type), allocatable, intent(out) :: error
+   !> First derivatives will do
+   logical, intent(in), optional :: first
 
-   call new_shape(shape, self%approximation, self%cloud%source, self%support, place, error)
+   call new_shape(shape, self%approximation, self%cloud%source, self%support, place, error, first)
 end subroutine shape_at
 
 !> Largest ratio of a bulk modulus to its shear modulus, by which the displacement form locks [-]

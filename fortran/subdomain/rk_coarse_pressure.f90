@@ -97,7 +97,7 @@ subroutine new_coarse_pressure(self, scene, error)
       self%patch%area = facets%area(:, :n)
       self%patch%side = facets%side(:, :n)
    end associate
-   call scene%shape_at(self%patch%x, self%patch%shape, error)
+   call scene%shape_at(self%patch%x, self%patch%shape, error, first=.true.)
    if (allocated(error)) return
    call close_points(self%patch, self%n)
    self%volume = [(0.0_wp, is=1, self%n)]
@@ -120,7 +120,8 @@ subroutine shape_at(self, place, shape, error)
    !> Error handling: a place that too few points cover
    type(error_type), allocatable, intent(out) :: error
 
-   call new_shape(shape, self%approximation, self%point, self%support, place, error)
+   call new_shape(shape, self%approximation, self%point, self%support, place, error, &
+      & first=.true.)
    if (allocated(error)) error%message = 'pressures: '//error%message
 end subroutine shape_at
 

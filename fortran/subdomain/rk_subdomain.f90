@@ -86,7 +86,7 @@ subroutine new_subdomain(self, scene, error)
    if (.not. allocated(error)) call find_surface_sets(cells, scene%cloud, error)
    if (allocated(error)) return
    call take_facets(self, cells)
-   call scene%shape_at(self%points%x, self%points%shape, error)
+   call scene%shape_at(self%points%x, self%points%shape, error, first=.true.)
    if (.not. allocated(error)) call self%pressure%shape_at(self%points%x, self%pressure_there, &
       & error)
    if (allocated(error)) then
@@ -276,7 +276,7 @@ subroutine assemble(self, x, load, tangent, r, seen)
    nd = size(self%points%x, 1)
    ns = size(self%volume)
    at%factor = self%scene%factors(load)
-   call find_fluxes(self, x, load, tangent, at, momentum)
+   call find_fluxes(self, x, load, tangent, .false., at, momentum)
    call find_growth(self, x, tangent, volume)
    balance = self%points%balance(momentum%flux)
    if (allocated(self%body_force)) balance = balance + at%factor(ramp)*self%body_force

@@ -88,7 +88,7 @@ end function scaled_norms
 
 !> Fluxes of momentum through the facets, outward of the first cell: P N inside, what is prescribed
 !> on the surface
-subroutine find_fluxes(self, x, load, tangent, at, terms)
+subroutine find_fluxes(self, x, load, tangent, walls, at, terms)
    !> Problem
    class(subdomain_body), intent(in) :: self
    !> Unknowns, shape (n)
@@ -97,6 +97,8 @@ subroutine find_fluxes(self, x, load, tangent, at, terms)
    real(wp), intent(in) :: load
    !> Derivatives wanted
    logical, intent(in) :: tangent
+   !> P N wanted also where a cell is held, whose balance it does not enter
+   logical, intent(in) :: walls
    !> State with its load factors; F, J and P are set. On the surface these are 1, 1 and 0 where
    !> nothing depends on them
    type(field_state), intent(inout) :: at
@@ -113,7 +115,7 @@ subroutine find_fluxes(self, x, load, tangent, at, terms)
       if (allocated(self%surface%spring)) allocate (terms%plain(nd, nd, n), source=0.0_wp)
    end if
    !$omp parallel do default(none) schedule(static) private(q, s, normal) &
-   !$omp shared(self, x, load, tangent, at, terms, n, nd)
+   !$omp shared(self, x, load, tangent, walls, at, terms, n, nd)
    do q = 1, n
       at%f(:, :, q) = identity
       at%j(q) = 1.0_wp
@@ -122,7 +124,8 @@ subroutine find_fluxes(self, x, load, tangent, at, terms)
       s = q - self%surface%inner
       if (s > 0) then
          if (.not. (self%surface%stressed(s, self%points%side(1, q)) &
-            & .or. self%surface%deforms(s))) then
+            & .or. self%surface%deforms(s) &
+            & .or. (walls .and. any(self%surface%essential(:, s))))) then
             call add_tractions(self, s, at%factor, terms%flux(:, q))
             cycle
          end if
@@ -171,7 +174,7 @@ subroutine flux_at(self, q, x, load, normal, tangent, at, terms)
    type(field_state), intent(inout) :: at
    !> Fluxes
    type(flux_terms), intent(inout) :: terms
-   real(wp) :: u(size(terms%flux, 1), self%points%shape%nq), h(3, 3, 3), c4(3, 3, 3, 3), c(3, 3)
+   real(wp) :: u(size(terms%flux, 1), self%points%shape%nq), c4(3, 3, 3, 3), c(3, 3)
    real(wp) :: p(1, self%points%shape%nq), form(3, 3, 3, 3), total, push
    integer :: a, i, k, nc, nd, s
    logical :: wall(size(terms%flux, 1))
@@ -180,7 +183,7 @@ subroutine flux_at(self, q, x, load, normal, tangent, at, terms)
    nc = size(self%scene%cloud%points, 2)
    s = q - self%surface%inner
    call self%points%shape%interpolate(q, x, 1, 1 + nd, u)
-   call deformation(nd, u, at%f(:, :, q), h)
+   at%f(:nd, :nd, q) = at%f(:nd, :nd, q) + u(:, 2:1 + nd)
    at%j(q) = determinant(at%f(:, :, q))
    ! no stress exists; the caller rejects the state
    if (.not. at%j(q) > 0.0_wp) return
@@ -253,7 +256,7 @@ subroutine state(self, x, load, at)
    at%x = x
    at%load = load
    at%factor = self%scene%factors(load)
-   call find_fluxes(self, x, load, .false., at, terms)
+   call find_fluxes(self, x, load, .false., .true., at, terms)
    call move_alloc(terms%flux, at%flux)
 end subroutine state
 
@@ -365,8 +368,9 @@ real(wp) function strain_energy(self, state, tissue) result(energy)
    end do
 end function strain_energy
 
-!> Force of the surroundings at each point of a set: what is prescribed, the stress where the wall
-!> holds no cell, and its share of the reaction, which is what a cell's balance leaves
+!> Force of the surroundings at each point of the surface: what is prescribed, or the stress on a
+!> wall, with its share of what the balance of a held cell leaves. Where the cell touches two walls
+!> the stress tells what each of them bears
 function point_forces(self, state) result(force)
    !> Problem
    class(subdomain_body), intent(in) :: self

@@ -104,7 +104,7 @@ subroutine new_subdomain_boundary(self, scene, points, inner, inside, part, erro
    self%place = scene%cloud%source(:, self%cell)
    call hold(self, scene, points, error)
    if (allocated(error)) return
-   call scene%shape_at(self%place, self%shape, error)
+   call scene%shape_at(self%place, self%shape, error, first=.true.)
    if (allocated(error)) return
    call share_reactions(self, points)
    if (any(abs(scene%condition%pressure) > 0.0_wp)) &

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from myork import Scene
+from myork.bench.truths import sized_tables
 from myork.errors import InputError
 from myork.reference import manufactured, materials
 from myork.reference.measures import observed_order
+from myork.reference.problems import PROBLEMS
 
 BEAM: dict[str, Any] = {
     "scene": {"dimension": 2, "method": "rkcm-subdomain"},
@@ -107,6 +109,56 @@ def test_straight_block_at_full_activation(open_scene) -> None:
     found = probes(scene, BLOCK["probe"])
     assert found["s_zz"] == pytest.approx(29.86, abs=0.01)
     assert found["R_z"] == pytest.approx(-29.957, abs=0.01)
+
+
+def test_tube(open_scene) -> None:
+    """Quarter of a tube: stress at the wall of the radial boundary value problem, the limits of
+    finite elements for the rest. Corner cells touch two walls each; the stress there tells what
+    belongs to which."""
+    given = next(problem for problem in PROBLEMS if problem.name == "tube")
+    tables = sized_tables(given.tables, (9, 51))
+    scene = open_scene(tables, "scene.method=rkcm-subdomain", "load.steps=4")
+    found = probes(scene, tables["probe"])
+    assert found["outer"] == pytest.approx(5.17926, rel=1e-5)
+    assert found["wall"] == pytest.approx(-15.58882, rel=3e-3)
+    assert found["force"] == pytest.approx(-187.063, rel=1e-4)
+
+
+@pytest.mark.parametrize(("order", "least"), [(2, 0.085), (3, 0.055)])
+def test_volume_is_constrained_evenly(open_scene, order: int, least: float) -> None:
+    """Smallest eigenvalue of the pressures' Schur complement over patch volumes: .110, .098 and
+    .093, .071 here, as far as 33x17 points bounded below; 0 with a pressure at every point."""
+    found = []
+    for n in (5, 7):
+        tables = {
+            **BEAM,
+            "geometry": {
+                "kind": "box",
+                "size": [2, 1],
+                "source": [2 * n - 1, n],
+                "collocation": [2 * n - 1, n],
+            },
+            "boundary": BEAM["boundary"][:1],
+            "probe": [],
+        }
+        scene = open_scene(tables, f"approximation.order={order}")
+        rest = np.zeros(scene.dofs)
+        matrix = np.stack(
+            [scene.linearise(rest, 1.0, one)[1] for one in np.eye(scene.dofs)], axis=1
+        )
+        u = 2 * n * (2 * n - 1)
+        schur = (
+            matrix[u:, :u] @ np.linalg.solve(matrix[:u, :u], matrix[:u, u:]) * (1 / (n - 1)) ** 2
+        )
+        edges = [
+            np.full(points, span / (points - 1)) for points, span in ((n, 2), ((n + 1) // 2, 1))
+        ]
+        for edge in edges:
+            edge[[0, -1]] /= 2
+        values = np.linalg.eigvals(schur / np.outer(*edges).reshape(-1, 1))
+        assert values.real.min() > least
+        found.append(np.abs(values).min())
+    assert found[1] > 0.7 * found[0]
 
 
 @pytest.mark.parametrize("jitter", [0.0, 0.3])

@@ -30,6 +30,7 @@ __all__ = ["run"]
 _FORMS = (
     ("auto", ()),
     ("rkpm-scni", ("scene.method=rkpm-scni",)),
+    ("rkcm-subdomain", ("scene.method=rkcm-subdomain",)),
     ("rkcm-mixed", ("scene.method=rkcm-mixed",)),
     ("rkcm", ("scene.method=rkcm",)),
 )
