@@ -180,6 +180,15 @@ def _bench(options: argparse.Namespace) -> None:
 def _report(options: argparse.Namespace) -> None:
     from myork.report import make_report
 
+    models = sorted(options.folder.glob("*.rom.h5"))
+    if models:
+        from myork.view.still import keep_states
+
+        try:
+            keep_states(models[0], options.folder)
+        except MyorkError as reason:
+            # the run is reported all the same
+            print(f"myork: {reason}; the report holds no states of it", file=sys.stderr)
     page = make_report(options.folder)
     if options.out is not None:
         options.out.mkdir(parents=True, exist_ok=True)

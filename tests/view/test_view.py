@@ -3,6 +3,7 @@
 import io
 import json
 import re
+import shutil
 import signal
 import socket
 import struct
@@ -21,6 +22,9 @@ from PIL import Image
 from myork import ReducedModel
 from myork.cli import main
 from myork.core.deck import text_of_tables
+from myork.errors import FileError
+from myork.report import make_report
+from myork.stations.solve import run_deck
 from myork.view.answers import FIELDS, Answers, verdict_of
 
 N = [3, 3, 5]
@@ -289,6 +293,39 @@ def test_verdicts(
 ) -> None:
     found, reasons = verdict_of(converged, indicator, j, outside)
     assert found == verdict and bool(reasons) == (verdict != "accepted")
+
+
+def test_report_with_states(
+    open_page: Any, trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A report beside a model holds states of it: no server, the same forces."""
+    folder = tmp_path / "run"
+    run_deck(trained.with_name("block.toml"), folder, error=False, threads=1)
+    shutil.copy(trained, folder)
+    assert main(["report", str(folder)]) == 0
+    page = open_page((folder / "report.html").as_uri())
+    rom = ReducedModel.load(trained, threads=1)
+    shown = []
+    for stops in ((0, 4), (4, 0), (2, 2)):
+        for number, stop in enumerate(stops):
+            page.evaluate(
+                "([k, x]) => { const s = document.getElementById(`stop${k}`); s.value = x;"
+                " s.dispatchEvent(new Event('input')); }",
+                [number, stop],
+            )
+        values = 0.2 * stops[0], -0.2 + 0.125 * stops[1], 30.0
+        force = rom.batch(np.array([values])).force[0]
+        assert float(page.inner_text("#force")) == pytest.approx(force, rel=6e-4, abs=1e-3)
+        assert page.inner_text("#verdict") == "✓ accepted"
+        shown.append(picture(page))
+    assert (shown[0] != shown[1]).any() and (shown[0] < 200).any()
+    assert page.locator("#curve circle").count() == 1
+    (folder / trained.name).write_bytes(b"no model")
+    assert main(["report", str(folder)]) == 0
+    assert "the report holds no states of it" in capsys.readouterr().err
+    (folder / "states.json").write_text('{"title": "x"}')
+    with pytest.raises(FileError, match="states.json: is damaged"):
+        make_report(folder)
 
 
 @pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGTERM])

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jinja2 import UndefinedError
 from markupsafe import Markup
 
+from myork.errors import FileError
 from myork.files import write_text
 from myork.report import figures, image_figures, tables
 from myork.report.frame import Section, figure, render
@@ -48,6 +51,7 @@ def _page(folder: RunFolder) -> str:
         Section("deformation", "Deformation", _deformation(folder)),
         Section("probes", "Forces and other probes", _probes(folder)),
         Section("rom", "Reduced models", _rom(summary)),
+        Section("touch", "The reduced model to touch", _touch(folder)),
         Section("convergence", "Convergence", _convergence(folder)),
         Section("run", "The run", _run(folder)),
     ]
@@ -244,6 +248,20 @@ def _rom(summary: Mapping[str, Any]) -> list[Markup]:
             )
         )
     return parts
+
+
+def _touch(folder: RunFolder) -> list[Markup]:
+    """States of a reduced model beside the run, with sliders."""
+    path = folder.path / "states.json"
+    if not path.is_file():
+        return []
+    try:
+        about = json.loads(path.read_text(encoding="utf-8"))
+        return [render("touch.html", about=about)]
+    except (OSError, ValueError, UndefinedError, TypeError, AttributeError) as reason:
+        raise FileError(
+            f"{path}: is damaged: {reason}; remove it, or `myork report` beside its model"
+        ) from None
 
 
 def _convergence(folder: RunFolder) -> list[Markup]:

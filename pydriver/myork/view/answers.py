@@ -237,13 +237,18 @@ class Answers:
             )  # fmt: skip
         if not rows:
             return []
-        with self._lock:
-            batch = self.rom.batch(np.concatenate(rows))
-        y = np.where(batch.converged, self._values(batch)[:, probe], np.nan)
-        told = iter(y.reshape(-1, _POINTS))
+        y = self.along(np.concatenate(rows), probe)
+        lines = iter(y[k : k + _POINTS] for k in range(0, len(y), _POINTS))
         for one in found:
-            one["y"] = [[_number(v) for v in next(told)] for _ in one["at"] or [0.0]]
+            one["y"] = [next(lines) for _ in one["at"] or [0.0]]
         return found
+
+    def along(self, rows: F64Array, probe: int) -> list[float | None]:
+        """A probe at rows of parameters; None where no state is."""
+        with self._lock:
+            batch = self.rom.batch(rows)
+        y = np.where(batch.converged, self._values(batch)[:, probe], np.nan)
+        return [_number(v) for v in y]
 
     def _other(self, k: int) -> int | None:
         """What the curves of a parameter's family differ in."""
