@@ -210,6 +210,55 @@ def test_training_ends_at_the_tolerance(deck: Path) -> None:
     assert c["force"]["max"] <= 0.02 and c["u"]["max_of_largest"] <= 0.02
 
 
+def true_error(rom: ReducedModel, values: list[float]) -> tuple[float, float, float, bool]:
+    """Errors of displacement and force at values, the estimate, and whether it converged."""
+    state = rom.batch([values], indicator=True)
+    full = rom.full_model()
+    truth = full.solve(rom.parameters, np.array(values), 8)
+    with full.open() as scene:
+        off = np.asfortranarray((rom.basis @ state.amplitudes[0] - truth.x[-1])[:, None])
+        wrong = np.sqrt((off * modal_products(scene, off)[1]).sum())
+    force = abs(state.force[0] / truth.probes[-1, 0, 0] - 1.0)
+    size = np.sqrt(truth.x[-1] @ truth.mass)
+    return wrong / size, force, float(state.indicator[0]), bool(state.converged[0])
+
+
+def test_half_the_range_of_activation(deck: Path) -> None:
+    """Trained to half the activation, asked for all of it: told as outside, with its error."""
+    ranges = {"load.activation": (0.0, 0.5), "boundary.z1.u_z": (-0.2, 0.3)}
+    rom = ReducedModel.train(deck, ranges, full_solves=16, tests=0, threads=1)
+    error, force, estimate, converged = true_error(rom, [1.0, 0.1])
+    assert converged and not rom.solve(activation=1.0, u_z=0.1).inside
+    assert error < 0.1 and force < 0.02
+    assert 0.3 * error < estimate < 3.0 * error
+
+
+def test_no_more_modes_than_states(deck: Path) -> None:
+    """A tolerance that nothing meets takes the rank of the states, with kinked curves."""
+    change = ["material.muscle.curve=published", "boundary.z1.u_z=0"]
+    rom = ReducedModel.train(
+        deck, {"load.activation": (0.0, 0.6)}, full_solves=4, tests=2, tolerance=1e-9, threads=1,
+        overrides=change,
+    )  # fmt: skip
+    # eight steps and two states inside; three sides of the standing end and one of the other,
+    # which does not move either, at two states
+    assert 8 < rom.modes <= 8 + 2 + 2 * 4
+    assert rom.certificate["failed"] == 0
+    assert rom.certificate["force"]["max"] < 1e-2
+
+
+def test_states_far_from_those_of_the_training_are_followed(deck: Path) -> None:
+    """Sixteen states of the training: the regression is poor, all states are found."""
+    ranges = {**RANGES, "material.muscle.sigma_max": (20.0, 40.0)}
+    rom = ReducedModel.train(deck, ranges, full_solves=16, tests=8, threads=1)
+    assert rom.certificate["failed"] == 0
+    ratio = rom.certificate["indicator_ratio"]
+    assert ratio["min"] > 0.3 and ratio["max"] < 4.0
+    # its own range: what was never trained is known by the material's law
+    error, force, _, converged = true_error(rom, [0.5, 0.1, 70.0])
+    assert converged and error < 0.05 and force < 0.01
+
+
 def test_stationary_force_beats_the_displacement(rom: ReducedModel) -> None:
     """An error of the amplitudes enters the force squared."""
     c = rom.certificate

@@ -67,6 +67,7 @@ def few_cells(
     length = np.maximum(np.linalg.norm(rows, axis=0), np.finfo(float).tiny)
     kept: list[int] = []
     weight = np.zeros(rows.shape[1])
+    best_weight = weight.copy()
     left = target.copy()
     while len(kept) < most and np.linalg.norm(left) > tolerance * size:
         gain = rows.T @ left / length
@@ -89,8 +90,15 @@ def few_cells(
                 stay[int(np.argmin(between))] = False
             weight[kept] = np.where(stay, between, 0.0)
             kept = [cell for cell, stays in zip(kept, stay, strict=True) if stays]
+        new = target - rows[:, kept] @ trial
+        if not np.linalg.norm(new) < np.linalg.norm(left):
+            # rounding: the same cells would come and go without an end
+            kept = sorted(np.flatnonzero(best_weight).tolist())
+            weight = best_weight
+            break
         weight[:] = 0.0
         weight[kept] = trial
-        left = target - rows[:, kept] @ trial
+        best_weight = weight.copy()
+        left = new
     cells = np.sort(np.array(kept, dtype=np.int64))
     return cells, weight[cells], float(np.linalg.norm(left) / size)
