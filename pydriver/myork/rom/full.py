@@ -26,6 +26,8 @@ __all__ = ["FullModel", "FullState", "cloud_arrays", "full_model_of"]
 
 F64Array = NDArray[np.float64]
 
+#: Relative change of the unknowns up to which a solution is the one that was guessed
+_NEAR = 0.2
 #: Tables of a deck of which its states depend, and keys in them on which they do not
 _TABLES = ("scene", "geometry", "approximation", "galerkin", "material", "boundary", "load")
 _OTHER_KEYS = {"file", "steps", "at", "max_halvings"}
@@ -144,6 +146,11 @@ class FullModel:
                 states = scene.solve(start=start, error=False)
             except ConvergenceError:
                 states = None
+            else:
+                # an iteration that wandered off may have found another solution
+                moved = np.linalg.norm(states.x[-1] - start)
+                if moved > _NEAR * np.linalg.norm(states.x[-1]):
+                    states = None
         started = states is not None
         if states is None:
             load = dict(self._load)

@@ -19,6 +19,9 @@ TOLERANCE = 1e-5
 MOST_STEPS = 20
 #: Parts of the way from the nearest known state that are tried where the regression fails
 PARTS = (1, 2, 4, 8)
+#: Change from the regression, of the state, up to which it is the solution that is meant; states
+#: count as no smaller than a share of the largest known one
+_NEAR, _LEAST = 0.3, 0.2
 
 
 class Answer(NamedTuple):
@@ -190,6 +193,11 @@ class Solver:
             answer, change = self.newton(conditions, start, tolerance=0.0, most=most, lift=lift)
             return answer._replace(converged=answer.converged & (change < TOLERANCE))
         answer = self.newton(conditions, start, lift=lift)[0]
+        # an iteration that wandered off may have found another solution: the way decides
+        size = np.linalg.norm(answer.amplitudes, axis=1)
+        least = _LEAST * np.linalg.norm(amplitudes, axis=1).max(initial=0.0)
+        moved = np.linalg.norm(answer.amplitudes - start, axis=1)
+        answer.converged[~(moved <= _NEAR * np.maximum(size, least))] = False
         for parts in PARTS:
             failed = np.flatnonzero(~answer.converged)
             if len(failed) == 0:
