@@ -29,7 +29,7 @@ F64Array = NDArray[np.float64]
 #: Relative change of the unknowns up to which a solution is the one that was guessed
 _NEAR = 0.2
 #: Tables of a deck of which its states depend, and keys in them on which they do not
-_TABLES = ("scene", "geometry", "approximation", "galerkin", "material", "boundary", "load")
+_TABLES = ("scene", "geometry", "approximation", "galerkin", "set", "material", "boundary", "load")
 _OTHER_KEYS = {"file", "steps", "at", "max_halvings"}
 
 
@@ -258,7 +258,7 @@ def _differences(one: Any, other: Any, keys: Sequence[str]) -> list[str]:
     def flat(value: Any, name: str) -> dict[str, Any]:
         if isinstance(value, Mapping):
             pairs = [(str(k), v) for k, v in value.items() if k not in _OTHER_KEYS]
-        elif name in ("material", "boundary"):
+        elif name in ("set", "material", "boundary"):
             pairs = [(str(v.get("name", v.get("set"))), v) for v in value]
         else:
             return {} if name in keys else {name: np.asarray(value).tolist()}
