@@ -33,8 +33,8 @@ subroutine online_states(r, s, wide, nc, ne, kept, triples, nt, nm, h, weight, l
    double precision, intent(in), target :: all_h(wide, 9, nq), all_weight(nq), all_local(nq)
    double precision, intent(in), target :: all_a(9, nq), all_fraction(nqe), all_fiber(3, nqe)
    integer, intent(in), target :: all_first(nq + 1), all_tissue(nqe)
-   double precision, intent(in) :: state(3, nt, n), modulus(nm, n), given(s - r, n)
-   double precision, intent(in) :: start(s, n), known_state(3, nt, n), known_modulus(nm, n)
+   double precision, intent(in) :: state(nt, 3, n), modulus(nm, n), given(s - r, n)
+   double precision, intent(in) :: start(s, n), known_state(nt, 3, n), known_modulus(nm, n)
    double precision, intent(in) :: known_given(s - r, n), least, tolerance
    double precision, intent(in) :: lift(r, nf, n)
    integer, intent(in) :: parts(n), wanted(nf)
@@ -64,11 +64,11 @@ subroutine online_states(r, s, wide, nc, ne, kept, triples, nt, nm, h, weight, l
    if (nf > 0) call new_work(room, whole)
    !$omp do schedule(dynamic, 8)
    do i = 1, n
-      wish = prescribed_type(state(1, :, i), state(2, :, i), state(3, :, i), modulus(:, i), &
+      wish = prescribed_type(state(:, 1, i), state(:, 2, i), state(:, 3, i), modulus(:, i), &
          & given(:, i))
       if (parts(i) > 0) then
-         known = prescribed_type(known_state(1, :, i), known_state(2, :, i), &
-            & known_state(3, :, i), known_modulus(:, i), known_given(:, i))
+         known = prescribed_type(known_state(:, 1, i), known_state(:, 2, i), &
+            & known_state(:, 3, i), known_modulus(:, i), known_given(:, i))
          z(r + 1:, i) = known%given
          call follow(model, work, known, wish, parts(i), tolerance, most_steps, z(:, i), &
             & iterations(i), change(i))
@@ -100,7 +100,7 @@ subroutine online_assemble(r, s, wide, nc, ne, kept, triples, nt, nm, h, weight,
    double precision, intent(in), target :: volume(8, triples, kept), law(7, nt)
    double precision, intent(in), target :: a_slope(9, nc, nm), bulk_slope(nc, nm)
    double precision, intent(in), target :: constant_slope(s, s, nm), volume_slope(kept, nm)
-   double precision, intent(in) :: state(3, nt), modulus(nm), z(s)
+   double precision, intent(in) :: state(nt, 3), modulus(nm), z(s)
    double precision, intent(out) :: residual(s), tangent(s, s), stress(9, nc), min_j
    type(law_type), target :: laws(nt)
    type(online_model) :: model
@@ -114,7 +114,7 @@ subroutine online_assemble(r, s, wide, nc, ne, kept, triples, nt, nm, h, weight,
    model = online_model(r, s, tiny(1.0d0), h, weight, local_bulk, a, first, tissue, fraction, &
       & fiber, laws, constant, volume, a_slope, bulk_slope, constant_slope, volume_slope)
    call new_work(work, model)
-   call assemble(model, work, z, prescribed_type(state(1, :), state(2, :), state(3, :), modulus, &
+   call assemble(model, work, z, prescribed_type(state(:, 1), state(:, 2), state(:, 3), modulus, &
       & z(r + 1:)), .true., .true.)
    residual = work%residual
    tangent = work%tangent

@@ -120,7 +120,7 @@ def test_all_cells_are_the_full_model(deck: Path, change: list[str]) -> None:
         full = scene.linearise(basis @ a, 1.0, np.zeros(scene.dofs))[0]
         force = scene.probes((basis @ a)[None], np.ones(1))[0, 0, 0]
         z = np.concatenate([a, [1.0]])
-        state = np.stack([laws.activation, laws.sigma_max, 0.0 * laws.angle])[..., None]
+        state = np.stack([laws.activation, laws.sigma_max, 0.0 * laws.angle], axis=1)[..., None]
         wish = Wish(np.asfortranarray(state), np.zeros((1, 1)), z[3:, None])
         residual, tangent, _, _ = assemble(model, wish, z)
         scale = np.abs(tangent[:3, :3]).max() * np.abs(a).max()
@@ -134,6 +134,27 @@ def test_all_cells_are_the_full_model(deck: Path, change: list[str]) -> None:
             # central differences: third derivatives times the squared step
             difference = np.abs((ahead - behind) / (2 * step) - tangent[:, k]).max()
             assert difference < 1e-7 * np.abs(tangent).max()
+
+
+def test_several_muscles_are_the_full_model(deck: Path) -> None:
+    """Each muscle has its own activation, strength and fibers in the reduced model."""
+    own = BLOCK[BLOCK.index("[[material]]") : BLOCK.index("[[boundary]]")]
+    second = own.replace('"muscle"\nmodel', '"other"\nactivation = 0.2\nwhere = "x > 0.4"\nmodel')
+    second = second.replace("sigma_max = 30", "sigma_max = 20").replace("= 20\n\n", "= -10\n\n")
+    two = deck.parent / "two.toml"
+    two.write_text(BLOCK.replace("[[boundary]]", second + "[[boundary]]", 1))
+    with Scene(two) as scene:
+        model, laws, basis = projected(scene, 3)
+        mass = modal_products(scene, np.asfortranarray(scene.states.x[-1:].T))[1][:, 0]
+        a = basis.T @ mass
+        full = scene.linearise(basis @ a, 1.0, np.zeros(scene.dofs))[0]
+    z = np.concatenate([a, [1.0]])
+    state = np.stack([laws.activation, laws.sigma_max, 0.0 * laws.angle], axis=1)[..., None]
+    assert len(np.unique(laws.activation)) == 2 and len(np.unique(laws.sigma_max)) == 2
+    wish = Wish(np.asfortranarray(state), np.zeros((1, 1)), z[3:, None])
+    residual, tangent, _, _ = assemble(model, wish, z)
+    scale = np.abs(tangent[:3, :3]).max() * np.abs(a).max()
+    assert np.abs(residual[:3] - basis.T @ full).max() < 1e-12 * scale
 
 
 def test_unseen_states(rom: ReducedModel) -> None:

@@ -111,7 +111,7 @@ class Wish(NamedTuple):
     ----------
     state : F64Array
         Activation, largest isometric stress and angle of the fibers [rad] of each tissue, shape
-        `(3, nt, n)`.
+        `(nt, 3, n)`.
     modulus : F64Array
         Parameters of materials less their values in the model, shape `(nm, n)`.
     given : F64Array

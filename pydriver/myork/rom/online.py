@@ -100,7 +100,7 @@ class Conditions(NamedTuple):
 
     def columns(self) -> Wish:
         """As the core takes them."""
-        state = np.stack([self.activation.T, self.sigma_max.T, self.turn.T])
+        state = np.stack([self.activation.T, self.sigma_max.T, self.turn.T], axis=1)
         return Wish(*(np.asfortranarray(a) for a in (state, self.modulus.T, self.given.T)))
 
 
