@@ -334,9 +334,14 @@ static void check_expression(Deck &deck, const Section &section, const KeySpec &
    const std::string kind =
        key.expression == "time" && deck.entries("dynamics").empty() ? "place" : key.expression;
    const std::vector<std::string> names = names_of(kind, static_cast<int>(dimension->integer));
+   std::vector<std::string> tables;
+   for (Section *table : deck.entries("table")) {
+      if (table_name_fault(table->text("name")).empty())
+         tables.push_back(table->text("name"));
+   }
    const auto check = [&](const Value &one, const std::string &which) {
       const std::string fault =
-          one.kind == Value::Kind::text ? expression_fault(one.text, names) : "";
+          one.kind == Value::Kind::text ? expression_fault(one.text, names, tables) : "";
       if (!fault.empty())
          deck.complain(value.origin, deck.address(section, key.name),
                        which + quoted(one.text) + " " + fault);

@@ -3,9 +3,13 @@
 
 #include <algorithm>
 #include <array>
+#include <cctype>
 #include <cmath>
+#include <deque>
 #include <limits>
 #include <memory>
+#include <mutex>
+#include <sstream>
 #include <unordered_map>
 
 #include <muParser.h>
@@ -28,11 +32,75 @@ static double negated(double a) { return a == 0.0 ? 1.0 : 0.0; }
 
 namespace {
 
+// What stands between an expression and the tables that it may call: a name and a number a line
+constexpr char tables_follow = '\x1e';
+// Function by which tables are called inside
+const char *const lookup_name = "rk_table";
+
+// A function that is given by its values at rising places, the same before and after them
+struct Table {
+   std::vector<double> x, value;
+   bool smooth = false;
+
+   double at(double place) const {
+      if (!(place > x.front()))
+         return std::isnan(place) ? place : value.front();
+      if (place >= x.back())
+         return value.back();
+      const auto next = static_cast<std::size_t>(std::upper_bound(x.begin(), x.end(), place) - x.begin());
+      double part = (place - x[next - 1]) / (x[next] - x[next - 1]);
+      if (smooth)
+         part = part * part * part * (10.0 + part * (6.0 * part - 15.0));
+      return value[next - 1] + part * (value[next] - value[next - 1]);
+   }
+
+   bool operator==(const Table &other) const {
+      return x == other.x && value == other.value && smooth == other.smooth;
+   }
+};
+
+// All tables that were ever used: equal ones once, so that a number stands for its values
+std::mutex tables_door;
+std::deque<Table> all_tables;
+
+double looked_up(double number, double place) {
+   const std::lock_guard<std::mutex> here(tables_door);
+   return all_tables[static_cast<std::size_t>(number)].at(place);
+}
+
+double any_table(double place) { return place; }
+
+bool of_name(char c) { return std::isalnum(static_cast<unsigned char>(c)) || c == '_'; }
+
+// The expression alone, with calls of tables in the words of the parser
+std::string plain_text(const std::string &code) {
+   const std::size_t end = code.find(tables_follow);
+   std::string text = code.substr(0, end);
+   std::istringstream tables(end == std::string::npos ? "" : code.substr(end + 1));
+   std::string name, number;
+   while (tables >> name >> number) {
+      for (std::size_t at = text.find(name); at != std::string::npos; at = text.find(name, at + 1)) {
+         std::size_t open = at + name.size();
+         if ((at > 0 && of_name(text[at - 1])) || (open < text.size() && of_name(text[open])))
+            continue;
+         open = text.find('(', open);
+         if (open != std::string::npos)
+            text.replace(at, open + 1 - at, std::string(lookup_name) + "(" + number + ",");
+      }
+   }
+   return text;
+}
+
 struct Compiled {
    std::array<double, name_count> place{};
    mu::Parser parser;
 
-   Compiled(const std::string &text, const std::vector<std::string> &names) {
+   Compiled(const std::string &code, const std::vector<std::string> &names,
+            const std::vector<std::string> &tables = {}) {
+      const std::string text = plain_text(code);
+      parser.DefineFun(lookup_name, looked_up);
+      for (const std::string &name : tables)
+         parser.DefineFun(name, any_table);
       parser.ClearConst();
       parser.DefineConst("pi", std::acos(-1.0));
       parser.DefineOprt("and", both, mu::prLAND, mu::oaLEFT);
@@ -58,6 +126,8 @@ static std::string known(const Compiled &compiled, const std::vector<std::string
    list += "pi; functions are ";
    bool first = true;
    for (const auto &[name, unused] : compiled.parser.GetFunDef()) {
+      if (name == lookup_name)
+         continue;
       list += (first ? "" : ", ") + name;
       first = false;
    }
@@ -79,7 +149,8 @@ static std::size_t assignment(const std::string &text) {
    return std::string::npos;
 }
 
-std::string expression_fault(const std::string &text, const std::vector<std::string> &names) {
+std::string expression_fault(const std::string &text, const std::vector<std::string> &names,
+                             const std::vector<std::string> &tables) {
    const auto at = [](std::size_t position) {
       return " at position " + std::to_string(position + 1);
    };
@@ -88,14 +159,16 @@ std::string expression_fault(const std::string &text, const std::vector<std::str
    if (assignment(text) != std::string::npos)
       return "is no expression: = sets a value" + at(assignment(text)) + ", == compares";
    try {
-      Compiled compiled(text, names);
+      Compiled compiled(text, names, tables);
+      if (compiled.parser.GetExpr().find(lookup_name) != std::string::npos)
+         return std::string("is no expression: ") + lookup_name + " is no function";
       compiled.parser.Eval();
       if (compiled.parser.GetNumResults() > 1)
          return "is no expression: several values with commas between, one is needed";
       return "";
    } catch (const mu::Parser::exception_type &fault) {
       const auto position = static_cast<std::size_t>(std::max(fault.GetPos(), 0));
-      Compiled empty("0", names);
+      Compiled empty("0", names, tables);
       switch (fault.GetCode()) {
       case mu::ecUNASSIGNABLE_TOKEN:
          return "is no expression: unknown name '" + fault.GetToken() + "'" + at(position) +
@@ -120,6 +193,18 @@ std::string expression_fault(const std::string &text, const std::vector<std::str
       }
       }
    }
+}
+
+std::string table_name_fault(const std::string &name) {
+   const bool word = !name.empty() && !std::isdigit(static_cast<unsigned char>(name.front())) &&
+                     std::all_of(name.begin(), name.end(), of_name);
+   if (!word)
+      return "must have letters, digits and _ only, and begin with no digit: expressions call it";
+   const Compiled empty("0", expression_names());
+   const std::vector<std::string> &names = expression_names();
+   const bool taken = std::find(names.begin(), names.end(), name) != names.end() || name == "pi" ||
+                      name == "and" || name == "or" || empty.parser.GetFunDef().count(name) > 0;
+   return taken ? "has a meaning in expressions already: take another name" : "";
 }
 
 bool expression_uses(const std::string &text, const std::string &name) {
@@ -151,6 +236,17 @@ double rk_expression_value(const char *text, const double *place) {
    } catch (const mu::Parser::exception_type &) {
       return std::numeric_limits<double>::quiet_NaN();
    }
+}
+
+// Number by which expressions call a table; its places rise
+int rk_expression_table(int n, const double *x, const double *value, int smooth) {
+   const rk::Table table{{x, x + n}, {value, value + n}, smooth != 0};
+   const std::lock_guard<std::mutex> here(rk::tables_door);
+   const auto found = std::find(rk::all_tables.begin(), rk::all_tables.end(), table);
+   const auto number = static_cast<int>(found - rk::all_tables.begin());
+   if (found == rk::all_tables.end())
+      rk::all_tables.push_back(table);
+   return number;
 }
 
 int rk_expression_uses(const char *text, const char *name) {

@@ -10,8 +10,13 @@ namespace rk {
 // Names of the values that an expression may be asked for, in the order in which they come
 const std::vector<std::string> &expression_names();
 
-// Why a text is no expression in these names, with the place of the mistake; "" where it is one
-std::string expression_fault(const std::string &text, const std::vector<std::string> &names);
+// Why a text is no expression in these names and functions of one value, with the place of the
+// mistake; "" where it is one
+std::string expression_fault(const std::string &text, const std::vector<std::string> &names,
+                             const std::vector<std::string> &tables = {});
+
+// Why a word cannot name a table; "" where it can
+std::string table_name_fault(const std::string &name);
 
 // Whether a name occurs in an expression
 bool expression_uses(const std::string &text, const std::string &name);

@@ -15,11 +15,17 @@ module rk_expression
    type :: expression_type
       !> As it was written; not allocated where no expression was given
       character(len=:), allocatable :: text
+      !> Tables that it may call, a name and its number a line; not allocated without any
+      character(len=:), allocatable :: tables
       !> Where it was written, and its key, for messages
       character(len=:), allocatable :: where
    contains
       !> Whether there is an expression
       procedure :: given
+      !> Add a table that it may call
+      procedure :: add_table
+      !> With its tables, as it is evaluated
+      procedure, private :: code
       !> Value at a place
       procedure :: at => value_at
       !> First derivatives at a place
@@ -35,6 +41,12 @@ module rk_expression
          real(c_double), intent(in) :: place(9)
          real(c_double) :: value
       end function c_value
+      function c_table(n, x, value, smooth) result(number) bind(c, name='rk_expression_table')
+         import :: c_double, c_int
+         integer(c_int), value :: n, smooth
+         real(c_double), intent(in) :: x(*), value(*)
+         integer(c_int) :: number
+      end function c_table
       function c_uses(text, name) result(uses) bind(c, name='rk_expression_uses')
          import :: c_char, c_int
          character(kind=c_char), intent(in) :: text(*), name(*)
@@ -52,13 +64,42 @@ pure logical function given(self)
    given = allocated(self%text)
 end function given
 
+!> Add a table that it may call
+subroutine add_table(self, name, x, value, smooth)
+   !> Expression that is given
+   class(expression_type), intent(inout) :: self
+   !> Name
+   character(len=*), intent(in) :: name
+   !> Rising places, shape (n)
+   real(wp), intent(in) :: x(:)
+   !> Values there, shape (n)
+   real(wp), intent(in) :: value(:)
+   !> Without slope and curvature at the places, straight between them otherwise
+   logical, intent(in) :: smooth
+
+   if (.not. allocated(self%tables)) self%tables = ''
+   self%tables = self%tables//name//' '//to_text(int(c_table(int(size(x), c_int), x, value, &
+      & merge(1_c_int, 0_c_int, smooth))))//new_line('a')
+end subroutine add_table
+
+!> The expression with its tables
+pure function code(self)
+   !> Expression that is given
+   class(expression_type), intent(in) :: self
+   character(len=:), allocatable :: code
+
+   code = self%text
+   ! what expression.cpp looks for
+   if (allocated(self%tables)) code = code//achar(30)//self%tables
+end function code
+
 !> Whether the time is part of it
 logical function varies(self)
    !> Expression
    class(expression_type), intent(in) :: self
 
    varies = .false.
-   if (self%given()) varies = c_uses(self%text//c_null_char, 't'//c_null_char) /= 0
+   if (self%given()) varies = c_uses(self%code()//c_null_char, 't'//c_null_char) /= 0
 end function varies
 
 !> Value at a place
@@ -80,7 +121,7 @@ subroutine value_at(self, x, value, error, time, normal)
    place = 0.0_wp
    if (present(time)) place(6) = time
    if (present(normal)) place(7:6 + size(normal)) = normal
-   value = plain_value(self%text, x, place)
+   value = plain_value(self%code(), x, place)
    if (abs(value) <= huge(value) .or. allocated(error)) return
    call fatal_error(error, err_input, self%where//": '"//self%text//"' is not finite at " &
       & //to_text(x))

@@ -3,6 +3,7 @@ module rk_deck_expression
    use rk_deck, only : deck_type
    use rk_expression, only : expression_type
    use rk_precision, only : wp
+   use rk_text, only : to_text
    implicit none
    private
 
@@ -22,6 +23,7 @@ subroutine read_expression(deck, key, expression)
    if (.not. deck%has(key)) return
    call deck%get(key, expression%text)
    expression%where = deck%told(key)
+   call add_tables(expression, deck)
 end subroutine read_expression
 
 !> A number or an expression
@@ -66,8 +68,30 @@ subroutine read_values(deck, key, value, expression)
       if (length == 0) return
       expression(i)%text = lines(first:first + length - 2)
       expression(i)%where = deck%told(key)
+      call add_tables(expression(i), deck)
       first = first + length
    end do
 end subroutine read_values
+
+!> Add the tables of the deck
+subroutine add_tables(expression, deck)
+   !> Expression that is given
+   type(expression_type), intent(inout) :: expression
+   !> Deck
+   type(deck_type), intent(in) :: deck
+   character(len=:), allocatable :: at, curve, name
+   real(wp), allocatable :: x(:), value(:)
+   integer :: k
+
+   do k = 1, deck%count('table')
+      at = 'table.'//to_text(k)
+      call deck%get(at//'.name', name)
+      if (index(expression%text, name) == 0) cycle
+      call deck%get(at//'.x', x)
+      call deck%get(at//'.value', value)
+      call deck%get(at//'.curve', curve)
+      call expression%add_table(name, x, value, curve == 'smooth')
+   end do
+end subroutine add_tables
 
 end module rk_deck_expression

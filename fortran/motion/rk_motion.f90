@@ -207,6 +207,8 @@ subroutine march(body, motion, method, x, recorder, timer, error)
    if (.not. allocated(error)) call body%start(before, now, error)
    if (allocated(error)) return
    largest = max(maxval(abs(before)), maxval(abs(now)))
+   ! a body that loads move from rest has no size to compare with yet
+   if (.not. largest > 0.0_wp) largest = huge(1.0_wp)/blown_up
    do k = 1, steps
       call body%advance(before, now, k*motion%step, next, error)
       if (allocated(error)) return
@@ -215,7 +217,7 @@ subroutine march(body, motion, method, x, recorder, timer, error)
          return
       end if
       ! a comparison that a NaN fails; loads make motions grow in proportion to time
-      if (.not. maxval(abs(next)) <= blown_up*max(largest, tiny(1.0_wp))) then
+      if (.not. maxval(abs(next)) <= blown_up*largest) then
          call fatal_error(error, err_convergence, 'the motion blows up at time ' &
             & //to_text(k*motion%step)//': take a smaller dynamics.time_step, or method ' &
             & //'"rkpm-gauss", whose limit is known')

@@ -1,0 +1,165 @@
+// Tables, functions of one value: their names, their numbers, and the files these may stand in.
+#include "deck.h"
+
+#include "expression.h"
+
+#include <cerrno>
+#include <cmath>
+#include <cstdlib>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+
+namespace rk {
+
+// Lines of a file at most; more are no table of a deck
+constexpr int most_lines = 100000;
+
+// Fields of a line: between semicolons, tabs or commas, whichever comes first in this order, or blanks
+static std::vector<std::string> fields_of(const std::string &line) {
+   char separator = ' ';
+   for (const char candidate : {',', '\t', ';'}) {
+      if (line.find(candidate) != std::string::npos)
+         separator = candidate;
+   }
+   std::vector<std::string> fields;
+   std::istringstream stream(line);
+   if (separator == ' ') {
+      for (std::string field; stream >> field;)
+         fields.push_back(field);
+      return fields;
+   }
+   for (std::string field; std::getline(stream, field, separator);) {
+      const std::size_t from = field.find_first_not_of(" \t\r"), to = field.find_last_not_of(" \t\r");
+      fields.push_back(from == std::string::npos ? "" : field.substr(from, to - from + 1));
+   }
+   return fields;
+}
+
+static std::optional<double> as_number(const std::string &field) {
+   char *end = nullptr;
+   const double number = std::strtod(field.c_str(), &end);
+   if (end == field.c_str() || *end != '\0' || !std::isfinite(number))
+      return std::nullopt;
+   return number;
+}
+
+static Value array_of(const std::vector<double> &numbers, const Origin &origin) {
+   Value array;
+   array.kind = Value::Kind::array;
+   array.origin = origin;
+   for (const double number : numbers) {
+      Value item;
+      item.kind = Value::Kind::real;
+      item.real = number;
+      item.origin = origin;
+      array.items.push_back(item);
+   }
+   return array;
+}
+
+// Places and values of a file; "" or what is wrong with it, its name and line first
+static std::string read_file(const std::string &text, const std::string &path, const Value &columns,
+                             std::vector<double> &x, std::vector<double> &value) {
+   const auto first = static_cast<std::size_t>(columns.items[0].integer - 1);
+   const auto second = static_cast<std::size_t>(columns.items[1].integer - 1);
+   std::istringstream stream(text);
+   int number = 0;
+   bool titles = true;
+   for (std::string line; std::getline(stream, line);) {
+      const std::string place = path + ":" + std::to_string(++number) + ": ";
+      const std::vector<std::string> fields = fields_of(line);
+      if (fields.empty() || line.find_first_not_of(" \t\r") == std::string::npos || fields.front().rfind('#', 0) == 0)
+         continue;
+      if (number > most_lines)
+         return place + "more than " + std::to_string(most_lines) + " lines are no table of a deck";
+      const std::size_t wanted = std::max(first, second) + 1;
+      if (fields.size() < wanted)
+         return place + "has " + std::to_string(fields.size()) + " column" +
+                (fields.size() == 1 ? "" : "s") + ", " + std::to_string(wanted) + " are needed";
+      const std::optional<double> one = as_number(fields[first]), other = as_number(fields[second]);
+      if (titles && !one && !other) {
+         titles = false;
+         continue;
+      }
+      titles = false;
+      if (!one || !other)
+         return place + quoted(one ? fields[second] : fields[first]) + " is no finite number";
+      if (!x.empty() && *one <= x.back())
+         return place + "places must ascend: " + fields[first] + " follows " +
+                array_of(x, {}).items.back().plain();
+      x.push_back(*one);
+      value.push_back(*other);
+   }
+   return x.empty() ? path + ": has no numbers" : "";
+}
+
+static void fill_from_file(Deck &deck, Section &table, const Value &file, std::string &contents) {
+   namespace fs = std::filesystem;
+   const std::string path = (fs::path(deck.folder) / file.text).string();
+   const auto complain = [&](const std::string &what) {
+      deck.complain(file.origin, deck.address(table, "file"), what);
+   };
+   std::error_code ignored;
+   std::ifstream stream(path, std::ios::binary);
+   if (!fs::is_regular_file(path, ignored) || !stream) {
+      complain(quoted(file.text) + " cannot be read: " +
+               (fs::exists(path, ignored) ? "it is no regular file" : "there is no such file in " + deck.folder));
+      return;
+   }
+   std::ostringstream text;
+   text << stream.rdbuf();
+   contents += "\n--table " + text.str();
+   std::vector<double> x, value;
+   const Value *columns = table.find("columns");
+   if (!columns)
+      return;
+   const std::string fault = read_file(text.str(), path, *columns, x, value);
+   if (!fault.empty()) {
+      complain(fault);
+      return;
+   }
+   table.values["x"] = array_of(x, file.origin);
+   table.values["value"] = array_of(value, file.origin);
+}
+
+void read_tables(Deck &deck) {
+   std::string contents;
+   for (Section *table : deck.entries("table")) {
+      const Value *name = table->find("name");
+      const std::string fault = name ? table_name_fault(name->text) : "";
+      if (!fault.empty())
+         deck.complain(name->origin, deck.address(*table, "name"), fault);
+      if (const Value *file = table->find("file")) {
+         if (const Value *own = table->find("value"))
+            deck.complain(own->origin, deck.address(*table, "value"), "cannot be given beside file");
+         else
+            fill_from_file(deck, *table, *file, contents);
+         continue;
+      }
+      const Value *x = table->find("x"), *value = table->find("value");
+      if (x && !value && !table->refused.count("value"))
+         deck.complain(x->origin, deck.address(*table, "value"),
+                       "missing, an array of numbers is needed beside x");
+      if (!x || !value)
+         continue;
+      if (x->items.size() != value->items.size())
+         deck.complain(value->origin, deck.address(*table, "value"),
+                       "must have as many items as x, " + std::to_string(x->items.size()) + ", not " +
+                           std::to_string(value->items.size()));
+      for (std::size_t i = 1; i < x->items.size(); ++i) {
+         if (x->items[i].number() > x->items[i - 1].number())
+            continue;
+         deck.complain(x->origin, deck.address(*table, "x"),
+                       "must ascend: item " + std::to_string(i + 1) + ", " + x->items[i].plain() +
+                           ", follows " + x->items[i - 1].plain());
+         break;
+      }
+   }
+   if (contents.empty())
+      return;
+   deck.sha256 = sha256_hex(deck.sha256 + contents);
+}
+
+} // namespace rk

@@ -1,0 +1,213 @@
+"""Tables as functions in expressions: loads, coefficients and starts by their values at places."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from myork import Scene
+from myork.core.deck import load_deck, load_tables
+from myork.errors import InputError
+
+
+def heat(**tables: Any) -> dict[str, Any]:
+    """A rod of length 1 by Gauss points, its temperature 0 at the left end."""
+    return {
+        "scene": {"dimension": 1},
+        "geometry": {"kind": "box", "size": [1], "source": [11], "collocation": [11]},
+        "linear": {"problem": "poisson"},
+        "boundary": [{"set": "x0", "u": 0}, {"set": "x1", "flux": 1}],
+        "probe": [{"name": "u", "quantity": "u", "point": [1]}],
+        **tables,
+    }
+
+
+def value_of(tables: dict[str, Any]) -> float:
+    with Scene.from_tables(tables) as scene:
+        states = scene.solve(error=False)
+        return float(scene.probes(states.x, states.load)[-1, 0, 0])
+
+
+STEP = {"name": "k", "x": [0, 0.5, 1], "value": [1, 1, 3]}
+
+
+def test_a_conductivity_by_table() -> None:
+    """Flux 1 everywhere: u(1) is the integral of 1/k, here 1/2 + ln(3)/4 of a linear rise."""
+    tables = heat(linear={"problem": "poisson", "conductivity": "k(x)"}, table=[STEP])
+    assert value_of(tables) == pytest.approx(0.5 + math.log(3) / 4, rel=2e-3)
+
+
+def test_a_table_is_the_expression_that_it_samples() -> None:
+    """Straight parts and smooth ones against the same by arithmetic, to rounding."""
+    t = "((x - 0.5)/0.5)"
+    smooth = f"{t}^3*(10 - 15*{t} + 6*{t}^2)"
+    for curve, rise in (("linear", t), ("smooth", smooth)):
+        table = [STEP | {"curve": curve}]
+        own = heat(linear={"problem": "poisson", "source": "2*k(x) - k(x - 5) + k(9)"}, table=table)
+        other = heat(linear={"problem": "poisson", "source": f"2 + (x > 0.5 ? 4*{rise} : 0) + 2"})
+        assert value_of(own) == pytest.approx(value_of(other), rel=1e-12)
+
+
+def test_a_traction_and_a_displacement_by_table_in_a_nonlinear_scene() -> None:
+    tables: dict[str, Any] = {
+        "scene": {"dimension": 2},
+        "geometry": {"kind": "box", "size": [1, 1], "source": [5, 5], "collocation": [5, 5]},
+        "material": [{"name": "m", "model": "neo-hookean", "mu": 1, "K": 2}],
+        "boundary": [
+            {"set": "x0", "u_x": 0, "u_y": "lift(y)"},
+            {"set": "x1", "traction": ["0.1*push(y)", 0]},
+        ],
+        "table": [
+            {"name": "push", "x": [0, 1], "value": [0, 2]},
+            {"name": "lift", "x": [-1, 3], "value": [-0.02, 0.06]},
+        ],
+    }
+    with Scene.from_tables(tables) as scene:
+        x = scene.solve(error=False).x
+    tables["boundary"] = [
+        {"set": "x0", "u_x": 0, "u_y": "0.02*y"},
+        {"set": "x1", "traction": ["0.2*y", 0]},
+    ]
+    with Scene.from_tables(tables) as scene:
+        assert scene.solve(error=False).x == pytest.approx(x, rel=1e-9, abs=1e-12)
+
+
+def test_a_pulse_by_table_of_the_time() -> None:
+    """A bar that is pushed at one end: sums, products and the time go into tables as well."""
+    tables: dict[str, Any] = {
+        "scene": {"dimension": 1},
+        "geometry": {"kind": "box", "size": [1], "source": [21], "collocation": [21]},
+        "linear": {"problem": "elasticity", "E": 1},
+        "dynamics": {"density": 1, "time_step": 0.01, "end_time": 0.5, "every": 50},
+        "boundary": [{"set": "x0", "u_x": 0}, {"set": "x1", "traction": ["pulse(2*t)"]}],
+        "table": [{"name": "pulse", "x": [0, 0.5, 1], "value": [0, 1, 0]}],
+        "probe": [{"name": "u", "quantity": "u_x", "point": [0.5]}],
+    }
+    own = value_of(tables)
+    tables["boundary"][1] = {"set": "x1", "traction": ["t < 0.25 ? 4*t : 2 - 4*t"]}
+    assert own == pytest.approx(value_of(tables), rel=1e-12)
+
+
+def test_tables_of_two_scenes_with_one_name() -> None:
+    """Each has its own, also while both are open."""
+    one = heat(linear={"problem": "poisson", "conductivity": "k(x)"}, table=[STEP])
+    two = heat(
+        linear={"problem": "poisson", "conductivity": "k(x)"},
+        table=[STEP | {"value": [4, 4, 12]}],
+    )
+    with Scene.from_tables(one) as first, Scene.from_tables(two) as second:
+        found = [
+            float(scene.probes(states.x, states.load)[-1, 0, 0])
+            for scene, states in ((s, s.solve(error=False)) for s in (first, second))
+        ]
+    assert found[0] == pytest.approx(4 * found[1], rel=1e-9)
+
+
+def deck_with(folder: Path, lines: str, key: str = "", name: str = "k.csv") -> Path:
+    (folder / name).write_text(lines)
+    deck = folder / "rod.toml"
+    deck.write_text(
+        f"""title = "rod"
+[units]
+force = "N"
+length = "cm"
+[scene]
+dimension = 1
+[geometry]
+kind = "box"
+size = [1]
+source = [11]
+collocation = [11]
+[linear]
+problem = "poisson"
+conductivity = "k(x)"
+[[boundary]]
+set = "x0"
+u = 0
+[[boundary]]
+set = "x1"
+flux = 1
+[[probe]]
+name = "u"
+quantity = "u"
+point = [1]
+[[table]]
+name = "k"
+file = "k.csv"
+{key}
+"""
+    )
+    return deck
+
+
+@pytest.mark.parametrize(
+    ("lines", "key"),
+    [
+        ("x,k\n0,1\n0.5,1\n1,3\n", ""),
+        ("# of a paper\n0 1\n0.5 1\n\n1 3\n", ""),
+        ("temp; k; x\r\n7; 1; 0\r\n8; 1; 0.5\r\n9; 3; 1\r\n", "columns = [3, 2]"),
+    ],
+)
+def test_tables_in_files(lines: str, key: str, tmp_path: Path) -> None:
+    deck = deck_with(tmp_path, lines, key)
+    with Scene(deck) as scene:
+        states = scene.solve(error=False)
+        found = float(scene.probes(states.x, states.load)[-1, 0, 0])
+        # what was read is told with the deck
+        assert scene.deck["table"][0]["value"] == [1, 1, 3]
+    own = heat(linear={"problem": "poisson", "conductivity": "k(x)"}, table=[STEP])
+    assert found == value_of(own)
+    first = load_deck(deck)["sha256"]
+    (tmp_path / "k.csv").write_text(lines.replace("3", "4") if not key else lines + "10; 1; 2\n")
+    assert load_deck(deck)["sha256"] != first
+
+
+@pytest.mark.parametrize(
+    ("lines", "what"),
+    [
+        ("0,1\n0.5,x\n", "k.csv:2: 'x' is no finite number"),
+        ("0,1\n0.5,nan\n", "k.csv:2: 'nan' is no finite number"),
+        ("0,1\n0.5\n", "k.csv:2: has 1 column, 2 are needed"),
+        ("0,1\n1,1\n1,2\n", "k.csv:3: places must ascend: 1 follows 1"),
+        ("0;1,5\n", "k.csv:1: '1,5' is no finite number"),
+        ("x,k\n", "k.csv: has no numbers"),
+    ],
+)
+def test_files_that_are_no_tables(lines: str, what: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError) as caught:
+        load_deck(deck_with(tmp_path, lines))
+    assert what in str(caught.value)
+    assert "rod.toml:27" in str(caught.value)
+
+
+def test_a_file_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"'k.csv' cannot be read: there is no such file"):
+        load_deck(deck_with(tmp_path, "0,1\n", name="other.csv"))
+
+
+@pytest.mark.parametrize(
+    ("table", "what"),
+    [
+        ({"name": "k"}, "table.k: needs one of the keys x, file"),
+        ({"name": "k", "x": [0, 1]}, "table.k.value: missing"),
+        ({"name": "k", "x": [0, 1], "value": [1]}, "must have as many items as x, 2, not 1"),
+        ({"name": "k", "x": [0, 0], "value": [1, 2]}, "must ascend: item 2, 0, follows 0"),
+        ({"name": "k", "x": [0], "file": "k.csv"}, "cannot be given beside x"),
+        ({"name": "sin", "x": [0], "value": [1]}, "has a meaning in expressions already"),
+        ({"name": "pi", "x": [0], "value": [1]}, "has a meaning in expressions already"),
+        ({"name": "2k", "x": [0], "value": [1]}, "must have letters, digits and _ only"),
+        ({"name": "other", "x": [0], "value": [1]}, "unknown name 'k'"),
+        ({"name": "rk_table", "x": [0], "value": [1]}, "has a meaning in expressions already"),
+    ],
+)
+def test_tables_that_cannot_be(table: dict[str, Any], what: str) -> None:
+    with pytest.raises(InputError) as caught:
+        load_tables(heat(linear={"problem": "poisson", "conductivity": "k(x)"}, table=[table]))
+    assert what in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["k", "k(x, 1)", "rk_table(0, x)", "k()", "kk(x)"])
+def test_calls_that_cannot_be(text: str) -> None:
+    with pytest.raises(InputError, match="is no expression"):
+        load_tables(heat(linear={"problem": "poisson", "conductivity": text}, table=[STEP]))
