@@ -1,12 +1,13 @@
 ! Python boundary of scenes: a handle in, arrays out. Python checks shapes before it calls.
 
 !> Open the scene of a deck, whose text is blank where it is a file; the arrays are those of a model
-!> and may be empty; voxels of size 0 stand for none, and so do fractions of one label. Not
-!> threadsafe: gfortran keeps the lengths of character function results in static storage, and keys
-!> are made of such results
+!> and may be empty; voxels of size 0 stand for none, and so do fractions of one label and
+!> activations below 0. Not threadsafe: gfortran keeps the lengths of character function results in
+!> static storage, and keys are made of such results
 subroutine scene_open(path, text, nover, overrides, ns, nc, nb, nset, nf, source, spacing, points, &
    & voxel, voxel_size, voxel_origin, volume, label, fraction, fraction_label, fiber, &
-   & boundary_point, boundary_set, normal, area, set_names, length_unit, handle, stat, message)
+   & activation, boundary_point, boundary_set, normal, area, set_names, length_unit, handle, stat, &
+   & message)
    use rk_cloud, only : cloud_type
    use rk_error, only : error_type
    use rk_pack, only : pack_error
@@ -16,7 +17,7 @@ subroutine scene_open(path, text, nover, overrides, ns, nc, nb, nset, nf, source
    character(len=*), intent(in) :: path, text, overrides(nover), set_names(nset), length_unit
    double precision, intent(in) :: source(3, ns), spacing(3, ns), points(3, nc), fiber(3, nc)
    double precision, intent(in) :: voxel_size(3), voxel_origin(3), volume(nc)
-   double precision, intent(in) :: fraction(nf, nc)
+   double precision, intent(in) :: fraction(nf, nc), activation(nc)
    double precision, intent(in) :: normal(3, nb), area(nb)
    integer, intent(in) :: voxel(3, nc), label(nc), fraction_label(nf)
    integer, intent(in) :: boundary_point(nb), boundary_set(nb)
@@ -42,6 +43,7 @@ subroutine scene_open(path, text, nover, overrides, ns, nc, nb, nset, nf, source
       model%fraction_label = fraction_label
    end if
    model%fiber = fiber
+   if (all(activation >= 0)) model%activation = activation
    model%boundary_point = boundary_point + 1
    model%boundary_set = boundary_set + 1
    model%normal = normal

@@ -110,6 +110,19 @@ subroutine explain_load(scene)
             & //trim(merge(', smooth', '        ', amplitude(k)%smooth))
       end do
    end associate
+   do k = 1, size(scene%tissue)
+      associate (level => scene%tissue(k)%level)
+         if (level%given()) then
+            print '(a)', '  activation    '//scene%tissue(k)%name//': a part '//level%text &
+               & //' of it at each place'
+         else if (allocated(scene%cloud%activation) .and. scene%tissue(k)%material%fibered) then
+            print '(a)', '  activation    '//scene%tissue(k)%name//': a part of it at each ' &
+               & //'point of the model, mean ' &
+               & //to_text(sum(scene%cloud%activation*scene%cloud%volume, &
+               & mask=scene%tissue_of == k)/sum(scene%cloud%volume, mask=scene%tissue_of == k), 3)
+         end if
+      end associate
+   end do
    if (.not. scene%has_own_activations()) return
    do k = 1, size(scene%tissue)
       if (scene%tissue(k)%material%fibered) print '(a)', '  activation    ' &

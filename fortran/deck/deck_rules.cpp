@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <set>
 
 namespace rk {
 
@@ -99,6 +100,18 @@ static void check_boundary(Deck &deck, const std::string &kind, int dimension) {
          deck.complain(radial->origin, deck.address(*section, "radial"),
                        "cannot be given beside u_x or u_y");
       check_rotation(deck, *section, dimension);
+      const Value *amplitude = section->find("amplitude");
+      const bool stiff = section->find("spring") || section->find("tendon");
+      const bool driven = std::any_of(
+         section->values.begin(), section->values.end(), [](const auto &entry) {
+            static const std::set<std::string> still = {"set", "amplitude", "spring", "tendon",
+                                                        "direction", "axis", "about"};
+            return still.count(entry.first) == 0;
+         });
+      if (amplitude && stiff && !driven)
+         deck.complain(amplitude->origin, deck.address(*section, "amplitude"),
+                       "nothing here follows it: a spring or a tendon is as stiff at all times; its "
+                       "other end moves by a traction beside the spring, or by the pull of the tendon");
       check_tendon(deck, *section);
       for (const char *key : {"pressure", "spring", "tendon"}) {
          if (deck.single("linear") && section->find(key))

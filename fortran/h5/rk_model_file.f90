@@ -110,6 +110,10 @@ subroutine read_parts(cloud, file, column, path, error)
          call file%read("fraction_label", cloud%fraction_label, error)
          if (allocated(error)) return
       end if
+      if (file%has("activation")) then
+         call file%read("activation", cloud%activation, error)
+         if (allocated(error)) return
+      end if
       call read_voxels(cloud%voxels, file, path, error)
    else
       call recover_voxels(cloud, file, error)
@@ -236,6 +240,15 @@ subroutine check_model(cloud, column, path, error)
    call check_range("boundary_point", cloud%boundary_point, np)
    call check_range("boundary_set", cloud%boundary_set, size(cloud%set_names))
    if (np == 0) call complain("it has no collocation points")
+   if (allocated(cloud%activation)) then
+      if (size(cloud%activation) /= np) then
+         call complain("'activation' has "//to_text(size(cloud%activation))//" entries, but "// &
+            to_text(np)//" are needed")
+      else if (.not. all(cloud%activation >= 0.0_wp .and. cloud%activation <= 1.0_wp)) then
+         call complain("'activation' must be between 0 and 1, but entry "//to_text(first_bad( &
+            .not. (cloud%activation >= 0.0_wp .and. cloud%activation <= 1.0_wp)))//" is not")
+      end if
+   end if
    if (allocated(cloud%fraction)) then
       if (any(shape(cloud%fraction) /= [size(cloud%fraction_label), np])) &
          call complain("'fraction' has shape ("//to_text(size(cloud%fraction, 2))//", "// &

@@ -24,6 +24,7 @@ module rk_mixture
    use rk_error, only : error_type
    use rk_fiber_gradient, only : fiber_divergence, fiber_divergence_curvature, fiber_gradients
    use rk_fractions, only : fibered_points, fractions, has_fibers, own_parts, shares
+   use rk_levels, only : find_level, has_levels
    use rk_kernel, only : kernel_quintic, window_product
    use rk_material, only : kind_i4
    use rk_precision, only : wp
@@ -52,6 +53,9 @@ module rk_mixture
       !> Its derivatives N_k,A, shape (3, nd, entries) [1/length]; not allocated where the fibers of
       !> each tissue are parallel
       real(wp), allocatable :: fiber_gradient(:, :, :)
+      !> Part of its muscle's activation that each entry has, shape (entries); not allocated where
+      !> all have all of it [-]
+      real(wp), allocatable :: level(:)
    contains
       !> Tissues with their fractions and fibers
       procedure :: parts
@@ -136,12 +140,16 @@ subroutine new_mixture(self, scene, position, nearest, error)
                self%fiber(:, n) = scene%cloud%fiber(:, at)
                if (allocated(fiber_gradient)) &
                   & self%fiber_gradient(:, :, n) = fiber_gradient(:, :, at)
+               if (allocated(self%level)) call find_level(scene, k, at, position(:, ip), &
+                  & self%level(n), error)
+               if (allocated(error)) return
             end associate
          end do
          self%first(ip + 1) = n
       end do
       if (round == 1) allocate (self%tissue(n), self%fraction(n), self%slope(3, n), &
          & self%fiber(3, n))
+      if (round == 1 .and. has_levels(scene)) allocate (self%level(n), source=1.0_wp)
       if (round == 1 .and. allocated(fiber_gradient)) &
          & allocate (self%fiber_gradient(3, size(fiber_gradient, 2), n))
    end do
@@ -179,6 +187,7 @@ pure real(wp) function activation_of(self, e, load)
    activation_of = 0.0_wp
    if (self%scene%tissue(self%tissue(e))%material%active(kind_i4)) &
       & activation_of = self%scene%activation_at(self%tissue(e), load)
+   if (allocated(self%level)) activation_of = self%level(e)*activation_of
 end function activation_of
 
 !> Bulk modulus at a place [stress]

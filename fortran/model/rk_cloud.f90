@@ -60,6 +60,9 @@ module rk_cloud
       integer, allocatable :: fraction_label(:)
       !> Fiber direction, unit vectors or zeros, shape (3, nc)
       real(wp), allocatable :: fiber(:, :)
+      !> Activation of the fibers of each point, of that of their muscle, from 0 to 1, shape (nc);
+      !> not allocated where it is 1 everywhere [-]
+      real(wp), allocatable :: activation(:)
       !> Collocation point of each boundary entry, shape (nb)
       integer, allocatable :: boundary_point(:)
       !> Set of each boundary entry, shape (nb)

@@ -102,6 +102,7 @@ subroutine merge_points(cloud, coarse, block)
    type(cloud_type), intent(inout) :: coarse
    !> Block of each point, shape (nc)
    integer, intent(in) :: block(:)
+   real(wp), allocatable :: fibered(:)
    integer :: ip, k, f
 
    k = size(coarse%voxels%index, 2)
@@ -128,6 +129,18 @@ subroutine merge_points(cloud, coarse, block)
             & dot_product(coarse%fiber(:, b), cloud%fiber(:, ip)))*cloud%fiber(:, ip)
       end associate
    end do
+   if (allocated(cloud%activation)) then
+      ! only fibers have an activation
+      allocate (coarse%activation(k), fibered(k), source=0.0_wp)
+      do ip = 1, size(block)
+         associate (b => block(ip), v => merge(cloud%volume(ip), 0.0_wp, &
+            & any(abs(cloud%fiber(:, ip)) > 0.0_wp)))
+            coarse%activation(b) = coarse%activation(b) + v*cloud%activation(ip)
+            fibered(b) = fibered(b) + v
+         end associate
+      end do
+      where (fibered > 0.0_wp) coarse%activation = min(1.0_wp, coarse%activation/fibered)
+   end if
    allocate (coarse%label(k))
    do f = 1, k
       coarse%points(:, f) = coarse%voxels%centre(f)

@@ -27,6 +27,8 @@ module rk_scene
       real(wp) :: activation = 0.0_wp
       !> Amplitude of the activation, 0 for the ramp
       integer :: amplitude = 0
+      !> Part of it that each place has, in place of the points' own [-]
+      type(expression_type) :: level
    end type tissue_type
 
    !> What is prescribed on a boundary set where its amplitude is 1

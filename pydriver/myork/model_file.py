@@ -57,6 +57,8 @@ def write_model(path: Path, cloud: PointCloud) -> None:
     if cloud.fraction is not None:
         arrays["fraction"] = cloud.fraction
         arrays["fraction_label"] = np.array(sorted(cloud.label_names), np.int32)
+    if cloud.activation is not None:
+        arrays["activation"] = cloud.activation
     # HDF5 does not survive a full disk: it makes the file in memory
     content = io.BytesIO()
     with h5py.File(content, "w") as file:
@@ -94,6 +96,7 @@ def read_model(path: Path) -> PointCloud:
                 source_images=_text(file.attrs["source_images"]),
                 voxels=_voxels(file) if stamp == FORMAT else _recovered(file, arrays),
                 fraction=_numbers(file, "fraction") if "fraction" in file else None,
+                activation=_numbers(file, "activation") if "activation" in file else None,
             )
     except (OSError, KeyError, ValueError, TypeError, IndexError, RuntimeError) as reason:
         # what h5py raises on damaged files is any of these
@@ -104,6 +107,14 @@ def read_model(path: Path) -> PointCloud:
     if cloud.fraction is not None and cloud.fraction.shape != wanted:
         raise InputError(
             f"{path}: 'fraction' has shape {cloud.fraction.shape}, but {wanted} is needed; "
+            "run `myork build` again"
+        )
+    if cloud.activation is not None and (
+        cloud.activation.shape != (len(cloud.points),)
+        or not ((cloud.activation >= 0) & (cloud.activation <= 1)).all()
+    ):
+        raise InputError(
+            f"{path}: 'activation' must hold {len(cloud.points)} numbers from 0 to 1; "
             "run `myork build` again"
         )
     for name, index, count in (

@@ -138,6 +138,9 @@ class PointCloud:
     fraction : NDArray, optional
         Part of each point's volume that each label of `label_names` fills, in ascending order of
         the labels, shape `(npoint, nlabel)` [-]; None where each point holds one label.
+    activation : NDArray, optional
+        Part of its muscle's activation that each point has, from 0 to 1, shape `(npoint,)` [-];
+        None where all have all of it.
     """
 
     source: F64
@@ -156,6 +159,7 @@ class PointCloud:
     source_images: str
     voxels: Voxels | None = None
     fraction: F64 | None = None
+    activation: F64 | None = None
 
     def label_volumes(self) -> dict[int, float]:
         """Volume of each label [length^3]."""

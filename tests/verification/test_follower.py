@@ -301,3 +301,35 @@ def test_loads_of_an_open_scene():
         for pressure in (0.5, -0.8):
             scene.update({"boundary.z1.pressure": pressure})
             assert solved(scene)["stress"] == pytest.approx(-pressure, rel=1e-3)
+
+
+def test_a_spring_is_as_stiff_whatever_its_amplitude() -> None:
+    """What pulls beside it follows the amplitude: the end is that of the ramp, the way is not."""
+    found = []
+    for more in ({}, {"amplitude": "early"}):
+        tables = {
+            **BLOCK,
+            "boundary": [
+                *BLOCK["boundary"][:3],
+                {"set": "z1", "spring": [0, 0, 3.0], "traction": [0, 0, 0.5], **more},
+            ],
+            "amplitude": [{"name": "early", "time": [0, 0.5, 1], "value": [0, 1, 1]}],
+            "load": {"steps": 2},
+        }
+        with Scene.from_tables(tables, threads=1) as scene:
+            states = scene.solve(error=False)
+            found.append(scene.probes(states.x, states.load)[:, 0, 0])
+    ramp, early = found
+    assert early[-1] == pytest.approx(ramp[-1], rel=1e-6)
+    assert early[0] == pytest.approx(early[-1], rel=1e-6)
+    assert abs(ramp[0]) < 0.7 * abs(ramp[-1])
+
+
+def test_an_amplitude_that_nothing_follows() -> None:
+    tables = {
+        **BLOCK,
+        "boundary": [*BLOCK["boundary"][:3], {"set": "z1", "amplitude": "a", "spring": [1, 1, 1]}],
+        "amplitude": [{"name": "a", "time": [0, 1], "value": [0, 1]}],
+    }
+    with pytest.raises(InputError, match="nothing here follows it: a spring or a tendon"):
+        Scene.from_tables(tables)

@@ -99,6 +99,11 @@ def check_cloud(deck: Mapping[str, Any], cloud: PointCloud) -> None:
             f"cloud: voxels must have an index of shape ({nc}, 3), a positive size and an origin "
             "of shape (3,)"
         )
+    if cloud.activation is not None and (
+        np.shape(cloud.activation) != (nc,)
+        or not np.all((np.asarray(cloud.activation) >= 0) & (np.asarray(cloud.activation) <= 1))
+    ):
+        raise errors.InputError(f"cloud: activation must have shape ({nc},) and lie in 0 to 1")
     if np.shape(cloud.spacing) not in ((3,), (ns, 3)):
         raise errors.InputError(
             f"cloud: spacing must have shape (3,) or ({ns}, 3), not {np.shape(cloud.spacing)}"

@@ -187,6 +187,7 @@ class Scene:
             fraction.T,
             sorted(cloud.label_names) if cloud.fraction is not None else [0],
             cloud.fiber.T,
+            -np.ones(len(cloud.points)) if cloud.activation is None else cloud.activation,
             cloud.boundary_point,
             cloud.boundary_set,
             cloud.normal.T,

@@ -23,7 +23,7 @@ from myork.imaging.diffusion import full_tensors, tensor_components
 from myork.imaging.geometry import frame
 from myork.records import Image, Labels
 
-__all__ = ["FiberField", "fiber_field", "fibers_at_points", "lead_vector"]
+__all__ = ["activation_at_points", "FiberField", "fiber_field", "fibers_at_points", "lead_vector"]
 
 F64 = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -179,6 +179,48 @@ def fibers_at_points(
         ]
         result[here] = lead_vector(np.stack(components, axis=-1))
     return result @ frame(fibers.affine)
+
+
+def activation_at_points(
+    image: Image, labels: Labels, place: F64, label: NDArray[np.int32], block: Sequence[int]
+) -> F64:
+    """Part of their muscle's activation that points have.
+
+    Parameters
+    ----------
+    image : Image
+        Parts from 0 to 1 on the grid of `labels`, shape `(ni, nj, nk)`.
+    labels : Labels
+        Labels; only voxels of a point's own label count for it.
+    place : NDArray
+        Voxel indices of the points, whole or between voxels, shape `(npoint, 3)`.
+    label : NDArray
+        Labels of the points, shape `(npoint,)`.
+    block : sequence
+        Voxels per point in each direction: the scale of the average.
+
+    Returns
+    -------
+    NDArray
+        Shape `(npoint,)` [-].
+    """
+    bad = np.argwhere((labels.data > 0) & ~((image.data >= 0) & (image.data <= 1)))
+    if len(bad):
+        raise InputError(
+            f"{image.name}: activation must lie between 0 and 1, but is "
+            f"{image.data[tuple(bad[0])]:g} at voxel {tuple(bad[0].tolist())}"
+        )
+    result = np.zeros(len(place))
+    for number in np.unique(label):
+        usable = labels.data == number
+        here = label == number
+        values = np.where(usable, image.data, 0.0)[..., np.newaxis]
+        sums, weight = _gathered(values, usable, 0.5 * np.array(block, float))
+        at = place[here].T
+        near = ndimage.map_coordinates(weight, at, order=1, mode="nearest")
+        found = ndimage.map_coordinates(sums[..., 0], at, order=1, mode="nearest")
+        result[here] = np.clip(found / np.maximum(near, LEAST_WEIGHT), 0.0, 1.0)
+    return result
 
 
 def _gathered(components: F64, usable: Mask, sigma: F64) -> tuple[F64, F64]:

@@ -109,6 +109,12 @@ def train(
     for key in ("rotation", "pressure", "spring", "tendon"):
         if any(key in entry for entry in values.get("boundary", [])):
             raise InputError(f"{deck}: boundary.{key}: a reduced model does not know it")
+    for entry in values.get("material", []):
+        if "activation_field" in entry:
+            raise InputError(
+                f"{deck}: material.{entry['name']}.activation_field: a reduced model does not know "
+                "it: its cells have the activation of their muscle"
+            )
     named = {entry["name"] for entry in values.get("set", [])}
     for probe in values.get("probe", []):
         if probe.get("set") in named:
@@ -131,6 +137,8 @@ def train(
         raise InputError(f"at least 4 full solves are needed, not {full_solves}")
     path = model_path(values, deck.parent, None if out is None else Path(out))
     cloud = None if path is None else read_model(path)
+    if cloud is not None and cloud.activation is not None:
+        raise InputError(f"{path}: activation: a reduced model does not know activations of points")
     full = FullModel(deck.read_text(encoding="utf-8"), overrides, cloud, threads)
     with ExitStack() as opened:
         scene = opened.enter_context(full.open())

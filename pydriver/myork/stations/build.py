@@ -16,7 +16,7 @@ from myork.errors import FileError, InputError
 from myork.imaging.geometry import canonical, check_same_grid, frame, length_factor, to_voxels
 from myork.imaging.io import read_image, read_labels
 from myork.model import points
-from myork.model.fibers import fibers_at_points
+from myork.model.fibers import activation_at_points, fibers_at_points
 from myork.model.mesh import read_tracts, tract_fibers, voxelise
 from myork.model.shares import label_shares
 from myork.model.surface import end_offsets, surface_offsets
@@ -64,12 +64,17 @@ def build(
     table = values["build"]
     with renewing(out, "model"):
         labels, fibers, paths = _inputs(values, table, Path(values["folder"]), out)
+        activation = None
+        if "activation" in table:
+            paths.append(Path(values["folder"]) / table["activation"])
+            activation = read_image(paths[-1])
+            check_same_grid(activation, labels)
         progress(f"points from {', '.join(path.name for path in paths)}")
         source_images = "\n".join(
             f"{path.name} {hashlib.sha256(path.read_bytes()).hexdigest()}" for path in paths
         )
         cloud, warnings = build_cloud(
-            labels, fibers, table, values["units"]["length"], source_images
+            labels, fibers, table, values["units"]["length"], source_images, activation
         )
         write_model(out / "model.h5", cloud)
         summary = _summary(values, cloud, warnings)
@@ -121,6 +126,7 @@ def build_cloud(
     table: Mapping[str, Any],
     unit: str,
     source_images: str = "",
+    activation: Image | None = None,
 ) -> tuple[PointCloud, list[str]]:
     """Make the points of a model from labels and fibers.
 
@@ -136,6 +142,8 @@ def build_cloud(
         Unit of length of the model.
     source_images : str
         Names and check sums of the files behind the arguments.
+    activation : Image, optional
+        Part of its muscle's activation that each voxel has, on the same grid.
 
     Returns
     -------
@@ -176,9 +184,9 @@ def build_cloud(
     place += end_offsets(body, coarse.spacing, voxels)
 
     fiber = np.zeros((len(voxels), 3))
+    world = voxels @ coarse.affine[:3, :3].T + coarse.affine[:3, 3]
+    at = to_voxels(whole.affine, world)
     if fibers is not None:
-        world = voxels @ coarse.affine[:3, :3].T + coarse.affine[:3, 3]
-        at = to_voxels(whole.affine, world)
         fiber = fibers_at_points(canonical(fibers), whole, at, label, block)
 
     warnings += _doubts(coarse, boundary, step)
@@ -203,6 +211,9 @@ def build_cloud(
         source_images=source_images,
         voxels=Voxels(voxels.astype(np.int32), size, origin * factor),
         fraction=None if (fraction.max(axis=1) == 1.0).all() else fraction,
+        activation=None
+        if activation is None
+        else activation_at_points(canonical(activation), whole, at, label, block),
     )
     return cloud, warnings
 

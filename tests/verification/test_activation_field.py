@@ -1,0 +1,197 @@
+"""Activation as a field: each place has a part of its muscle's activation."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from myork import Scene
+from myork.core.deck import table_defaults
+from myork.errors import InputError
+from myork.imaging.geometry import canonical
+from myork.model_file import read_model, write_model
+from myork.records import Image, Labels, PointCloud
+from myork.stations.build import build_cloud
+
+MUSCLE = {
+    "name": "muscle",
+    "model": "muscle",
+    "A10": 1.0,
+    "K": 200,
+    "sigma_max": 30,
+    "fiber": [0, 0, 1],
+}
+#: Held at both ends, across them free to widen
+HELD = [
+    {"set": "z0", "u_x": 0, "u_y": 0, "u_z": 0},
+    {"set": "z1", "u_x": 0, "u_y": 0, "u_z": 0},
+]
+PULL = [{"name": "pull", "quantity": "force_z", "set": "z1"}]
+
+
+def block(
+    material: list[dict[str, Any]], method: str = "rkpm-gauss", **more: Any
+) -> dict[str, Any]:
+    return {
+        "scene": {"dimension": 3, "method": method},
+        "geometry": {
+            "kind": "box",
+            "size": [1, 1, 2],
+            "source": [5, 5, 5],
+            "collocation": [5, 5, 5],
+        },
+        "material": material,
+        "boundary": HELD,
+        "probe": PULL,
+        **more,
+    }
+
+
+def unknowns(tables: dict[str, Any], cloud: PointCloud | None = None) -> NDArray[np.float64]:
+    with Scene.from_tables(tables, cloud) as scene:
+        return np.asarray(scene.solve(error=False).x)
+
+
+@pytest.mark.parametrize("method", ["rkpm-gauss", "rkpm-scni"])
+def test_a_constant_field_is_a_number(method: str) -> None:
+    """To the last bit: a half of 1 and all of a half."""
+    field = block([MUSCLE | {"activation": 1, "activation_field": "0.3"}], method)
+    number = block([MUSCLE | {"activation": 0.3}], method)
+    assert np.array_equal(unknowns(field), unknowns(number))
+
+
+def test_halves_that_are_active_are_two_muscles() -> None:
+    """A step of the field on a lattice plane against two materials with numbers of their own.
+
+    Moduli are the same, so that mixing at the border mixes activations only.
+    """
+    step = block([MUSCLE | {"activation": 0.4, "activation_field": "x < 0.5"}])
+    parts = block(
+        [
+            MUSCLE | {"activation": 0.0},
+            MUSCLE | {"name": "active", "activation": 0.4, "where": "x < 0.5"},
+        ]
+    )
+    found = []
+    for tables in (step, parts):
+        with Scene.from_tables(tables) as scene:
+            states = scene.solve()
+            assert states.verdict != "refused"
+            found.append(scene.probes(states.x, states.load)[-1, 0, 0])
+            stress = scene.fields(states.x[-1], 1.0).cauchy[:, 2]
+            x = scene.points()[:, 0]
+            assert stress[x < 0.3].mean() > 5 * abs(stress[x > 0.7].mean())
+    # the two muscles reach into each other by a source spacing, evenly
+    assert found[0] == pytest.approx(found[1], rel=0.03)
+
+
+def test_isometric_stress_of_a_field_along_the_muscle() -> None:
+    """All sections carry one force: it lies between that of the least and of the most active."""
+    table = [{"name": "rise", "x": [0, 2], "value": [0.2, 1]}]
+    graded = MUSCLE | {"activation": 0.5, "activation_field": "rise(z)"}
+    forces = []
+    for material in (MUSCLE | {"activation": 0.1}, graded, MUSCLE | {"activation": 0.5}):
+        with Scene.from_tables(block([material], table=table)) as scene:
+            states = scene.solve(error=False)
+            forces.append(scene.probes(states.x, states.load)[-1, 0, 0])
+    assert forces[0] < forces[1] < forces[2]
+
+
+def voxels(shape: tuple[int, int, int] = (8, 8, 12)) -> Labels:
+    return Labels(np.ones(shape, np.int32), np.diag([1.25, 1.25, 1.25, 1.0]))
+
+
+def model_tables(**material: Any) -> dict[str, Any]:
+    ends = [{**HELD[0], "set": "bottom"}, {**HELD[1], "set": "top"}]
+    return {
+        "scene": {"dimension": 3},
+        "material": [MUSCLE | material],
+        "boundary": ends,
+        "probe": [{"name": "pull", "quantity": "force_z", "set": "top"}],
+    }
+
+
+def test_points_of_a_model_have_activations(tmp_path: Path) -> None:
+    """From an image over the model file to the solve; a constant one keeps the bits of a number."""
+    labels = voxels()
+    plain = build_cloud(labels, None, table_defaults("build"), "cm")[0]
+    number = unknowns(model_tables(activation=0.3), plain)
+    constant = replace(plain, activation=np.full(len(plain.points), 0.3))
+    assert np.array_equal(unknowns(model_tables(activation=1.0), constant), number)
+
+    half = np.zeros(labels.data.shape)
+    half[:4] = 0.3
+    image = Image(half, labels.affine)
+    cloud = build_cloud(labels, None, table_defaults("build"), "cm", "", image)[0]
+    assert cloud.activation is not None
+    centre = cloud.points[:, 0].mean()
+    assert cloud.activation[cloud.points[:, 0] < centre].mean() > 0.25
+    assert cloud.activation[cloud.points[:, 0] > centre].mean() < 0.05
+    write_model(tmp_path / "model.h5", cloud)
+    again = read_model(tmp_path / "model.h5")
+    assert np.array_equal(again.activation, cloud.activation)
+    with Scene.from_tables(model_tables(activation=1.0), again) as scene:
+        states = scene.solve()
+        pull = scene.probes(states.x, states.load)[-1, 0, 0]
+        # a coarser cloud, whose blocks have the mean of theirs, gives it an error bar
+        assert np.isfinite(states.probe_errors[-1, 0, 0])
+    with Scene.from_tables(model_tables(activation=0.3), plain) as scene:
+        states = scene.solve(error=False)
+        whole = scene.probes(states.x, states.load)[-1, 0, 0]
+    assert pull == pytest.approx(0.5 * whole, rel=0.1)
+    # an expression of the deck stands in the place of the points' own
+    field = model_tables(activation=1.0, activation_field="0.3")
+    assert np.array_equal(unknowns(field, again), number)
+
+
+def test_images_on_turned_grids_are_turned() -> None:
+    labels = voxels()
+    half = np.zeros(labels.data.shape)
+    half[:4] = 1.0
+    turned = canonical(Labels(labels.data[::-1].copy(), labels.affine))
+    image = Image(half[::-1].copy(), turned.affine)
+    cloud = build_cloud(turned, None, table_defaults("build"), "cm", "", image)[0]
+    assert cloud.activation is not None
+    assert cloud.activation[cloud.points[:, 0] > cloud.points[:, 0].mean()].mean() > 0.8
+
+
+@pytest.mark.parametrize(
+    ("tables", "what"),
+    [
+        (
+            block([MUSCLE | {"activation": 1, "activation_field": "1.5*x"}]),
+            "must be between 0 and 1",
+        ),
+        (block([MUSCLE | {"activation_field": "1/x"}]), "is not finite"),
+        (block([MUSCLE | {"activation_field": "x +"}]), "is no expression"),
+        (
+            block([MUSCLE | {"activation_field": "x"}], "rkcm"),
+            "activation_field: only for scene.method = rkpm",
+        ),
+    ],
+)
+def test_fields_that_cannot_be(tables: dict[str, Any], what: str) -> None:
+    with pytest.raises(InputError, match=what.replace("(", r"\(")) as caught:
+        tables["geometry"]["source"] = tables["geometry"]["collocation"] = [5, 5, 5]
+        with Scene.from_tables(tables) as scene:
+            scene.solve(error=False)
+    assert "activation_field" in str(caught.value)
+
+
+def test_activations_of_points_that_cannot_be() -> None:
+    plain = build_cloud(voxels(), None, table_defaults("build"), "cm")[0]
+    for values in (np.full(3, 0.5), np.full(len(plain.points), 1.5)):
+        with pytest.raises(InputError, match="activation must have shape"):
+            Scene.from_tables(model_tables(), replace(plain, activation=values))
+    half = replace(plain, activation=np.full(len(plain.points), 0.5))
+    for method in ("rkcm", "rkcm-mixed"):
+        with pytest.raises(InputError, match="whose slopes collocation does not know"):
+            tables = model_tables(activation=1.0)
+            Scene.from_tables(tables | {"scene": {"dimension": 3, "method": method}}, half)
+    with pytest.raises(InputError, match=r"activation must lie between 0 and 1, but is 2"):
+        labels = voxels()
+        image = Image(np.full(labels.data.shape, 2.0), labels.affine)
+        build_cloud(labels, None, table_defaults("build"), "cm", "", image)
