@@ -2,8 +2,10 @@
 # Sets MyoRK up on Debian 12 or Ubuntu 24.04 with nothing but python3 (root or sudo), then runs it.
 #
 #    sh setup.sh demo      from images to a muscle force, its reduced model and a report
-#    sh setup.sh test      all tests
+#    sh setup.sh test      all tests, with what they need
 #    sh setup.sh           the set-up only
+#    sh setup.sh develop   the set-up only, with what tests, checks and the site need
+#    sh setup.sh --help    these lines
 #
 # Further arguments go to the command: sh setup.sh test -k shape. What is there is used again;
 # the package is installed anew when a source is newer than the last installation.
@@ -15,6 +17,7 @@ packages="gcc g++ gfortran pkg-config python3-dev python3-venv ca-certificates
 sources="meson.build meson_options.txt pyproject.toml fortran pydriver inputs"
 stamp=.venv/installed # the list of the sources of the installation, newer than all of them
 home=.venv/checkout   # the folder that the scripts of .venv point to
+tools=.venv/tools     # exists where the needs of tests are installed
 
 say() { echo "setup: $*" >&2; }
 fail() { say "$*"; exit 3; }
@@ -25,7 +28,8 @@ list_sources() {
 }
 
 is_current() {
-   has_venv && [ -f "$stamp" ] && [ "$(list_sources)" = "$(cat "$stamp")" ] &&
+   has_venv && [ -f "$stamp" ] && { [ -z "$tests" ] || [ -f "$tools" ]; } &&
+      [ "$(list_sources)" = "$(cat "$stamp")" ] &&
       [ -z "$(list_sources -newer "$stamp")" ]
 }
 
@@ -95,17 +99,39 @@ install_myork() {
       "$python" -m venv .venv
       echo "$PWD" >"$home"
    fi
-   say "building with $(.venv/bin/python --version) in .venv (about a minute)"
+   if [ -f "$tools" ]; then tests=yes; fi
+   say "building with $(.venv/bin/python --version) in .venv (one to three minutes)"
    list_sources >"$stamp.new" # before the build: a source saved meanwhile is newer
-   .venv/bin/python -m pip install -q --disable-pip-version-check '.[test]' </dev/null ||
+   tick &
+   ticker=$!
+   trap 'kill "$ticker" 2>/dev/null' EXIT
+   .venv/bin/python -m pip install -q --disable-pip-version-check ".${tests:+[test]}" </dev/null ||
       fail "the build failed, see above"
+   kill "$ticker" 2>/dev/null
+   trap - EXIT
    mv "$stamp.new" "$stamp"
+   if [ -n "$tests" ]; then touch "$tools"; fi
 }
 
+# A line every twenty seconds while pip is silent
+tick() {
+   spent=0
+   while sleep 20 </dev/null >/dev/null 2>&1; do
+      spent=$((spent + 20))
+      say "still building, $spent s"
+   done
+}
+
+tests=
 case ${1-} in
-demo | test | '') ;;
+demo | '') ;;
+test | develop) tests=yes ;;
+-h | --help)
+   sed -n '2,/^set /{s/^# \{0,1\}//p;}' setup.sh
+   exit
+   ;;
 *)
-   echo "usage: sh setup.sh [demo | test]" >&2
+   echo "usage: sh setup.sh [demo | test | develop | --help]" >&2
    exit 2
    ;;
 esac
@@ -122,5 +148,5 @@ test)
    has_browser || install_packages chromium
    exec .venv/bin/python -m pytest "$@"
    ;;
-'') say "ready: .venv/bin/myork, .venv/bin/myork-solve" ;;
+*) say "ready: .venv/bin/myork, .venv/bin/myork-solve" ;;
 esac

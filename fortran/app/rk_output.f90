@@ -1,5 +1,6 @@
 !> Receives what happens in a solve: progress lines, history.csv, run.log and results.vtkhdf.
 module rk_output
+   use, intrinsic :: ieee_arithmetic, only : ieee_is_nan
    use rk_clock, only : tick
    use rk_deck, only : deck_type
    use rk_deck_scene, only : approximation_text
@@ -357,7 +358,7 @@ subroutine tell_verdict(self, verdict)
             if (self%problem%fields == 1) n = 1
             if (n == 3) n = self%problem%scene%cloud%nd
             line = '  '//probe%name//' '//numbers(bars%value(:n, i), 6)
-            if (bars%change(i) >= 0.0_wp) line = line//' +- '//numbers(bars%bar(:n, i), 2)
+            if (.not. ieee_is_nan(bars%change(i))) line = line//' +- '//numbers(bars%bar(:n, i), 2)
             line = line//' '//unit_of(self%problem%scene, i)
             if (bars%unresolved(i)) line = trim(line)//'  not resolved'
             call self%say(trim(line), level=0)

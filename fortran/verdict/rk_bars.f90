@@ -107,8 +107,8 @@ subroutine new_bars(self, problem, load, x, error)
    allocate (self%size(n), self%kind(n), self%open(n), source=0.0_wp)
    allocate (self%factor(n), source=1.0_wp)
    self%bar = ieee_value(1.0_wp, ieee_quiet_nan)
-   self%bars = self%bar(1, 1)
-   self%change = self%bar(1, :)
+   self%bars = ieee_value(1.0_wp, ieee_quiet_nan)
+   self%change = ieee_value(1.0_wp, ieee_quiet_nan)
    self%at_surface = .false.
    call new_probes(probes, problem%scene, error)
    if (allocated(error)) return
@@ -358,7 +358,8 @@ pure logical function unresolved(self, i)
    !> Probe
    integer, intent(in) :: i
 
-   unresolved = any(self%bar(:, i) > 0.1_wp*self%size(i))
+   unresolved = .false.
+   if (.not. ieee_is_nan(self%change(i))) unresolved = any(self%bar(:, i) > 0.1_wp*self%size(i))
 end function unresolved
 
 !> Whether a place is on the surface

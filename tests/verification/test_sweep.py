@@ -124,6 +124,16 @@ def test_table(deck: Path, tmp_path: Path) -> None:
     assert table["material.rubber.mu"].to_pylist() == [5, 5, 10, 10, 20, 20]
 
 
+def test_csv_without_pyarrow(deck: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Parquet is one of the optional packages: the table is written, and the lack told."""
+    monkeypatch.setattr("myork.sweeps.store.find_spec", lambda name: None)
+    said: list[str] = []
+    table = sweep(deck, ["boundary.x1.u_x=0.1"], tmp_path / "out", progress=said.append)
+    assert len(rows_of(table.parent)) == 1
+    assert not (table.parent / "sweep.parquet").exists()
+    assert "pip install 'myork[parquet]'" in said[-1]
+
+
 def test_resumed_after_a_kill(deck: Path, tmp_path: Path) -> None:
     """A killed sweep loses no finished point; the table is that of a whole one."""
     out, whole = tmp_path / "out", tmp_path / "whole"

@@ -22,7 +22,7 @@ from myork.files import claimed
 from myork.rom.model import ReducedModel
 from myork.sweeps.plan import Plan, make_plan
 from myork.sweeps.point import solve_point
-from myork.sweeps.store import Store
+from myork.sweeps.store import Store, has_parquet
 
 __all__ = ["sweep"]
 
@@ -128,6 +128,8 @@ def sweep(
     for row in store.rows.values():
         counts[row["verdict"]] = counts.get(row["verdict"], 0) + 1
     progress(", ".join(f"{count} {verdict}" for verdict, count in sorted(counts.items())))
+    if not has_parquet():
+        progress("no sweep.parquet without pyarrow: pip install 'myork[parquet]'")
     return table
 
 

@@ -8,13 +8,14 @@ import json
 import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from myork.errors import InputError, InstallationError
+from myork.errors import InputError
 from myork.files import whole_file, write_text
 
-__all__ = ["Store"]
+__all__ = ["Store", "has_parquet"]
 
 
 class Store:
@@ -64,7 +65,7 @@ class Store:
     def write_table(
         self, keys: Sequence[str], points: Sequence[tuple[Any, ...]], units: Mapping[str, str]
     ) -> Path:
-        """Write `sweep.csv` and `sweep.parquet` with what is finished."""
+        """Write `sweep.csv`, and with pyarrow `sweep.parquet`, of what is finished."""
         rows = [self.rows[number] for number in sorted(self.rows)]
         probes = _ordered(name for row in rows for name in row["probes"])
         bars = [name for name in probes if any(name in row["errors"] for row in rows)]
@@ -86,19 +87,21 @@ class Store:
         return self._folder / "sweep.csv"
 
 
+def has_parquet() -> bool:
+    """Whether tables are written as Parquet as well."""
+    return find_spec("pyarrow") is not None
+
+
 def _ordered(names: Iterable[str]) -> list[str]:
     return list(dict.fromkeys(names))
 
 
 def _write_parquet(path: Path, columns: Mapping[str, list[Any]], units: Mapping[str, str]) -> None:
-    try:
-        import pyarrow
-        from pyarrow import parquet
-    except ImportError as reason:
-        raise InstallationError(
-            f"sweep.parquet needs pyarrow, which does not load ({reason}); pip install pyarrow. "
-            "The table is in sweep.csv"
-        ) from None
+    if not has_parquet():
+        return
+    import pyarrow
+    from pyarrow import parquet
+
     plain = {}
     for name, values in columns.items():
         mixed = len({isinstance(value, str) for value in values}) > 1
