@@ -43,6 +43,7 @@ BENCHES = (
     "newcomer",
     "certify",
     "rom",
+    "essential",
 )
 
 
