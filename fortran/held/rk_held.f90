@@ -134,7 +134,7 @@ subroutine find_places(self, cloud, cells, surface, error)
    integer, allocatable :: node(:)
    integer :: d, is, k, s, side
 
-   x = cloud%source
+   allocate (x, source=cloud%source)
    allocate (on(cloud%sides(), size(x, 2)), source=.false.)
    if (allocated(cells%within)) &
       & allocate (member(size(cloud%set_names), cloud%sides(), size(x, 2)), source=.false.)
