@@ -292,7 +292,7 @@ def test_other_forms_refuse_them(key):
         entry["direction"] = [0, 0, 1]
     tables = {**BLOCK, "scene": {"dimension": 3, "method": "rkcm"}}
     tables["boundary"] = [*BLOCK["boundary"][:3], {"set": "z1", **entry}]
-    with pytest.raises(InputError, match=rf"boundary.z1.{key}: only for scene.method = rkcm-subdomain"):
+    with pytest.raises(InputError, match=rf"boundary.z1.{key}: only for scene.method = rk"):
         Scene.from_tables(tables).close()
 
 
