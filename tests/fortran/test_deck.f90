@@ -115,7 +115,7 @@ subroutine test_errors
    call check_error('all complaints, a line each', error, err_input, 'sheet.toml:24: '// &
       & 'material.skin.Z: unknown key; known keys are: name, label, where, model, A10, A01, '// &
       & 'A20, A11, A02, A30, A21, A12, A03, mu, C1, C2, C3, K, sigma_max, lambda_o, gamma1, '// &
-      & 'gamma2, curve, fiber, fiber_angle, activation, amplitude'//nl// &
+      & 'gamma2, curve, fiber, fiber_angle, activation, activation_field, amplitude'//nl// &
       & 'sheet.toml:25: material.skin.A10: must be a number, not the text ''x''')
    call open_deck(deck, 'nowhere/sheet.toml', none, error)
    call check_error('missing file', error, err_file, 'nowhere/sheet.toml: the deck cannot be '// &
