@@ -1,20 +1,18 @@
 """Settings of the site: `sphinx-build -W docs build/site`, with the package installed."""
 
 import re
-from importlib import metadata
 
 from docutils import nodes
 from latex2mathml.converter import convert
 from sphinx.application import Sphinx
 from sphinx.writers.html5 import HTML5Translator
 
+from myork import __version__
+
 project = "MyoRK"
 author = "The MyoRK developers"
 copyright = author
-try:
-    release = metadata.version("myork")
-except metadata.PackageNotFoundError:  # a stage of the build, which is found by PYTHONPATH
-    from myork import __version__ as release
+release = __version__
 
 extensions = [
     "myst_parser",
@@ -30,8 +28,6 @@ autodoc_member_order = "bysource"
 autodoc_typehints = "none"  # the docstrings give shapes and units as well
 html_theme = "furo"
 html_title = f"MyoRK {release}"
-templates_path: list[str] = []
-exclude_patterns: list[str] = []
 html_math_renderer = "mathml"  # what browsers draw themselves: pages need no network
 
 
