@@ -89,6 +89,9 @@ class Formula(Forward):
         super().__init__()
         self.units, self.forces, self._broken = {"force": "N"}, ["force"], broken
 
+    def close(self) -> None:
+        """Nothing is open."""
+
     def _answer(self, keys: Sequence[str], values: np.ndarray) -> Values:
         a, b, _ = (2.0 * values - 1.0).T
         good = np.ones(len(values), bool) if self._broken is None else ~self._broken(values)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from myork import _core, errors
-from myork.core.checks import unknowns_of
+from myork.core.checks import modes_of, unknowns_of
 from myork.core.scene import Scene
 from myork.results import RestartState
 
@@ -148,6 +148,7 @@ def stored_unknowns(scene: Scene, state: RestartState) -> F64Array:
 
 def modal_gradients(scene: Scene, modes: F64Array) -> F64Array:
     """Displacement gradients of modes, shape `(n, r)`, at the points: `(np, 9, r)`."""
+    modes = modes_of(modes, scene.dofs)
     with scene._turn.short():
         gradient, stat, message = _core.galerkin_gradients(scene._handle, _sizes(scene)[0], modes)
     errors.check(stat, message)
@@ -156,6 +157,7 @@ def modal_gradients(scene: Scene, modes: F64Array) -> F64Array:
 
 def modal_products(scene: Scene, modes: F64Array) -> tuple[F64Array, F64Array]:
     """Products of modes, shape `(n, r)`, with penalty and stabilisation, and with the mass."""
+    modes = modes_of(modes, scene.dofs)
     with scene._turn.short():
         stiff, mass, stat, message = _core.galerkin_products(scene._handle, modes)
     errors.check(stat, message)

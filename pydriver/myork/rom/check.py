@@ -17,7 +17,16 @@ from myork.rom.online import Answer
 from myork.rom.parameters import spread_points
 from myork.rom.setting import Setting, force_values
 
-__all__ = ["Tests", "compare", "errors_of", "measure", "solve_tests", "started"]
+__all__ = [
+    "Tests",
+    "cell_errors",
+    "compare",
+    "errors_of",
+    "largest_errors",
+    "measure",
+    "solve_tests",
+    "started",
+]
 
 F64Array = NDArray[np.float64]
 
@@ -113,10 +122,7 @@ def errors_of(
     a = amplitudes
     u_error = np.sqrt(np.maximum(size**2 - 2.0 * (a * overlap).sum(1) + (a * a).sum(1), 0.0))
     relative = u_error / np.maximum(size, np.finfo(float).tiny)
-    magnitude = np.linalg.norm(truth, axis=1)
-    least = LEAST_FORCE * magnitude.max(initial=0.0)
-    wrong = np.linalg.norm(force - truth, axis=1) / np.maximum(magnitude, least or 1.0)
-    return u_error / size.max(), relative, wrong
+    return u_error / size.max(), relative, _force_errors(force, truth)
 
 
 def largest_errors(
@@ -124,14 +130,66 @@ def largest_errors(
 ) -> tuple[float, float]:
     """Largest errors of a model in training: of displacement, in the largest, and of forces."""
     truth = np.array([force_values(setting, state.probes[-1:])[0] for state in tests.states])
-    push = setting.conditions(tests.values).given @ setting.pushes.T
-    # as in `measure`, the first probe of a force
-    own = [k for k, place in enumerate(setting.places) if place[0] == setting.places[0][0]]
+    own = _first_probe(setting)
     of_largest, _, wrong = errors_of(
-        tests, answer.amplitudes, basis, (force + push)[:, own], truth[:, own]
+        tests, answer.amplitudes, basis, _first_force(setting, tests.values, force), truth[:, own]
     )
     failed = not answer.converged.all()
     return (np.inf, np.inf) if failed else (float(of_largest.max()), float(wrong.max(initial=0.0)))
+
+
+def cell_errors(
+    rom: ReducedModel, setting: Setting, values: F64Array, answer: Answer, force: F64Array
+) -> tuple[int, float]:
+    """What the few cells of a model add, as the test measures errors.
+
+    Parameters
+    ----------
+    rom : ReducedModel
+        Model with few cells.
+    setting : Setting
+        What it was trained in.
+    values : F64Array
+        Values of the parameters, shape `(n, p)`.
+    answer, force
+        Converged states of the same modes with all cells, and their forces without tractions,
+        shape `(n, nf)`.
+
+    Returns
+    -------
+    failed : int
+        States that are not found.
+    error : float
+        Largest error of the others, of displacements in the largest one or of forces.
+    """
+    batch = rom.batch(values)
+    good = batch.converged
+    off = np.linalg.norm(batch.amplitudes - answer.amplitudes, axis=1)
+    size = np.linalg.norm(answer.amplitudes, axis=1).max(initial=0.0)
+    truth = _first_force(setting, values, force)
+    # a model without a force has no numbers for one
+    force = np.asarray(batch.force).reshape(len(values), -1)[:, : truth.shape[1]]
+    wrong = _force_errors(force, truth)
+    largest = max((off / size)[good].max(initial=0.0), wrong[good].max(initial=0.0))
+    return int((~good).sum()), float(largest)
+
+
+def _first_probe(setting: Setting) -> list[int]:
+    """Wanted forces that are those of the first probe of one, as in `measure`."""
+    return [k for k, place in enumerate(setting.places) if place[0] == setting.places[0][0]]
+
+
+def _first_force(setting: Setting, values: F64Array, force: F64Array) -> F64Array:
+    """The first force of states, tractions added, of all those wanted without them."""
+    push = setting.conditions(values).given @ setting.pushes.T
+    return np.asarray((force + push)[:, _first_probe(setting)])
+
+
+def _force_errors(force: F64Array, truth: F64Array) -> F64Array:
+    """Errors of forces, shape `(n, axes)`, in their own size or a share of the largest."""
+    magnitude = np.linalg.norm(truth, axis=1)
+    least = LEAST_FORCE * magnitude.max(initial=0.0)
+    return np.asarray(np.linalg.norm(force - truth, axis=1) / np.maximum(magnitude, least or 1.0))
 
 
 def measure(

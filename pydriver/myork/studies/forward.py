@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -36,7 +37,7 @@ class Values(NamedTuple):
     good: NDArray[np.bool_]
 
 
-class Forward:
+class Forward(ABC):
     """A model that answers for values of the keys asked for, others fixed.
 
     Attributes
@@ -79,6 +80,7 @@ class Forward:
         """Keys that still need a value."""
         return []
 
+    @abstractmethod
     def close(self) -> None:
         """Give back what is open."""
 
@@ -86,8 +88,9 @@ class Forward:
         """States and processor time so far."""
         return {"states": self.states, "cpu_s": self.cpu_s, "by": "full solves"}
 
+    @abstractmethod
     def _answer(self, keys: Sequence[str], values: F64Array) -> Values:
-        raise NotImplementedError
+        """What `ask` gives, without its count."""
 
     def _name(self, probe: Mapping[str, Any], dimension: int) -> list[str]:
         """Names of the scalars of a probe; their units are kept."""
@@ -123,6 +126,10 @@ class _Reduced(Forward):
 
     def unknown(self, keys: Sequence[str]) -> list[str]:
         return [p.key for p in self._rom.parameters if p.key not in {*keys, *self._fixed}]
+
+    def close(self) -> None:
+        # the model's file is read and closed
+        pass
 
     def cost(self) -> dict[str, Any]:
         full = self._rom.head["full_cpu_s"]
