@@ -360,7 +360,7 @@ subroutine write_verdict(json, verdict)
       if (.not. allocated(companion%seen%value)) return
       call json%begin_object('companion')
       call json%put('method', companion%method)
-      call json%put('same_points', companion%same_points)
+      call json%put('same_points', companion%other_form .and. .not. companion%finer)
       call json%put('source_points', companion%points)
       call json%put('dofs', companion%unknowns)
       call json%put('difference', companion%difference)

@@ -5,6 +5,7 @@ module rk_estimate
    use rk_precision, only : wp
    use rk_problem, only : dense_limit
    use rk_shape, only : derivative_count
+   use rk_text, only : to_text
    use rk_voxel_lattice, only : corner_sources
    implicit none
    private
@@ -196,7 +197,9 @@ subroutine estimate_galerkin(self, deck, method, support, layers)
       points = self%ns*gauss**self%nd
    end if
    self%solver = 'direct'
-   self%unknowns = self%nd*self%ns
+   ! a plate at the end of a tendon moves as one more point
+   self%unknowns = self%nd*(self%ns + count([(deck%has('boundary.'//to_text(d)//'.tendon'), &
+      & d=1, deck%count('boundary'))]))
    self%equations = self%unknowns
    ! source points of a group of 2 x 2 (x 2) cells, and those coupled with one of them
    members = 1.0_wp

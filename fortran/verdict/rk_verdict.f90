@@ -95,6 +95,7 @@ subroutine judge(self, problem, deck, model, with_companion, receiver, outcome)
    type(outcome_type), intent(inout) :: outcome
    type(error_type), allocatable :: error
    type(companion_type) :: nearer
+   character(len=:), allocatable :: from
    real(wp) :: bound
    integer :: i, kind
 
@@ -139,7 +140,7 @@ subroutine judge(self, problem, deck, model, with_companion, receiver, outcome)
    end if
    kind = fewer_points
    if (self%companion%finer) kind = more_points
-   if (self%companion%same_points) kind = another_form
+   if (self%companion%other_form) kind = another_form
    call bars_by_other(self%bars, problem, self%companion%seen, kind, self%companion%difference)
    if (self%companion%coarse .and. problem%scene%method == 'rkpm-gauss' &
       & .and. allocated(problem%scene%cloud%lattice) .and. any([(self%bars%unresolved(i), &
@@ -151,9 +152,11 @@ subroutine judge(self, problem, deck, model, with_companion, receiver, outcome)
          call bars_by_other(self%bars, problem, nearer%seen, few_fewer, nearer%difference)
       end if
    end if
-   if (self%companion%same_points) then
+   if (self%companion%other_form) then
+      from = 'on the same points'
+      if (self%companion%finer) from = 'with '//self%companion%lattice
       call judge_probes(self, problem, spread(of_forms(1), 1, size(self%bars%change)), &
-         & of_forms(2), ' from method "'//self%companion%method//'" on the same points', outcome)
+         & of_forms(2), ' from method "'//self%companion%method//'" '//from, outcome)
    else
       bound = of_bar
       if (allocated(problem%scene%cloud%block)) bound = of_block_bar
@@ -348,8 +351,8 @@ subroutine judge_probes(self, problem, lower, most, from, outcome)
    found%state = accepted
    found%reasons = ''
    limits = of_distance
-   if (self%companion%same_points) limits = of_forms
    if (self%companion%finer) limits = [of_bar, of_finer]
+   if (self%companion%other_form) limits = of_forms
    if (self%companion%coarse) limits(2) = huge(1.0_wp)
    call found%compare(self%companion%distance, limits, 'the displacements are # of ' &
       & //'their norm away'//from)
@@ -358,7 +361,7 @@ subroutine judge_probes(self, problem, lower, most, from, outcome)
       ! what is small among its kind does not speak against the rest
       upper = most*bars%kind/max(bars%size, tiny(1.0_wp))
       ! at the surface the other form may be the one that is off
-      if (self%companion%same_points) where (bars%at_surface) upper = huge(1.0_wp)
+      if (self%companion%other_form) where (bars%at_surface) upper = huge(1.0_wp)
       if (self%companion%coarse) upper = huge(1.0_wp)
       worst = maxloc(bars%change/lower, dim=1)
       if (any(bars%change > upper)) worst = maxloc(bars%change, dim=1, mask=bars%change > upper)

@@ -9,6 +9,7 @@ from scipy.integrate import solve_bvp
 
 from myork import Scene, run_deck
 from myork.errors import InputError
+from myork.stations.explain import explain_deck
 
 BLOCK = {
     "scene": {"dimension": 3, "method": "rkpm-gauss"},
@@ -232,6 +233,13 @@ def test_a_plate_in_every_form(method, bulk):
     assert found == pytest.approx(held, rel=1e-6, abs=1e-6)
     assert found["base"] == pytest.approx(-found["force"], rel=1e-6)
     assert found["cut"] == pytest.approx(found["force"], rel=1e-4)
+
+
+def test_explain_counts_the_unknowns_of_the_plate(inputs):
+    path, lines = inputs / "tendon.toml", []
+    explain_deck(path, progress=lines.append)
+    with Scene(path, threads=1) as scene:
+        assert any(f"{scene.dofs} unknowns" in line for line in lines)
 
 
 def test_an_inclined_tendon_pulls_along_its_direction():
