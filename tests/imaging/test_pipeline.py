@@ -189,6 +189,32 @@ def test_region_of_a_label_map(own):
     assert summary["segmentation"]["scores"]["muscle"]["dice"] > 0.95
 
 
+def test_a_region_and_a_body_of_the_user_are_kept_whole(own):
+    run, folder = own
+    labels = read_labels(folder / "truth.nii.gz")
+    image = read_image(folder / "t1.nii.gz").data
+    # Half of the calf and a strip of air beside it, which no threshold calls body
+    mine = np.zeros(labels.data.shape, np.int32)
+    mine[:48] = 1
+    write_labels(folder / "mine.nii.gz", Labels(mine, labels.affine))
+    for key in ("region", "body"):
+        run(
+            "image.region_margin=0", "bias.method=level-sets", "bias.shrink=2",
+            names=("anatomy=t1", f"{key}=mine"),
+        )  # fmt: skip
+        regions = read_labels(folder / "out" / "regions.nii.gz").data
+        np.testing.assert_array_equal(regions > 0, mine > 0)
+        field = read_image(folder / "out" / "bias.nii.gz").data
+        anatomy = read_image(folder / "out" / "anatomy.nii.gz").data
+        np.testing.assert_allclose(anatomy * field, image, rtol=1e-5)
+    nothing = Labels(np.zeros_like(mine), labels.affine)
+    write_labels(folder / "nothing.nii.gz", nothing)
+    with pytest.raises(InputError, match="nothing.nii.gz: image.body is empty"):
+        run(names=("anatomy=t1", "body=nothing"))
+    with pytest.raises(InputError, match="voxels of image.region lie outside of image.body"):
+        run(names=("anatomy=t1", "body=mine", "region=truth"))
+
+
 def test_bias_corrected_image_and_grouping_by_a_reference(own):
     run, folder = own
     summary = run(

@@ -6,12 +6,14 @@ import pytest
 from myork.core.level_sets import evolve_level_sets
 from myork.errors import InputError
 from myork.imaging.phantom import TISSUES, make_phantom
-from myork.model.points import BONE, boundary_sets, changed_volumes, coarsen, select
+from myork.model.boundary import boundary_sets
+from myork.model.points import BONE, changed_volumes, coarsen, select, trimmed
 from myork.model.shares import label_shares
 from myork.records import Image, Labels
 from myork.segmentation.fuzzy import fuzzy_c_means
 from myork.segmentation.leg import LegImages, _skin, check_disjoint, find_bones, leg_tissues
 from myork.segmentation.scores import dice
+from myork.stations.build import build_cloud
 
 KEYS = {"least_diffusivity": 0.8e-3, "spatial": 0.0, "seed": 1}
 
@@ -148,7 +150,7 @@ def test_bone_bounds_the_model():
     away = np.hypot(i, j)
     data = np.select([away < 6, away < 16], [4, 1], 0).astype(np.int32)
     data = np.repeat(data[..., None], 4, axis=2)
-    labels = select(Labels(data, np.diag([1.0, 1.0, 5.0, 1.0])), [1], None, [4])
+    labels = trimmed(select(Labels(data, np.diag([1.0, 1.0, 5.0, 1.0])), [1], None, [4]))
     assert set(np.unique(labels.data)) == {BONE, 0, 1}
     sets = boundary_sets(labels, "multiquadric")
     assert sets.names == ("bottom", "top", "bone", "surface")
@@ -162,6 +164,26 @@ def test_bone_bounds_the_model():
     # A circle of pixels has its true length where facets are projected on the normal.
     assert sets.area[bone].sum() == pytest.approx(2 * np.pi * 6 * 20, rel=0.1)
     assert sets.area[skin].sum() == pytest.approx(2 * np.pi * 16 * 20, rel=0.1)
+
+
+@pytest.mark.parametrize("block", [[1, 1, 1], [2, 2, 1], [2, 2, 2]])
+@pytest.mark.parametrize("side", [0, 1])
+def test_bone_beyond_the_box_of_the_body_bounds_it(block, side):
+    # A block of muscle whose faces look at the ends of the map: one at bone, one at nothing.
+    data = np.zeros((24, 24, 4), np.int32)
+    data[8:16, 6:18] = 1
+    data[(slice(16, 24), slice(0, 8))[side], 4:20] = 7
+    labels = Labels(data, np.diag([1.0, 1.0, 5.0, 1.0]), {1: "muscle", 7: "bone"})
+    table = {
+        "ids": [1], "collocation_stride": block, "source_stride": block, "islands": "error",
+        "bone": [7], "normals": "distance", "merge": "majority",
+    }  # fmt: skip
+    cloud, _ = build_cloud(labels, None, table, "mm")
+    assert cloud.set_names == ("bottom", "top", "bone", "surface")
+    here = cloud.boundary_set == 2
+    count = 12 * 4 // (block[1] * block[2])
+    assert here.sum() == count
+    assert ((cloud.normal[here][:, 0] > 0) == (side == 0)).all()
 
 
 def test_thin_sheets_keep_their_volume_where_no_block_is_theirs():

@@ -1,4 +1,4 @@
-"""From labels to points: collocation points, source points and boundary sets.
+"""From labels to points: collocation points and source points.
 
 The model lives in the frame of the voxel axes nearest to the world axes, so that source points and
 collocation points below the surface form lattices along x, y and z; for an image without rotation
@@ -8,7 +8,6 @@ this is the world frame.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,13 +15,10 @@ from scipy import ndimage
 
 from myork.errors import InputError
 from myork.imaging.geometry import frame
-from myork.model.normals import surface_normals
 from myork.records import Labels
 
 __all__ = [
     "BONE",
-    "Boundary",
-    "boundary_sets",
     "changed_volumes",
     "coarsen",
     "connected_body",
@@ -31,6 +27,7 @@ __all__ = [
     "select",
     "source_voxels",
     "thin_voxels",
+    "trimmed",
 ]
 
 F64 = NDArray[np.float64]
@@ -45,38 +42,13 @@ BONE = -1
 _FILLED = 1.0 / 3.0
 
 
-@dataclass(frozen=True)
-class Boundary:
-    """Boundary points set by set.
-
-    Attributes
-    ----------
-    names : tuple
-        Names of the sets.
-    point : NDArray
-        Index of the voxel in the list of body voxels, shape `(nboundary,)`.
-    set : NDArray
-        Index into `names`, shape `(nboundary,)`.
-    normal : NDArray
-        Outward unit normals, shape `(nboundary, 3)` [-].
-    area : NDArray
-        Facet area projected on the plane across the normal, shape `(nboundary,)` [mm^2].
-    """
-
-    names: tuple[str, ...]
-    point: NDArray[np.intp]
-    set: NDArray[np.intp]
-    normal: F64
-    area: F64
-
-
 def select(
     labels: Labels,
     ids: Sequence[int],
     slices: Sequence[int] | None,
     bone: Sequence[int] = (),
 ) -> Labels:
-    """Keep some labels and the box of voxels around them.
+    """Keep some labels, in the slices of the model.
 
     Parameters
     ----------
@@ -108,7 +80,7 @@ def select(
     part = data[:, :, low : high + 1]
     if not (part > 0).any():
         raise InputError(f"{labels.name}: slices {low} to {high} hold none of the model's labels")
-    return _trimmed(_moved(labels, part, np.array([0, 0, low]), np.ones(3)))
+    return _moved(labels, part, np.array([0, 0, low]), np.ones(3))
 
 
 def coarsen(labels: Labels, block: Sequence[int], merge: str = "majority") -> Labels:
@@ -149,7 +121,7 @@ def coarsen(labels: Labels, block: Sequence[int], merge: str = "majority") -> La
             f"{labels.name}: nothing is left of the labels in blocks of {tuple(block)} voxels; "
             "lower build.collocation_stride"
         )
-    return _trimmed(_moved(labels, best.astype(np.int32), -before + 0.5 * (size - 1), size))
+    return trimmed(_moved(labels, best.astype(np.int32), -before + 0.5 * (size - 1), size))
 
 
 def _majority(data: NDArray[np.int32], size: NDArray[np.intp]) -> NDArray[np.int32]:
@@ -313,77 +285,13 @@ def source_voxels(body: Mask, step: Sequence[int]) -> Voxels:
     return np.argwhere(chosen)
 
 
-def boundary_sets(labels: Labels, normals: str = "distance") -> Boundary:
-    """Boundary points of a body: `bottom` and `top` (end slices), `bone` and `surface` (the rest).
-
-    A voxel at the rim of an end slice belongs to its end and to the surface, one between bone and
-    skin to both. A single slice has no ends; without bone there is no such set.
-
-    Parameters
-    ----------
-    labels : Labels
-        Labels above zero are the body, `BONE` bounds it.
-    normals : str
-        Method of `surface_normals`.
-    """
-    body = labels.data > 0
-    spacing = labels.spacing
-    index = np.full(body.shape, -1)
-    index[body] = np.arange(int(body.sum()))
-    flat = body.shape[2] == 1
-
-    # Beyond the end slices lies a cut, neither surface nor bone.
-    around = np.pad(labels.data, [(1, 1), (1, 1), (0, 0)])
-    around = np.pad(around, [(0, 0), (0, 0), (1, 1)], mode="edge")
-    free = _facet_areas(body, around == 0, spacing)
-    bone = _facet_areas(body, around == BONE, spacing)
-    both = free + bone
-    at_wall = body & (both.sum(axis=(-1, -2)) > 0)
-    normal = np.zeros((*body.shape, 3))
-    normal[at_wall] = _wall_normals(body, spacing, np.argwhere(at_wall), both[at_wall], normals)
-    parts = []
-    for name, facets in (("bone", bone), ("surface", free)):
-        here = body & (facets.sum(axis=(-1, -2)) > 0)
-        if here.any() or name == "surface":
-            area = _projected(facets[here], normal[here])
-            # A facet of a set may look away from the mean normal of both sets.
-            away = area <= 0
-            area[away] = facets[here][away].sum(axis=(-1, -2))
-            parts.append((name, index[here], normal[here], area))
-    if not flat:
-        area = spacing[0] * spacing[1]
-        for name, k, sign in (("top", -1, 1.0), ("bottom", 0, -1.0)):
-            points = index[:, :, k][body[:, :, k]]
-            up = np.tile([0.0, 0.0, sign], (len(points), 1))
-            parts.insert(0, (name, points, up, np.full(len(points), area)))
-    return Boundary(
-        names=tuple(part[0] for part in parts),
-        point=np.concatenate([part[1] for part in parts]),
-        set=np.repeat(np.arange(len(parts)), [len(part[1]) for part in parts]),
-        normal=np.concatenate([part[2] for part in parts]),
-        area=np.concatenate([part[3] for part in parts]),
-    )
-
-
-def _wall_normals(body: Mask, spacing: F64, voxels: Voxels, facets: F64, method: str) -> F64:
-    """Outward normals at voxels of the wall, from their facets where the level set has none."""
-    normal = surface_normals(body, spacing, voxels, method)
-    # In a sheet one voxel thick the distance has no slope across it: its facets decide there, the
-    # upper ones where both sides are equal.
-    lost = _projected(facets, normal) <= 0
-    sides = facets[lost, :, 1] - facets[lost, :, 0]
-    sides = np.where(sides.any(axis=1, keepdims=True), sides, facets[lost, :, 1])
-    normal[lost] = sides / np.linalg.norm(sides, axis=1, keepdims=True)
-    return normal
-
-
 def positions(labels: Labels, voxels: Voxels) -> F64:
     """Coordinates of voxel centres in the frame of the voxel axes, shape `(n, 3)` [mm]."""
     return voxels * labels.spacing + labels.affine[:3, 3] @ frame(labels.affine)
 
 
-def _trimmed(labels: Labels) -> Labels:
-    """The box around all labels above zero."""
+def trimmed(labels: Labels) -> Labels:
+    """Cut a label map to the box of all labels above zero."""
     body = labels.data > 0
     box = [np.flatnonzero(body.any(axis=tuple({0, 1, 2} - {d}))) for d in range(3)]
     data = labels.data[tuple(slice(b[0], b[-1] + 1) for b in box)]
@@ -402,31 +310,3 @@ def _nodes(n: int, step: int) -> NDArray[np.intp]:
     """Places 0 to n - 1 in even steps as near to `step` as both ends allow."""
     count = max(1, round((n - 1) / step))
     return np.unique(np.rint(np.linspace(0, n - 1, count + 1)).astype(np.intp))
-
-
-def _projected(areas: F64, normal: F64) -> F64:
-    """Facets, shape `(n, 3, 2)`, projected along normals they face, shape `(n,)` [mm^2]."""
-    upper = np.maximum(areas[:, :, 1] * normal, 0.0)
-    lower = np.maximum(-areas[:, :, 0] * normal, 0.0)
-    return (upper + lower).sum(axis=1)
-
-
-def _facet_areas(body: Mask, beyond: Mask, spacing: F64) -> F64:
-    """Area of the facets of a body to other voxels, `(..., 3, 2)`: direction, lower and upper side.
-
-    Parameters
-    ----------
-    body : NDArray
-        Shape `(ni, nj, nk)`.
-    beyond : NDArray
-        The other voxels, with a layer more on all sides.
-    spacing : NDArray
-        Voxel size, shape `(3,)` [mm].
-    """
-    facets = np.zeros((*body.shape, 3, 2))
-    middle = (slice(1, -1),) * 3
-    for d in range(3):
-        area = spacing.prod() / spacing[d]
-        for side, shift in enumerate((1, -1)):
-            facets[..., d, side] = area * (body & np.roll(beyond, shift, axis=d)[middle])
-    return facets

@@ -38,6 +38,7 @@ _DT = 5000.0  # largest time step of the level sets
 _STEPS = 5  # of the level sets between two improvements of the field
 _EDGE = 0.05  # relative change from pixel to pixel that makes an edge; noise of 1/25 makes 0.01
 _NEGATIVE = 0.01  # part of the body's voxels that ringing of a resampled image makes negative
+_SEAM = (3.0, 3.0, 0.0)  # width of the smoothing beyond the mask [pixel]
 _DARK = 0.3  # of the median value: what is darker is mostly noise
 
 
@@ -48,7 +49,8 @@ class BiasField:
     Attributes
     ----------
     field : NDArray
-        Factor on the true values, mean one inside the mask, one outside, shape `(ni, nj, nk)` [-].
+        Factor on the true values, mean one inside the mask and going on beyond it without a step,
+        shape `(ni, nj, nk)` [-].
     energy : NDArray
         Energy (3.38) of each round of the second estimate, before the field is improved, shape
         `(rounds,)`; empty for N4 [-].
@@ -274,10 +276,16 @@ def n4_bias(values: F64, mask: Mask, *, spacing: ArrayLike, shrink: int = 1) -> 
 
 
 def _of_mean_one(field: F64, mask: Mask) -> F64:
-    """Field with the mean one inside a mask, one outside; refused where it is no factor."""
+    """Field with the mean one inside a mask, going on beyond; refused where it is no factor."""
     if not (np.isfinite(field[mask]) & (field[mask] > 0)).all():
         raise InputError("bias: the field is not positive everywhere; set bias.method = 'none'")
-    return np.where(mask, field / field[mask].mean(), 1.0)
+    found = field / field[mask].mean()
+    if mask.all():
+        return found
+    # No data speaks beyond the mask: the field stays as it is at its rim, seams smoothed.
+    nearest = ndimage.distance_transform_edt(~mask, return_distances=False, return_indices=True)
+    spread = found[tuple(nearest)]
+    return np.where(mask, found, ndimage.gaussian_filter(spread, _SEAM, mode="nearest"))
 
 
 def _trust(image: F64, inside: Mask) -> F64:

@@ -67,7 +67,9 @@ class LegImages:
     tensor: Image | None = None
 
 
-def leg_tissues(images: LegImages, evolve: Evolve, table: Mapping[str, Any]) -> Labels:
+def leg_tissues(
+    images: LegImages, evolve: Evolve, table: Mapping[str, Any], body: Mask | None = None
+) -> Labels:
     """Label every voxel of a leg with its material.
 
     Parameters
@@ -78,6 +80,8 @@ def leg_tissues(images: LegImages, evolve: Evolve, table: Mapping[str, Any]) -> 
         Evolution of the level sets, as `myork.core.level_sets.evolve_level_sets`.
     table : mapping
         Table `tissue` of the deck: `least_diffusivity`, `spatial` and `seed`.
+    body : NDArray, optional
+        Voxels to label, shape `(ni, nj, nk)`; without it those inside the skin.
 
     Returns
     -------
@@ -87,7 +91,7 @@ def leg_tissues(images: LegImages, evolve: Evolve, table: Mapping[str, Any]) -> 
     for other in (images.fat, images.connective, images.tensor):
         if other is not None:
             check_same_grid(other, images.anatomy)
-    body = outer_boundary(images.anatomy, evolve)
+    body = outer_boundary(images.anatomy, evolve) if body is None else body
     bone = find_bones(images.anatomy, body, evolve)
     soft = body & ~bone
 

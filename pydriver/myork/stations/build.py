@@ -16,6 +16,7 @@ from myork.errors import FileError, InputError
 from myork.imaging.geometry import canonical, check_same_grid, frame, length_factor, to_voxels
 from myork.imaging.io import read_image, read_labels
 from myork.model import points
+from myork.model.boundary import Boundary, bone_beside, boundary_sets
 from myork.model.fibers import activation_at_points, fibers_at_points
 from myork.model.mesh import read_tracts, tract_fibers, voxelise
 from myork.model.shares import label_shares
@@ -157,7 +158,8 @@ def build_cloud(
             f"= {list(block)} in each direction"
         )
     whole = canonical(labels)
-    part = points.select(whole, table["ids"], table.get("slices"), table["bone"])
+    chosen = points.select(whole, table["ids"], table.get("slices"), table["bone"])
+    part = points.trimmed(chosen)
     if part.data.shape[2] == 1:
         block, stride = [*block[:2], 1], [*stride[:2], 1]
     merged = points.coarsen(part, block, table["merge"])
@@ -171,7 +173,7 @@ def build_cloud(
     voxels = np.argwhere(body)
     step = [s // b for s, b in zip(stride, block, strict=True)]
     source = points.source_voxels(body, step)
-    boundary = points.boundary_sets(coarse, table["normals"])
+    boundary = boundary_sets(coarse, table["normals"], bone_beside(chosen, coarse, block))
     label = coarse.data[body]
     place = points.positions(coarse, voxels)
     origin = points.positions(coarse, np.zeros(3, np.int32))
@@ -218,7 +220,7 @@ def build_cloud(
     return cloud, warnings
 
 
-def _doubts(coarse: Labels, boundary: points.Boundary, step: Sequence[int]) -> list[str]:
+def _doubts(coarse: Labels, boundary: Boundary, step: Sequence[int]) -> list[str]:
     """Sentences about what may trouble the solution."""
     body = coarse.data > 0
     warnings = []

@@ -95,8 +95,9 @@ def _segment(
     if truth is not None:
         _check_truth(truth, table["truth_labels"])
     reference = _reference(table, folder, image, progress)
-    image, shading = _corrected(image, deck["bias"], out, progress)
-    region = _region(image, table, folder)
+    body, wanted = _masks(image, table, folder)
+    image, shading = _corrected(image, body, deck["bias"], out, progress)
+    region = _region(image, body, wanted, table)
     check_seeds(region, image, muscles)
     if reference is None and not muscles and "seed" in table:
         piece_with_seed(region, image, table["seed"])  # refuses one outside before the level sets
@@ -170,7 +171,10 @@ def _segment(
         summary["segmentation"]["orientation"] = [entry.record() for entry in evidence]
     if deck["tissue"]["find"]:
         progress("materials of the leg")
-        summary["tissue"] = find_tissues(deck, folder, out, image, tensor)
+        summary["tissue"] = find_tissues(
+            deck, folder, out, image, tensor,
+            body if "body" in table else None, None if wanted is None else wanted.data > 0,
+        )  # fmt: skip
     update_summary(out, summary)
     for line in (*_lines(summary), *(f"warning: {text}" for text in warnings)):
         progress(line)
@@ -207,15 +211,42 @@ def _inputs(
     return image, tensor, truth
 
 
-def _region(image: Image, table: Mapping[str, Any], folder: Path) -> NDArray[np.bool_]:
-    """Pixels that take part."""
-    region = body_mask(image)
-    if "region" in table:
-        map_ = read_labels(folder / table["region"])
+def _masks(
+    image: Image, table: Mapping[str, Any], folder: Path
+) -> tuple[NDArray[np.bool_], Labels | None]:
+    """The body, found by threshold where the deck names none, and the user's region, if any.
+
+    Whatever the user calls body or region is kept whole: a threshold cuts off what the coil
+    reaches badly, and its rim what lies under the skin.
+    """
+    maps = {key: read_labels(folder / table[key]) for key in ("body", "region") if key in table}
+    for map_ in maps.values():
         check_same_grid(map_, image)
-        region &= grown_mask(map_, table["region_margin"])
+    wanted = maps.get("region")
+    if "body" not in maps:
+        found = body_mask(image)
+        return found if wanted is None else found | (wanted.data > 0), wanted
+    body = maps["body"].data > 0
+    if not body.any():
+        raise InputError(f"{maps['body'].name}: image.body is empty, no label is above zero")
+    if wanted is not None and ((wanted.data > 0) & ~body).any():
+        beyond = np.argwhere((wanted.data > 0) & ~body)
+        raise InputError(
+            f"{wanted.name}: {len(beyond)} voxels of image.region lie outside of image.body, the "
+            f"first is {tuple(beyond[0].tolist())}; enlarge the body, or leave it out"
+        )
+    return body, wanted
+
+
+def _region(
+    image: Image, body: NDArray[np.bool_], wanted: Labels | None, table: Mapping[str, Any]
+) -> NDArray[np.bool_]:
+    """Pixels that take part: the user's region, and of its margin what lies in the body."""
+    region = body
+    if wanted is not None:
+        region = body & grown_mask(wanted, table["region_margin"])
     if "box" in table:
-        region &= box_mask(image, table["box"])
+        region = region & box_mask(image, table["box"])
     return region
 
 
@@ -248,15 +279,18 @@ def _unrest(result: Regions, limit: int) -> str:
 
 
 def _corrected(
-    image: Image, keys: Mapping[str, Any], out: Path, progress: ProgressCallback
+    image: Image,
+    mask: NDArray[np.bool_],
+    keys: Mapping[str, Any],
+    out: Path,
+    progress: ProgressCallback,
 ) -> tuple[Image, dict[str, Any]]:
-    """Image without shading, and what to say about it; the field is written."""
+    """Image without shading, told by the body, and what to say about it; the field is written."""
     path = out / "bias.nii.gz"
     if keys["method"] == "none":
         path.unlink(missing_ok=True)
         return image, {"method": "none"}
     progress(f"bias field by {keys['method']}")
-    mask = body_mask(image)
     check_positive(image, mask)
     try:
         if keys["method"] == "n4":

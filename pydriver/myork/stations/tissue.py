@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from myork.core.level_sets import evolve_level_sets
 from myork.errors import InputError
@@ -14,7 +15,7 @@ from myork.imaging.geometry import length_factor
 from myork.imaging.io import read_image, read_labels, write_image, write_labels
 from myork.model.fibers import fiber_field
 from myork.records import Image
-from myork.segmentation.leg import LegImages, leg_tissues
+from myork.segmentation.leg import LegImages, leg_tissues, outer_boundary
 from myork.segmentation.scores import dice
 
 __all__ = ["find_tissues"]
@@ -23,7 +24,13 @@ _MUSCLE = 1
 
 
 def find_tissues(
-    deck: Mapping[str, Any], folder: Path, out: Path, anatomy: Image, tensor: Image | None
+    deck: Mapping[str, Any],
+    folder: Path,
+    out: Path,
+    anatomy: Image,
+    tensor: Image | None,
+    body: NDArray[np.bool_] | None = None,
+    region: NDArray[np.bool_] | None = None,
 ) -> dict[str, Any]:
     """Label the materials of a leg and write them and the muscle's fibers.
 
@@ -39,6 +46,10 @@ def find_tissues(
         MR image.
     tensor : Image or None
         Diffusion tensors.
+    body : NDArray, optional
+        What the user calls body, shape `(ni, nj, nk)`; without it, it is found.
+    region : NDArray, optional
+        What belongs to the body wherever that is found, same shape.
 
     Returns
     -------
@@ -54,7 +65,9 @@ def find_tissues(
         elif name in table:
             special[name] = read_image(folder / table[name])
     images = LegImages(anatomy, special["fat"], special["connective"], tensor)
-    found = leg_tissues(images, evolve_level_sets, table)
+    if body is None and region is not None:
+        body = outer_boundary(anatomy, evolve_level_sets) | region
+    found = leg_tissues(images, evolve_level_sets, table, body)
     if not (found.data == _MUSCLE).any():
         raise InputError(f"{anatomy.name}: no muscle was found; check the images of [tissue]")
     write_labels(out / "tissue.nii.gz", found)

@@ -1,0 +1,175 @@
+"""Boundary points of a voxel body: its ends, what looks at bone and the rest of its surface."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from myork.model.normals import surface_normals
+from myork.model.points import BONE
+from myork.records import Labels
+
+__all__ = ["Boundary", "bone_beside", "boundary_sets"]
+
+F64 = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Voxels = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Boundary:
+    """Boundary points set by set.
+
+    Attributes
+    ----------
+    names : tuple
+        Names of the sets.
+    point : NDArray
+        Index of the voxel in the list of body voxels, shape `(nboundary,)`.
+    set : NDArray
+        Index into `names`, shape `(nboundary,)`.
+    normal : NDArray
+        Outward unit normals, shape `(nboundary, 3)` [-].
+    area : NDArray
+        Facet area projected on the plane across the normal, shape `(nboundary,)` [mm^2].
+    """
+
+    names: tuple[str, ...]
+    point: NDArray[np.intp]
+    set: NDArray[np.intp]
+    normal: F64
+    area: F64
+
+
+def boundary_sets(
+    labels: Labels, normals: str = "distance", around: NDArray[np.int32] | None = None
+) -> Boundary:
+    """Boundary points of a body: `bottom` and `top` (end slices), `bone` and `surface` (the rest).
+
+    A voxel at the rim of an end slice belongs to its end and to the surface, one between bone and
+    skin to both. A single slice has no ends; without bone there is no such set.
+
+    Parameters
+    ----------
+    labels : Labels
+        Labels above zero are the body, `BONE` bounds it.
+    normals : str
+        Method of `surface_normals`.
+    around : NDArray, optional
+        Labels with one layer more on all four sides, `bone_beside`; without it nothing is there.
+    """
+    body = labels.data > 0
+    spacing = labels.spacing
+    index = np.full(body.shape, -1)
+    index[body] = np.arange(int(body.sum()))
+    flat = body.shape[2] == 1
+
+    # Beyond the end slices lies a cut, neither surface nor bone.
+    if around is None:
+        around = np.pad(labels.data, [(1, 1), (1, 1), (0, 0)])
+    around = np.pad(around, [(0, 0), (0, 0), (1, 1)], mode="edge")
+    free = _facet_areas(body, around == 0, spacing)
+    bone = _facet_areas(body, around == BONE, spacing)
+    both = free + bone
+    at_wall = body & (both.sum(axis=(-1, -2)) > 0)
+    normal = np.zeros((*body.shape, 3))
+    normal[at_wall] = _wall_normals(body, spacing, np.argwhere(at_wall), both[at_wall], normals)
+    parts = []
+    for name, facets in (("bone", bone), ("surface", free)):
+        here = body & (facets.sum(axis=(-1, -2)) > 0)
+        if here.any() or name == "surface":
+            area = _projected(facets[here], normal[here])
+            # A facet of a set may look away from the mean normal of both sets.
+            away = area <= 0
+            area[away] = facets[here][away].sum(axis=(-1, -2))
+            parts.append((name, index[here], normal[here], area))
+    if not flat:
+        area = spacing[0] * spacing[1]
+        for name, k, sign in (("top", -1, 1.0), ("bottom", 0, -1.0)):
+            points = index[:, :, k][body[:, :, k]]
+            up = np.tile([0.0, 0.0, sign], (len(points), 1))
+            parts.insert(0, (name, points, up, np.full(len(points), area)))
+    return Boundary(
+        names=tuple(part[0] for part in parts),
+        point=np.concatenate([part[1] for part in parts]),
+        set=np.repeat(np.arange(len(parts)), [len(part[1]) for part in parts]),
+        normal=np.concatenate([part[2] for part in parts]),
+        area=np.concatenate([part[3] for part in parts]),
+    )
+
+
+def _wall_normals(body: Mask, spacing: F64, voxels: Voxels, facets: F64, method: str) -> F64:
+    """Outward normals at voxels of the wall, from their facets where the level set has none."""
+    normal = surface_normals(body, spacing, voxels, method)
+    # In a sheet one voxel thick the distance has no slope across it: its facets decide there, the
+    # upper ones where both sides are equal.
+    lost = _projected(facets, normal) <= 0
+    sides = facets[lost, :, 1] - facets[lost, :, 0]
+    sides = np.where(sides.any(axis=1, keepdims=True), sides, facets[lost, :, 1])
+    normal[lost] = sides / np.linalg.norm(sides, axis=1, keepdims=True)
+    return normal
+
+
+def bone_beside(labels: Labels, merged: Labels, block: Sequence[int]) -> NDArray[np.int32]:
+    """Labels of merged voxels with one layer more on all four sides, where bone may lie.
+
+    The body is cut to the box of its own voxels; bone beyond the box bounds it all the same. A
+    block of the layer is bone where that fills more than half of it.
+
+    Parameters
+    ----------
+    labels : Labels
+        Labels as they were selected, not trimmed.
+    merged : Labels
+        The trimmed and merged ones, shape `(ni, nj, nk)`.
+    block : sequence
+        Voxels per block in each direction.
+
+    Returns
+    -------
+    NDArray
+        Shape `(ni + 2, nj + 2, nk)`.
+    """
+    size, n = np.array(block), np.array(merged.data.shape) + [2, 2, 0]
+    corner = np.linalg.solve(labels.affine[:3, :3], merged.affine[:3, 3] - labels.affine[:3, 3])
+    first = np.rint(corner - 0.5 * (size - 1)).astype(int) - size * [1, 1, 0]
+    at = [low + np.arange(count * s) for low, count, s in zip(first, n, size, strict=True)]
+    limit = labels.data.shape
+    inside = [(a >= 0) & (a < m) for a, m in zip(at[:2], limit, strict=False)]
+    bone = labels.data[np.ix_(*(a.clip(0, m - 1) for a, m in zip(at, limit, strict=True)))] == BONE
+    bone &= inside[0][:, np.newaxis, np.newaxis] & inside[1][:, np.newaxis]
+    share = bone.reshape(n[0], size[0], n[1], size[1], n[2], size[2]).mean(axis=(1, 3, 5))
+    around = np.where(share > 0.5, BONE, 0).astype(np.int32)
+    around[1:-1, 1:-1] = merged.data
+    return around
+
+
+def _projected(areas: F64, normal: F64) -> F64:
+    """Facets, shape `(n, 3, 2)`, projected along normals they face, shape `(n,)` [mm^2]."""
+    upper = np.maximum(areas[:, :, 1] * normal, 0.0)
+    lower = np.maximum(-areas[:, :, 0] * normal, 0.0)
+    return (upper + lower).sum(axis=1)
+
+
+def _facet_areas(body: Mask, beyond: Mask, spacing: F64) -> F64:
+    """Area of the facets of a body to other voxels, `(..., 3, 2)`: direction, lower and upper side.
+
+    Parameters
+    ----------
+    body : NDArray
+        Shape `(ni, nj, nk)`.
+    beyond : NDArray
+        The other voxels, with a layer more on all sides.
+    spacing : NDArray
+        Voxel size, shape `(3,)` [mm].
+    """
+    facets = np.zeros((*body.shape, 3, 2))
+    middle = (slice(1, -1),) * 3
+    for d in range(3):
+        area = spacing.prod() / spacing[d]
+        for side, shift in enumerate((1, -1)):
+            facets[..., d, side] = area * (body & np.roll(beyond, shift, axis=d)[middle])
+    return facets
