@@ -18,6 +18,7 @@ from myork.rom.parameters import spread_points
 from myork.rom.setting import Setting, force_values
 
 __all__ = [
+    "CellErrors",
     "Tests",
     "cell_errors",
     "compare",
@@ -138,10 +139,30 @@ def largest_errors(
     return (np.inf, np.inf) if failed else (float(of_largest.max()), float(wrong.max(initial=0.0)))
 
 
+class CellErrors(NamedTuple):
+    """What the few cells of a model add, as the test measures errors; smaller is better.
+
+    Attributes
+    ----------
+    failed : int
+        States that are not found.
+    force, u : float
+        Largest errors of the others: of forces, of displacements in the largest one.
+    """
+
+    failed: int
+    force: float
+    u: float
+
+    def within(self, u: float, force: float) -> bool:
+        """Whether all states are found within these errors."""
+        return self.failed == 0 and self.u <= u and self.force <= force
+
+
 def cell_errors(
     rom: ReducedModel, setting: Setting, values: F64Array, answer: Answer, force: F64Array
-) -> tuple[int, float]:
-    """What the few cells of a model add, as the test measures errors.
+) -> CellErrors:
+    """Errors of a model with few cells against one of the same modes with all.
 
     Parameters
     ----------
@@ -152,15 +173,7 @@ def cell_errors(
     values : F64Array
         Values of the parameters, shape `(n, p)`.
     answer, force
-        Converged states of the same modes with all cells, and their forces without tractions,
-        shape `(n, nf)`.
-
-    Returns
-    -------
-    failed : int
-        States that are not found.
-    error : float
-        Largest error of the others, of displacements in the largest one or of forces.
+        Converged states with all cells, and their forces without tractions, shape `(n, nf)`.
     """
     batch = rom.batch(values)
     good = batch.converged
@@ -170,8 +183,11 @@ def cell_errors(
     # a model without a force has no numbers for one
     force = np.asarray(batch.force).reshape(len(values), -1)[:, : truth.shape[1]]
     wrong = _force_errors(force, truth)
-    largest = max((off / size)[good].max(initial=0.0), wrong[good].max(initial=0.0))
-    return int((~good).sum()), float(largest)
+    return CellErrors(
+        int((~good).sum()),
+        float(wrong[good].max(initial=0.0)),
+        float((off / size)[good].max(initial=0.0)),
+    )
 
 
 def _first_probe(setting: Setting) -> list[int]:

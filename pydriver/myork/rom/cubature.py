@@ -77,7 +77,7 @@ def few_cells(
             break
         kept.append(best)
         while True:
-            trial = np.linalg.lstsq(rows[:, kept], target, rcond=None)[0]
+            trial = _weights(rows[:, kept], target)
             if trial.min() > 0.0:
                 break
             # as far as all weights stay positive; those that reach zero leave
@@ -102,3 +102,12 @@ def few_cells(
         left = new
     cells = np.sort(np.array(kept, dtype=np.int64))
     return cells, weight[cells], float(np.linalg.norm(left) / size)
+
+
+def _weights(columns: F64Array, target: F64Array) -> F64Array:
+    """Weights of least squares: by QR, ten times as fast as singular values, where it is safe."""
+    q, r = np.linalg.qr(columns)
+    size = np.abs(r.diagonal())
+    if len(size) < columns.shape[1] or size.min() < 1e-12 * size.max():
+        return np.asarray(np.linalg.lstsq(columns, target, rcond=None)[0])
+    return np.linalg.solve(r, q.T @ target)

@@ -14,8 +14,9 @@ __all__ = ["Answer", "Regression", "Solver"]
 
 F64Array = NDArray[np.float64]
 
-#: Newton's iteration ends at a relative step of this size: the next one would be its square
-TOLERANCE = 1e-5
+#: Newton's iteration ends at a relative step of this size: the next one would be its square, and
+#: is below 3e-7
+TOLERANCE = 3e-4
 MOST_STEPS = 20
 #: Parts of the way from the nearest known state that are tried where the regression fails
 PARTS = (1, 2, 4, 8)

@@ -17,8 +17,10 @@ F64Array = NDArray[np.float64]
 
 #: Equations that stand for all in the cubature
 SKETCH_ROWS = 900
-#: Weight of the forces' rows beside those of the amplitudes
-FORCE_WEIGHT = 3.0
+#: Part of the tolerance that few cells may add to the displacement, in the mean of the states
+_CELL_SHARE = 0.5
+#: States count as no smaller than this share of the largest
+_LEAST = 0.1
 
 
 def _contributions(
@@ -43,27 +45,25 @@ def sample_cells(
     seed: int,
     most: int,
 ) -> tuple[NDArray[np.int64], F64Array, float]:
-    """Cells with weights that keep the residual in the norm of the tangent."""
+    """Cells with weights that keep the amplitudes, to `tolerance` of those of each state.
+
+    A residual is measured by the step of the amplitudes that it makes: in L2 over the body, as
+    errors are. In the norm of the tangent stiff modes, which hardly move, would ask for half of the
+    cells. Forces have cells of their own, or all.
+    """
     r = model.r
     sketch = Sketch(len(model.cells.weight), SKETCH_ROWS, seed)
-    wanted = setting.wanted + r
     seen = list(_contributions(model, setting, values, amplitudes))
-    forces = [np.abs(work[wanted].sum(axis=1)).max(initial=0.0) for work, _, _ in seen]
-    unit = max(forces, default=0.0) or 1.0
-    norms, sizes = [], []
-    for _, tangent, z in seen:
+    sizes = np.array([np.linalg.norm(z[:r]) for _, _, z in seen])
+    sizes = np.maximum(sizes, _LEAST * sizes.max())
+    for (work, tangent, _), size in zip(seen, sizes, strict=True):
         stiffness, vectors = np.linalg.eigh(0.5 * (tangent + tangent.T)[:r, :r])
         stiffness = np.abs(stiffness)
         stiffness = np.maximum(stiffness, 1e-3 * np.median(stiffness))
-        norms.append((vectors / np.sqrt(stiffness)).T)
-        sizes.append(np.linalg.norm((vectors * np.sqrt(stiffness)).T @ z[:r]))
-    floor = 0.1 * max(sizes)
-    for (work, _, _), norm, size in zip(seen, norms, sizes, strict=True):
-        sketch.add(
-            np.vstack([norm @ work[:r] / max(size, floor), FORCE_WEIGHT * work[wanted] / unit])
-        )
+        sketch.add((vectors / stiffness).T @ work[:r] / size)
+    # as large as what is asked of all states: the size of the target is one a state
     volume = model.cells.weight / model.cells.weight.sum() * np.sqrt(len(seen))
-    return few_cells(np.vstack([sketch.rows, volume]), 0.1 * tolerance, most)
+    return few_cells(np.vstack([sketch.rows, volume]), _CELL_SHARE * tolerance, most)
 
 
 def force_lifts(model: Model, setting: Setting, values: F64Array, amplitudes: F64Array) -> F64Array:
