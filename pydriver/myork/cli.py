@@ -314,19 +314,28 @@ def _parser() -> argparse.ArgumentParser:
         "  myork demo\n  myork demo --out /tmp/demo --threads 2",
         "folder of the results; default out/demo",
     )
-    add_deck(
+    segment = add_deck(
         "segment",
         _segment,
         "images to label map, fibers and scores",
         "  myork segment inputs/mg_muscle.toml\n"
-        "  myork segment inputs/leg_muscles.toml --set image.iterations=300",
+        "  myork segment inputs/leg_muscles.toml --set image.iterations=300\n"
+        "  myork segment inputs/images/thighs.toml --data ~/images",
     )
-    add_deck(
+    build = add_deck(
         "build",
         _build,
         "labels and fibers to the points of a model (model.h5)",
-        "  myork build inputs/mg_muscle.toml",
+        "  myork build inputs/mg_muscle.toml\n"
+        "  myork build inputs/images/biceps.toml --data ~/images",
     )
+    for command in (segment, build):
+        command.add_argument(
+            "--data",
+            type=_folder,
+            metavar="DIR",
+            help="where the files that the deck names lie, in any folders of it",
+        )
     solve = add_deck(
         "solve",
         _solve,

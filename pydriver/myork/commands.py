@@ -23,12 +23,21 @@ __all__ = [
 
 
 def overrides_of(options: argparse.Namespace) -> list[str]:
-    """Overrides of the deck, the options with a name of their own last."""
+    """Overrides of the deck: files found by `--data`, options with a name of their own last."""
+    found: list[str] = []
+    if getattr(options, "data", None) is not None:
+        from myork.stations.data import data_overrides
+
+        found = data_overrides(options.deck, options.data, options.set)
     named = {
         "scene.method": getattr(options, "method", None),
         "solver.linear": getattr(options, "solver", None),
     }
-    return options.set + [f"{key}={value}" for key, value in named.items() if value is not None]
+    return (
+        options.set
+        + found
+        + [f"{key}={value}" for key, value in named.items() if value is not None]
+    )
 
 
 def positive(text: str) -> int:

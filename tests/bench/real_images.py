@@ -24,29 +24,15 @@ from myork.records import Labels
 from myork.report.page import make_report
 from myork.segmentation.regions import body_mask
 from myork.stations.build import build
+from myork.stations.data import data_overrides
 from myork.stations.segment import segment
 
 DECKS = Path(__file__).parents[2] / "inputs" / "images"
-PATHS = ("image.anatomy", "image.reference", "image.truth", "build.surface", "build.tracts")
 
 # Of each leg: shift [pixel] and turn [degrees]; then random bends of so many pixels
 RIGID = [(0, 0, 0), (3, 0, 0), (0, 4, 0), (-3, 3, 0), (0, -5, 0), (2, 2, 4), (-4, 0, -3)]
 RIGID += [(4, -3, 5), (-5, 0, 5), (5, 5, 8)]
 BENDS = [(3, 1), (3, 5), (4, 6), (5, 2), (5, 3), (5, 4)]
-
-
-def overrides(name: str, data: Path) -> list[str]:
-    """Where the files of a deck lie."""
-    deck = load_deck(DECKS / f"{name}.toml")
-    found = []
-    for path in PATHS:
-        table, key = path.split(".")
-        if key in deck.get(table, {}):
-            places = sorted(data.rglob(deck[table][key]))
-            if not places:
-                raise SystemExit(f"{name}: there is no {deck[table][key]} in {data}")
-            found.append(f"{path}={places[0].resolve()}")
-    return found
 
 
 def displaced(labels: Labels, legs: NDArray[np.int32], shift: Sequence[float]) -> Labels:
@@ -77,7 +63,7 @@ def bent(labels: Labels, amount: float, seed: int) -> Labels:
 def calf(data: Path, out: Path) -> None:
     """Dice over the twelve muscles for displaced references."""
     name = "calf_reference"
-    where = overrides(name, data)
+    where = data_overrides(DECKS / f"{name}.toml", data)
     files = dict(entry.removeprefix("image.").split("=", 1) for entry in where)
     truth = read_reference(Path(files["truth"]), print)
     pieces, _ = ndimage.label(body_mask(read_image(Path(files["anatomy"])), rim=0.0))
@@ -102,7 +88,7 @@ def main(data: Path, out: Path) -> None:
     """All decks, then the displaced references."""
     for path in sorted(DECKS.glob("*.toml")):
         print(f"== {path.stem}")
-        folder, files = out / path.stem, overrides(path.stem, data)
+        folder, files = out / path.stem, data_overrides(path, data)
         if "anatomy" in load_deck(path, files)["image"]:
             segment(path, folder, overrides=files, progress=print)
         build(path, folder, overrides=files, progress=print)

@@ -71,6 +71,22 @@ def test_bad_tensors_are_filled_and_counted_or_refused():
         fiber_field(Image(data, np.eye(4), "dti.nii"), inside, 1.0)
 
 
+def test_fibers_of_muscles_that_touch_keep_their_direction_up_to_the_border():
+    labels = np.ones((12, 8, 3), np.int32)
+    labels[6:] = 2
+    directions = np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 1.0], [-0.5, 0.0, 1.0]])
+    data = np.zeros((*labels.shape, 6))
+    for number in (1, 2):
+        data[labels == number] = stick(directions[number])
+    image = Image(data, np.diag([1.0, 1.0, 4.0, 1.0]))
+    wanted = (directions / np.maximum(np.linalg.norm(directions, axis=1), 1)[:, None])[labels]
+    fibers = fiber_field(image, labels, 3.0).fibers.data
+    assert angle(fibers, wanted).max() < 1e-4
+    # As one tissue they would turn by half of the angle between them, 27 degrees, at the border.
+    mixed = fiber_field(image, labels > 0, 3.0).fibers.data
+    assert angle(mixed, wanted)[5:7].min() > 15.0
+
+
 def test_signs_of_vectors_do_not_matter():
     random = np.random.default_rng(2)
     direction = np.array([0.3, 0.2, 0.9]) / np.linalg.norm([0.3, 0.2, 0.9])

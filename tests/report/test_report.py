@@ -397,9 +397,9 @@ def test_a_single_slice_is_one_picture() -> None:
 
 def test_gradient_axes_of_the_files_stand_first() -> None:
     evidence = [
-        {"axes": "x y z", "tract_length_mm": 30.0, "agreement": 0.1},
-        {"axes": "y x z", "tract_length_mm": 50.0, "agreement": -0.5},
-        {"axes": "x -y z", "tract_length_mm": 31.0, "agreement": 0.9},
+        {"axes": "x y z", "crossing": 0.2, "agreement": 0.1},
+        {"axes": "y x z", "crossing": 0.1, "agreement": -0.5},
+        {"axes": "x -y z", "crossing": 0.15, "agreement": 0.9},
     ]
     text = orientation_table(evidence, shown=1)
     assert text.index("x y z") < text.index("x -y z")

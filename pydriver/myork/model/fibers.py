@@ -12,7 +12,7 @@ Arsigny, Fillard, Pennec, Ayache, Magn. Reson. Med. 56 (2006), doi:10.1002/mrm.2
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,7 +71,7 @@ def lead_vector(components: F64) -> F64:
 
 
 def fiber_field(
-    tensor: Image, inside: Mask, smoothing: float, tensor_frame: str = "world"
+    tensor: Image, tissue: NDArray[Any], smoothing: float, tensor_frame: str = "world"
 ) -> FiberField:
     """Fiber vector of every voxel of a tissue, zero elsewhere.
 
@@ -79,13 +79,16 @@ def fiber_field(
     ----------
     tensor : Image
         Components xx, yy, zz, xy, xz, yz, shape `(ni, nj, nk, 6)` [any unit].
-    inside : NDArray
-        Voxels of the tissue; only they are averaged, shape `(ni, nj, nk)`.
+    tissue : NDArray
+        Voxels of the tissue (true, or the label of a muscle); only those of one label are
+        averaged, so that fibers keep their direction up to the border, shape `(ni, nj, nk)`.
     smoothing : float
         Standard deviation of the Gaussian weights of the log-Euclidean average [mm].
     tensor_frame : str
         `world`, or `voxel` for components along the voxel axes of the image.
     """
+    label = np.asarray(tissue).astype(np.int32)
+    inside = label != 0
     usable = inside & np.isfinite(tensor.data).all(-1)
     full = full_tensors(tensor.data[usable])
     if tensor_frame == "voxel":
@@ -100,8 +103,18 @@ def fiber_field(
         (vector * np.log(value)[:, np.newaxis, :]) @ np.swapaxes(vector, 1, 2)
     )
     sigma = smoothing / tensor.spacing
-    average, weight = _gathered(logarithm, usable, sigma)
-    known = inside & (weight > LEAST_WEIGHT)
+    fiber = np.zeros((*inside.shape, 3))
+    known = np.zeros(inside.shape, dtype=bool)
+    for number, box in enumerate(ndimage.find_objects(label), start=1):
+        if box is None:
+            continue
+        here = label[box] == number
+        average, weight = _gathered(
+            logarithm[box] * here[..., np.newaxis], usable[box] & here, sigma
+        )
+        near = here & (weight > LEAST_WEIGHT)
+        fiber[box][near] = lead_vector(average[near] / weight[near][:, np.newaxis])
+        known[box] |= near
     if not known.any():
         raise _no_fiber(
             tensor.name,
@@ -110,8 +123,6 @@ def fiber_field(
             np.argwhere(inside)[0],
             "diffusion tensor (all are zero, not finite or not positive)",
         )
-    fiber = np.zeros((*inside.shape, 3))
-    fiber[known] = lead_vector(average[known] / weight[known][:, np.newaxis])
     missing = inside & ~known
     away, nearest = ndimage.distance_transform_edt(
         ~known, sampling=tensor.spacing, return_indices=True

@@ -53,7 +53,7 @@ _SEGMENTATION = {
     "energy": [_NUMBER],
     "warnings": [_TEXT],
     "sets": [{"name!": _TEXT, "boundary_points!": _NUMBER, "area!": _NUMBER}],
-    "orientation": [{"axes!": _TEXT, "tract_length_mm!": _NUMBER, "agreement": _NUMBER}],
+    "orientation": [{"axes!": _TEXT, "crossing!": _NUMBER, "agreement": _NUMBER}],
 }
 _SUMMARY = {
     **dict.fromkeys(("title", "version", "method", "deck_sha256", "failed"), _TEXT),

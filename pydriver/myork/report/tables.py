@@ -174,13 +174,18 @@ def rom_table(models: Sequence[Mapping[str, Any]]) -> Markup:
 def orientation_table(evidence: Sequence[Mapping[str, Any]], shown: int = 4) -> Markup:
     """Evidence for the order of the gradient axes: that of the files and the best others."""
     given, *others = evidence
-    others.sort(key=lambda o: (o.get("agreement") or 0.0, o["tract_length_mm"]), reverse=True)
+    others.sort(key=lambda o: (-round(o.get("agreement") or 0.0, 1), o["crossing"]))
     rows = [
-        (entry["axes"], number(entry["tract_length_mm"]), number(entry.get("agreement"), 2))
+        (entry["axes"], number(entry["crossing"], 2), number(entry.get("agreement"), 2))
         for entry in (given, *others[:shown])
     ]
-    head = ("gradient axes", "median tract [mm]", "agreement with anatomy [-]")
-    return table(head, rows, "Order of the gradient axes: of the files, and the best others")
+    head = ("gradient axes", "fibers cross walls [-]", "agreement with anatomy [-]")
+    caption = (
+        "Order of the gradient axes: of the files, and the best others. Fibers cross walls: mean "
+        "square cosine with their normals, small where they run along; flips and the two axes "
+        "across a muscle hardly change it"
+    )
+    return table(head, rows, caption)
 
 
 def label_table(segmentation: Mapping[str, Any], units: Mapping[str, str]) -> Markup:

@@ -149,11 +149,13 @@ def _segment(
     if tensor is not None:
         progress("fibers from the diffusion tensors")
         fibers, filled, far, distance = fiber_field(
-            tensor, inside, table["fiber_smoothing"], table["tensor_frame"]
+            tensor, labels.data, table["fiber_smoothing"], table["tensor_frame"]
         )
         write_image(out / "fibers.nii.gz", fibers)
-        evidence, doubt = check_orientation(fibers, labels if truth is None else truth)
-        warnings += [doubt] if doubt else []
+        axes = check_orientation(fibers, labels if truth is None else truth)
+        warnings += [axes.doubt] if axes.doubt else []
+        if axes.remark:
+            progress(axes.remark)
         if filled:
             warnings.append(
                 f"{tensor.name}: {filled} of {int(inside.sum())} tensors of the tissue are not "
@@ -168,7 +170,7 @@ def _segment(
     summary = _summary(deck, labels, result, scores, warnings)
     summary["segmentation"]["bias"] = shading
     if tensor is not None:
-        summary["segmentation"]["orientation"] = [entry.record() for entry in evidence]
+        summary["segmentation"]["orientation"] = [entry.record() for entry in axes.evidence]
     if deck["tissue"]["find"]:
         progress("materials of the leg")
         summary["tissue"] = find_tissues(

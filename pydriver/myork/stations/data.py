@@ -1,0 +1,80 @@
+"""Files that a deck names, looked for in a folder of one's own data."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from myork.core.deck import load_deck
+from myork.errors import FileError, InputError
+
+__all__ = ["PATHS", "data_overrides"]
+
+#: Keys of decks that name an image, a label map, a surface or tracts
+PATHS = (
+    "image.anatomy",
+    "image.tensor",
+    "image.dwi",
+    "image.bval",
+    "image.bvec",
+    "image.truth",
+    "image.region",
+    "image.body",
+    "image.reference",
+    "image.start_labels",
+    "build.labels",
+    "build.fibers",
+    "build.activation",
+    "build.surface",
+    "build.tracts",
+    "tissue.fat",
+    "tissue.connective",
+)
+
+
+def data_overrides(
+    deck: str | Path, data: str | Path, overrides: Sequence[str] = (), command: str = ""
+) -> list[str]:
+    """Overrides that say where the files of a deck lie.
+
+    A file that lies where the deck says is left there; others are looked for by their names in
+    all folders below `data`.
+
+    Parameters
+    ----------
+    deck : str or Path
+        Deck file.
+    data : str or Path
+        Folder.
+    overrides : sequence of str
+        Overrides of the deck, `"table.key=value"`, read first.
+    command : str
+        Command that will use the deck.
+
+    Returns
+    -------
+    list of str
+        `"table.key=value"` each.
+    """
+    folder = Path(data)
+    if not folder.is_dir():
+        raise FileError(
+            f"{folder}: there is no such folder; --data wants the one your images are in"
+        )
+    values = load_deck(deck, overrides, command)
+    found = []
+    for key in PATHS:
+        table, name = key.split(".")
+        wanted = values.get(table, {}).get(name)
+        if wanted is None or (Path(values["folder"]) / wanted).exists():
+            continue
+        places = sorted(place.resolve() for place in folder.rglob(Path(wanted).name))
+        if not places:
+            raise FileError(f"{deck}: there is no {Path(wanted).name} ({key}) below {folder}")
+        if len(places) > 1:
+            raise InputError(
+                f"{deck}: {len(places)} files below {folder} are called {Path(wanted).name} "
+                f"({key}): {places[0]}, {places[1]}; say which by --set {key}=PATH"
+            )
+        found.append(f"{key}={places[0]}")
+    return found

@@ -1,0 +1,73 @@
+"""Files that a deck names, looked for in a folder of data."""
+
+from pathlib import Path
+
+import pytest
+import tomllib
+
+from myork.cli import main
+from myork.errors import FileError, InputError
+from myork.stations.data import PATHS, data_overrides
+
+SCHEMA = Path(__file__).parents[2] / "fortran" / "deck" / "schema.toml"
+
+DECK = """title = "own"
+[units]
+force = "N"
+length = "cm"
+[scene]
+dimension = 3
+[image]
+anatomy = "t1.nii.gz"
+truth = "truth.nii.gz"
+"""
+
+
+def test_every_path_of_images_is_known():
+    schema = tomllib.loads(SCHEMA.read_text())
+    keys = {
+        f"{table}.{key}"
+        for table in ("image", "build", "tissue")
+        for key, entry in schema[table].items()
+        if isinstance(entry, dict) and entry.get("unit") == "path"
+    }
+    assert keys == set(PATHS)
+
+
+@pytest.fixture
+def deck(tmp_path):
+    path = tmp_path / "decks" / "own.toml"
+    path.parent.mkdir()
+    path.write_text(DECK)
+    (path.parent / "truth.nii.gz").touch()
+    folder = tmp_path / "data" / "first visit"
+    folder.mkdir(parents=True)
+    (folder / "t1.nii.gz").touch()
+    (folder / "truth.nii.gz").touch()
+    return path
+
+
+def test_files_beside_the_deck_come_first_others_are_looked_for(deck, tmp_path):
+    place = tmp_path / "data" / "first visit" / "t1.nii.gz"
+    assert data_overrides(deck, tmp_path / "data") == [f"image.anatomy={place}"]
+    here = [f"image.anatomy={place}"]
+    assert data_overrides(deck, tmp_path / "data", here) == []
+
+
+def test_missing_and_double_files_are_told(deck, tmp_path):
+    data = tmp_path / "data"
+    with pytest.raises(FileError, match="there is no such folder"):
+        data_overrides(deck, data / "nowhere")
+    with pytest.raises(FileError, match=r"there is no other.nii.gz \(image.anatomy\) below"):
+        data_overrides(deck, data, ["image.anatomy=other.nii.gz"])
+    (data / "t1.nii.gz").touch()
+    with pytest.raises(
+        InputError, match=r"2 files .* called t1.nii.gz .* --set image.anatomy=PATH"
+    ):
+        data_overrides(deck, data)
+
+
+def test_the_command_reads_the_file_that_was_found(deck, tmp_path, capsys):
+    # The file is empty, and the message names it where it lies.
+    assert main(["segment", str(deck), "--data", str(tmp_path / "data")]) == 2
+    assert str(tmp_path / "data" / "first visit" / "t1.nii.gz") in capsys.readouterr().err
