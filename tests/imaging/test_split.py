@@ -278,6 +278,48 @@ def test_segment_walks_from_the_seeds_of_the_deck(tmp_path):
     assert scores["muscle"]["dice"] > 0.95 and scores["fat"]["dice"] > 0.85
 
 
+def drawn(truth):
+    """A map of strokes: inside muscle and bone, and along the skin; 0 elsewhere."""
+    strokes = np.zeros(truth.shape, np.int32)
+    for number, depth in ((1, 6), (3, 4), (2, 2)):
+        for k in range(truth.shape[2]):
+            inside = ndimage.distance_transform_edt(np.pad(truth[..., k] == number, 1))[1:-1, 1:-1]
+            strokes[..., k][inside > depth] = 10 * number
+    return strokes
+
+
+def test_segment_walks_from_a_map_of_seeds(tmp_path):
+    image, truth = leg()
+    write_image(tmp_path / "leg.nii.gz", image)
+    write_labels(tmp_path / "truth.nii.gz", Labels(truth, AFFINE, {1: "muscle", 2: "fat", 3: "b"}))
+    strokes = drawn(truth)
+    strokes[0, 0, 0] = 10  # in the air
+    names = {10: "muscle", 20: "background", 30: "bone"}
+    write_labels(tmp_path / "seeds.nii.gz", Labels(strokes, AFFINE, names))
+    keys = dict(split="walk", tolerance=0.01, truth="truth.nii.gz", seeds="seeds.nii.gz")
+    found = segmented(tmp_path, **keys)
+    assert found["scores"]["muscle"]["dice"] > 0.95
+    assert set(found["labels"]) == {"muscle", "bone"}
+    assert any("1 of" in line and "outside of the region" in line for line in found["warnings"])
+    labels = read_labels(tmp_path / "out" / "segmentation.nii.gz")
+    assert np.unique(labels.data).tolist() == [0, 10, 30]
+
+
+def test_maps_of_seeds_that_cannot_part_anything(tmp_path):
+    image, truth = leg()
+    write_image(tmp_path / "leg.nii.gz", image)
+    strokes = drawn(truth)
+    strokes[strokes != 10] = 0
+    write_labels(tmp_path / "seeds.nii.gz", Labels(strokes, AFFINE))
+    keys = dict(tolerance=0.01, seeds="seeds.nii.gz")
+    with pytest.raises(InputError, match="seeds of two labels at least .* there are \\[10\\]"):
+        segmented(tmp_path, split="walk", **keys)
+    with pytest.raises(InputError, match="image.seeds needs image.split = 'walk'"):
+        segmented(tmp_path, **keys)
+    with pytest.raises(InputError, match="image.seeds and image.reference both say"):
+        segmented(tmp_path, split="walk", reference="seeds.nii.gz", **keys)
+
+
 RIM = {"name": "fat", "rim": 4}
 
 
@@ -296,7 +338,7 @@ SEED = bone(39, 34, 0)
         ([SEED], {"split": "nearest"}, "'nearest' needs image.reference; seeds go with 'walk'"),
         ([], {"start": "seeds"}, r"start = 'seeds' needs \[\[muscle\]\] with seeds or a rim"),
         ([{"name": "a", "regions": [0]}], {"start": "seeds"}, "with seeds or a rim"),
-        ([], {"split": "walk"}, r"split = 'walk' needs image.reference or \[\[muscle\]\]"),
+        ([], {"split": "walk"}, r"'walk' needs image.reference, image.seeds or \[\[muscle\]\]"),
         ([], {"reference_reach": 3}, "reference_reach needs image.reference"),
         ([SEED], {"reference": "old.nii.gz"}, "both group the regions; take one out"),
         ([bone(39, 2, 34, 0)], {}, "muscle.bone.seeds: three coordinates a point, not 4"),

@@ -24,7 +24,10 @@ from myork.segmentation.level_sets import Regions, wanted_phase
 from myork.segmentation.regions import piece_with_seed
 from myork.segmentation.walk import edge_strength, random_walk
 
-__all__ = ["label_by_phase", "label_by_reference", "label_by_rules"]
+__all__ = ["BACKGROUND", "label_by_phase", "label_by_reference", "label_by_rules", "label_by_seeds"]
+
+#: Name of the label of seeds that is no tissue
+BACKGROUND = "background"
 
 
 def label_by_rules(
@@ -38,6 +41,36 @@ def label_by_rules(
         label = random_walk(edges, where, known, image.spacing, table["edge_weight"])
         return Labels(np.maximum(label, 0), image.affine, names, "segmentation"), []
     label, warnings = group_by_rules(result.region, image, muscles)
+    return Labels(label, image.affine, names, "segmentation"), warnings
+
+
+def label_by_seeds(
+    table: Mapping[str, Any], image: Image, result: Regions, seeds: Labels
+) -> tuple[Labels, list[str]]:
+    """Labels by random walks to a label map of seeds, with its numbers and names, and warnings."""
+    where = result.region >= 0
+    drawn = seeds.data > 0
+    outside = drawn & ~where
+    warnings = []
+    if outside.any():
+        first = tuple(np.argwhere(outside)[0].tolist())
+        warnings.append(
+            f"{seeds.name}: {int(outside.sum())} of {int(drawn.sum())} seeds lie outside of the "
+            f"region to segment, the first is {first}; they are left out (see image.body)"
+        )
+    known = np.where(drawn & where, seeds.data, -1).astype(np.int32)
+    numbers = np.unique(known[known > 0]).tolist()
+    if len(numbers) < 2:
+        raise InputError(
+            f"{seeds.name}: seeds of two labels at least are needed in the region to segment, "
+            f"there are {numbers}; what is no muscle needs a label too"
+        )
+    edges = edge_strength(image.data, where)
+    label = np.maximum(random_walk(edges, where, known, image.spacing, table["edge_weight"]), 0)
+    names = {number: seeds.label_name(number) for number in numbers}
+    for number in [number for number, name in names.items() if name == BACKGROUND]:
+        label[label == number] = 0
+        del names[number]
     return Labels(label, image.affine, names, "segmentation"), warnings
 
 

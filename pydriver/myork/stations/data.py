@@ -21,6 +21,7 @@ PATHS = (
     "image.region",
     "image.body",
     "image.reference",
+    "image.seeds",
     "image.start_labels",
     "build.labels",
     "build.fibers",

@@ -36,7 +36,12 @@ from myork.imaging.phantom import make_phantom, write_phantom
 from myork.model.fibers import fiber_field
 from myork.model.orientation import check_orientation
 from myork.records import Image, Labels
-from myork.segmentation.assign import label_by_phase, label_by_reference, label_by_rules
+from myork.segmentation.assign import (
+    label_by_phase,
+    label_by_reference,
+    label_by_rules,
+    label_by_seeds,
+)
 from myork.segmentation.bias import check_positive, clustered_bias, n4_bias
 from myork.segmentation.channels import fiber_channels, scaled_values, smoothed_tensor
 from myork.segmentation.grouping import Muscle, check_seeds, rule_seeds
@@ -95,6 +100,9 @@ def _segment(
     if truth is not None:
         _check_truth(truth, table["truth_labels"])
     reference = _reference(table, folder, image, progress)
+    seeds = read_reference(folder / table["seeds"], progress) if "seeds" in table else None
+    if seeds is not None:
+        check_same_grid(seeds, image)
     body, wanted = _masks(image, table, folder)
     image, shading = _corrected(image, body, deck["bias"], out, progress)
     region = _region(image, body, wanted, table)
@@ -130,6 +138,8 @@ def _segment(
     warnings: list[str] = []
     if reference is not None:
         labels = label_by_reference(table, image, grey, result, reference)
+    elif seeds is not None:
+        labels, warnings = label_by_seeds(table, image, result, seeds)
     elif muscles:
         labels, warnings = label_by_rules(table, image, result, muscles)
     else:
@@ -323,6 +333,13 @@ def _check_rules(table: Mapping[str, Any], muscles: list[Muscle]) -> None:
     split, rims = table["split"], [muscle.name for muscle in muscles if muscle.rim]
     if table["start"] == "seeds" and not any(muscle.has_place for muscle in muscles):
         raise InputError("image.start = 'seeds' needs [[muscle]] with seeds or a rim")
+    if "seeds" in table:
+        if muscles or "reference" in table:
+            other = "[[muscle]]" if muscles else "image.reference"
+            raise InputError(f"image.seeds and {other} both say what is where; take one out")
+        if split != "walk":
+            raise InputError("image.seeds needs image.split = 'walk'")
+        return
     if "reference" in table:
         if muscles:
             raise InputError("image.reference and [[muscle]] both group the regions; take one out")
@@ -334,7 +351,9 @@ def _check_rules(table: Mapping[str, Any], muscles: list[Muscle]) -> None:
     if muscles and split == "nearest":
         raise InputError("image.split = 'nearest' needs image.reference; seeds go with 'walk'")
     if not muscles and split != "pieces":
-        raise InputError(f"image.split = '{split}' needs image.reference or [[muscle]] with seeds")
+        raise InputError(
+            f"image.split = '{split}' needs image.reference, image.seeds or [[muscle]] with seeds"
+        )
 
 
 def _reference(
