@@ -268,7 +268,8 @@ pure subroutine around(normal, corner)
    end do
 end subroutine around
 
-!> Quadrature points of a facet: Gauss points of an edge, centres of triangles around the middle
+!> Quadrature points of a facet: Gauss points of an edge; of a polygon four that have its area,
+!> centre and second moments, which are the Gauss points of a rectangle
 subroutine add_facet(facets, nd, corner, inside, is, behind)
    !> Facets
    type(facets_type), intent(inout) :: facets
@@ -282,8 +283,8 @@ subroutine add_facet(facets, nd, corner, inside, is, behind)
    integer, intent(in) :: is
    !> Cell behind, or minus the boundary set
    integer, intent(in) :: behind
-   real(wp) :: a(3), b(3), area(3), middle(3), sign
-   integer :: k, n
+   real(wp) :: a(3), b(3), area(3), middle(3), centre(3), moment(3, 3), part, e(3, 2)
+   integer :: i, k, n
 
    n = size(corner, 2)
    middle = sum(corner, dim=2)/n
@@ -298,13 +299,54 @@ subroutine add_facet(facets, nd, corner, inside, is, behind)
       end do
       return
    end if
+   area = 0.0_wp
+   centre = 0.0_wp
+   moment = 0.0_wp
    do k = 1, n
       a = corner(:, k) - middle
       b = corner(:, modulo(k, n) + 1) - middle
-      area = 0.5_wp*vector_product(a, b)
-      sign = merge(1.0_wp, -1.0_wp, dot_product(area, middle - inside) > 0.0_wp)
-      call facets%add(middle + (a + b)/3.0_wp, sign*area, is, max(behind, 0), max(-behind, 0))
+      part = 0.5_wp*norm2(vector_product(a, b))
+      area = area + 0.5_wp*vector_product(a, b)
+      centre = centre + part*(a + b)/3.0_wp
+      do i = 1, 3
+         moment(:, i) = moment(:, i) + part/12.0_wp*(a*a(i) + b*b(i) + (a + b)*(a(i) + b(i)))
+      end do
+   end do
+   part = norm2(area)
+   centre = centre/part
+   if (dot_product(area, middle - inside) < 0.0_wp) area = -area
+   do i = 1, 3
+      moment(:, i) = moment(:, i)/part - centre*centre(i)
+   end do
+   call main_axes(area/part, corner(:, 1) - middle, moment, e)
+   do k = 0, 3
+      call facets%add(middle + centre + merge(1, -1, btest(k, 0))*e(:, 1) &
+         & + merge(1, -1, btest(k, 1))*e(:, 2), 0.25_wp*area, is, max(behind, 0), max(-behind, 0))
    end do
 end subroutine add_facet
+
+!> Main axes of the second moments of a polygon, as long as its deviations along them
+pure subroutine main_axes(normal, first, moment, axis)
+   !> Unit normal
+   real(wp), intent(in) :: normal(3)
+   !> A direction in the plane, of any length
+   real(wp), intent(in) :: first(3)
+   !> Second moments about the centre over the area [length^2]
+   real(wp), intent(in) :: moment(3, 3)
+   !> Axes [length]
+   real(wp), intent(out) :: axis(3, 2)
+   real(wp) :: e(3), f(3), angle, along, across, mixed
+
+   e = first/norm2(first)
+   f = vector_product(normal, e)
+   along = dot_product(e, matmul(moment, e))
+   across = dot_product(f, matmul(moment, f))
+   mixed = dot_product(e, matmul(moment, f))
+   angle = 0.5_wp*atan2(2.0_wp*mixed, along - across)
+   axis(:, 1) = cos(angle)*e + sin(angle)*f
+   axis(:, 2) = cos(angle)*f - sin(angle)*e
+   axis(:, 1) = axis(:, 1)*sqrt(max(dot_product(axis(:, 1), matmul(moment, axis(:, 1))), 0.0_wp))
+   axis(:, 2) = axis(:, 2)*sqrt(max(dot_product(axis(:, 2), matmul(moment, axis(:, 2))), 0.0_wp))
+end subroutine main_axes
 
 end module rk_voronoi

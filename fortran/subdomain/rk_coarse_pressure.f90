@@ -86,9 +86,10 @@ subroutine new_coarse_pressure(self, scene, error)
    end associate
    self%n = size(coarse%source, 2)
    self%point = coarse%source
-   ! one order less than the displacement, where the points are enough for it
+   ! one order less than the displacement, where the points are enough for it; the least singular
+   ! value of the constraint falls with the spacing for pressures of order 3
    self%approximation = scene%approximation
-   self%approximation%order = max(1, scene%approximation%order - 1)
+   self%approximation%order = max(1, min(2, scene%approximation%order - 1))
    if (any(count <= self%approximation%order)) self%approximation%order = 1
    self%support = (self%approximation%order + 1)*coarse%spacing
    call lattice_patches(facets, coarse)

@@ -390,7 +390,7 @@ def _parser() -> argparse.ArgumentParser:
         nargs="+",
         metavar="NAME",
         help="linear, nonlinear, stability, curves, methods, mixed, mms, clouds, gallery, aging, "
-        "faults, trust, newcomer, certify, rom or essential",
+        "faults, trust, newcomer, certify, rom, essential or subdomain",
     )
     bench.add_argument("--quick", action="store_true", help="small cases only")
     report = add(

@@ -80,7 +80,7 @@ subroutine check_box(name, cells, edges)
    type(cells_type), intent(in) :: cells
    !> Edge lengths, shape (nd) [length]
    real(wp), intent(in) :: edges(:)
-   real(wp), allocatable :: loop(:, :), tensor(:, :, :), volume(:)
+   real(wp), allocatable :: loop(:, :), tensor(:, :, :), volume(:), flux(:)
    real(wp) :: face
    integer :: c, d, k, nd, n, s
    logical :: good
@@ -110,16 +110,18 @@ subroutine check_box(name, cells, edges)
    call check(name//': each set is its face', good)
 
    ! facets close around each cell, and the integral of x outer N over them is the volume
-   allocate (loop(nd, n), tensor(nd, nd, n), volume(n), source=0.0_wp)
+   allocate (loop(nd, n), tensor(nd, nd, n), volume(n), flux(n), source=0.0_wp)
    do k = 1, size(cells%side, 2)
       do d = 1, 2
          c = cells%side(d, k)
-         call add(cells%facet(:, k), (3 - 2*d)*cells%area(:, k), loop(:, c), tensor(:, :, c))
+         call add(cells%facet(:, k), (3 - 2*d)*cells%area(:, k), loop(:, c), tensor(:, :, c), &
+            & flux(c))
       end do
    end do
    do s = 1, size(cells%set)
       c = 1 + (cells%lift_point(cells%lift_first(s) + 1) - 1)/cells%per_cell
-      call add(cells%surface(:, s), cells%outward(:, s), loop(:, c), tensor(:, :, c))
+      call add(cells%surface(:, s), cells%outward(:, s), loop(:, c), tensor(:, :, c), &
+         & flux(c))
    end do
    volume = sum(reshape(cells%weight, [cells%per_cell, n]), dim=1)
    call check(name//': cells are closed', all(abs(loop) <= tight))
@@ -131,10 +133,11 @@ subroutine check_box(name, cells, edges)
       good = good .and. all(abs(tensor(:, :, c)) <= tight)
    end do
    call check(name//': facets tell the volume of each cell', good)
+   call check(name//': facets integrate quadratic functions', all(abs(flux) <= tight))
 end subroutine check_box
 
 !> Add a facet to the sums of its cell
-subroutine add(x, area, loop, tensor)
+subroutine add(x, area, loop, tensor, flux)
    !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
    !> Area times outward normal, shape (nd) [length^(nd-1)]
@@ -143,7 +146,10 @@ subroutine add(x, area, loop, tensor)
    real(wp), intent(inout) :: loop(:)
    !> Sum of x outer area, shape (nd, nd) [length^nd]
    real(wp), intent(inout) :: tensor(:, :)
+   !> Flux of (x^2, -2 x y), which has no sources [length^(nd+1)]
+   real(wp), intent(inout) :: flux
 
+   flux = flux + x(1)**2*area(1) - 2.0_wp*x(1)*x(2)*area(2)
    loop = loop + area
    tensor = tensor + spread(x, 2, size(area))*spread(area, 1, size(x))
 end subroutine add

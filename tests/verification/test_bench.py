@@ -176,3 +176,15 @@ def test_essential(tmp_path: Path) -> None:
         exact = case["method"] == "transformation"
         assert (case["missed at points"] < 1e-12) is exact, case
         assert 0 < case["missed between"] < 0.01, case
+
+
+def test_subdomain(tmp_path: Path) -> None:
+    """Orders in the plane, pressures that no displacement leaves alone, one step of each form."""
+    bench = run_benches(["subdomain"], tmp_path, quick=True)["benches"]["subdomain"]
+    rates = [case for case in bench["cases"] if "u_order" in case]
+    assert min(case["stress_order"] for case in rates) > 1
+    constraints = [case for case in bench["cases"] if "least" in case]
+    assert min(case["least"] for case in constraints) > 0.02
+    reached = [case for case in bench["cases"] if "most iterations" in case]
+    assert len(reached) == 12 and min(case["min_J"] for case in reached) > 0
+    assert len(bench["tables"]) == 4

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from myork import Scene
+from myork.bench.studies.subdomain import volume_constraint
 from myork.bench.truths import sized_tables
 from myork.errors import InputError
 from myork.reference import manufactured, materials
@@ -53,8 +54,9 @@ def probes(scene: Scene, given: list[dict[str, Any]]) -> dict[str, float]:
 
 @pytest.mark.parametrize(
     ("order", "bulk", "tip"),
-    # the prototype's, which agree with finite elements (71.4, 66.1) at 33x9 to 0.2 and 0.8 %
-    [(3, 13.0, 70.98), (3, 1e3, 65.74), (3, 1e5, 65.67), (2, 1e5, 64.0), (4, 1e5, 66.5)],
+    # the prototype's, which agree with finite elements (71.4, 66.1) at 33x9 to 0.2 and 0.8 %, but
+    # for order 4: its pressures are of order 2 now, the prototype's were not stable
+    [(3, 13.0, 70.98), (3, 1e3, 65.74), (3, 1e5, 65.67), (2, 1e5, 64.0), (4, 1e5, 66.30)],
 )
 def test_cantilever(open_scene, order: int, bulk: float, tip: float) -> None:
     support = {2: 3.0, 3: 4.0, 4: 5.0}[order]
@@ -124,41 +126,14 @@ def test_tube(open_scene) -> None:
     assert found["force"] == pytest.approx(-187.063, rel=1e-4)
 
 
-@pytest.mark.parametrize(("order", "least"), [(2, 0.085), (3, 0.055)])
-def test_volume_is_constrained_evenly(open_scene, order: int, least: float) -> None:
+@pytest.mark.parametrize(("order", "least"), [(2, 0.085), (3, 0.055), (4, 0.055)])
+def test_volume_is_constrained_evenly(order: int, least: float) -> None:
     """Smallest eigenvalue of the pressures' Schur complement over patch volumes: .110, .098 and
-    .093, .071 here, as far as 33x17 points bounded below; 0 with a pressure at every point."""
-    found = []
-    for n in (5, 7):
-        tables = {
-            **BEAM,
-            "geometry": {
-                "kind": "box",
-                "size": [2, 1],
-                "source": [2 * n - 1, n],
-                "collocation": [2 * n - 1, n],
-            },
-            "boundary": BEAM["boundary"][:1],
-            "probe": [],
-        }
-        scene = open_scene(tables, f"approximation.order={order}")
-        rest = np.zeros(scene.dofs)
-        matrix = np.stack(
-            [scene.linearise(rest, 1.0, one)[1] for one in np.eye(scene.dofs)], axis=1
-        )
-        u = 2 * n * (2 * n - 1)
-        schur = (
-            matrix[u:, :u] @ np.linalg.solve(matrix[:u, :u], matrix[:u, u:]) * (1 / (n - 1)) ** 2
-        )
-        edges = [
-            np.full(points, span / (points - 1)) for points, span in ((n, 2), ((n + 1) // 2, 1))
-        ]
-        for edge in edges:
-            edge[[0, -1]] /= 2
-        values = np.linalg.eigvals(schur / np.outer(*edges).reshape(-1, 1))
-        assert values.real.min() > least
-        found.append(np.abs(values).min())
-    assert found[1] > 0.7 * found[0]
+    .093, .071 here, as far as 33x17 points bounded below; 0 with a pressure at every point, .018
+    and falling with pressures of order 3."""
+    found = [volume_constraint(order, n) for n in (5, 7)]
+    assert min(values["least"] for values in found) > least
+    assert found[1]["smallest"] > 0.7 * found[0]["smallest"]
 
 
 @pytest.mark.parametrize("jitter", [0.0, 0.3])
@@ -246,6 +221,29 @@ def test_manufactured_solution(
     assert [case["outcome"] for case in cases] == ["converged"] * 2, cases
     assert observed_order(cases, "stress_error") > least
     assert cases[-1]["stress_error"] < bound * (10 if jitter else 1)
+
+
+@pytest.mark.parametrize(
+    ("dimension", "bulk", "sizes", "jitter", "bound"),
+    [
+        (2, (np.inf, np.inf), (9, 17), 0.0, 6e-4),
+        (2, (500.0, 1000.0), (17, 21), 0.0, 5e-4),
+        (3, (500.0, 500.0), (5, 7), 0.0, 6e-4),
+        (3, (500.0, 500.0), (5, 7), 0.2, 3e-3),
+    ],
+)
+def test_manufactured_solution_elsewhere(
+    dimension: int, bulk: tuple[float, float], sizes: tuple[int, int], jitter: float, bound: float
+) -> None:
+    """Order 3 at K = inf, with a modulus that varies, in space: order of the stress, and its
+    error at the larger size. Faces are held until the body is stable under its dead loads."""
+    held = {2: ("x0", "x1", "y0"), 3: ("x0", "x1", "y0", "y1", "z0")}[dimension]
+    problem = manufactured.Problem("muscle", dimension, bulk, 3, 4.0, sizes, held)
+    overrides = [f"geometry.jitter={jitter}"]
+    cases = [manufactured.solve(problem, "rkcm-subdomain", n, overrides) for n in sizes]
+    assert [case["outcome"] for case in cases] == ["converged"] * 2, cases
+    assert observed_order(cases, "stress_error") > 2.8
+    assert cases[-1]["stress_error"] < bound
 
 
 def test_what_it_does_not_do_is_refused(open_scene) -> None:

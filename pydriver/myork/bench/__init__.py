@@ -44,6 +44,7 @@ BENCHES = (
     "certify",
     "rom",
     "essential",
+    "subdomain",
 )
 
 

@@ -1,9 +1,10 @@
 """Manufactured solutions: displacement and stress in both formulations.
 
 A large deformation is chosen; the body force that it needs, `b = -Div P`, and the boundary values
-are computed from it and prescribed. The material is active anisotropic muscle; in the last case
-its bulk modulus varies by a factor of five along X, as the program mixes two materials: the body
-force has the part that the gradient of the modulus makes.
+are computed from it and prescribed. The material is active anisotropic muscle; in one case its
+bulk modulus varies by a factor of five along X, as the program mixes two materials: the body
+force has the part that the gradient of the modulus makes. Where the bulk modulus is infinite the
+deformation keeps all volumes and the pressure is chosen as well.
 """
 
 from __future__ import annotations
@@ -38,6 +39,8 @@ _MUSCLE = {"A10": 6.43, "A01": 1.0, "A20": 0.94}
 # Reach of the two materials into each other; the same at all sizes, so that K(X) is [cm]
 _INTERFACE = 1.0
 _FIBER = {2: (0.6, 0.8, 0.0), 3: (0.48, 0.6, 0.64)}
+# Size of the pressure that is chosen where K is infinite [stress]
+_PRESSURE = 10.0
 
 
 class Problem(NamedTuple):
@@ -55,6 +58,8 @@ class Problem(NamedTuple):
         Basis and support over spacing.
     sizes : tuple of int
         Source points along each edge.
+    held : tuple of str
+        Faces whose displacement is prescribed; the others carry tractions.
     """
 
     name: str
@@ -63,6 +68,7 @@ class Problem(NamedTuple):
     order: int
     support: float
     sizes: tuple[int, ...]
+    held: tuple[str, ...] = ("x0", "x1")
 
 
 PROBLEMS = (
@@ -116,9 +122,9 @@ def solve(problem: Problem, method: str, n: int, overrides: Sequence[str] = ()) 
     started = time.perf_counter()
     tables, cloud = _tables(problem, method, n)
     with Scene.from_tables(tables, cloud, overrides=overrides, threads=1) as scene:
-        given = _exact(scene.field_points(), problem, n)
+        given = _exact(scene.field_points(), problem, method, n)
         scene.set_fields(given.body_force, given.u, given.p)
-        exact = _exact(scene.points(), problem, n)
+        exact = _exact(scene.points(), problem, method, n)
         case |= {"dofs": scene.dofs, "rows": scene.rows, "outcome": "converged", "message": ""}
         try:
             start = _beside(scene.dofs, problem, n) if method == "rkcm-subdomain" else None
@@ -138,26 +144,32 @@ def solve(problem: Problem, method: str, n: int, overrides: Sequence[str] = ()) 
     }
 
 
-def chosen_deformation(x: NDArray[Any]) -> NDArray[Any]:
+def chosen_deformation(x: NDArray[Any], growth: float = 0.4) -> NDArray[Any]:
     """Deformed places of undeformed ones, shape `(n, 3)`; works with complex numbers.
 
-    A stretch along X with volume ratio `1 + 1.2 (X - 1/2)^2`, then shears along y and z, which
-    keep the volume.
+    A stretch along X with volume ratio `1 + 3 growth (X - 1/2)^2`, then shears along y and z,
+    which keep the volume.
     """
     y = np.empty(x.shape, x.dtype)
-    y[:, 0] = x[:, 0] + 0.4 * (x[:, 0] - 0.5) ** 3 + 0.05
+    y[:, 0] = x[:, 0] + growth * (x[:, 0] - 0.5) ** 3 + 0.05
     y[:, 1] = x[:, 1] + 0.12 * np.sin(2.0 * y[:, 0])
     y[:, 2] = x[:, 2]
     y[:, 0] = y[:, 0] + 0.08 * np.cos(2.0 * y[:, 1])
     return y
 
 
-def _chosen_3d(x: NDArray[Any]) -> NDArray[Any]:
-    """The same with a shear across the third direction."""
-    y = chosen_deformation(x)
-    y[:, 2] = y[:, 2] + 0.1 * np.sin(2.0 * y[:, 1] + y[:, 0])
-    y[:, 1] = y[:, 1] + 0.06 * np.sin(2.0 * y[:, 2])
-    return y
+def _deformation(problem: Problem) -> Callable[[Any], Any]:
+    """The chosen deformation, in space with shears across the third direction."""
+    growth = 0.4 if np.isfinite(problem.bulk[0]) else 0.0
+
+    def deform(x: NDArray[Any]) -> NDArray[Any]:
+        y = chosen_deformation(x, growth)
+        if problem.dimension == 3:
+            y[:, 2] = y[:, 2] + 0.1 * np.sin(2.0 * y[:, 1] + y[:, 0])
+            y[:, 1] = y[:, 1] + 0.06 * np.sin(2.0 * y[:, 2])
+        return y
+
+    return deform
 
 
 def deformation_gradient(deform: Callable[[Any], Any], x: F64Array) -> F64Array:
@@ -170,54 +182,72 @@ def deformation_gradient(deform: Callable[[Any], Any], x: F64Array) -> F64Array:
     return f
 
 
-def _right_share(points: F64Array, n: int) -> tuple[F64Array, F64Array]:
+def _right_share(points: F64Array, n: int, on_border: float) -> tuple[F64Array, F64Array]:
     """Fraction of the right material and its gradient, as the program mixes materials.
 
-    A source point has the material of the collocation point at its place; the fractions are the
-    sums of its neighbours' functions of order 0.
+    A source point has the material of its place, on the border of both `on_border` of the right
+    one: where labels tell, that of the collocation point there. The fractions are the sums of its
+    neighbours' functions of order 0, which are products over the directions: on a lattice what
+    does not vary along y and z is a sum along x alone.
     """
-    axis = np.linspace(0.0, 1.0, n)
-    source = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
-    functions = shape_functions(source, _INTERFACE, points, order=0)
-    right = source[functions.neighbour, 0] > 0.5
-    share = np.add.reduceat(functions.value[:, :4] * right[:, None], functions.offset[:-1])
-    return share[:, 0], share[:, 1:]
+    source = np.linspace(0.0, 1.0, n)[:, None]
+    functions = shape_functions(source, _INTERFACE, np.ascontiguousarray(points[:, :1]), order=0)
+    part = np.array([0.0, on_border, 1.0])[np.sign(source[:, 0] - 0.5).astype(int) + 1]
+    right = part[functions.neighbour]
+    share = np.add.reduceat(functions.value[:, :2] * right[:, None], functions.offset[:-1])
+    slope = np.zeros((len(points), 3))
+    slope[:, 0] = share[:, 1]
+    return share[:, 0], slope
 
 
-def _exact(points: F64Array, problem: Problem, n: int) -> _Exact:
+def _bulk(points: F64Array, problem: Problem, method: str, n: int) -> tuple[F64Array, F64Array]:
+    """Bulk modulus and its gradient: moduli are mixed, under one pressure their inverses are."""
+    left, right = problem.bulk
+    if left == right:
+        return np.full(len(points), left), np.zeros((len(points), 3))
+    on_border = 0.5 if method == "rkcm-subdomain" else 0.0
+    share, slope = _right_share(points, n, on_border)
+    if method != "rkcm-subdomain":
+        return left + share * (right - left), (right - left) * slope
+    bulk = 1.0 / ((1.0 - share) / left + share / right)
+    return bulk, (bulk**2 * (1.0 / left - 1.0 / right))[:, None] * slope
+
+
+def _exact(points: F64Array, problem: Problem, method: str, n: int) -> _Exact:
     """Solution, stress and body force at points."""
-    deform = chosen_deformation if problem.dimension == 2 else _chosen_3d
+    deform = _deformation(problem)
     x = np.zeros((len(points), 3))
     x[:, : problem.dimension] = points
-    share, slope = np.zeros(len(x)), np.zeros((len(x), 3))
-    if problem.bulk[0] != problem.bulk[1]:
-        share, slope = _right_share(points, n)
+    law = core_material.Material(
+        "muscle", problem.bulk[0], model="muscle", curve="smooth", **_MUSCLE
+    )
+    bulk, slope = _bulk(x, problem, method, n)
 
-    def stress_of(at: F64Array, bulk: float) -> F64Array:
-        law = core_material.Material("muscle", bulk, model="muscle", curve="smooth", **_MUSCLE)
-        return core_material.stress(
-            law,
-            deformation_gradient(deform, at),
-            fiber=_FIBER[problem.dimension],
-            activation=_ACTIVATION,
-        )
+    def cofactor(f: F64Array) -> F64Array:
+        return np.linalg.det(f)[:, None, None] * np.swapaxes(np.linalg.inv(f), 1, 2)
 
     def stress(at: F64Array) -> F64Array:
-        """Stress near the points, with the fractions of the points."""
-        left, right = (stress_of(at, bulk) for bulk in problem.bulk)
-        return left + share[:, None, None] * (right - left)
+        """Stress near the points, with their moduli."""
+        f = deformation_gradient(deform, at)
+        p = core_material.stress(
+            law, f, fiber=_FIBER[problem.dimension], activation=_ACTIVATION, volumetric=False
+        )
+        if np.isfinite(problem.bulk[0]):
+            pressure = bulk * (np.linalg.det(f) - 1.0)
+        else:
+            pressure = _PRESSURE * np.cos(2.0 * at[:, 0] + at[:, 1])
+        return p + pressure[:, None, None] * cofactor(f)
 
     # central differences of sixth order: error below 1e-10 with this step
     step, weights = 2e-3, (3 / 4, -3 / 20, 1 / 60)
-    divergence = np.zeros((len(x), 3))
+    f = deformation_gradient(deform, x)
+    divergence = (np.linalg.det(f) - 1.0)[:, None] * np.einsum("piA,pA->pi", cofactor(f), slope)
     for a in range(problem.dimension):
         for k, weight in enumerate(weights, 1):
             shift = np.zeros(3)
             shift[a] = k * step
             divergence += weight * (stress(x + shift) - stress(x - shift))[:, :, a] / step
-    left, right = (stress_of(x, bulk) for bulk in problem.bulk)
-    divergence += np.einsum("piA,pA->pi", right - left, slope)
-    return _Exact(deform(x) - x, deformation_gradient(deform, x), stress(x), -divergence)
+    return _Exact(deform(x) - x, f, stress(x), -divergence)
 
 
 def _tables(problem: Problem, method: str, n: int) -> tuple[dict[str, Any], PointCloud | None]:
@@ -233,16 +263,16 @@ def _tables(problem: Problem, method: str, n: int) -> tuple[dict[str, Any], Poin
             "interface": _INTERFACE * (n - 1),
         },
         "boundary": [
-            {"set": face, **{f"u_{axis}": 0 for axis in "xyz"[:nd]}} for face in ("x0", "x1")
+            {"set": face, **{f"u_{axis}": 0 for axis in "xyz"[:nd]}} for face in problem.held
         ],
         "load": {"steps": 1, "max_halvings": 0, "activation": _ACTIVATION},
         "solver": {"max_iterations": 60},
         "mixed": {"edge_exponent": 0},
     }
     muscle = {**_MUSCLE, "model": "muscle", "curve": "smooth", "fiber": list(_FIBER[nd])}
-    if nd == 2:
-        size = {"size": [1, 1], "source": [n, n], "collocation": [2 * n - 1, 2 * n - 1]}
-        tables["geometry"] = {"kind": "box", **size}
+    box_of = {"size": [1] * nd, "source": [n] * nd, "collocation": [2 * n - 1] * nd}
+    if problem.bulk[0] == problem.bulk[1] and (nd == 2 or method == "rkcm-subdomain"):
+        tables["geometry"] = {"kind": "box", **box_of}
         tables["material"] = [{"name": "muscle", "K": problem.bulk[0], **muscle}]
         return tables, None
     materials = [
@@ -251,8 +281,8 @@ def _tables(problem: Problem, method: str, n: int) -> tuple[dict[str, Any], Poin
     ]
     tables["material"] = materials
     if method == "rkcm-subdomain":
-        size = {"size": [1, 1, 1], "source": [n] * 3, "collocation": [2 * n - 1] * 3}
-        tables["geometry"] = {"kind": "box", **size}
+        # an odd number of collocation points to each source point: none lies half way between two
+        tables["geometry"] = {"kind": "box", **box_of, "collocation": [3 * n - 2] * nd}
         materials[1]["where"] = "x > 0.5"
         return tables, None
     cloud = box((1.0, 1.0, 1.0), (n, n, n), (2 * n - 1,) * 3, _FIBER[3])
@@ -268,9 +298,8 @@ def _beside(dofs: int, problem: Problem, n: int) -> F64Array:
     axis = np.linspace(0.0, 1.0, n)
     source = np.zeros((n**nd, 3))
     source[:, :nd] = np.stack(np.meshgrid(*[axis] * nd, indexing="ij"), axis=-1).reshape(-1, nd)
-    deform = chosen_deformation if nd == 2 else _chosen_3d
     start = np.zeros(dofs)
-    start[: nd * len(source)] = (deform(source) - source)[:, :nd].ravel()
+    start[: nd * len(source)] = (_deformation(problem)(source) - source)[:, :nd].ravel()
     return start
 
 
