@@ -48,7 +48,7 @@ PYTHON_LAYERS = [
     {"model"},
     {"stations"},
     {"rom", "report", "reference"},
-    {"bench", "demo", "sweeps", "studies", "view"},
+    {"bench", "demo", "selftest", "sweeps", "studies", "view"},
     {"commands"},
     {"cli"},
     {"__main__"},
