@@ -39,7 +39,7 @@ FORTRAN_LAYERS = [
 ]
 #: Modules and folders of the package, lowest first
 PYTHON_LAYERS = [
-    {"errors", "records", "console"},
+    {"errors", "records", "console", "libraries"},
     {"files"},
     {"model_file", "summary", "tables"},
     {"results"},
@@ -167,6 +167,8 @@ def test_the_drawing_of_the_rooms_is_that_of_the_sources() -> None:
     spec.loader.exec_module(draw_rooms)
     drawn = draw_rooms.PAGE.read_text(encoding="utf-8")
     assert drawn == draw_rooms.page(), "run python tests/draw_rooms.py"
+    picture = draw_rooms.PICTURE.read_text(encoding="utf-8")
+    assert picture == draw_rooms.drawing(), "run python tests/draw_rooms.py"
 
 
 @pytest.mark.parametrize("path", F90, ids=name_of)

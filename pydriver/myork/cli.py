@@ -30,6 +30,7 @@ from myork.commands import (
 )
 from myork.console import Console
 from myork.errors import ConvergenceError, MyorkError
+from myork.libraries import cure_of
 
 __all__ = ["main"]
 
@@ -113,7 +114,7 @@ def _explanation(error: Exception) -> tuple[str, int]:
     if isinstance(error, MyorkError):
         return str(error), error.exit_code
     if isinstance(error, ImportError):
-        return f"a part of the installation does not load: {error}; install again", 3
+        return f"a part of the installation does not load: {error}; {cure_of(str(error))}", 3
     if isinstance(error, OSError):
         return str(error), 2
     name = type(error).__name__
@@ -217,6 +218,17 @@ def _check(options: argparse.Namespace) -> None:
         raise ConvergenceError(f"checks that failed: {', '.join(failed)}")
 
 
+def _selftest(options: argparse.Namespace) -> None:
+    from myork.selftest import run_selftest
+
+    found = run_selftest(
+        options.out, progress=(lambda line: None) if options.verbosity < 0 else print
+    )
+    failed = [check.name for check in found if check.passed is False]
+    if failed:
+        raise ConvergenceError(f"checks that failed: {', '.join(failed)}")
+
+
 def _new(options: argparse.Namespace) -> None:
     from myork.stations.new import new_deck
 
@@ -313,6 +325,13 @@ def _parser() -> argparse.ArgumentParser:
         "phantom images, segmentation, model, full solution, reduced model and report",
         "  myork demo\n  myork demo --out /tmp/demo --threads 2",
         "folder of the results; default out/demo",
+    )
+    add(
+        "selftest",
+        _selftest,
+        "checks of the installation in a minute: known answers, threads, files, both programs",
+        "  myork selftest\n  myork selftest --out out/selftest",
+        "folder that keeps what the checks wrote; default none",
     )
     segment = add_deck(
         "segment",

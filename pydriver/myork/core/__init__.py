@@ -1,7 +1,14 @@
 """The compiled core: what Python hands to it and gets from it; only this room imports it."""
 
-from myork.core.threads import MOST_THREADS, thread_count
-from myork.errors import InputError
+from myork.errors import InputError, InstallationError
+from myork.libraries import cure_of
+
+try:
+    from myork.core.threads import MOST_THREADS, thread_count
+except ImportError as reason:
+    raise InstallationError(
+        f"the compiled core does not load: {reason}; {cure_of(str(reason))}"
+    ) from reason
 
 if thread_count() > MOST_THREADS:
     raise InputError(

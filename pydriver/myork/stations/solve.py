@@ -31,10 +31,13 @@ from myork.errors import (
     StoppedError,
 )
 from myork.files import write_text
+from myork.libraries import cure_of
 
 __all__ = ["find_executable", "run_deck", "run_executable", "set_options"]
 
 _NAME = "myork-solve"
+#: Exit status of a program that the loader of the system gives up
+_DOES_NOT_LOAD = 127
 
 
 def find_executable() -> Path:
@@ -248,5 +251,7 @@ def _check_status(status: int, message: str, stopped: bool, progress: ProgressCa
         raise InputError(message or "the input was refused")
     if status == -signal.SIGKILL:
         raise MyorkError(f"{_NAME} was killed; was the memory exhausted? (myork explain) {message}")
+    if status == _DOES_NOT_LOAD:
+        raise InstallationError(f"{_NAME} does not start: {message}; {cure_of(message)}")
     ending = f"signal {signal.Signals(-status).name}" if status < 0 else f"exit status {status}"
     raise InstallationError(f"{_NAME} ended with {ending}: {message}")
