@@ -13,6 +13,7 @@ from typing import Any
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 _HOME = {
+    "Console": "console",
     "MyorkError": "errors",
     "Results": "results",
     "ReducedModel": "rom.model",

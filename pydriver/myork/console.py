@@ -1,4 +1,4 @@
-"""Progress of a long task: a bar on a terminal, plain lines in a log, nothing when quiet.
+"""Progress of a long task: a bar on a terminal or in a notebook, plain lines in a log.
 
 Every function that takes a `progress` argument calls it with one line of text at a time. A line
 that starts with ``name n/total`` (``step  3/10  load 0.3``) moves the bar.
@@ -9,8 +9,9 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Callable
+from html import escape
 from types import TracebackType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
@@ -27,22 +28,30 @@ def silent(line: str) -> None:
 
 
 class Console:
-    """Progress callback of the commands; use it as a context manager.
+    """Progress callback of the commands and of notebooks; use it as a context manager.
 
     Parameters
     ----------
     verbosity : int
         -1 shows nothing, 0 and 1 show the lines that arrive; how many arrive is the business of
         the task.
+
+    Examples
+    --------
+    >>> with Console() as progress:  # doctest: +SKIP
+    ...     states = scene.solve(progress=progress)
     """
 
     def __init__(self, verbosity: int = 0) -> None:
         self._quiet = verbosity < 0
         self._bar: Progress | None = None
         self._tasks: dict[str, TaskID] = {}
+        self._shown: dict[str, _NotebookBar] | None = None
 
     def __enter__(self) -> Console:
-        if not self._quiet and sys.stdout.isatty():
+        if _in_notebook():
+            self._shown = {}
+        elif not self._quiet and sys.stdout.isatty():
             from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
             columns = (
@@ -70,10 +79,13 @@ class Console:
         """Show one line of progress."""
         if self._quiet:
             return
+        counted = _COUNTED.match(line)
+        if self._shown is not None and counted is not None:
+            self._shown.setdefault(counted["name"], _NotebookBar()).show(counted)
+            return
         if self._bar is None:
             print(line, flush=True)
             return
-        counted = _COUNTED.match(line)
         if counted is None:
             self._bar.console.print(line, markup=False, highlight=False)
             return
@@ -83,3 +95,30 @@ class Console:
         self._bar.update(
             self._tasks[name], completed=int(counted["done"]), total=total, rest=counted["rest"]
         )
+
+
+class _NotebookBar:
+    """A bar below a cell, drawn anew with each line."""
+
+    def __init__(self) -> None:
+        self._handle: Any = None
+
+    def show(self, counted: re.Match[str]) -> None:
+        from IPython.display import HTML, display
+
+        drawn = HTML(
+            f"{escape(counted['name'])} <progress value='{counted['done']}' "
+            f"max='{counted['total']}'></progress> {counted['done']}/{counted['total']} "
+            f"{escape(counted['rest'])}"
+        )
+        if self._handle is None:
+            self._handle = display(drawn, display_id=True)
+        else:
+            self._handle.update(drawn)
+
+
+def _in_notebook() -> bool:
+    """Whether a kernel shows what is displayed; IPython is not loaded for the question."""
+    ipython = sys.modules.get("IPython")
+    shell = ipython.get_ipython() if ipython is not None else None
+    return getattr(shell, "kernel", None) is not None

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
+from html import escape
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -135,6 +136,27 @@ class Results:
 
     def __repr__(self) -> str:
         return f"Results({str(self.path)!r}: {self.nstep} steps, {self.npoint} points)"
+
+    def _repr_html_(self) -> str:
+        """The verdict, and load steps with their probes, as notebooks show them."""
+        summary = read_summary(self.path.parent)
+        verdict = summary.get("verdict", {})
+        reasons = "".join(f"<li>{escape(reason)}</li>" for reason in verdict.get("reasons", []))
+        steps = summary.get("steps", [])
+        names = list(dict.fromkeys(name for step in steps for name in step.get("probes", {})))
+        head = "".join(f"<th>{escape(name)}</th>" for name in ["load", *names])
+        rows = "".join(
+            f"<tr><td>{step['load']:.4g}</td>"
+            + "".join(f"<td>{_with_bar(step, name)}</td>" for name in names)
+            + "</tr>"
+            for step in steps
+        )
+        return (
+            f"<p>{escape(str(summary.get('title', self.path)))}: "
+            f"<b>{escape(str(verdict.get('state', 'not judged')))}</b>, {self.nstep} steps, "
+            f"{self.npoint} points</p><ul>{reasons}</ul>"
+            f"<table><tr>{head}</tr>{rows}</table>"
+        )
 
     @cached_property
     def points(self) -> F64:
@@ -372,6 +394,17 @@ def _optional(name: str, extra: str) -> Any:
         raise InstallationError(
             f"this needs {name}: pip install 'myork[{extra}]' ({reason})"
         ) from None
+
+
+def _with_bar(step: dict[str, Any], name: str) -> str:
+    """Value of a probe in a step of the summary with its error bar."""
+    told = []
+    for part, digits in (("probes", 5), ("probe_errors", 2)):
+        value = step.get(part, {}).get(name)
+        if value is not None:
+            several = value if isinstance(value, list) else [value]
+            told.append(", ".join("-" if v is None else f"{v:.{digits}g}" for v in several))
+    return " &plusmn; ".join(told)
 
 
 def restart_of(words: str | Path) -> RestartState:

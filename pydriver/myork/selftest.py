@@ -128,8 +128,11 @@ def _facts() -> dict[str, str]:
     }
     loaded = Path("/proc/self/maps")
     own = loaded.read_text(encoding="utf-8") if loaded.exists() else ""
-    # the loader lists instead of running the program
-    listed = _said(executable, LD_TRACE_LOADED_OBJECTS="1")
+    # a repaired wheel has the program beside the package and a launcher in its place
+    repaired = Path(__file__).parents[1] / "myork.scripts" / executable.name
+    program = repaired if repaired.is_file() else executable
+    # the loader lists instead of running it
+    listed = _said(program, LD_TRACE_LOADED_OBJECTS="1")
     for name, text in (("libraries of Python", own), ("of myork-solve", listed)):
         facts[name] = "\n".join(sorted(set(_LIBRARIES.findall(text)))) or "not known"
     return facts

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from html import escape
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -94,6 +95,19 @@ class ReducedState:
         """What `myork rom solve --json` prints."""
         names = ("parameters", "force", "probes", "indicator", "inside", "converged", "iterations")
         return {name: getattr(self, name) for name in names}
+
+    def _repr_html_(self) -> str:
+        """Probes, and how far they hold, as notebooks show them."""
+        rows = "".join(
+            f"<tr><td>{escape(name)}</td><td>{_six_digits(value)}</td></tr>"
+            for name, value in {**self.parameters, **self.probes}.items()
+        )
+        held = "converged" if self.converged else "not converged"
+        where = "inside" if self.inside else "outside"
+        return (
+            f"<table>{rows}</table><p>estimated relative error {self.indicator:.1e}, {held}, "
+            f"{where} the range of the training</p>"
+        )
 
     def __repr__(self) -> str:
         return "ReducedState(" + ", ".join(f"{k}={v}" for k, v in self.as_dict().items()) + ")"
@@ -238,6 +252,22 @@ class ReducedModel:
             lines.append(f"probes left out: {', '.join(self.head['probes_left_out'])}")
         return "\n".join(lines)
 
+    def __repr__(self) -> str:
+        return f"ReducedModel({self.describe()})"
+
+    def _repr_html_(self) -> str:
+        """What it answers and what was measured of it, as notebooks show them."""
+        first, *rest = self.describe().split("\n")
+        ranges = "".join(
+            f"<tr><td>{escape(p.key)}</td><td>{p.low:g}</td><td>{p.high:g}</td></tr>"
+            for p in self.parameters
+        )
+        told = "".join(f"<br>{escape(line)}" for line in rest[len(self.parameters) :])
+        return (
+            f"<p><b>{escape(first)}</b></p><table><tr><th>parameter</th><th>from</th><th>to</th></tr>"
+            f"{ranges}</table><p>{told.removeprefix('<br>')}</p>"
+        )
+
     def solve(
         self, *, indicator: bool = True, corrections: int | str = "converged", **values: float
     ) -> ReducedState:
@@ -381,6 +411,10 @@ class ReducedModel:
                 value = answer.amplitudes @ shapes.T
             found[probe["name"]] = value[:, 0] if value.shape[1] == 1 else value
         return found
+
+
+def _six_digits(value: Any) -> str:
+    return ", ".join(f"{number:.6g}" for number in np.atleast_1d(value))
 
 
 def _iterations(corrections: int | str) -> int:
