@@ -1,4 +1,4 @@
-"""Real legs and arms through `segment`, `build` and `report`, for whoever has the data.
+"""Real legs and arms through `segment`, `build`, `solve` and `report`, for whoever has the data.
 
     python tests/bench/real_images.py DATA OUT
 
@@ -26,6 +26,7 @@ from myork.segmentation.regions import body_mask
 from myork.stations.build import build
 from myork.stations.data import data_overrides
 from myork.stations.segment import segment
+from myork.stations.solve import run_deck
 
 DECKS = Path(__file__).parents[2] / "inputs" / "images"
 
@@ -92,6 +93,8 @@ def main(data: Path, out: Path) -> None:
         if "anatomy" in load_deck(path, files)["image"]:
             segment(path, folder, overrides=files, progress=print)
         build(path, folder, overrides=files, progress=print)
+        if load_deck(path, files)["boundary"]:
+            run_deck(path, folder, progress=print)
         make_report(folder)
     print("== calf_reference, displaced references")
     calf(data, out / "displaced")
