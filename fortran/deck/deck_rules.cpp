@@ -17,18 +17,24 @@ static void check_materials(Deck &deck) {
    const std::vector<Section *> materials = deck.entries("material");
    const Section *scene = deck.single("scene");
    const std::string method = scene ? scene->text("method") : "";
-   const bool regions = std::any_of(materials.begin(), materials.end(), [](Section *material) {
+   const Section *geometry = deck.single("geometry");
+   const bool map = geometry && (geometry->find("labels") || geometry->refused.count("labels"));
+   const bool regions = map || std::any_of(materials.begin(), materials.end(), [](Section *material) {
       return material->find("where") || material->refused.count("where");
    });
    for (Section *material : materials) {
       const Value *label = material->find("label");
-      if (regions && label)
+      const bool where = material->find("where") || material->refused.count("where");
+      if (regions && label && (where || !map))
          deck.complain(label->origin, deck.address(*material, "label"),
-                       "cannot be given where materials are told apart by `where`");
-      if (regions && material != materials.front() && !material->find("where") &&
-          !material->refused.count("where"))
-         deck.complain(material->origin, deck.address(*material, "where"),
-                       "missing, only the first material may leave it out and fill the rest");
+                       map ? "cannot be given beside `where`"
+                           : "cannot be given where materials are told apart by `where`: in a box labels "
+                             "are those of a label map, geometry.labels");
+      if (regions && material != materials.front() && !where && !(map && label) &&
+          !material->refused.count("label"))
+         deck.complain(material->origin, deck.address(*material, map ? "label" : "where"),
+                       std::string("missing, ") + (map ? "and so is `where`: " : "") +
+                          "only the first material may leave it out and fill the rest");
       const Value *bulk = material->find("K");
       if (bulk && !std::isfinite(bulk->number()) && method == "rkcm")
          deck.complain(bulk->origin, deck.address(*material, "K"),
@@ -193,6 +199,9 @@ static void check_geometry(Deck &deck, const Section &geometry, int dimension) {
       deck.complain(outer->origin, deck.address(geometry, "outer_radius"),
                     "must be greater than inner_radius = " + inner->plain() + ", not " +
                         outer->plain());
+   const Value *origin = geometry.find("labels_origin");
+   if (origin && !geometry.find("labels") && !geometry.refused.count("labels"))
+      deck.complain(origin->origin, deck.address(geometry, "labels_origin"), "needs labels beside it");
    const Value *kind = geometry.find("kind");
    if (kind && kind->text != "box" && dimension != 0 &&
        dimension != (kind->text == "annulus" ? 2 : 3))

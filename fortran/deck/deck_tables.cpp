@@ -1,4 +1,5 @@
-// Tables, functions of one value: their names, their numbers, and the files these may stand in.
+// Tables, functions of one value: their names, their numbers, and the files these may stand in. All
+// files that a deck names for its scene are part of what identifies it.
 #include "deck.h"
 
 #include "expression.h"
@@ -95,29 +96,38 @@ static std::string read_file(const std::string &text, const std::string &path, c
    return x.empty() ? path + ": has no numbers" : "";
 }
 
-static void fill_from_file(Deck &deck, Section &table, const Value &file, std::string &contents) {
+// Bytes of a file that a deck names; nothing, and a complaint, where it cannot be read
+static std::optional<std::string> bytes_of(Deck &deck, const Section &section, const std::string &key) {
    namespace fs = std::filesystem;
+   const Value &file = *section.find(key);
    const std::string path = (fs::path(deck.folder) / file.text).string();
-   const auto complain = [&](const std::string &what) {
-      deck.complain(file.origin, deck.address(table, "file"), what);
-   };
    std::error_code ignored;
    std::ifstream stream(path, std::ios::binary);
    if (!fs::is_regular_file(path, ignored) || !stream) {
-      complain(quoted(file.text) + " cannot be read: " +
-               (fs::exists(path, ignored) ? "it is no regular file" : "there is no such file in " + deck.folder));
-      return;
+      deck.complain(file.origin, deck.address(section, key),
+                    quoted(file.text) + " cannot be read: " +
+                       (fs::exists(path, ignored) ? "it is no regular file"
+                                                  : "there is no such file in " + deck.folder));
+      return std::nullopt;
    }
    std::ostringstream text;
    text << stream.rdbuf();
-   contents += "\n--table " + text.str();
+   return text.str();
+}
+
+static void fill_from_file(Deck &deck, Section &table, const Value &file, std::string &contents) {
+   const std::optional<std::string> text = bytes_of(deck, table, "file");
+   if (!text)
+      return;
+   contents += "\n--table " + *text;
    std::vector<double> x, value;
    const Value *columns = table.find("columns");
    if (!columns)
       return;
-   const std::string fault = read_file(text.str(), path, *columns, x, value);
+   const std::string path = (std::filesystem::path(deck.folder) / file.text).string();
+   const std::string fault = read_file(*text, path, *columns, x, value);
    if (!fault.empty()) {
-      complain(fault);
+      deck.complain(file.origin, deck.address(table, "file"), fault);
       return;
    }
    table.values["x"] = array_of(x, file.origin);
@@ -126,6 +136,9 @@ static void fill_from_file(Deck &deck, Section &table, const Value &file, std::s
 
 void read_tables(Deck &deck) {
    std::string contents;
+   const Section *geometry = deck.single("geometry");
+   if (geometry && geometry->find("labels"))
+      contents += "\n--labels " + bytes_of(deck, *geometry, "labels").value_or("");
    for (Section *table : deck.entries("table")) {
       const Value *name = table->find("name");
       const std::string fault = name ? table_name_fault(name->text) : "";

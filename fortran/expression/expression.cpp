@@ -1,6 +1,8 @@
 // Expressions by muParser, compiled once for each text and thread.
 #include "expression.h"
 
+#include "label_map.h"
+
 #include <algorithm>
 #include <array>
 #include <cctype>
@@ -34,8 +36,8 @@ namespace {
 
 // What stands between an expression and the tables that it may call: a name and a number a line
 constexpr char tables_follow = '\x1e';
-// Function by which tables are called inside
-const char *const lookup_name = "rk_table";
+// Functions by which tables and label maps are called inside
+const char *const lookup_name = "rk_table", *const label_name = "rk_label";
 
 // A function that is given by its values at rising places, the same before and after them
 struct Table {
@@ -99,6 +101,7 @@ struct Compiled {
             const std::vector<std::string> &tables = {}) {
       const std::string text = plain_text(code);
       parser.DefineFun(lookup_name, looked_up);
+      parser.DefineFun(label_name, label_at);
       for (const std::string &name : tables)
          parser.DefineFun(name, any_table);
       parser.ClearConst();
@@ -126,7 +129,7 @@ static std::string known(const Compiled &compiled, const std::vector<std::string
    list += "pi; functions are ";
    bool first = true;
    for (const auto &[name, unused] : compiled.parser.GetFunDef()) {
-      if (name == lookup_name)
+      if (name == lookup_name || name == label_name)
          continue;
       list += (first ? "" : ", ") + name;
       first = false;
@@ -160,8 +163,10 @@ std::string expression_fault(const std::string &text, const std::vector<std::str
       return "is no expression: = sets a value" + at(assignment(text)) + ", == compares";
    try {
       Compiled compiled(text, names, tables);
-      if (compiled.parser.GetExpr().find(lookup_name) != std::string::npos)
-         return std::string("is no expression: ") + lookup_name + " is no function";
+      for (const char *name : {lookup_name, label_name}) {
+         if (compiled.parser.GetExpr().find(name) != std::string::npos)
+            return std::string("is no expression: ") + name + " is no function";
+      }
       compiled.parser.Eval();
       if (compiled.parser.GetNumResults() > 1)
          return "is no expression: several values with commas between, one is needed";

@@ -3,7 +3,7 @@ module rk_deck_materials
    use rk_deck, only : deck_type, word_length
    use rk_deck_expression, only : read_expression
    use rk_deck_programme, only : read_activation
-   use rk_deck_regions, only : has_regions, label_regions
+   use rk_deck_regions, only : has_regions, label_regions, read_parts
    use rk_error, only : error_type, fatal_error, err_input
    use rk_material, only : material_item
    use rk_material_list, only : new_material
@@ -40,9 +40,11 @@ subroutine read_materials(scene, deck, error)
 
    n = deck%count('material')
    regions = has_regions(deck)
-   if (regions) call label_regions(scene%cloud, deck, error)
-   if (allocated(error)) return
    allocate (scene%tissue(n), scene%tissue_of(size(scene%cloud%points, 2)))
+   if (regions) call read_parts(scene%tissue, deck, error)
+   if (regions .and. .not. allocated(error)) call label_regions(scene%cloud, scene%tissue, deck, &
+      & error)
+   if (allocated(error)) return
    scene%tissue_of = 0
    if (allocated(scene%cloud%fraction)) allocate (material_of(size(scene%cloud%fraction, 1)), &
       & source=0)
@@ -51,8 +53,8 @@ subroutine read_materials(scene, deck, error)
       associate (tissue => scene%tissue(k))
          call deck%get(at//'.name', tissue%name)
          by_label = regions .or. deck%has(at//'.label')
-         if (deck%has(at//'.label')) call deck%get(at//'.label', tissue%label)
-         if (regions) tissue%label = k
+         if (.not. regions .and. deck%has(at//'.label')) call deck%get(at//'.label', &
+            & tissue%label)
          call read_parameters(deck, at, tissue%name, parameters)
          call new_material(item, parameters, error)
          if (allocated(error)) then
@@ -65,8 +67,8 @@ subroutine read_materials(scene, deck, error)
             & tissue, by_label)
          if (.not. any(scene%tissue_of == k) .and. .not. has_part(scene, material_of, k)) then
             if (regions) then
-               call deck%complain(at//'.where', 'no point lies there, or later materials hold ' &
-                  & //'all of them', error)
+               call deck%complain(at//merge('.label', '.where', deck%has(at//'.label')), &
+                  & 'no point lies there, or later materials hold all of them', error)
             else
                call deck%complain(at//'.label', 'no point has label '//to_text(tissue%label), &
                   & error)

@@ -1,52 +1,70 @@
-!> Materials in parts of a box or an annulus, told by expressions in coordinates: labels of the
-!> points, and fractions of the materials where a border cuts through the volume of a point.
+!> Materials in parts of a box or an annulus, told by expressions in coordinates or by a label map:
+!> labels of the points, and fractions of the materials where a border cuts through the volume of a
+!> point.
 module rk_deck_regions
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type
    use rk_deck_expression, only : read_expression
+   use rk_deck_labels, only : read_labels
    use rk_error, only : error_type
-   use rk_expression, only : expression_type
    use rk_precision, only : pi, wp
+   use rk_scene, only : tissue_type
    use rk_text, only : to_text
    implicit none
    private
 
-   public :: has_regions, label_regions
+   public :: has_regions, label_regions, read_parts
 
    !> Places in each direction at which the volume of a point is looked at where a border cuts it
    integer, parameter :: samples = 6
 
 contains
 
-!> Whether the deck tells parts of the body by expressions
+!> Whether the deck tells parts of the body by expressions or a label map
 logical function has_regions(deck)
    !> Deck
    type(deck_type), intent(in) :: deck
    integer :: k
 
-   has_regions = .false.
+   has_regions = deck%has('geometry.labels')
    do k = 1, deck%count('material')
       has_regions = has_regions .or. deck%has('material.'//to_text(k)//'.where')
    end do
 end function has_regions
 
-!> Label each point by the number of its material, of which later ones replace earlier ones
-subroutine label_regions(cloud, deck, error)
+!> Which part of the body each material may fill, and its label: that of the label map where all
+!> have one, its number otherwise
+subroutine read_parts(tissue, deck, error)
+   !> Materials in the order of the deck
+   type(tissue_type), intent(inout) :: tissue(:)
+   !> Deck
+   type(deck_type), intent(in) :: deck
+   !> Error handling: what is wrong with the label map
+   type(error_type), allocatable, intent(inout) :: error
+   integer :: k
+
+   do k = 1, size(tissue)
+      tissue(k)%label = k
+      call read_expression(deck, 'material.'//to_text(k)//'.where', tissue(k)%part)
+   end do
+   if (deck%has('geometry.labels')) call read_labels(tissue, deck, error)
+end subroutine read_parts
+
+!> Label each point by its material, of which later ones replace earlier ones
+subroutine label_regions(cloud, tissue, deck, error)
    !> Points of a box or an annulus
    type(cloud_type), intent(inout) :: cloud
+   !> Materials with their parts
+   type(tissue_type), intent(in) :: tissue(:)
    !> Deck
    type(deck_type), intent(in) :: deck
    !> Error handling: an expression without a value somewhere
    type(error_type), allocatable, intent(inout) :: error
-   type(expression_type) :: region(deck%count('material'))
    integer, allocatable :: count_(:)
    real(wp), allocatable :: extent(:)
-   real(wp) :: part(size(region)), low(3), high(3), step(3)
-   integer :: d, ip, k
+   real(wp) :: part(size(tissue)), low(3), high(3), step(3)
+   integer :: d, ip
 
-   do k = 1, size(region)
-      call read_expression(deck, 'material.'//to_text(k)//'.where', region(k))
-   end do
    call deck%get('geometry.collocation', count_)
    low = 0.0_wp
    if (cloud%polar) then
@@ -61,8 +79,8 @@ subroutine label_regions(cloud, deck, error)
       step(d) = (high(d) - low(d))/(count_(d) - 1)
    end do
    if (allocated(cloud%fraction)) deallocate (cloud%fraction)
-   allocate (cloud%fraction(size(region), size(cloud%points, 2)), source=0.0_wp)
-   cloud%fraction_label = [(k, k=1, size(region))]
+   allocate (cloud%fraction(size(tissue), size(cloud%points, 2)), source=0.0_wp)
+   cloud%fraction_label = tissue%label
    do ip = 1, size(cloud%points, 2)
       call fill(ip)
       if (allocated(error)) return
@@ -77,12 +95,14 @@ contains
    subroutine fill(ip)
       integer, intent(in) :: ip
       real(wp) :: from(3), to(3)
+      integer :: own
 
-      cloud%label(ip) = material_at(cloud%points(:, ip))
+      own = material_at(cloud%points(:, ip))
+      cloud%label(ip) = tissue(own)%label
       call cell(cloud%points(:, ip), from, to)
       part = 0.0_wp
       call look(from, to, 2)
-      if (count(part > 0.0_wp) > 1 .or. part(cloud%label(ip)) <= 0.0_wp) then
+      if (count(part > 0.0_wp) > 1 .or. part(own) <= 0.0_wp) then
          part = 0.0_wp
          call look(from, to, samples)
       end if
@@ -134,9 +154,9 @@ contains
       real(wp), intent(in) :: x(:)
       real(wp) :: value
 
-      do found = size(region), 1, -1
-         if (.not. region(found)%given()) return
-         call region(found)%at(x, value, error)
+      do found = size(tissue), 1, -1
+         if (.not. tissue(found)%part%given()) return
+         call tissue(found)%part%at(x, value, error)
          if (allocated(error)) exit
          if (abs(value) > 0.0_wp) return
       end do

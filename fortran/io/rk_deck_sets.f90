@@ -66,7 +66,7 @@ subroutine read_region(region, scene, deck, at, error)
    character(len=:), allocatable :: word
    real(wp), allocatable :: normal(:)
    real(wp) :: angle
-   integer :: k, l
+   integer :: k
 
    if (deck%has(at//'.side')) then
       call deck%get(at//'.side', word)
@@ -81,10 +81,7 @@ subroutine read_region(region, scene, deck, at, error)
       end do
       if (has_regions(deck)) then
          ! labels of points would put the border half way between these
-         allocate (region%tissue(size(scene%tissue) - k + 1))
-         do l = k, size(scene%tissue)
-            call read_expression(deck, 'material.'//to_text(l)//'.where', region%tissue(l - k + 1))
-         end do
+         region%tissue = scene%tissue(k:)%part
       else if (size(scene%tissue) > 1) then
          region%label = scene%tissue(k)%label
       end if

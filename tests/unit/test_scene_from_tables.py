@@ -104,8 +104,9 @@ def test_title_and_units_have_defaults() -> None:
 
 
 @pytest.mark.parametrize("path", DECKS, ids=lambda path: path.stem)
-def test_text_of_tables_is_read_as_the_tables(path: Path) -> None:
+def test_text_of_tables_is_read_as_the_tables(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """tomllib is the witness; the reader finds the same values as in the file."""
+    monkeypatch.chdir(path.parent)
     tables = tomllib.loads(path.read_text(encoding="utf-8"))
     assert tomllib.loads(deck_text(tables)) == tables
     ours, theirs = load_tables(tables), load_deck(path)
