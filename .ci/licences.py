@@ -58,21 +58,10 @@ def package_of(file: Path) -> str:
 def mark(metadata: Path) -> None:
     """Say in the metadata what the whole is under."""
     text = metadata.read_text(encoding="utf-8")
-    text, licence = re.subn(
-        r"^License: .*$",
-        "License: MIT (MyoRK); with the libraries in this wheel GPL-3.0-or-later, see licenses",
-        text,
-        flags=re.M,
-    )
-    text, classifier = re.subn(
-        r"^(Classifier: License :: OSI Approved :: )MIT License$",
-        r"\g<0>\n\1GNU General Public License v3 or later (GPLv3+)",
-        text,
-        flags=re.M,
-    )
-    if (licence, classifier) != (1, 1):
+    marked = re.sub(r"^(License-Expression: MIT)$", r"\1 AND GPL-3.0-or-later", text, flags=re.M)
+    if marked == text:
         sys.exit(f"{metadata}: no licence to mark")
-    metadata.write_text(text, encoding="utf-8")
+    metadata.write_text(marked, encoding="utf-8")
 
 
 def main(wheel: Path, out: Path) -> None:

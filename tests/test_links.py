@@ -5,6 +5,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+import yaml
 
 from myork.bench import BENCHES
 
@@ -65,3 +66,29 @@ def test_benchmarks_are_there(page: Path) -> None:
         for word in names.split()
     }
     assert not named - set(BENCHES)
+
+
+def test_numbers_of_the_readme_are_those_of_the_pages() -> None:
+    """What was measured stands on the page that its row names, as it was printed."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    rows = text.split("## What has been measured")[1].split("\n## ")[0].splitlines()
+    counted = 0
+    for row in (row for row in rows if row.startswith("| ") and "](" in row):
+        *_, found, printed, pages = row.strip("| ").split(" | ")
+        assert "myork bench" in printed or "tests/" in printed, row
+        linked = re.findall(r"\]\(([^)]+)\)", pages)
+        there = "".join((ROOT / page).read_text(encoding="utf-8") for page in linked)
+        for number in re.findall(r"\d+\.\d+(?:e-?\d+)?", found):
+            assert re.search(rf"(?<![\d.]){re.escape(number)}(?!\d)", there), f"{number}: {row}"
+            counted += 1
+    assert counted > 8
+
+
+def test_the_citation_is_that_of_this_version() -> None:
+    """CITATION.cff, pyproject's licence and meson's version agree; what is cited is complete."""
+    cited = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    meson = (ROOT / "meson.build").read_text(encoding="utf-8")
+    assert f"version: '{cited['version']}'" in meson
+    assert f"license: '{cited['license']}'" in meson
+    needed = {"cff-version", "message", "title", "type", "abstract", "keywords", "authors"}
+    assert needed <= set(cited) and cited["references"][0]["url"].startswith("https://")
