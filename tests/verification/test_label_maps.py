@@ -137,6 +137,9 @@ def test_maps_that_lie_otherwise(tmp_path: Path) -> None:
         spaced(0.5, 0.5, 1)[[2, 0, 1, 3]],
     )
     np.testing.assert_array_equal(states_of(mapped(swapped)), expected)
+    second = tmp_path / "second.nii.gz"
+    nibabel.save(nibabel.Nifti2Image(halves(), spaced(1, 0.5, 0.5)), second)
+    np.testing.assert_array_equal(states_of(mapped(str(second))), expected)
     wide = save(
         tmp_path / "wide.nii",
         np.pad(halves(), 3, constant_values=1),
@@ -263,13 +266,13 @@ def test_a_plane_in_a_volume_needs_its_height(inputs: Path) -> None:
 @pytest.mark.parametrize(
     ("data", "what"),
     [
-        (np.zeros((4, 4, 4), np.float32), "holds values of NIfTI's type 16, which are no whole"),
+        (np.zeros((4, 4, 4), np.float32), "holds values of type FLOAT32, which are no whole"),
         (np.full((4, 4, 4), -3, np.int16), "has the label -3; labels are from 0"),
         (np.zeros((4, 4, 4, 2), np.int16), "is no label map: it has 2 values a voxel"),
-        (b"no image", "is no NIfTI file with header and values in one"),
+        (b"no image", "is no readable NIfTI file"),
         (-9, "ends before the values that its header promises"),
-        (300, "is no NIfTI file with header and values in one"),
-        ("second", "is NIfTI of version 2; save it as version 1"),
+        (300, "is no readable NIfTI file"),
+        ("scaled", "scales its values"),
     ],
 )
 def test_files_that_are_no_label_maps(data: Any, what: str, tmp_path: Path) -> None:
@@ -278,8 +281,10 @@ def test_files_that_are_no_label_maps(data: Any, what: str, tmp_path: Path) -> N
         save(path, data, spaced(10, 10, 10))
     elif isinstance(data, bytes):
         path.write_bytes(data)
-    elif data == "second":
-        nibabel.save(nibabel.Nifti2Image(halves(), np.eye(4)), path)
+    elif data == "scaled":
+        image = nibabel.Nifti1Image(halves(), np.eye(4))
+        image.header.set_slope_inter(2.0, 0.0)
+        nibabel.save(image, path)
     else:
         save(path, halves(), spaced(1, 0.5, 0.5))
         path.write_bytes(path.read_bytes()[:data])
