@@ -107,9 +107,8 @@ static void check_own(Deck &deck, const Section &linear, int dimension) {
 
 static void check_linear_probes(Deck &deck, const Section &linear, const std::string &method) {
    const std::string problem = linear.text("problem"), solution = linear.text("solution");
-   // collocation knows forces from virtual work, which does not know sources
-   const bool forces = solution == "none" ? method == "rkpm-gauss" && deck.entries("dynamics").empty()
-                                          : solution == "cantilever";
+   // collocation knows forces from virtual work, which does not know sources and inertia
+   const bool forces = solution == "none" ? method == "rkpm-gauss" : solution == "cantilever";
    for (Section *probe : deck.entries("probe")) {
       const std::string quantity = probe->text("quantity");
       const bool force = quantity.compare(0, 5, "force") == 0;
@@ -125,7 +124,11 @@ static void check_linear_probes(Deck &deck, const Section &linear, const std::st
                                        ? " of a set or section"
                                        : "") +
                            " is not known in a linear problem of " + problem +
-                           (solution == "none" ? " by " + method : " with " + solution));
+                           (solution == "none" ? " by " + method : " with " + solution) +
+                           (force && !forces && problem != "poisson" && solution == "none"
+                               ? ", whose virtual work has no sources and no inertia: take "
+                                 "scene.method = rkpm-gauss"
+                               : ""));
    }
 }
 

@@ -580,10 +580,16 @@ function set_force(self, set, state, share) result(force)
    !> Of no meaning: the work of the surface's own points is exact
    real(wp), intent(in) :: share
    real(wp) :: force(3)
+   type(error_type), allocatable :: error
+   logical :: essential(self%fields, size(self%cells%set))
+   real(wp), allocatable :: value(:, :, :), traction(:, :, :)
 
    associate (unused => share)
    end associate
-   force = self%surface%force(self%cells, set, state)
+   ! of a motion the load is the time; its expressions had values then
+   if (allocated(self%scene%motion)) call surface_at(self, state%load, essential, value, traction, &
+      & error)
+   force = self%surface%force(self%cells, set, state, value, traction)
    if (allocated(self%held)) force = force + self%held%force(set, state%held)
 end function set_force
 

@@ -60,6 +60,7 @@ module rk_weak_conditions
       procedure :: gradient_at
       !> What is prescribed at a point
       procedure :: held_at
+      procedure, private :: pushed_at
       !> Moment of the forces on a set
       procedure :: torque => set_torque
       !> Share of lifting and penalty in the forces on one side of a cut
@@ -316,7 +317,7 @@ subroutine add_body_force(inside, weight, body_force, force)
 end subroutine add_body_force
 
 !> Force that the surroundings exert on the body through a set: what does work when the set moves
-function set_force(self, cells, set, state) result(force)
+function set_force(self, cells, set, state, value, traction) result(force)
    !> Surface
    class(surface_type), intent(in) :: self
    !> Integration points
@@ -325,12 +326,21 @@ function set_force(self, cells, set, state) result(force)
    integer, intent(in) :: set
    !> State
    type(field_state), intent(in) :: state
+   !> Prescribed values and tractions of the state's time, in place of those of the load factors,
+   !> shape (1, nd, ms) [length], [force/area]
+   real(wp), intent(in), optional :: value(:, :, :), traction(:, :, :)
    real(wp) :: force(3), u(3)
    integer :: s
 
    force = 0.0_wp
    do s = 1, size(cells%set)
-      if (cells%in_set(s, set)) call add_point_force(self, cells, s, state, force, u)
+      if (.not. cells%in_set(s, set)) cycle
+      if (present(value)) then
+         call add_point_force(self, cells, s, state, value(1, :, s), traction(1, :, s), force, u)
+      else
+         call add_point_force(self, cells, s, state, self%held_at(s, state), &
+            & self%pushed_at(s, state), force, u)
+      end if
    end do
 end function set_force
 
@@ -354,7 +364,8 @@ function set_torque(self, cells, set, state, about) result(torque)
    do s = 1, size(cells%set)
       if (.not. cells%in_set(s, set)) cycle
       force = 0.0_wp
-      call add_point_force(self, cells, s, state, force, u)
+      call add_point_force(self, cells, s, state, self%held_at(s, state), &
+         & self%pushed_at(s, state), force, u)
       arm = u - about
       arm(:nd) = arm(:nd) + cells%surface(:, s)
       torque = torque + vector_product(arm, force)
@@ -379,6 +390,22 @@ pure function held_at(self, s, state) result(u)
    if (self%plates%count > 0) u = u + self%plates%motion(s, state%x)
 end function held_at
 
+!> Traction at a point, by load factors [force/area]
+pure function pushed_at(self, s, state) result(traction)
+   !> Surface
+   class(surface_type), intent(in) :: self
+   !> Surface point
+   integer, intent(in) :: s
+   !> State
+   type(field_state), intent(in) :: state
+   real(wp) :: traction(size(self%value, 2))
+   integer :: i
+
+   do i = 1, size(traction)
+      traction(i) = combined(self%traction(:, i, s), state%factor)
+   end do
+end function pushed_at
+
 !> Energy of the penalty: supports give way a little [force length]
 real(wp) function held_energy(self, state) result(energy)
    !> Surface
@@ -400,7 +427,7 @@ real(wp) function held_energy(self, state) result(energy)
 end function held_energy
 
 !> Force on the body at a surface point, and the displacement there
-subroutine add_point_force(self, cells, s, state, force, displacement)
+subroutine add_point_force(self, cells, s, state, held, traction, force, displacement)
    !> Surface
    class(surface_type), intent(in) :: self
    !> Integration points
@@ -409,24 +436,25 @@ subroutine add_point_force(self, cells, s, state, force, displacement)
    integer, intent(in) :: s
    !> State
    type(field_state), intent(in) :: state
+   !> What is prescribed there, shape (nd) [length], [force/area]
+   real(wp), intent(in) :: held(:), traction(:)
    !> Force, to which that of the point is added [force]
    real(wp), intent(inout) :: force(3)
    !> Displacement [length]
    real(wp), intent(out) :: displacement(3)
-   real(wp) :: u(size(self%value, 2), self%shape%nq), p(3, 3), held(size(self%value, 2)), part
+   real(wp) :: u(size(self%value, 2), self%shape%nq), p(3, 3), part
    integer :: i
 
    call self%shape%interpolate(s, state%x, 1, 1, u)
    p = lifted_stress(cells, s, state)
    part = 1.0_wp
    if (allocated(state%part)) part = state%part(cells%lift_point(cells%lift_first(s) + 1))
-   held = self%held_at(s, state)
    do i = 1, size(u, 1)
       if (self%essential(i, s)) then
          force(i) = force(i) + dot_product(p(i, :size(cells%outward, 1)), cells%outward(:, s)) &
             & - part*self%penalty(s)*(u(i, 1) - held(i))
       else
-         force(i) = force(i) + part*combined(self%traction(:, i, s), state%factor)*self%bearing(s)
+         force(i) = force(i) + part*traction(i)*self%bearing(s)
       end if
    end do
    if (allocated(self%spring)) force(:size(u, 1)) = force(:size(u, 1)) - merge(0.0_wp, &

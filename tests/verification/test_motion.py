@@ -94,6 +94,75 @@ def test_loads_in_time(method: str) -> None:
         assert scene.solve().errors["relative_L2"] < 3e-3
 
 
+def forces_of(tables: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
+    """Times and forces of a body through x0 and x1, shape (times, 2)."""
+    ends = [{"name": side, "quantity": "force_x", "set": side} for side in ("x0", "x1")]
+    with Scene.from_tables(tables | {"probe": ends}) as scene:
+        states = scene.solve()
+        return np.asarray(states.load), scene.probes(states.x, states.load)[:, :, 0]
+
+
+@pytest.mark.parametrize(("mass", "bound"), [("consistent", 7e-4), ("lumped", 1.5e-2)])
+@pytest.mark.parametrize("dimension", [1, 2])
+def test_reactions_of_a_bar_that_swings(dimension: int, mass: str, bound: float) -> None:
+    """u = sin(pi x) sin(pi t)/pi between two walls, which press with sin(pi t): order 2."""
+    still = {f"u_{axis}": 0 for axis in "xy"[:dimension]}
+    found = []
+    for cells in (10, 20):
+        tables = {
+            "scene": {"dimension": dimension, "method": "rkpm-gauss"},
+            "geometry": {
+                "kind": "box",
+                "size": [1, 0.2][:dimension],
+                "source": [cells + 1, 3][:dimension],
+                "collocation": [cells + 1, 3][:dimension],
+            },
+            "linear": {"problem": "elasticity", "E": 1} | ({"nu": 0} if dimension > 1 else {}),
+            "dynamics": {
+                "density": 1,
+                "time_step": 0.4 / cells,
+                "end_time": 1,
+                "mass": mass,
+                "velocity": ["sin(pi*x)", "0"][:dimension],
+            },
+            "boundary": [{"set": "x0"} | still, {"set": "x1"} | still],
+        }
+        time, force = forces_of(tables)
+        height = 0.2 if dimension > 1 else 1.0
+        found.append(np.abs(force / height + np.sin(np.pi * time)[:, np.newaxis]).max())
+    assert found[1] < bound
+    assert np.log2(found[0] / found[1]) > 1.8
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_forces_of_walls_and_loads_that_move(held: bool) -> None:
+    """u = t^2 sin(2x) + x t: a wall at rest, and an end that is pulled or moved."""
+    tables: dict[str, Any] = {
+        "scene": {"dimension": 1, "method": "rkpm-gauss"},
+        "geometry": {"kind": "box", "size": [1], "source": [21], "collocation": [41]},
+        "linear": {"problem": "elasticity", "E": 2, "source": "2*sin(2*x) + 8*t^2*sin(2*x)"},
+        "dynamics": {"density": 1, "time_step": 0.01, "end_time": 1, "velocity": "x"},
+        "boundary": [
+            {"set": "x0", "u_x": 0},
+            {"set": "x1"}
+            | ({"u_x": "t^2*sin(2) + t"} if held else {"traction": ["4*t^2*cos(2) + 2*t"]}),
+        ],
+    }
+    time, force = forces_of(tables)
+    pull = 4 * time**2 * np.cos(2) + 2 * time
+    np.testing.assert_allclose(force[:, 1], pull, rtol=0, atol=0.005 if held else 1e-12)
+    np.testing.assert_allclose(force[:, 0], -4 * time**2 - 2 * time, rtol=0, atol=3e-4)
+
+
+def test_collocation_tells_no_forces_of_motions() -> None:
+    tables = string(11, 0.01)
+    tables["scene"]["method"] = "rkcm"
+    del tables["approximation"]
+    tables["probe"] = [{"name": "pull", "quantity": "force_x", "set": "x0"}]
+    with pytest.raises(InputError, match=r"probe.pull.quantity: force_x is not known .* by rkcm"):
+        load_tables(tables)
+
+
 def test_membrane_and_lumped_masses_in_the_plane() -> None:
     """Poisson's operator moves as a membrane: sin(pi x) sin(pi y) cos(sqrt 2 pi t)."""
     tables = {
