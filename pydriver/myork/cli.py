@@ -179,18 +179,22 @@ def _bench(options: argparse.Namespace) -> None:
 
 
 def _report(options: argparse.Namespace) -> None:
-    from myork.report import make_report
+    from myork.report import compare_runs, make_report
 
-    models = sorted(options.folder.glob("*.rom.h5"))
+    if len(options.folders) > 1:
+        print(f"report: {compare_runs(options.folders, options.out)}")
+        return
+    folder = options.folders[0]
+    models = sorted(folder.glob("*.rom.h5"))
     if models:
         from myork.view.still import keep_states
 
         try:
-            keep_states(models[0], options.folder)
+            keep_states(models[0], folder)
         except MyorkError as reason:
             # the run is reported all the same
             print(f"myork: {reason}; the report holds no states of it", file=sys.stderr)
-    page = make_report(options.folder)
+    page = make_report(folder)
     if options.out is not None:
         options.out.mkdir(parents=True, exist_ok=True)
         page = Path(shutil.copy(page, options.out))
@@ -415,11 +419,15 @@ def _parser() -> argparse.ArgumentParser:
     report = add(
         "report",
         _report,
-        "HTML page with the figures of an output folder",
-        "  myork report out/muscle_block",
+        "HTML page of an output folder or a sweep, or of several runs side by side",
+        "  myork report out/muscle_block\n"
+        "  myork report out/muscle_block_sweep\n"
+        "  myork report out/coarse out/fine --out out/compared",
         "put a copy of the page there",
     )
-    report.add_argument("folder", type=Path, metavar="DIR", help="output folder of a command")
+    report.add_argument(
+        "folders", type=Path, nargs="+", metavar="DIR", help="output folder of a command"
+    )
     add_deck(
         "explain",
         _explain,

@@ -2,14 +2,17 @@
 
 import base64
 import json
+import os
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.path import Path as MarkerPath
 from numpy.testing import assert_allclose, assert_array_equal
 
 from myork.errors import FileError
@@ -24,10 +27,11 @@ from myork.report.figures import (
 )
 from myork.report.image_figures import area_figure, slice_figure
 from myork.report.numbers import fraction, number, unit_of
+from myork.report.pictures import limits_of, plane_figure, slices_figure
 from myork.report.sources import Deformation, read_folder
 from myork.report.tables import orientation_table, rom_table
 
-SECTIONS = ("images", "deformation", "probes", "rom", "convergence", "run")
+SECTIONS = ("images", "deformation", "planes", "probes", "rom", "convergence", "run")
 VOID = {"meta", "img", "br"}
 
 
@@ -87,7 +91,7 @@ def test_page_is_complete_and_self_contained(folder: Path) -> None:
     page = Page(path)
     assert tuple(page.sections) == SECTIONS
     assert page.targets == [f"#{key}" for key in SECTIONS]
-    assert len(page.images) == 8
+    assert len(page.images) == 9
     for image in page.images:
         assert len(image["alt"] or "") > 20
         kind, data = str(image["src"]).split(",", 1)
@@ -101,7 +105,7 @@ def test_page_is_complete_and_self_contained(folder: Path) -> None:
     assert "✓ accepted" in text and "no error estimate: none was wanted" in text
     assert "−3.000 ± 0.015" in text and "Bands: estimated errors." in text
     assert "2 islands with 14 voxels" in text
-    assert "0.980–1.02" in text and "forces balance to 2.0·10−13" in text
+    assert "J 0.980 to 1.02" in text and "forces balance to 2.0·10−13" in text
     for wanted in (
         "reaction [N]", "stress_zz [N/cm²]", "tip [cm]", "−3.000", "mesh-converged finite elements",
         "3.0600", "3.0617", "refined (asked: auto)", "3.0·10−13", "hyper-reduced", "0.973",
@@ -125,7 +129,7 @@ def test_segmentation_alone(folder: Path) -> None:
 
 def test_results_alone(folder: Path) -> None:
     keep(folder, "results.vtkhdf")
-    assert Page(make_report(folder)).sections == ["deformation"]
+    assert Page(make_report(folder)).sections == ["deformation", "planes"]
 
 
 def test_unfinished_run_is_told(folder: Path) -> None:
@@ -302,10 +306,107 @@ def test_cloud_is_to_scale() -> None:
     }
 
 
-def test_plane_cloud() -> None:
-    axes = cloud_figure(block(plane=True), {}).axes[0]
-    assert axes.get_aspect() == 1.0
-    assert_allclose(axes.collections[0].get_offsets(), block(plane=True).points[:, :2] + [0.5, 0])
+def test_plane_body_is_drawn_where_it_is() -> None:
+    body = block(plane=True)
+    figure = plane_figure(body, {"force": "N", "length": "mm"})
+    displacement, stress = figure.axes[:2]
+    assert displacement.get_aspect() == 1.0 and "N/mm²" in stress.get_title()
+    corners = np.unique(np.concatenate([p.vertices for p in _outlines(displacement)]), axis=0)
+    assert_allclose(corners.min(axis=0), [0.0, 0.0], atol=1e-9)
+    assert_allclose(corners.max(axis=0), [1.5, 2.0], atol=1e-9)
+
+
+def _outlines(axes: Any) -> list[Any]:
+    """Edges of the undeformed body and points of the map."""
+    maps = [c for c in axes.collections if hasattr(c, "_triangulation")]
+    assert len(maps) == 1
+    shape = maps[0]._triangulation
+    places = [MarkerPath(np.column_stack([shape.x, shape.y]))]
+    return places + [MarkerPath(line.get_xydata()) for line in axes.lines]
+
+
+def test_planes_show_what_lies_in_them() -> None:
+    """Fibers up, moves to the right: strokes and arrows of the coronal plane."""
+    body = block()
+    body = replace(body, fiber=np.tile([0.0, 0.0, 1.0], (len(body.points), 1)))
+    figure = slices_figure(body, {"force": "N", "length": "mm"})
+    assert "plane z = 1 mm" in figure.axes[0].get_ylabel()
+    coronal = [axes for axes in figure.axes if axes.get_ylabel().startswith("plane y")][0]
+    arrows = coronal.collections[-1]
+    assert np.all(np.asarray(arrows.U) == 0.5) and np.all(np.asarray(arrows.V) == 0.0)
+
+
+def test_stresses_are_crosses() -> None:
+    """Pulled along x, pressed along y: strokes of two colours along the axes."""
+    body = block(plane=True)
+    stress = np.zeros((len(body.points), 3, 3))
+    stress[:, 0, 0], stress[:, 1, 1] = 2.0, -1.0
+    panel = plane_figure(replace(body, cauchy=stress), {}).axes[1]
+    strokes = [(np.asarray(c.U), np.asarray(c.V)) for c in panel.collections if hasattr(c, "U")]
+    along, across = sorted(strokes, key=lambda uv: np.abs(uv[0]).max(), reverse=True)
+    assert np.all(np.abs(along[1]) < 1e-12) and np.all(np.abs(across[0]) < 1e-12)
+    assert np.abs(across[1]).max() == pytest.approx(0.5 * np.abs(along[0]).max())
+
+
+def test_colours_reach_the_largest_value_but_for_one_far_out() -> None:
+    values = np.linspace(0.0, 1.0, 1001)
+    assert limits_of(values)[1] == pytest.approx(1.0, abs=1e-5)
+    values[0] = 50.0
+    low, high, ends = limits_of(values)
+    assert high < 1.1 and ends == "max" and low < 1e-2
+
+
+def test_without_pyvista_points_are_drawn_and_the_page_says_so(
+    folder: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    missing = tmp_path_factory.mktemp("missing")
+    (missing / "pyvista.py").write_text("raise ImportError('not here')")
+    monkeypatch.setenv("PYTHONPATH", f"{missing}:{os.environ.get('PYTHONPATH', '')}")
+    keep(folder, "results.vtkhdf")
+    page = Page(make_report(folder))
+    assert "Points in place of the surface" in page.text and "myork[viz]" in page.text
+    assert len(page.images) == 2
+    (missing / "pyvista.py").write_text("import os\nos.abort()")
+    assert "VTK could not draw without a screen" in Page(make_report(folder)).text
+
+
+def test_the_first_screen_answers_what_a_reader_asks(folder: Path) -> None:
+    keep(folder, "summary.json")
+
+    def change(summary: dict[str, Any]) -> None:
+        summary["segmentation"]["source"] = "phantom"
+        summary["verdict"] = {
+            "state": "doubtful",
+            "reasons": ["ellipticity (in 3 % of the volume)"],
+        }
+        summary["deck"].update(
+            geometry={"kind": "box", "size": [1, 1, 2]},
+            material=[{"name": "muscle", "K": 5000.0}],
+            load={"activation": 0.3, "steps": 10},
+            boundary=[{"set": "z0", "u_x": 0.0, "u_z": 0.0}, {"set": "z1", "u_z": 0.25}],
+        )
+        summary["companion"] = {"method": "rkpm-gauss", "source_points": 20, "difference": 0.02}
+
+    change_summary(folder, change)
+    text = Page(make_report(folder)).text
+    for wanted in (
+        "A block of 1 × 1 × 2 cm of muscle", "held at z0; z1: u_z = 0.25; activation up to 0.3",
+        "Wanted: reaction (force_z at bottom)", "At load 1: reaction −3.000 ± 0.015 N",
+        "Doubtful: ellipticity (in 3 % of the volume)",
+        "Error bars: 0.50 % of the value at most (reaction)",
+        "20 points instead of 1\u202f377) has displacements 0.020 cm apart",
+        "phantom data", "the images were computed, not measured", "Dice muscle 0.973",
+    ):  # fmt: skip
+        assert wanted in text, wanted
+
+
+def test_page_in_a_browser(folder: Path, open_page: Callable[[str], Any]) -> None:
+    """Nothing on the console, every picture loaded, no scrolling sideways on a narrow screen."""
+    page = open_page(make_report(folder).as_uri())
+    loaded = "[...document.images].every(image => image.complete && image.naturalWidth > 100)"
+    assert page.evaluate(loaded)
+    page.set_viewport_size({"width": 400, "height": 800})
+    assert page.evaluate("document.documentElement.scrollWidth") <= 400
 
 
 def test_extreme_values_do_not_eat_the_colours() -> None:
@@ -404,3 +505,12 @@ def test_gradient_axes_of_the_files_stand_first() -> None:
     text = orientation_table(evidence, shown=1)
     assert text.index("x y z") < text.index("x -y z")
     assert "y x z" not in text.replace("x y z", "")
+
+
+def test_right_gradient_axes_are_a_sentence() -> None:
+    evidence = [
+        {"axes": "x y z", "crossing": 0.1, "agreement": 0.9},
+        {"axes": "x -y z", "crossing": 0.15, "agreement": 0.9},
+    ]
+    text = orientation_table(evidence)
+    assert "<table" not in text and "none of 1 other orders agrees better" in text

@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FormatStrFormatter, LogLocator, MaxNLocator
 from numpy.typing import NDArray
@@ -44,7 +43,7 @@ _SHORT = 0.3
 
 
 def cloud_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure:
-    """Deformed cloud coloured by the largest principal stress and by the volume ratio.
+    """Deformed points of a body in space where no surface can be drawn: stress and volume ratio.
 
     Parameters
     ----------
@@ -60,21 +59,16 @@ def cloud_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure:
     """
     force, length = units.get("force", "?"), units.get("length", "?")
     sides = np.ptp(np.vstack([deformation.points, _deformed(deformation)]), axis=0)
-    plane = bool(sides[2] == 0.0)
-    flat = sides[2] < _SHORT * sides.max() and not plane
+    flat = sides[2] < _SHORT * sides.max()
     figure = Figure(figsize=(11.0, 4.0 if flat else 5.2), layout="constrained")
     panels = (
         (f"largest principal Cauchy stress [{force}/{length}²]", deformation.stress),
         ("volume ratio J [-]", deformation.volume_ratio),
     )
     for number, (title, values) in enumerate(panels, start=1):
-        if plane:
-            axes = figure.add_subplot(1, 2, number)
-            dots = _draw_plane(axes, deformation, values)
-        else:
-            axes = figure.add_subplot(1, 2, number, projection="3d")
-            dots = _draw_space(axes, deformation, values)
-            axes.set_zlabel(f"z [{length}]")
+        axes = figure.add_subplot(1, 2, number, projection="3d")
+        dots = _draw_space(axes, deformation, values)
+        axes.set_zlabel(f"z [{length}]")
         axes.set(xlabel=f"x [{length}]", ylabel=f"y [{length}]", title=title)
         place = {"location": "bottom", "shrink": 0.6, "pad": 0.0} if flat else {"shrink": 0.75}
         bar = figure.colorbar(dots, ax=axes, extend="both", **place)
@@ -89,17 +83,6 @@ def _deformed(deformation: Deformation) -> F64:
     return deformation.points + deformation.displacement
 
 
-def _draw_plane(axes: Axes, deformation: Deformation, values: F64) -> Any:
-    points, deformed = deformation.points, _deformed(deformation)
-    axes.plot(points[:, 0], points[:, 1], ".", color="#BBBBBB", markersize=3, label="undeformed")
-    low, high = _limits(values)
-    dots = axes.scatter(
-        deformed[:, 0], deformed[:, 1], c=values, s=_dot_area(deformed, 2), vmin=low, vmax=high
-    )
-    axes.set_aspect("equal")
-    return dots
-
-
 def _draw_space(axes: Any, deformation: Deformation, values: F64) -> Any:
     deformed = _deformed(deformation)
     for number, edge in enumerate(_outline(deformation.points)):
@@ -109,7 +92,7 @@ def _draw_space(axes: Any, deformation: Deformation, values: F64) -> Any:
     dots = axes.scatter(
         *deformed[shown].T,
         c=values[shown],
-        s=_dot_area(deformed[shown], 3),
+        s=_dot_area(deformed[shown]),
         vmin=low,
         vmax=high,
         edgecolors="none",
@@ -144,10 +127,10 @@ def _limits(values: F64) -> tuple[float, float]:
     return float(low - margin), float(high + margin)
 
 
-def _dot_area(points: F64, dimension: int) -> float:
+def _dot_area(points: F64) -> float:
     """Area of dots that nearly touch [point^2]; a panel is about 200 points high."""
-    sides = np.ptp(points[:, :dimension], axis=0)
-    spacing = (np.prod(np.maximum(sides, 1e-9)) / len(points)) ** (1.0 / dimension)
+    sides = np.ptp(points, axis=0)
+    spacing = np.cbrt(np.prod(np.maximum(sides, 1e-9)) / len(points))
     return float(np.clip((200.0 * spacing / sides.max()) ** 2, 2.0, 100.0))
 
 
@@ -204,6 +187,9 @@ def probe_figure(
                 marker=MARKERS[part], markersize=4, label=label,
             )  # fmt: skip
             bars = _bars(shown, name, part)
+            if len(places) == 1:
+                axes.errorbar(places, values[:, part], bars, color=COLOURS[part], capsize=5)
+                continue
             axes.fill_between(
                 places, values[:, part] - bars, values[:, part] + bars,
                 color=COLOURS[part], alpha=0.2, linewidth=0,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,17 +11,27 @@ import numpy as np
 from jinja2 import UndefinedError
 from markupsafe import Markup
 
-from myork.errors import FileError
+import myork
+from myork.errors import FileError, InputError
 from myork.files import write_text
-from myork.report import figures, image_figures, tables
+from myork.report import figures, image_figures, pictures, tables
+from myork.report.compare import compare_page
 from myork.report.frame import Section, figure, render
-from myork.report.numbers import fraction, number, unit_of, with_error
+from myork.report.numbers import fraction, number, unit_of
+from myork.report.off_screen import NoPictureError
 from myork.report.sources import RunFolder, read_folder
+from myork.report.story import is_phantom, story
+from myork.report.sweep_page import SWEEP_FILE, read_sweep, sweep_page
 from myork.summary import failures
 
-__all__ = ["make_report"]
+__all__ = ["compare_runs", "make_report"]
 
 _NAME = "report.html"
+#: What arrows and crosses of a picture are
+_STROKES = (
+    "Arrows: displacement in the plane, each picture with a scale of its own. Crosses: principal "
+    "stresses in the plane, white where they pull, black where they press."
+)
 
 
 def make_report(folder: str | Path) -> Path:
@@ -30,16 +40,38 @@ def make_report(folder: str | Path) -> Path:
     Parameters
     ----------
     folder : str or Path
-        Output folder of `solve`, `rom`, `segment` or `demo`.
+        Output folder of `solve`, `rom`, `segment`, `demo` or `sweep`.
 
     Returns
     -------
     Path
         The page; figures are inside it, nothing is loaded from elsewhere.
     """
-    content = read_folder(Path(folder))
-    page = content.path / _NAME
-    write_text(page, _page(content))
+    path = Path(folder)
+    if (path / SWEEP_FILE).is_file():
+        text = sweep_page(read_sweep(path), myork.__version__)
+    else:
+        text = _page(read_folder(path))
+    write_text(path / _NAME, text)
+    return path / _NAME
+
+
+def compare_runs(folders: Sequence[str | Path], out: str | Path | None = None) -> Path:
+    """Write `compare.html`: two or more runs side by side.
+
+    Parameters
+    ----------
+    folders : sequence of str or Path
+        Output folders of `solve`; the first is what the others are compared with.
+    out : str or Path, optional
+        Folder of the page; default the first of them.
+    """
+    runs = [read_folder(Path(folder)) for folder in folders]
+    if len(runs) < 2:
+        raise InputError("a comparison needs two folders or more")
+    page = Path(out or folders[0]) / "compare.html"
+    page.parent.mkdir(parents=True, exist_ok=True)
+    write_text(page, compare_page(runs, myork.__version__))
     return page
 
 
@@ -49,6 +81,7 @@ def _page(folder: RunFolder) -> str:
     sections = [
         Section("images", "From the image to the labels", _images(folder)),
         Section("deformation", "Deformation", _deformation(folder)),
+        Section("planes", "Inside the body", _planes(folder)),
         Section("probes", "Forces and other probes", _probes(folder)),
         Section("rom", "Reduced models", _rom(summary)),
         Section("touch", "The reduced model to touch", _touch(folder)),
@@ -64,7 +97,8 @@ def _page(folder: RunFolder) -> str:
         verdict=(summary.get("verdict") or {}).get("state"),
         reached=fraction(steps[-1].get("load")),
         about=_about(summary),
-        cards=_cards(summary),
+        phantom=is_phantom(summary),
+        story=story(folder),
         warnings=_warnings(folder),
         version=summary.get("version", ""),
         folder=folder.path,
@@ -72,67 +106,29 @@ def _page(folder: RunFolder) -> str:
 
 
 def _about(summary: Mapping[str, Any]) -> str:
-    """One line: method and sizes."""
+    """One line: method, sizes and time."""
     if "method" not in summary:
         return "Output of MyoRK"
     sizes = ("dimension", "source_points", "collocation_points", "dofs")
-    return Markup("{}, {}-D, {} source points, {} collocation points, {} unknowns").format(
+    line = Markup("{}, {}-D, {} source points, {} collocation points, {} unknowns").format(
         summary["method"], *(number(summary.get(size)) for size in sizes)
     )
-
-
-def _cards(summary: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
-    """The numbers one looks for first: head, value, unit and note of each.
-
-    Probes at the end, volume ratios, time, best reduced model, scores.
-    """
-    cards: list[tuple[str, str, str, str]] = []
-    units = _probe_units(summary)
-    steps = summary.get("steps") or [{}]
-    last = steps[-1].get("probes", {})
-    scalars = [name for name in units if isinstance(last.get(name), (int, float))]
-    for name in scalars[:4]:
-        note = f"at load {fraction(steps[-1].get('load'))}"
-        error = steps[-1].get("probe_errors", {}).get(name)
-        cards.append((name, with_error(last[name], error), units[name], note))
-    if {"min_J", "max_J"} <= set(steps[-1]):
-        ratios = Markup("{}–{}").format(
-            *(number(steps[-1].get(f"{end}_J"), 3) for end in ("min", "max"))
-        )
-        balance = summary.get("force_imbalance")
-        note = "" if balance is None else Markup("forces balance to {}").format(number(balance, 2))
-        cards.append(("volume ratio J", ratios, "", note))
-    if "refine" in summary:
-        told = summary["refine"]
-        note = f"{'met' if told['met'] else 'not met'} after {len(told.get('levels', []))} clouds"
-        cards.append(("wanted error", number(100 * told["error"], 3), "%", note))
-    models = [model for model in summary.get("rom", {}).get("models", []) if model.get("e1")]
-    if models:
-        best = min(models, key=lambda model: model["e1"])
-        note = Markup("r = {}, error e<sub>1</sub> {}").format(best["r"], number(best["e1"], 2))
-        faster = number(best.get("speedup_vs_full"), 3)
-        cards.append(("reduced model", faster, "times faster", note))
-    for name, score in summary.get("segmentation", {}).get("scores", {}).items():
-        cards.append(("segmentation", number(score.get("dice"), 3), "Dice", name))
-    total = summary.get("timings_s", {}).get("total")
-    if total is not None:
-        threads = summary.get("threads")
-        word = "thread" if threads == 1 else "threads"
-        note = Markup("{} {}").format(number(threads), word)
-        cards.append(("full solution", number(total, 3), "s", note))
-    return cards
+    total, threads = summary.get("timings_s", {}).get("total"), summary.get("threads")
+    if total is None:
+        return line
+    word = "thread" if threads == 1 else "threads"
+    return Markup("{}, {} s by {} {}").format(line, number(total, 3), number(threads), word)
 
 
 def _warnings(folder: RunFolder) -> list[str]:
-    """Warnings of the run and of the segmentation, what was not checked, and what is old."""
+    """Warnings of the run and of the segmentation, and what is old; reasons stand in the story."""
     warnings = folder.summary.get("warnings", [])
     reasons = (folder.summary.get("verdict") or {}).get("reasons", [])
     told = folder.summary.get("refine")
     return [
         *failures(folder.summary),
         *folder.summary.get("segmentation", {}).get("warnings", []),
-        *warnings,
-        *(text for text in reasons if text not in warnings),
+        *(text for text in warnings if not any(text in reason for reason in reasons)),
         *([told["reason"]] if told and not told["met"] else []),
     ]
 
@@ -178,24 +174,41 @@ def _images(folder: RunFolder) -> list[Markup]:
 
 
 def _deformation(folder: RunFolder) -> list[Markup]:
-    """Cloud of the last step."""
+    """The body in the last step."""
     deformation = folder.deformation
     if deformation is None or len(deformation.loads) < 2:
         return []
-    length = folder.summary.get("units", {}).get("length", "?")
-    largest = float(np.linalg.norm(deformation.displacement, axis=1).max())
+    units = folder.summary.get("units", {})
     caption = Markup(
-        "Last step, load {}, activation {}: deformed points to scale, largest displacement {} {}; "
-        "undeformed outline in grey. Colours span the middle 98 % of the values. All steps open "
-        "in ParaView: <code>results.vtkhdf</code>."
+        "Load {}, activation {}: the body as it is deformed, to scale, largest displacement {} {}; "
+        "undeformed edges in grey. All steps open in ParaView: <code>results.vtkhdf</code>."
     ).format(
         fraction(float(deformation.loads[-1])),
         fraction(float(deformation.activations[-1])),
-        number(largest),
-        length,
+        number(float(np.linalg.norm(deformation.displacement, axis=1).max())),
+        units.get("length", "?"),
     )
-    cloud = figures.cloud_figure(deformation, folder.summary.get("units", {}))
-    return [figure(cloud, caption)]
+    if not np.ptp(deformation.points[:, 2]):
+        return [figure(pictures.plane_figure(deformation, units), Markup("{} {}").format(
+            caption, _STROKES))]  # fmt: skip
+    tissues = [
+        str(own.get("name", "")) for own in folder.summary.get("deck", {}).get("material", [])
+    ]
+    try:
+        shown = pictures.surface_figure(deformation, units, tissues)
+    except NoPictureError as reason:
+        shown = figures.cloud_figure(deformation, units)
+        caption = Markup("{} Points in place of the surface: {}.").format(caption, str(reason))
+    return [figure(shown, caption)]
+
+
+def _planes(folder: RunFolder) -> list[Markup]:
+    """Displacement, fibers and stresses on three planes of a body in space."""
+    deformation = folder.deformation
+    if deformation is None or len(deformation.loads) < 2 or not np.ptp(deformation.points[:, 2]):
+        return []
+    shown = pictures.slices_figure(deformation, folder.summary.get("units", {}))
+    return [figure(shown, Markup("Planes through the middle, undeformed. {}").format(_STROKES))]
 
 
 def _probes(folder: RunFolder) -> list[Markup]:

@@ -25,6 +25,8 @@ T = TypeVar("T")
 
 # Columns of history.csv that are no numbers
 _TEXTS = ("solver",)
+# Fields of a deformation that not every result file has
+_OTHERS = ("cauchy", "fiber", "label")
 # Beyond this a number is damage, or of no use in a picture
 _LARGEST = 1e150
 
@@ -45,6 +47,12 @@ class Deformation:
         J in the last step, shape `(np,)` [-].
     loads, activations : NDArray
         Load and activation of all steps, shape `(nstep,)` [-].
+    cauchy : NDArray or None
+        Cauchy stress in the last step, shape `(np, 3, 3)` [force/length^2].
+    fiber : NDArray or None
+        Undeformed fiber directions, zero where there are none, shape `(np, 3)` [-].
+    label : NDArray or None
+        Label of the material of each point, shape `(np,)`.
     """
 
     points: F64
@@ -53,6 +61,9 @@ class Deformation:
     volume_ratio: F64
     loads: F64
     activations: F64
+    cauchy: F64 | None = None
+    fiber: F64 | None = None
+    label: NDArray[np.int32] | None = None
 
 
 @dataclass(frozen=True)
@@ -186,6 +197,9 @@ def _read_deformation(path: Path) -> Deformation | None:
         displacement = results.field("u")
         if displacement.ndim == 1 or displacement.shape[1] == 1:
             return None
+        others: dict[str, Any] = {
+            name: results.field(name) for name in _OTHERS if name in results.fields
+        }
         found = Deformation(
             points=results.points,
             displacement=displacement,
@@ -193,10 +207,14 @@ def _read_deformation(path: Path) -> Deformation | None:
             volume_ratio=results.field("J"),
             loads=results.loads,
             activations=results.activations,
+            **others,
         )
     n, steps = len(displacement), results.nstep
-    wanted = ((n, 3), (n, 3), (n,), (n,), (steps,), (steps,))
-    for (name, values), shape in zip(vars(found).items(), wanted, strict=True):
+    shapes: tuple[tuple[int, ...], ...]
+    shapes = ((n, 3), (n, 3), (n,), (n,), (steps,), (steps,), (n, 3, 3), (n, 3), (n,))
+    for (name, values), shape in zip(vars(found).items(), shapes, strict=True):
+        if values is None:
+            continue
         if values.shape != shape or not (np.abs(values) <= _LARGEST).all():
             raise FileError(
                 f"{path}: {name}: finite numbers of shape {shape} are needed; the file is damaged"

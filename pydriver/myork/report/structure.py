@@ -25,6 +25,8 @@ _LARGEST = 1e150
 _NUMBER, _TEXT, _FLAG = "a number", "a text", "true or false"
 # A number, or a list of numbers for a vector
 _VALUE = "a number or a list of numbers"
+# A word, a number or a list of them
+_ENTRY = "a word, a number or a list of them"
 
 _EXACT = {"value": _VALUE, "reference": _NUMBER, "relative_error": _NUMBER}
 _REFERENCE = {
@@ -47,7 +49,7 @@ _MODEL = {
 }  # fmt: skip
 _LABEL = {"pixels": _NUMBER, "volume": _NUMBER}
 _SEGMENTATION = {
-    "failed": _TEXT,
+    **dict.fromkeys(("failed", "source"), _TEXT),
     "labels": _Each(each=_LABEL),
     "scores": _Each(each={"dice": _NUMBER, "pcc": _NUMBER}),
     "energy": [_NUMBER],
@@ -55,11 +57,23 @@ _SEGMENTATION = {
     "sets": [{"name!": _TEXT, "boundary_points!": _NUMBER, "area!": _NUMBER}],
     "orientation": [{"axes!": _TEXT, "crossing!": _NUMBER, "agreement": _NUMBER}],
 }
+_DECK = {
+    "probe": [{"name": _TEXT, "quantity": _TEXT, "set": _TEXT, "point": [_NUMBER]}],
+    "geometry": {
+        **dict.fromkeys(("kind", "file"), _TEXT),
+        "size": [_NUMBER],
+        **dict.fromkeys(("inner_radius", "outer_radius"), _NUMBER),
+    },
+    "material": [{"name": _TEXT}],
+    "boundary": [_Each(each=_ENTRY)],
+    "load": {"activation": _ENTRY},
+    "build": {"labels": _TEXT, "surface": _TEXT},
+}
 _SUMMARY = {
     **dict.fromkeys(("title", "version", "method", "deck_sha256", "failed"), _TEXT),
     **dict.fromkeys(
         ("dimension", "source_points", "collocation_points", "dofs", "rows", "threads",
-         "memory_peak_bytes", "force_imbalance"),
+         "memory_peak_bytes", "force_imbalance", "work_mismatch"),
         _NUMBER,
     ),
     "converged": _FLAG,
@@ -74,7 +88,11 @@ _SUMMARY = {
     "warnings": [_TEXT],
     "sets": [{"name!": _TEXT, "boundary_points!": _NUMBER, "area!": _NUMBER}],
     "steps": [_STEP],
-    "deck": {"probe": [{"name": _TEXT, "quantity": _TEXT}]},
+    "deck": _DECK,
+    "companion": {
+        "method": _TEXT, "same_points": _FLAG, "source_points": _NUMBER, "difference": _NUMBER,
+    },
+    "model": {"volume": _Each(each=_NUMBER)},
     "exact": _Each(each=_EXACT),
     "reference": _Each(each=_REFERENCE),
     "timings_s": _Each(each=_NUMBER),
@@ -151,6 +169,10 @@ def _is(value: Any, wanted: str) -> bool:
         return isinstance(value, str)
     if wanted == _FLAG:
         return isinstance(value, bool)
+    if wanted == _ENTRY and isinstance(value, list):
+        return all(part is None or _is(part, _ENTRY) for part in value)
+    if wanted == _ENTRY and isinstance(value, str | bool):
+        return True
     if wanted == _VALUE and isinstance(value, list):
         return 0 < len(value) <= 3 and all(part is None or _is(part, _NUMBER) for part in value)
     number = isinstance(value, int | float) and not isinstance(value, bool)

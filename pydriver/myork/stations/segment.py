@@ -179,6 +179,7 @@ def _segment(
     scores = {} if truth is None else _scores(deck, table, labels, truth)
     summary = _summary(deck, labels, result, scores, warnings)
     summary["segmentation"]["bias"] = shading
+    summary["segmentation"]["source"] = table.get("anatomy", "phantom")
     if tensor is not None:
         summary["segmentation"]["orientation"] = [entry.record() for entry in axes.evidence]
     if deck["tissue"]["find"]:

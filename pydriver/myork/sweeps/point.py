@@ -9,7 +9,7 @@ from typing import Any
 
 from myork.errors import ConvergenceError, MyorkError
 
-__all__ = ["solve_point"]
+__all__ = ["probe_columns", "solve_point"]
 
 
 def solve_point(deck: str, overrides: Sequence[str], out: str | None) -> dict[str, Any]:
@@ -34,7 +34,7 @@ def solve_point(deck: str, overrides: Sequence[str], out: str | None) -> dict[st
                 values = scene.probes(states.x[-1:], states.load[-1:])[0]
                 for i, probe in enumerate(scene.deck.get("probe", [])):
                     bars = states.probe_errors[-1, i]
-                    for k, name in enumerate(_names(probe, scene.dimension)):
+                    for k, name in enumerate(probe_columns(probe, scene.dimension)):
                         row["probes"][name] = float(values[i, k])
                         row["errors"][name] = float(bars[k])
             except ConvergenceError as ended:
@@ -45,7 +45,7 @@ def solve_point(deck: str, overrides: Sequence[str], out: str | None) -> dict[st
     return row
 
 
-def _names(probe: Any, dimension: int) -> list[str]:
+def probe_columns(probe: Any, dimension: int) -> list[str]:
     """Column of a probe, or one for each component of a vector."""
     if probe["quantity"] in ("u", "force", "section_force"):
         return [f"{probe['name']}_{axis}" for axis in "xyz"[:dimension]]

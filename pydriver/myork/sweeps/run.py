@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 from myork.console import ProgressCallback, silent
 from myork.core.deck import load_deck
 from myork.errors import InputError, InstallationError
-from myork.files import claimed
+from myork.files import claimed, write_json
+from myork.report.numbers import unit_of
 from myork.rom.model import ReducedModel
 from myork.sweeps.plan import Plan, make_plan
-from myork.sweeps.point import solve_point
+from myork.sweeps.point import probe_columns, solve_point
 from myork.sweeps.store import Store, has_parquet
 
 __all__ = ["sweep"]
@@ -89,7 +90,8 @@ def sweep(
     """
     plan = make_plan(vary, samples, seed)
     deck, out = Path(deck), Path(out)
-    units = load_deck(deck, [*overrides, *_settings(plan, plan.points[0])], "solve")["units"]
+    one = load_deck(deck, [*overrides, *_settings(plan, plan.points[0])], "solve")
+    units = one["units"]
     for point in (plan.points[-1], plan.points[len(plan.points) // 2]):
         load_deck(deck, [*overrides, *_settings(plan, point)], "solve")
     if model is not None and dask is not None:
@@ -113,6 +115,7 @@ def sweep(
     }
     with claimed(out):
         store = Store(out, head)
+        write_json(out / "sweep.json", {"title": one["title"], "units": _units(one)})
         left = [number for number in range(len(plan.points)) if number not in store.rows]
         if len(left) < len(plan.points):
             progress(f"{len(plan.points) - len(left)} points are done already")
@@ -135,6 +138,16 @@ def sweep(
 
 def _settings(plan: Plan, point: tuple[Any, ...]) -> list[str]:
     return [f"{key}={value}" for key, value in zip(plan.keys, point, strict=True)]
+
+
+def _units(deck: Mapping[str, Any]) -> dict[str, str]:
+    """Unit of each column of the probes, for the page of the sweep."""
+    dimension = deck["scene"]["dimension"]
+    return {
+        name: unit_of(probe["quantity"], deck["units"], dimension)
+        for probe in deck["probe"]
+        for name in probe_columns(probe, dimension)
+    }
 
 
 def _preview(plan: Plan) -> Iterator[str]:

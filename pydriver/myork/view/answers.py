@@ -19,8 +19,8 @@ from myork.core.scene import Scene
 from myork.core.states import Fields
 from myork.errors import InputError
 from myork.model_file import write_model
+from myork.report.skin import outer_triangles, point_distances
 from myork.rom.model import Batch, ReducedModel
-from myork.view.surface import outer_triangles, point_distances
 
 __all__ = ["FIELDS", "Answers", "Shown", "verdict_of"]
 

@@ -11,7 +11,7 @@ from scipy.spatial import Delaunay
 
 from myork.records import PointCloud
 
-__all__ = ["outer_triangles", "point_distances"]
+__all__ = ["outer_triangles", "point_distances", "spacing_of"]
 
 F64Array = NDArray[np.float64]
 
@@ -47,6 +47,28 @@ def point_distances(
         counts = [len(np.unique(np.round(axis / size[k], 6))) for k, axis in enumerate(points.T)]
         return np.asarray(size / np.maximum(np.array(counts) - 1, 1))
     return np.ones(dimension)
+
+
+def spacing_of(points: F64Array) -> F64Array:
+    """Distances of neighbours along each axis, from places that many points share.
+
+    On a grid whose surface points were moved the others keep their planes; where there are no
+    planes all distances are ones.
+
+    Parameters
+    ----------
+    points : F64Array
+        Points, shape `(n, dimension)` [length].
+    """
+    distance = np.ones(points.shape[1])
+    reach = max(float(np.ptp(points, axis=0).max()), 1e-300)
+    for axis, places in enumerate(points.T):
+        levels, counts = np.unique(np.round(places / reach, 6), return_counts=True)
+        levels = levels[counts > 0.2 * counts.max()]
+        if counts.max() < 3 or len(levels) < 2:
+            return np.ones(points.shape[1])
+        distance[axis] = reach * np.median(np.diff(levels))
+    return distance
 
 
 def outer_triangles(points: F64Array, distance: F64Array) -> NDArray[np.int32]:

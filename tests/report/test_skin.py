@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from myork.view.surface import outer_triangles, point_distances
+from myork.report.skin import outer_triangles, point_distances, spacing_of
 
 
 def lattice(*counts: int, spacing: tuple[float, ...] = (1.0, 1.0, 1.0)) -> np.ndarray:
@@ -70,3 +70,12 @@ def test_distances_of_a_box() -> None:
     deck = {"geometry": {"kind": "box", "size": [1.0, 1.0, 2.0]}}
     assert point_distances(points, deck, None) == pytest.approx([0.25, 1 / 3, 0.4])
     assert point_distances(points, {"geometry": {"kind": "annulus"}}, None).tolist() == [1, 1, 1]
+
+
+def test_spacing_of_a_grid_whose_surface_was_moved() -> None:
+    places = np.meshgrid(*(h * np.arange(n) for h, n in ((0.25, 9), (0.5, 8), (1.5, 7))))
+    points = np.stack([part.ravel() for part in places], axis=1)
+    surface = (points[:, 0] == 0.0) | (points[:, 1] == 3.5)
+    points[surface] += np.random.default_rng(0).uniform(-0.1, 0.1, (surface.sum(), 3))
+    assert spacing_of(points) == pytest.approx([0.25, 0.5, 1.5], rel=1e-4)
+    assert spacing_of(np.random.default_rng(1).random((50, 3))).tolist() == [1.0, 1.0, 1.0]

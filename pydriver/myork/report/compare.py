@@ -1,0 +1,265 @@
+"""Two or more runs on one page: what differs in their decks, their answers, their cost."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+from matplotlib.figure import Figure
+
+from myork.errors import FileError
+from myork.report.figures import COLOURS, DASHES, MARKERS
+from myork.report.frame import Section, figure, render, table
+from myork.report.numbers import DASH, fraction, number, unit_of, with_error
+from myork.report.sources import RunFolder
+from myork.report.story import Answer
+from myork.summary import read_summary
+
+__all__ = ["compare_page"]
+
+#: Keys of decks that differ, and probes, that are shown
+_MOST_KEYS, _MOST_PROBES = 40, 9
+#: Differences this small are rounding [-]
+_SAME = 1e-9
+
+
+def compare_page(runs: Sequence[RunFolder], version: str) -> str:
+    """All runs side by side, the first being what the others are compared with."""
+    for run in runs:
+        if not run.summary.get("steps"):
+            raise FileError(f"{run.path}: has no load steps to compare; solve its deck first")
+    names = _names(runs)
+    sections = [
+        Section("answers", "Answers", list(_answers(runs, names))),
+        Section("curves", "On the way", list(_curves(runs, names))),
+        Section("decks", "What differs in the decks", list(_decks(runs, names))),
+        Section("cost", "Sizes and cost", list(_cost(runs, names))),
+    ]
+    return render(
+        "compare.html",
+        title=f"{len(runs)} runs side by side",
+        sections=[section for section in sections if section.parts],
+        story=list(_story(runs, names)),
+        version=version,
+        again="myork report " + " ".join(str(run.path) for run in runs),
+    )
+
+
+def _names(runs: Sequence[RunFolder]) -> list[str]:
+    """Folders by the last part of their paths that tells them apart."""
+    parts = [run.path.resolve().parts for run in runs]
+    for count in range(1, max(map(len, parts)) + 1):
+        names = ["/".join(own[-count:]) for own in parts]
+        if len(set(names)) == len(names):
+            return names
+    raise FileError(f"{runs[0].path}: is named twice; compare different folders")
+
+
+def _last(run: RunFolder) -> dict[str, Any]:
+    return dict(run.summary["steps"][-1])
+
+
+def _probes(runs: Sequence[RunFolder]) -> dict[str, str]:
+    """Units of the probes of any run, by name."""
+    found: dict[str, str] = {}
+    for run in runs:
+        summary = run.summary
+        for probe in summary.get("deck", {}).get("probe", []):
+            quantity, units = str(probe.get("quantity")), summary.get("units", {})
+            found.setdefault(
+                str(probe.get("name")), unit_of(quantity, units, summary.get("dimension", 3))
+            )
+    return dict(list(found.items())[:_MOST_PROBES])
+
+
+def _story(runs: Sequence[RunFolder], names: Sequence[str]) -> Iterator[Answer]:
+    titles = [str(run.summary.get("title") or name) for run, name in zip(runs, names, strict=True)]
+    same = len(set(titles)) == 1
+    told = [
+        f"{name}: {title}, {run.summary.get('method', '?')}"
+        for name, title, run in zip(names, titles, runs, strict=True)
+    ]
+    yield Answer("Asked", [titles[0], *names] if same else ["Different problems", *told])
+    lines: list[str | Markup] = []
+    outside = []
+    for name, unit in _probes(runs).items():
+        values = [_last(run).get("probes", {}).get(name) for run in runs]
+        numbers = [v for v in values if isinstance(v, int | float)]
+        if len(numbers) < 2:
+            continue
+        size = max(abs(v) for v in numbers)
+        spread = (max(numbers) - min(numbers)) / size if size else 0.0
+        lines.append(
+            Markup("{} from {} to {} {}: {}").format(
+                name, number(min(numbers)), number(max(numbers)), unit,
+                "the same" if spread < _SAME else Markup("{} % apart").format(
+                    number(100.0 * spread, 2)),
+            )
+        )  # fmt: skip
+        outside += [name] if _disagree(runs, name) else []
+    yield Answer("Came out", lines or ["no probe is common to two of them"])
+    units = {tuple(sorted(run.summary.get("units", {}).items())) for run in runs}
+    trust: list[str | Markup] = [
+        "; ".join(
+            f"{name} {(run.summary.get('verdict') or {}).get('state', 'without verdict')}"
+            if run.summary.get("converged")
+            else f"{name} not converged"
+            for name, run in zip(names, runs, strict=True)
+        )
+    ]
+    if len(units) > 1:
+        trust.insert(0, "The runs have different units: their numbers cannot be compared")
+    elif outside:
+        trust.append(f"Further apart than their error bars: {', '.join(outside)}")
+    elif any(_last(run).get("probe_errors") for run in runs):
+        trust.append("All numbers agree within their error bars")
+    yield Answer("Trust", trust)
+
+
+def _disagree(runs: Sequence[RunFolder], name: str) -> bool:
+    """Whether two runs are further apart than the sum of their error bars."""
+    found = []
+    for run in runs:
+        value = _last(run).get("probes", {}).get(name)
+        bar = _last(run).get("probe_errors", {}).get(name)
+        if isinstance(value, int | float):
+            bar = float(bar) if isinstance(bar, int | float) else 0.0
+            found.append((float(value), bar))
+    return any(
+        abs(a - b) > (bar + other) + _SAME * max(abs(a), abs(b))
+        for k, (a, bar) in enumerate(found)
+        for b, other in found[k + 1 :]
+    )
+
+
+def _answers(runs: Sequence[RunFolder], names: Sequence[str]) -> Iterator[Markup]:
+    rows: list[list[str | Markup]] = [
+        ["verdict", *((run.summary.get("verdict") or {}).get("state", DASH) for run in runs)],
+        ["load reached", *(fraction(_last(run).get("load")) for run in runs)],
+    ]
+    for name, unit in _probes(runs).items():
+        first = _last(runs[0]).get("probes", {}).get(name)
+        row: list[str | Markup] = [f"{name} [{unit}]"]
+        for run in runs:
+            value = _last(run).get("probes", {}).get(name)
+            cell = with_error(value, _last(run).get("probe_errors", {}).get(name))
+            if run is not runs[0] and isinstance(value, int | float) and first:
+                change = 100.0 * (value - first) / abs(first)
+                cell = Markup("{}<br><small>{}{} %</small>").format(
+                    cell, "+" if change >= 0.0 else "", number(change, 2)
+                )
+            row.append(cell)
+        rows.append(row)
+    for key, label in (("min_J", "smallest J"), ("max_J", "largest J")):
+        rows.append([label, *(number(_last(run).get(key), 3) for run in runs)])
+    rows.append(
+        ["forces balance to", *(number(run.summary.get("force_imbalance"), 2) for run in runs)]
+    )
+    shown = [row for row in rows if any(cell != DASH for cell in row[1:])]
+    yield table(("", *names), shown, "At the last load; per cent: from the first run")
+
+
+def _curves(runs: Sequence[RunFolder], names: Sequence[str]) -> Iterator[Markup]:
+    units = {
+        name: unit
+        for name, unit in _probes(runs).items()
+        if any(isinstance(_last(run).get("probes", {}).get(name), int | float) for run in runs)
+    }
+    if not units:
+        return
+    columns = min(len(units), 3)
+    rows = -(-len(units) // columns)
+    drawn = Figure(figsize=(11.0 if columns > 1 else 6.5, 3.4 * rows), layout="constrained")
+    panels = drawn.subplots(rows, columns, squeeze=False).ravel()
+    active = any(step.get("activation") for run in runs for step in run.summary["steps"])
+    across = "activation" if active else "load"
+    for axes, (name, unit) in zip(panels, units.items(), strict=False):
+        for k, run in enumerate(runs):
+            steps = [
+                step
+                for step in run.summary["steps"]
+                if isinstance(step.get("probes", {}).get(name), int | float)
+            ]
+            x = np.array([step.get(across) for step in steps], float)
+            y = np.array([step["probes"][name] for step in steps], float)
+            bars = [step.get("probe_errors", {}).get(name) for step in steps]
+            error = np.nan_to_num(np.array(bars, float)) if steps else np.zeros(0)
+            axes.errorbar(
+                x, y, error, color=COLOURS[k % len(COLOURS)], marker=MARKERS[k % len(MARKERS)],
+                linestyle=DASHES[k % len(DASHES)], markersize=4, elinewidth=0.8, capsize=2,
+                label=names[k],
+            )  # fmt: skip
+        axes.set(xlabel=f"{across} [-]", ylabel=f"{name} [{unit}]")
+        axes.grid(color="#E5E5E5")
+    for axes in panels[len(units) :]:
+        axes.set_visible(False)
+    handles, labels = panels[0].get_legend_handles_labels()
+    drawn.legend(handles, labels, loc="outside upper center", ncols=4, frameon=False)
+    yield figure(drawn, "Probes of all runs with their error bars.")
+
+
+def _decks(runs: Sequence[RunFolder], names: Sequence[str]) -> Iterator[Markup]:
+    """Keys whose values are not those of all; of a list, its entries by their names."""
+    decks = [dict(_flat("", read_summary(run.path).get("deck") or {})) for run in runs]
+    keys = dict.fromkeys(key for deck in decks for key in deck)
+    rows = [
+        [key, *(_told(deck.get(key)) for deck in decks)]
+        for key in keys
+        if any(deck.get(key) != decks[0].get(key) for deck in decks)
+    ]
+    if not rows:
+        yield Markup("<p>Nothing: all keys have the same values.</p>")
+        return
+    more = f"; {len(rows) - _MOST_KEYS} more" if len(rows) > _MOST_KEYS else ""
+    yield table(("key", *names), rows[:_MOST_KEYS], f"Keys with different values{more}")
+
+
+def _flat(prefix: str, value: Any) -> Iterator[tuple[str, Any]]:
+    if isinstance(value, Mapping):
+        for key, own in value.items():
+            yield from _flat(f"{prefix}.{key}".lstrip("."), own)
+    elif isinstance(value, list) and value and all(isinstance(own, Mapping) for own in value):
+        for number_, own in enumerate(value):
+            name = own.get("name") or own.get("set") or number_
+            yield from _flat(f"{prefix}.{name}", own)
+    else:
+        yield prefix, value
+
+
+def _told(value: Any) -> str:
+    if value is None:
+        return DASH
+    if isinstance(value, list):
+        return f"({', '.join(_told(part) for part in value)})"
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return str(value)
+    return fraction(value)
+
+
+def _cost(runs: Sequence[RunFolder], names: Sequence[str]) -> Iterator[Markup]:
+    rows: list[list[str | Markup]] = [
+        ["method", *(run.summary.get("method", DASH) for run in runs)]
+    ]
+    for key, label in (
+        ("source_points", "source points"),
+        ("dofs", "unknowns"),
+        ("threads", "threads"),
+    ):
+        rows.append([label, *(number(run.summary.get(key)) for run in runs)])
+    rows.append(
+        [
+            "load steps, iterations",
+            *(
+                f"{len(run.summary['steps'])}, "
+                f"{sum(int(step.get('iterations') or 0) for step in run.summary['steps'])}"
+                for run in runs
+            ),
+        ]
+    )
+    stages = dict.fromkeys(s for run in runs for s in run.summary.get("timings_s", {}))
+    for stage in stages:
+        times = (run.summary.get("timings_s", {}).get(stage) for run in runs)
+        rows.append([f"{stage} [s]", *(number(time, 3) for time in times)])
+    yield table(("", *names), rows, "Wall times of the full solutions")

@@ -1,0 +1,273 @@
+"""The first screen of a report in words: what was asked, what came out, whether to trust it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from markupsafe import Markup
+
+from myork.report.numbers import fraction, number, unit_of, with_error
+from myork.report.sources import Deformation, RunFolder
+
+__all__ = ["Answer", "is_phantom", "story"]
+
+#: Volume ratios further than this from 1 are counted
+_OFF = 0.1
+_VERDICTS = {
+    "accepted": "Accepted: no check found a reason for doubt",
+    "doubtful": "Doubtful",
+    "refused": "Refused: do not use these numbers",
+}
+
+
+class Answer(NamedTuple):
+    """A question of the reader with its answer.
+
+    Attributes
+    ----------
+    question : str
+        A word or two.
+    lines : list of str or Markup
+        Sentences of the answer, the most important one first.
+    """
+
+    question: str
+    lines: list[str | Markup]
+
+
+def story(folder: RunFolder) -> list[Answer]:
+    """Answers to what a reader asks first; a question without an answer is left out."""
+    summary, deformation = folder.summary, folder.deformation
+    found = [
+        Answer("Asked", list(_asked(summary))),
+        Answer("Came out", list(_came_out(summary, deformation))),
+        Answer("Trust", list(_trust(summary, deformation))),
+        Answer("Data", list(_data(summary))),
+    ]
+    return [answer for answer in found if answer.lines]
+
+
+def is_phantom(summary: Mapping[str, Any]) -> bool:
+    """Whether the images are those of the phantom: computed, not measured."""
+    segmentation = summary.get("segmentation") or {}
+    return bool(segmentation.get("source") == "phantom")
+
+
+def _asked(summary: Mapping[str, Any]) -> Iterator[str | Markup]:
+    deck, units = summary.get("deck") or {}, summary.get("units") or {}
+    length = units.get("length", "?")
+    materials = ", ".join(str(own["name"]) for own in deck.get("material") or [] if own.get("name"))
+    body = _body(deck, summary, length)
+    if body:
+        yield Markup("{} of {}").format(body, materials) if materials else body
+    held, moved = [], []
+    for entry in deck.get("boundary") or []:
+        where = str(entry.get("set", "?"))
+        given = {
+            key: value
+            for key, value in entry.items()
+            if key != "set" and not (value == 0 or value == [0.0] * 3)
+        }
+        if not given:
+            held.append(where)
+        else:
+            told = ", ".join(f"{key} = {_plain(value)}" for key, value in given.items())
+            moved.append(f"{where}: {told}")
+    activation = (deck.get("load") or {}).get("activation")
+    loads = [f"held at {', '.join(held)}"] if held else []
+    loads += moved
+    if isinstance(activation, int | float) and activation > 0:
+        loads.append(f"activation up to {fraction(activation)}")
+    if loads:
+        yield "; ".join(loads)
+    wanted = [
+        f"{probe['name']} ({probe['quantity']}{_where(probe, length)})"
+        for probe in deck.get("probe") or []
+        if probe.get("name") and probe.get("quantity")
+    ]
+    if wanted:
+        yield f"Wanted: {', '.join(wanted)}"
+
+
+def _body(deck: Mapping[str, Any], summary: Mapping[str, Any], length: str) -> str | Markup:
+    geometry = deck.get("geometry") or {}
+    kind = geometry.get("kind")
+    if kind == "box" and geometry.get("size"):
+        sides = " × ".join(fraction(side) for side in geometry["size"])
+        return f"A {'block' if summary.get('dimension') == 3 else 'sheet'} of {sides} {length}"
+    if kind == "annulus" and geometry.get("outer_radius"):
+        radii = " to ".join(fraction(geometry.get(f"{end}_radius")) for end in ("inner", "outer"))
+        return f"A quarter of a ring, radius {radii} {length}"
+    if kind == "model":
+        volumes = (summary.get("model") or {}).get("volume") or {}
+        total = sum(volumes.values())
+        if not total:
+            return f"The body of {geometry.get('file', 'a model file')}"
+        if len(volumes) == 1:
+            return Markup("A body of {} {}³").format(number(total, 3), length)
+        shares = ", ".join(f"{name} {100 * own / total:.0f} %" for name, own in volumes.items())
+        return Markup("A body of {} {}³ ({} of the volume)").format(
+            number(total, 3), length, shares
+        )
+    return ""
+
+
+def _where(probe: Mapping[str, Any], length: str) -> str:
+    if probe.get("set"):
+        return f" at {probe['set']}"
+    if probe.get("point"):
+        return f" at ({', '.join(fraction(x) for x in probe['point'])}) {length}"
+    return ""
+
+
+def _plain(value: Any) -> str:
+    if isinstance(value, list):
+        return f"({', '.join(_plain(part) for part in value)})"
+    return fraction(value) if isinstance(value, int | float) else str(value)
+
+
+def _came_out(
+    summary: Mapping[str, Any], deformation: Deformation | None
+) -> Iterator[str | Markup]:
+    units = summary.get("units") or {}
+    steps = summary.get("steps") or []
+    if steps:
+        last = steps[-1]
+        quantities = {
+            str(probe.get("name")): str(probe.get("quantity"))
+            for probe in (summary.get("deck") or {}).get("probe") or []
+        }
+        values = [
+            Markup("<b>{} {}</b> {}").format(
+                name,
+                with_error(value, (last.get("probe_errors") or {}).get(name)),
+                unit_of(quantities.get(name, ""), units, summary.get("dimension", 3)),
+            )
+            for name, value in (last.get("probes") or {}).items()
+            if value is not None
+        ]
+        if values:
+            yield Markup("At load {}: {}").format(
+                fraction(last.get("load")), Markup(", ").join(values)
+            )
+    if deformation is not None:
+        size = np.linalg.norm(deformation.displacement, axis=1)
+        most, tense = int(np.argmax(size)), int(np.argmax(deformation.stress))
+        force, length = units.get("force", "?"), units.get("length", "?")
+        told = "Largest displacement {} {} at {}, largest principal stress {} {}/{}² at {}"
+        yield Markup(told).format(
+            number(float(size[most]), 3), length, _place(deformation, most),
+            number(float(deformation.stress[tense]), 3), force, length,
+            _place(deformation, tense),
+        )  # fmt: skip
+    models = [m for m in (summary.get("rom") or {}).get("models", []) if m.get("e1")]
+    if models:
+        best = min(models, key=lambda model: model["e1"])
+        yield Markup(
+            "A reduced model of {} modes is {} times faster, its displacement {} off"
+        ).format(best["r"], number(best.get("speedup_vs_full"), 2), number(best["e1"], 2))
+
+
+def _place(deformation: Deformation, point: int) -> str:
+    return f"({', '.join(f'{x:.3g}' for x in deformation.points[point])})"
+
+
+def _trust(summary: Mapping[str, Any], deformation: Deformation | None) -> Iterator[str | Markup]:
+    if "converged" not in summary:
+        return
+    steps = summary.get("steps") or []
+    last = steps[-1] if steps else {}
+    verdict = summary.get("verdict") or {}
+    if not summary["converged"]:
+        yield f"Not converged: the last state is that of load {fraction(last.get('load', 0.0))}"
+    elif verdict.get("state") in _VERDICTS:
+        reasons = "; ".join(verdict.get("reasons") or [])
+        yield _VERDICTS[verdict["state"]] + (f": {reasons}" if reasons else "")
+    else:
+        yield "No verdict: nothing was checked"
+    refined = summary.get("refine") or {}
+    if refined.get("met"):
+        yield str(refined["reason"])
+    bars = list(_relative_bars(last))
+    if bars:
+        worst, name = max(bars)
+        yield Markup("Error bars: {} % of the value at most ({})").format(
+            number(100.0 * worst, 2), name
+        )
+    second = summary.get("companion") or {}
+    if second.get("difference") is not None and second.get("method"):
+        points = (
+            "the same points"
+            if second.get("same_points")
+            else Markup("{} points instead of {}").format(
+                number(second.get("source_points")), number(summary.get("source_points"))
+            )
+        )
+        yield Markup("A second solution ({}, {}) has displacements {} {} apart (rms)").format(
+            second["method"], points, number(second["difference"], 2),
+            (summary.get("units") or {}).get("length", "?"),
+        )  # fmt: skip
+    checks: list[str | Markup] = []
+    if summary.get("force_imbalance") is not None:
+        checks.append(Markup("forces balance to {}").format(number(summary["force_imbalance"], 2)))
+    if {"min_J", "max_J"} <= set(last):
+        ratios = [number(last[f"{end}_J"], 3) for end in ("min", "max")]
+        off = ""
+        if deformation is not None:
+            share = float(np.mean(np.abs(deformation.volume_ratio - 1.0) > _OFF))
+            off = f", more than {_OFF:.0%} off 1 in {100 * share:.3g} % of the points"
+        checks.append(Markup("volume ratio J {} to {}{}").format(*ratios, off))
+    if checks:
+        yield Markup("; ").join(checks)
+    entries = [*(summary.get("reference") or {}).values()]
+    errors = [abs(e) for own in entries for e in own.get("relative_error") or [] if e is not None]
+    errors += [
+        abs(own["relative_error"])
+        for own in (summary.get("exact") or {}).values()
+        if own.get("relative_error") is not None
+    ]
+    if errors:
+        yield Markup("Known answers: {} % away at most").format(number(100.0 * max(errors), 2))
+
+
+def _relative_bars(step: Mapping[str, Any]) -> Iterator[tuple[float, str]]:
+    """Error bars of a step relative to their values, with the name of the probe."""
+    for name, error in (step.get("probe_errors") or {}).items():
+        value = (step.get("probes") or {}).get(name)
+        if error is None or value is None:
+            continue
+        if isinstance(value, list):
+            size = max((abs(v) for v in value if v is not None), default=0.0)
+            errors = error if isinstance(error, list) else [error]
+            bar = max((e for e in errors if e is not None), default=0.0)
+        else:
+            size, bar = abs(value), error if isinstance(error, int | float) else 0.0
+        if size > 0.0:
+            yield bar / size, name
+
+
+def _data(summary: Mapping[str, Any]) -> Iterator[str | Markup]:
+    segmentation = summary.get("segmentation") or {}
+    deck = summary.get("deck") or {}
+    if is_phantom(summary):
+        yield Markup("<b>Phantom</b>: the images were computed, not measured on anybody")
+    elif segmentation:
+        yield f"Images: {segmentation.get('source', 'not named in this folder')}"
+    elif (deck.get("geometry") or {}).get("kind") == "model":
+        build = deck.get("build") or {}
+        source = build.get("labels") or build.get("surface")
+        yield f"Body: {source or deck['geometry'].get('file', 'a model file')}"
+    elif deck.get("geometry"):
+        yield "No images: the body is given by numbers of the deck"
+    scores = [
+        (name, own["dice"])
+        for name, own in (segmentation.get("scores") or {}).items()
+        if own.get("dice") is not None
+    ]
+    if scores:
+        told = Markup(", ").join(
+            Markup("{} {}").format(name, number(dice, 3)) for name, dice in scores
+        )
+        yield Markup("Segmentation against the truth: Dice {}").format(told)

@@ -1,0 +1,258 @@
+"""The page of a sweep: how the answers follow the keys, which key matters, what failed."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+
+from myork.errors import FileError
+from myork.report import sweep_figures
+from myork.report.frame import Section, figure, render, table
+from myork.report.numbers import DASH, fraction, number
+from myork.report.story import Answer
+from myork.report.sweep_figures import VERDICTS, Column, Fit
+
+__all__ = ["SWEEP_FILE", "SweepFolder", "read_sweep", "sweep_page"]
+
+#: Finished points of a sweep, by which its folder is known
+SWEEP_FILE = "points.jsonl"
+#: Probes, keys, and rows of tables that are shown
+_MOST_PROBES, _MOST_KEYS, _MOST_ROWS = 6, 8, 60
+
+
+@dataclass(frozen=True)
+class SweepFolder:
+    """Finished points of a sweep.
+
+    Attributes
+    ----------
+    path : Path
+        The folder.
+    total : int
+        Number of points that were asked for.
+    model : str or None
+        Reduced model that answered.
+    keys, probes : list of Column
+        What was varied and what came out, a value a finished point.
+    verdicts, messages : list of str
+        Of each finished point.
+    cpu : list of float
+        CPU time of each finished point [s].
+    about : dict
+        `sweep.json`: title of the deck; empty in folders of earlier versions.
+    """
+
+    path: Path
+    total: int
+    model: str | None
+    keys: list[Column]
+    probes: list[Column]
+    verdicts: list[str]
+    messages: list[str]
+    cpu: list[float]
+    about: dict[str, Any] = field(default_factory=dict)
+
+
+def read_sweep(path: Path) -> SweepFolder:
+    """Read what is finished of a sweep; a line that a kill cut short is left out.
+
+    Raises
+    ------
+    FileError
+        The file is not that of a sweep, or nothing in it is finished.
+    """
+    file = path / SWEEP_FILE
+    try:
+        first, *lines = file.read_text(encoding="utf-8", errors="replace").splitlines()
+        head = json.loads(first)["sweep"]
+        names, points = [str(key) for key in head["keys"]], head["points"]
+        found: dict[int, dict[str, Any]] = {}
+        for line in lines:
+            try:
+                row = json.loads(line)
+                found[int(row["point"])] = row
+            except (ValueError, KeyError, TypeError):
+                continue
+        rows = [found[place] for place in sorted(found)]
+        values = [points[row["point"]] for row in rows]
+        about = {}
+        if (path / "sweep.json").is_file():
+            about = json.loads((path / "sweep.json").read_text(encoding="utf-8"))
+        units = about.get("units") or {}
+        keys = [
+            Column(name, "", [value[j] for value in values], []) for j, name in enumerate(names)
+        ]
+        asked = dict.fromkeys(name for row in rows for name in row["probes"])
+        probes = [
+            Column(
+                name,
+                str(units.get(name, "")),
+                [row["probes"].get(name, np.nan) for row in rows],
+                [row["errors"].get(name, np.nan) for row in rows],
+            )
+            for name in asked
+        ]
+        sweep = SweepFolder(
+            path, len(points), head.get("model"), keys, probes,
+            [str(row["verdict"]) for row in rows], [str(row["message"]) for row in rows],
+            [float(row["cpu_s"]) for row in rows], about,
+        )  # fmt: skip
+    except (OSError, ValueError, KeyError, TypeError, IndexError, AttributeError) as reason:
+        raise FileError(f"{file}: is not what myork sweep writes: {reason!r}; sweep anew") from None
+    if not sweep.verdicts:
+        raise FileError(f"{file}: no point is finished; run the same line of myork sweep again")
+    return sweep
+
+
+def sweep_page(sweep: SweepFolder, version: str) -> str:
+    """All of a sweep as one page."""
+    fits = [Fit.of(sweep.keys[:_MOST_KEYS], probe) for probe in sweep.probes[:_MOST_PROBES]]
+    sections = [
+        Section("trends", "Trends", list(_trends(sweep))),
+        Section("effects", "Which key matters", list(_effects(fits))),
+        Section("surfaces", "Response surfaces", list(_surfaces(sweep, fits))),
+        Section("failures", "What to look at", list(_failures(sweep))),
+        Section("points", "All points", list(_points(sweep))),
+    ]
+    done = len(sweep.verdicts)
+    return render(
+        "sweep.html",
+        title=f"Sweep: {sweep.about.get('title') or sweep.path.resolve().name}",
+        sections=[section for section in sections if section.parts],
+        story=list(_story(sweep)),
+        counts=[(word, count, _BADGES.get(word, "bad")) for word, count in _counts(sweep)],
+        left=sweep.total - done,
+        version=version,
+        folder=sweep.path,
+    )
+
+
+_BADGES = {"accepted": "good", "doubtful": "unsure"}
+
+
+def _counts(sweep: SweepFolder) -> list[tuple[str, int]]:
+    counts = Counter(sweep.verdicts)
+    order = [*VERDICTS, *sorted(set(counts) - set(VERDICTS))]
+    return [(word, counts[word]) for word in order if counts[word]]
+
+
+def _story(sweep: SweepFolder) -> Iterator[Answer]:
+    told = []
+    for key in sweep.keys:
+        values = key.numbers()
+        if values is None:
+            told.append(f"{key.name}: {', '.join(dict.fromkeys(map(str, key.values)))}")
+        else:
+            told.append(f"{key.name} from {fraction(values.min())} to {fraction(values.max())}")
+    who = f"the reduced model {Path(sweep.model).name}" if sweep.model else "full solutions"
+    yield Answer("Asked", [f"{sweep.total} points by {who}", "; ".join(told)])
+    ranges: list[Markup] = []
+    for probe in sweep.probes[:_MOST_PROBES]:
+        values = np.array(probe.values, float)
+        values = values[np.isfinite(values)]
+        if len(values):
+            ranges.append(
+                Markup("<b>{}</b> from {} to {} {}").format(
+                    probe.name, number(float(values.min())), number(float(values.max())), probe.unit
+                )
+            )
+    seconds = np.array(sweep.cpu, float)
+    seconds = seconds[np.isfinite(seconds)]
+    cost = Markup("{} CPU s in all, {} s a point").format(
+        number(float(seconds.sum()), 3),
+        number(float(np.median(seconds)) if len(seconds) else None, 3),
+    )
+    yield Answer("Came out", [Markup(", ").join(ranges) or "nothing", cost])
+    counts = _counts(sweep)
+    lines: list[str | Markup] = [
+        ", ".join(f"{count} {word}" for word, count in counts)
+        + f" of {len(sweep.verdicts)} finished points"
+    ]
+    if len(sweep.verdicts) < sweep.total:
+        lines.append(f"{sweep.total - len(sweep.verdicts)} points are not solved yet")
+    bars = [bar for probe in sweep.probes if (bar := probe.largest_bar()) is not None]
+    if bars:
+        lines.append(
+            Markup("Error bars: {} % of the largest value at most").format(
+                number(100.0 * max(bars), 2)
+            )
+        )
+    yield Answer("Trust", lines)
+
+
+def _trends(sweep: SweepFolder) -> Iterator[Markup]:
+    keys = sweep.keys[:_MOST_KEYS]
+    for probe in sweep.probes[:_MOST_PROBES]:
+        if np.isfinite(np.array(probe.values, float)).any():
+            drawn = sweep_figures.trend_figure(keys, probe, sweep.verdicts)
+            yield figure(
+                drawn,
+                f"{probe.name} over each key; a mark a point, in the colour of its verdict, "
+                "with its error bar.",
+            )
+
+
+def _effects(fits: list[Fit | None]) -> Iterator[Markup]:
+    shown = [fit for fit in fits if fit is not None]
+    if shown:
+        yield figure(
+            sweep_figures.tornado_figure(shown),
+            "Change of each probe from the lowest to the highest value of a key, all others in "
+            "the middle, by a polynomial through the points; its degree and the part of the "
+            "variance that it foretells for points left out (Q²) stand above.",
+        )
+
+
+def _surfaces(sweep: SweepFolder, fits: list[Fit | None]) -> Iterator[Markup]:
+    for fit in fits:
+        if fit is not None and fit.degree == 2 and len(fit.strongest()) == 2:
+            yield figure(
+                sweep_figures.response_figure(fit, sweep.verdicts),
+                f"{fit.probe.name} over the two keys that matter most, all others in the middle, "
+                "by the same polynomial; marks are points of the sweep.",
+            )
+
+
+def _failures(sweep: SweepFolder) -> Iterator[Markup]:
+    wrong = [k for k, verdict in enumerate(sweep.verdicts) if verdict != "accepted"]
+    if not wrong:
+        return
+    # alike but for their numbers: told once
+    kinds = Counter(sweep.messages[k] for k in wrong)
+    if len(kinds) > _MOST_ROWS:
+        yield Markup("<p>The first {} of {} messages.</p>").format(_MOST_ROWS, len(kinds))
+    rows = []
+    for message, count in kinds.most_common(_MOST_ROWS):
+        first = next(k for k in wrong if sweep.messages[k] == message)
+        where = ", ".join(f"{key.name} = {_plain(key.values[first])}" for key in sweep.keys)
+        rows.append((sweep.verdicts[first], number(count), where, message or DASH))
+    yield Markup('<div class="facts">{}</div>').format(
+        table(("verdict", "points", "first at", "message"), rows, "Points that are not accepted")
+    )
+
+
+def _points(sweep: SweepFolder) -> Iterator[Markup]:
+    head = [key.name for key in sweep.keys]
+    head += [f"{probe.name} [{probe.unit}]" if probe.unit else probe.name for probe in sweep.probes]
+    rows = [
+        [
+            *(_plain(key.values[k]) for key in sweep.keys),
+            *(number(float(probe.values[k])) for probe in sweep.probes),
+            verdict,
+        ]
+        for k, verdict in enumerate(sweep.verdicts[:_MOST_ROWS])
+    ]
+    told = f"The first {len(rows)} points; all: sweep.csv" if len(rows) < sweep.total else "Points"
+    details = "<details><summary>{}</summary>{}</details>"
+    yield Markup(details).format(told, table([*head, "verdict"], rows))
+
+
+def _plain(value: Any) -> str:
+    return fraction(value) if isinstance(value, int | float) else str(value)
