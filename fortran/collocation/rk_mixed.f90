@@ -226,7 +226,7 @@ function rejection(self, x) result(reason)
       given = 1.0_wp + u(nd + 1, 1)/self%mixture%bulk(ip)
       if (abs(volume - given) <= stray) cycle
       stray = abs(volume - given)
-      reason = 'the iteration ended at a state that no body takes: away from rims, at ' &
+      reason = 'the iteration ended at a stationary point that is no solution: off the rims, at ' &
          & //'collocation point '//to_text(ip)//', J is '//to_text(volume, 4) &
          & //', by its pressure '//to_text(given, 4)//'; take smaller load steps or more points'
    end do

@@ -130,21 +130,22 @@ The same equations by every method; `docs/solvers.md` explains the columns.
 |---|---|---|---|---|---|---|
 {solvers}
 
-## Notes, measured by hand
+## Notes
 
-Not rewritten by the script; one core of an AMD EPYC with AVX-512, shared with other work.
+Single measurements that the script does not repeat; one core of an AMD EPYC with AVX-512, shared
+with other work.
 
 - The time of `normal` by samples (`perf`), of 0.34 s: adding products to the envelope 0.13 s, DSYRK
   0.11 s, writing rows 0.07 s, clearing them 0.03 s. DSYRK does 1.7 times the operations of the
   nonzero entries, as the rows of a box are dense over the union of their neighbours, at 67 GFLOP/s
-  (two thirds of DGEMM: 24 to 60 rows are few). The addition moves 2.8 GB, 22 GB/s. So there is no
-  single limit: either part, if it cost nothing, would gain about a third.
-- Boxes twice as long in one direction took 0.32 s against 0.27 s (one comparison).
+  (two thirds of DGEMM: 24 to 60 rows are few). The addition moves 2.8 GB, 22 GB/s. There
+  is no single limit: either part, at no cost, would gain about a third.
+- Boxes twice as long in one direction take 0.32 s for 0.27 s.
 - `-Dmarch=native` makes it slower with gfortran 12: `apply` 26 ms against 14, `apply_transposed` 22
   against 13, `evaluate` 42 against 28. The low share of `apply` is not explained by missing AVX.
 - `spqr` took 9 to 11 s for these equations and needs the matrix and its transpose in memory.
-- The factor of one iteration could precondition the next ones: then a solve would be CGLS alone,
-  about 30 ms an iteration. Not done, so the number of iterations it would take is not known.
+- The factor of one iteration does not precondition the next ones. CGLS alone would take
+  about 30 ms an iteration; how many iterations an older factor needs is not known.
 """
 
 

@@ -118,7 +118,7 @@ def exact_table(exact: Mapping[str, Any], units: Mapping[str, str]) -> Markup:
 
 
 def reference_table(reference: Mapping[str, Any], units: Mapping[str, str]) -> Markup:
-    """Largest distance of each probe from reference values of somebody else."""
+    """Largest distance of each probe from reference values."""
     rows = []
     for name, entry in reference.items():
         values, theirs = _numbers(entry.get("value")), _numbers(entry.get("reference"))
