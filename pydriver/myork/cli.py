@@ -174,8 +174,13 @@ def _bench(options: argparse.Namespace) -> None:
 
     out = options.out or Path("out", "bench")
     with Console(options.verbosity) as console:
-        run_benches(options.names, out, quick=options.quick, progress=console)
+        record = run_benches(
+            options.names, out, quick=options.quick, limit=options.limit, progress=console
+        )
     print(f"benchmarks: {out / 'bench.html'}")
+    ended = [name for name, bench in record["benches"].items() if "ended" in bench]
+    if ended:
+        raise MyorkError(f"without a result: {', '.join(ended)}")
 
 
 def _report(options: argparse.Namespace) -> None:
@@ -405,7 +410,8 @@ def _parser() -> argparse.ArgumentParser:
         _bench,
         "the tables and speed-against-error curves of the reference problems, solved anew",
         "  myork bench nonlinear\n  myork bench stability --quick\n"
-        "  myork bench nonlinear stability curves mms --out out/bench",
+        "  myork bench nonlinear stability curves mms --out out/bench\n"
+        "  myork bench all --quick --limit 300",
         "folder of bench.json and bench.html; default out/bench",
     )
     bench.add_argument(
@@ -413,9 +419,16 @@ def _parser() -> argparse.ArgumentParser:
         nargs="+",
         metavar="NAME",
         help="linear, nonlinear, stability, curves, methods, mixed, mms, clouds, gallery, aging, "
-        "faults, trust, newcomer, certify, rom, essential or subdomain",
+        "faults, trust, newcomer, certify, rom, essential or subdomain; all for every one",
     )
     bench.add_argument("--quick", action="store_true", help="small cases only")
+    bench.add_argument(
+        "--limit",
+        type=float,
+        metavar="SECONDS",
+        help="go on with the next benchmark after this time, or when one fails; with all 3600, "
+        "600 with --quick",
+    )
     report = add(
         "report",
         _report,

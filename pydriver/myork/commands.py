@@ -141,9 +141,13 @@ def _sweep(options: argparse.Namespace) -> None:
             model=options.model,
             overrides=overrides_of(options),
             dry_run=options.dry_run,
-            progress=print if options.dry_run else console,
+            part=options.part,
+            slurm=options.slurm,
+            progress=print if options.dry_run or options.slurm else console,
         )
-    if not options.dry_run:
+    if options.slurm is not None:
+        print(f"script: {table}")
+    elif not options.dry_run:
         print(f"table: {table}")
 
 
@@ -211,7 +215,21 @@ def add_sweep(add_deck: Callable[..., argparse.ArgumentParser]) -> None:
     command.add_argument(
         "--model", type=Path, metavar="FILE", help="reduced model that answers (.rom.h5)"
     )
-    command.add_argument("--dry-run", action="store_true", help="say what would be solved, and end")
+    command.add_argument(
+        "--dry-run", action="store_true", help="say what would be solved and what it costs, and end"
+    )
+    command.add_argument(
+        "--slurm",
+        type=Path,
+        metavar="FILE",
+        help="write a script of an array of jobs, as many as --workers says, and end",
+    )
+    command.add_argument(
+        "--part",
+        metavar="K/N",
+        help="only every N-th point from the K-th, as a job of an array; the same line without it "
+        "gathers what parts have found",
+    )
 
 
 def _sensitivity(options: argparse.Namespace) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from myork.bench import run_benches
+from myork.bench.limited import run_limited
 from myork.bench.page import write_page
 from myork.bench.runs import METHODS
 from myork.bench.tables import Columns, plot, table
@@ -81,6 +82,23 @@ def test_tables_and_curves_show_what_cases_have() -> None:
 def test_unknown_bench_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no benchmark 'linaer'; there are linear"):
         run_benches(["linaer"], tmp_path)
+
+
+def test_limits_and_failures_end_no_other_bench(tmp_path: Path) -> None:
+    """A bench that takes too long is told, and the next one runs; so is one that fails."""
+    record = run_benches(["certify", "trust"], tmp_path, quick=True, limit=0.05)
+    for name in ("certify", "trust"):
+        assert record["benches"][name]["ended"] == "not done within 0.05 s"
+    page = (tmp_path / "bench.html").read_text(encoding="utf-8")
+    assert "0 benchmarks have results; without: certify, trust" in page
+    missing = run_limited("nothing", tmp_path, lambda line: None, True, 60.0)
+    assert missing["ended"].startswith("ModuleNotFoundError")
+
+
+def test_a_bench_in_a_process_of_its_own(tmp_path: Path) -> None:
+    lines: list[str] = []
+    found = run_limited("linear", tmp_path, lines.append, True, 600.0)
+    assert "ended" not in found and found["cases"] and lines
 
 
 def test_nonlinear(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ import csv
 import json
 import math
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -200,3 +201,41 @@ def test_head_is_plain(deck: Path, tmp_path: Path) -> None:
     sweep(deck, ["material.rubber.mu=5"], tmp_path / "out", workers=1)
     head = json.loads((tmp_path / "out" / "points.jsonl").read_text().splitlines()[0])["sweep"]
     assert head["keys"] == ["material.rubber.mu"] and head["points"] == [[5]]
+
+
+def test_an_array_of_jobs_finds_what_one_process_finds(
+    deck: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Each job runs its share from the script, one of them twice; then the line gathers."""
+    vary = ["material.rubber.mu=5:20:5"]
+    whole, out, script = tmp_path / "whole", tmp_path / "an array", tmp_path / "job.sh"
+    sweep(deck, vary, whole, workers=1)
+    sweep(deck, vary, out, workers=2, slurm=script)
+    text = script.read_text()
+    assert "#SBATCH --array=1-2\n" in text and "--part" in text and not out.exists()
+    for number in ("1", "2", "2"):
+        environment = {**os.environ, "SLURM_ARRAY_TASK_ID": number}
+        subprocess.run(["sh", str(script)], env=environment, check=True, capture_output=True)
+    assert len(rows_of(out / "part_1_of_2")) == 3 and len(rows_of(out / "part_2_of_2")) == 2
+    monkeypatch.setattr("myork.sweeps.run._full", None)
+    sweep(deck, vary, out)
+    numbers = [{k: v for k, v in row.items() if k != "cpu_s"} for row in rows_of(whole)]
+    assert [{k: v for k, v in row.items() if k != "cpu_s"} for row in rows_of(out)] == numbers
+    assert main(["sweep", str(deck), "--vary", vary[0], "--dry-run", "--out", str(out)]) == 0
+    assert "5 finished points took" in capsys.readouterr().out
+    with pytest.raises(InputError, match=r"is of another sweep"):
+        sweep(deck, ["material.rubber.mu=5,6"], tmp_path / "an array" / ".." / "an array")
+    with pytest.raises(InputError, match=r"--part 3/2: K/N is needed"):
+        sweep(deck, vary, out, part="3/2")
+
+
+def test_a_dry_run_tells_what_it_costs(
+    deck: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    line = ["sweep", str(deck), "--vary", "material.rubber.mu=5:20:5", "--set", "load.steps=4"]
+    assert main([*line, "--dry-run", "--out", str(tmp_path / "out")]) == 0
+    said = capsys.readouterr().out
+    once, point = re.search(
+        r"alone: (\S+) s a solution here, so (\S+) CPU s a point", said
+    ).groups()
+    assert float(point) == pytest.approx(12 * float(once), rel=0.06)

@@ -5,6 +5,7 @@ files, callable for lines of progress, whether small cases are enough). Its resu
 `bench.json` as it is and drawn on `bench.html` from these keys, all optional:
 
 - ``title``, ``about``: text;
+- ``ended``: why there is nothing else, of a benchmark that failed or took too long;
 - ``pictures``: mappings with ``file`` (beside the page) and ``caption``;
 - ``cases``: one mapping a solve, with the names of `summary.json`;
 - ``tables``: mappings with ``caption``, ``head`` (texts) and ``rows`` (texts and numbers);
@@ -53,6 +54,7 @@ def run_benches(
     out: Path,
     *,
     quick: bool = False,
+    limit: float | None = None,
     progress: ProgressCallback = silent,
 ) -> dict[str, Any]:
     """Run benchmarks and write `bench.json` and `bench.html`.
@@ -60,11 +62,14 @@ def run_benches(
     Parameters
     ----------
     names : list of str
-        From `BENCHES`.
+        From `BENCHES`, or `all`.
     out : Path
         Folder of the results; made if it is missing.
     quick : bool
         Small cases only.
+    limit : float, optional
+        Time after which a benchmark is ended and the next one begins [s]; one that fails ends
+        nothing then either. Default of `all` an hour each, ten minutes where `quick`; else none.
     progress : callable
         Called with every line of progress.
 
@@ -79,24 +84,34 @@ def run_benches(
         A name is unknown.
     """
     for name in names:
-        if name not in BENCHES:
-            raise InputError(f"there is no benchmark {name!r}; there are {', '.join(BENCHES)}")
+        if name not in (*BENCHES, "all"):
+            known = ", ".join([*BENCHES, "all"])
+            raise InputError(f"there is no benchmark {name!r}; there are {known}")
+    if "all" in names:
+        names = list(BENCHES)
+        limit = limit or (600.0 if quick else 3600.0)
     with claimed(out):
-        return _run_all(names, out, quick, progress)
+        return _run_all(names, out, quick, limit, progress)
 
 
 def _run_all(
-    names: list[str], out: Path, quick: bool, progress: ProgressCallback
+    names: list[str], out: Path, quick: bool, limit: float | None, progress: ProgressCallback
 ) -> dict[str, Any]:
     """Run benchmarks in a folder of their own."""
+    from myork.bench.limited import run_limited
     from myork.bench.machine import machine
     from myork.bench.page import write_page
 
     record: dict[str, Any] = {**machine(), "quick": quick, "benches": {}}
     for number, name in enumerate(dict.fromkeys(names)):
         progress(f"bench {number + 1}/{len(names)}  {name}")
-        study = import_module(f"myork.bench.studies.{name}")
-        record["benches"][name] = study.run(out, progress, quick)
+        if limit is None:
+            study = import_module(f"myork.bench.studies.{name}")
+            record["benches"][name] = study.run(out, progress, quick)
+        else:
+            record["benches"][name] = run_limited(name, out, progress, quick, limit)
+            if ended := record["benches"][name].get("ended"):
+                progress(f"{name}: {ended}")
         # after each one: a later one that fails or is stopped costs nothing that was measured
         write_json(out / "bench.json", record)
         write_page(out / "bench.html", record)

@@ -33,6 +33,7 @@ def write_page(path: Path, record: Mapping[str, Any]) -> None:
 
 def _page(record: Mapping[str, Any]) -> str:
     benches = record["benches"]
+    without = [name for name, bench in benches.items() if "ended" in bench]
     return render(
         "bench.html",
         title="Benchmarks",
@@ -40,6 +41,8 @@ def _page(record: Mapping[str, Any]) -> str:
             Section(name, bench.get("title", name), _parts(bench))
             for name, bench in benches.items()
         ],
+        done=len(benches) - len(without),
+        without=without,
         extent="small cases only" if record["quick"] else "all cases",
         again=" ".join(["myork bench", *benches, *(["--quick"] if record["quick"] else [])]),
         **{key: record[key] for key in ("version", "date", "processor", "cores", "load_average")},
@@ -48,6 +51,8 @@ def _page(record: Mapping[str, Any]) -> str:
 
 def _parts(bench: Mapping[str, Any]) -> list[Markup]:
     parts = [Markup("<p>{}</p>").format(bench["about"])] if "about" in bench else []
+    if "ended" in bench:
+        parts.append(Markup('<p class="warnings">No result: {}</p>').format(bench["ended"]))
     for plot in bench.get("plots", []):
         parts.append(figure(_curves(plot), plot.get("caption", plot["title"])))
     parts += [figure(_map(entry), entry["title"]) for entry in bench.get("maps", [])]

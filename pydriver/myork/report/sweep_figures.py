@@ -256,7 +256,9 @@ def response_figure(fit: Fit, verdicts: Sequence[str]) -> Figure:
     axes = figure.subplots()
     shape = tuple(np.interp(line, [-1.0, 1.0], [v.min(), v.max()]) for v in (x, y))
     drawn = axes.contourf(*shape, value, levels=12, cmap="viridis")
-    lines = axes.contour(*shape, value, levels=np.asarray(drawn.levels)[::3], colors="white", linewidths=0.6)
+    lines = axes.contour(
+        *shape, value, levels=np.asarray(drawn.levels)[::3], colors="white", linewidths=0.6
+    )
     axes.clabel(lines, fontsize=8)
     told = np.array(verdicts)
     for verdict in dict.fromkeys(verdicts):

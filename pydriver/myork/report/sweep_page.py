@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -225,17 +226,21 @@ def _failures(sweep: SweepFolder) -> Iterator[Markup]:
     if not wrong:
         return
     # alike but for their numbers: told once
-    kinds = Counter(sweep.messages[k] for k in wrong)
+    kinds = Counter(_kind(sweep.messages[k]) for k in wrong)
     if len(kinds) > _MOST_ROWS:
         yield Markup("<p>The first {} of {} messages.</p>").format(_MOST_ROWS, len(kinds))
     rows = []
-    for message, count in kinds.most_common(_MOST_ROWS):
-        first = next(k for k in wrong if sweep.messages[k] == message)
+    for kind, count in kinds.most_common(_MOST_ROWS):
+        first = next(k for k in wrong if _kind(sweep.messages[k]) == kind)
         where = ", ".join(f"{key.name} = {_plain(key.values[first])}" for key in sweep.keys)
-        rows.append((sweep.verdicts[first], number(count), where, message or DASH))
+        rows.append((sweep.verdicts[first], number(count), where, sweep.messages[first] or DASH))
     yield Markup('<div class="facts">{}</div>').format(
         table(("verdict", "points", "first at", "message"), rows, "Points that are not accepted")
     )
+
+
+def _kind(message: str) -> str:
+    return re.sub(r"[-+]?\d[\d.eE+-]*", "#", message)
 
 
 def _points(sweep: SweepFolder) -> Iterator[Markup]:

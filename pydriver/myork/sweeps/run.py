@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import multiprocessing
 import os
+import re
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, ProcessPoolExecutor, wait
@@ -21,6 +23,8 @@ from myork.errors import InputError, InstallationError
 from myork.files import claimed, write_json
 from myork.report.numbers import unit_of
 from myork.rom.model import ReducedModel
+from myork.stations.explain import explain_deck
+from myork.sweeps.array import gathered, part_folder, share_of, write_script
 from myork.sweeps.plan import Plan, make_plan
 from myork.sweeps.point import probe_columns, solve_point
 from myork.sweeps.store import Store, has_parquet
@@ -29,6 +33,10 @@ __all__ = ["sweep"]
 
 #: Threads of the libraries in a worker: one point a core
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+#: How `myork explain` tells the time of one solution of the equations
+_ONCE = r"about ([\d.eE+-]+) s here"
+#: Solutions of a load step at least: a step of Newton and those that confirm it
+_LEAST_ITERATIONS = 3
 #: A reduced model's answer is doubtful above this estimated error
 _INDICATOR = 0.01
 
@@ -45,6 +53,8 @@ def sweep(
     model: str | Path | None = None,
     overrides: Sequence[str] = (),
     dry_run: bool = False,
+    part: str | None = None,
+    slurm: str | Path | None = None,
     progress: ProgressCallback = silent,
 ) -> Path:
     """Solve a deck at many values of its keys.
@@ -74,7 +84,12 @@ def sweep(
     overrides : sequence of str
         Overrides of the deck for all points.
     dry_run : bool
-        Only say what would be solved.
+        Only say what would be solved, and what it costs.
+    part : str, optional
+        "K/N": only every N-th point from the K-th, in a folder of its own within `out`; a call
+        without `part` gathers what parts have found.
+    slurm : str or Path, optional
+        Write this script of an array of jobs, `workers` of them, and solve nothing.
     progress : callable
         Called with every line of progress.
 
@@ -96,13 +111,20 @@ def sweep(
         load_deck(deck, [*overrides, *_settings(plan, point)], "solve")
     if model is not None and dask is not None:
         raise InputError("a reduced model needs no workers of Dask")
-    workers = workers or os.cpu_count() or 1
+    jobs, workers = workers, workers or os.cpu_count() or 1
     where = "the reduced model" if model else f"Dask at {dask}" if dask else f"{workers} processes"
     progress(f"{len(plan.points)} points of {', '.join(plan.keys)} by {where}")
+    if (part or slurm) and (model or dask):
+        raise InputError("parts of a sweep are solved by full models, without Dask")
+    share = range(len(plan.points)) if part is None else share_of(part, len(plan.points))
     if dry_run:
-        for line in _preview(plan):
+        for line in (*_preview(plan), *_cost(plan, deck, out, overrides)):
             progress(line)
         return out / "sweep.csv"
+    if slurm is not None:
+        words = _line(deck, vary, samples, seed, overrides, out)
+        progress(write_script(Path(slurm), words, len(plan.points), jobs, out))
+        return Path(slurm)
     rom = None if model is None else ReducedModel.load(model)
     if rom is not None:
         values = _model_values(plan, rom, Path(model or ""), deck, overrides)
@@ -113,12 +135,17 @@ def sweep(
         "points": [list(point) for point in plan.points],
         "model": None if model is None else str(Path(model).resolve()),
     }
-    with claimed(out):
-        store = Store(out, head)
-        write_json(out / "sweep.json", {"title": one["title"], "units": _units(one)})
-        left = [number for number in range(len(plan.points)) if number not in store.rows]
-        if len(left) < len(plan.points):
-            progress(f"{len(plan.points) - len(left)} points are done already")
+    folder = out if part is None else part_folder(out, part)
+    folder.mkdir(parents=True, exist_ok=True)
+    with claimed(folder):
+        store = Store(folder, head)
+        for row in gathered(out, head) if part is None else ():
+            if row["point"] not in store.rows:
+                store.add(row)
+        write_json(folder / "sweep.json", {"title": one["title"], "units": _units(one)})
+        left = [number for number in share if number not in store.rows]
+        if len(left) < len(share):
+            progress(f"{len(share) - len(left)} points are done already")
         try:
             if rom is not None:
                 _reduced(rom, values, left, store)
@@ -148,6 +175,53 @@ def _units(deck: Mapping[str, Any]) -> dict[str, str]:
         for probe in deck["probe"]
         for name in probe_columns(probe, dimension)
     }
+
+
+def _line(
+    deck: Path, vary: Sequence[str], samples: int, seed: int, overrides: Sequence[str], out: Path
+) -> list[str]:
+    """Words of the command of this sweep."""
+    words = ["sweep", str(deck.resolve())]
+    for item in vary:
+        words += ["--vary", item]
+    for item in overrides:
+        words += ["--set", item]
+    return [*words, "--samples", str(samples), "--seed", str(seed), "--out", str(out.resolve())]
+
+
+def _cost(plan: Plan, deck: Path, out: Path, overrides: Sequence[str]) -> list[str]:
+    """What all points cost: by those that are finished, else by one solution of the equations."""
+    path = out / "points.jsonl"
+    count = len(plan.points)
+    if path.is_file():
+        seconds = [row["cpu_s"] for row in _finished(path)]
+        if seconds:
+            return [
+                f"  {len(seconds)} finished points took {np.mean(seconds):.3g} CPU s each: "
+                f"{count * np.mean(seconds) / 3600.0:.3g} CPU hours for all"
+            ]
+    told: list[str] = []
+    middle = _settings(plan, plan.points[count // 2])
+    explain_deck(deck, out=out, overrides=[*overrides, *middle], progress=told.append)
+    once = next((m for line in told if (m := re.search(_ONCE, line))), None)
+    if once is None:
+        return []
+    steps = int(load_deck(deck, [*overrides, *middle], "solve")["load"]["steps"])
+    least = _LEAST_ITERATIONS * steps * float(once[1])
+    return [
+        f"  equations alone: {once[1]} s a solution here, so {least:.2g} CPU s a point at least, "
+        f"{count * least / 3600.0:.2g} CPU hours for all; a finished point tells better"
+    ]
+
+
+def _finished(path: Path) -> Iterator[dict[str, Any]]:
+    for line in path.read_text(encoding="utf-8", errors="replace").splitlines()[1:]:
+        try:
+            row = json.loads(line)
+            if np.isfinite(row["cpu_s"]):
+                yield row
+        except (ValueError, KeyError, TypeError):
+            continue
 
 
 def _preview(plan: Plan) -> Iterator[str]:
