@@ -142,11 +142,6 @@ subroutine new_galerkin(self, scene, error)
    call new_tangent(self%matrix, blocks, self%cells, self%gradient, self%multiplier, self%surface, &
       & self%inside, covering, shear, scene%galerkin%direct_limit, error)
    if (allocated(error)) return
-   if (.not. self%matrix%formed .and. blocks > ns) then
-      call fatal_error(error, err_input, 'boundary.tendon needs a tangent that is formed: give ' &
-         & //'a galerkin.direct_limit of '//to_text(nd*blocks)//' or more where memory allows')
-      return
-   end if
    call set_constants(self, shear)
 end subroutine new_galerkin
 

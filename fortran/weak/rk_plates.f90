@@ -6,7 +6,8 @@
 !> of one energy, to which the spring adds its own; what the set's points pull at is the spring.
 module rk_plates
    use rk_cells, only : cells_type
-   use rk_precision, only : wp
+   use rk_csr, only : csr_type
+   use rk_precision, only : i8, wp
    use rk_programme, only : ramp
    use rk_scene, only : scene_type
    use rk_symmetric, only : symmetric_matrix
@@ -29,6 +30,8 @@ module rk_plates
    contains
       !> What a surface point is moved by
       procedure :: motion
+      !> Blocks that the surface couples
+      procedure :: coupled
       !> Stiffness and pull of the tendons
       procedure :: add_tendons
    end type plates_type
@@ -84,6 +87,36 @@ pure function motion(self, s, x) result(u)
       if (self%follows(i, s) > 0) u(i) = x(size(u)*(self%follows(i, s) - 1) + i)
    end do
 end function motion
+
+!> Source points that cover each surface point, and behind them the plate that it follows
+pure function coupled(self, neighbour) result(list)
+   !> Plates
+   class(plates_type), intent(in) :: self
+   !> Source points that cover each surface point
+   type(csr_type), intent(in) :: neighbour
+   type(csr_type) :: list
+   integer(i8) :: to
+   integer :: plate, s
+
+   list = neighbour
+   if (self%count == 0) return
+   deallocate (list%index)
+   allocate (list%index(size(neighbour%index) + size(self%follows, 2)))
+   to = 0
+   do s = 1, size(self%follows, 2)
+      associate (mine => neighbour%index(neighbour%offset(s) + 1:neighbour%offset(s + 1)))
+         list%index(to + 1:to + size(mine)) = mine
+         to = to + size(mine)
+      end associate
+      plate = maxval(self%follows(:, s))
+      if (plate > 0) then
+         to = to + 1
+         list%index(to) = plate
+      end if
+      list%offset(s + 1) = to
+   end do
+   list%index = list%index(:to)
+end function coupled
 
 !> Add the stiffness of the tendons, and the forces of ends that are moved
 subroutine add_tendons(self, scene, cells, penalty, matrix, value, force)

@@ -87,7 +87,7 @@ subroutine new_tangent(self, ns, cells, gradient, multiplier, surface, inside, h
    & error)
    !> Tangent
    type(tangent_type), intent(inout) :: self
-   !> Source points
+   !> Source points and plates
    integer, intent(in) :: ns
    !> Integration points
    type(cells_type), intent(in) :: cells
@@ -125,7 +125,7 @@ subroutine new_tangent(self, ns, cells, gradient, multiplier, surface, inside, h
    end if
    ! only what never changes: penalty and stabilisation
    call new_symmetric(self%symmetric_matrix, gradient%nd, ns, joined(inside%neighbour, &
-      & surface%shape%neighbour))
+      & surface%plates%coupled(surface%shape%neighbour)))
    allocate (self%moduli(3, 3, 3, 3, size(shear)), self%cofactor(3, 3, size(shear)))
    allocate (self%bulk(size(cells%first) - 1), self%shear(size(cells%first) - 1))
    do g = 1, size(self%shear)
@@ -356,7 +356,7 @@ subroutine multiply(self, x, y)
       call tangent%product(tangent%value, x(:n), y(:n))
       call add_groups(tangent, x(:n), y(:n), volume, pressure)
       if (self%shift > 0.0_wp) y(:n) = y(:n) + self%shift*x(:n) &
-         & *tangent%preconditioner%diagonal
+         & *[tangent%preconditioner%diagonal, of_plates(tangent)]
       do g = 1, size(volume, 2)
          associate (b => tangent%pressure%count(g))
             volume(:b, g) = volume(:b, g) - pressure(:b, g) &
@@ -377,10 +377,13 @@ subroutine precondition(self, x, y)
    real(wp), contiguous, intent(in) :: x(:)
    !> Product, shape (size)
    real(wp), contiguous, intent(inout) :: y(:)
-   integer :: g, rows
+   integer :: g, own, rows
 
    associate (tangent => self%tangent, n => self%tangent%n)
-      call tangent%preconditioner%apply(x(:n), y(:n))
+      own = size(tangent%preconditioner%diagonal)
+      call tangent%preconditioner%apply(x(:own), y(:own))
+      ! a penalty couples a plate with its set: a single eigenvalue is left far below the others
+      y(own + 1:n) = x(own + 1:n)/of_plates(tangent)
       rows = size(tangent%pressure%total, 1)
       do g = 1, size(tangent%bulk)
          associate (first => n + rows*(g - 1) + 1, last => n + rows*g, &
@@ -390,6 +393,18 @@ subroutine precondition(self, x, y)
       end do
    end associate
 end subroutine precondition
+
+!> Diagonal of the unknowns of plates, which stand behind those of the source points [force/length]
+pure function of_plates(self) result(diagonal)
+   !> Tangent
+   class(tangent_type), intent(in) :: self
+   real(wp) :: diagonal(self%n - size(self%preconditioner%diagonal))
+   integer :: k
+
+   do k = 1, size(diagonal)
+      diagonal(k) = self%value(self%start(size(self%preconditioner%diagonal) + k + 1))
+   end do
+end function of_plates
 
 !> Part of a group's bulk modulus that stays with the displacements
 pure real(wp) function kept_part(self, g)

@@ -235,6 +235,24 @@ def test_a_plate_in_every_form(method, bulk):
     assert found["cut"] == pytest.approx(found["force"], rel=1e-4)
 
 
+@pytest.mark.parametrize("bulk", [1e3, float("inf")])
+def test_a_plate_where_the_tangent_is_not_formed(bulk):
+    """Minimal residuals find what a factor finds, also of an inclined tendon beside another."""
+    tables = tendon(
+        {**GUIDED, "tendon": 20, "direction": [0, 0, 1], "pull": 0.1},
+        scene={"dimension": 3, "method": "rkpm-scni"},
+        material=[{**TENDON["material"][0], "K": bulk}],
+    )
+    tables["boundary"].append(
+        {"set": "x1", "u_y": 0, "tendon": 5, "direction": [1, 0, 0.5], "pull": 0.02}
+    )
+    tables["boundary"][1]["u_x"] = 0
+    factored = answers(tables)
+    assert factored["force"] > 0.1
+    found = answers({**tables, "galerkin": {"direct_limit": 0}})
+    assert found == pytest.approx(factored, rel=1e-5, abs=1e-6)
+
+
 def test_explain_counts_the_unknowns_of_the_plate(inputs):
     path, lines = inputs / "tendon.toml", []
     explain_deck(path, progress=lines.append)
