@@ -12,6 +12,8 @@ from myork.core.galerkin import galerkin_parts, load_parts, modal_products
 from myork.core.online import Model, Wish, assemble
 from myork.errors import FileError, InputError
 from myork.rom import projection
+from myork.rom.check import CellErrors
+from myork.rom.cubature import few_cells
 
 #: A contracting block with inclined fibers, held at both ends, one of which moves
 BLOCK = """
@@ -446,3 +448,21 @@ def test_commands(trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert {"u", "force", "cpu_us_per_state", "indicator_ratio", "spearman", "cells"} <= set(check)
     assert main(["rom", "solve", str(trained), "--set", "u_z=0.1"]) == 2
     assert "a value is missing of load.activation" in capsys.readouterr().err
+
+
+def test_few_cells_keep_the_sums() -> None:
+    """Sums of sixty cells by a few with positive weights, some of them the same cell."""
+    random = np.random.default_rng(3)
+    rows = random.standard_normal((40, 6)) @ random.uniform(0.0, 1.0, (6, 60))
+    rows = np.vstack([rows, np.full(60, 1.0)])
+    rows[:, 40:] = rows[:, :20]
+    cells, weights, residual = few_cells(rows, 1e-8, 60)
+    assert len(cells) <= 7 and weights.min() > 0.0 and residual <= 1e-8
+    off = rows[:, cells] @ weights - rows.sum(axis=1)
+    assert np.linalg.norm(off) <= 1e-8 * np.linalg.norm(rows.sum(axis=1))
+
+
+def test_of_two_samples_that_without_failures_is_better() -> None:
+    failing, rough, fine = CellErrors(1, 0.0, 0.0), CellErrors(0, 2e-3, 0.0), CellErrors(0, 1e-3, 1)
+    assert min(failing, rough, fine) is fine
+    assert rough.within(1e-3, 2e-3) and not failing.within(1.0, 1.0)

@@ -11,7 +11,7 @@ from myork.console import ProgressCallback
 from myork.core.online import triples
 from myork.core.scene import Scene
 from myork.rom.modes import MOST_MODES, Draft
-from myork.rom.online import Solver
+from myork.rom.online import Regression, Solver
 from myork.rom.parameters import spread_points
 from myork.rom.sampling import force_lifts, sample_cells, sample_forces
 from myork.rom.setting import Setting, force_values
@@ -55,7 +55,8 @@ def finish(
     lifts = force_lifts(model, setting, at, where[:, :r])
     whole = finer.cells
     if len(setting.parts.weight) > ALL_CELLS and len(setting.wanted):
-        # the states at which forces are asked for are those of few cells, and others as far off
+        # forces are asked for at the states of few cells, and others as far off; how
+        # the modes follow them is known by regression
         few = Solver(
             model._replace(cells=model.cells.sample(*kept[:2])), model.cells,
             np.zeros(0, np.int64), setting.threads,
@@ -66,7 +67,8 @@ def finish(
         order = np.random.default_rng(seed).permutation(own)
         near = np.vstack([where[:, :r], rough.amplitudes[own], where[own, :r] + off[order]])
         rows = np.concatenate([np.arange(len(at)), own, own])
-        force = sample_forces(model, setting, at[rows], near, lifts[rows], tolerance)
+        follow = np.vstack([lifts, _by_others(setting, at, lifts, order)[own], lifts[own]])
+        force = sample_forces(model, setting, at[rows], near, follow, tolerance)
         whole = finer.cells.sample(*force[:2])
         progress(f"{len(force[0])} cells for the forces (residual {force[2]:.1e})")
     arrays: dict[str, Any] = {"modes": r, "indicator_modes": m, "wanted": setting.wanted}
@@ -91,6 +93,18 @@ def finish(
     }
     arrays |= {"basis": basis.modes[:, :r], **_shapes(scene, basis.modes, r)}
     return arrays
+
+
+def _by_others(
+    setting: Setting, at: F64Array, lifts: F64Array, order: NDArray[np.int64]
+) -> F64Array:
+    """Lifts as a regression through half of the others tells them."""
+    scale = np.array([p.high - p.low for p in setting.parameters])
+    found = lifts.copy()
+    for part, others in ((order[::2], order[1::2]), (order[1::2], order[::2])):
+        if len(part) and len(others):
+            found[part] = Regression(at[others], lifts[others], scale)(at[part])
+    return found
 
 
 def _shapes(scene: Scene, modes: F64Array, r: int) -> dict[str, F64Array]:
