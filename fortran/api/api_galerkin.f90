@@ -1,5 +1,6 @@
 !> Parts of a Galerkin problem, of which reduced models are made: integration points with their
-!> tissues and pressures, gradients of displacements, what loads prescribe. Sizes come first.
+!> tissues and pressures, gradients of displacements, places of probes, what loads prescribe. Sizes
+!> come first.
 
 !> Integration points, groups, surface points, tissues of all points together, tissues
 subroutine galerkin_sizes(handle, sizes, stat, message)
@@ -248,3 +249,71 @@ subroutine galerkin_products(handle, n, k, x, stiff, mass, stat, message)
       end do
    end do
 end subroutine galerkin_products
+
+!> Displacement gradients u_i,A, A running first, of displacements by their coefficients, or, where
+!> these are smoothed over cells, weights of those at the integration points; weights of the
+!> pressures' coefficients; part of the bulk modulus that acts at the place; tissues there
+subroutine galerkin_place(handle, probe, n, k, np, nd, ng, nt, x, gradient, weight, pressure, &
+   & local_bulk, count, tissue, fraction, fiber, stat, message)
+   use rk_error, only : error_type
+   use rk_galerkin, only : galerkin_problem
+   use rk_handles, only : find_galerkin
+   use rk_pack, only : pack_error
+   use rk_precision, only : wp
+   use rk_shape, only : shape_type
+   implicit none
+   integer, intent(in) :: handle, probe, n, k, np, nd, ng, nt
+   double precision, intent(in) :: x(n, k)
+   double precision, intent(out) :: gradient(9, k), weight(np), pressure(nd + 1, ng), local_bulk
+   integer, intent(out) :: count, tissue(nt)
+   double precision, intent(out) :: fraction(nt), fiber(3, nt)
+   integer, intent(out) :: stat
+   character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
+   type(galerkin_problem), pointer :: full
+   type(shape_type) :: shape
+   real(wp), pointer, contiguous :: values(:, :)
+   integer, pointer, contiguous :: nodes(:)
+   real(wp), allocatable :: part(:), along(:, :), u(:, :), one(:, :)
+   integer, allocatable :: of(:)
+   real(wp) :: place(nd, 1), h(3, 3)
+   integer :: b, g, ip, j
+
+   gradient = 0; weight = 0; pressure = 0; local_bulk = 0
+   count = 0; tissue = 0; fraction = 0; fiber = 0
+   call find_galerkin(handle, full, error)
+   call pack_error(error, stat, message)
+   if (stat /= 0) return
+   place(:, 1) = full%scene%probe(probe)%point(:nd)
+   ip = minloc(sum((full%scene%cloud%points - spread(place(:, 1), 2, &
+      & size(full%scene%cloud%points, 2)))**2, dim=1), dim=1)
+   if (full%cells%smoothed) then
+      call full%recovery%row(ip, place(:, 1), nodes, values)
+      weight(nodes) = values(1, :size(nodes))
+      local_bulk = full%local_bulk(ip)
+   else
+      call full%scene%shape_at(place, shape, error, first=.true.)
+      call pack_error(error, stat, message)
+      if (stat /= 0) return
+      allocate (u(nd, shape%nq))
+      do j = 1, k
+         call shape%interpolate(1, x(:, j), 2, 1 + nd, u)
+         h = 0
+         h(:nd, :nd) = u(:, 2:1 + nd)
+         gradient(:, j) = reshape(transpose(h), [9])
+      end do
+   end if
+   allocate (one(nd + 1, ng), source=0.0_wp)
+   do g = 1, ng
+      do b = 1, full%pressure%count(g)
+         one(b, g) = 1
+         pressure(b, g) = full%pressure%at(ip, place(:, 1), one)
+         one(b, g) = 0
+      end do
+   end do
+   call full%mixture%parts(ip, of, part, along)
+   count = size(of)
+   tissue(:count) = of
+   fraction(:count) = part
+   fiber(:, :count) = along
+end subroutine galerkin_place

@@ -28,8 +28,9 @@ module rk_recovery
       !> Shape functions there
       type(shape_type) :: shape
    contains
-      !> Gradient at a place
+      !> Gradient at a place, and of which cells' it is made
       procedure :: at => gradient_at
+      procedure :: row
    end type recovery_type
 
 contains
@@ -76,6 +77,27 @@ function gradient_at(self, ip, x, cell) result(f)
    real(wp) :: f(3, 3)
    real(wp), pointer, contiguous :: values(:, :)
    integer, pointer, contiguous :: nodes(:)
+   integer :: i
+
+   f = 0.0_wp
+   call self%row(ip, x, nodes, values)
+   do i = 1, size(nodes)
+      f = f + values(1, i)*cell(:, :, nodes(i))
+   end do
+end function gradient_at
+
+!> Cells whose gradients make that at a collocation point or a probe, with their weights
+subroutine row(self, ip, x, nodes, values)
+   !> Recovery
+   class(recovery_type), target, intent(in) :: self
+   !> Collocation point nearest to the place
+   integer, intent(in) :: ip
+   !> Place, shape (nd) [length]
+   real(wp), intent(in) :: x(:)
+   !> Cells, shape (n)
+   integer, pointer, contiguous, intent(out) :: nodes(:)
+   !> Their weights, the first row, shape (nq, n) [-]
+   real(wp), pointer, contiguous, intent(out) :: values(:, :)
    integer :: at, i
 
    at = ip
@@ -84,11 +106,7 @@ function gradient_at(self, ip, x, cell) result(f)
          if (all(.not. abs(x - self%place(:, i)) > 0.0_wp)) at = i
       end do
    end if
-   f = 0.0_wp
    call self%shape%row(at, nodes, values)
-   do i = 1, size(nodes)
-      f = f + values(1, i)*cell(:, :, nodes(i))
-   end do
-end function gradient_at
+end subroutine row
 
 end module rk_recovery

@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
@@ -98,7 +99,7 @@ def projected(scene: Scene, modes: int) -> tuple[Model, projection.Laws, np.ndar
     values, vectors = np.linalg.eigh(x.T @ mass)
     basis = np.asfortranarray((x @ vectors / np.sqrt(values))[:, ::-1][:, :modes])
     laws = projection.tissue_laws(scene.deck)
-    columns = projection.columns_of([load_parts(scene)])
+    columns = projection.Columns.of([load_parts(scene)])
     model, rows, total = projection.project(scene, galerkin_parts(scene), laws, basis, columns)
     return projection.with_volume(model, rows, total, None), laws, basis
 
@@ -165,7 +166,7 @@ def test_unseen_states(rom: ReducedModel) -> None:
         ["load.activation=0.37", "boundary.z1.u_z=0.13", "load.steps=1"]
     ) as scene:
         x = scene.solve(error=False).x[-1]
-        reaction, pull, middle, _ = scene.probes(x[None], np.ones(1))[0]
+        reaction, pull, middle, stress = scene.probes(x[None], np.ones(1))[0]
     state = rom.solve(activation=0.37, u_z=0.13)
     assert state.converged and state.inside
     # twelve full solves: what the certificate says, and a factor for a point it did not have
@@ -177,7 +178,45 @@ def test_unseen_states(rom: ReducedModel) -> None:
     assert state.probes["middle"] == pytest.approx(
         middle.tolist(), abs=3 * worst[1] * np.linalg.norm(middle)
     )
-    # what was asked for and what cannot be told
+    # a stress has the error of the strain, some times that of the displacement
+    assert state.probes["stress"] == pytest.approx(stress[0], rel=10 * worst[1])
+    assert rom.head["probes_left_out"] == []
+
+
+@pytest.mark.parametrize(
+    "change", [[], ["scene.method=rkpm-gauss", "approximation.order=1"]], ids=["cells", "gauss"]
+)
+def test_stresses_are_those_of_the_full_scene(tmp_path: Path, change: list[str]) -> None:
+    """At the same unknowns, whatever their error: at a point, between points, near sides."""
+    named = ["cauchy_zz", "cauchy_xz", "J", "pressure", "principal_max"]
+    places = ["[0.4, 0.55, 1.1]", "[0.5, 0.5, 1.0]", "[0.9, 0.1, 0.3]", "[0.2, 0.9, 1.9]"]
+    probes = "".join(
+        f'[[probe]]\nname = "{name}{k}"\nquantity = "{name}"\npoint = {place}\n'
+        for k, place in enumerate(places)
+        for name in named
+    )
+    deck = tmp_path / "block.toml"
+    deck.write_text(BLOCK + probes)
+    ranges = {"load.activation": (0.0, 0.6), "material.muscle.fiber_angle": (10.0, 30.0)}
+    rom = ReducedModel.train(deck, ranges, full_solves=6, tests=0, threads=1, overrides=change)
+    rows = np.array([[0.25, 20.0], [0.5, 28.0]])
+    found = rom.batch(rows)
+    for i, (activation, angle) in enumerate(rows):
+        more = [f"load.activation={activation}", f"material.muscle.fiber_angle={angle}"]
+        with rom.full_model().open(more) as scene:
+            truth = scene.probes((rom.basis @ found.amplitudes[i])[None], np.ones(1))[0]
+        told = (probe["name"] for probe in scene.deck["probe"])
+        of = dict(zip(told, truth[:, 0], strict=True))
+        for k in range(len(places)):
+            size = abs(of[f"cauchy_zz{k}"])
+            for name in named:
+                value = found.probes[f"{name}{k}"][i]
+                assert value == pytest.approx(of[f"{name}{k}"], abs=1e-8 * size, rel=1e-8)
+
+
+def test_stresses_where_a_modulus_varies_are_left_out(deck: Path) -> None:
+    ranges = {"material.muscle.A10": (5.0, 9.0)}
+    rom = ReducedModel.train(deck, ranges, full_solves=4, tests=0, threads=1)
     assert rom.head["probes_left_out"] == ["stress"]
 
 
@@ -327,6 +366,7 @@ def test_outside_is_told(rom: ReducedModel) -> None:
     # beyond what any state reaches: no number without a word
     far = rom.solve(activation=1.0, u_z=-1.9)
     assert not far.inside and not far.converged
+    assert np.isnan(far.force) and np.isnan(far.indicator)
 
 
 def test_corrections(rom: ReducedModel) -> None:
@@ -406,6 +446,11 @@ def test_damaged_files(trained: Path, tmp_path: Path) -> None:
         ReducedModel.load(damaged)
     with pytest.raises(FileError, match="no such reduced model"):
         ReducedModel.load(tmp_path / "none.rom.h5")
+    damaged.write_bytes(content)
+    with h5py.File(damaged, "r+") as file:
+        file.attrs["format"] = np.bytes_("myork-rom 2")
+    with pytest.raises(InputError, match="'myork-rom 2', 'myork-rom 3' is wanted; train it anew"):
+        ReducedModel.load(damaged)
 
 
 def test_sweep_by_the_model(deck: Path, trained: Path, tmp_path: Path) -> None:

@@ -280,10 +280,11 @@ def test_wrong_questions(address: str, path: str, status: int, message: str) -> 
     ("converged", "indicator", "j", "outside", "verdict"),
     [
         (True, 1e-3, 0.9, [], "accepted"),
-        (True, 0.06, 0.9, [], "doubtful"),
+        (True, 0.015, 0.9, [], "accepted"),
+        (True, 0.03, 0.9, [], "doubtful"),
         (True, 1e-3, 0.9, ["u_z"], "doubtful"),
         (True, 1e-3, -0.1, [], "doubtful"),
-        (True, 0.13, 0.9, [], "refused"),
+        (True, 0.05, 0.9, [], "refused"),
         (True, float("nan"), 0.9, [], "refused"),
         (False, 1e-3, 0.9, [], "refused"),
     ],

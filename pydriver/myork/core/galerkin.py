@@ -15,10 +15,12 @@ from myork.results import RestartState
 __all__ = [
     "GalerkinParts",
     "LoadParts",
+    "PlaceParts",
     "galerkin_parts",
     "load_parts",
     "modal_gradients",
     "modal_products",
+    "place_parts",
     "probe_sets",
     "stored_unknowns",
 ]
@@ -90,6 +92,34 @@ class LoadParts(NamedTuple):
     force: F64Array
 
 
+class PlaceParts(NamedTuple):
+    """The place of a probe.
+
+    Attributes
+    ----------
+    gradient : F64Array
+        Displacement gradients of modes there, shape `(9, r)`; zero where gradients are smoothed.
+    weight : F64Array
+        Weights of the gradients of the integration points; zero where they are not smoothed.
+    pressure : F64Array
+        Weights of the coefficients of the groups' pressures, shape `(groups, 1 + nd)`.
+    local_bulk : float
+        Part of the bulk modulus that acts there.
+    tissue : IntArray
+        Its tissues, from 0.
+    fraction, fiber : F64Array
+        Their fractions and fibers, shapes `(k,)`, `(k, 3)`.
+    """
+
+    gradient: F64Array
+    weight: F64Array
+    pressure: F64Array
+    local_bulk: float
+    tissue: IntArray
+    fraction: F64Array
+    fiber: F64Array
+
+
 def galerkin_parts(scene: Scene) -> GalerkinParts:
     """Points, groups, surface and tissues of an open scene.
 
@@ -131,6 +161,22 @@ def probe_sets(scene: Scene, probes: int) -> IntArray:
         sets, stat, message = _core.galerkin_probe_sets(scene._handle, max(probes, 1))
     errors.check(stat, message)
     return np.asarray(sets[:probes])
+
+
+def place_parts(scene: Scene, probe: int, modes: F64Array) -> PlaceParts:
+    """The place of a probe, from 0, and gradients of modes, shape `(n, r)`, there."""
+    modes = modes_of(modes, scene.dofs)
+    points, groups, _, _, tissues = _sizes(scene)
+    with scene._turn.short():
+        *found, stat, message = _core.galerkin_place(
+            scene._handle, probe + 1, points, scene.dimension, groups, tissues, modes
+        )
+    errors.check(stat, message)
+    gradient, weight, pressure, bulk, count, tissue, fraction, fiber = found
+    return PlaceParts(
+        gradient, weight, pressure.T, float(bulk), tissue[:count] - 1, fraction[:count],
+        fiber.T[:count],
+    )  # fmt: skip
 
 
 def stored_unknowns(scene: Scene, state: RestartState) -> F64Array:

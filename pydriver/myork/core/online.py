@@ -9,7 +9,16 @@ from numpy.typing import NDArray
 
 from myork import _core
 
-__all__ = ["Cells", "Model", "Wish", "assemble", "online_states", "padded", "triples"]
+__all__ = [
+    "Cells",
+    "Model",
+    "Wish",
+    "assemble",
+    "cell_stresses",
+    "online_states",
+    "padded",
+    "triples",
+]
 
 F64Array = NDArray[np.float64]
 IntArray = NDArray[np.int32]
@@ -133,6 +142,26 @@ def assemble(model: Model, wish: Wish, z: F64Array) -> tuple[F64Array, F64Array,
         _of_pieces(model.volume_slope), model.fibers, wish.state[:, :, 0], wish.modulus[:, 0], z,
     )  # fmt: skip
     return residual, tangent, stress.T, float(min_j)
+
+
+def cell_stresses(cells: Cells, fibers: F64Array, wish: Wish, gradient: F64Array) -> F64Array:
+    """Stresses times weights of states, shape `(n, nc, 9)`, of displacement gradients like that.
+
+    The gradients of `cells` are not looked at; `fibers` are those of a `Model`.
+    """
+    moduli = len(wish.modulus)
+    none = np.zeros((1, 1, moduli), order="F")
+    # one amplitude, of size one, that makes the gradients, and no volume
+    one = padded(cells._replace(h=np.zeros((9, gradient.shape[1], 1))))
+    volume = triples(np.zeros((2, 2, 2, 1)))
+    found = np.empty(gradient.shape)
+    for i, h in enumerate(gradient):
+        one.h[0] = h.T
+        found[i] = _core.online_assemble(
+            1, *one, none[..., 0], none, volume, none[0], fibers, wish.state[:, :, i],
+            wish.modulus[:, i], np.ones(1),
+        )[2].T  # fmt: skip
+    return found
 
 
 def online_states(

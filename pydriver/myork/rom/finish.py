@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from myork.console import ProgressCallback
 from myork.core.online import triples
 from myork.core.scene import Scene
-from myork.rom.modes import MOST_MODES, Draft
+from myork.rom.modes import LARGE, Draft
 from myork.rom.online import Regression, Solver
 from myork.rom.parameters import spread_points
+from myork.rom.places import place_arrays
 from myork.rom.sampling import force_lifts, sample_cells, sample_forces
 from myork.rom.setting import Setting, force_values
 
@@ -22,8 +23,8 @@ F64Array = NDArray[np.float64]
 
 #: Solutions of the model with all cells that the cubature is trained on beside the full ones
 VIRTUAL = 96
-#: Cells up to which forces are found by all of them
-ALL_CELLS = 2000
+#: Cells that are kept at most
+_MOST_CELLS = 400
 
 
 def finish(
@@ -46,15 +47,15 @@ def finish(
     at = np.vstack([known.values[some], values[good]])
     where = np.vstack([amplitudes[some], np.zeros((int(good.sum()), m))])
     where[len(some) :, :r] = answer.amplitudes[good]
-    kept = sample_cells(model, setting, at, where[:, :r], tolerance, seed, 12 * MOST_MODES)
-    more = sample_cells(finer, setting, at, where, tolerance, seed, 12 * MOST_MODES)
+    kept = sample_cells(model, setting, at, where[:, :r], tolerance, seed, _MOST_CELLS)
+    more = sample_cells(finer, setting, at, where, tolerance, seed, _MOST_CELLS)
     progress(
         f"{len(kept[0])} of {len(setting.parts.weight)} cells (residual {kept[2]:.1e}), "
         f"{len(more[0])} for the estimate of the error"
     )
     lifts = force_lifts(model, setting, at, where[:, :r])
     whole = finer.cells
-    if len(setting.parts.weight) > ALL_CELLS and len(setting.wanted):
+    if len(setting.parts.weight) > LARGE and len(setting.wanted):
         # forces are asked for at the states of few cells, and others as far off; how
         # the modes follow them is known by regression
         few = Solver(
@@ -92,7 +93,7 @@ def finish(
         "training/forces": force_values(setting, known.probes),
     }
     arrays |= {"basis": basis.modes[:, :r], **_shapes(scene, basis.modes, r)}
-    return arrays
+    return arrays | place_arrays(scene, setting, basis.modes[:, :r], model, setting.stresses)
 
 
 def _by_others(

@@ -16,6 +16,8 @@ from myork.errors import InputError
 from myork.rom.full import FullModel, full_model_of
 from myork.rom.online import MOST_STEPS, Answer, Conditions, Regression, Solver, conditions_of
 from myork.rom.parameters import Parameter, short_names
+from myork.rom.places import Places
+from myork.rom.probes import is_stress
 from myork.rom.projection import Laws
 from myork.rom.store import read_arrays, write_arrays
 
@@ -159,6 +161,11 @@ class ReducedModel:
         self._least = least = 1e-4 * float(sizes.max())
         few = np.concatenate([np.arange(r), np.arange(m, whole.h.shape[2])])
         self._solver = Solver(model, whole.modes(few), wanted + r, threads, least)
+        self._places = None
+        if "places/pressure" in arrays:
+            self._places = Places(
+                _cells(arrays, "places"), np.asarray(arrays["places/pressure"]), model.fibers
+            )
         self._finer = Solver(finer, finer.cells, np.zeros(0, np.int64), threads, least)
         self._points = np.asarray(arrays["training/parameters"])
         self._amplitudes = np.asarray(arrays["training/amplitudes"])
@@ -340,6 +347,8 @@ class ReducedModel:
         error = np.full(len(values), np.nan)
         if indicator:
             error = self._indicate(conditions, answer)
+            # where none was found there is no state to tell an error of
+            error[~answer.converged & (most == MOST_STEPS)] = np.nan
         probes = self._probes(values, answer)
         names = [q["name"] for q in self.head["probes"] if q["quantity"].startswith("force")]
         force = probes[names[0]] if names else np.full(len(values), np.nan)
@@ -402,8 +411,14 @@ class ReducedModel:
         given = self.conditions(values).given
         push = answer.force + given @ np.asarray(self._arrays["tractions"]).T
         found = {}
+        named = [probe for probe in self.head["probes"] if is_stress(probe["quantity"])]
+        if self._places is not None:
+            kinds = {k: probe["quantity"] for k, probe in enumerate(named)}
+            stress = self._places.values(self.conditions(values), answer.amplitudes, kinds)
         for probe in self.head["probes"]:
-            if probe["quantity"].startswith("force"):
+            if is_stress(probe["quantity"]):
+                value = stress[named.index(probe)][:, None]
+            elif probe["quantity"].startswith("force"):
                 rows = probe["rows"]
                 value = push[:, rows]
             else:

@@ -22,8 +22,11 @@ __all__ = ["Draft", "joined", "make_draft"]
 
 F64Array = NDArray[np.float64]
 
-#: Modes at most; beyond, the volume and not the cells sets the time
-MOST_MODES = 30
+#: Modes at most; beyond, the volume and not the cells sets the time. Large bodies have more: with
+#: 30 the calf's force was off by 1.7e-3 even with all cells, with 34 by 8e-4
+MOST_MODES, MOST_OF_LARGE = 30, 34
+#: Integration points of large bodies
+LARGE = 2000
 #: Modes that the error estimate has more
 MORE_MODES = 12
 #: Directions of volume beyond the number of modes
@@ -106,7 +109,8 @@ def make_draft(
     scene: Scene, setting: Setting, snapshots: Snapshots, lifts: F64Array, tolerance: float
 ) -> Draft:
     """The reduced model of snapshots and fields of forces, with all cells."""
-    basis = _basis(scene, snapshots, lifts, tolerance)
+    most = MOST_OF_LARGE if len(setting.parts.weight) > LARGE else MOST_MODES
+    basis = _basis(scene, snapshots, lifts, tolerance, most)
     model, finer = _with_all_cells(scene, setting, snapshots, basis)
     known, amplitudes = _training(setting, snapshots, basis)
     return Draft(basis, model, finer, known, amplitudes)
@@ -135,7 +139,9 @@ def _scale(setting: Setting) -> F64Array:
     return np.array([p.high - p.low for p in setting.parameters])
 
 
-def _basis(scene: Scene, snapshots: Snapshots, lifts: F64Array, tolerance: float) -> Basis:
+def _basis(
+    scene: Scene, snapshots: Snapshots, lifts: F64Array, tolerance: float, most: int
+) -> Basis:
     """Modes of least squares, orthonormal by the mass, of states with relative errors."""
     x = snapshots.x
     mass = modal_products(scene, np.asfortranarray(x.T))[1]
@@ -154,7 +160,7 @@ def _basis(scene: Scene, snapshots: Snapshots, lifts: F64Array, tolerance: float
     modes = scaled.T @ vectors / np.sqrt(values)
     rest = 1.0 - np.cumsum(values) / values.sum()
     r = int(np.searchsorted(-rest, -((_SHARE * tolerance) ** 2)) + 1)
-    r = max(1, min(r, MOST_MODES, len(values)))
+    r = max(1, min(r, most, len(values)))
     m = min(r + MORE_MODES, len(values))
     modes = np.asfortranarray(modes[:, :m])
     return Basis(modes, (modes.T @ mass).T, r, float(np.sqrt(max(rest[r - 1], 0.0))))

@@ -18,10 +18,10 @@ __all__ = [
     "Directions",
     "Laws",
     "Variant",
-    "columns_of",
     "project",
     "tissue_laws",
     "volume_directions",
+    "volume_rows",
     "volume_slopes",
     "with_volume",
 ]
@@ -125,6 +125,15 @@ class Columns(NamedTuple):
     force: F64Array
     value: F64Array
 
+    @classmethod
+    def of(cls, loads: Sequence[LoadParts]) -> Columns:
+        """Columns of several loads."""
+        return cls(
+            np.stack([load.given for load in loads], axis=2),
+            np.stack([load.force for load in loads], axis=1),
+            np.stack([load.value for load in loads], axis=2),
+        )
+
 
 def tissue_laws(deck: Mapping[str, Any], moduli: Sequence[float] = ()) -> Laws:
     """Materials of a deck as polynomials with fibers; `moduli` are the values of parameters."""
@@ -225,7 +234,7 @@ def project(
         np.zeros((0, slope.shape[2])),
         np.asfortranarray(laws.fibers.T),
     )
-    rows, total = _volume_rows(parts)
+    rows, total = volume_rows(parts)
     return model, rows, total
 
 
@@ -328,16 +337,8 @@ def volume_slopes(parts: GalerkinParts, variants: Sequence[Variant]) -> F64Array
     return np.stack([slope[own] for slope in slopes] or [np.zeros(len(own))], axis=1)
 
 
-def columns_of(loads: Sequence[LoadParts]) -> Columns:
-    """Columns of several loads."""
-    return Columns(
-        np.stack([load.given for load in loads], axis=2),
-        np.stack([load.force for load in loads], axis=1),
-        np.stack([load.value for load in loads], axis=2),
-    )
-
-
-def _volume_rows(parts: GalerkinParts) -> tuple[sparse.csr_matrix, F64Array]:
+def volume_rows(parts: GalerkinParts) -> tuple[sparse.csr_matrix, F64Array]:
+    """Change of volume of the groups from J at the points, `rows @ J - total`."""
     row, column, value = [], [], []
     total: list[float] = []
     for g, count in enumerate(parts.polynomials):

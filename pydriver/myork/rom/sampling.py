@@ -18,7 +18,7 @@ F64Array = NDArray[np.float64]
 #: Equations that stand for all in the cubature
 SKETCH_ROWS = 900
 #: Part of the tolerance that few cells may add to the displacement, in the mean of the states
-_CELL_SHARE = 0.5
+_CELL_SHARE = 0.55
 #: States count as no smaller than this share of the largest
 _LEAST = 0.1
 

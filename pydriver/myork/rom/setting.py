@@ -22,6 +22,7 @@ from myork.rom import projection
 from myork.rom.full import FullModel
 from myork.rom.online import Conditions, conditions_of
 from myork.rom.parameters import Parameter, override, value_of
+from myork.rom.probes import is_stress
 from myork.rom.projection import Columns, Laws, Variant, tissue_laws
 
 __all__ = ["Setting", "Snapshots", "force_values", "make_setting"]
@@ -76,6 +77,8 @@ class Setting(NamedTuple):
         Parts of the wanted forces that are tractions, by the columns, shape `(nf, columns)`.
     places : tuple
         Probe and component of each wanted force.
+    stresses : tuple of int
+        Probes of stresses, from 0.
     variants : tuple of Variant
         The full model at other values of the moduli that are parameters.
     """
@@ -92,6 +95,7 @@ class Setting(NamedTuple):
     pushes: F64Array
     places: tuple[tuple[int, int], ...]
     variants: tuple[Variant, ...]
+    stresses: tuple[int, ...]
 
     def conditions(self, values: F64Array, share: F64Array | None = None) -> Conditions:
         """Conditions of states by their parameters."""
@@ -146,6 +150,8 @@ def make_setting(
                     still += _prescribed(deck, probe["set"], axis)
                     same = [len(loads) - 1]
                 wanted.append(same[0])
+        elif is_stress(quantity) and not any(p.kind == "modulus" for p in kinds):
+            pass
         elif quantity not in ("u", "u_x", "u_y", "u_z") or of_set > 0:
             continue
         told.append({"name": probe["name"], "quantity": quantity, "rows": rows, "index": index})
@@ -164,9 +170,10 @@ def make_setting(
         variants.append(_variant(p, deck, parts, ends, [more[0], *more[1]], extra))
     laws = tissue_laws(deck, [value_of(p, deck) for p in moduli])
     setting = Setting(
-        kinds, laws, parts, projection.columns_of(loads), len(units),
+        kinds, laws, parts, projection.Columns.of(loads), len(units),
         len(loads) - 1 - len(units), np.array(wanted, np.int64), threads,
         tuple(still), push, tuple(places), tuple(variants),
+        tuple(entry["index"] for entry in told if is_stress(entry["quantity"])),
     )  # fmt: skip
     head = {
         "title": deck["title"],
@@ -202,7 +209,7 @@ def _variant(
     found = [*loads, *(_unit_load(scene, len(parts.weight), value) for value in extra)]
     return Variant(
         value_of(parameter, scene.deck) - value_of(parameter, deck), scene, there,
-        tissue_laws(scene.deck), projection.columns_of(found),
+        tissue_laws(scene.deck), projection.Columns.of(found),
     )  # fmt: skip
 
 

@@ -16,7 +16,7 @@ from myork.files import whole_file
 
 __all__ = ["read_arrays", "write_arrays"]
 
-FORMAT = "myork-rom 2"
+FORMAT = "myork-rom 3"
 
 
 def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:

@@ -32,7 +32,7 @@ from myork.rom.check import (
 from myork.rom.finish import finish
 from myork.rom.full import FullModel, cloud_arrays
 from myork.rom.model import ReducedModel
-from myork.rom.modes import Draft, joined, make_draft
+from myork.rom.modes import LARGE, Draft, joined, make_draft
 from myork.rom.online import Answer
 from myork.rom.parameters import Parameter, as_parameters, parse_vary, spread_points
 from myork.rom.setting import Setting, Snapshots, make_setting
@@ -45,10 +45,9 @@ F64Array = NDArray[np.float64]
 RAY_STEPS = 8
 #: Corners at most
 MOST_RAYS = 16
-#: States that are added at a time, and candidates among which they are chosen
+#: States that are added at a time, and candidates among which they are chosen, half as many for
+#: large bodies
 BATCH, CANDIDATES = 8, 128
-#: Integration points up to which there are as many candidates
-_LARGE = 2000
 #: States at which the body is made to follow sets that stand still, and the step [length]
 _LIFT_STATES, _LIFT_STEP = 4, 1e-3
 #: Tolerances of the cubature, of that asked for, until few cells are as good as all
@@ -314,7 +313,7 @@ class _Training:
         """Values at which the reduced model so far estimates its largest errors, apart."""
         assert self.draft is not None
         kinds = self.setting.parameters
-        number = CANDIDATES // 2 if len(self.setting.parts.weight) > _LARGE else CANDIDATES
+        number = CANDIDATES // 2 if len(self.setting.parts.weight) > LARGE else CANDIDATES
         candidates = spread_points(kinds, number, self.seed + self.full_solves - self.left)
         values = self.unknown(candidates)
         answer = self.draft.solve(self.setting, values)

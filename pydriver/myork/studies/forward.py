@@ -16,6 +16,7 @@ from myork.core.changing import scene_at
 from myork.core.scene import Scene
 from myork.errors import ConvergenceError, InputError
 from myork.rom.model import ReducedModel
+from myork.rom.probes import unit_of
 
 __all__ = ["Forward", "Values", "open_forward", "probe_of", "ranges_of"]
 
@@ -114,7 +115,7 @@ class _Reduced(Forward):
         for probe in self._rom.head["probes"]:
             force = probe["quantity"].startswith("force")
             for name in self._name(probe, 3):
-                self.units[name] = self._rom.units["force" if force else "length"]
+                self.units[name] = unit_of(probe["quantity"], self._rom.units)
                 if force:
                     self.forces.append(name)
 

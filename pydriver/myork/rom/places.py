@@ -1,0 +1,146 @@
+"""Stresses at the places of probes: rows made once, evaluated at amplitudes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from myork.core.galerkin import place_parts
+from myork.core.online import Cells, Model, cell_stresses
+from myork.core.scene import Scene
+from myork.rom import projection
+from myork.rom.online import Conditions
+from myork.rom.setting import Setting
+
+__all__ = ["Places", "place_arrays"]
+
+F64Array = NDArray[np.float64]
+
+
+def place_arrays(
+    scene: Scene, setting: Setting, modes: F64Array, model: Model, probes: Sequence[int]
+) -> dict[str, Any]:
+    """Arrays of the places of probes.
+
+    Parameters
+    ----------
+    scene : Scene
+        Open scene.
+    setting : Setting
+        What is the same for all models.
+    modes : F64Array
+        Modes, shape `(n, r)`.
+    model : Model
+        The reduced model with all cells.
+    probes : sequence of int
+        Probes of the deck, from 0.
+
+    Returns
+    -------
+    dict
+        `places/pressure`, the pressures there as cubic forms of `(1, z)`, shape
+        `(places, s + 1, s + 1, s + 1)`, and the places as `Cells` of weight one.
+    """
+    if not len(probes):
+        return {}
+    parts, laws = setting.parts, setting.laws
+    s, columns = model.cells.h.shape[2], modes.shape[1]
+    rows, total = projection.volume_rows(parts)
+    roots = np.repeat(np.sqrt(parts.bulk), parts.polynomials)
+    group = np.repeat(np.arange(len(parts.bulk)), parts.polynomials)
+    order = np.concatenate([np.arange(count) for count in parts.polynomials])
+    h = np.zeros((9, len(probes), s))
+    found, pressure = [], np.zeros((len(roots), len(probes)))
+    for k, probe in enumerate(probes):
+        place = place_parts(scene, probe, modes)
+        found.append(place)
+        # gradients of the shape functions do not know what the surface's cells are given
+        h[:, k, :columns] = place.gradient
+        h[:, k] += np.einsum("q,kqs->ks", place.weight, model.cells.h)
+        pressure[:, k] = place.pressure[group, order] * roots
+    share = np.zeros((len(probes), len(laws.fibered)))
+    for k, place in enumerate(found):
+        share[k, place.tissue] = place.fraction
+    fibered = [laws.fibered[p.tissue] & (np.abs(p.fiber).max(axis=1) > 0) for p in found]
+    entries = [(p.tissue[own], p.fraction[own], p.fiber[own]) for p, own in
+               zip(found, fibered, strict=True)]  # fmt: skip
+    tissue, fraction, fiber = (np.concatenate(column) for column in zip(*entries, strict=True))
+    if len(tissue) == 0:
+        # the core takes no empty arrays
+        tissue, fraction, fiber = np.zeros(1, int), np.zeros(1), np.zeros((1, 3))
+    moduli = model.cells.bulk_slope.shape[1]
+    cells = Cells(
+        np.asfortranarray(h),
+        np.ones(len(probes)),
+        np.array([place.local_bulk for place in found]),
+        np.asfortranarray((share @ laws.coefficients).T),
+        np.concatenate([[0], np.cumsum([own.sum() for own in fibered])]).astype(np.int32),
+        (tissue + 1).astype(np.int32),
+        fraction,
+        np.asfortranarray(fiber.T),
+        np.zeros((9, len(probes), moduli), order="F"),
+        np.zeros((len(probes), moduli), order="F"),
+    )
+    directions = projection.Directions(pressure, np.zeros((len(probes), moduli)), (len(probes),))
+    volume = projection.with_volume(model, rows, total, directions).volume
+    # entries whose indices rise count
+    at = np.sort(np.indices((s + 1,) * 3).reshape(3, -1), axis=0)
+    forms = volume[at[0], at[1], at[2]].reshape(s + 1, s + 1, s + 1, -1)
+    arrays: dict[str, Any] = {f"places/{key}": value for key, value in cells._asdict().items()}
+    return arrays | {"places/pressure": np.moveaxis(forms, 3, 0)}
+
+
+class Places:
+    """Stresses at places, of the amplitudes of a reduced model.
+
+    Parameters
+    ----------
+    cells : Cells
+        The places as cells of weight one.
+    pressure : F64Array
+        As in `place_arrays`.
+    fibers : F64Array
+        Of a `Model`.
+    """
+
+    def __init__(self, cells: Cells, pressure: F64Array, fibers: F64Array) -> None:
+        self._cells, self._pressure, self._fibers = cells, pressure, fibers
+
+    def values(
+        self, conditions: Conditions, amplitudes: F64Array, wanted: Mapping[int, str]
+    ) -> dict[int, F64Array]:
+        """Quantities, by the number of the place, of states, each of shape `(n,)`."""
+        z = np.hstack([amplitudes, conditions.given])
+        one = np.hstack([np.ones((len(z), 1)), z])
+        gradient = np.einsum("kqs,ns->nqk", self._cells.h, z)
+        f = np.eye(3) + gradient.reshape(*gradient.shape[:2], 3, 3)
+        j = np.linalg.det(f)
+        pressure = np.empty_like(j)
+        for k, form in enumerate(self._pressure):
+            half = np.einsum("nab,nb->na", (form @ one.T).transpose(2, 0, 1), one)
+            pressure[:, k] = np.einsum("na,na->n", half, one)
+        stress = cell_stresses(self._cells, self._fibers, conditions.columns(), gradient)
+        stress = stress.reshape(f.shape)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            cauchy = stress @ f.transpose(0, 1, 3, 2) / j[..., None, None]
+        cauchy += pressure[..., None, None] * np.eye(3)
+        # inside out no stress exists
+        cauchy[~(j > 0.0)] = np.nan
+        return {k: _quantity(name, cauchy[:, k], j[:, k]) for k, name in wanted.items()}
+
+
+def _quantity(name: str, cauchy: F64Array, j: F64Array) -> F64Array:
+    if name == "J":
+        return j
+    if name == "pressure":
+        return np.asarray(-np.trace(cauchy, axis1=1, axis2=2) / 3.0)
+    if name == "principal_max":
+        found = np.full(len(j), np.nan)
+        own = np.isfinite(cauchy).all(axis=(1, 2))
+        found[own] = np.linalg.eigvalsh(cauchy[own])[:, -1]
+        return found
+    row, column = ("xyz".index(letter) for letter in name[-2:])
+    return cauchy[:, row, column]
