@@ -23,6 +23,8 @@ F64Array = NDArray[np.float64]
 
 #: Solutions of the model with all cells that the cubature is trained on beside the full ones
 VIRTUAL = 96
+#: Tolerance of the cells that estimate the error, of that of the model: they are not to share it
+_FINER = 0.7
 #: Cells that are kept at most
 _MOST_CELLS = 400
 
@@ -48,7 +50,7 @@ def finish(
     where = np.vstack([amplitudes[some], np.zeros((int(good.sum()), m))])
     where[len(some) :, :r] = answer.amplitudes[good]
     kept = sample_cells(model, setting, at, where[:, :r], tolerance, seed, _MOST_CELLS)
-    more = sample_cells(finer, setting, at, where, tolerance, seed, _MOST_CELLS)
+    more = sample_cells(finer, setting, at, where, _FINER * tolerance, seed, _MOST_CELLS)
     progress(
         f"{len(kept[0])} of {len(setting.parts.weight)} cells (residual {kept[2]:.1e}), "
         f"{len(more[0])} for the estimate of the error"
