@@ -3,6 +3,7 @@ module rk_explain
    use rk_clock, only : tick
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type
+   use rk_deck_blocks, only : finer_directions
    use rk_error, only : error_type
    use rk_estimate, only : estimate_cost, estimate_type
    use rk_lapack, only : syrk
@@ -44,6 +45,7 @@ subroutine explain(deck, model, scene)
       & //' neighbours a point'
    print '(a)', '  points        '//to_text(nint(cost%ns))//' source, '//to_text(nint(cost%nc)) &
       & //' collocation, '//to_text(size(scene%cloud%boundary_point))//' boundary entries'
+   if (allocated(scene%cloud%block)) call explain_blocks(deck, model, scene)
    print '(a)', '  equations     '//to_text(nint(cost%equations))//' for ' &
       & //to_text(nint(cost%unknowns))//' unknowns'
    do k = 1, size(scene%tissue)
@@ -67,6 +69,32 @@ subroutine explain(deck, model, scene)
    print '(a)', '  memory        '//to_text(1.0e-6_wp*cost%bytes, 3)//' MB of ' &
       & //to_text(1.0e-6_wp*available_bytes(), 3)//' MB free'
 end subroutine explain
+
+!> Blocks of voxels between the source points, and where they became finer by themselves
+subroutine explain_blocks(deck, model, scene)
+   !> Deck
+   type(deck_type), intent(in) :: deck
+   !> Points of the model file
+   type(cloud_type), intent(in) :: model
+   !> Scene with blocks
+   type(scene_type), intent(in) :: scene
+   character(len=*), parameter :: axes = 'xyz'
+   character(len=:), allocatable :: single, text
+   logical :: finer(3)
+   integer :: blocks, d
+
+   finer = finer_directions(model, deck)
+   text = ''
+   single = ''
+   do d = 1, 3
+      blocks = maxval(scene%cloud%block(d, :)) + 1
+      text = text//' x '//to_text(blocks)
+      if (finer(d)) single = single//' and '//axes(d:d)
+   end do
+   text = text(4:)//' of voxels, whose corners are the source points'
+   if (any(finer)) text = text//'; single voxels along '//single(6:)//', since layers are thin'
+   print '(a)', '  blocks        '//text
+end subroutine explain_blocks
 
 !> Sets that are parts of the surface, and which of them overlap
 subroutine explain_sets(scene)

@@ -5,6 +5,7 @@
 module rk_deck_scene
    use rk_cloud, only : check_cloud, cloud_type
    use rk_deck, only : deck_type
+   use rk_deck_blocks, only : put_corners
    use rk_deck_boundary, only : read_conditions, read_probes
    use rk_deck_linear, only : read_linear
    use rk_deck_materials, only : read_materials
@@ -19,7 +20,6 @@ module rk_deck_scene
    use rk_scene, only : scene_type
    use rk_text, only : to_text
    use rk_volume_points, only : volume_patches
-   use rk_voxel_lattice, only : corner_sources
    implicit none
    private
 
@@ -37,7 +37,6 @@ subroutine new_scene(scene, deck, model, error)
    type(cloud_type), intent(in) :: model
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   integer, allocatable :: blocks(:)
    logical :: is_linear
 
    call deck%require('solve', error)
@@ -51,10 +50,7 @@ subroutine new_scene(scene, deck, model, error)
    if (allocated(error)) return
    call read_geometry(scene%cloud, deck, model, error)
    if (allocated(error)) return
-   if (scene%method == 'rkpm-gauss' .and. allocated(scene%cloud%voxels%index)) then
-      call deck%get('geometry.blocks', blocks)
-      call corner_sources(scene%cloud, blocks)
-   end if
+   call put_corners(scene%cloud, deck)
    call read_approximation(scene, deck, error)
    if (allocated(error)) return
    call read_solver(scene, deck)

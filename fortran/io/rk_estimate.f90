@@ -2,11 +2,11 @@
 module rk_estimate
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type
+   use rk_deck_blocks, only : put_corners
    use rk_precision, only : wp
    use rk_problem, only : dense_limit
    use rk_shape, only : derivative_count
    use rk_text, only : to_text
-   use rk_voxel_lattice, only : corner_sources
    implicit none
    private
 
@@ -63,11 +63,7 @@ function estimate_cost(deck, model) result(self)
       boundary = self%nc - product(max(real(collocation, wp) - 2.0_wp, 0.0_wp))
    else
       points = model
-      call deck%get('scene.method', method)
-      if (method == 'rkpm-gauss' .and. allocated(points%voxels%index)) then
-         call deck%get('geometry.blocks', source)
-         call corner_sources(points, source)
-      end if
+      call put_corners(points, deck)
       self%ns = size(points%source, 2)
       self%nc = size(points%points, 2)
       boundary = size(points%boundary_point)

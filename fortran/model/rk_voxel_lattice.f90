@@ -15,12 +15,14 @@ module rk_voxel_lattice
 contains
 
 !> Put the source points at the corners of blocks, about as large as their spacing unless a number
-!> is wanted
-subroutine corner_sources(cloud, blocks)
+!> or single voxels are wanted
+subroutine corner_sources(cloud, blocks, single)
    !> Points of a model of voxels
    type(cloud_type), intent(inout) :: cloud
    !> Blocks along each direction, shape (3); empty if none are wanted
    integer, intent(in) :: blocks(:)
+   !> Directions in which each voxel is a block if no number is wanted, shape (3)
+   logical, intent(in) :: single(3)
    integer :: low(3), n(3), cells(3), corner(3), d, i, ip, k
    logical, allocatable :: taken(:, :, :)
    real(wp) :: step(3), start(3)
@@ -29,6 +31,7 @@ subroutine corner_sources(cloud, blocks)
    n = maxval(cloud%voxels%index, dim=2) - low + 1
    ! the ends of the body are planes of the lattice
    cells = max(1, nint(n*cloud%voxels%size/minval(cloud%spacing, dim=2)))
+   where (single) cells = n
    if (size(blocks) == 3) cells = min(blocks, n)
    step = n*cloud%voxels%size/cells
    start = cloud%voxels%origin + cloud%voxels%size*(low - 0.5_wp)

@@ -5,10 +5,12 @@ module rk_voxel_shape
    implicit none
    private
 
-   public :: surface_share, thin_directions
+   public :: surface_share, thin_directions, least_thickness
 
    !> Share of the voxels that must lie in thin parts to make a direction thin [-]
    real(wp), parameter :: enough = 0.25_wp
+   !> Share of the body below which a tissue may be as thin as it likes [-]
+   real(wp), parameter :: small = 0.05_wp
 
 contains
 
@@ -49,29 +51,73 @@ pure function thin_directions(cloud, least) result(thin)
    !> Voxels across a layer that is not thin, shape (3)
    integer, intent(in) :: least(3)
    logical :: thin(3)
-   integer, allocatable :: label(:, :, :)
+   integer, allocatable :: length(:, :)
+
+   length = layers(cloud)
+   thin = count(length < spread(least, 2, size(length, 2)), dim=2) > enough*size(length, 2)
+end function thin_directions
+
+!> Thickness of the thinnest tissue along each direction: no more than a part of any tissue is in
+!> layers thinner than that. Tissues that are a small part of the body do not count
+pure function least_thickness(cloud) result(thickness)
+   !> Points of a model of voxels
+   type(cloud_type), intent(in) :: cloud
+   !> Voxels, shape (3)
+   integer :: thickness(3)
+   integer, allocatable :: length(:, :)
+   integer :: d, own, tissue
+
+   length = layers(cloud)
+   thickness = maxval(length, dim=2)
+   tissue = -1
+   do while (any(cloud%label > tissue))
+      tissue = minval(cloud%label, mask=cloud%label > tissue)
+      own = count(cloud%label == tissue)
+      if (own < small*size(cloud%label)) cycle
+      do d = 1, 3
+         do while (count(length(d, :) < thickness(d) .and. cloud%label == tissue) > enough*own)
+            thickness(d) = thickness(d) - 1
+         end do
+      end do
+   end do
+end function least_thickness
+
+!> Voxels of the same tissue in a row through each voxel, along each direction, shape (3, nc)
+pure function layers(cloud) result(length)
+   !> Points of a model of voxels
+   type(cloud_type), intent(in) :: cloud
+   integer, allocatable :: length(:, :)
+   integer, allocatable :: label(:, :, :), row(:, :, :)
    integer, allocatable :: at(:, :)
-   integer :: d, ip, few, length, side, there(3)
+   integer :: d, ip, k, there(3)
 
    call paint(cloud, label, at)
+   allocate (row, mold=label)
+   allocate (length, mold=at)
    do d = 1, 3
-      few = 0
       do ip = 1, size(at, 2)
-         length = 1
-         do side = -1, 1, 2
+         associate (own => label(at(1, ip), at(2, ip), at(3, ip)))
             there = at(:, ip)
-            do while (length < least(d))
-               there(d) = there(d) + side
-               if (label(there(1), there(2), there(3)) &
-                  & /= label(at(1, ip), at(2, ip), at(3, ip))) exit
-               length = length + 1
+            there(d) = there(d) - 1
+            ! a row begins where another tissue ends
+            if (label(there(1), there(2), there(3)) == own) cycle
+            do
+               there(d) = there(d) + 1
+               if (label(there(1), there(2), there(3)) /= own) exit
             end do
-         end do
-         if (length < least(d)) few = few + 1
+            k = there(d) - at(d, ip)
+            do
+               there(d) = there(d) - 1
+               row(there(1), there(2), there(3)) = k
+               if (there(d) == at(d, ip)) exit
+            end do
+         end associate
       end do
-      thin(d) = few > enough*size(at, 2)
+      do ip = 1, size(at, 2)
+         length(d, ip) = row(at(1, ip), at(2, ip), at(3, ip))
+      end do
    end do
-end function thin_directions
+end function layers
 
 !> Labels on the grid of the voxels, -1 around them
 pure subroutine paint(cloud, label, at)

@@ -263,20 +263,22 @@ subroutine choose(self, scene, deck, near, points, words)
    words = [character(len=long) :: words, 'scene.method='//self%method, lattice_words(deck, other)]
 end subroutine choose
 
-!> Half as many blocks in each direction, three quarters of them where the body or its tissues are
-!> thin
-subroutine fewer_blocks(cloud, thin, other)
+!> Half as many blocks in each direction, three quarters of them where they are few across the body
+!> or its tissues; voxels are merged where enough of them are left across
+subroutine fewer_blocks(cloud, kept, other)
    !> Points of the answer, with blocks
    type(cloud_type), intent(in) :: cloud
-   !> Thin directions, shape (3)
-   logical, intent(out) :: thin(3)
+   !> Directions in which no voxels are merged, shape (3)
+   logical, intent(out) :: kept(3)
    !> Blocks of the companion, shape (3)
    integer, allocatable, intent(out) :: other(:)
    integer :: blocks(3), voxels(3)
+   logical :: thin(3)
 
    blocks = maxval(cloud%block, dim=2) + 1
    voxels = maxval(cloud%voxels%index, dim=2) - minval(cloud%voxels%index, dim=2) + 1
    thin = thin_directions(cloud, max(2, (least_blocks*voxels)/blocks))
+   kept = thin .or. (blocks == voxels .and. thin_directions(cloud, spread(2*least_blocks, 1, 3)))
    other = (blocks + 1)/2
    ! pairs of blocks share their pressures
    where (thin) other = min(blocks, max(2, 2*((3*blocks + 2)/8)))

@@ -114,7 +114,8 @@ def test_bars_of_voxels_see_what_the_map_leaves_open() -> None:
 def test_thin_tissues_are_compared_with_three_quarters_of_their_blocks() -> None:
     """Half of the two blocks across the fat moved its side by 40 %."""
     body = BY_NAME["three tissues of voxels"]
-    case = solve_case(body.tables, cloud=body_cloud(body, body.sizes[0]), error=True)
+    words = ["geometry.blocks=[8,4,16]"]
+    case = solve_case(body.tables, words, cloud=body_cloud(body, body.sizes[0]), error=True)
     assert any("[6,2,8] blocks" in text for text in case["verdict"]["reasons"])
     for name, value in (("interface", 0.0407), ("side", -0.0368), ("force z", 6.411)):
         assert abs(case["probes"][name] - value) < case["probe_errors"][name] < 0.1 * abs(value)
