@@ -19,6 +19,8 @@ _PACKAGES = {
     "libcolamd": "libsuitesparse-dev",
     "libhdf5": "libhdf5-dev",
     "libmuparser": "libmuparser-dev",
+    "libnifti2": "libnifti2-dev",
+    "libznz": "libnifti2-dev",
     "libgfortran": "libgfortran5",
     "libquadmath": "libquadmath0",
     "libgomp": "libgomp1",
