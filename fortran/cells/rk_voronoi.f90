@@ -8,7 +8,7 @@ module rk_voronoi
    use rk_cloud, only : cloud_type
    use rk_csr, only : csr_type
    use rk_error, only : error_type, fatal_error, err_input
-   use rk_facets, only : facets_type
+   use rk_facets, only : add_flat, facets_type
    use rk_kernel, only : window_radial
    use rk_lattice, only : set_number
    use rk_neighbours, only : find_neighbours
@@ -283,7 +283,7 @@ subroutine add_facet(facets, nd, corner, inside, is, behind)
    integer, intent(in) :: is
    !> Cell behind, or minus the boundary set
    integer, intent(in) :: behind
-   real(wp) :: a(3), b(3), area(3), middle(3), centre(3), moment(3, 3), part, e(3, 2)
+   real(wp) :: a(3), b(3), area(3), middle(3), centre(3), moment(3, 3), part
    integer :: i, k, n
 
    n = size(corner, 2)
@@ -318,35 +318,8 @@ subroutine add_facet(facets, nd, corner, inside, is, behind)
    do i = 1, 3
       moment(:, i) = moment(:, i)/part - centre*centre(i)
    end do
-   call main_axes(area/part, corner(:, 1) - middle, moment, e)
-   do k = 0, 3
-      call facets%add(middle + centre + merge(1, -1, btest(k, 0))*e(:, 1) &
-         & + merge(1, -1, btest(k, 1))*e(:, 2), 0.25_wp*area, is, max(behind, 0), max(-behind, 0))
-   end do
+   call add_flat(facets, area, middle + centre, moment, corner(:, 1) - middle, is, &
+      & max(behind, 0), max(-behind, 0))
 end subroutine add_facet
-
-!> Main axes of the second moments of a polygon, as long as its deviations along them
-pure subroutine main_axes(normal, first, moment, axis)
-   !> Unit normal
-   real(wp), intent(in) :: normal(3)
-   !> A direction in the plane, of any length
-   real(wp), intent(in) :: first(3)
-   !> Second moments about the centre over the area [length^2]
-   real(wp), intent(in) :: moment(3, 3)
-   !> Axes [length]
-   real(wp), intent(out) :: axis(3, 2)
-   real(wp) :: e(3), f(3), angle, along, across, mixed
-
-   e = first/norm2(first)
-   f = vector_product(normal, e)
-   along = dot_product(e, matmul(moment, e))
-   across = dot_product(f, matmul(moment, f))
-   mixed = dot_product(e, matmul(moment, f))
-   angle = 0.5_wp*atan2(2.0_wp*mixed, along - across)
-   axis(:, 1) = cos(angle)*e + sin(angle)*f
-   axis(:, 2) = cos(angle)*f - sin(angle)*e
-   axis(:, 1) = axis(:, 1)*sqrt(max(dot_product(axis(:, 1), matmul(moment, axis(:, 1))), 0.0_wp))
-   axis(:, 2) = axis(:, 2)*sqrt(max(dot_product(axis(:, 2), matmul(moment, axis(:, 2))), 0.0_wp))
-end subroutine main_axes
 
 end module rk_voronoi

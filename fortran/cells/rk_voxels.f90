@@ -9,7 +9,7 @@ module rk_voxels
    implicit none
    private
 
-   public :: voxel_facets
+   public :: voxel_facets, face_entry, side_of
 
    !> Source spacings that make a group, in each direction: linear pressures on two do not satisfy
    !> the inf-sup condition with nodal integration, on three they do

@@ -34,9 +34,14 @@ subroutine put_corners(cloud, deck)
    integer, allocatable :: blocks(:)
 
    call deck%get('scene.method', method)
-   if (method /= 'rkpm-gauss' .or. .not. allocated(cloud%voxels%index)) return
+   if (.not. allocated(cloud%voxels%index)) return
    call deck%get('geometry.blocks', blocks)
-   call corner_sources(cloud, blocks, finer_directions(cloud, deck))
+   select case (method)
+   case ('rkpm-gauss')
+      call corner_sources(cloud, blocks, finer_directions(cloud, deck), owned=.false.)
+   case ('rkcm-subdomain')
+      call corner_sources(cloud, blocks, spread(.false., 1, 3), owned=.true.)
+   end select
 end subroutine put_corners
 
 !> Directions in which blocks are single voxels, since layers are thin and nobody chose another

@@ -14,9 +14,11 @@ module rk_coarse_pressure
    use rk_lattice_patches, only : lattice_patches
    use rk_mixture, only : mixture_type, new_mixture
    use rk_neighbours, only : nearest_points
+   use rk_octants, only : octant_patches
    use rk_precision, only : i8, wp
    use rk_scene, only : scene_type
    use rk_shape, only : approximation_type, new_shape, shape_type
+   use rk_voxel_lattice, only : corner_lattice
    implicit none
    private
 
@@ -50,49 +52,39 @@ module rk_coarse_pressure
 
 contains
 
-!> Set up the pressures of a lattice
+!> Set up the pressures of a lattice or of a model of voxels
 subroutine new_coarse_pressure(self, scene, error)
    !> Pressures
    type(coarse_pressure), intent(out) :: self
    !> Scene
    type(scene_type), target, intent(in) :: scene
-   !> Error handling: no lattice, too few points
+   !> Error handling: neither of both, too few points
    type(error_type), allocatable, intent(out) :: error
-   type(cloud_type) :: coarse
    type(facets_type) :: facets
-   real(wp) :: radius(2)
-   integer, allocatable :: count(:)
-   integer :: d, is
+   integer :: d, is, order
 
-   associate (cloud => scene%cloud)
-      if (.not. allocated(cloud%lattice)) then
-         call fatal_error(error, err_input, 'method "'//scene%method//'" needs the lattice of a ' &
-            & //'box or an annulus, for its pressures have a coarser one: use method "rkpm-gauss"')
-         return
-      end if
-      if (any(cloud%lattice < 3)) then
-         call fatal_error(error, err_input, 'method "'//scene%method//'" needs 3 source points ' &
-            & //'in each direction, for pressures stand at every second one: raise geometry.source')
-         return
-      end if
-      count = max(2, (cloud%lattice - 1)/scene%subdomain%pressure_spacing + 1)
-      if (cloud%polar) then
-         radius = [minval(norm2(cloud%source, dim=1)), maxval(norm2(cloud%source, dim=1))]
-         call new_annulus(coarse, radius(1), radius(2), count, count, error)
-      else
-         call new_box(coarse, maxval(cloud%source, dim=2), count, count, error)
-      end if
-      if (allocated(error)) return
-   end associate
-   self%n = size(coarse%source, 2)
-   self%point = coarse%source
    ! one order less than the displacement, where the points are enough for it; the least singular
    ! value of the constraint falls with the spacing for pressures of order 3
+   order = max(1, min(2, scene%approximation%order - 1))
+   if (allocated(scene%cloud%lattice)) then
+      call on_lattice(self, facets, scene, order, error)
+      if (allocated(error)) return
+      self%support = (order + 1)*self%support
+   else if (allocated(scene%cloud%voxels%index) .and. scene%cloud%nd == 3) then
+      call on_blocks(self, facets, scene)
+      ! places at the surface may lie a spacing beyond the last points: functions of order 1 reach
+      ! two layers of these
+      order = 1
+      self%support = 3.0_wp*self%support
+   else
+      call fatal_error(error, err_input, 'method "'//scene%method//'" needs the lattice of a ' &
+         & //'box or an annulus, or a model of voxels, for its pressures have a coarser one: use ' &
+         & //'method "rkpm-scni"')
+      return
+   end if
+   self%n = size(self%point, 2)
    self%approximation = scene%approximation
-   self%approximation%order = max(1, min(2, scene%approximation%order - 1))
-   if (any(count <= self%approximation%order)) self%approximation%order = 1
-   self%support = (self%approximation%order + 1)*coarse%spacing
-   call lattice_patches(facets, coarse)
+   self%approximation%order = order
    associate (n => facets%n)
       self%patch%x = facets%x(:, :n)
       self%patch%area = facets%area(:, :n)
@@ -109,6 +101,60 @@ subroutine new_coarse_pressure(self, scene, error)
    end do
    call self%set_compliance(scene, error)
 end subroutine new_coarse_pressure
+
+!> Every second point of a lattice
+subroutine on_lattice(self, facets, scene, order, error)
+   !> Pressures, of which points and spacings (for supports) are set
+   type(coarse_pressure), intent(inout) :: self
+   !> Facets of their patches
+   type(facets_type), intent(inout) :: facets
+   !> Scene
+   type(scene_type), intent(in) :: scene
+   !> Order of the functions, lower where the points are too few
+   integer, intent(inout) :: order
+   !> Error handling: too few points
+   type(error_type), allocatable, intent(out) :: error
+   type(cloud_type) :: coarse
+   real(wp) :: radius(2)
+   integer, allocatable :: count(:)
+
+   associate (cloud => scene%cloud)
+      if (any(cloud%lattice < 3)) then
+         call fatal_error(error, err_input, 'method "'//scene%method//'" needs 3 source points ' &
+            & //'in each direction, for pressures stand at every second one: raise geometry.source')
+         return
+      end if
+      count = max(2, (cloud%lattice - 1)/scene%subdomain%pressure_spacing + 1)
+      if (cloud%polar) then
+         radius = [minval(norm2(cloud%source, dim=1)), maxval(norm2(cloud%source, dim=1))]
+         call new_annulus(coarse, radius(1), radius(2), count, count, error)
+      else
+         call new_box(coarse, maxval(cloud%source, dim=2), count, count, error)
+      end if
+      if (allocated(error)) return
+   end associate
+   if (any(count <= order)) order = 1
+   self%point = coarse%source
+   self%support = coarse%spacing
+   call lattice_patches(facets, coarse)
+end subroutine on_lattice
+
+!> Every second corner of the blocks of a model
+subroutine on_blocks(self, facets, scene)
+   !> Pressures, of which points and spacings (for supports) are set
+   type(coarse_pressure), intent(inout) :: self
+   !> Facets of their patches
+   type(facets_type), intent(inout) :: facets
+   !> Scene
+   type(scene_type), intent(in) :: scene
+   real(wp) :: low(3), step(3)
+   integer :: blocks(3), coarse(3)
+
+   call corner_lattice(scene%cloud, [integer ::], spread(.false., 1, 3), low, step, blocks)
+   coarse = max(1, blocks/scene%subdomain%pressure_spacing)
+   call octant_patches(facets, scene%cloud, coarse, self%point)
+   self%support = spread(step*blocks/coarse, 2, size(self%point, 2))
+end subroutine on_blocks
 
 !> Functions of the pressure at places
 subroutine shape_at(self, place, shape, error)

@@ -22,6 +22,7 @@ module rk_subdomain
    use rk_mixture, only : new_mixture
    use rk_neighbours, only : nearest_points
    use rk_nodal_cells, only : nodal_cells
+   use rk_octants, only : octant_cells
    use rk_operator, only : row_operator, square_report
    use rk_precision, only : i8, wp
    use rk_problem, only : evaluation_type
@@ -82,7 +83,12 @@ subroutine new_subdomain(self, scene, error)
    call scene%shape_at(scene%cloud%points, self%shape, error)
    if (.not. allocated(error)) call self%pressure%shape_at(scene%cloud%points, self%pressure_out, &
       & error)
-   if (.not. allocated(error)) call nodal_cells(cells, scene%cloud, error)
+   if (allocated(error)) return
+   if (allocated(scene%cloud%lattice)) then
+      call nodal_cells(cells, scene%cloud, error)
+   else
+      call octant_cells(cells, scene%cloud, error)
+   end if
    if (.not. allocated(error)) call find_surface_sets(cells, scene%cloud, error)
    if (allocated(error)) return
    call take_facets(self, cells)

@@ -72,9 +72,10 @@ subroutine new_subdomain_boundary(self, scene, points, inner, inside, part, erro
    real(wp), dimension(scene%programme%count(), 3) :: value, traction
    real(wp) :: height
    integer :: c, i, n, nd, ns, s
-   logical :: fixed(3)
+   logical :: fixed(3), on_surface(size(scene%cloud%source, 2))
 
    n = scene%programme%count()
+   on_surface = .false.
    nd = scene%cloud%nd
    ns = size(scene%cloud%source, 2)
    self%inner = inner
@@ -92,16 +93,24 @@ subroutine new_subdomain_boundary(self, scene, points, inner, inside, part, erro
          do i = 1, nd
             self%traction(:, i, s) = merge(0.0_wp, traction(:, i), fixed(i))
          end do
-         ! a cell whose source point lies off the surface keeps its balance
+         ! a cell of moved points whose own lies off the surface keeps its balance; that of a model,
+         ! whose points lie on no curved surface, is held in the middle of its facets there
          height = abs(dot_product(area, x - scene%cloud%source(:, cell)))/norm2(area)
-         if (height < contact*minval(scene%cloud%spacing(:, cell))) &
-            & self%held(:, cell) = self%held(:, cell) .or. fixed(:nd)
+         if (height < contact*minval(scene%cloud%spacing(:, cell))) then
+            on_surface(cell) = on_surface(cell) .or. any(fixed(:nd))
+         else if (allocated(scene%cloud%lattice)) then
+            cycle
+         end if
+         self%held(:, cell) = self%held(:, cell) .or. fixed(:nd)
       end associate
    end do
    self%cell = pack([(i, i=1, ns)], any(self%held, dim=1))
    allocate (self%number(ns), source=0)
    self%number(self%cell) = [(i, i=1, size(self%cell))]
    self%place = scene%cloud%source(:, self%cell)
+   do i = 1, size(self%cell)
+      if (.not. on_surface(self%cell(i))) self%place(:, i) = middle_of(self, points, self%cell(i))
+   end do
    call hold(self, scene, points, error)
    if (allocated(error)) return
    call scene%shape_at(self%place, self%shape, error, first=.true.)
@@ -123,6 +132,31 @@ subroutine new_subdomain_boundary(self, scene, points, inner, inside, part, erro
       end associate
    end do
 end subroutine new_subdomain_boundary
+
+!> Middle of the facets of a cell that are held
+pure function middle_of(self, points, cell) result(x)
+   !> Conditions
+   type(subdomain_boundary), intent(in) :: self
+   !> Points of facets
+   type(flux_points), intent(in) :: points
+   !> Cell
+   integer, intent(in) :: cell
+   !> Place [length]
+   real(wp) :: x(size(points%x, 1))
+   real(wp) :: area
+   integer :: s
+
+   x = 0.0_wp
+   area = 0.0_wp
+   do s = 1, size(self%part)
+      associate (q => self%inner + s)
+         if (points%side(1, q) /= cell .or. .not. any(self%essential(:, s))) cycle
+         area = area + norm2(points%area(:, q))
+         x = x + norm2(points%area(:, q))*points%x(:, q)
+      end associate
+   end do
+   x = x/area
+end function middle_of
 
 !> Displacements of the held cells
 subroutine hold(self, scene, points, error)

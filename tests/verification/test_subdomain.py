@@ -8,10 +8,13 @@ import pytest
 from myork import Scene
 from myork.bench.studies.subdomain import volume_constraint
 from myork.bench.truths import sized_tables
+from myork.core.deck import table_defaults
 from myork.errors import InputError
+from myork.records import Labels
 from myork.reference import manufactured, materials
 from myork.reference.measures import observed_order
 from myork.reference.problems import PROBLEMS
+from myork.stations.build import build_cloud
 
 BEAM: dict[str, Any] = {
     "scene": {"dimension": 2, "method": "rkcm-subdomain"},
@@ -244,6 +247,42 @@ def test_manufactured_solution_elsewhere(
     assert [case["outcome"] for case in cases] == ["converged"] * 2, cases
     assert observed_order(cases, "stress_error") > 2.8
     assert cases[-1]["stress_error"] < bound
+
+
+@pytest.mark.parametrize("voxel", [0.125, 0.25])
+def test_box_of_voxels(open_scene, voxel: float) -> None:
+    """A box from a label map, of two voxels or of one to a block, bends like its lattice: the
+    cells are the same, pressures are of order 1."""
+    count = np.rint(np.array([1, 1, 2]) / voxel).astype(int)
+    filled = np.pad(np.ones(count, np.int32), ((2, 2), (2, 2), (0, 0)))
+    affine = np.diag([10 * voxel] * 3 + [1.0])
+    affine[:3, 3] = 10 * voxel * np.array([-1.5, -1.5, 0.5])
+    stride = [round(0.25 / voxel)] * 3
+    given = {**table_defaults("build"), "source_stride": stride}
+    cloud = build_cloud(Labels(filled, affine), None, given, "cm")[0]
+    box = {"kind": "box", "size": [1, 1, 2], "source": [5, 5, 9], "collocation": [5, 5, 9]}
+    found = []
+    for geometry, ends in (({"kind": "model"}, ("bottom", "top")), (box, ("z0", "z1"))):
+        tables = {
+            "scene": {"dimension": 3, "method": "rkcm-subdomain"},
+            "geometry": geometry,
+            "material": [{"name": "rubber", "model": "neo-hookean", "mu": 1.0, "K": 1e3}],
+            "boundary": [
+                {"set": ends[0], "u_x": 0, "u_y": 0, "u_z": 0},
+                {"set": ends[1], "traction": [1e-4, 0, 0]},
+            ],
+            "probe": [
+                {"name": "tip", "quantity": "u_x", "point": [0.5, 0.5, 2]},
+                {"name": "reaction", "quantity": "force_x", "set": ends[0]},
+            ],
+        }
+        if geometry is not box:
+            tables["material"][0]["label"] = 1
+        scene = open_scene(tables, cloud=None if geometry is box else cloud)
+        found.append(probes(scene, tables["probe"]))
+        assert scene.dofs == 720
+        assert found[-1]["reaction"] == pytest.approx(-1e-4, rel=1e-10)
+    assert found[0]["tip"] == pytest.approx(found[1]["tip"], rel=1e-3)
 
 
 def test_what_it_does_not_do_is_refused(open_scene) -> None:

@@ -35,7 +35,7 @@ _FORMS = (
     ("rkcm", ("scene.method=rkcm",)),
 )
 #: Those for bodies of voxels
-_VOXEL_FORMS = ("auto", "rkpm-scni", "rkcm-mixed")
+_VOXEL_FORMS = ("auto", "rkpm-scni", "rkcm-subdomain", "rkcm-mixed")
 #: Those whose time grows fastest with the points
 _STRONG = ("rkcm-mixed", "rkcm")
 #: What `auto` should be within of finite elements [-]
