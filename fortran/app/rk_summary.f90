@@ -328,7 +328,7 @@ subroutine write_bars(json, problem, record, bars)
    call json%begin_object('probe_errors')
    do i = 1, size(problem%scene%probe)
       if (.not. allocated(bars%change)) exit
-      if (.not. bars%change(i) >= 0.0_wp) cycle
+      if (ieee_is_nan(bars%change(i))) cycle
       associate (probe => problem%scene%probe(i), value => record%probe(:, i))
          n = problem%scene%cloud%nd
          if (quantity_size(probe%quantity) == 1 .or. problem%fields == 1) then

@@ -55,7 +55,7 @@ _SEGMENTATION = {
     "energy": [_NUMBER],
     "warnings": [_TEXT],
     "sets": [{"name!": _TEXT, "boundary_points!": _NUMBER, "area!": _NUMBER}],
-    "orientation": [{"axes!": _TEXT, "crossing!": _NUMBER, "agreement": _NUMBER}],
+    "orientation": [{"axes!": _TEXT, "crossing": _NUMBER, "agreement": _NUMBER}],
 }
 _DECK = {
     "probe": [{"name": _TEXT, "quantity": _TEXT, "set": _TEXT, "point": [_NUMBER]}],

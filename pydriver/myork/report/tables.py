@@ -174,15 +174,15 @@ def rom_table(models: Sequence[Mapping[str, Any]]) -> Markup:
 def orientation_table(evidence: Sequence[Mapping[str, Any]], shown: int = 4) -> Markup:
     """Evidence for the order of the gradient axes: a table where another one agrees better."""
     given, *others = evidence
-    others.sort(key=lambda o: (-round(o.get("agreement") or 0.0, 1), o["crossing"]))
+    others.sort(key=lambda o: (-round(o.get("agreement") or 0.0, 1), o.get("crossing") or 0.0))
     mine = given.get("agreement")
     if mine is not None and round(mine, 1) >= round(others[0].get("agreement") or 0.0, 1):
         return Markup(
             "<p>Gradient axes {}, as in the files: agreement with the anatomy {}, fibers cross "
             "walls by {}; none of {} other orders agrees better.</p>"
-        ).format(given["axes"], number(mine, 2), number(given["crossing"], 2), len(others))
+        ).format(given["axes"], number(mine, 2), number(given.get("crossing"), 2), len(others))
     rows = [
-        (entry["axes"], number(entry["crossing"], 2), number(entry.get("agreement"), 2))
+        (entry["axes"], number(entry.get("crossing"), 2), number(entry.get("agreement"), 2))
         for entry in (given, *others[:shown])
     ]
     head = ("gradient axes", "fibers cross walls [-]", "agreement with anatomy [-]")
