@@ -29,7 +29,7 @@ KERNELS = {
     "dgemm": "peak of one core: product of 1500 x 1500 matrices",
     "triad": "peak of memory: `a = b + s c` on 480 MB",
     "evaluate": "residuals and rows of all places; not profiled",
-    "normal": "A^T A without A, see below; operations counted are those of nonzero entries",
+    "normal": "A^T A without A; operations counted are those of nonzero entries",
     "equilibrate": "reads and writes the envelope once",
     "cholesky": "block columns of 128: DGEMM and DTRSM with one short dimension",
     "solve": "reads the factor twice: memory",
@@ -124,28 +124,11 @@ refinement(s).
 
 ## Solvers
 
-The same equations by every method; `docs/solvers.md` explains the columns.
+The same equations by every method; [solvers](solvers.md) explains the columns.
 
 | solver | s | times `dgels` | backward error | distance | condition | refinements |
 |---|---|---|---|---|---|---|
 {solvers}
-
-## Notes
-
-Single measurements that the script does not repeat; one core of an AMD EPYC with AVX-512, shared
-with other work.
-
-- The time of `normal` by samples (`perf`), of 0.34 s: adding products to the envelope 0.13 s, DSYRK
-  0.11 s, writing rows 0.07 s, clearing them 0.03 s. DSYRK does 1.7 times the operations of the
-  nonzero entries, as the rows of a box are dense over the union of their neighbours, at 67 GFLOP/s
-  (two thirds of DGEMM: 24 to 60 rows are few). The addition moves 2.8 GB, 22 GB/s. There
-  is no single limit: either part, at no cost, would gain about a third.
-- Boxes twice as long in one direction take 0.32 s for 0.27 s.
-- `-Dmarch=native` makes it slower with gfortran 12: `apply` 26 ms against 14, `apply_transposed` 22
-  against 13, `evaluate` 42 against 28. The low share of `apply` is not explained by missing AVX.
-- `spqr` took 9 to 11 s for these equations and needs the matrix and its transpose in memory.
-- The factor of one iteration does not precondition the next ones. CGLS alone would take
-  about 30 ms an iteration; how many iterations an older factor needs is not known.
 """
 
 
