@@ -13,6 +13,7 @@ module rk_galerkin
    use rk_follower, only : add_pressure, has_free_rim
    use rk_gauss_cells, only : gauss_cells
    use rk_gradient, only : new_gradient
+   use rk_group_stiffness, only : add_forces
    use rk_held, only : new_held
    use rk_mixture, only : new_mixture
    use rk_multiplier, only : new_multiplier
@@ -32,7 +33,7 @@ module rk_galerkin
    use rk_states, only : field_state
    use rk_surface_sets, only : find_surface_sets
    use rk_symmetric, only : symmetric_matrix
-   use rk_tangent, only : add_forces, new_tangent, tangent_type
+   use rk_tangent, only : new_tangent, tangent_type
    use rk_tensor, only : cross, cross_form, identity
    use rk_text, only : to_text
    use rk_weak, only : deform_group, new_state, weak_problem
@@ -276,6 +277,7 @@ subroutine start_step(self, x, load)
    associate (unknowns => x, at => load)
    end associate
    if (allocated(self%base)) deallocate (self%base)
+   call self%matrix%forget()
 end subroutine start_step
 
 !> Residual (4.31): internal less external forces
@@ -329,7 +331,8 @@ subroutine predict(self, x, done, load, residuals, r, seen)
    !> What was seen
    type(evaluation_type), intent(out) :: seen
 
-   call assemble(self, x, done, load, .not. residuals, r, seen)
+   ! what is carried to a place is known only on the way to it: a tangent that has it is not kept
+   call assemble(self, x, done, load, .not. (residuals .and. self%matrix%formed), r, seen)
 end subroutine predict
 
 !> Sum over the groups
@@ -363,6 +366,8 @@ subroutine assemble(self, x, held, load, tangent, r, seen)
    if (tangent) self%matrix%value = self%constant
    if (tangent .and. allocated(self%matrix%skew)) self%matrix%skew = 0.0_wp
    if (tangent .and. allocated(self%held)) call self%held%resist(self%matrix)
+   call self%matrix%groups%attach(self%cells, self%gradient, self%pressure, self%multiplier)
+   if (tangent) call self%matrix%carry(x)
    ! parts are added in the order of the groups, so that sums do not depend on the threads
    !$omp parallel do default(none) schedule(static, 1) ordered private(g, part, force) &
    !$omp shared(self, x, jump, load, tangent, r, at)
@@ -388,10 +393,6 @@ subroutine assemble(self, x, held, load, tangent, r, seen)
    seen%worst = self%nearest(seen%worst)
    if (.not. tangent) return
    call move_alloc(at%f, self%origin)
-   self%matrix%cells => self%cells
-   self%matrix%gradient => self%gradient
-   self%matrix%pressure => self%pressure
-   self%matrix%multiplier => self%multiplier
 end subroutine assemble
 
 !> Internal less external forces of a state
@@ -467,8 +468,11 @@ subroutine group_part(self, g, at, change, load, tangent, force, part)
    jump = 0.0_wp
    if (tangent .or. jumps) then
       linear = at%pressure(:, g)
-      if (allocated(self%base) .and. .not. self%multiplier%free(g)) linear = &
-         & self%pressure%along_step(g, self%cells, self%bulk(g), at%f, self%base)
+      if (self%matrix%carrying .and. .not. self%multiplier%free(g)) then
+         linear = self%matrix%carried(:, g)
+      else if (allocated(self%base) .and. .not. self%multiplier%free(g)) then
+         linear = self%pressure%along_step(g, self%cells, self%bulk(g), at%f, self%base)
+      end if
       allocate (c4(3, 3, 3, 3, n))
       if (stacked) allocate (volume(nd*members, b), source=0.0_wp)
    end if
@@ -499,7 +503,7 @@ subroutine group_part(self, g, at, change, load, tangent, force, part)
       end if
       p = self%cells%weight(o + q)*p
       cofactor = self%cells%weight(o + q)*cofactor
-      if (tangent .and. .not. formed) self%matrix%cofactor(:, :, o + q) = cofactor
+      if (tangent .and. .not. formed) self%matrix%groups%cofactor(:, :, o + q) = cofactor
       call self%gradient%add_force(o + q, p, force)
       if (stacked) call self%gradient%add_work(o + q, cofactor, self%pressure%basis(:b, o + q), &
          & volume)
@@ -511,8 +515,7 @@ subroutine group_part(self, g, at, change, load, tangent, force, part)
    end if
    if (.not. tangent) return
    if (.not. formed) then
-      self%matrix%bulk(g) = self%bulk(g)
-      self%matrix%moduli(:, :, :, :, o + 1:o + n) = c4
+      call self%matrix%keep_group(g, self%bulk(g), c4, at%pressure(:, g), jump)
       return
    end if
    if (self%multiplier%free(g)) then
@@ -563,7 +566,8 @@ subroutine square_step(self, shift, r, dx, found, report, error)
    if (allocated(self%held)) then
       call self%held%whole%solve_square(shift, -r, dx, report, error)
    else
-      call self%matrix%solve_square(shift, -r, dx, report, error)
+      self%matrix%wanted = self%scene%solver%tolerance
+      call self%matrix%solve_step(shift, -r, dx, report, error)
    end if
 end subroutine square_step
 

@@ -13,19 +13,24 @@
 !> that part k, displacements as rk_preconditioner says. The number of iterations then does not
 !> grow with the number of points, given groups of cells that satisfy the inf-sup condition.
 !>
+!> A step of Newton's iteration is solved to the digits that the iteration can use, and what it
+!> leaves of volume must not come back as K times as large a force. The pressures of such a solve
+!> are therefore carried to the next place: its tangent has them, and its solve begins with them.
+!>
 !> Reference: Elman, Silvester, Wathen, Finite Elements and Fast Iterative Solvers, Oxford (2014),
-!>            section 4.2, doi:10.1093/acprof:oso/9780199678792.001.0001
+!>            section 4.2, doi:10.1093/acprof:oso/9780199678792.001.0001;
+!>            Eisenstat, Walker, SIAM J. Sci. Comput. 17 (1996), doi:10.1137/0917003 (choice 2)
 module rk_tangent
    use rk_cells, only : cells_type
    use rk_csr, only : csr_type, joined
    use rk_error, only : error_type, fatal_error, err_input, err_linalg
    use rk_gradient, only : gradient_type
+   use rk_group_stiffness, only : group_stiffness, new_group_stiffness
    use rk_minres, only : minres, symmetric_system
    use rk_multiplier, only : multiplier_type
    use rk_operator, only : square_report
-   use rk_precision, only : i8, wp
+   use rk_precision, only : wp
    use rk_preconditioner, only : new_preconditioner, preconditioner_type
-   use rk_pressure, only : pressure_type
    use rk_shape, only : shape_type
    use rk_symmetric, only : new_symmetric, symmetric_matrix
    use rk_text, only : to_text
@@ -33,31 +38,43 @@ module rk_tangent
    implicit none
    private
 
-   public :: tangent_type, new_tangent, add_forces
+   public :: tangent_type, new_tangent
 
    !> Tangent; as a matrix it is the whole of it where it is formed, otherwise the constant part
    type, extends(symmetric_matrix) :: tangent_type
       !> The matrix holds all of it
       logical :: formed = .true.
-      !> Of each point: moduli C4(i, A, j, B) and cofactors, both times weight, shapes
-      !> (3, 3, 3, 3, np) and (3, 3, np)
-      real(wp), allocatable :: moduli(:, :, :, :, :)
-      real(wp), allocatable :: cofactor(:, :, :)
-      !> Bulk and shear modulus of each group, shape (groups) [stress]
-      real(wp), allocatable :: bulk(:)
-      real(wp), allocatable, private :: shear(:)
-      !> Points, gradients and pressures of the problem
-      type(cells_type), pointer :: cells => null()
-      type(gradient_type), pointer :: gradient => null()
-      type(pressure_type), pointer :: pressure => null()
-      type(multiplier_type), pointer :: multiplier => null()
+      !> Stiffness of the groups where it is not formed
+      type(group_stiffness) :: groups
+      !> Tolerance of Newton's iteration, whose solves need no more digits [-]
+      real(wp) :: wanted = 0.0_wp
+      !> Pressures are carried to the place of the linearisation
+      logical :: carrying = .false.
+      !> Coefficients of the pressures that the residual has, and of those that are carried to its
+      !> place, shape (1 + nd, groups) [stress length^(nd/2)]
+      real(wp), allocatable :: present(:, :)
+      real(wp), allocatable :: carried(:, :)
+      !> Place of the linearisation, shape (n)
+      real(wp), allocatable, private :: place(:)
+      !> Place, step and pressures of the last solve in this load step, and their change
+      real(wp), allocatable, private :: begun(:), step(:), before(:, :), gained(:, :)
+      !> Norms of the first and the last right hand side in this load step, 0 before
+      real(wp), private :: first = 0.0_wp, last = 0.0_wp
       !> For the displacements
       type(preconditioner_type), private :: preconditioner
    contains
+      !> Begin a load step
+      procedure :: forget
+      !> Note a place, and carry the pressures there
+      procedure :: carry
+      !> Keep the linearisation of a group
+      procedure :: keep_group
       procedure :: apply
       procedure :: apply_transposed
       procedure :: dense
       procedure :: solve_square
+      !> Newton's step
+      procedure :: solve_step
    end type tangent_type
 
    !> Displacements and pressures
@@ -70,11 +87,15 @@ module rk_tangent
       procedure :: precondition
    end type saddle_type
 
-   !> Part of the bulk modulus that stays with the displacements, in shear moduli; never more than
-   !> half of it
-   real(wp), parameter :: kept = 2.0_wp
    !> Residual of a solve: that of the displacement form is K over the shear modulus larger
    real(wp), parameter :: tolerance = 1.0e-7_wp
+   !> Residual of the first solve of a load step, and the largest one of the others
+   real(wp), parameter :: first_share = 1.0e-2_wp, largest_share = 0.1_wp
+   !> Share of the fall of right hand sides, squared, that the next solve leaves; and of the
+   !> tolerance, which is also asked of the residual of the displacement form
+   real(wp), parameter :: forcing = 0.9_wp, enough = 5.0e-3_wp
+   !> Distance from the last step, of its length, at which a place is not on it [-]
+   real(wp), parameter :: aside = 1.0e-6_wp
    !> Residual of a solve that ran out of iterations and still makes a step worth taking
    real(wp), parameter :: acceptable = 1.0e-3_wp
    !> Iterations of a solve
@@ -107,7 +128,6 @@ subroutine new_tangent(self, ns, cells, gradient, multiplier, surface, inside, h
    integer, intent(in) :: limit
    !> Error handling: no memory, no SuiteSparse, held points without a factor
    type(error_type), allocatable, intent(out) :: error
-   integer :: g
 
    self%formed = .not. cells%smoothed .or. gradient%nd*ns <= limit
    self%keeps = size(held%offset) > 1
@@ -126,16 +146,63 @@ subroutine new_tangent(self, ns, cells, gradient, multiplier, surface, inside, h
    ! only what never changes: penalty and stabilisation
    call new_symmetric(self%symmetric_matrix, gradient%nd, ns, joined(inside%neighbour, &
       & surface%plates%coupled(surface%shape%neighbour)))
-   allocate (self%moduli(3, 3, 3, 3, size(shear)), self%cofactor(3, 3, size(shear)))
-   allocate (self%bulk(size(cells%first) - 1), self%shear(size(cells%first) - 1))
-   do g = 1, size(self%shear)
-      associate (first => cells%first(g) + 1, last => cells%first(g + 1))
-         self%shear(g) = dot_product(cells%weight(first:last), shear(first:last)) &
-            & /sum(cells%weight(first:last))
-      end associate
-   end do
+   call new_group_stiffness(self%groups, cells, shear)
+   allocate (self%present(1 + gradient%nd, size(self%groups%bulk)), source=0.0_wp)
+   allocate (self%carried, mold=self%present)
    call new_preconditioner(self%preconditioner, cells, surface, inside, shear, error)
 end subroutine new_tangent
+
+!> Begin a load step: nothing is carried from the last one
+subroutine forget(self)
+   !> Tangent
+   class(tangent_type), intent(inout) :: self
+
+   self%first = 0.0_wp
+   self%last = 0.0_wp
+   if (allocated(self%step)) deallocate (self%begun, self%step, self%before, self%gained)
+end subroutine forget
+
+!> Note where the tangent is taken next; on the last step its pressures are linear, elsewhere there
+!> are none to carry
+subroutine carry(self, x)
+   !> Tangent
+   class(tangent_type), intent(inout) :: self
+   !> Place, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   real(wp) :: along
+
+   if (self%formed) return
+   self%place = x
+   self%carrying = allocated(self%step)
+   if (.not. self%carrying) return
+   along = dot_product(x - self%begun, self%step)/max(norm2(self%step)**2, tiny(1.0_wp))
+   self%carrying = norm2(x - self%begun - along*self%step) <= aside*norm2(self%step)
+   if (self%carrying) self%carried = self%before + along*self%gained
+end subroutine carry
+
+!> Keep the linearisation of a group
+subroutine keep_group(self, g, bulk, moduli, pressure, jump)
+   !> Tangent, which is not formed
+   class(tangent_type), intent(inout) :: self
+   !> Group
+   integer, intent(in) :: g
+   !> Its bulk modulus [stress]
+   real(wp), intent(in) :: bulk
+   !> Moduli C4(i, A, j, B) of its points, times weight, shape (3, 3, 3, 3, n) [stress length^nd]
+   real(wp), intent(in) :: moduli(:, :, :, :, :)
+   !> Coefficients of its pressure, shape (1 + nd) [stress length^(nd/2)]
+   real(wp), intent(in) :: pressure(:)
+   !> Jump of its volume by the polynomials, of which the residual has the pressure, shape (1 + nd)
+   !> [length^(nd/2)]
+   real(wp), intent(in) :: jump(:)
+
+   self%groups%bulk(g) = bulk
+   self%groups%moduli(:, :, :, :, self%groups%cells%first(g) + 1:self%groups%cells%first(g + 1)) &
+      & = moduli
+   self%present(:, g) = pressure
+   if (.not. self%groups%multiplier%free(g)) self%present(:, g) = pressure + bulk*jump
+   if (.not. self%carrying) self%carried(:, g) = pressure
+end subroutine keep_group
 
 !> y = K u with all of the tangent
 subroutine apply(self, x, y)
@@ -145,11 +212,10 @@ subroutine apply(self, x, y)
    real(wp), contiguous, intent(in) :: x(:)
    !> Product, shape (n)
    real(wp), contiguous, intent(inout) :: y(:)
-   real(wp) :: volume(size(self%pressure%total, 1), size(self%pressure%total, 2))
 
    y = 0.0_wp
    call self%product(self%value, x(:self%n), y(:self%n))
-   if (.not. self%formed) call add_groups(self, x, y, volume)
+   if (.not. self%formed) call self%groups%add_product(x, y)
    call self%add_skew(1.0_wp, x, y)
 end subroutine apply
 
@@ -165,111 +231,6 @@ subroutine apply_transposed(self, x, y)
    call self%apply(x, y)
    call self%add_skew(-2.0_wp, x, y)
 end subroutine apply_transposed
-
-!> Add the forces of all groups, the pressures given or those of the volume's change
-subroutine add_groups(self, x, y, volume, pressure)
-   !> Tangent
-   class(tangent_type), intent(in) :: self
-   !> Displacements, shape (n) [length]
-   real(wp), contiguous, intent(in) :: x(:)
-   !> Forces, to which these are added, shape (n) [force]
-   real(wp), contiguous, intent(inout) :: y(:)
-   !> Change of volume by the polynomials of each group, B u, shape (1 + nd, groups)
-   real(wp), intent(inout) :: volume(:, :)
-   !> Pressures of the same shape; without them K B u
-   real(wp), intent(in), optional :: pressure(:, :)
-   real(wp), allocatable :: force(:, :)
-   integer :: g, nd
-
-   nd = self%block
-   !$omp parallel do default(none) schedule(static, 1) ordered private(g, force) &
-   !$omp shared(self, x, y, volume, pressure, nd)
-   do g = 1, size(self%bulk)
-      associate (member => self%gradient%member%index(self%gradient%member%offset(g) + 1: &
-         & self%gradient%member%offset(g + 1)))
-         if (present(pressure)) then
-            call group_force(self, g, pack(member, member <= self%n/nd), x, volume(:, g), force, &
-               & pressure(:, g))
-         else
-            call group_force(self, g, member, x, volume(:, g), force)
-         end if
-         !$omp ordered
-         call add_forces(member(:size(force, 2)), force, y)
-         !$omp end ordered
-      end associate
-   end do
-   !$omp end parallel do
-end subroutine add_groups
-
-!> Add forces on some source points to those on all
-pure subroutine add_forces(member, force, y)
-   !> Source points
-   integer, intent(in) :: member(:)
-   !> Forces on them, shape (nd, members) [force]
-   real(wp), intent(in) :: force(:, :)
-   !> Forces, shape (n) [force]
-   real(wp), intent(inout) :: y(:)
-   integer :: k, nd
-
-   nd = size(force, 1)
-   do k = 1, size(member)
-      y(nd*(member(k) - 1) + 1:nd*member(k)) = y(nd*(member(k) - 1) + 1:nd*member(k)) + force(:, k)
-   end do
-end subroutine add_forces
-
-!> Forces of one group
-pure subroutine group_force(self, g, member, x, volume, force, pressure)
-   !> Tangent
-   class(tangent_type), intent(in) :: self
-   !> Group
-   integer, intent(in) :: g
-   !> Its source points
-   integer, intent(in) :: member(:)
-   !> Displacements of all source points [length]
-   real(wp), intent(in) :: x(self%block, *)
-   !> B u of the group, shape (1 + nd)
-   real(wp), intent(out) :: volume(:)
-   !> Forces on its source points, shape (nd, members) [force]
-   real(wp), allocatable, intent(inout) :: force(:, :)
-   !> Pressures, shape (1 + nd), beside those of the part of K that is kept; without them K B u
-   real(wp), intent(in), optional :: pressure(:)
-   real(wp), allocatable :: local(:, :), h(:, :, :)
-   real(wp) :: p(3, 3), coefficient(size(volume))
-   integer :: b, i, k, n, nd, o, q
-
-   nd = self%block
-   o = self%cells%first(g)
-   n = self%cells%first(g + 1) - o
-   b = self%pressure%count(g)
-   allocate (local(nd, size(member)), h(nd, nd, n))
-   local = x(:, member)
-   volume = 0.0_wp
-   do q = 1, n
-      call self%gradient%at(o + q, local, [real(wp) ::], h(:, :, q))
-      volume(:b) = volume(:b) + sum(self%cofactor(:nd, :nd, o + q)*h(:, :, q)) &
-         & *self%pressure%basis(:b, o + q)
-   end do
-   if (present(pressure)) then
-      coefficient = kept_part(self, g)*volume + pressure
-   else if (self%multiplier%free(g)) then
-      coefficient = self%multiplier%pressure(g, local)
-   else
-      coefficient = self%bulk(g)*volume
-   end if
-   if (allocated(force)) deallocate (force)
-   allocate (force(nd, size(member)), source=0.0_wp)
-   do q = 1, n
-      p = dot_product(coefficient(:b), self%pressure%basis(:b, o + q))*self%cofactor(:, :, o + q)
-      do k = 1, nd
-         do i = 1, nd
-            p(:nd, :nd) = p(:nd, :nd) + self%moduli(:nd, :nd, i, k, o + q)*h(i, k, q)
-         end do
-      end do
-      call self%gradient%add_force(o + q, p, force)
-   end do
-   if (self%multiplier%free(g) .and. .not. present(pressure)) &
-      & call self%multiplier%set_rows(g, volume(:b), force)
-end subroutine group_force
 
 !> All entries, both triangles
 subroutine dense(self, a)
@@ -302,42 +263,161 @@ recursive subroutine solve_square(self, shift, b, x, report, error)
    type(square_report), intent(out) :: report
    !> Error handling: singular matrix, no memory, no convergence
    type(error_type), allocatable, intent(out) :: error
-   type(saddle_type) :: saddle
-   integer :: g
-   real(wp), allocatable :: both(:), right(:), volume(:, :), pressure(:, :)
+   real(wp), allocatable :: both(:), right(:)
 
    if (self%formed) then
       call self%symmetric_matrix%solve_square(shift, b, x, report, error)
       return
    end if
+   call new_right(self, b, right)
+   allocate (both(size(right)), source=0.0_wp)
+   call solve_saddle(self, shift, tolerance, right, both, report, error)
+   call take_unknowns(self, both, x)
+end subroutine solve_square
+
+!> Newton's step, by as many digits as the iteration can use
+subroutine solve_step(self, shift, b, x, report, error)
+   !> Tangent
+   class(tangent_type), target, intent(inout) :: self
+   !> Damping in units of the diagonal, >= 0 [-]
+   real(wp), intent(in) :: shift
+   !> Right hand side, shape (n)
+   real(wp), contiguous, intent(in) :: b(:)
+   !> Step, shape (n)
+   real(wp), contiguous, intent(inout) :: x(:)
+   !> What was used and how good it is
+   type(square_report), intent(out) :: report
+   !> Error handling: singular matrix, no memory, no convergence
+   type(error_type), allocatable, intent(out) :: error
+   type(saddle_type) :: saddle
+   real(wp), allocatable :: both(:), right(:), start(:), image(:)
+   real(wp) :: norm, share
+   integer :: g
+
+   if (self%formed) then
+      call self%solve_square(shift, b, x, report, error)
+      return
+   end if
+   call new_right(self, b, right)
+   allocate (start(size(right)), both(size(right)), source=0.0_wp)
+   allocate (image, mold=right)
+   do g = 1, size(self%groups%bulk)
+      if (.not. self%groups%multiplier%free(g)) start(places(self, g)) = self%groups%beside(g) &
+         & *(self%carried(:, g) - self%present(:, g))
+   end do
    saddle%tangent => self
    saddle%shift = shift
-   saddle%size = self%n + size(self%pressure%total)
-   allocate (both(saddle%size), right(saddle%size), source=0.0_wp)
-   right(:self%n) = b(:self%n)
-   if (self%multiplier%extra > 0) then
-      allocate (pressure, volume, mold=self%pressure%total)
-      call self%multiplier%from_rows(b(self%n + 1:), pressure)
-      right(self%n + 1:) = reshape(pressure, [size(pressure)])
-      ! the part of K that is kept with the displacements acts on the prescribed volume as well
-      do g = 1, size(self%bulk)
-         pressure(:, g) = kept_part(self, g)*pressure(:, g)
-      end do
-      call add_groups(self, 0.0_wp*right(:self%n), right(:self%n), volume, pressure)
+   saddle%size = size(right)
+   if (any(abs(start) > 0.0_wp)) then
+      call saddle%multiply(start, image)
+      right = right - image
    end if
-   call minres(saddle, right, tolerance, most, both, report%iterations, report%backward_error)
+   call saddle%precondition(right, image)
+   norm = sqrt(max(dot_product(image, right), tiny(1.0_wp)))
+   share = first_share
+   if (self%first > 0.0_wp) then
+      share = forcing*(norm/self%last)**2
+   else
+      self%first = norm
+   end if
+   share = max(min(max(share, enough*self%wanted*self%first/norm), largest_share), tolerance)
+   self%last = norm
+   call solve_saddle(self, shift, share, right, both, report, error)
+   both = both + start
+   call take_unknowns(self, both, x)
+   self%begun = self%place
+   self%step = x
+   self%before = self%present
+   if (.not. allocated(self%gained)) allocate (self%gained, mold=self%present)
+   do g = 1, size(self%groups%bulk)
+      self%gained(:, g) = both(places(self, g))
+      if (.not. self%groups%multiplier%free(g)) self%gained(:, g) = self%gained(:, g) &
+         & /self%groups%beside(g)
+   end do
+end subroutine solve_step
+
+!> Right hand side of displacements and pressures
+subroutine new_right(self, b, right)
+   !> Tangent
+   class(tangent_type), intent(in) :: self
+   !> That of the unknowns, shape (n)
+   real(wp), contiguous, intent(in) :: b(:)
+   !> Right hand side
+   real(wp), allocatable, intent(out) :: right(:)
+   real(wp), allocatable :: volume(:, :), pressure(:, :)
+   integer :: g
+
+   allocate (right(self%n + size(self%groups%pressure%total)), source=0.0_wp)
+   right(:self%n) = b(:self%n)
+   if (self%groups%multiplier%extra == 0) return
+   allocate (pressure, volume, mold=self%groups%pressure%total)
+   call self%groups%multiplier%from_rows(b(self%n + 1:), pressure)
+   right(self%n + 1:) = reshape(pressure, [size(pressure)])
+   ! the part of K that is kept with the displacements acts on the prescribed volume as well
+   do g = 1, size(self%groups%bulk)
+      pressure(:, g) = self%groups%kept(g)*pressure(:, g)
+   end do
+   call self%groups%add_saddle(0.0_wp*right(:self%n), pressure, right(:self%n), volume)
+end subroutine new_right
+
+!> Unknowns among displacements and pressures
+subroutine take_unknowns(self, both, x)
+   !> Tangent
+   class(tangent_type), intent(in) :: self
+   !> Displacements and pressures
+   real(wp), contiguous, intent(in) :: both(:)
+   !> Unknowns, shape (n)
+   real(wp), contiguous, intent(inout) :: x(:)
+
    x(:self%n) = both(:self%n)
-   if (self%multiplier%extra > 0) call self%multiplier%to_unknowns(reshape(both(self%n + 1:), &
-      & shape(pressure)), x(self%n + 1:))
+   associate (multiplier => self%groups%multiplier)
+      if (multiplier%extra > 0) call multiplier%to_unknowns(reshape(both(self%n + 1:), &
+         & shape(self%groups%pressure%total)), x(self%n + 1:))
+   end associate
+end subroutine take_unknowns
+
+!> Minimal residuals with displacements and pressures
+subroutine solve_saddle(self, shift, share, right, both, report, error)
+   !> Tangent
+   class(tangent_type), target, intent(in) :: self
+   !> Damping in units of the diagonal, >= 0 [-]
+   real(wp), intent(in) :: shift
+   !> Residual that may be left, of the right hand side [-]
+   real(wp), intent(in) :: share
+   !> Right hand side
+   real(wp), contiguous, intent(in) :: right(:)
+   !> Displacements and pressures
+   real(wp), contiguous, intent(inout) :: both(:)
+   !> What was used and how good it is
+   type(square_report), intent(out) :: report
+   !> Error handling: no convergence
+   type(error_type), allocatable, intent(out) :: error
+   type(saddle_type) :: saddle
+
+   saddle%tangent => self
+   saddle%shift = shift
+   saddle%size = size(right)
+   call minres(saddle, right, share, most, both, report%iterations, report%backward_error)
    report%used = 'minres'
    report%why = 'a factor of '//to_text(self%n)//' unknowns is large: minimal residuals with ' &
       & //'displacements and pressures, the tangent is not formed'
-   if (.not. report%backward_error <= acceptable) call fatal_error(error, err_linalg, &
+   if (.not. report%backward_error <= max(acceptable, share)) call fatal_error(error, err_linalg, &
       & 'minimal residuals reached '//to_text(report%backward_error, 2)//' in ' &
       & //to_text(report%iterations)//' iterations: take galerkin.stabilisation = 1, ' &
       & //'galerkin.penalty = 10, smaller load steps, or a galerkin.direct_limit of ' &
       & //to_text(self%n)//' where memory allows')
-end subroutine solve_square
+end subroutine solve_saddle
+
+!> Places of a group's pressures behind the displacements
+pure function places(self, g)
+   !> Tangent
+   class(tangent_type), intent(in) :: self
+   !> Group
+   integer, intent(in) :: g
+   integer :: places(size(self%present, 1)), k
+
+   places = [(self%n + size(places)*(g - 1) + k, k=1, size(places))]
+end function places
 
 !> Displacement and pressure rows
 subroutine multiply(self, x, y)
@@ -351,16 +431,16 @@ subroutine multiply(self, x, y)
    integer :: g
 
    associate (tangent => self%tangent, n => self%tangent%n)
-      pressure = reshape(x(n + 1:), shape(tangent%pressure%total))
+      pressure = reshape(x(n + 1:), shape(tangent%groups%pressure%total))
       allocate (volume, mold=pressure)
       call tangent%product(tangent%value, x(:n), y(:n))
-      call add_groups(tangent, x(:n), y(:n), volume, pressure)
+      call tangent%groups%add_saddle(x(:n), pressure, y(:n), volume)
       if (self%shift > 0.0_wp) y(:n) = y(:n) + self%shift*x(:n) &
          & *[tangent%preconditioner%diagonal, of_plates(tangent)]
       do g = 1, size(volume, 2)
-         associate (b => tangent%pressure%count(g))
+         associate (b => tangent%groups%pressure%count(g))
             volume(:b, g) = volume(:b, g) - pressure(:b, g) &
-               & /(tangent%bulk(g) - kept_part(tangent, g))
+               & /(tangent%groups%bulk(g) - tangent%groups%kept(g))
             ! polynomials that a small group does not have
             volume(b + 1:, g) = pressure(b + 1:, g)
          end associate
@@ -384,11 +464,11 @@ subroutine precondition(self, x, y)
       call tangent%preconditioner%apply(x(:own), y(:own))
       ! a penalty couples a plate with its set: a single eigenvalue is left far below the others
       y(own + 1:n) = x(own + 1:n)/of_plates(tangent)
-      rows = size(tangent%pressure%total, 1)
-      do g = 1, size(tangent%bulk)
+      rows = size(tangent%groups%pressure%total, 1)
+      do g = 1, size(tangent%groups%bulk)
          associate (first => n + rows*(g - 1) + 1, last => n + rows*g, &
-            & part => kept_part(tangent, g))
-            y(first:last) = x(first:last)/(1.0_wp/part + 1.0_wp/(tangent%bulk(g) - part))
+            & part => tangent%groups%kept(g))
+            y(first:last) = x(first:last)/(1.0_wp/part + 1.0_wp/(tangent%groups%bulk(g) - part))
          end associate
       end do
    end associate
@@ -405,15 +485,5 @@ pure function of_plates(self) result(diagonal)
       diagonal(k) = self%value(self%start(size(self%preconditioner%diagonal) + k + 1))
    end do
 end function of_plates
-
-!> Part of a group's bulk modulus that stays with the displacements
-pure real(wp) function kept_part(self, g)
-   !> Tangent
-   class(tangent_type), intent(in) :: self
-   !> Group
-   integer, intent(in) :: g
-
-   kept_part = min(kept*self%shear(g), 0.5_wp*self%bulk(g))
-end function kept_part
 
 end module rk_tangent

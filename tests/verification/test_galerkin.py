@@ -292,7 +292,7 @@ def test_large_voxel_bodies_are_solved_without_forming_the_tangent(open_scene):
 
 def test_iterations_do_not_grow_with_the_points(inputs, tmp_path):
     """Groups with an inf-sup constant and a preconditioner like the stiffness: half the spacing
-    took 1.7 times the iterations without them.
+    took 1.7 times the iterations without them. Newton's first step wants few digits.
     """
     counts = []
     for size in ("[5,5,9]", "[9,9,17]"):
@@ -304,7 +304,9 @@ def test_iterations_do_not_grow_with_the_points(inputs, tmp_path):
                "load.activation=0.02"))],
             check=True, capture_output=True, text=True,
         )  # fmt: skip
-        counts.append(int(re.search(r"minres .* in (\d+) iterations", log.stdout + log.stderr)[1]))
+        found = re.findall(r"minres .* in (\d+) iterations", log.stdout + log.stderr)
+        assert int(found[0]) < 0.25 * sum(map(int, found))
+        counts.append(sum(map(int, found)))
     assert counts[1] < 1.4 * counts[0]
 
 

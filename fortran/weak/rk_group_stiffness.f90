@@ -1,0 +1,241 @@
+!> Stiffness of groups of points that is never formed: moduli and cofactors at the points, the bulk
+!> modulus on the projected change of volume, and products with them.
+!>
+!> Pressures may stand beside the displacements. A part k of the bulk modulus K stays with the
+!> displacements then (rk_tangent), and the pressures are those of the rest.
+module rk_group_stiffness
+   use rk_cells, only : cells_type
+   use rk_gradient, only : gradient_type
+   use rk_multiplier, only : multiplier_type
+   use rk_precision, only : wp
+   use rk_pressure, only : pressure_type
+   implicit none
+   private
+
+   public :: group_stiffness, new_group_stiffness, add_forces
+
+   !> Linearisation of all groups
+   type :: group_stiffness
+      !> Of each point: moduli C4(i, A, j, B) and cofactors, both times weight, shapes
+      !> (3, 3, 3, 3, np) and (3, 3, np)
+      real(wp), allocatable :: moduli(:, :, :, :, :)
+      real(wp), allocatable :: cofactor(:, :, :)
+      !> Bulk and shear modulus of each group, shape (groups) [stress]
+      real(wp), allocatable :: bulk(:)
+      real(wp), allocatable, private :: shear(:)
+      !> Points, gradients and pressures of the problem
+      type(cells_type), pointer :: cells => null()
+      type(gradient_type), pointer :: gradient => null()
+      type(pressure_type), pointer :: pressure => null()
+      type(multiplier_type), pointer :: multiplier => null()
+   contains
+      !> Set what it stands for
+      procedure :: attach
+      !> Add a product, of displacements alone or with pressures
+      procedure :: add_product
+      procedure :: add_saddle
+      !> Part of the bulk modulus that stays with the displacements, and the share of the rest
+      procedure :: kept
+      procedure :: beside
+   end type group_stiffness
+
+   !> Part of the bulk modulus that stays with the displacements, in shear moduli; never more than
+   !> half of it
+   real(wp), parameter :: stays = 2.0_wp
+
+contains
+
+!> Make room
+subroutine new_group_stiffness(self, cells, shear)
+   !> Stiffness
+   type(group_stiffness), intent(inout) :: self
+   !> Integration points
+   type(cells_type), intent(in) :: cells
+   !> Shear modulus at each point, shape (np) [stress]
+   real(wp), intent(in) :: shear(:)
+   integer :: g
+
+   allocate (self%moduli(3, 3, 3, 3, size(shear)), self%cofactor(3, 3, size(shear)))
+   allocate (self%bulk(size(cells%first) - 1), self%shear(size(cells%first) - 1))
+   do g = 1, size(self%shear)
+      associate (first => cells%first(g) + 1, last => cells%first(g + 1))
+         self%shear(g) = dot_product(cells%weight(first:last), shear(first:last)) &
+            & /sum(cells%weight(first:last))
+      end associate
+   end do
+end subroutine new_group_stiffness
+
+!> Set what the stiffness stands for
+subroutine attach(self, cells, gradient, pressure, multiplier)
+   !> Stiffness
+   class(group_stiffness), intent(inout) :: self
+   !> Integration points
+   type(cells_type), target, intent(in) :: cells
+   !> Gradients there
+   type(gradient_type), target, intent(in) :: gradient
+   !> Projected pressures
+   type(pressure_type), target, intent(in) :: pressure
+   !> Pressures that are unknowns
+   type(multiplier_type), target, intent(in) :: multiplier
+
+   self%cells => cells
+   self%gradient => gradient
+   self%pressure => pressure
+   self%multiplier => multiplier
+end subroutine attach
+
+!> Add the forces of displacements and of the pressures that their change of volume makes
+subroutine add_product(self, x, y)
+   !> Stiffness
+   class(group_stiffness), intent(in) :: self
+   !> Unknowns [length]
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Forces, to which these are added [force]
+   real(wp), contiguous, intent(inout) :: y(:)
+   real(wp) :: volume(size(self%pressure%total, 1), size(self%pressure%total, 2))
+
+   call add_groups(self, x, y, volume)
+end subroutine add_product
+
+!> Add the forces of displacements and pressures
+subroutine add_saddle(self, x, pressure, y, volume)
+   !> Stiffness
+   class(group_stiffness), intent(in) :: self
+   !> Displacements [length]
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Pressures beside those of the kept part, shape (1 + nd, groups) [stress length^(nd/2)]
+   real(wp), intent(in) :: pressure(:, :)
+   !> Forces, to which these are added [force]
+   real(wp), contiguous, intent(inout) :: y(:)
+   !> Change of volume by the polynomials of each group, B u, of the same shape [length^(nd/2)]
+   real(wp), intent(inout) :: volume(:, :)
+
+   call add_groups(self, x, y, volume, pressure)
+end subroutine add_saddle
+
+!> Add the forces of all groups, the pressures given or those of the volume's change
+subroutine add_groups(self, x, y, volume, pressure)
+   !> Stiffness
+   class(group_stiffness), intent(in) :: self
+   !> Displacements, shape (n) [length]
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Forces, to which these are added, shape (n) [force]
+   real(wp), contiguous, intent(inout) :: y(:)
+   !> Change of volume by the polynomials of each group, B u, shape (1 + nd, groups)
+   real(wp), intent(inout) :: volume(:, :)
+   !> Pressures of the same shape; without them K B u
+   real(wp), intent(in), optional :: pressure(:, :)
+   real(wp), allocatable :: force(:, :)
+   integer :: g, nd
+
+   nd = self%gradient%nd
+   !$omp parallel do default(none) schedule(static, 1) ordered private(g, force) &
+   !$omp shared(self, x, y, volume, pressure, nd)
+   do g = 1, size(self%bulk)
+      associate (member => self%gradient%member%index(self%gradient%member%offset(g) + 1: &
+         & self%gradient%member%offset(g + 1)))
+         if (present(pressure)) then
+            call group_force(self, g, pack(member, member <= size(y)/nd), x, volume(:, g), force, &
+               & pressure(:, g))
+         else
+            call group_force(self, g, member, x, volume(:, g), force)
+         end if
+         !$omp ordered
+         call add_forces(member(:size(force, 2)), force, y)
+         !$omp end ordered
+      end associate
+   end do
+   !$omp end parallel do
+end subroutine add_groups
+
+!> Add forces on some source points to those on all
+pure subroutine add_forces(member, force, y)
+   !> Source points
+   integer, intent(in) :: member(:)
+   !> Forces on them, shape (nd, members) [force]
+   real(wp), intent(in) :: force(:, :)
+   !> Forces, shape (n) [force]
+   real(wp), intent(inout) :: y(:)
+   integer :: k, nd
+
+   nd = size(force, 1)
+   do k = 1, size(member)
+      y(nd*(member(k) - 1) + 1:nd*member(k)) = y(nd*(member(k) - 1) + 1:nd*member(k)) + force(:, k)
+   end do
+end subroutine add_forces
+
+!> Forces of one group
+pure subroutine group_force(self, g, member, x, volume, force, pressure)
+   !> Stiffness
+   class(group_stiffness), intent(in) :: self
+   !> Group
+   integer, intent(in) :: g
+   !> Its source points
+   integer, intent(in) :: member(:)
+   !> Displacements of all source points [length]
+   real(wp), intent(in) :: x(self%gradient%nd, *)
+   !> B u of the group, shape (1 + nd)
+   real(wp), intent(out) :: volume(:)
+   !> Forces on its source points, shape (nd, members) [force]
+   real(wp), allocatable, intent(inout) :: force(:, :)
+   !> Pressures, shape (1 + nd), beside those of the part of K that is kept; without them K B u
+   real(wp), intent(in), optional :: pressure(:)
+   real(wp), allocatable :: local(:, :), h(:, :, :)
+   real(wp) :: p(3, 3), coefficient(size(volume))
+   integer :: b, i, k, n, nd, o, q
+
+   nd = self%gradient%nd
+   o = self%cells%first(g)
+   n = self%cells%first(g + 1) - o
+   b = self%pressure%count(g)
+   allocate (local(nd, size(member)), h(nd, nd, n))
+   local = x(:, member)
+   volume = 0.0_wp
+   do q = 1, n
+      call self%gradient%at(o + q, local, [real(wp) ::], h(:, :, q))
+      volume(:b) = volume(:b) + sum(self%cofactor(:nd, :nd, o + q)*h(:, :, q)) &
+         & *self%pressure%basis(:b, o + q)
+   end do
+   if (present(pressure)) then
+      coefficient = self%kept(g)*volume + pressure
+   else if (self%multiplier%free(g)) then
+      coefficient = self%multiplier%pressure(g, local)
+   else
+      coefficient = self%bulk(g)*volume
+   end if
+   if (allocated(force)) deallocate (force)
+   allocate (force(nd, size(member)), source=0.0_wp)
+   do q = 1, n
+      p = dot_product(coefficient(:b), self%pressure%basis(:b, o + q))*self%cofactor(:, :, o + q)
+      do k = 1, nd
+         do i = 1, nd
+            p(:nd, :nd) = p(:nd, :nd) + self%moduli(:nd, :nd, i, k, o + q)*h(i, k, q)
+         end do
+      end do
+      call self%gradient%add_force(o + q, p, force)
+   end do
+   if (self%multiplier%free(g) .and. .not. present(pressure)) &
+      & call self%multiplier%set_rows(g, volume(:b), force)
+end subroutine group_force
+
+!> Part of a group's bulk modulus that stays with the displacements
+pure real(wp) function kept(self, g)
+   !> Stiffness
+   class(group_stiffness), intent(in) :: self
+   !> Group
+   integer, intent(in) :: g
+
+   kept = min(stays*self%shear(g), 0.5_wp*self%bulk(g))
+end function kept
+
+!> Share of a group's bulk modulus that acts on its pressures [-]
+pure real(wp) function beside(self, g)
+   !> Stiffness
+   class(group_stiffness), intent(in) :: self
+   !> Group
+   integer, intent(in) :: g
+
+   beside = 1.0_wp - self%kept(g)/self%bulk(g)
+end function beside
+
+end module rk_group_stiffness
