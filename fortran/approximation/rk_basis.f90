@@ -78,7 +78,8 @@ pure subroutine monomials(nd, order, powers, x, scale, h, dh, ddh)
    real(wp), intent(out) :: h(:)
    !> First derivatives with respect to x, shape (n, nd) [1/length]
    real(wp), intent(out) :: dh(:, :)
-   !> Second derivatives in the order of second_index, shape (n, nd(nd+1)/2) [1/length^2]
+   !> Second derivatives in the order of second_index, shape (n, nd(nd+1)/2), or none of them
+   !> [1/length^2]
    real(wp), intent(out) :: ddh(:, :)
    ! value, first and second derivative of each power of each coordinate
    real(wp) :: p(0:max_order, 0:2, 3), q
@@ -101,6 +102,7 @@ pure subroutine monomials(nd, order, powers, x, scale, h, dh, ddh)
          order_d = 0
          order_d(i) = 1
          dh(n, i) = product_of(order_d)
+         if (size(ddh, 2) == 0) cycle
          do j = i, nd
             order_d = 0
             order_d(i) = 1

@@ -204,7 +204,7 @@ pure subroutine search(cells, source, support, x, window, n, found)
    integer, intent(out) :: n
    !> Neighbours, shape (n)
    integer, intent(inout), optional :: found(:)
-   integer :: lo(3), hi(3), i, j, k, cell, nd
+   integer :: lo(3), hi(3), i, j, k, d, cell, nd
    integer(i8) :: m
 
    nd = size(x)
@@ -216,10 +216,19 @@ pure subroutine search(cells, source, support, x, window, n, found)
          do i = lo(1), hi(1)
             cell = cell_of(cells, [i, j, k])
             do m = cells%member%offset(cell) + 1, cells%member%offset(cell + 1)
-               if (.not. covers(x - source(:, cells%member%index(m)), &
-                  & support(:, cells%member%index(m)), window)) cycle
-               n = n + 1
-               if (present(found)) found(n) = cells%member%index(m)
+               associate (is => cells%member%index(m))
+                  if (window == window_product) then
+                     ! most of them fall out at the first coordinate
+                     do d = 1, nd
+                        if (.not. abs(x(d) - source(d, is)) < inside*support(d, is)) exit
+                     end do
+                     if (d <= nd) cycle
+                  else if (.not. covers(x - source(:, is), support(:, is), window)) then
+                     cycle
+                  end if
+                  n = n + 1
+                  if (present(found)) found(n) = is
+               end associate
             end do
          end do
       end do

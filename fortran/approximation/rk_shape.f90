@@ -361,15 +361,16 @@ subroutine shape_at_place(approximation, powers, source, support, neighbours, x,
    real(wp), allocatable :: s(:), ds(:, :), dds(:, :), t(:, :), dt(:, :, :)
    real(wp), allocatable :: b(:), db(:, :), ddb(:, :)
    real(wp) :: scale(size(x)), w(size(powers, 2))
-   integer :: nd, nb, n, i, j, k, q
+   integer :: nd, nb, n, i, j, k, q, seconds
 
    nd = size(x)
    nb = size(powers, 2)
    n = size(neighbours)
+   seconds = size(value, 1) - 1 - nd
    value = 0.0_wp
    singular = n < nb
    if (singular) return
-   allocate (h(nb, n), dh(nb, nd, n), ddh(nb, nd*(nd + 1)/2, n))
+   allocate (h(nb, n), dh(nb, nd, n), ddh(nb, seconds, n))
    allocate (m(nb, nb), phi(n), dphi(nd, n), ddphi(nd, nd, n))
    scale = maxval(support(:, neighbours), dim=2)
 
@@ -388,15 +389,19 @@ subroutine shape_at_place(approximation, powers, source, support, neighbours, x,
    if (singular) return
 
    ! M b = H(0) (4.21)
-   allocate (b(nb), db(nb, nd), ddb(nb, nd*(nd + 1)/2))
+   allocate (b(nb), db(nb, nd), ddb(nb, seconds))
    b = 0.0_wp
    b(1) = 1.0_wp
    call solve(m, w, b)
-   allocate (s(n), ds(nd, n), dds(nd*(nd + 1)/2, n), t(nd, n), dt(nd, nd, n))
+   allocate (s(n), ds(nd, n), dds(seconds, n), t(nd, n), dt(nd, nd, n))
    do k = 1, n
       s(k) = dot_product(h(:, k), b)
-      ds(:, k) = matmul(b, dh(:, :, k))
-      dds(:, k) = matmul(b, ddh(:, :, k))
+      do i = 1, nd
+         ds(i, k) = dot_product(b, dh(:, i, k))
+      end do
+      do q = 1, seconds
+         dds(q, k) = dot_product(b, ddh(:, q, k))
+      end do
    end do
    ! M b_,i = -M_,i b
    do i = 1, nd
@@ -407,7 +412,7 @@ subroutine shape_at_place(approximation, powers, source, support, neighbours, x,
       end do
       call solve(m, w, db(:, i))
    end do
-   if (size(value, 1) == 1 + nd) then
+   if (seconds == 0) then
       do k = 1, n
          value(1, k) = phi(k)*s(k)
          do i = 1, nd

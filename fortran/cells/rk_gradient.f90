@@ -23,6 +23,8 @@ module rk_gradient
    type :: gradient_type
       !> Space dimension
       integer :: nd = 0
+      !> Points of a cell, which follow one another
+      integer :: per_cell = 1
       !> Point q has entries start(q)+1 : start(q+1), shape (np + 1)
       integer(i8), allocatable :: start(:)
       !> Place of each entry's source point among those of its group
@@ -81,6 +83,7 @@ subroutine new_gradient(self, cells, ns, inside, facet, surface, essential, foll
    nd = size(cells%point, 1)
    np = size(cells%point, 2)
    self%nd = nd
+   self%per_cell = cells%per_cell
    allocate (surface_of(size(cells%lift_point)))
    do s = 1, size(cells%set)
       surface_of(cells%lift_first(s) + 1:cells%lift_first(s + 1)) = s
@@ -301,7 +304,7 @@ pure subroutine gradient_at(self, q, x, factor, h)
    real(wp), intent(in) :: factor(:)
    !> Gradient u_i,A with the lifting, shape (nd, nd) [-]
    real(wp), intent(out) :: h(:, :)
-   real(wp) :: solid(3, 3), u(3)
+   real(wp) :: solid(3, 3), flat(2, 2), u(3)
    integer(i8) :: at, e
    integer :: i, k
 
@@ -317,6 +320,17 @@ pure subroutine gradient_at(self, q, x, factor, h)
          end do
       end do
       h = h + solid
+      return
+   end if
+   if (self%nd == 2) then
+      flat = 0.0_wp
+      do e = self%start(q) + 1, self%start(q + 1)
+         k = int(e - self%start(q))
+         do i = 1, 2
+            flat(:, i) = flat(:, i) + x(i, self%local(e))*self%value(:2, self%first(i, q) + k)
+         end do
+      end do
+      h = h + transpose(flat)
       return
    end if
    do e = self%start(q) + 1, self%start(q + 1)
@@ -407,8 +421,7 @@ pure subroutine add_work(self, q, p, factor, rows)
    end do
 end subroutine add_work
 
-!> Add the stiffness of tangent moduli at the points of a group: their gradients are stacked, so
-!> that the work is in a few large products
+!> Add the stiffness of tangent moduli at the points of a group, cell by cell
 subroutine add_stiffness(self, o, c4, part)
    !> Gradients
    class(gradient_type), intent(in) :: self
@@ -419,52 +432,91 @@ subroutine add_stiffness(self, o, c4, part)
    !> Stiffness of its source points, of which the upper triangle is added, shape
    !> (nd*members, nd*members) [force/length]
    real(wp), intent(inout) :: part(:, :)
+   integer :: n, first
+
+   ! a single point makes products too thin; points of a cell see about the same source points,
+   ! those of a group twice as many
+   n = merge(size(c4, 5), self%per_cell, self%per_cell == 1)
+   do first = 1, size(c4, 5), n
+      call add_points(self, o + first - 1, c4(:, :, :, :, first:first + n - 1), part)
+   end do
+end subroutine add_stiffness
+
+!> Add the stiffness of some points: their gradients are stacked, so that the work is in a few large
+!> products
+subroutine add_points(self, o, c4, part)
+   !> Gradients
+   class(gradient_type), intent(in) :: self
+   !> Points before these
+   integer, intent(in) :: o
+   !> Moduli times weight, shape (3, 3, 3, 3, n) [stress length^nd]
+   real(wp), intent(in) :: c4(:, :, :, :, :)
+   !> Stiffness of the group's source points, shape (nd*members, nd*members) [force/length]
+   real(wp), intent(inout) :: part(:, :)
    real(wp), allocatable :: stack(:, :, :), right(:, :), block(:, :)
-   integer :: nd, a, b, c, i, j, k, l, members, n, q, kinds
+   !> Where each source point of the group stands in the stack, and the other way
+   integer :: place(size(part, 1)/self%nd), member(size(part, 1)/self%nd)
+   integer :: nd, a, c, i, j, k, l, m, n, q, kinds
    integer(i8) :: e
 
    nd = self%nd
    n = size(c4, 5)
-   members = size(part, 1)/nd
+   place = 0
+   place(self%local(self%start(o + 1) + 1:self%start(o + n + 1))) = 1
+   m = 0
+   do k = 1, size(place)
+      if (place(k) == 0) cycle
+      m = m + 1
+      place(k) = m
+      member(m) = nd*(k - 1)
+   end do
    ! where nothing is lifted, all components have the same gradients
    kinds = merge(1, nd, all(self%first(1, o + 1:o + n) == self%first(nd, o + 1:o + n)))
-   allocate (stack(members, nd*n, kinds), source=0.0_wp)
-   allocate (right(members, nd*n), block(members, members))
+   allocate (stack(m, nd*n, kinds), source=0.0_wp)
+   allocate (right(nd*m, nd*n), block(m, nd*m))
    do i = 1, kinds
       do q = 1, n
          do e = self%start(o + q) + 1, self%start(o + q + 1)
             k = int(e - self%start(o + q))
-            stack(self%local(e), nd*(q - 1) + 1:nd*q, i) = self%value(:, self%first(i, o + q) + k)
+            stack(place(self%local(e)), nd*(q - 1) + 1:nd*q, i) = &
+               & self%value(:, self%first(i, o + q) + k)
          end do
       end do
    end do
-   do j = 1, nd
-      do i = 1, j
-         do q = 1, n
-            do a = 1, nd
-               c = nd*(q - 1) + a
-               right(:, c) = c4(i, a, j, 1, q)*stack(:, nd*(q - 1) + 1, min(j, kinds))
-               do b = 2, nd
-                  right(:, c) = right(:, c) &
-                     & + c4(i, a, j, b, q)*stack(:, nd*(q - 1) + b, min(j, kinds))
-               end do
+   do i = 1, nd
+      do q = 1, n
+         c = nd*(q - 1)
+         do a = 1, nd
+            do j = i, nd
+               associate (to => right((j - i)*m + 1:(j - i + 1)*m, c + a), k => min(j, kinds))
+                  if (nd == 3) then
+                     to = c4(i, a, j, 1, q)*stack(:, c + 1, k) + c4(i, a, j, 2, q) &
+                        & *stack(:, c + 2, k) + c4(i, a, j, 3, q)*stack(:, c + 3, k)
+                  else
+                     to = c4(i, a, j, 1, q)*stack(:, c + 1, k)
+                     if (nd == 2) to = to + c4(i, a, j, 2, q)*stack(:, c + 2, k)
+                  end if
+               end associate
             end do
          end do
-         call dgemm('n', 't', members, members, nd*n, 1.0_wp, stack(:, :, min(i, kinds)), members, &
-            & right, members, 0.0_wp, block, members)
-         do l = 1, members
+      end do
+      call dgemm('n', 't', m, (nd - i + 1)*m, nd*n, 1.0_wp, stack(:, :, min(i, kinds)), m, &
+         & right, nd*m, 0.0_wp, block, m)
+      do j = i, nd
+         do l = 1, m
+            c = (j - i)*m + l
             do k = 1, l
-               part(nd*(k - 1) + i, nd*(l - 1) + j) = part(nd*(k - 1) + i, nd*(l - 1) + j) &
-                  & + block(k, l)
+               part(member(k) + i, member(l) + j) = part(member(k) + i, member(l) + j) &
+                  & + block(k, c)
             end do
             if (i == j) cycle
             do k = 1, l - 1
-               part(nd*(k - 1) + j, nd*(l - 1) + i) = part(nd*(k - 1) + j, nd*(l - 1) + i) &
-                  & + block(l, k)
+               part(member(k) + j, member(l) + i) = part(member(k) + j, member(l) + i) &
+                  & + block(l, c - l + k)
             end do
          end do
       end do
    end do
-end subroutine add_stiffness
+end subroutine add_points
 
 end module rk_gradient

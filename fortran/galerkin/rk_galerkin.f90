@@ -107,9 +107,10 @@ subroutine new_galerkin(self, scene, error)
    self%extent = sqrt(real(nd*ns, wp))*maxval(maxval(scene%cloud%source, dim=2) &
       & - minval(scene%cloud%source, dim=2))
 
-   call scene%shape_at(self%cells%point, self%inside, error)
-   if (.not. allocated(error)) call scene%shape_at(self%cells%surface, self%surface%shape, error)
-   if (.not. allocated(error)) call scene%shape_at(self%cells%facet, facet, error)
+   call scene%shape_at(self%cells%point, self%inside, error, first=.not. self%cells%smoothed)
+   if (.not. allocated(error)) call scene%shape_at(self%cells%surface, self%surface%shape, error, &
+      & first=.true.)
+   if (.not. allocated(error)) call scene%shape_at(self%cells%facet, facet, error, first=.true.)
    if (allocated(error)) then
       error%message = 'integration '//error%message
       return

@@ -55,12 +55,13 @@ module rk_sparse
          integer(c_int64_t), intent(out) :: rank
          type(c_ptr), intent(out) :: handle
       end function rk_sparse_qr
-      integer(c_int) function rk_sparse_direct(n, start, row, value, definite, again, b, x, rcond, &
-         & kept) bind(c)
+      integer(c_int) function rk_sparse_direct(n, start, row, value, order, definite, again, b, x, &
+         & rcond, kept) bind(c)
          import :: c_double, c_int, c_int64_t, c_ptr
          integer(c_int64_t), value :: n
          integer(c_int64_t), intent(in) :: start(*), row(*)
          real(c_double), intent(in) :: value(*), b(*)
+         integer(c_int64_t), intent(in), optional :: order(*)
          integer(c_int), value :: definite, again
          real(c_double), intent(inout) :: x(*)
          real(c_double), intent(out) :: rcond
@@ -189,7 +190,7 @@ subroutine factor_upper(self, n, start, row, value, error)
 end subroutine factor_upper
 
 !> Solve equations with a square matrix
-subroutine solve_sparse(n, start, row, value, definite, again, b, x, rcond, kept, error)
+subroutine solve_sparse(n, start, row, value, definite, again, b, x, rcond, kept, error, order)
    !> Unknowns
    integer, intent(in) :: n
    !> Column j has entries start(j)+1 : start(j+1), shape (n + 1)
@@ -213,11 +214,14 @@ subroutine solve_sparse(n, start, row, value, definite, again, b, x, rcond, kept
    type(kept_factor), intent(inout) :: kept
    !> Error handling: not positive definite, singular, no memory, no SuiteSparse
    type(error_type), allocatable, intent(out) :: error
+   !> Unknowns less 1 in an order of elimination to be tried beside those that are found for
+   !> Cholesky, shape (n)
+   integer(i8), contiguous, intent(in), optional :: order(:)
    integer :: threads
    integer(c_int) :: stat
 
    call hold_threads(threads)
-   stat = rk_sparse_direct(int(n, i8), start, row, value, merge(1, 0, definite), &
+   stat = rk_sparse_direct(int(n, i8), start, row, value, order, merge(1, 0, definite), &
       & merge(1, 0, again), b, x, rcond, kept%handle)
    call release_threads(threads)
    call complain(stat, error)

@@ -2,6 +2,7 @@
 !> Cholesky where it is positive definite, LU otherwise, also where a skew part stands beside it.
 module rk_symmetric
    use rk_csr, only : csr_type, sort
+   use rk_cuthill, only : cuthill_mckee
    use rk_envelope, only : envelope_type
    use rk_error, only : error_type, fatal_error, err_input, err_linalg, err_memory
    use rk_lapack, only : solve_band
@@ -33,6 +34,8 @@ module rk_symmetric
       real(wp), allocatable :: skew(:)
       !> Blocks of each column of blocks by their row, ascending, the diagonal one last
       type(csr_type), private :: above
+      !> Unknowns less 1 along the body, shape (n)
+      integer(i8), allocatable, private :: order(:)
       !> What the factors have in common
       type(kept_factor), pointer, private :: kept => null()
    contains
@@ -72,6 +75,7 @@ subroutine new_symmetric(self, block, blocks, group)
    !> Groups of each block
    type(csr_type) :: groups
    integer, allocatable :: mark(:)
+   integer, allocatable :: along(:)
    integer(i8) :: k, l
    integer :: i, j, n, pass
 
@@ -105,6 +109,11 @@ subroutine new_symmetric(self, block, blocks, group)
       if (pass == 1) allocate (self%above%index(self%above%offset(blocks + 1)))
    end do
 
+   allocate (self%order(self%n))
+   along = cuthill_mckee(self%above)
+   do i = 1, block
+      self%order(i::block) = block*(along - 1_i8) + i - 1
+   end do
    allocate (self%start(self%n + 1))
    self%start(1) = 0
    do j = 1, blocks
@@ -419,7 +428,7 @@ subroutine solve_with(self, given, b, x, report, error)
    end if
    if (definite) then
       call solve_sparse(self%n, self%start, self%row, given, .true., self%keeps, b, x, &
-         & report%rcond, self%kept, error)
+         & report%rcond, self%kept, error, self%order)
    end if
    if (.not. definite .or. allocated(error)) then
       if (allocated(error)) then

@@ -14,6 +14,7 @@ program test_symmetric
    call test_blocks(3)
    call test_indefinite
    call test_kept_factor
+   call test_large_factor
    call finish()
 
 contains
@@ -118,6 +119,36 @@ subroutine test_kept_factor
    call check('a shift adds its share of the diagonal', .not. allocated(error) &
       & .and. all(abs(x - right) <= 1.0e-13_wp))
 end subroutine test_kept_factor
+
+!> Large enough for dense columns: other entries in the order of the first matrix, and an indefinite
+!> matrix between them
+subroutine test_large_factor
+   integer, parameter :: groups = 40, members = 8
+   type(symmetric_matrix) :: matrix
+   type(square_report) :: report
+   type(error_type), allocatable :: error
+   real(wp), allocatable :: b(:), right(:), x(:)
+   integer :: g, k, round
+   real(wp), parameter :: factor(4) = [1.0_wp, 3.0_wp, -1.0_wp, 2.0_wp]
+
+   call new_symmetric(matrix, 3, 2*groups + members, csr_type([(int(members*g, i8), g=0, groups), &
+      & members*groups + 2_i8], [[((2*g + k, k=1, members), g=1, groups)], 1, 2]))
+   allocate (b(matrix%n), x(matrix%n))
+   right = [(real(modulo(7*k, 5) - 2, wp), k=1, matrix%n)]
+   do round = 1, size(factor)
+      matrix%value = 0.0_wp
+      call matrix%add(matrix%value, [1, 2], symmetric_part(6, 1))
+      do g = 1, groups
+         call matrix%add(matrix%value, [(2*g + k, k=1, members)], &
+            & merge(factor(round), 1.0_wp, modulo(g, 2) == 0)*symmetric_part(3*members, g))
+      end do
+      call matrix%apply(right, b)
+      call matrix%solve_square(0.0_wp, b, x, report, error)
+      call check('a large matrix has a solution', .not. allocated(error))
+      if (allocated(error)) return
+      call check('and it is right', all(abs(x - right) <= 1.0e-11_wp))
+   end do
+end subroutine test_large_factor
 
 !> A positive definite matrix that is different for each number
 pure function symmetric_part(n, number) result(a)
