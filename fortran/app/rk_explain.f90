@@ -37,8 +37,8 @@ subroutine explain(deck, model, scene)
       print '(a)', '  dimension     '//to_text(scene%cloud%nd)
       call explain_equation(scene)
    else
-      print '(a)', '  dimension     '//merge('3              ', '2, plane strain', &
-         & scene%cloud%nd == 3)
+      print '(a)', '  dimension     '//trim(merge('3              ', '2, plane strain', &
+         & scene%cloud%nd == 3))
    end if
    print '(a)', '  method        '//scene%method//', basis of order ' &
       & //to_text(scene%approximation%order)//', about '//to_text(nint(cost%neighbours)) &
@@ -129,7 +129,8 @@ subroutine explain_load(scene)
    type(scene_type), intent(in) :: scene
    integer :: k
 
-   print '(a)', '  load          '//to_text(scene%steps())//' steps, activation to ' &
+   print '(a)', '  load          '//to_text(scene%steps()) &
+      & //trim(merge(' step ', ' steps', scene%steps() == 1))//', activation to ' &
       & //to_text(scene%load%activation)
    associate (amplitude => scene%programme%amplitude)
       do k = 1, size(amplitude)

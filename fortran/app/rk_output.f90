@@ -282,20 +282,21 @@ subroutine step(self, st, x)
    self%seconds = self%seconds + tick(clock)
    if (st%step == 0 .or. self%loaded_states() <= self%repeated) return
    if (allocated(self%problem%scene%motion)) then
-      write (line, '("time ", a, " of ", a, "  ", f0.1, " s")') to_text(st%load), &
-         & to_text(self%problem%scene%motion%end), self%last%seconds
+      write (line, '("time ", a, " of ", a, "  ", a, " s")') to_text(st%load), &
+         & to_text(self%problem%scene%motion%end), to_text(self%last%seconds, 3)
       call self%say(trim(line), level=1)
       return
    else if (self%problem%is_linear()) then
       write (line, '("linear: one least squares solve, ", a, "  relative |A''r| ", a, '// &
-         & '"  ", f0.1, " s")') self%last%solver, to_power(st%gradient, 1), self%last%seconds
+         & '"  ", a, " s")') self%last%solver, to_power(st%gradient, 1), &
+         & to_text(self%last%seconds, 3)
       call self%say(trim(line), level=0)
       return
    end if
    write (line, '("step ", i3, "/", i0, "  load ", f6.4, "  iterations ", i0, "  |A''r| ", '// &
-      & 'a, "  |da| ", a, "  J ", a, "..", a, "  ", f0.1, " s")') st%step, st%steps, st%load, &
+      & 'a, "  |da| ", a, "  J ", a, "..", a, "  ", a, " s")') st%step, st%steps, st%load, &
       & st%iterations, to_power(st%gradient, 1), to_power(st%step_norm, 1), to_text(st%min_j), &
-      & to_text(st%max_j), self%last%seconds
+      & to_text(st%max_j), to_text(self%last%seconds, 3)
    call self%say(trim(line), level=0)
 end subroutine step
 
@@ -357,8 +358,14 @@ subroutine tell_verdict(self, verdict)
             n = quantity_size(probe%quantity)
             if (self%problem%fields == 1) n = 1
             if (n == 3) n = self%problem%scene%cloud%nd
-            line = '  '//probe%name//' '//numbers(bars%value(:n, i), 6)
-            if (.not. ieee_is_nan(bars%change(i))) line = line//' +- '//numbers(bars%bar(:n, i), 2)
+            if (ieee_is_nan(bars%change(i))) then
+               line = '  '//probe%name//' '//numbers(bars%value(:n, i), 6)
+            else
+               ! far below its bar a number is rounding
+               line = '  '//probe%name//' '//numbers(merge(0.0_wp, bars%value(:n, i), &
+                  & abs(bars%value(:n, i)) < 1.0e-6_wp*bars%bar(:n, i)), 6)//' +- ' &
+                  & //numbers(bars%bar(:n, i), 2)
+            end if
             line = line//' '//unit_of(self%problem%scene, i)
             if (bars%unresolved(i)) line = trim(line)//'  not resolved'
             call self%say(trim(line), level=0)

@@ -32,7 +32,7 @@ subroutine read_entries(path, entries, damaged)
    character(len=*), intent(in) :: path
    !> Entries in their order, none of a damaged file
    type(json_entry), allocatable, intent(out) :: entries(:)
-   !> The file is there and is no JSON object
+   !> The file is there and is not a JSON object
    logical, intent(out) :: damaged
    character(len=:), allocatable :: text
    integer(i8) :: bytes

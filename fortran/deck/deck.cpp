@@ -50,7 +50,7 @@ Deck Deck::read(const std::string &path, std::vector<std::string> overrides) {
       what = "is a folder; name the deck inside it";
    } else if (fs::exists(path, ignored) && !fs::is_regular_file(path, ignored)) {
       // opening a pipe would wait for its other end
-      what = "the deck cannot be read: it is no regular file";
+      what = "the deck cannot be read: it is not a regular file";
    } else {
       std::ifstream file(path, std::ios::binary);
       if (!file) {

@@ -86,7 +86,7 @@ static std::string read_file(const std::string &text, const std::string &path, c
       }
       titles = false;
       if (!one || !other)
-         return place + quoted(one ? fields[second] : fields[first]) + " is no finite number";
+         return place + quoted(one ? fields[second] : fields[first]) + " is not a finite number";
       if (!x.empty() && *one <= x.back())
          return place + "places must ascend: " + fields[first] + " follows " +
                 array_of(x, {}).items.back().plain();
@@ -106,7 +106,7 @@ static std::optional<std::string> bytes_of(Deck &deck, const Section &section, c
    if (!fs::is_regular_file(path, ignored) || !stream) {
       deck.complain(file.origin, deck.address(section, key),
                     quoted(file.text) + " cannot be read: " +
-                       (fs::exists(path, ignored) ? "it is no regular file"
+                       (fs::exists(path, ignored) ? "it is not a regular file"
                                                   : "there is no such file in " + deck.folder));
       return std::nullopt;
    }

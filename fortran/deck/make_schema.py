@@ -212,7 +212,7 @@ Where a key takes an expression, a text stands in place of a number: `"0.1*sin(p
 the coordinates x, y, z, the distance r from the z axis and the angle theta about it, pi, numbers,
 `+ - * / ^`, comparisons, `and`, `or`, `not( )`, `c ? a : b` and functions: `sin cos tan asin acos
 atan atan2 sinh cosh tanh asinh acosh atanh exp ln log2 log10 sqrt abs sign rint min max sum avg`
-(`log` is `ln`). What is no expression, and a name that has no meaning there, is an error with its
+(`log` is `ln`). What is not an expression, and a name that has no meaning there, is an error with its
 position.
 
 A point on the edge of two boundary sets takes a displacement component where either set prescribes

@@ -158,43 +158,43 @@ std::string expression_fault(const std::string &text, const std::vector<std::str
       return " at position " + std::to_string(position + 1);
    };
    if (text.find('"') != std::string::npos)
-      return "is no expression: a text in quotes" + at(text.find('"'));
+      return "is not an expression: a text in quotes" + at(text.find('"'));
    if (assignment(text) != std::string::npos)
-      return "is no expression: = sets a value" + at(assignment(text)) + ", == compares";
+      return "is not an expression: = sets a value" + at(assignment(text)) + ", == compares";
    try {
       Compiled compiled(text, names, tables);
       for (const char *name : {lookup_name, label_name}) {
          if (compiled.parser.GetExpr().find(name) != std::string::npos)
-            return std::string("is no expression: ") + name + " is no function";
+            return std::string("is not an expression: ") + name + " is not a function";
       }
       compiled.parser.Eval();
       if (compiled.parser.GetNumResults() > 1)
-         return "is no expression: several values with commas between, one is needed";
+         return "is not an expression: several values with commas between, one is needed";
       return "";
    } catch (const mu::Parser::exception_type &fault) {
       const auto position = static_cast<std::size_t>(std::max(fault.GetPos(), 0));
       Compiled empty("0", names, tables);
       switch (fault.GetCode()) {
       case mu::ecUNASSIGNABLE_TOKEN:
-         return "is no expression: unknown name '" + fault.GetToken() + "'" + at(position) +
+         return "is not an expression: unknown name '" + fault.GetToken() + "'" + at(position) +
                 "; names are " + known(empty, names);
       case mu::ecUNEXPECTED_EOF:
-         return "is no expression: it ends where a value is missing";
+         return "is not an expression: it ends where a value is missing";
       case mu::ecMISSING_PARENS:
-         return "is no expression: a parenthesis is not closed";
+         return "is not an expression: a parenthesis is not closed";
       case mu::ecUNEXPECTED_OPERATOR:
       case mu::ecUNEXPECTED_PARENS:
       case mu::ecUNEXPECTED_VAL:
       case mu::ecUNEXPECTED_VAR:
       case mu::ecUNEXPECTED_FUN:
       case mu::ecUNEXPECTED_ARG:
-         return "is no expression: unexpected '" + fault.GetToken() + "'" + at(position) +
+         return "is not an expression: unexpected '" + fault.GetToken() + "'" + at(position) +
                 (text.find("**") != std::string::npos ? "; a power is written x^2" : "");
       default: {
          std::string what = fault.GetMsg();
          if (!what.empty() && what.back() == '.')
             what.pop_back();
-         return "is no expression: " + what;
+         return "is not an expression: " + what;
       }
       }
    }

@@ -10,7 +10,7 @@ namespace rk {
 // Names of the values that an expression may be asked for, in the order in which they come
 const std::vector<std::string> &expression_names();
 
-// Why a text is no expression in these names and functions of one value, with the place of the
+// Why a text is not an expression in these names and functions of one value, with the place of the
 // mistake; "" where it is one
 std::string expression_fault(const std::string &text, const std::vector<std::string> &names,
                              const std::vector<std::string> &tables = {});

@@ -39,16 +39,16 @@ std::string header_fault(const nifti_image &image) {
    const std::int64_t size[] = {image.nx, image.ny, image.nz};
    for (const std::int64_t n : size) {
       if (n < 1 || n > most_voxels)
-         return "is no readable NIfTI file: it has " + std::to_string(n) + " voxels along an axis";
+         return "is not a readable NIfTI file: it has " + std::to_string(n) + " voxels along an axis";
    }
    if (image.nvox > most_voxels)
-      return "is no readable NIfTI file: more than 1e9 voxels";
+      return "is not a readable NIfTI file: more than 1e9 voxels";
    if (image.nvox != image.nx * image.ny * image.nz)
-      return "is no label map: it has " + std::to_string(image.nvox / (image.nx * image.ny * image.nz)) +
+      return "is not a label map: it has " + std::to_string(image.nvox / (image.nx * image.ny * image.nz)) +
              " values a voxel; extract one of them";
    if (!nifti_is_inttype(image.datatype))
       return std::string("holds values of type ") + nifti_datatype_string(image.datatype) +
-             ", which are no whole numbers; save the label map with an integer data type";
+             ", which are not integers; save the label map with an integer data type";
    if ((image.scl_slope != 0.0 && image.scl_slope != 1.0) || image.scl_inter != 0.0)
       return "scales its values (scl_slope, scl_inter); save the label map without scaling";
    return "";
@@ -94,7 +94,7 @@ std::string read_nifti(const std::string &path, LabelMap &map) {
    nifti_set_debug_level(0); // it prints more than the worst errors otherwise
    const File file(nifti_image_read(path.c_str(), 0));
    if (!file)
-      return "is no readable NIfTI file; a label map is one (.nii, .nii.gz)";
+      return "is not a readable NIfTI file; a label map is one (.nii, .nii.gz)";
    const std::string fault = header_fault(*file);
    if (!fault.empty())
       return fault;

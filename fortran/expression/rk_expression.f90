@@ -1,6 +1,6 @@
 !> A value that is given as an expression in coordinates, as in `u_x = "0.1*sin(pi*x)"`.
 !>
-!> The deck's check has refused what is no expression; muParser evaluates the others.
+!> The deck's check has refused what is not an expression; muParser evaluates the others.
 module rk_expression
    use, intrinsic :: iso_c_binding, only : c_char, c_double, c_int, c_null_char
    use rk_error, only : error_type, fatal_error, err_input

@@ -84,7 +84,7 @@ int rkh5_open(const char *path, int writing, int64_t *file, char *why, int nwhy)
    struct stat info;
    /* opening a pipe would wait for its other end */
    if (!writing && stat(path, &info) == 0 && !S_ISREG(info.st_mode)) {
-      snprintf(why, (size_t)nwhy, "it is no regular file");
+      snprintf(why, (size_t)nwhy, "it is not a regular file");
       return -1;
    }
    H5dont_atexit();   /* a full disk would make the clean-up at exit fail again */
@@ -234,7 +234,7 @@ static int fits(hid_t set, int kind, struct reason *reason)
    H5T_class_t class = type < 0 ? H5T_NO_CLASS : H5Tget_class(type);
    if (type >= 0) H5Tclose(type);
    if (class == H5T_INTEGER || (class == H5T_FLOAT && kind == KIND_REAL8)) return 1;
-   complain(reason, kind == KIND_REAL8 ? "it holds no numbers" : "it holds no whole numbers");
+   complain(reason, kind == KIND_REAL8 ? "it does not hold numbers" : "it does not hold integers");
    return 0;
 }
 
@@ -320,7 +320,7 @@ static int read_text(hid_t attribute, hid_t type, char *text, int size, int *len
    int variable = H5Tis_variable_str(type) > 0;
    size_t room = H5Tget_size(type);
    if (!variable && room > MAX_TEXT) {
-      complain(reason, "it is longer than any text of ours");
+      complain(reason, "it is longer than any text that these files hold");
       return -1;
    }
    char *words = NULL, fixed[MAX_TEXT + 1] = "";
@@ -352,11 +352,11 @@ int rkh5_get_text(int64_t file, const char *object, const char *name, char *text
    hid_t space = attribute < 0 ? -1 : H5Aget_space(attribute);
    int failed = type < 0 || space < 0;
    if (!failed && H5Tget_class(type) != H5T_STRING) {
-      complain(&reason, "it is no text");
+      complain(&reason, "it is not text");
       failed = 1;
    }
    if (!failed && H5Sget_simple_extent_npoints(space) != 1) {
-      complain(&reason, "it is no single text");
+      complain(&reason, "it is not a single string");
       failed = 1;
    }
    if (!failed) failed = read_text(attribute, type, text, size, length, &reason) < 0;

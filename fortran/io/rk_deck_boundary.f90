@@ -200,7 +200,7 @@ subroutine find_named_set(cloud, deck, key, name, set, error)
       if (i > 1) known = known//', '
       known = known//trim(cloud%set_names(i))
    end do
-   call deck%complain(key, "'"//trim(name)//"' is no side of this "//body_of(deck)// &
+   call deck%complain(key, "'"//trim(name)//"' is not a side of this "//body_of(deck)// &
       & '; there are '//known, error)
 end subroutine find_named_set
 

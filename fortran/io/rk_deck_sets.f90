@@ -71,8 +71,8 @@ subroutine read_region(region, scene, deck, at, error)
    if (deck%has(at//'.side')) then
       call deck%get(at//'.side', word)
       call find_named_set(scene%cloud, deck, at//'.side', word, region%side, error)
-      if (region%side > scene%cloud%sides()) call deck%complain(at//'.side', "'"//word//"' is no " &
-         & //'side, but another [[set]]: say with `where` what both hold', error)
+      if (region%side > scene%cloud%sides()) call deck%complain(at//'.side', "'"//word &
+         & //"' is not a side, but another [[set]]: say with `where` what both hold", error)
    end if
    if (deck%has(at//'.on')) then
       call deck%get(at//'.on', word)

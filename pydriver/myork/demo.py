@@ -94,8 +94,8 @@ def _checks(summary: dict[str, Any]) -> str:
     """What a state tells of itself: volume ratios and balance of forces."""
     last = summary["steps"][-1]
     return (
-        f"J {last['min_J']:.3g} to {last['max_J']:.3g}, forces balance to "
-        f"{summary['force_imbalance']:.1e}"
+        f"J {last['min_J']:.3g} to {last['max_J']:.3g}, force imbalance "
+        f"{summary['force_imbalance']:.1e} of the largest"
     )
 
 

@@ -80,7 +80,7 @@ def read_model(path: Path) -> PointCloud:
             stamp = _text(file.attrs.get("format", b""))
             if stamp not in (FORMAT, FORMAT_2):
                 raise InputError(
-                    f"{path}: its format is '{stamp}', '{FORMAT}' is wanted; build it anew"
+                    f"{path}: its format is '{stamp}', '{FORMAT}' is wanted; build it again"
                 )
             names = {name: name for name in _NAMES_2} if stamp == FORMAT else _NAMES_2
             labels = _text(file[names["label_names"]]).splitlines()
@@ -101,7 +101,7 @@ def read_model(path: Path) -> PointCloud:
     except (OSError, KeyError, ValueError, TypeError, IndexError, RuntimeError) as reason:
         # what h5py raises on damaged files is any of these
         raise FileError(
-            f"{path}: is no readable model: {reason}; run `myork build` again"
+            f"{path}: is not a readable model: {reason}; run `myork build` again"
         ) from None
     wanted = (len(cloud.points), len(cloud.label_names))
     if cloud.fraction is not None and cloud.fraction.shape != wanted:
@@ -154,7 +154,7 @@ def _numbers(file: h5py.Group, name: str, kinds: str = "iuf") -> NDArray[Any]:
     """Dataset of numbers; TypeError where it holds others, ValueError where it claims too much."""
     found = file[name]
     if not isinstance(found, h5py.Dataset) or found.dtype.kind not in kinds or not found.ndim:
-        raise TypeError(f"'{name}' holds no {'numbers' if 'f' in kinds else 'whole numbers'}")
+        raise TypeError(f"'{name}' must hold {'numbers' if 'f' in kinds else 'integers'}")
     # Deflate shrinks by a factor of 1032 at the most; a damaged header may claim any shape
     if found.nbytes > 1100 * found.id.get_storage_size():
         raise ValueError(f"the shape of '{name}' claims far more numbers than the file holds")

@@ -382,7 +382,7 @@ class Results:
                 raise ValueError("its shape claims far more numbers than the file holds")
             values = np.asarray(found[part])
             if values.dtype.kind not in "iuf":
-                raise TypeError("it holds no numbers")
+                raise TypeError("it does not hold numbers")
         return values
 
 

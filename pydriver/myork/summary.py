@@ -74,7 +74,7 @@ def read_summary(folder: Path) -> dict[str, Any]:
     Raises
     ------
     FileError
-        The file is no JSON object, or cannot be read.
+        The file is not a JSON object, or cannot be read.
     """
     path = folder / "summary.json"
     try:
@@ -91,7 +91,7 @@ def read_summary(folder: Path) -> dict[str, Any]:
 
 
 def _refuse(name: str) -> None:
-    raise ValueError(f"{name} is no number of JSON")
+    raise ValueError(f"{name} is not a number that JSON can hold")
 
 
 def _read(folder: Path) -> dict[str, Any]:

@@ -92,8 +92,8 @@ def _toml(value: Any, place: str) -> str:
         inside = ", ".join(_line(key, entry, f"{place}.") for key, entry in value.items())
         return "{" + inside + "}"
     if value is None:
-        raise InputError(f"tables: {place}: None is no value; leave the key out")
-    raise InputError(f"tables: {place}: a {type(value).__name__} is no value of a deck")
+        raise InputError(f"tables: {place}: None is not a value; leave the key out")
+    raise InputError(f"tables: {place}: a {type(value).__name__} is not a value of a deck")
 
 
 def read_only(tables: Any) -> Any:

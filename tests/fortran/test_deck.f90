@@ -176,7 +176,7 @@ subroutine test_json_numbers
    call check('short numbers', written(0.1_wp) == '0.1' .and. written(1.0e8_wp) == '100000000.0' &
       & .and. written(1.0e-6_wp) == '1e-6' .and. written(-2.5e20_wp) == '-2.5e20' .and. &
       & written(0.0_wp) == '0.0')
-   call check('what is no number', written(ieee_value(1.0_wp, ieee_quiet_nan)) == 'null')
+   call check('what is not a number', written(ieee_value(1.0_wp, ieee_quiet_nan)) == 'null')
 end subroutine test_json_numbers
 
 !> JSON text of a number

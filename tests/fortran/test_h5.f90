@@ -255,7 +255,7 @@ subroutine test_refused_steps
    call check_error("labels without points", err_input, "'points' has shape (3, 1), but (3, 2)")
 end subroutine test_refused_steps
 
-!> A file that is no model
+!> A file that is not a model
 subroutine test_foreign_model
    type(cloud_type) :: model
 

@@ -40,7 +40,7 @@ def test_vectors_come_back(tmp_path, suffix):
     image = read_image(tmp_path / f"a{suffix}", values=6)
     np.testing.assert_array_equal(image.data, data)
     np.testing.assert_allclose(image.affine, AFFINE, atol=1e-5)
-    with pytest.raises(InputError, match="a 3-D image is wanted"):
+    with pytest.raises(InputError, match="a 3-D image is needed"):
         read_image(tmp_path / f"a{suffix}")
 
 

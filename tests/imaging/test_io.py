@@ -93,12 +93,12 @@ def sheared(path):
         (
             lambda p: read_image(save(p, np.ones((2, 2, 2, 6)))),
             InputError,
-            r"a 3-D image is wanted, this one has shape \(2, 2, 2, 6\)",
+            r"a 3-D image is needed, this one has shape \(2, 2, 2, 6\)",
         ),
         (
             lambda p: read_image(save(p, np.ones((2, 2, 2))), values=6),
             InputError,
-            "a 4-D image with 6 volumes is wanted",
+            "a 4-D image with 6 volumes is needed",
         ),
         (
             lambda p: read_labels(save(p, np.ones((2, 2, 2), np.float32))),
@@ -110,7 +110,7 @@ def sheared(path):
             InputError,
             "must not be negative",
         ),
-        (lambda p: read_image(_text(p)), FileError, "is no readable NIfTI file"),
+        (lambda p: read_image(_text(p)), FileError, "is not a readable NIfTI file"),
         (lambda p: read_image(_cut(p)), FileError, "cannot be read"),
     ],
 )

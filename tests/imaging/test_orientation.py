@@ -20,7 +20,7 @@ def wrong(phantom, axes):
 
 def test_the_right_axes_raise_no_doubt(phantom):
     evidence, doubt, remark = check_orientation(phantom.fiber, phantom.truth)
-    assert doubt == "" and "lean as anatomy wants by +1.00" in remark
+    assert doubt == "" and "with anatomy +1.00" in remark
     assert len(evidence) == 24 and evidence[0].axes == "x y z"
     assert evidence[0].agreement > 0.99
     assert len({entry.axes for entry in evidence}) == 24

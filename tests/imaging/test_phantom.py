@@ -167,7 +167,7 @@ TURNED = np.array([[0, 0, -2.0, 0], [-1.0, 0, 0, 0], [0, 3.0, 0, 0], [0, 0, 0, 1
     [
         ("0 500", "0 1\n0 0\n0 0", "has 2 values .* there are 3 diffusion images"),
         ("0 500 500", "0 1\n0 0\n0 0", "2 directions"),
-        ("0 500 500", "0 1 1\n0 0 0", r"three rows of components are wanted, not \(2, 3\)|2 dir"),
+        ("0 500 500", "0 1 1\n0 0 0", r"three rows of components are needed, not \(2, 3\)|2 dir"),
         ("0 -500 500", "0 1 0\n0 0 1\n0 0 0", "must not be negative"),
         ("0 500 500", "0 1 0\n0 0 0\n0 0 0", "direction 3 has length 0 with b = 500"),
         ("0 500 500", "0 nan 0\n0 0 0\n0 0 1", "not finite"),

@@ -257,7 +257,7 @@ def test_errors_name_file_or_key_and_what_to_do(own):
         run(names=("anatomy=t1", "region=empty"))
     with pytest.raises(InputError, match=r"empty.nii.gz: no voxel has one of image.truth_labels"):
         run(names=("anatomy=t1", "truth=empty"))
-    with pytest.raises(InputError, match=r"dti.nii.gz: a 3-D image is wanted"):
+    with pytest.raises(InputError, match=r"dti.nii.gz: a 3-D image is needed"):
         run(names=("anatomy=dti",))
     with pytest.raises(InputError, match=r"image.truth needs image.anatomy"):
         run(names=("truth=truth",))

@@ -105,7 +105,7 @@ def test_page_is_complete_and_self_contained(folder: Path) -> None:
     assert "✓ accepted" in text and "no error estimate: none was wanted" in text
     assert "−3.000 ± 0.015" in text and "Bands: estimated errors." in text
     assert "2 islands with 14 voxels" in text
-    assert "J 0.980 to 1.02" in text and "forces balance to 2.0·10−13" in text
+    assert "J 0.980 to 1.02" in text and "Force imbalance 2.0·10−13" in text
     for wanted in (
         "reaction [N]", "stress_zz [N/cm²]", "tip [cm]", "−3.000", "mesh-converged finite elements",
         "3.0600", "3.0617", "refined (asked: auto)", "3.0·10−13", "hyper-reduced", "0.973",
@@ -391,7 +391,7 @@ def test_the_first_screen_answers_what_a_reader_asks(folder: Path) -> None:
     text = Page(make_report(folder)).text
     for wanted in (
         "A block of 1 × 1 × 2 cm of muscle", "held at z0; z1: u_z = 0.25; activation up to 0.3",
-        "Wanted: reaction (force_z at bottom)", "At load 1: reaction −3.000 ± 0.015 N",
+        "Quantities: reaction (force_z at bottom)", "At load 1: reaction −3.000 ± 0.015 N",
         "Doubtful: ellipticity (in 3 % of the volume)",
         "Error bars: 0.50 % of the value at most (reaction)",
         "20 points instead of 1\u202f377) has displacements 0.020 cm apart",

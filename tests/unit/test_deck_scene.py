@@ -58,7 +58,7 @@ source = "nobody"
 """
 #: Collocation locks in this block, which is refused
 RIGHT = ("scene.method=rkpm-gauss", "approximation.order=1", "approximation.support=2")
-SIDES = "is no side of this box; there are x0, x1, y0, y1, z0, z1"
+SIDES = "is not a side of this box; there are x0, x1, y0, y1, z0, z1"
 
 Write = Callable[[str], Path]
 
@@ -134,7 +134,7 @@ def test_annulus(inputs: Path) -> None:
     for override, message in {
         "probe.radial_stress.point=[1,1]": "probe.radial_stress.point: (1, 1) lies outside the ann",
         "probe.radial_stress.point=[-0.1,7]": "(-0.1, 7) lies outside the annulus",
-        "boundary.inner.set=z0": "'z0' is no side of this annulus; there are inner, outer, x0, y0",
+        "boundary.inner.set=z0": "'z0' is not a side of this annulus; there are inner, outer, x0",
     }.items():
         assert any(message in line for line in complaints(inputs / "tube.toml", override)), override
 
@@ -160,7 +160,7 @@ def test_radial_displacements_are_for_round_sides() -> None:
 def test_sides_of_linear_problems(inputs: Path) -> None:
     lines = complaints(inputs / "cantilever.toml", 'linear.essential=["x0","z1"]')
     assert len(lines) == 1
-    assert "linear.essential: 'z1' is no side of this box; there are x0, x1, y0, y1" in lines[0]
+    assert "linear.essential: 'z1' is not a side of this box; there are x0, x1, y0, y1" in lines[0]
 
 
 def test_fiber_angle_gives_the_fiber(write: Write, tmp_path: Path) -> None:

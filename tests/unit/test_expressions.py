@@ -106,7 +106,7 @@ def test_what_is_not_finite_somewhere_is_told_with_the_place() -> None:
 
 
 def test_items_of_a_traction() -> None:
-    with pytest.raises(InputError, match="traction: item 2, 'p' is no expression"):
+    with pytest.raises(InputError, match="traction: item 2, 'p' is not an expression"):
         Scene.from_tables(plate([{"set": "x0", "traction": [1, "p"]}]))
     with pytest.raises(InputError, match="item 2 must be a number or an expression, not true"):
         Scene.from_tables(plate([{"set": "x0", "traction": [1, True]}]))

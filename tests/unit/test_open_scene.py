@@ -78,7 +78,7 @@ def test_error_bars_are_those_of_the_changed_scene():
         ({"material.muscle.K": -1}, "material.muscle.K: "),
         ({"material.muscle.KK": 1}, "KK"),
         ({"material.muscle.K": float("inf")}, "K = inf makes pressures unknowns"),
-        ({"load.activation": None}, "None is no value"),
+        ({"load.activation": None}, "None is not a value"),
     ],
 )
 def test_what_cannot_be_changed_says_so_and_leaves_the_scene(changes, message):

@@ -468,9 +468,9 @@ def test_attributes_that_are_no_single_text_are_refused(
 @pytest.mark.parametrize(
     ("dataset", "value", "message"),
     [
-        ("label", np.array([1.5, 2.0, 2.0]), "it holds no whole numbers"),
-        ("volume", np.array([b"1", b"2", b"3"]), "it holds no numbers"),
-        ("set_names", np.array([b"bottom", b"top"]), "it holds no whole numbers"),
+        ("label", np.array([1.5, 2.0, 2.0]), "it does not hold integers"),
+        ("volume", np.array([b"1", b"2", b"3"]), "it does not hold numbers"),
+        ("set_names", np.array([b"bottom", b"top"]), "it does not hold integers"),
     ],
 )
 def test_datasets_of_another_kind_are_refused(

@@ -183,8 +183,8 @@ def test_a_fault_that_the_points_show_has_no_line_either() -> None:
 @pytest.mark.parametrize(
     ("tables", "message"),
     [
-        ({"load": {"steps": None}}, "load.steps: None is no value; leave the key out"),
-        ({"probe": [{}, {"name": {1, 2}}]}, "probe.2.name: a set is no value of a deck"),
+        ({"load": {"steps": None}}, "load.steps: None is not a value; leave the key out"),
+        ({"probe": [{}, {"name": {1, 2}}]}, "probe.2.name: a set is not a value of a deck"),
         ({"load": {3: 4}}, "3: a key must be a text"),
     ],
 )

@@ -166,7 +166,7 @@ def test_images_on_turned_grids_are_turned() -> None:
             "must be between 0 and 1",
         ),
         (block([MUSCLE | {"activation_field": "1/x"}]), "is not finite"),
-        (block([MUSCLE | {"activation_field": "x +"}]), "is no expression"),
+        (block([MUSCLE | {"activation_field": "x +"}]), "is not an expression"),
         (
             block([MUSCLE | {"activation_field": "x"}], "rkcm"),
             "activation_field: only for scene.method = rkpm",

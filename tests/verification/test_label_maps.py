@@ -266,12 +266,12 @@ def test_a_plane_in_a_volume_needs_its_height(inputs: Path) -> None:
 @pytest.mark.parametrize(
     ("data", "what"),
     [
-        (np.zeros((4, 4, 4), np.float32), "holds values of type FLOAT32, which are no whole"),
+        (np.zeros((4, 4, 4), np.float32), "holds values of type FLOAT32, which are not integers"),
         (np.full((4, 4, 4), -3, np.int16), "has the label -3; labels are from 0"),
-        (np.zeros((4, 4, 4, 2), np.int16), "is no label map: it has 2 values a voxel"),
-        (b"no image", "is no readable NIfTI file"),
+        (np.zeros((4, 4, 4, 2), np.int16), "is not a label map: it has 2 values a voxel"),
+        (b"no image", "is not a readable NIfTI file"),
         (-9, "ends before the values that its header promises"),
-        (300, "is no readable NIfTI file"),
+        (300, "is not a readable NIfTI file"),
         ("scaled", "scales its values"),
     ],
 )

@@ -252,7 +252,7 @@ def test_scene_in_memory(inputs, tmp_path):
         (2, {**ELASTIC, "nu": 0.5}, {}, "less than 0.5"),
         (2, {**POISSON, "E": 1}, {}, "only for problem = elasticity"),
         (2, {**ELASTIC, "solution": "exp_xy"}, {}, "problem = poisson"),
-        (2, POISSON, {"essential": ("top",)}, "'top' is no side"),
+        (2, POISSON, {"essential": ("top",)}, "'top' is not a side"),
         (2, POISSON, {"essential": ()}, "no value is prescribed"),
         (2, POISSON, {"boundary": [{"set": "x0", "u_x": 0}]}, "has no place in a linear problem"),
         (

@@ -83,7 +83,7 @@ def test_annulus() -> None:
         ([SOFT | {"where": "x < 0.5"}], "material.soft.where: no material holds the place"),
         ([SOFT, STIFF], "material.soft.label: missing"),
         ([SOFT, STIFF | {"where": "x > 2"}], "material.stiff.where: no point lies there"),
-        ([SOFT, STIFF | {"where": "x > q"}], "material.stiff.where: 'x > q' is no expression"),
+        ([SOFT, STIFF | {"where": "x > q"}], "material.stiff.where: 'x > q' is not an expression"),
         ([SOFT | {"where": "x < 1"}, STIFF], "material.stiff.where: missing, only the first"),
         ([SOFT | {"label": 1}, STIFF | {"where": "x < 1"}], "material.soft.label: cannot be given"),
     ],

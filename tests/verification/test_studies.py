@@ -229,7 +229,7 @@ def test_measurements_with_errors(deck: Path, trained: Path, tmp_path: Path) -> 
     [
         ("load.activation,u_z,push\n0.1,0,1\n", ["sigma_max"], "no column is a probe"),
         ("load.activation,reaction\n0.1,1\n", ["sigma_max"], "needed for boundary.z1.u_z"),
-        ("load.activation,u_z,reaction\n0.1,0,x\n", ["sigma_max"], "'x' is no number"),
+        ("load.activation,u_z,reaction\n0.1,0,x\n", ["sigma_max"], "'x' is not a number"),
         ("load.activation,u_z,reaction\n0.1,0\n", ["sigma_max"], "row 1 has 2 fields"),
         ("sigma_max,load.activation,u_z,reaction\n30,0.1,0,1\n", ["sigma_max"], "not given"),
         ("load.activation,u_z,reaction\n,0,1\n", ["sigma_max"], "needs its conditions"),

@@ -87,7 +87,7 @@ def test_plans() -> None:
         ([], "needs a key to vary"),
         (["a"], "is needed"),
         (["a=0:1"], "is needed"),
-        (["a=0:x:3"], "'x' is no number"),
+        (["a=0:x:3"], "'x' is not a number"),
         (["a=1,,2"], "a value is missing"),
         (["a=1,2", "a=3"], "a is named twice"),
         (["a=lhs(2,1)"], "2 is not below 1"),

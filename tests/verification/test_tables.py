@@ -166,11 +166,11 @@ def test_tables_in_files(lines: str, key: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("lines", "what"),
     [
-        ("0,1\n0.5,x\n", "k.csv:2: 'x' is no finite number"),
-        ("0,1\n0.5,nan\n", "k.csv:2: 'nan' is no finite number"),
+        ("0,1\n0.5,x\n", "k.csv:2: 'x' is not a finite number"),
+        ("0,1\n0.5,nan\n", "k.csv:2: 'nan' is not a finite number"),
         ("0,1\n0.5\n", "k.csv:2: has 1 column, 2 are needed"),
         ("0,1\n1,1\n1,2\n", "k.csv:3: places must ascend: 1 follows 1"),
-        ("0;1,5\n", "k.csv:1: '1,5' is no finite number"),
+        ("0;1,5\n", "k.csv:1: '1,5' is not a finite number"),
         ("x,k\n", "k.csv: has no numbers"),
     ],
 )
@@ -209,5 +209,5 @@ def test_tables_that_cannot_be(table: dict[str, Any], what: str) -> None:
 
 @pytest.mark.parametrize("text", ["k", "k(x, 1)", "rk_table(0, x)", "k()", "kk(x)"])
 def test_calls_that_cannot_be(text: str) -> None:
-    with pytest.raises(InputError, match="is no expression"):
+    with pytest.raises(InputError, match="is not an expression"):
         load_tables(heat(linear={"problem": "poisson", "conductivity": text}, table=[STEP]))

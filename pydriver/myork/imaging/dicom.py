@@ -72,7 +72,7 @@ def load_dicom(folder: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _read(dicom: Any, path: Path) -> _Slice | None:
-    """A slice, None for a file that is no DICOM image."""
+    """A slice, None for a file that is not a DICOM image."""
     try:
         with path.open("rb") as file:
             file.seek(128)
@@ -82,8 +82,8 @@ def _read(dicom: Any, path: Path) -> _Slice | None:
     if not marked:
         if path.suffix.lower() in _SUFFIXES:
             raise FileError(
-                f"{path}: is no DICOM file, though its name says so; copy it anew, or take it out "
-                "of the folder"
+                f"{path}: is not a DICOM file, though its name says so; copy it again, or take "
+                "it out of the folder"
             )
         return None
     try:
@@ -93,12 +93,13 @@ def _read(dicom: Any, path: Path) -> _Slice | None:
         pixels = "PixelData" in data
     except Exception as reason:  # for each kind of damage pydicom raises another
         raise FileError(
-            f"{path}: is a damaged DICOM file: {reason}; copy it anew, or take it out of the folder"
+            f"{path}: is a damaged DICOM file: {reason}; copy it again, or take it out of the "
+            "folder"
         ) from None
     if not pixels:
         if not any("Image Storage" in str(kind) for kind in kinds):
             return None
-        raise FileError(f"{path}: is an image without pixels; the file was cut off, copy it anew")
+        raise FileError(f"{path}: is an image without pixels; the file was cut off, copy it again")
     for key in ("ImagePositionPatient", "ImageOrientationPatient", "PixelSpacing"):
         if key not in data:
             raise InputError(f"{path}: has no {key}; only plain series of slices are read")
@@ -112,7 +113,7 @@ def _read(dicom: Any, path: Path) -> _Slice | None:
     )  # fmt: skip
     if samples != 1 or frames != 1:
         what = f"{samples} values (colours)" if samples != 1 else f"{frames} frames"
-        raise InputError(f"{path}: has {what} a pixel; one grey value a pixel is wanted")
+        raise InputError(f"{path}: has {what} a pixel; one grey value a pixel is needed")
     if min(rows, columns) < 1:
         raise InputError(f"{path}: has {rows} rows and {columns} columns; the header is damaged")
     return _Slice(path, place, axes, pixel, rows, columns, data)
@@ -127,7 +128,7 @@ def _numbers(path: Path, data: Any, key: str, count: int, default: float | None 
         raise InputError(f"{path}: {key} cannot be read: {reason}") from None
     if found.shape != (count,) or not np.isfinite(found).all():
         raise InputError(
-            f"{path}: {key} is {found.tolist()}, {count} finite numbers are wanted; the header is "
+            f"{path}: {key} is {found.tolist()}, {count} finite numbers are needed; the header is "
             "damaged"
         )
     return found

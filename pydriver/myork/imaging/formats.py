@@ -165,7 +165,7 @@ def _check_data(
     if plain and stored - data.nbytes >= max(plane, 1):
         raise FileError(
             f"{path}: holds {stored - data.nbytes} bytes more than its header promises (shape "
-            f"{data.shape}, {data.dtype}); the header is damaged: write the file anew"
+            f"{data.shape}, {data.dtype}); the header is damaged: write the file again"
         )
 
 
@@ -184,7 +184,7 @@ def _check_metaimage(path: Path, header: Mapping[str, str], length: int) -> None
         if len(found) != (count or 1) or not all(least <= value < 1e18 for value in found):
             raise FileError(
                 f"{path}: cannot be read: the header gives {key} = "
-                f"{header.get(key, 'nothing')[:80]!r}; it is damaged: write the file anew"
+                f"{header.get(key, 'nothing')[:80]!r}; it is damaged: write the file again"
             )
         return found
 
@@ -224,7 +224,7 @@ def _nrrd_unit(path: Path, header: Mapping[str, str]) -> float:
     if len(known) != 1:
         raise InputError(
             f"{path}: space units {words} are not understood; one of "
-            f"{', '.join(_UNITS)} for all axes is wanted"
+            f"{', '.join(_UNITS)} for all axes is needed"
         )
     return known.pop()
 

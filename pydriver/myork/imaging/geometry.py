@@ -51,8 +51,9 @@ def check_affine(affine: NDArray[np.float64], name: str) -> None:
         )
     if size.min() < _VOXEL[0] or size.max() > _VOXEL[1] or np.abs(affine[:3, 3]).max() > _FARTHEST:
         raise InputError(
-            f"{name}: the affine is absurd (voxel size {size} mm, first voxel at {affine[:3, 3]} "
-            "mm); check the unit of length and set sform or qform from the scanner's geometry"
+            f"{name}: the affine is implausible (voxel size {size} mm, first voxel at "
+            f"{affine[:3, 3]} mm); check the unit of length and set sform or qform from the "
+            "scanner's geometry"
         )
     cosines = (columns / size).T @ (columns / size) - np.eye(3)
     if abs(np.linalg.det(columns / size)) < SLACK:

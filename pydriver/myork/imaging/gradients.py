@@ -79,7 +79,7 @@ def read_gradients(bval: Path, bvec: Path, affine: F64, volumes: int) -> Gradien
     b = _numbers(bval).ravel()
     vector = _numbers(bvec)
     if vector.ndim != 2 or 3 not in vector.shape:
-        raise InputError(f"{bvec}: three rows of components are wanted, not {vector.shape}")
+        raise InputError(f"{bvec}: three rows of components are needed, not {vector.shape}")
     if vector.shape[0] == 3:
         vector = vector.T
     if not len(b) == len(vector) == volumes:
@@ -91,7 +91,8 @@ def read_gradients(bval: Path, bvec: Path, affine: F64, volumes: int) -> Gradien
         raise InputError(f"{bval}: b values must not be negative, the lowest is {b.min():g}")
     if (b > _LARGEST_B).any():
         raise InputError(
-            f"{bval}: the b value {b.max():g} is absurd; they are wanted in s/mm^2, some 0 to 5000"
+            f"{bval}: the b value {b.max():g} is implausible; its unit is s/mm^2, "
+            "values are from 0 to some 5000"
         )
     with np.errstate(over="ignore"):
         length = np.linalg.norm(vector, axis=1)
@@ -127,11 +128,11 @@ def _numbers(path: Path) -> F64:
     """Numbers of a text file as rows."""
     text = read_text(path)
     if not any(line.split("#")[0].strip() for line in text.splitlines()):
-        raise InputError(f"{path}: is empty; rows of numbers are wanted")
+        raise InputError(f"{path}: is empty; rows of numbers are needed")
     try:
         found = np.loadtxt(StringIO(text), dtype=float, ndmin=2)
     except ValueError as reason:
-        raise InputError(f"{path}: rows of numbers are wanted: {reason}") from None
+        raise InputError(f"{path}: rows of numbers are needed: {reason}") from None
     if not np.isfinite(found).all():
         raise InputError(f"{path}: a number is not finite")
     return found

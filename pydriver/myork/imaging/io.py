@@ -84,7 +84,7 @@ def read_labels(path: Path) -> Labels:
     if data.max() > _LAST_LABEL:
         raise InputError(
             f"{path}: labels must not exceed {_LAST_LABEL}, the highest is {data.max()}; the file "
-            "is no label map or damaged"
+            "is not a label map or damaged"
         )
     names = _read_names(_names_path(path))
     return Labels(data.astype(np.int32), affine, names, str(path))
@@ -128,7 +128,7 @@ def _load(path: Path, raw: bool) -> tuple[np.ndarray, np.ndarray]:
     if path.is_dir():
         data, affine = load_dicom(path)
     elif not path.is_file():
-        what = "is no regular file" if path.exists() else "there is no such file"
+        what = "is not a regular file" if path.exists() else "there is no such file"
         raise FileError(f"{path}: {what}")
     elif path.suffix in ITK_SUFFIXES:
         data, affine = load_itk(path)
@@ -149,12 +149,12 @@ def _grid(path: Path, data: np.ndarray, values: int | None) -> np.ndarray:
             data = data[..., np.newaxis]
         if data.ndim != 3:
             raise InputError(
-                f"{path}: a 3-D image is wanted, this one has shape {shape}; "
+                f"{path}: a 3-D image is needed, this one has shape {shape}; "
                 "extract one of its volumes"
             )
     elif data.ndim != 4 or values not in (None, data.shape[-1]):
         raise InputError(
-            f"{path}: a 4-D image with {values or 'some'} volumes is wanted, this one has shape "
+            f"{path}: a 4-D image with {values or 'some'} volumes is needed, this one has shape "
             f"{shape}"
         )
     if 0 in data.shape:

@@ -32,7 +32,7 @@ def load_nifti(path: Path, raw: bool) -> tuple[np.ndarray, np.ndarray]:
             with ImageOpener(str(path)) as stream:
                 written = type(file.header)(stream.read(file.header.sizeof_hdr), check=False)
     except Exception as reason:  # for each kind of damage nibabel raises another
-        raise FileError(f"{path}: is no readable NIfTI file: {_said(reason)}") from None
+        raise FileError(f"{path}: is not a readable NIfTI file: {_said(reason)}") from None
     if not isinstance(file, nibabel.Nifti1Image):
         raise InputError(f"{path}: is {type(file).__name__}; convert it to NIfTI (.nii, .nii.gz)")
     _check_written(path, written)
@@ -80,7 +80,9 @@ def _check_written(path: Path, header: Any) -> None:
     elif header["sform_code"] == 0 and not (size != 0).all():
         wrong = f"the affine is singular, voxels have the size {size} (pixdim)"
     if wrong is not None:
-        raise FileError(f"{path}: the header says that {wrong}; it is damaged: write the file anew")
+        raise FileError(
+            f"{path}: the header says that {wrong}; it is damaged: write the file again"
+        )
 
 
 def _check_header(path: Path, file: Any) -> None:
@@ -102,7 +104,7 @@ def _check_header(path: Path, file: Any) -> None:
     if stored - promised >= plane:
         raise FileError(
             f"{path}: holds {stored - promised} bytes more than its header promises (shape "
-            f"{shape}, {kind}); the header is damaged or not the file's own: write it anew"
+            f"{shape}, {kind}); the header is damaged or not the file's own: write it again"
         )
 
 

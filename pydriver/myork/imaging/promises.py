@@ -70,13 +70,13 @@ def check_promise(name: str, shape: Sequence[int], promised: int, stored: int) -
     if not shape or min(shape) < 1:
         raise FileError(
             f"{name}: the header promises an image of {_times(shape)} voxels; it is empty or the "
-            "header is damaged: write the file anew"
+            "header is damaged: write the file again"
         )
     if promised > stored:
         raise FileError(
             f"{name}: cannot be read: the header promises {_times(shape)} values "
             f"({_size(promised)}), the file holds {_size(stored)} at most; it was cut off or its "
-            "header is damaged: copy or write it anew"
+            "header is damaged: copy or write it again"
         )
     check_memory(name, math.prod(shape))
 
@@ -117,7 +117,7 @@ def check_stream(path: Path, needed: int, start: int = 0) -> int:
     except Exception as reason:  # zlib has an error of its own
         raise FileError(
             f"{path}: cannot be read: the compressed data are damaged after {_size(total)}: "
-            f"{reason}; copy the file anew"
+            f"{reason}; copy the file again"
         ) from None
     return total
 
@@ -160,7 +160,7 @@ def read_arrays(path: Path, names: Sequence[str]) -> list[np.ndarray]:
         raise FileError(f"{path}: there is no such file") from None
     except Exception as reason:  # zip, zlib and NumPy each have errors of their own
         raise InputError(
-            f"{wanted}: the archive is damaged: {' '.join(str(reason).split())}; write it anew"
+            f"{wanted}: the archive is damaged: {' '.join(str(reason).split())}; write it again"
         ) from None
 
 
@@ -180,7 +180,7 @@ def _array(path: Path, name: str, stream: IO[bytes], most: int) -> np.ndarray:
     if len(content) != count * kind.itemsize:
         raise FileError(
             f"{path}: {name}: the header promises {_times(shape)} values, the archive holds "
-            f"{'more' if len(content) > count * kind.itemsize else 'fewer'}; write it anew"
+            f"{'more' if len(content) > count * kind.itemsize else 'fewer'}; write it again"
         )
     return np.frombuffer(content, kind).reshape(shape, order="F" if by_columns else "C")
 
@@ -195,13 +195,13 @@ def read_text(path: Path) -> str:
     except OSError as reason:
         raise FileError(f"{path}: cannot be read: {reason.strerror}") from None
     if len(content) > _LONGEST_TEXT:
-        raise InputError(f"{path}: is longer than {_size(_LONGEST_TEXT)}; a small table is wanted")
+        raise InputError(f"{path}: is longer than {_size(_LONGEST_TEXT)}; a small table is needed")
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as reason:
-        raise InputError(f"{path}: is no text: {reason}") from None
+        raise InputError(f"{path}: is not text: {reason}") from None
     if "\0" in text:
-        raise InputError(f"{path}: is no text, it holds a zero byte")
+        raise InputError(f"{path}: is not text, it holds a zero byte")
     return text
 
 

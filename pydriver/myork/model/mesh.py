@@ -127,7 +127,7 @@ def _archived_lines(path: Path) -> list[F64]:
     with np.errstate(invalid="ignore"):
         starts = offsets.astype(np.int64)
     if not (starts == offsets).all():
-        raise InputError(f"{path}: offsets must be whole numbers")
+        raise InputError(f"{path}: offsets must be integers")
     if not len(starts) or (np.diff(starts) < 0).any() or starts[0] < 0 or starts[-1] > len(points):
         raise InputError(f"{path}: offsets must rise from 0 to the number of points")
     return np.split(points.astype(float), starts[(starts > 0) & (starts < len(points))])

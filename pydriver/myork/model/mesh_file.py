@@ -90,7 +90,7 @@ def read_mesh(path: Path) -> Mesh:
             reason = said[-1] if done.returncode == 2 and said else (
                 f"the reader ended with status {done.returncode}")  # fmt: skip
             raise FileError(
-                f"{path}: cannot be read: {reason}; the file is damaged or no mesh: write it anew"
+                f"{path}: cannot be read: {reason}; the file is damaged or no mesh: write it again"
             )
         with np.load(arrays) as found:
             mesh = Mesh(

@@ -211,11 +211,12 @@ def _remark(given: Orientation) -> str:
     """What a check without a doubt has shown."""
     if given.agreement is not None:
         return (
-            f"gradient axes: fibers lean as anatomy wants by {given.agreement:+.2f} (of -1 to 1) "
-            f"and run along the walls of muscles (crossing {given.crossing:.2f})"
+            f"gradient axes: agreement of the fibers with anatomy {given.agreement:+.2f} (from -1 "
+            "to 1); they run along the walls of muscles (mean square cosine to normals "
+            f"{given.crossing:.2f})"
         )
     return (
-        f"gradient axes: fibers run along the walls of muscles (crossing {given.crossing:.2f}); a "
-        "flip, or an exchange of the two axes across, cannot be told without muscles of known "
-        "names: look at the fibers in the report"
+        "gradient axes: fibers run along the walls of muscles (mean square cosine to normals "
+        f"{given.crossing:.2f}); a flip, or an exchange of the two axes across, cannot be told "
+        "without muscles of known names: look at the fibers in the report"
     )

@@ -52,17 +52,17 @@ _HEADERS: tuple[tuple[str, dict[str, Any], str], ...] = (
     ("type-shorter", {"datatype": 4, "bitpix": 16}, "more than its header promises"),
     ("voxel-zero", {"pixdim": [1, 0, 2, 5, 1, 1, 1, 1], "sform_code": 0}, "affine is singular"),
     ("voxel-nan", {"pixdim": [1, np.nan, 2, 5, 1, 1, 1, 1], "sform_code": 0}, "not finite"),
-    ("voxel-huge", {"pixdim": [1, 1e30, 2, 5, 1, 1, 1, 1], "sform_code": 0}, "affine is absurd"),
-    ("voxel-tiny", {"srow_x": [1e-9, 0, 0, 0]}, "affine is absurd"),
+    ("voxel-huge", {"pixdim": [1, 1e30, 2, 5, 1, 1, 1, 1], "sform_code": 0}, "is implausible"),
+    ("voxel-tiny", {"srow_x": [1e-9, 0, 0, 0]}, "affine is implausible"),
     ("affine-zero", {"srow_x": [0, 0, 0, 0]}, "affine is singular"),
     ("affine-nan", {"srow_y": [0, np.nan, 0, 0]}, "not finite"),
     ("affine-infinite", {"srow_z": [0, 0, np.inf, 0]}, "not finite"),
     ("affine-parallel", {"srow_x": [2, 2, 0, 0], "srow_y": [2, 2, 0, 0]}, "affine is singular"),
     ("affine-sheared", {"srow_x": [2, 1, 0, 0]}, "not perpendicular"),
-    ("far-away", {"srow_x": [2, 0, 0, 1e20]}, "affine is absurd"),
+    ("far-away", {"srow_x": [2, 0, 0, 1e20]}, "affine is implausible"),
     ("quaternion-long", {"sform_code": 0, "qform_code": 1, "quatern_b": 9.0}, "no readable NIfTI"),
     ("unit-unknown", {"xyzt_units": 7}, "unit of length 7"),
-    ("unit-metre", {"xyzt_units": 1}, "affine is absurd"),
+    ("unit-metre", {"xyzt_units": 1}, "affine is implausible"),
     ("slope-infinite", {"scl_slope": np.inf}, "scale of the values is inf"),
     ("slope-huge", {"scl_slope": 3e38}, "beyond 1e\\+30|not finite"),
     ("shift-infinite", {"scl_slope": 1.0, "scl_inter": np.inf},
@@ -221,8 +221,8 @@ def _values(folder: Path, sound: NDArray[Any]) -> Iterator[Fault]:
         ("negative", -sound, "no value is above zero"),
         ("complex", sound * (1 + 1j), "values are complex"),
         ("colours", colours, "values are colours"),
-        ("volumes", np.stack([sound] * 3, -1), "3-D image is wanted"),
-        ("five-axes", np.stack([sound] * 2, -1)[:, :, :, None], "3-D image is wanted"),
+        ("volumes", np.stack([sound] * 3, -1), "3-D image is needed"),
+        ("five-axes", np.stack([sound] * 2, -1)[:, :, :, None], "3-D image is needed"),
         ("one-voxel", sound[:1, :1, :1], "no body found"),
         ("one-row", sound[:, 15:16, :1], None),
         ("one-slice", sound[:, :, 0], None),
@@ -283,7 +283,7 @@ def _labels(folder: Path, sound: NDArray[Any]) -> Iterator[Fault]:
     yield fault("large-reference", "reference", label.astype(np.int64) * 2**40, "must not exceed")
     yield fault("other-grid", "reference", label[:, :, :1], "resample one to the grid")
     yield fault("other-place", "truth", label, "different affines", affine=moved)
-    yield fault("four-axes", "reference", np.stack([label] * 2, -1), "3-D image is wanted")
+    yield fault("four-axes", "reference", np.stack([label] * 2, -1), "3-D image is needed")
     for name, text in _NAMES.items():
         (folder / f"names-{name}.json").write_text(text, encoding="utf-8")
         path = _save(folder / f"names-{name}.nii.gz", label)
@@ -308,14 +308,14 @@ def _gradients(folder: Path, sound: NDArray[Any]) -> Iterator[Fault]:
     cases: tuple[tuple[str, str, str | bytes, str], ...] = (
         ("nothing.bval", "bval", "", "is empty"),
         ("comment.bval", "bval", "# none\n", "is empty"),
-        ("words.bval", "bval", "no gradient", "rows of numbers are wanted"),
-        ("binary.bval", "bval", bytes(range(256)), "is no text"),
+        ("words.bval", "bval", "no gradient", "rows of numbers are needed"),
+        ("binary.bval", "bval", bytes(range(256)), "is not text"),
         ("short.bval", "bval", line[:-4], "has 7 values"),
         ("negative.bval", "bval", line.replace("500", "-500", 1), "must not be negative"),
         ("nan.bval", "bval", line.replace("500", "nan", 1), "not finite"),
-        ("other-unit.bval", "bval", line.replace("500", "5e8"), "is absurd"),
+        ("other-unit.bval", "bval", line.replace("500", "5e8"), "is implausible"),
         ("two-rows.bvec", "bvec", rows.rsplit("\n", 1)[0], "three rows of components"),
-        ("ragged.bvec", "bvec", rows[:-9], "rows of numbers are wanted"),
+        ("ragged.bvec", "bvec", rows[:-9], "rows of numbers are needed"),
         ("long.bvec", "bvec", rows.replace("0.", "3.", 6), "must be unit vectors"),
         ("infinite.bvec", "bvec", rows.replace("0.000000", "inf", 1), "not finite"),
         ("huge.bvec", "bvec", "1e300 " * 8 + "\n" + "0 " * 8 + "\n" + "0 " * 8, "unit vectors"),

@@ -59,9 +59,9 @@ _NRRD_LINES: tuple[tuple[str, dict[str, str], str], ...] = (
     ("unknown-unit", {"space units": '"ell" "ell" "ell"'}, "space units .* not understood"),
     ("zero-voxel", {"space directions": "(0,0,0) (0,2,0) (0,0,5)"}, f"{_BROKEN}|singular"),
     ("nan-voxel", {"space directions": "(nan,0,0) (0,2,0) (0,0,5)"}, f"{_BROKEN}|singular"),
-    ("huge-voxel", {"space directions": "(1e30,0,0) (0,2,0) (0,0,5)"}, f"{_BROKEN}|absurd"),
+    ("huge-voxel", {"space directions": "(1e30,0,0) (0,2,0) (0,0,5)"}, f"{_BROKEN}|implausible"),
     ("sheared", {"space directions": "(2,0,0) (1,2,0) (0,0,5)"}, "perpendicular|cannot be read"),
-    ("far-away", {"space origin": "(1e30,0,0)"}, "absurd"),
+    ("far-away", {"space origin": "(1e30,0,0)"}, "implausible"),
     ("no-data", {"data file": "gone.raw"}, "names the data file 'gone.raw'"),
     ("own-data", {"data file": "own-data.nrrd"}, "names the data file"),
 )
@@ -210,8 +210,8 @@ def _series(
     yield fault("gap", home, "a slice is missing")
     content = (series("sound", {}) / "2.dcm").read_bytes()
     ends: list[tuple[str, bytes, str | None]] = [
-        ("empty-file", b"", "2.dcm: is no DICOM file"),
-        ("text", b"no image " * 50, "2.dcm: is no DICOM file"),
+        ("empty-file", b"", "2.dcm: is not a DICOM file"),
+        ("text", b"no image " * 50, "2.dcm: is not a DICOM file"),
         *((name, changed, "2.dcm: ") for name, changed in spoilt(content, 6, 0, seed=7)),
         *((name, changed, None) for name, changed in spoilt(content, 0, 12, seed=8)),
     ]

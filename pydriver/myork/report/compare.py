@@ -81,7 +81,7 @@ def _story(runs: Sequence[RunFolder], names: Sequence[str]) -> Iterator[Answer]:
         f"{name}: {title}, {run.summary.get('method', '?')}"
         for name, title, run in zip(names, titles, runs, strict=True)
     ]
-    yield Answer("Asked", [titles[0], *names] if same else ["Different problems", *told])
+    yield Answer("Problem", [titles[0], *names] if same else ["Different problems", *told])
     lines: list[str | Markup] = []
     outside = []
     for name, unit in _probes(runs).items():
@@ -99,7 +99,7 @@ def _story(runs: Sequence[RunFolder], names: Sequence[str]) -> Iterator[Answer]:
             )
         )  # fmt: skip
         outside += [name] if _disagree(runs, name) else []
-    yield Answer("Came out", lines or ["no probe is common to two of them"])
+    yield Answer("Results", lines or ["no probe is common to two of them"])
     units = {tuple(sorted(run.summary.get("units", {}).items())) for run in runs}
     trust: list[str | Markup] = [
         "; ".join(
@@ -115,7 +115,7 @@ def _story(runs: Sequence[RunFolder], names: Sequence[str]) -> Iterator[Answer]:
         trust.append(f"Further apart than their error bars: {', '.join(outside)}")
     elif any(_last(run).get("probe_errors") for run in runs):
         trust.append("All numbers agree within their error bars")
-    yield Answer("Trust", trust)
+    yield Answer("Reliability", trust)
 
 
 def _disagree(runs: Sequence[RunFolder], name: str) -> bool:
@@ -155,7 +155,7 @@ def _answers(runs: Sequence[RunFolder], names: Sequence[str]) -> Iterator[Markup
     for key, label in (("min_J", "smallest J"), ("max_J", "largest J")):
         rows.append([label, *(number(_last(run).get(key), 3) for run in runs)])
     rows.append(
-        ["forces balance to", *(number(run.summary.get("force_imbalance"), 2) for run in runs)]
+        ["force imbalance", *(number(run.summary.get("force_imbalance"), 2) for run in runs)]
     )
     shown = [row for row in rows if any(cell != DASH for cell in row[1:])]
     yield table(("", *names), shown, "At the last load; per cent: from the first run")

@@ -177,7 +177,7 @@ def _read_history(path: Path) -> dict[str, NDArray[Any]]:
         numbers = [_number_of(entry) for entry in entries]
         if None in numbers:
             line = numbers.index(None) + 2
-            raise FileError(f"{path}:{line}: {name}: {entries[line - 2]!r:.60} is no number")
+            raise FileError(f"{path}:{line}: {name}: {entries[line - 2]!r:.60} is not a number")
         columns[name] = np.array(numbers, float)
     return columns
 

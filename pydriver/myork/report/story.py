@@ -41,9 +41,9 @@ def story(folder: RunFolder) -> list[Answer]:
     """Answers to what a reader asks first; a question without an answer is left out."""
     summary, deformation = folder.summary, folder.deformation
     found = [
-        Answer("Asked", list(_asked(summary))),
-        Answer("Came out", list(_came_out(summary, deformation))),
-        Answer("Trust", list(_trust(summary, deformation))),
+        Answer("Problem", list(_asked(summary))),
+        Answer("Results", list(_came_out(summary, deformation))),
+        Answer("Reliability", list(_trust(summary, deformation))),
         Answer("Data", list(_data(summary))),
     ]
     return [answer for answer in found if answer.lines]
@@ -88,7 +88,7 @@ def _asked(summary: Mapping[str, Any]) -> Iterator[str | Markup]:
         if probe.get("name") and probe.get("quantity")
     ]
     if wanted:
-        yield f"Wanted: {', '.join(wanted)}"
+        yield f"Quantities: {', '.join(wanted)}"
 
 
 def _body(deck: Mapping[str, Any], summary: Mapping[str, Any], length: str) -> str | Markup:
@@ -166,7 +166,7 @@ def _came_out(
     if models:
         best = min(models, key=lambda model: model["e1"])
         yield Markup(
-            "A reduced model of {} modes is {} times faster, its displacement {} off"
+            "A reduced model of {} modes is {} times faster, with an error of {} in displacement"
         ).format(best["r"], number(best.get("speedup_vs_full"), 2), number(best["e1"], 2))
 
 
@@ -181,7 +181,7 @@ def _trust(summary: Mapping[str, Any], deformation: Deformation | None) -> Itera
     last = steps[-1] if steps else {}
     verdict = summary.get("verdict") or {}
     if not summary["converged"]:
-        yield f"Not converged: the last state is that of load {fraction(last.get('load', 0.0))}"
+        yield f"Not converged: the last state is at load {fraction(last.get('load', 0.0))}"
     elif verdict.get("state") in _VERDICTS:
         reasons = "; ".join(verdict.get("reasons") or [])
         yield _VERDICTS[verdict["state"]] + (f": {reasons}" if reasons else "")
@@ -211,14 +211,22 @@ def _trust(summary: Mapping[str, Any], deformation: Deformation | None) -> Itera
         )  # fmt: skip
     checks: list[str | Markup] = []
     if summary.get("force_imbalance") is not None:
-        checks.append(Markup("forces balance to {}").format(number(summary["force_imbalance"], 2)))
+        checks.append(
+            Markup("Force imbalance {} of the largest force").format(
+                number(summary["force_imbalance"], 2)
+            )
+        )
     if {"min_J", "max_J"} <= set(last):
         ratios = [number(last[f"{end}_J"], 3) for end in ("min", "max")]
         off = ""
         if deformation is not None:
             share = float(np.mean(np.abs(deformation.volume_ratio - 1.0) > _OFF))
-            off = f", more than {_OFF:.0%} off 1 in {100 * share:.3g} % of the points"
-        checks.append(Markup("volume ratio J {} to {}{}").format(*ratios, off))
+            off = f", more than {_OFF:.0%} away from 1 at {100 * share:.3g} % of the points"
+        checks.append(
+            Markup("{} J {} to {}{}").format(
+                "volume ratio" if checks else "Volume ratio", *ratios, off
+            )
+        )
     if checks:
         yield Markup("; ").join(checks)
     entries = [*(summary.get("reference") or {}).values()]
@@ -229,7 +237,7 @@ def _trust(summary: Mapping[str, Any], deformation: Deformation | None) -> Itera
         if own.get("relative_error") is not None
     ]
     if errors:
-        yield Markup("Known answers: {} % away at most").format(number(100.0 * max(errors), 2))
+        yield Markup("Known answers: at most {} % off").format(number(100.0 * max(errors), 2))
 
 
 def _relative_bars(step: Mapping[str, Any]) -> Iterator[tuple[float, str]]:

@@ -47,7 +47,7 @@ class Column:
     errors: list[float]
 
     def numbers(self) -> F64 | None:
-        """The values, or nothing where one is no number."""
+        """The values, or nothing where one is not a number."""
         if all(isinstance(v, int | float) and not isinstance(v, bool) for v in self.values):
             return np.array(self.values, float)
         return None

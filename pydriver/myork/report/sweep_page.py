@@ -153,7 +153,7 @@ def _story(sweep: SweepFolder) -> Iterator[Answer]:
         else:
             told.append(f"{key.name} from {fraction(values.min())} to {fraction(values.max())}")
     who = f"the reduced model {Path(sweep.model).name}" if sweep.model else "full solutions"
-    yield Answer("Asked", [f"{sweep.total} points by {who}", "; ".join(told)])
+    yield Answer("Problem", [f"{sweep.total} points by {who}", "; ".join(told)])
     ranges: list[Markup] = []
     for probe in sweep.probes[:_MOST_PROBES]:
         values = np.array(probe.values, float)
@@ -170,7 +170,7 @@ def _story(sweep: SweepFolder) -> Iterator[Answer]:
         number(float(seconds.sum()), 3),
         number(float(np.median(seconds)) if len(seconds) else None, 3),
     )
-    yield Answer("Came out", [Markup(", ").join(ranges) or "nothing", cost])
+    yield Answer("Results", [Markup(", ").join(ranges) or "nothing", cost])
     counts = _counts(sweep)
     lines: list[str | Markup] = [
         ", ".join(f"{count} {word}" for word, count in counts)
@@ -185,7 +185,7 @@ def _story(sweep: SweepFolder) -> Iterator[Answer]:
                 number(100.0 * max(bars), 2)
             )
         )
-    yield Answer("Trust", lines)
+    yield Answer("Reliability", lines)
 
 
 def _trends(sweep: SweepFolder) -> Iterator[Markup]:

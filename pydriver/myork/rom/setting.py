@@ -220,7 +220,7 @@ def force_values(setting: Setting, probes: F64Array) -> F64Array:
 
 
 def _prescribed(deck: Mapping[str, Any], of_set: str, axis: int) -> list[tuple[str, float]]:
-    """Key and value of a displacement of a set; none where it is no number."""
+    """Key and value of a displacement of a set; none where it is not a number."""
     name = f"u_{'xyz'[axis]}"
     entries = [b for b in deck["boundary"] if b["set"] == of_set and name in b]
     if len(entries) != 1 or isinstance(entries[0][name], str):

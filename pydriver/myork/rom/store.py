@@ -49,14 +49,14 @@ def read_arrays(path: Path) -> dict[str, Any]:
             stamp = bytes(file.attrs.get("format", b"")).decode()
             if stamp != FORMAT:
                 raise InputError(
-                    f"{path}: its format is '{stamp}', '{FORMAT}' is wanted; train it anew"
+                    f"{path}: its format is '{stamp}', '{FORMAT}' is wanted; train it again"
                 )
             if bytes(file.attrs["sha256"]).decode() != _checksum(file):
-                raise FileError(f"{path}: its content is damaged; train it anew")
+                raise FileError(f"{path}: its content is damaged; train it again")
             found: dict[str, Any] = {}
             file.visititems(lambda name, item: _collect(found, name, item))
     except (OSError, KeyError, ValueError, TypeError, RuntimeError) as reason:
-        raise FileError(f"{path}: is no readable reduced model: {reason}") from None
+        raise FileError(f"{path}: is not a readable reduced model: {reason}") from None
     return found
 
 

@@ -71,7 +71,7 @@ def _check_signal(image: Image) -> None:
     if not positive.size:
         raise InputError(
             f"{image.name}: no value is above zero, the largest is {image.data.max():g}; a "
-            "magnitude image is wanted, bright where there is signal"
+            "magnitude image is needed, bright where there is signal"
         )
     typical, largest = np.percentile(positive, 99.0), positive.max()
     if largest > _OUTLIER * typical:

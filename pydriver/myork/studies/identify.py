@@ -122,7 +122,7 @@ def _read(path: Path, forward: Forward, free: Sequence[str]) -> _Data:
                 table[i, j] = float(field) if field.strip() else np.nan
             except ValueError:
                 raise InputError(
-                    f"{path}: row {i + 1}, {head[j]}: {field!r} is no number"
+                    f"{path}: row {i + 1}, {head[j]}: {field!r} is not a number"
                 ) from None
     names = [name for name in head if name in forward.units]
     others = [n for n in head if n not in names and n.removesuffix("_error") not in names]

@@ -94,7 +94,7 @@ def _number(item: str, text: str) -> float:
     except ValueError:
         value = np.nan
     if not np.isfinite(value):
-        raise InputError(f"--vary {item}: {text.strip()!r} is no number")
+        raise InputError(f"--vary {item}: {text.strip()!r} is not a number")
     return value
 
 

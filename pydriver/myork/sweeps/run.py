@@ -285,7 +285,7 @@ def _model_values(
     trained = list(rom.head["overrides"])
     if load_deck(deck, trained, "solve")["sha256"] != rom.head["deck_sha256"]:
         raise InputError(
-            f"{path}: was trained on another deck than {deck}; sweep that one, or train it anew"
+            f"{path}: was trained on another deck than {deck}; sweep that one, or train it again"
         )
     fixed = [item.partition("=") for item in overrides if item not in trained]
     values = np.empty((len(plan.points), len(rom.parameters)))

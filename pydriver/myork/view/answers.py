@@ -315,7 +315,7 @@ class Answers:
             for name in FIELDS:
                 found[name].append(_field(fields, name)[self._corners])
         if not found["J"]:
-            raise InputError("the reduced model finds no state in its own range: train it anew")
+            raise InputError("the reduced model finds no state in its own range: train it again")
         ranges = {}
         for name, values in found.items():
             every = np.concatenate(values)
