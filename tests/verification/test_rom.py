@@ -290,8 +290,12 @@ def take_summary_away(out):
 @pytest.mark.parametrize(
     ("options", "why"),
     [
-        ({"overrides": ["load.activation=0.25"]}, "of another deck or other overrides"),
-        ({"tables": {**STUDY, "title": "other"}}, "of another deck or other overrides"),
+        (
+            {"overrides": ["load.activation=0.25", "load.steps=4"]},
+            r"differs in load\.activation \(0\.3, not 0\.25\), load\.steps \(3, not 4\)$",
+        ),
+        ({"tables": {**STUDY, "title": "other"}}, r"differs in title \(untitled, not other\)$"),
+        ({"overrides": ["load.steps=3"]}, "differs in its text, in no value"),
         ({"threads": 2}, "has threads 1, not 2"),
         ({"change": change_summary(converged=False)}, "has converged False, not True"),
         ({"change": change_summary(version="0.0")}, r"has version 0\.0, not"),

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from myork.console import ProgressCallback
 from myork.core.online import triples
 from myork.core.scene import Scene
+from myork.rom.beyond import values_beyond
 from myork.rom.modes import LARGE, Draft
 from myork.rom.online import Regression, Solver
 from myork.rom.parameters import spread_points
@@ -42,6 +43,7 @@ def finish(
     m, r = basis.modes.shape[1], basis.r
     progress(f"{r} modes of {len(known.x)} states; they leave {basis.lost:.1e} of them")
     values = spread_points(setting.parameters, VIRTUAL, seed + 1)
+    values = np.vstack([values, values_beyond(setting, seed)])
     answer = draft.solve(setting, values)
     good = answer.converged
     progress(f"{good.sum()} of {len(good)} states of the model with all cells converged")

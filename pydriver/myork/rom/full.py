@@ -19,6 +19,7 @@ from myork.errors import ConvergenceError, InputError
 from myork.model_file import read_model, write_model
 from myork.records import PointCloud
 from myork.results import Results
+from myork.rom.decks import differing_keys, in_words
 from myork.rom.parameters import Parameter, override, value_of
 from myork.summary import read_summary
 
@@ -179,11 +180,12 @@ class FullModel:
         deck = summary["deck"]
         values = np.array([value_of(p, deck) for p in parameters])
         scene = self._at(parameters, values)
-        different = _differences(deck, scene.deck, [p.key for p in parameters])
+        apart = {*(p.key for p in parameters), *_OTHER_KEYS}
+        different = differing_keys(deck, scene.deck, _TABLES, apart)
         if different:
             raise InputError(
                 f"{folder}: its solution is of another deck, which differs in "
-                + ", ".join(different)
+                + in_words(different)
             )
         with Results(folder) as results:
             steps = [i for i, step in enumerate(summary["steps"], 1) if step.get("planned", True)]
@@ -250,31 +252,6 @@ class FullModel:
         if len(states.load) == 0 or states.load[-1] < 1.0:
             raise ConvergenceError("the full model did not follow a small step")
         return np.asarray((states.x[-1] - x) / step)
-
-
-def _differences(one: Any, other: Any, keys: Sequence[str]) -> list[str]:
-    """Keys in which two decks differ but for parameters."""
-
-    def flat(value: Any, name: str) -> dict[str, Any]:
-        if isinstance(value, Mapping):
-            pairs = [(str(k), v) for k, v in value.items() if k not in _OTHER_KEYS]
-        elif name in ("set", "material", "boundary"):
-            pairs = [(str(v.get("name", v.get("set"))), v) for v in value]
-        else:
-            return {} if name in keys else {name: np.asarray(value).tolist()}
-        found: dict[str, Any] = {}
-        for key, item in pairs:
-            found |= flat(item, f"{name}.{key}")
-        return found
-
-    sides = []
-    for deck in (one, other):
-        found: dict[str, Any] = {}
-        for table in _TABLES:
-            found |= flat(deck.get(table, {}), table)
-        sides.append(found)
-    left, right = sides
-    return sorted(k for k in {*left, *right} if left.get(k) != right.get(k))
 
 
 def cloud_arrays(cloud: PointCloud) -> dict[str, Any]:

@@ -38,6 +38,8 @@ _SHARE = 0.1
 _LEAST = 0.2
 #: Weight of the fields of forces among the snapshots
 _LIFT_WEIGHT = 0.01
+#: Weight of states beyond the range: with 1 they are held better, those of the range worse
+_BEYOND_WEIGHT = 0.7
 #: Values of parameters, in their ranges, that are the same ones
 _SAME = 1e-9
 
@@ -106,11 +108,36 @@ class Draft(NamedTuple):
 
 
 def make_draft(
-    scene: Scene, setting: Setting, snapshots: Snapshots, lifts: F64Array, tolerance: float
+    scene: Scene,
+    setting: Setting,
+    snapshots: Snapshots,
+    lifts: F64Array,
+    tolerance: float,
+    *,
+    beyond: F64Array | None = None,
+    most: int | None = None,
+    more: int = MORE_MODES,
 ) -> Draft:
-    """The reduced model of snapshots and fields of forces, with all cells."""
-    most = MOST_OF_LARGE if len(setting.parts.weight) > LARGE else MOST_MODES
-    basis = _basis(scene, snapshots, lifts, tolerance, most)
+    """The reduced model of snapshots and fields of forces, with all cells.
+
+    Parameters
+    ----------
+    scene, setting, snapshots, tolerance
+        What it is made of, and the error that is wanted.
+    lifts : F64Array
+        Fields of forces, shape `(n, dofs)`.
+    beyond : F64Array, optional
+        States outside of the range that have a say in the modes alone, shape `(n, dofs)`.
+    most : int, optional
+        Modes at most.
+    more : int
+        Modes that the estimate of the error has more.
+    """
+    if most is None:
+        most = MOST_OF_LARGE if len(setting.parts.weight) > LARGE else MOST_MODES
+    if beyond is None:
+        beyond = np.zeros((0, scene.dofs))
+    basis = _basis(scene, snapshots, lifts, beyond, tolerance, most, more)
     model, finer = _with_all_cells(scene, setting, snapshots, basis)
     known, amplitudes = _training(setting, snapshots, basis)
     return Draft(basis, model, finer, known, amplitudes)
@@ -140,19 +167,25 @@ def _scale(setting: Setting) -> F64Array:
 
 
 def _basis(
-    scene: Scene, snapshots: Snapshots, lifts: F64Array, tolerance: float, most: int
+    scene: Scene,
+    snapshots: Snapshots,
+    lifts: F64Array,
+    beyond: F64Array,
+    tolerance: float,
+    most: int,
+    more: int,
 ) -> Basis:
     """Modes of least squares, orthonormal by the mass, of states with relative errors."""
-    x = snapshots.x
-    mass = modal_products(scene, np.asfortranarray(x.T))[1]
-    size = np.sqrt((x.T * mass).sum(axis=0))
-    weight = 1.0 / np.maximum(size, _LEAST * size.max())
-    scaled, image = x * weight[:, None], mass * weight
+    mass, size = _sizes(scene, snapshots.x)
+    parts = [(snapshots.x, mass, 1.0 / np.maximum(size, _LEAST * size.max()))]
     if len(lifts):
-        product = modal_products(scene, np.asfortranarray(lifts.T))[1]
-        factor = _LIFT_WEIGHT / np.sqrt((lifts.T * product).sum(axis=0))
-        scaled = np.vstack([scaled, lifts * factor[:, None]])
-        image = np.hstack([image, product * factor])
+        product, own = _sizes(scene, lifts)
+        parts.append((lifts, product, _LIFT_WEIGHT / own))
+    if len(beyond):
+        weight = np.full(len(beyond), _BEYOND_WEIGHT / size.max())
+        parts.append((beyond, _sizes(scene, beyond)[0], weight))
+    scaled = np.vstack([fields * weight[:, None] for fields, _, weight in parts])
+    image = np.hstack([product * weight for _, product, weight in parts])
     values, vectors = np.linalg.eigh(scaled @ image)
     values, vectors = values[::-1], vectors[:, ::-1]
     real = values > 1e-13 * values[0]
@@ -161,9 +194,15 @@ def _basis(
     rest = 1.0 - np.cumsum(values) / values.sum()
     r = int(np.searchsorted(-rest, -((_SHARE * tolerance) ** 2)) + 1)
     r = max(1, min(r, most, len(values)))
-    m = min(r + MORE_MODES, len(values))
+    m = min(r + more, len(values))
     modes = np.asfortranarray(modes[:, :m])
     return Basis(modes, (modes.T @ mass).T, r, float(np.sqrt(max(rest[r - 1], 0.0))))
+
+
+def _sizes(scene: Scene, fields: F64Array) -> tuple[F64Array, F64Array]:
+    """Fields, shape `(n, dofs)`, times the mass, shape `(dofs, n)`, and their norms."""
+    product = modal_products(scene, np.asfortranarray(fields.T))[1]
+    return product, np.sqrt((fields.T * product).sum(axis=0))
 
 
 def _with_all_cells(

@@ -15,6 +15,7 @@ from myork.core.cloud import model_path
 from myork.core.scene import F64Array, Scene
 from myork.errors import MyorkError
 from myork.results import Results
+from myork.rom.decks import differing_keys, in_words
 from myork.rom.probes import named_probes
 from myork.summary import read_summary
 
@@ -101,7 +102,12 @@ def _stored(scene: Scene, out: Path, hashes: Collection[str], threads: int) -> S
         if summary.get(key) != value:
             raise _Unusable(f"the solution in {out} has {key} {summary.get(key)}, not {value}")
     if summary["deck_sha256"] not in hashes:
-        raise _Unusable(f"the solution in {out} is of another deck or other overrides")
+        # what the table [rom] says makes no other full model
+        different = differing_keys(summary.get("deck", {}), scene.deck, apart={"rom"})
+        raise _Unusable(
+            f"the solution in {out} is of another deck, which differs in "
+            + (in_words(different) or "its text, in no value")
+        )
     with Results(out) as results:
         model = model_path(scene.deck, Path(scene.deck["folder"]), out)
         if model is not None and model.stat().st_mtime > results.path.stat().st_mtime:

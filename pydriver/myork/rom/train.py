@@ -20,6 +20,7 @@ from myork.core.scene import Scene
 from myork.core.threads import thread_count
 from myork.errors import ConvergenceError, InputError
 from myork.model_file import read_model
+from myork.rom.beyond import states_beyond
 from myork.rom.check import (
     CellErrors,
     Tests,
@@ -221,7 +222,7 @@ class _Training:
         waiting = spread_points(kinds, max(1, self.left // 2), self.seed)
         while self.left > 0 and len(self.snapshots.x) >= 2:
             count = min(self.left, max(BATCH, self.full_solves // 4))
-            self.draft = self.make_draft()
+            self.draft = self.make_draft(final=len(waiting) == 0)
             if len(waiting):
                 chosen, waiting = waiting[:count], waiting[count:]
             else:
@@ -232,7 +233,7 @@ class _Training:
             self.draft = None
         if len(self.snapshots.x) < 4:
             raise ConvergenceError("fewer than four states of the full model converged")
-        self.draft = self.draft or self.make_draft()
+        self.draft = self.draft or self.make_draft(final=True)
         if tests and self.tests is None:
             self.solve_tests(tests)
 
@@ -241,10 +242,12 @@ class _Training:
         """Full solves that may still be made."""
         return self.full_solves - len(self.cpu) - len(self.started_cpu) - self.failed
 
-    def make_draft(self) -> Draft:
-        """The reduced model of the states so far."""
+    def make_draft(self, *, final: bool) -> Draft:
+        """The reduced model of the states so far; one that may stay knows what is beyond them."""
         assert self.snapshots is not None
-        return make_draft(self.scene, self.setting, self.snapshots, self.lifts, self.tolerance)
+        parts = self.scene, self.setting, self.snapshots, self.lifts
+        beyond = states_beyond(*parts, self.seed) if final else None
+        return make_draft(*parts, self.tolerance, beyond=beyond)
 
     def guess(self, values: F64Array) -> list[F64Array | None]:
         """Unknowns at which full solves begin."""
