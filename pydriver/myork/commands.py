@@ -88,11 +88,7 @@ def _rom_solve(options: argparse.Namespace) -> None:
 
     rom = ReducedModel.load(options.file, threads=1)
     state = rom.state(_numbers(options.set))
-    if options.json:
-        print(json.dumps(state.as_dict()))
-    else:
-        for name, value in state.as_dict().items():
-            print(f"{name}: {value}")
+    print(json.dumps(state.as_dict()) if options.json else state.describe())
     if not state.converged:
         raise ConvergenceError("the reduced model found no state for these parameters")
 

@@ -102,7 +102,7 @@ def test_many_names_take_little_memory(tmp_path: Path) -> None:
 def test_a_pipe_is_no_model(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "model.h5")
     done = explain(tmp_path)
-    assert done.returncode == 2 and "no regular file" in done.stderr
+    assert done.returncode == 2 and "not a regular file" in done.stderr
     with pytest.raises(FileError):
         read_model(tmp_path / "model.h5")
 
@@ -114,7 +114,7 @@ def test_a_pipe_is_no_deck(tmp_path: Path) -> None:
         [find_executable(), pipe, "--explain"], capture_output=True, text=True, timeout=PATIENCE
     )
     assert done.returncode == 2 and f"{pipe}: the deck cannot be read" in done.stderr
-    with pytest.raises(FileError, match="no regular file"):
+    with pytest.raises(FileError, match="not a regular file"):
         load_deck(pipe)
 
 

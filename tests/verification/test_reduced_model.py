@@ -446,7 +446,7 @@ def test_damaged_files(trained: Path, tmp_path: Path) -> None:
             ReducedModel.load(trained, threads=1).solve(activation=0.4, u_z=0.1).force, rel=1e-12
         )
     damaged.write_bytes(content[: len(content) // 2])
-    with pytest.raises(FileError, match="no readable reduced model"):
+    with pytest.raises(FileError, match="not a readable reduced model"):
         ReducedModel.load(damaged)
     with pytest.raises(FileError, match="no such reduced model"):
         ReducedModel.load(tmp_path / "none.rom.h5")
@@ -486,6 +486,10 @@ def test_commands(trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[s
     expected = ReducedModel.load(trained, threads=1).solve(activation=0.4, u_z=0.1)
     assert found["force"] == expected.force and found["inside"] is True
     assert set(found) >= {"probes", "indicator", "converged", "iterations", "parameters"}
+    assert main(["rom", "solve", str(trained), *values]) == 0
+    told = capsys.readouterr().out
+    assert "at load.activation = 0.4, " in told and f"reaction {found['force']:.6g}" in told
+    assert "converged, inside the range of the training" in told
     grid = ["--vary", "activation=0:1:5", "--vary", "u_z=-0.2:0.3:4", "--out", str(tmp_path)]
     assert main(["rom", "map", str(trained), *grid, "-q"]) == 0
     lines = (tmp_path / "map.csv").read_text().splitlines()

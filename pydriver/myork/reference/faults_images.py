@@ -28,23 +28,23 @@ _AFFINE = np.diag([2.0, 2.0, 5.0, 1.0])
 #: Changed fields of a NIfTI header of 32 x 32 x 2 voxels, and what must be said of them
 _HEADERS: tuple[tuple[str, dict[str, Any], str], ...] = (
     ("no-axes", {"dim": [0, 32, 32, 2, 1, 1, 1, 1]}, "header"),
-    ("nine-axes", {"dim": [9, 32, 32, 2, 1, 1, 1, 1]}, "no readable NIfTI"),
-    ("negative-axes", {"dim": [-3, 32, 32, 2, 1, 1, 1, 1]}, "no readable NIfTI"),
+    ("nine-axes", {"dim": [9, 32, 32, 2, 1, 1, 1, 1]}, "not a readable NIfTI"),
+    ("negative-axes", {"dim": [-3, 32, 32, 2, 1, 1, 1, 1]}, "not a readable NIfTI"),
     ("negative-size", {"dim": [3, -32, 32, 2, 1, 1, 1, 1]}, "-32 x 32 x 2 .* damaged"),
     ("two-negative-sizes", {"dim": [3, -32, -32, 2, 1, 1, 1, 1]}, "-32 x -32 x 2 .* damaged"),
     ("zero-size", {"dim": [3, 32, 0, 2, 1, 1, 1, 1]}, "32 x 0 x 2 .* is empty"),
     ("one-slice-too-many", {"dim": [3, 32, 32, 3, 1, 1, 1, 1]}, "cut off or its header"),
     ("one-slice-too-few", {"dim": [3, 32, 32, 1, 1, 1, 1, 1]}, "more than its header promises"),
     ("narrower", {"dim": [3, 16, 32, 2, 1, 1, 1, 1]}, "more than its header promises"),
-    ("offset-far", {"vox_offset": 1e30}, "cut off or its header|no readable NIfTI"),
+    ("offset-far", {"vox_offset": 1e30}, "cut off or its header|not a readable NIfTI"),
     ("offset-beyond", {"vox_offset": 20000.0}, "cut off or its header"),
-    ("offset-nan", {"vox_offset": np.nan}, "no readable NIfTI"),
-    ("offset-infinite", {"vox_offset": np.inf}, "no readable NIfTI"),
-    ("offset-negative", {"vox_offset": -352.0}, "no readable NIfTI|inside of the header"),
-    ("offset-in-header", {"vox_offset": 16.0}, "no readable NIfTI|inside of the header"),
-    ("type-none", {"datatype": 0}, "no readable NIfTI|no numbers"),
-    ("type-bit", {"datatype": 1}, "no readable NIfTI|no numbers"),
-    ("type-unknown", {"datatype": 9999}, "no readable NIfTI"),
+    ("offset-nan", {"vox_offset": np.nan}, "not a readable NIfTI"),
+    ("offset-infinite", {"vox_offset": np.inf}, "not a readable NIfTI"),
+    ("offset-negative", {"vox_offset": -352.0}, "not a readable NIfTI|inside of the header"),
+    ("offset-in-header", {"vox_offset": 16.0}, "not a readable NIfTI|inside of the header"),
+    ("type-none", {"datatype": 0}, "not a readable NIfTI|no numbers"),
+    ("type-bit", {"datatype": 1}, "not a readable NIfTI|no numbers"),
+    ("type-unknown", {"datatype": 9999}, "not a readable NIfTI"),
     ("type-complex", {"datatype": 32, "bitpix": 64}, "values are complex"),
     ("type-colours", {"datatype": 128, "bitpix": 24}, "values are colours"),
     ("type-colours-with-opacity", {"datatype": 2304, "bitpix": 32}, "values are colours"),
@@ -60,15 +60,15 @@ _HEADERS: tuple[tuple[str, dict[str, Any], str], ...] = (
     ("affine-parallel", {"srow_x": [2, 2, 0, 0], "srow_y": [2, 2, 0, 0]}, "affine is singular"),
     ("affine-sheared", {"srow_x": [2, 1, 0, 0]}, "not perpendicular"),
     ("far-away", {"srow_x": [2, 0, 0, 1e20]}, "affine is implausible"),
-    ("quaternion-long", {"sform_code": 0, "qform_code": 1, "quatern_b": 9.0}, "no readable NIfTI"),
+    ("quaternion-long", {"sform_code": 0, "qform_code": 1, "quatern_b": 9.0}, "readable NIfTI"),
     ("unit-unknown", {"xyzt_units": 7}, "unit of length 7"),
     ("unit-metre", {"xyzt_units": 1}, "affine is implausible"),
     ("slope-infinite", {"scl_slope": np.inf}, "scale of the values is inf"),
     ("slope-huge", {"scl_slope": 3e38}, "beyond 1e\\+30|not finite"),
     ("shift-infinite", {"scl_slope": 1.0, "scl_inter": np.inf},
-     "no readable NIfTI|not finite|cannot be read"),
+     "not a readable NIfTI|not finite|cannot be read"),
     ("shift-negative", {"scl_slope": 1.0, "scl_inter": -1e4}, "no value is above zero"),
-    ("magic", {"magic": b"abc"}, "no readable NIfTI|convert it"),
+    ("magic", {"magic": b"abc"}, "not a readable NIfTI|convert it"),
 )  # fmt: skip
 
 #: Sizes that promise 90 GB and more
@@ -164,12 +164,12 @@ def _headers(folder: Path, sound: NDArray[Any]) -> Iterator[Fault]:
     yield fault("two-axes", _changed(content, {"dim": [2, 32, 64, 1, 1, 1, 1, 1]}), None)
     yield fault("five-axes", _changed(content, {"dim": [5, 32, 32, 1, 1, 2, 1, 1]}), "3-D image")
     yield fault("header-only", content[:352], "cut off or its header")
-    yield fault("half-a-header", content[:100], "no readable NIfTI")
-    yield fault("nothing", b"", "no readable NIfTI")
-    yield fault("text", b"no image at all\n" * 100, "no readable NIfTI")
-    yield fault("zeros", bytes(len(content)), "no readable NIfTI")
+    yield fault("half-a-header", content[:100], "not a readable NIfTI")
+    yield fault("nothing", b"", "not a readable NIfTI")
+    yield fault("text", b"no image at all\n" * 100, "not a readable NIfTI")
+    yield fault("zeros", bytes(len(content)), "not a readable NIfTI")
     yield fault("longer", content + content, "more than its header promises")
-    yield fault("packed-without-saying", gzip.compress(content), "no readable NIfTI")
+    yield fault("packed-without-saying", gzip.compress(content), "not a readable NIfTI")
     for name, changed in spoilt(content, 6, 24, seed=1):
         yield fault(name, changed, None if "flip" in name else "NIfTI|cut off")
 
@@ -190,7 +190,7 @@ def _packed(folder: Path, sound: NDArray[Any]) -> Iterator[Fault]:
     # A gigabyte of zeros packs well: the file could hold what the header says.
     full = gzip.compress(big + bytes(100_000_000), 1)
     yield fault("check-sum", bytes(wrong), "compressed data are damaged")
-    yield fault("plain", plain, "no readable NIfTI")
+    yield fault("plain", plain, "not a readable NIfTI")
     yield fault("tail", content + b"tail", "compressed data are damaged")
     yield fault("90-gigabytes", gzip.compress(big), "cut off or its header", huge=True)
     yield fault("bomb", full, "cut off or its header|of memory", huge=True)
@@ -251,13 +251,13 @@ def _no_files(folder: Path) -> Iterator[Fault]:
     (folder / "folder.nii").mkdir()
     yield fault(folder / "folder.nii", "holds no DICOM images")
     os.mkfifo(folder / "pipe.nii")
-    yield fault(folder / "pipe.nii", "no regular file")
+    yield fault(folder / "pipe.nii", "not a regular file")
     (folder / "loop.nii").symlink_to("loop.nii")
     yield fault(folder / "loop.nii", "there is no such file")
     (folder / "format.mgz").write_bytes(gzip.compress(bytes(400)))
     yield fault(folder / "format.mgz", "NIfTI")
     (folder / "format.nrrd.txt").write_text("NRRD0004\n")
-    yield fault(folder / "format.nrrd.txt", "no readable NIfTI")
+    yield fault(folder / "format.nrrd.txt", "not a readable NIfTI")
 
 
 def _labels(folder: Path, sound: NDArray[Any]) -> Iterator[Fault]:
@@ -289,7 +289,7 @@ def _labels(folder: Path, sound: NDArray[Any]) -> Iterator[Fault]:
         path = _save(folder / f"names-{name}.nii.gz", label)
         deck = image_deck(anatomy, reference=path)
         beside = path.with_name(f"names-{name}.json")
-        yield Fault(f"names-{name}", beside, "segment", deck, "must hold|twice|no text")
+        yield Fault(f"names-{name}", beside, "segment", deck, "must hold|twice|not text")
 
 
 def _gradients(folder: Path, sound: NDArray[Any]) -> Iterator[Fault]:

@@ -98,18 +98,25 @@ class ReducedState:
         names = ("parameters", "force", "probes", "indicator", "inside", "converged", "iterations")
         return {name: getattr(self, name) for name in names}
 
+    def describe(self) -> str:
+        """Parameters, probes and how far they hold, in lines."""
+        given = ", ".join(f"{key} = {_six_digits(x)}" for key, x in self.parameters.items())
+        found = (f"  {name} {_six_digits(value)}" for name, value in self.probes.items())
+        return "\n".join([f"at {given}", *found, self._quality()])
+
+    def _quality(self) -> str:
+        held = "converged" if self.converged else "not converged"
+        where = "inside" if self.inside else "outside"
+        error = f"estimated relative error {self.indicator:.1e}"
+        return f"{error}, {held}, {where} the range of the training"
+
     def _repr_html_(self) -> str:
         """Probes, and how far they hold, as notebooks show them."""
         rows = "".join(
             f"<tr><td>{escape(name)}</td><td>{_six_digits(value)}</td></tr>"
             for name, value in {**self.parameters, **self.probes}.items()
         )
-        held = "converged" if self.converged else "not converged"
-        where = "inside" if self.inside else "outside"
-        return (
-            f"<table>{rows}</table><p>estimated relative error {self.indicator:.1e}, {held}, "
-            f"{where} the range of the training</p>"
-        )
+        return f"<table>{rows}</table><p>{self._quality()}</p>"
 
     def __repr__(self) -> str:
         return "ReducedState(" + ", ".join(f"{k}={v}" for k, v in self.as_dict().items()) + ")"

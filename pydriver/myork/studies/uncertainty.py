@@ -155,7 +155,8 @@ def uncertainty(
         row["cpu_s"] = time.process_time() - start
         rows.append(row)
         shutil.rmtree(folder)
-        progress(f"map {number}/{samples}: {name or ''} {row['value']:.4g} {row['message']}")
+        found = row["message"] or f"{name} {row['value']:.4g}"
+        progress(f"map {number}/{samples}: {found}")
     summary = _summary(rows, doubt, name or "", values["units"], seed)
     write_text(out / "uncertainty.csv", _table(rows))
     _draw(rows, summary, out / "uncertainty.png")
