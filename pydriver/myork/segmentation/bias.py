@@ -26,7 +26,7 @@ from myork.records import Image
 from myork.segmentation.level_sets import Evolve
 from myork.segmentation.starts import kmeans, level_sets_of, regions_of
 
-__all__ = ["BiasField", "check_positive", "clustered_bias", "n4_bias"]
+__all__ = ["BiasField", "check_positive", "clustered_bias", "n4_bias", "of_mean_one"]
 
 F64 = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -152,7 +152,7 @@ def clustered_bias(
             image, inside, trust, field, evolve, size, regions, sigma, mu, rounds, tolerance
         )
     full = _spread_out(field, inside, values.shape, shrink)
-    return BiasField(_of_mean_one(full, mask), np.array(energy), converged)
+    return BiasField(of_mean_one(full, mask), np.array(energy), converged)
 
 
 def _improved(
@@ -251,13 +251,16 @@ def n4_bias(values: F64, mask: Mask, *, spacing: ArrayLike, shrink: int = 1) -> 
         ) from None
     if not mask.any():
         raise InputError("bias: no voxel to estimate the field from; check the mask")
-    # N4 works on logarithms
-    image = sitk.GetImageFromArray(np.maximum(values, 1e-6 * values.max()).T.astype(np.float32))
-    inside = sitk.GetImageFromArray(mask.T.astype(np.uint8))
+    # N4 works on logarithms; splines across a single slice would have no support.
+    axes = 2 if values.shape[2] == 1 else 3
+    cut = (slice(None),) * 2 + ((0,) if axes == 2 else ())
+    positive = np.where(mask, np.maximum(values, 1e-6 * values[mask].max()), 1.0)
+    image = sitk.GetImageFromArray(positive[cut].T.astype(np.float32))
+    inside = sitk.GetImageFromArray(mask[cut].T.astype(np.uint8))
     for picture in (image, inside):
-        picture.SetSpacing([float(h) for h in np.asarray(spacing)])
+        picture.SetSpacing([float(h) for h in np.asarray(spacing)[:axes]])
     small = [
-        sitk.Shrink(picture, [shrink, shrink, 1]) if shrink > 1 else picture
+        sitk.Shrink(picture, [shrink, shrink, 1][:axes]) if shrink > 1 else picture
         for picture in (image, inside)
     ]
     filter_ = sitk.N4BiasFieldCorrectionImageFilter()
@@ -272,11 +275,20 @@ def n4_bias(values: F64, mask: Mask, *, spacing: ArrayLike, shrink: int = 1) -> 
             "bias.shrink, or set bias.method = 'none'"
         ) from None
     field = np.exp(sitk.GetArrayFromImage(filter_.GetLogBiasFieldAsImage(image))).T
-    return BiasField(_of_mean_one(field.astype(float), mask), np.array([]), True)
+    field = field.reshape(values.shape)
+    return BiasField(of_mean_one(field.astype(float), mask), np.array([]), True)
 
 
-def _of_mean_one(field: F64, mask: Mask) -> F64:
-    """Field with the mean one inside a mask, going on beyond; refused where it is no factor."""
+def of_mean_one(field: F64, mask: Mask) -> F64:
+    """Field with the mean one inside a mask, going on beyond; refused where it is no factor.
+
+    Parameters
+    ----------
+    field : NDArray
+        Factor on the true values; looked at inside the mask only, shape `(ni, nj, nk)` [-].
+    mask : NDArray
+        Voxels of the body, same shape.
+    """
     if not (np.isfinite(field[mask]) & (field[mask] > 0)).all():
         raise InputError("bias: the field is not positive everywhere; set bias.method = 'none'")
     found = field / field[mask].mean()

@@ -42,12 +42,13 @@ from myork.segmentation.assign import (
     label_by_rules,
     label_by_seeds,
 )
-from myork.segmentation.bias import check_positive, clustered_bias, n4_bias
+from myork.segmentation.bias import BiasField, check_positive, clustered_bias, n4_bias
 from myork.segmentation.channels import fiber_channels, scaled_values, smoothed_tensor
 from myork.segmentation.grouping import Muscle, check_seeds, rule_seeds
 from myork.segmentation.level_sets import LevelSets, Regions, segment_regions
 from myork.segmentation.regions import body_mask, box_mask, grown_mask, piece_with_seed
 from myork.segmentation.scores import label_scores
+from myork.segmentation.shading import shading
 from myork.segmentation.starts import seeded_regions
 from myork.stations.tissue import find_tissues
 from myork.summary import renewing, update_summary
@@ -104,7 +105,7 @@ def _segment(
     if seeds is not None:
         check_same_grid(seeds, image)
     body, wanted = _masks(image, table, folder)
-    image, shading = _corrected(image, body, deck["bias"], out, progress)
+    image, bias = _corrected(image, body, deck["bias"], out, progress)
     region = _region(image, body, wanted, table)
     check_seeds(region, image, muscles)
     if reference is None and not muscles and "seed" in table:
@@ -154,6 +155,7 @@ def _segment(
     write_labels(out / "regions.nii.gz", Labels(result.region + 1, image.affine))
     write_labels(out / "segmentation.nii.gz", labels)
 
+    warnings += [bias["doubt"]] if bias.get("doubt") else []
     warnings += [] if not result.unrest else [_unrest(result, choice.iterations)]
     (out / "fibers.nii.gz").unlink(missing_ok=True)
     if tensor is not None:
@@ -178,7 +180,7 @@ def _segment(
             )
     scores = {} if truth is None else _scores(deck, table, labels, truth)
     summary = _summary(deck, labels, result, scores, warnings)
-    summary["segmentation"]["bias"] = shading
+    summary["segmentation"]["bias"] = bias
     summary["segmentation"]["source"] = table.get("anatomy", "phantom")
     if tensor is not None:
         summary["segmentation"]["orientation"] = [entry.record() for entry in axes.evidence]
@@ -305,8 +307,13 @@ def _corrected(
         return image, {"method": "none"}
     progress(f"bias field by {keys['method']}")
     check_positive(image, mask)
+    more: dict[str, Any] = {}
     try:
-        if keys["method"] == "n4":
+        if keys["method"] == "auto":
+            best = shading(image.data, mask, spacing=image.spacing)
+            found = BiasField(best.field, np.array([]), True)
+            more = {"start": best.candidates[0].start, "doubt": best.doubt}
+        elif keys["method"] == "n4":
             found = n4_bias(image.data, mask, spacing=image.spacing, shrink=keys["shrink"])
         else:
             found = clustered_bias(
@@ -325,6 +332,7 @@ def _corrected(
         "range": [float(inside.min()), float(inside.max())],
         "converged": found.converged,
         "energy": found.energy.tolist(),
+        **more,
     }
     return replace(image, data=image.data / found.field), record
 

@@ -1,0 +1,325 @@
+"""Bias field without a number of tissues, from several starts, the best of which is kept.
+
+The logarithm of a shaded image is the true one plus a slow function, here a sum of cosines over
+the body. Two estimates of that function need no number of tissues:
+
+* *slopes*: inside a tissue the slope of the image is that of the field, at borders it is anything;
+  a redescending fit of the slopes leaves the borders out. It starts anywhere, and is blind to how
+  bright pieces that do not touch (two legs) are against each other: their histograms are laid upon
+  each other;
+* *peaks*: each voxel is drawn to the next peak of the histogram of the corrected image (mean
+  shift) while the window shrinks. Sharp, but it finds the nearest minimum.
+
+Slopes of several smoothnesses, and no field, are starts of the peaks; the start that ends with the
+least entropy of the corrected logarithms is taken. Where another one ends as well but elsewhere,
+that is told.
+
+References
+----------
+Zheng, Grossman, Awate, Gee, Proc. MICCAI (2009), doi:10.1007/978-3-642-04271-3_101 (slopes);
+Mangin, Proc. MMBIA (2000), doi:10.1109/MMBIA.2000.852360 (entropy); Comaniciu, Meer, IEEE Trans.
+Pattern Anal. Mach. Intell. 24 (2002), doi:10.1109/34.1000236 (mean shift)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import ndimage
+
+from myork.errors import InputError
+from myork.segmentation.bias import of_mean_one
+
+__all__ = ["Candidate", "Shading", "shading"]
+
+F64 = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+# Lengths are parts of the width of a limb, so that a mouse is treated as a man is.
+_WAVE = 0.64  # shortest wave of the field
+_SLOPES = (0.64, 1.1)  # shortest waves of the fields that are fitted to slopes
+_STEP = 0.04  # over which slopes are taken
+_BEYOND = 0.15  # of the body's extent, by which the waves reach over it at each end
+_MOST = 250  # coefficients; waves grow longer where a body would need more
+_SAMPLE = 40_000  # voxels that tell a field
+_STIFF = 1e-3  # weight of the field's bending against the data
+_DARKEST = 1e-3  # of the bright values: what logarithms are taken of at least
+# Rounds of the fits; windows of the histogram from first to last [logarithm]
+_ROUNDS_SLOPES, _ROUNDS_CONVEX = 30, 12
+_ROUNDS_PEAKS = 60
+_WIDE, _NARROW = 0.12, 0.05
+# Fields that are not this alike and entropies that are this close: the image does not tell.
+_ALIKE = 0.95
+_CLOSE = 0.03
+_FLAT = 0.02  # standard deviation of a field's logarithm below which likeness means nothing
+
+
+class Candidate(NamedTuple):
+    """Field from one start, and the entropy of the logarithms that it leaves."""
+
+    start: str
+    field: F64
+    entropy: float
+
+
+@dataclass(frozen=True)
+class Shading:
+    """Field and what speaks for it.
+
+    Attributes
+    ----------
+    field : NDArray
+        Factor on the true values, mean one inside the mask and going on beyond it, shape
+        `(ni, nj, nk)` [-].
+    candidates : tuple of Candidate
+        All fields, best first.
+    doubt : str
+        Why it may be wrong; empty where the starts agree.
+    """
+
+    field: F64
+    candidates: tuple[Candidate, ...]
+    doubt: str
+
+
+def shading(values: F64, mask: Mask, *, spacing: ArrayLike, seed: int = 0) -> Shading:
+    """Bias field of an image.
+
+    Parameters
+    ----------
+    values : NDArray
+        Image, shape `(ni, nj, nk)` [-]; one slice is enough.
+    mask : NDArray
+        Voxels of the body, same shape.
+    spacing : ArrayLike
+        Voxel sizes, shape `(3,)` [mm].
+    seed : int
+        Start of the random numbers that pick the voxels which tell the field.
+    """
+    if not mask.any():
+        raise InputError("bias: no voxel to estimate the field from; check the mask")
+    size = np.asarray(spacing, float)
+    bright = float(np.percentile(values[mask], 90.0))
+    if not bright > 0:
+        raise InputError("bias: the body has no signal, its 90th percentile is not above zero")
+    smooth = _smoothed(values, mask) / bright
+    width = _limb_width(mask, size)
+    random = np.random.default_rng(seed)
+    voxels = np.argwhere(mask)
+    if len(voxels) > _SAMPLE:
+        voxels = voxels[random.choice(len(voxels), _SAMPLE, replace=False)]
+    peaks = _Peaks(smooth, mask, voxels, _Waves(mask, size, _WAVE * width), size)
+    found = [Candidate("flat", *peaks.field(np.zeros(len(voxels))))]
+    for wave in _SLOPES:
+        waves = _Waves(mask, size, wave * width)
+        slow = waves.everywhere(_fit_slopes(smooth, mask, waves, size, _STEP * width, random))
+        slow = _aligned(smooth, mask, slow)
+        start = f"slopes, {wave:g} of the limb"
+        found.append(Candidate(start, *peaks.field(slow[tuple(voxels.T)])))
+    found.sort(key=lambda one: one.entropy)
+    return Shading(of_mean_one(found[0].field, mask), tuple(found), _doubt(found, mask))
+
+
+class _Waves:
+    """Products of cosines over a body, without the constant."""
+
+    def __init__(self, mask: Mask, size: F64, shortest: float) -> None:
+        place = np.argwhere(mask)
+        low, high = place.min(axis=0) * size, place.max(axis=0) * size
+        extent = np.maximum(high - low, size)
+        self.shape, self.size = mask.shape, size
+        self.first, self.length = low - _BEYOND * extent, extent * (1.0 + 2.0 * _BEYOND)
+        many = np.array(mask.shape) > 1
+        while True:
+            order = np.where(many, np.maximum(np.floor(2.0 * self.length / shortest), 1), 0)
+            counts = tuple(int(n) + 1 for n in order)
+            grid = np.indices(counts).reshape(3, -1).T
+            inside = ((grid / np.maximum(order, 1)) ** 2).sum(axis=1) <= 1.0 + 1e-9
+            self.order = grid[inside & grid.any(axis=1)]
+            if len(self.order) <= _MOST:
+                break
+            shortest *= 1.1
+        self.bending = ((np.pi * self.order / self.length) ** 2).sum(axis=1) ** 2
+        self.bending /= np.median(self.bending)
+
+    def at(self, voxels: NDArray[np.int64]) -> F64:
+        """Values at voxels, shape `(nvoxel, nwave)`."""
+        result = np.ones((len(voxels), len(self.order)))
+        for axis in range(3):
+            result *= self._table(axis)[voxels[:, axis]][:, self.order[:, axis]]
+        return result
+
+    def everywhere(self, coefficient: F64) -> F64:
+        """Sum on the whole grid, shape `(ni, nj, nk)`."""
+        full = np.zeros(self.order.max(axis=0) + 1)
+        full[tuple(self.order.T)] = coefficient
+        for axis in range(3):
+            # the axis is replaced in place
+            full = np.moveaxis(np.tensordot(self._table(axis), full, (1, axis)), 0, axis)
+        return full
+
+    def _table(self, axis: int) -> F64:
+        """Cosines along an axis, shape `(n, order + 1)`."""
+        u = (np.arange(self.shape[axis]) * self.size[axis] - self.first[axis]) / self.length[axis]
+        return np.cos(np.pi * np.outer(u, np.arange(self.order[:, axis].max() + 1)))
+
+
+def _fit_slopes(
+    smooth: F64, mask: Mask, waves: _Waves, size: F64, step: float, random: np.random.Generator
+) -> F64:
+    """Coefficients of the field whose slopes are those of most of the image."""
+    logarithm = np.log(np.maximum(smooth, _DARKEST))
+    parts, slopes, brightness = [], [], []
+    for axis in range(3):
+        pixels = max(1, round(step / size[axis]))
+        if mask.shape[axis] <= pixels:
+            continue
+        near, far = [slice(None)] * 3, [slice(None)] * 3
+        near[axis], far[axis] = slice(0, -pixels), slice(pixels, None)
+        a = np.argwhere(mask[tuple(near)] & mask[tuple(far)])
+        if len(a) > _SAMPLE // 2:
+            a = a[random.choice(len(a), _SAMPLE // 2, replace=False)]
+        b = a.copy()
+        b[:, axis] += pixels
+        length = pixels * size[axis]
+        parts.append((waves.at(b) - waves.at(a)) / length)
+        slopes.append((logarithm[tuple(b.T)] - logarithm[tuple(a.T)]) / length)
+        brightness.append(np.minimum(smooth[tuple(a.T)], smooth[tuple(b.T)]))
+    rows = np.vstack(parts)
+    slope = np.concatenate(slopes)
+    # Noise of a logarithm goes with one over the signal.
+    trust = np.clip(np.concatenate(brightness) / _typical(smooth, mask), 0.0, 1.0)
+    stiff = np.diag(_STIFF * len(slope) * waves.bending * np.mean(rows**2))
+    coefficient = np.zeros(rows.shape[1])
+    for done in range(_ROUNDS_SLOPES):
+        miss = np.abs(slope - rows @ coefficient)
+        scale = max(1.4826 * float(np.median(miss)), 1e-9)
+        if done < _ROUNDS_CONVEX:
+            weight = trust / np.maximum(miss, 0.05 * scale)
+        else:
+            weight = trust / (1.0 + (miss / (1.5 * scale)) ** 2) ** 2
+        weight /= weight.mean()
+        coefficient = np.linalg.solve(
+            rows.T @ (weight[:, None] * rows) + stiff, rows.T @ (weight * slope)
+        )
+    return coefficient
+
+
+def _aligned(smooth: F64, mask: Mask, slow: F64) -> F64:
+    """Logarithm of a field with the histograms of all pieces of the body laid upon the largest's.
+
+    Slopes do not tell how bright a piece is against another that it does not touch.
+    """
+    pieces, n = ndimage.label(mask)
+    if n < 2:
+        return slow
+    corrected = np.log(np.maximum(smooth, _DARKEST)) - slow
+    count = np.bincount(pieces.ravel())[1:]
+    edges = np.arange(corrected[mask].min() - 0.5, corrected[mask].max() + 0.5, 0.02)
+    histogram = [
+        ndimage.gaussian_filter1d(
+            np.histogram(corrected[pieces == k + 1], edges)[0] / count[k], 3.0
+        )
+        for k in range(n)
+    ]
+    result = slow.copy()
+    largest = histogram[int(count.argmax())]
+    for k in range(n):
+        match = np.correlate(histogram[k], largest, "full")
+        result[pieces == k + 1] += 0.02 * (int(match.argmax()) - (len(largest) - 1))
+    return result
+
+
+class _Peaks:
+    """Fields that draw the logarithms of voxels to the peaks of their histogram."""
+
+    def __init__(
+        self, smooth: F64, mask: Mask, voxels: NDArray[np.int64], waves: _Waves, size: F64
+    ) -> None:
+        self.mask, self.waves = mask, waves
+        here = smooth[tuple(voxels.T)]
+        self.logarithm = np.log(np.maximum(here, _DARKEST))
+        self.trust = np.clip(here / _typical(smooth, mask), 0.0, 1.0)
+        rows = waves.at(voxels)
+        self.rows = np.column_stack([rows, np.ones(len(rows))])
+        stiff = _STIFF * len(rows) * waves.bending * np.mean((rows - rows.mean(axis=0)) ** 2)
+        self.stiff = np.diag(np.append(stiff, 0.0))
+
+    def field(self, start: F64) -> tuple[F64, float]:
+        """Field, and the entropy of what it leaves, from the logarithm of a first field."""
+        coefficient = self._fit(start, np.ones(len(start)))
+        for width in np.geomspace(_WIDE, _NARROW, _ROUNDS_PEAKS):
+            corrected = self.logarithm - self.rows @ coefficient
+            centre, density, moment = self._histogram(corrected, width)
+            mean = moment / np.maximum(density, 1e-12)
+            peak = corrected
+            for _ in range(4):
+                peak = np.interp(peak, centre, mean)
+            away = (corrected - peak) / (1.5 * width)
+            # The constant of the fit takes up that of the peaks.
+            coefficient = self._fit(self.logarithm - peak, self.trust / (1.0 + away**2) ** 2)
+        corrected = self.logarithm - self.rows @ coefficient
+        centre, density, _ = self._histogram(corrected, _NARROW)
+        likely = np.interp(corrected, centre, density)
+        entropy = -float((self.trust * np.log(likely)).sum() / self.trust.sum())
+        slow = self.waves.everywhere(coefficient[:-1])
+        return np.exp(slow - slow[self.mask].mean()), entropy
+
+    def _fit(self, wanted: F64, weight: F64) -> F64:
+        weighted = weight[:, None] * self.rows
+        return np.linalg.solve(self.rows.T @ weighted + self.stiff, weighted.T @ wanted)
+
+    def _histogram(self, corrected: F64, width: float) -> tuple[F64, F64, F64]:
+        """Places, density and first moment under a Gaussian window."""
+        step = width / 6.0
+        first = corrected.min() - 5.0 * width
+        bins = ((corrected - first) / step).astype(int)
+        n = int(bins.max()) + 30
+        centre = first + (np.arange(n) + 0.5) * step
+        count = np.bincount(bins, weights=self.trust, minlength=n) / (self.trust.sum() * step)
+        density, moment = (
+            ndimage.gaussian_filter1d(one, 6.0, mode="constant") for one in (count, count * centre)
+        )
+        return centre, density, moment
+
+
+def _doubt(found: list[Candidate], mask: Mask) -> str:
+    """Whether two fields explain the image equally well."""
+    best = np.log(found[0].field[mask])
+    for other in found[1:]:
+        if other.entropy > found[0].entropy + _CLOSE:
+            continue
+        values = np.log(other.field[mask])
+        if max(best.std(), values.std()) < _FLAT:
+            continue
+        alike = float(np.corrcoef(best, values)[0, 1])
+        if alike < _ALIKE:
+            return (
+                f"two bias fields explain the image equally well and are not alike (correlation "
+                f"{alike:.2f}); look at bias.nii.gz, or set bias.method"
+            )
+    return ""
+
+
+def _smoothed(values: F64, mask: Mask) -> F64:
+    """Image under a narrow Gaussian in the slice, of voxels of the mask only."""
+    share = ndimage.gaussian_filter(mask.astype(float), (0.8, 0.8, 0.0))
+    total = ndimage.gaussian_filter(np.where(mask, values, 0.0), (0.8, 0.8, 0.0))
+    return np.divide(total, share, out=np.zeros_like(total), where=mask)
+
+
+def _typical(smooth: F64, mask: Mask) -> float:
+    """Median of the values that are more than next to nothing."""
+    inside = smooth[mask]
+    return float(np.median(inside[inside > _DARKEST]))
+
+
+def _limb_width(mask: Mask, size: F64) -> float:
+    """Diameter of a disc with the area of the largest piece in a slice [mm]."""
+    plane = np.zeros((3, 3, 3), dtype=bool)
+    plane[:, 1, 1] = plane[1, :, 1] = True
+    pieces, _ = ndimage.label(mask, plane)
+    return float(2.0 * np.sqrt(np.bincount(pieces.ravel())[1:].max() * size[0] * size[1] / np.pi))

@@ -1,0 +1,93 @@
+"""Bias fields without a number of tissues, against the truth."""
+
+import numpy as np
+import pytest
+
+from myork.errors import InputError
+from myork.imaging.phantom import make_phantom
+from myork.records import Image
+from myork.segmentation import shading as module
+from myork.segmentation.bias import n4_bias
+from myork.segmentation.regions import body_mask
+from myork.segmentation.shading import shading
+
+
+def shaded(ends, beside, *, slices=slice(1, 2), size=(160, 160, 3), spacing=(0.8, 0.8, 40.0)):
+    """Calf under a coil beside it: image, body, true field."""
+    phantom = make_phantom(size, spacing, snr=1e6, bias=0.0, septum=0.0, growth=15.0).anatomy
+    whole = Image(phantom.data[:, :, slices], phantom.affine)
+    x = np.stack(np.indices(whole.data.shape), -1) * whole.spacing
+    away = np.linalg.norm(
+        x - np.array(beside) * np.array(whole.data.shape) * whole.spacing, axis=-1
+    )
+    coil = (1.0 + (away / 60.0) ** 2) ** -1.5
+    mask = body_mask(whole)
+    low, high = coil[mask].min(), coil[mask].max()
+    field = ends[0] + (ends[1] - ends[0]) * (coil - low) / (high - low)
+    noise = np.random.default_rng(1).normal(0.0, 16.0, (2, *field.shape))
+    return Image(np.hypot(whole.data * field + noise[0], noise[1]), whole.affine), mask, field
+
+
+def likeness(found, truth, mask):
+    return np.corrcoef(found[mask], truth[mask])[0, 1]
+
+
+@pytest.mark.parametrize("ends", [(0.4, 2.0), (0.75, 1.3)])
+def test_one_slice_under_a_coil(ends):
+    image, mask, truth = shaded(ends, (0.1, 0.2, 0.5))
+    found = shading(image.data, body_mask(image), spacing=image.spacing)
+    assert likeness(found.field, truth, mask) >= 0.98
+    assert not found.doubt
+    again = shading(np.where(mask, 5.0 * image.data, np.nan), mask, spacing=image.spacing / 10.0)
+    assert likeness(again.field, truth, mask) >= 0.98
+
+
+def test_stack_under_a_strong_coil():
+    image, mask, truth = shaded(
+        (0.27, 2.4), (0.0, 0.2, 0.3), slices=slice(None), size=(96, 96, 9), spacing=(1.25, 1.25, 10)
+    )
+    found = shading(image.data, body_mask(image), spacing=image.spacing)
+    assert likeness(found.field, truth, mask) >= 0.985
+
+
+def two_limbs(darker):
+    """The second leg is darker as a whole."""
+    image, mask, truth = shaded((0.5, 1.5), (0.1, 0.2, 0.5))
+    parts = []
+    for one in (image.data, mask, truth):
+        gap = np.zeros_like(one[:40])
+        parts.append(np.concatenate([one, gap, one if one is mask else darker * one]))
+    return *parts, image.spacing
+
+
+def test_limbs_that_do_not_touch():
+    """Slopes do not know how bright one leg is against the other."""
+    values, mask, truth, spacing = two_limbs(0.5)
+    found = shading(values, mask, spacing=spacing)
+    assert likeness(found.field, truth, mask) >= 0.98
+
+
+def test_starts_that_end_elsewhere_are_told_where_entropies_do_not_decide(monkeypatch):
+    values, mask, _, spacing = two_limbs(0.2)
+    monkeypatch.setattr(module, "_CLOSE", np.inf)
+    found = shading(values, mask, spacing=spacing)
+    alike = [likeness(found.candidates[0].field, one.field, mask) for one in found.candidates]
+    assert min(alike) < 0.95
+    assert "explain the image equally well" in found.doubt
+    entropies = [one.entropy for one in found.candidates]
+    assert entropies == sorted(entropies)
+
+
+def test_n4_of_one_slice():
+    pytest.importorskip("SimpleITK")
+    image, mask, truth = shaded((0.4, 2.0), (0.1, 0.2, 0.5))
+    found = n4_bias(image.data, mask, spacing=image.spacing, shrink=2)
+    assert likeness(found.field, truth, mask) >= 0.98
+
+
+def test_nothing_to_look_at():
+    nothing = np.zeros((8, 8, 1))
+    with pytest.raises(InputError, match="no voxel to estimate the field from"):
+        shading(nothing + 1.0, nothing > 0, spacing=(1, 1, 1))
+    with pytest.raises(InputError, match="the body has no signal"):
+        shading(nothing, nothing == 0, spacing=(1, 1, 1))
