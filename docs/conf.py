@@ -1,5 +1,6 @@
 """Settings of the site: `sphinx-build -W docs build/site`, with the package installed."""
 
+import html
 import re
 
 from docutils import nodes
@@ -30,10 +31,26 @@ html_math_renderer = "mathml"  # what browsers draw themselves: pages need no ne
 
 
 def _mathml(node: nodes.Node, display: str) -> str:
-    """MathML of a formula; bold letters by their own characters, which all browsers know."""
+    """MathML of a formula; bold characters by their own code points, which all browsers know."""
+
+    def bold(found: re.Match[str]) -> str:
+        tag, char = found[1], html.unescape(found[2])
+        first, start = next(
+            (first, start)
+            for last, first, start in (
+                ("9", "0", 0x1D7CE),
+                ("Z", "A", 0x1D400),
+                ("z", "a", 0x1D41A),
+                ("Ω", "Α", 0x1D6A8),
+                ("ω", "α", 0x1D6C2),
+            )
+            if char <= last
+        )
+        return f"<{tag}>{chr(start + ord(char) - ord(first))}</{tag}>"
+
     return re.sub(
-        r'<mi mathvariant="bold">([A-Za-z])</mi>',
-        lambda m: f"<mi>{chr(0x1D400 + ord(m[1]) - (65 if m[1] < 'a' else 71))}</mi>",
+        r'<(m[in]) mathvariant="bold(?:-italic)?">(\w|&#x0?03[0-9A-F]{2};)</\1>',
+        bold,
         convert(node.astext(), display=display),
     )
 

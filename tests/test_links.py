@@ -17,7 +17,7 @@ PAGES = sorted(
     [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "docs").rglob("*.ipynb")]
 )
 #: Where what stands in backquotes is a path of the tree
-FOLDERS = ("docs", "fortran", "inputs", "notebooks", "pydriver", "tests", ".ci", "conda")
+FOLDERS = ("docs", "fortran", "inputs", "notebooks", "pydriver", "tests", ".ci", ".github", "conda")
 
 
 def name_of(path: Path) -> str:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,8 @@ from typing import Any
 HERE = Path(__file__).resolve().parent
 TYPES = ("text", "integer", "number", "boolean", "texts", "integers", "numbers")
 TABLE_ATTRIBUTES = {
-    "about", "many", "named_by", "required", "needed_by", "not_beside", "at_least", "at_most",
+    "about", "example", "many", "named_by", "required", "needed_by", "not_beside", "at_least",
+    "at_most",
 }  # fmt: skip
 KEY_ATTRIBUTES = {
     "type", "help", "unit", "default", "required", "choices", "min", "max", "above", "below",
@@ -276,8 +278,25 @@ def condition_text(conditions: dict[str, list[Any]]) -> str:
     return " and ".join(parts)
 
 
+def example(name: str, table: dict[str, Any]) -> str:
+    """The table as the deck of inputs/ with most of its keys has it, or as the schema says."""
+    head = rf"\[\[{name}\]\]" if table.get("many") else rf"\[{name}\]"
+    found = "", table.get("example", "")
+    folder = HERE.parents[1] / "inputs"
+    for path in sorted([*folder.glob("*.toml"), *folder.glob("images/*.toml")]):
+        text = path.read_text(encoding="utf-8")
+        for block in re.findall(rf"^{head}[^\n]*\n(?:[^\[\s][^\n]*\n| [^\n]*\n)+", text, re.M):
+            keys, best = (len(re.findall(r"^\w+ = ", own, re.M)) for own in (block, found[1]))
+            if keys > best and block.count("\n") < 17 and "example" not in table:
+                found = f"inputs/{path.relative_to(folder).as_posix()}", block
+    where, text = found
+    if not text:
+        return ""
+    return f"\n```toml\n{text}```\n" + (f"\nFrom `{where}`.\n" if where else "")
+
+
 def section(name: str, table: dict[str, Any]) -> str:
-    """Heading and table of keys."""
+    """Heading, table of keys and an example."""
     title = f"[[{name}]]" if table.get("many") else f"[{name}]"
     sentences = [table["about"]]
     if table.get("required"):
@@ -305,7 +324,7 @@ def section(name: str, table: dict[str, Any]) -> str:
             kind += "" if "expression" in kind else " or expression"
         cells = [f"`{key}`", kind, needed(spec), allowed(spec), spec.get("unit", ""), spec["help"]]
         lines.append("| " + " | ".join(cells) + " |\n")
-    return "".join(lines)
+    return "".join(lines) + (example(name, table) if name else "")
 
 
 def reference(tables: dict[str, dict[str, Any]]) -> str:

@@ -560,6 +560,16 @@ def test_deck_reference_is_current(make_schema: ModuleType) -> None:
     )
 
 
+def test_every_table_has_an_example_with_known_keys(make_schema: ModuleType) -> None:
+    """From a deck that the tests solve, or from the schema."""
+    for name, table in make_schema.read_schema(ROOT / "fortran/deck/schema.toml").items():
+        if name:
+            shown = make_schema.example(name, table).split("```toml\n")[1].split("```")[0]
+            (found,) = tomllib.loads(shown).items()
+            entry = found[1][0] if table.get("many") else found[1]
+            assert found[0] == name and set(entry) <= set(table["keys"]), shown
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
