@@ -337,3 +337,12 @@ def test_body_of_voxels_is_as_long_as_its_slices():
         found = scene.solve()
         force = scene.probes(found.x[-1:], found.load[-1:])[0, 0, 0]
     assert force == pytest.approx(21.4, rel=0.03)
+
+
+def test_a_hole_of_one_voxel_keeps_the_points_around_it_apart():
+    """Points on two sides of it moved to one place in its middle, and the model was refused."""
+    labels = box((5, 5, 4))
+    labels.data[4, 4] = 0
+    cloud, _ = build_cloud(labels, None, {**TABLE, "source_stride": [1, 1, 1]}, "mm")
+    near = np.linalg.norm(cloud.points[:, None] - cloud.points[None], axis=-1)
+    assert near[~np.eye(len(near), dtype=bool)].min() > 1.0

@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
+from scipy.spatial import cKDTree
 from scipy.special import ndtri
 
 __all__ = ["end_offsets", "surface_offsets"]
@@ -25,6 +26,8 @@ _LAYERS = 5
 # A rim point moves in its end plane only; where the surface leaves that plane at less than about
 # 17 degrees it stays.
 _FLAT = 0.3
+# Points nearer to each other than this came from two sides of a hole [voxel].
+_APART = 0.2
 
 
 def end_offsets(body: NDArray[np.bool_], spacing: F64, voxels: NDArray[np.intp]) -> F64:
@@ -58,7 +61,8 @@ def surface_offsets(
     """Moves that bring surface voxels' centres onto the surface.
 
     The body is taken to go on beyond its first and last slice, whose points stay in their plane.
-    No point moves inwards, and none by more than a voxel.
+    No point moves inwards, none by more than a voxel, and those that would meet in a hole of one
+    voxel by half of that.
 
     Parameters
     ----------
@@ -89,4 +93,6 @@ def surface_offsets(
     level = np.linalg.norm(normal[:, :2], axis=1)
     stretch = np.where(level > _FLAT, depth / np.maximum(level, _FLAT) ** 2, 0.0)
     move[ends] = stretch[ends, np.newaxis] * normal[ends] * [1.0, 1.0, 0.0]
+    pairs = cKDTree(voxels + move / spacing).query_pairs(_APART, output_type="ndarray")
+    move[np.unique(pairs)] *= 0.5
     return np.asarray(move)
