@@ -193,7 +193,7 @@ def solve_case(
         `deck`, `overrides`, `outcome`, `message`, `seconds` (wall time of the process), and of a
         solve that took place the sizes, solver, timings, verdict and `iterations`, `min_J`,
         `max_J`, `load` (reached), `probes` and `probe_errors` (by name, at the load reached),
-        `history` (probes and activation in all steps).
+        `history` (probes, activation and range of J in all steps).
     """
     with tempfile.TemporaryDirectory(prefix="myork-bench-") as folder:
         if isinstance(deck, Mapping):
@@ -233,11 +233,8 @@ def solve_case(
         case["load"] = steps[-1]["load"]
         case["probes"] = steps[-1]["probes"]
         case["probe_errors"] = steps[-1].get("probe_errors", {})
-        case["probe_errors"] = steps[-1].get("probe_errors", {})
-        case["history"] = [
-            {key: step[key] for key in ("load", "activation", "iterations", "probes")}
-            for step in steps
-        ]
+        kept = ("load", "activation", "iterations", "probes", "min_J", "max_J")
+        case["history"] = [{key: step[key] for key in kept} for step in steps]
     return case
 
 

@@ -44,17 +44,18 @@ def box(
     normal = np.zeros((len(sets), 3))
     normal[np.arange(len(sets)), boundary_set // 2] = 2.0 * (boundary_set % 2) - 1.0
     spacing = np.array(size) / np.maximum(np.array(source) - 1, 1)
+    width = _widths(points, size)
     return PointCloud(
         source=_grid(size, source)[0],
         spacing=spacing,
         points=points,
         label=np.ones(len(points), np.int32),
         fiber=np.tile(np.asarray(fiber, float), (len(points), 1)),
-        volume=np.full(len(points), np.prod(size) / len(points)),
+        volume=width.prod(axis=1),
         boundary_point=boundary_point,
         boundary_set=boundary_set,
         normal=normal,
-        area=np.ones(len(sets)),
+        area=_areas(width, boundary_point, boundary_set),
         set_names=_FACES,
         label_names={1: "body"},
         length_unit="cm",
@@ -79,9 +80,12 @@ def jittered(cloud: PointCloud, share: float, seed: int = 7) -> PointCloud:
 def graded(cloud: PointCloud, power: float) -> PointCloud:
     """Points drawn towards the planes x, y, z = 0: each coordinate to a power of its share."""
     high = cloud.source.max(axis=0)
-    return _moved(
+    moved = _moved(
         cloud, high * (cloud.source / high) ** power, high * (cloud.points / high) ** power
     )
+    width = _widths(moved.points, high)
+    area = _areas(width, moved.boundary_point, moved.boundary_set)
+    return replace(moved, volume=width.prod(axis=1), area=area)
 
 
 def _moved(cloud: PointCloud, source: F64Array, points: F64Array) -> PointCloud:
@@ -130,6 +134,26 @@ def _grid(size: Sequence[float], n: Sequence[int]) -> tuple[F64Array, NDArray[np
     last = np.maximum(np.array(n) - 1, 1)
     share = np.where(np.array(n) == 1, 0.5, index / last)
     return np.array(size) * share, index
+
+
+def _widths(points: F64Array, size: Sequence[float]) -> F64Array:
+    """What each point of a lattice stands for along each axis: half the way to its neighbours.
+
+    Sums over points are then exact for linear functions, so that forces are those of the stress.
+    """
+    width = np.empty_like(points)
+    for axis, edge in enumerate(size):
+        line, place = np.unique(points[:, axis], return_inverse=True)
+        middle = 0.5 * (line[1:] + line[:-1])
+        width[:, axis] = np.diff(np.concatenate([[0.0], middle, [edge]]))[place]
+    return width
+
+
+def _areas(width: F64Array, point: NDArray[Any], face: NDArray[Any]) -> F64Array:
+    """Area of each boundary point on its face."""
+    across = width[point]
+    across[np.arange(len(face)), face // 2] = 1.0
+    return across.prod(axis=1)
 
 
 def _on_face(index: NDArray[np.int64], n: Sequence[int], face: int) -> NDArray[np.int64]:

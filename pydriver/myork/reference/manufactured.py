@@ -97,8 +97,8 @@ def solve(problem: Problem, method: str, n: int, overrides: Sequence[str] = ()) 
     problem : Problem
         What is solved.
     method : str
-        `rkcm`, `rkcm-mixed` or `rkcm-subdomain`, which begins beside the solution: under dead
-        loads as large the body has other states in equilibrium.
+        Form. All but `rkcm` and `rkcm-mixed` begin beside the solution: under dead loads as large
+        the body has other states in equilibrium, and the Galerkin forms need all of it held.
     n : int
         Source points along each edge; there are twice as many collocation points.
     overrides : sequence of str
@@ -127,7 +127,8 @@ def solve(problem: Problem, method: str, n: int, overrides: Sequence[str] = ()) 
         exact = _exact(scene.points(), problem, method, n)
         case |= {"dofs": scene.dofs, "rows": scene.rows, "outcome": "converged", "message": ""}
         try:
-            start = _beside(scene.dofs, problem, n) if method == "rkcm-subdomain" else None
+            squares = method in ("rkcm", "rkcm-mixed")
+            start = None if squares else _beside(scene.dofs, problem, n)
             states = scene.solve(error=False, start=start)
         except MyorkError as error:
             return case | {"outcome": "not converged", "message": str(error)}
