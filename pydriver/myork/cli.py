@@ -419,7 +419,8 @@ def _parser() -> argparse.ArgumentParser:
         nargs="+",
         metavar="NAME",
         help="linear, nonlinear, stability, curves, methods, mixed, mms, clouds, gallery, aging, "
-        "faults, trust, newcomer, certify, rom, essential or subdomain; all for every one",
+        "isometric, faults, trust, newcomer, certify, rom, essential or subdomain; all for every "
+        "one",
     )
     bench.add_argument("--quick", action="store_true", help="small cases only")
     bench.add_argument(

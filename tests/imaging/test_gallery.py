@@ -18,6 +18,9 @@ def test_examples_of_the_gallery(tmp_path):
     assert cases["bias field by level sets"]["correlation"] > 0.98
     areas = [case["area"] for case in cases.values() if "area" in case]
     assert areas == sorted(areas, reverse=True)
+    # figures 4.2 and 4.3: a larger weight of the misfit, more homogeneous pieces
+    few, many = (cases[f"weight of the misfit, lambda = {x}, circles"] for x in (0.02, 2))
+    assert few["pieces"] < many["pieces"] and few["grouped"] < many["grouped"]
     runs = bench["timing"]["runs"]
     ours = [run for run in runs if run["name"] == "MyoRK"][-1]
     rivals = [run for run in runs if run["name"] != "MyoRK"]

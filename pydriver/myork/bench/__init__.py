@@ -39,6 +39,7 @@ BENCHES = (
     "clouds",
     "gallery",
     "aging",
+    "isometric",
     "faults",
     "trust",
     "newcomer",

@@ -171,7 +171,7 @@ def _muscle_loads() -> list[Case]:
         ("full activation in one step", ()),
         ("active stiffness above passive", ("material.sigma_max=300",)),
     )
-    off = "the stress is right; the displacements, a thousandth of the edge, are off"
+    off = "the stress is right; the displacements, below a hundredth of the edge, are off"
     found = []
     for form in FORMS:
         for name, overrides in kinds:

@@ -45,13 +45,14 @@ _MUSCLE_COLUMNS: Columns = (
 def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
     """Run the study; see `myork.bench` for the result."""
     bars = []
-    for voxel, angle in ((1 / 8, 20.0), (1 / 8, 33.0)) if quick else _BARS:
-        for order in (2, 3):
+    orders = (2,) if quick else (2, 3)
+    for voxel, angle in _BARS[: 2 if quick else None]:
+        for order in orders:
             progress(f"bar of voxels of {voxel:.3f}, turned {angle:g} degrees, order {order}")
             bars.append(solve_bar(voxel, angle, order))
     muscles = []
-    for collocation, source in _STRIDES[:1] if quick else _STRIDES:
-        for order in (2, 3):
+    for collocation, source in _STRIDES[: 1 if quick else None]:
+        for order in orders:
             progress(f"muscle, strides {collocation} and {source}, order {order}")
             muscles.append(_solve_muscle(collocation, source, order))
     return {

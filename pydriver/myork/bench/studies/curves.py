@@ -43,17 +43,21 @@ _TUBE = (
 _TUBE_SIZES = ((5, 26), (7, 38), (9, 51), (13, 76))
 _ELEMENTS = ((1, 2), (1, 4), (2, 8), (4, 16), (6, 24))
 _BLOCK = ((2, 3.0, "rkcm"), (3, 4.0, "rkcm"), (2, 3.0, "rkcm-mixed"), (3, 4.0, "rkcm-mixed"))
+# Order 2 of each method
+_QUICK_TUBE = (_TUBE[0], _TUBE[5], _TUBE[6])
+_QUICK_BLOCK = (_BLOCK[0], _BLOCK[2])
 _BLOCK_SIZES = ((4, 4, 7), (5, 5, 9), (6, 6, 11))
 
 
 def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
     """Solve all points of all curves; see `myork.bench` for the result."""
     limit = 60.0 if quick else 600.0
-    tube = tube_cases(progress, _TUBE, _TUBE_SIZES[: 2 if quick else 4], limit)
+    tubes, blocks = (_QUICK_TUBE, _QUICK_BLOCK) if quick else (_TUBE, _BLOCK)
+    tube = tube_cases(progress, tubes, _TUBE_SIZES[: 2 if quick else 4], limit)
     tube += _felupe(progress, _ELEMENTS[: 3 if quick else 5])
     sizes = _BLOCK_SIZES[: 1 if quick else 3]
-    straight = block_cases(progress, "muscle_block", _BLOCK, sizes, limit)
-    inclined = block_cases(progress, "muscle_fibers", _BLOCK, sizes, limit)
+    straight = block_cases(progress, "muscle_block", blocks, sizes, limit)
+    inclined = block_cases(progress, "muscle_fibers", blocks, sizes, limit)
     return {
         "title": "Speed against error",
         "about": "Wall time of a whole solve with one thread, set-up included and output left "

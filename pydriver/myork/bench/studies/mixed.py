@@ -61,7 +61,7 @@ def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
     """Solve all cases; see `myork.bench` for the result."""
     activations = _ACTIVATIONS[:1] if quick else _ACTIVATIONS
     rival = {angle: _felupe(progress, angle, activations, quick) for angle in (30, 0)}
-    choices = [_case(progress, *choice, activations) for choice in _CHOICES[: 4 if quick else None]]
+    choices = [_case(progress, *choice, activations) for choice in _CHOICES[: 3 if quick else None]]
     sizes, straight = [], []
     for n in _SIZES[: 1 if quick else None]:
         name = f"{n} x {n} x {2 * n - 1}"
