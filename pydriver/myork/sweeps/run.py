@@ -209,8 +209,9 @@ def _cost(plan: Plan, deck: Path, out: Path, overrides: Sequence[str]) -> list[s
     steps = int(load_deck(deck, [*overrides, *middle], "solve")["load"]["steps"])
     least = _LEAST_ITERATIONS * steps * float(once[1])
     return [
-        f"  equations alone: {once[1]} s a solution here, so {least:.2g} CPU s a point at least, "
-        f"{count * least / 3600.0:.2g} CPU hours for all; a finished point tells better"
+        f"  factors of the equations alone: {once[1]} s each, at least {least:.2g} CPU s a point, "
+        f"{count * least / 3600.0:.2g} CPU hours in all; assembly comes on top, and finished "
+        "points give a better estimate"
     ]
 
 
