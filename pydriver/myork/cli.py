@@ -127,6 +127,12 @@ def _segment(options: argparse.Namespace) -> None:
     print(f"labels and fibers in {_run(segment, options)}")
 
 
+def _tensors(options: argparse.Namespace) -> None:
+    from myork.stations.tensors import write_tensors
+
+    print(f"tensors and fibers in {_run(write_tensors, options)}")
+
+
 def _build(options: argparse.Namespace) -> None:
     from myork.stations.build import build
 
@@ -350,6 +356,13 @@ def _parser() -> argparse.ArgumentParser:
         "  myork segment inputs/leg_muscles.toml --set image.iterations=300\n"
         "  myork segment inputs/images/thighs.toml --data ~/images",
     )
+    tensors = add_deck(
+        "tensors",
+        _tensors,
+        "diffusion images to tensors, their numbers and fibers, without a segmentation",
+        "  myork tensors leg.toml\n"
+        "  myork tensors leg.toml --set image.dwi=dwi.nii.gz --set image.region=muscles.nii.gz",
+    )
     build = add_deck(
         "build",
         _build,
@@ -357,7 +370,7 @@ def _parser() -> argparse.ArgumentParser:
         "  myork build inputs/mg_muscle.toml\n"
         "  myork build inputs/images/biceps.toml --data ~/images",
     )
-    for command in (segment, build):
+    for command in (segment, tensors, build):
         command.add_argument(
             "--data",
             type=_folder,

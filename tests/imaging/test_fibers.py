@@ -1,12 +1,15 @@
 """Fibers: signs, frames, bad tensors, noise."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from myork.errors import InputError
-from myork.imaging.diffusion import tensor_components
+from myork.imaging.diffusion import fit_tensors, tensor_components
 from myork.imaging.geometry import canonical
-from myork.imaging.phantom import make_phantom
+from myork.imaging.phantom import make_phantom, phantom_dwi
 from myork.model.fibers import fiber_field, fibers_at_points, lead_vector
 from myork.records import Image, Labels
 
@@ -59,12 +62,12 @@ def test_bad_tensors_are_filled_and_counted_or_refused():
     data[4, 4, 1] = -data[4, 4, 1]
     inside = np.ones((6, 6, 3), bool)
     fibers, *counts = fiber_field(Image(data, np.eye(4), "dti.nii"), inside, 1.0)
-    assert counts == [3, 0, 0.0]
+    assert counts == [3, 0, 0.0, 1.0]
     exact = np.array([0, 1, 3]) / np.sqrt(10)
     assert angle(fibers.data[inside], exact).max() < 1e-5
     # Without smoothing nothing is near: the nearest voxel helps out, here a neighbour.
     fibers, *counts = fiber_field(Image(data, np.diag([2.0, 2.0, 2.0, 1.0])), inside, 0.0)
-    assert counts == [3, 3, 2.0]
+    assert counts == [3, 3, 2.0, 0.0]
     assert angle(fibers.data[inside], exact).max() < 1e-5
     data[:, :, :] = 0.0
     with pytest.raises(InputError, match=r"dti.nii: 108 of 108 places .* voxel \(0, 0, 0\)"):
@@ -135,3 +138,43 @@ def test_rotated_image_turns_the_fibers_into_its_frame():
     image = canonical(Image(along_first_axis, affine))
     found = fibers_at_points(image, labels, place, np.ones(75, np.int32), (1, 1, 1))
     assert angle(found, np.array([1.0, 0, 0])).max() < 1e-5
+
+
+def bent(snr, radius=60.0, **keys):
+    """Calf whose fibers lie on arcs, its fitted tensors, and angles of fibers to the true ones."""
+    calf = make_phantom((96, 96, 7), (1.25, 1.25, 6.0), septum=0.0, growth=15.0, **keys)
+    x, y, _ = np.indices(calf.truth.data.shape) * calf.truth.spacing[:, None, None, None]
+    a, b = (x - x.mean()) / radius, (y - y.mean()) / radius
+    way = np.stack([np.sin(a) * np.cos(b), np.sin(b), np.cos(a) * np.cos(b)], axis=-1)
+    muscle = calf.tissue.data == 1
+    across = np.stack([np.cos(a), np.zeros_like(a), -np.sin(a)], axis=-1)
+    full = 0.8e-3 * way[..., :, None] * way[..., None, :]
+    full += 0.2e-3 * across[..., :, None] * across[..., None, :] + 1.3e-3 * np.eye(3)
+    clean = np.where(muscle[..., None], tensor_components(full), calf.clean_tensor.data)
+    images, table = phantom_dwi(replace(calf, clean_tensor=replace(calf.tensor, data=clean)), snr)
+    tensor = fit_tensors(images, table)
+    inside = calf.truth.data
+
+    def wrong(smoothing, label=inside):
+        found = fiber_field(tensor, label, smoothing)
+        return angle(found.fibers.data, way)[inside > 0], found.smoothing
+
+    return wrong, inside
+
+
+@pytest.mark.parametrize(("snr", "mean"), [(25.0, 2.5), (50.0, 2.0)])
+def test_width_by_itself_is_right_up_to_the_edge(snr, mean):
+    """Fat and connective tissue among the fibers, and voxels of fat in a mask that is too large."""
+    wrong, inside = bent(snr, imat=0.03, imct=0.1)
+    found, width = wrong(None)
+    assert found.mean() <= mean and np.percentile(found, 95) <= 6.0
+    assert found.mean() <= 1.25 * min(wrong(other)[0].mean() for other in (1.0, 2.0, 3.0, 4.0))
+    large = np.where(inside > 0, inside, ndimage.grey_dilation(inside, (3, 3, 1)))
+    found, _ = wrong(None, large)
+    assert found.mean() <= mean and np.percentile(found, 95) <= 6.0
+    assert 1.25 < width < 5.0
+
+
+def test_noise_asks_for_a_wider_average_than_bends():
+    noisy, calm = bent(15.0)[0](None)[1], bent(60.0, radius=30.0)[0](None)[1]
+    assert noisy > calm

@@ -3,10 +3,6 @@
 A direction and its opposite are the same fiber, so vectors are never averaged: tensors are
 averaged by their logarithms, vectors by their dyads, and the lead eigenvector of the average is
 the fiber.
-
-References
-----------
-Arsigny, Fillard, Pennec, Ayache, Magn. Reson. Med. 56 (2006), doi:10.1002/mrm.20965
 """
 
 from __future__ import annotations
@@ -21,6 +17,7 @@ from scipy import ndimage
 from myork.errors import InputError
 from myork.imaging.diffusion import full_tensors, tensor_components
 from myork.imaging.geometry import frame
+from myork.model.averaging import average_width, gathered, tensor_logarithms, tensor_trust
 from myork.records import Image, Labels
 
 __all__ = ["activation_at_points", "FiberField", "fiber_field", "fibers_at_points", "lead_vector"]
@@ -47,12 +44,15 @@ class FiberField(NamedTuple):
         at the nearest voxel that has one.
     distance : float
         Largest distance to such a voxel [mm].
+    smoothing : float
+        Standard deviation of the average [mm].
     """
 
     fibers: Image
     filled: int
     far: int
     distance: float
+    smoothing: float
 
 
 def lead_vector(components: F64) -> F64:
@@ -71,7 +71,7 @@ def lead_vector(components: F64) -> F64:
 
 
 def fiber_field(
-    tensor: Image, tissue: NDArray[Any], smoothing: float, tensor_frame: str = "world"
+    tensor: Image, tissue: NDArray[Any], smoothing: float | None, tensor_frame: str = "world"
 ) -> FiberField:
     """Fiber vector of every voxel of a tissue, zero elsewhere.
 
@@ -82,36 +82,28 @@ def fiber_field(
     tissue : NDArray
         Voxels of the tissue (true, or the label of a muscle); only those of one label are
         averaged, so that fibers keep their direction up to the border, shape `(ni, nj, nk)`.
-    smoothing : float
-        Standard deviation of the Gaussian weights of the log-Euclidean average [mm].
+    smoothing : float, optional
+        Standard deviation of the Gaussian weights of the log-Euclidean average [mm]; None takes the
+        one that foretells tensors best.
     tensor_frame : str
         `world`, or `voxel` for components along the voxel axes of the image.
     """
     label = np.asarray(tissue).astype(np.int32)
     inside = label != 0
-    usable = inside & np.isfinite(tensor.data).all(-1)
-    full = full_tensors(tensor.data[usable])
-    if tensor_frame == "voxel":
-        columns = tensor.affine[:3, :3] / tensor.spacing
-        full = columns @ full @ columns.T
-    value, vector = np.linalg.eigh(full)
-    positive = value[:, 0] > 0
-    usable[usable] = positive
-    logarithm = np.zeros(tensor.data.shape)
-    value, vector = value[positive], vector[positive]
-    logarithm[usable] = tensor_components(
-        (vector * np.log(value)[:, np.newaxis, :]) @ np.swapaxes(vector, 1, 2)
-    )
-    sigma = smoothing / tensor.spacing
+    logarithm, usable = tensor_logarithms(tensor, inside, tensor_frame)
+    trust = tensor_trust(logarithm, usable, label)
+    width = smoothing
+    if width is None:
+        width = average_width(logarithm, trust, label, tensor.spacing)
+    sigma = width / tensor.spacing
     fiber = np.zeros((*inside.shape, 3))
     known = np.zeros(inside.shape, dtype=bool)
     for number, box in enumerate(ndimage.find_objects(label), start=1):
         if box is None:
             continue
         here = label[box] == number
-        average, weight = _gathered(
-            logarithm[box] * here[..., np.newaxis], usable[box] & here, sigma
-        )
+        weight = trust[box] * here
+        average, weight = gathered(logarithm[box] * weight[..., np.newaxis], weight, sigma)
         near = here & (weight > LEAST_WEIGHT)
         fiber[box][near] = lead_vector(average[near] / weight[near][:, np.newaxis])
         known[box] |= near
@@ -133,6 +125,7 @@ def fiber_field(
         int((inside & ~usable).sum()),
         int(missing.sum()),
         float(away[missing].max(initial=0.0)),
+        width,
     )
 
 
@@ -171,7 +164,7 @@ def fibers_at_points(
         vector = fibers.data[usable] / length[usable][:, np.newaxis]
         dyad = np.zeros((*usable.shape, 6))
         dyad[usable] = tensor_components(vector[:, :, np.newaxis] * vector[:, np.newaxis, :])
-        average, weight = _gathered(dyad, usable, 0.5 * np.array(block, float))
+        average, weight = gathered(dyad, usable, 0.5 * np.array(block, float))
         at = place[here].T
         near = ndimage.map_coordinates(weight, at, order=1, mode="nearest")
         known = near > LEAST_WEIGHT
@@ -226,23 +219,12 @@ def activation_at_points(
         usable = labels.data == number
         here = label == number
         values = np.where(usable, image.data, 0.0)[..., np.newaxis]
-        sums, weight = _gathered(values, usable, 0.5 * np.array(block, float))
+        sums, weight = gathered(values, usable, 0.5 * np.array(block, float))
         at = place[here].T
         near = ndimage.map_coordinates(weight, at, order=1, mode="nearest")
         found = ndimage.map_coordinates(sums[..., 0], at, order=1, mode="nearest")
         result[here] = np.clip(found / np.maximum(near, LEAST_WEIGHT), 0.0, 1.0)
     return result
-
-
-def _gathered(components: F64, usable: Mask, sigma: F64) -> tuple[F64, F64]:
-    """Gaussian sums over usable voxels: of components and of weights; the ratio is the average."""
-    weight = ndimage.gaussian_filter(usable.astype(float), sigma, mode="constant", truncate=3.0)
-    sums = np.empty(components.shape)
-    for c in range(components.shape[-1]):
-        sums[..., c] = ndimage.gaussian_filter(
-            components[..., c], sigma, mode="constant", truncate=3.0
-        )
-    return sums, weight
 
 
 def _no_fiber(name: str, missing: int, total: int, voxel: NDArray, what: str) -> InputError:

@@ -3,8 +3,8 @@
 Files in the output folder: `anatomy.nii.gz` (the image that was segmented: bias corrected),
 `bias.nii.gz` (the factor taken out), `regions.nii.gz` (numbers of the regions plus one),
 `segmentation.nii.gz` with `segmentation.json` (names), `fibers.nii.gz` (unit vectors in the world
-frame; with tensors only), `summary.json`; from the phantom also its images and its truth
-(`write_phantom`).
+frame), `fa.nii.gz`, `md.nii.gz` and `eigenvalues.nii.gz` (all with tensors only), `summary.json`;
+from the phantom also its images and its truth (`write_phantom`).
 """
 
 from __future__ import annotations
@@ -50,6 +50,7 @@ from myork.segmentation.regions import body_mask, box_mask, grown_mask, piece_wi
 from myork.segmentation.scores import label_scores
 from myork.segmentation.shading import shading
 from myork.segmentation.starts import seeded_regions
+from myork.stations.tensors import tensor_maps
 from myork.stations.tissue import find_tissues
 from myork.summary import renewing, update_summary
 
@@ -157,13 +158,16 @@ def _segment(
 
     warnings += [bias["doubt"]] if bias.get("doubt") else []
     warnings += [] if not result.unrest else [_unrest(result, choice.iterations)]
-    (out / "fibers.nii.gz").unlink(missing_ok=True)
+    for name in ("fibers", "fa", "md", "eigenvalues"):
+        (out / f"{name}.nii.gz").unlink(missing_ok=True)
     if tensor is not None:
         progress("fibers from the diffusion tensors")
-        fibers, filled, far, distance = fiber_field(
-            tensor, labels.data, table["fiber_smoothing"], table["tensor_frame"]
+        fibers, filled, far, distance, width = fiber_field(
+            tensor, labels.data, table.get("fiber_smoothing"), table["tensor_frame"]
         )
         write_image(out / "fibers.nii.gz", fibers)
+        for name, values_of in tensor_maps(tensor).items():
+            write_image(out / f"{name}.nii.gz", values_of)
         axes = check_orientation(fibers, labels if truth is None else truth)
         warnings += [axes.doubt] if axes.doubt else []
         if axes.remark:
@@ -184,6 +188,7 @@ def _segment(
     summary["segmentation"]["source"] = table.get("anatomy", "phantom")
     if tensor is not None:
         summary["segmentation"]["orientation"] = [entry.record() for entry in axes.evidence]
+        summary["segmentation"]["fiber_smoothing"] = width
     if deck["tissue"]["find"]:
         progress("materials of the leg")
         summary["tissue"] = find_tissues(

@@ -74,8 +74,8 @@ def find_tissues(
     (out / "tissue_fibers.nii.gz").unlink(missing_ok=True)
     if tensor is not None:
         keys = deck["image"]
-        fibers, filled, far, distance = fiber_field(
-            tensor, found.data == _MUSCLE, keys["fiber_smoothing"], keys["tensor_frame"]
+        fibers, filled, far, distance, _ = fiber_field(
+            tensor, found.data == _MUSCLE, keys.get("fiber_smoothing"), keys["tensor_frame"]
         )
         write_image(out / "tissue_fibers.nii.gz", fibers)
     voxel = float(np.prod(found.spacing * length_factor(deck["units"]["length"])))

@@ -1,0 +1,100 @@
+"""Tensors by themselves: command, maps, less noise."""
+
+import nibabel
+import numpy as np
+import pytest
+
+from myork.cli import main
+from myork.errors import InputError, InstallationError
+from myork.imaging.denoise import denoised
+from myork.imaging.diffusion import fit_tensors, full_tensors
+from myork.imaging.gradients import write_gradients
+from myork.imaging.io import write_image, write_labels
+from myork.imaging.phantom import make_phantom, phantom_dwi
+from myork.model.fibers import lead_vector
+from myork.records import Image
+from myork.stations.tensors import tensor_maps
+from myork.summary import read_summary
+
+DECK = """title = "leg"
+[units]
+force = "N"
+length = "cm"
+[scene]
+dimension = 3
+[image]
+dwi = "dwi.nii.gz"
+"""
+
+
+@pytest.fixture(scope="module")
+def calf():
+    return make_phantom((96, 96, 5), (1.25, 1.25, 8.0))
+
+
+@pytest.fixture(scope="module")
+def series(calf):
+    return phantom_dwi(calf, snr=25.0)
+
+
+def test_command_needs_no_anatomy(calf, series, tmp_path):
+    images, table = series
+    (tmp_path / "leg.toml").write_text(DECK)
+    write_image(tmp_path / "dwi.nii.gz", images)
+    write_gradients(tmp_path / "dwi.bval", tmp_path / "dwi.bvec", table, images.affine)
+    write_labels(tmp_path / "muscles.nii.gz", calf.truth)
+    out = tmp_path / "out"
+    words = ["tensors", str(tmp_path / "leg.toml"), "--out", str(out), "-q"]
+    assert main([*words, "--set", f"image.region={tmp_path / 'muscles.nii.gz'}"]) == 0
+    record = read_summary(out)["tensors"]
+    inside = calf.truth.data > 0
+    assert record["voxels"] == inside.sum()
+    assert record["md"] == pytest.approx((2.1e-3 + 1.5e-3 + 1.3e-3) / 3, rel=0.05)
+    fibers = nibabel.load(out / "fibers.nii.gz").get_fdata()
+    cosine = np.abs((fibers * calf.fiber.data).sum(axis=-1))[inside]
+    assert np.degrees(np.arccos(np.clip(cosine, 0, 1))).mean() < 2.5
+    values = nibabel.load(out / "eigenvalues.nii.gz").get_fdata()[inside]
+    assert (np.diff(values) <= 0).all()
+    mean = nibabel.load(out / "md.nii.gz").get_fdata()[inside]
+    np.testing.assert_allclose(values.mean(axis=1), mean, rtol=1e-5)
+    # Without a mask the whole limb has fibers, air has none.
+    assert main(words) == 0
+    assert read_summary(out)["tensors"]["voxels"] > inside.sum()
+    air = calf.still.data == 0
+    assert not nibabel.load(out / "fibers.nii.gz").get_fdata()[:10, :10].any()
+    assert air[:10, :10].all()
+
+
+def test_maps_of_known_tensors():
+    data = np.zeros((2, 1, 1, 6))
+    data[0, 0, 0] = [1e-3, 3e-3, 2e-3, 0, 0, 0]
+    data[1] = np.nan
+    maps = tensor_maps(Image(data, np.eye(4)))
+    np.testing.assert_allclose(maps["eigenvalues"].data[0, 0, 0], [3e-3, 2e-3, 1e-3])
+    assert maps["md"].data[0, 0, 0] == pytest.approx(2e-3)
+    assert maps["fa"].data[0, 0, 0] == pytest.approx(np.sqrt(1.5 * 2 / 14))
+    assert not any(image.data[1].any() for image in maps.values())
+
+
+def test_denoised_images_have_better_fibers(calf, series):
+    images, table = series
+    inside = calf.truth.data > 0
+    errors = []
+    for one in (images, denoised(images)):
+        tensor = fit_tensors(one, table).data[inside]
+        assert np.isfinite(full_tensors(tensor)).all()
+        cosine = np.abs((lead_vector(tensor) * calf.fiber.data[inside]).sum(axis=-1))
+        errors.append(np.degrees(np.arccos(np.clip(cosine, 0, 1))).mean())
+    assert errors[1] < 0.8 * errors[0]
+
+
+def test_images_that_cannot_be_denoised(monkeypatch):
+    with pytest.raises(InputError, match="3 volumes are too few"):
+        denoised(Image(np.ones((4, 4, 4, 3)), np.eye(4)))
+
+    def missing(name):
+        raise ImportError(name)
+
+    monkeypatch.setattr("myork.imaging.denoise.import_module", missing)
+    with pytest.raises(InstallationError, match=r"pip install 'myork\[dti\]'"):
+        denoised(Image(np.ones((4, 4, 4, 9)), np.eye(4)))
