@@ -229,7 +229,7 @@ subroutine galerkin_products(handle, n, k, x, stiff, mass, stat, message)
    if (stat /= 0) return
    nd = full%gradient%nd
    do j = 1, k
-      call full%matrix%product(full%constant, x(:, j), stiff(:, j))
+      call full%matrix%constant_product(full%constant, x(:, j), stiff(:, j))
    end do
    allocate (u(nd, k))
    do q = 1, size(full%cells%weight)

@@ -29,7 +29,7 @@ module rk_galerkin
    use rk_section, only : cut_through, inner_force
    use rk_shape, only : shape_type
    use rk_split_cells, only : split_cells
-   use rk_stabilisation, only : share_bulk, stabilise
+   use rk_stabilisation, only : share_bulk
    use rk_states, only : field_state
    use rk_surface_sets, only : find_surface_sets
    use rk_symmetric, only : symmetric_matrix
@@ -180,12 +180,12 @@ subroutine set_constants(self, shear)
    if (allocated(self%constant)) deallocate (self%constant, self%force)
    allocate (self%constant(size(self%matrix%value, kind=i8)), source=0.0_wp)
    call self%surface%add_penalty(self%matrix%symmetric_matrix, self%constant)
-   if (self%cells%smoothed) call stabilise(self%matrix%symmetric_matrix, self%constant, &
-      & self%cells, self%inside, self%scene%galerkin%stabilisation*shear)
    allocate (self%force(self%n, self%scene%programme%count()), source=0.0_wp)
    call self%surface%add_forces(self%force)
    call self%surface%plates%add_tendons(self%scene, self%cells, self%surface%penalty, &
       & self%matrix%symmetric_matrix, self%constant, self%force)
+   if (self%cells%smoothed) call self%matrix%stabilise(self%constant, self%cells, self%inside, &
+      & self%scene%galerkin%stabilisation*shear)
    if (allocated(self%matrix%skew)) deallocate (self%matrix%skew)
    ! minimal residuals need a symmetric matrix
    if (self%matrix%formed .and. has_free_rim(self%scene)) &
@@ -362,7 +362,7 @@ subroutine assemble(self, x, held, load, tangent, r, seen)
    jump = factor - at%factor
    if (.not. any(abs(jump) > 0.0_wp)) jump = [real(wp) ::]
    r = 0.0_wp
-   call self%matrix%product(self%constant, x(:self%matrix%n), r(:self%matrix%n))
+   call self%matrix%constant_product(self%constant, x(:self%matrix%n), r(:self%matrix%n))
    r = r - matmul(self%force, factor)
    if (tangent) self%matrix%value = self%constant
    if (tangent .and. allocated(self%matrix%skew)) self%matrix%skew = 0.0_wp
@@ -409,7 +409,7 @@ function forces(self, state) result(r)
    integer :: g, q
 
    r = 0.0_wp
-   call self%matrix%product(self%constant, state%x(:self%matrix%n), r(:self%matrix%n))
+   call self%matrix%constant_product(self%constant, state%x(:self%matrix%n), r(:self%matrix%n))
    r = r - matmul(self%force, state%factor)
    do g = 1, size(self%cells%first) - 1
       associate (member => self%gradient%member%index(self%gradient%member%offset(g) + 1: &
@@ -592,7 +592,7 @@ function section_force(self, place, normal, state) result(force)
       force = inner_force(self%cells, self%gradient, cut, state, held)
       return
    end if
-   call self%matrix%product(self%constant, state%x(:self%matrix%n), held(:self%matrix%n))
+   call self%matrix%constant_product(self%constant, state%x(:self%matrix%n), held(:self%matrix%n))
    force = inner_force(self%cells, self%gradient, cut, state, held) &
       & + self%surface%held_force(self%cells, cut, state)
 end function section_force

@@ -8,8 +8,8 @@
 !> Reference: Golub, Varga, Numer. Math. 3 (1961), doi:10.1007/BF01386013 (Chebyshev iteration)
 module rk_nodal_values
    use rk_cells, only : cells_type
-   use rk_csr, only : csr_type
    use rk_precision, only : i8, wp
+   use rk_sparse_rows, only : sparse_rows
    use rk_shape, only : shape_type
    implicit none
    private
@@ -18,12 +18,9 @@ module rk_nodal_values
 
    !> Map from coefficients to values, in the order of the source points
    type :: nodal_values_type
-      !> Source points that cover each point, and the values of their shape functions
-      type(csr_type) :: row
-      real(wp), allocatable :: value(:)
-      !> The same of the transposed: threads take rows of it as well
-      type(csr_type) :: row_t
-      real(wp), allocatable :: value_t(:)
+      !> Values of the shape functions of the source points that cover each point, and the
+      !> transposed: threads take rows of it as well
+      type(sparse_rows) :: row, row_t
       !> Middle and half length of the interval that holds the eigenvalues
       real(wp) :: middle = 1.0_wp
       real(wp) :: half = 0.5_wp
@@ -57,24 +54,26 @@ subroutine new_nodal_values(self, cells, inside)
    integer(i8), allocatable :: entry(:)
 
    ns = size(cells%node)
-   allocate (self%row%offset(ns + 1), self%row%index(inside%neighbour%offset(ns + 1)), cell(ns))
-   allocate (self%value(size(self%row%index)))
-   cell(cells%node) = [(q, q=1, ns)]
-   self%row%offset(1) = 0
-   own = 0.0_wp
-   do i = 1, ns
-      q = cell(i)
-      call inside%row(q, nodes, values)
-      n = size(nodes)
-      associate (at => self%row%offset(i))
-         self%row%index(at + 1:at + n) = nodes
-         self%value(at + 1:at + n) = values(1, :)
-         self%row%offset(i + 1) = at + n
-      end associate
-      own = own + sum(values(1, :), mask=nodes == i)/ns
-   end do
-   call self%row%transposed(ns, self%row_t, entry)
-   self%value_t = self%value(entry)
+   associate (place => self%row%place)
+      allocate (place%offset(ns + 1), place%index(inside%neighbour%offset(ns + 1)), cell(ns))
+      allocate (self%row%value(size(place%index)))
+      cell(cells%node) = [(q, q=1, ns)]
+      place%offset(1) = 0
+      own = 0.0_wp
+      do i = 1, ns
+         q = cell(i)
+         call inside%row(q, nodes, values)
+         n = size(nodes)
+         associate (at => place%offset(i))
+            place%index(at + 1:at + n) = nodes
+            self%row%value(at + 1:at + n) = values(1, :)
+            place%offset(i + 1) = at + n
+         end associate
+         own = own + sum(values(1, :), mask=nodes == i)/ns
+      end do
+      call place%transposed(ns, self%row_t%place, entry)
+   end associate
+   self%row_t%value = self%row%value(entry)
    ! on a lattice what changes sign in every direction has this eigenvalue
    own = max(2.0_wp*max(own, 0.0_wp)**(1.0_wp/inside%nd) - 1.0_wp, smallest)**inside%nd
    self%middle = 0.5_wp*(largest + own)
@@ -100,9 +99,9 @@ subroutine invert(self, transposed, x)
    rho = self%half/self%middle
    do k = 1, steps
       if (transposed) then
-         call product_with(self%row_t, self%value_t, step, image)
+         call self%row_t%product(step, image, .false.)
       else
-         call product_with(self%row, self%value, step, image)
+         call self%row%product(step, image, .false.)
       end if
       r = r - image
       before = rho
@@ -111,40 +110,5 @@ subroutine invert(self, transposed, x)
       x = x + step
    end do
 end subroutine invert
-
-!> y = T x
-subroutine product_with(row, value, x, y)
-   !> Columns of the entries of each row
-   type(csr_type), intent(in) :: row
-   !> Entries
-   real(wp), intent(in) :: value(:)
-   !> Factor, shape (nd, ns)
-   real(wp), contiguous, intent(in) :: x(:, :)
-   !> Product, shape (nd, ns)
-   real(wp), contiguous, intent(inout) :: y(:, :)
-   real(wp) :: solid(3), plane(2)
-   integer(i8) :: k
-   integer :: i
-
-   !$omp parallel do default(none) schedule(static) private(k, solid, plane) &
-   !$omp shared(row, value, x, y)
-   do i = 1, size(x, 2)
-      ! lengths that the compiler knows
-      if (size(x, 1) == 3) then
-         solid = 0.0_wp
-         do k = row%offset(i) + 1, row%offset(i + 1)
-            solid = solid + value(k)*x(:3, row%index(k))
-         end do
-         y(:3, i) = solid
-      else
-         plane = 0.0_wp
-         do k = row%offset(i) + 1, row%offset(i + 1)
-            plane = plane + value(k)*x(:2, row%index(k))
-         end do
-         y(:2, i) = plane
-      end if
-   end do
-   !$omp end parallel do
-end subroutine product_with
 
 end module rk_nodal_values

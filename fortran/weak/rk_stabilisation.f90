@@ -30,7 +30,8 @@ module rk_stabilisation
 
 contains
 
-!> Add modulus/2 times the integral of |grad F (X - X_c)|^2 over each cell
+!> Add modulus/2 times the integral of |grad F (X - X_c)|^2 over each cell, for all components that
+!> the matrix has
 subroutine stabilise(matrix, value, cells, inside, modulus)
    !> Places of the entries
    type(symmetric_matrix), intent(in) :: matrix
@@ -46,21 +47,22 @@ subroutine stabilise(matrix, value, cells, inside, modulus)
    real(wp), pointer, contiguous :: values(:, :)
    integer, pointer, contiguous :: nodes(:)
    real(wp) :: energy
-   integer :: c, i, k, l, n, nd, q, a
+   integer :: c, i, k, l, n, nb, nd, q, a
 
    nd = inside%nd
+   nb = matrix%block
    do q = 1, size(modulus)
       call inside%row(q, nodes, values)
       n = size(nodes)
-      allocate (part(nd*n, nd*n), source=0.0_wp)
+      allocate (part(nb*n, nb*n), source=0.0_wp)
       do c = 1, nd
          bend = values([(second_index(nd, a, c), a=1, nd)], :)
          scaled = modulus(q)*matmul(cells%moment(:, :, q), bend)
          do l = 1, n
             do k = 1, l
                energy = dot_product(bend(:, k), scaled(:, l))
-               do i = 1, nd
-                  part(nd*(k - 1) + i, nd*(l - 1) + i) = part(nd*(k - 1) + i, nd*(l - 1) + i) &
+               do i = 1, nb
+                  part(nb*(k - 1) + i, nb*(l - 1) + i) = part(nb*(k - 1) + i, nb*(l - 1) + i) &
                      & + energy
                end do
             end do

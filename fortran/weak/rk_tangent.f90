@@ -29,9 +29,11 @@ module rk_tangent
    use rk_minres, only : minres, symmetric_system
    use rk_multiplier, only : multiplier_type
    use rk_operator, only : square_report
-   use rk_precision, only : wp
+   use rk_precision, only : i8, wp
    use rk_preconditioner, only : new_preconditioner, preconditioner_type
    use rk_shape, only : shape_type
+   use rk_sparse_rows, only : new_sparse_rows, sparse_rows
+   use rk_stabilisation, only : stabilise
    use rk_symmetric, only : new_symmetric, symmetric_matrix
    use rk_text, only : to_text
    use rk_weak_conditions, only : surface_type
@@ -40,12 +42,15 @@ module rk_tangent
 
    public :: tangent_type, new_tangent
 
-   !> Tangent; as a matrix it is the whole of it where it is formed, otherwise the constant part
+   !> Tangent; as a matrix it is the whole of it where it is formed, otherwise what supports the
+   !> surface
    type, extends(symmetric_matrix) :: tangent_type
       !> The matrix holds all of it
       logical :: formed = .true.
       !> Stiffness of the groups where it is not formed
       type(group_stiffness) :: groups
+      !> Supports of the surface by unknowns, and the stabilisation of a component by source points
+      type(sparse_rows), private :: supports, stabilising
       !> Tolerance of Newton's iteration, whose solves need no more digits [-]
       real(wp) :: wanted = 0.0_wp
       !> Pressures are carried to the place of the linearisation
@@ -69,6 +74,10 @@ module rk_tangent
       procedure :: carry
       !> Keep the linearisation of a group
       procedure :: keep_group
+      !> Stabilise nodal cells
+      procedure :: stabilise => stabilise_cells
+      !> Its product with a vector
+      procedure :: constant_product
       procedure :: apply
       procedure :: apply_transposed
       procedure :: dense
@@ -128,6 +137,7 @@ subroutine new_tangent(self, ns, cells, gradient, multiplier, surface, inside, h
    integer, intent(in) :: limit
    !> Error handling: no memory, no SuiteSparse, held points without a factor
    type(error_type), allocatable, intent(out) :: error
+   integer :: k
 
    self%formed = .not. cells%smoothed .or. gradient%nd*ns <= limit
    self%keeps = size(held%offset) > 1
@@ -143,9 +153,9 @@ subroutine new_tangent(self, ns, cells, gradient, multiplier, surface, inside, h
       self%indefinite = multiplier%extra > 0
       return
    end if
-   ! only what never changes: penalty and stabilisation
-   call new_symmetric(self%symmetric_matrix, gradient%nd, ns, joined(inside%neighbour, &
-      & surface%plates%coupled(surface%shape%neighbour)))
+   ! a diagonal for all
+   call new_symmetric(self%symmetric_matrix, gradient%nd, ns, joined(csr_type( &
+      & [(int(k, i8), k=0, ns)], [(k, k=1, ns)]), surface%plates%coupled(surface%shape%neighbour)))
    call new_group_stiffness(self%groups, cells, shear)
    allocate (self%present(1 + gradient%nd, size(self%groups%bulk)), source=0.0_wp)
    allocate (self%carried, mold=self%present)
@@ -204,6 +214,63 @@ subroutine keep_group(self, g, bulk, moduli, pressure, jump)
    if (.not. self%carrying) self%carried(:, g) = pressure
 end subroutine keep_group
 
+!> Stabilise nodal cells: in the constant part, or as rows of their own where the tangent is not
+!> formed, whose supports are complete
+subroutine stabilise_cells(self, constant, cells, inside, modulus)
+   !> Tangent
+   class(tangent_type), intent(inout) :: self
+   !> Entries of the constant part, shape (entries) [force/length]
+   real(wp), intent(inout) :: constant(:)
+   !> Nodal cells
+   type(cells_type), intent(in) :: cells
+   !> Shape functions at their points
+   type(shape_type), target, intent(in) :: inside
+   !> Modulus of the stabilisation of each cell, shape (np) [stress]
+   real(wp), intent(in) :: modulus(:)
+   type(symmetric_matrix) :: component
+   integer(i8), allocatable :: start(:), column(:)
+   real(wp), allocatable :: value(:)
+
+   if (self%formed) then
+      call stabilise(self%symmetric_matrix, constant, cells, inside, modulus)
+      return
+   end if
+   self%value = constant
+   call self%compressed(start, column, value)
+   call new_sparse_rows(self%supports, start, column, value)
+   call new_symmetric(component, 1, size(cells%node), inside%neighbour)
+   call stabilise(component, component%value, cells, inside, modulus)
+   call component%compressed(start, column, value)
+   call new_sparse_rows(self%stabilising, start, column, value)
+end subroutine stabilise_cells
+
+!> Product of the part that never changes with a vector
+subroutine constant_product(self, constant, x, y)
+   !> Tangent
+   class(tangent_type), intent(in) :: self
+   !> Entries of the constant part where the tangent is formed, shape (entries) [force/length]
+   real(wp), contiguous, intent(in) :: constant(:)
+   !> Displacements, shape (n) [length]
+   real(wp), contiguous, target, intent(in) :: x(:)
+   !> Forces, shape (n) [force]
+   real(wp), contiguous, target, intent(inout) :: y(:)
+   real(wp), pointer, contiguous :: to(:, :), from(:, :)
+   integer :: nd, ns
+
+   if (self%formed) then
+      call self%product(constant, x, y)
+      return
+   end if
+   from(1:1, 1:size(x)) => x
+   to(1:1, 1:size(y)) => y
+   call self%supports%product(from, to, .false.)
+   nd = self%block
+   ns = size(self%stabilising%place%offset) - 1
+   from(1:nd, 1:ns) => x(:nd*ns)
+   to(1:nd, 1:ns) => y(:nd*ns)
+   call self%stabilising%product(from, to, .true.)
+end subroutine constant_product
+
 !> y = K u with all of the tangent
 subroutine apply(self, x, y)
    !> Tangent
@@ -214,7 +281,7 @@ subroutine apply(self, x, y)
    real(wp), contiguous, intent(inout) :: y(:)
 
    y = 0.0_wp
-   call self%product(self%value, x(:self%n), y(:self%n))
+   call self%constant_product(self%value, x(:self%n), y(:self%n))
    if (.not. self%formed) call self%groups%add_product(x, y)
    call self%add_skew(1.0_wp, x, y)
 end subroutine apply
@@ -433,7 +500,7 @@ subroutine multiply(self, x, y)
    associate (tangent => self%tangent, n => self%tangent%n)
       pressure = reshape(x(n + 1:), shape(tangent%groups%pressure%total))
       allocate (volume, mold=pressure)
-      call tangent%product(tangent%value, x(:n), y(:n))
+      call tangent%constant_product(tangent%value, x(:n), y(:n))
       call tangent%groups%add_saddle(x(:n), pressure, y(:n), volume)
       if (self%shift > 0.0_wp) y(:n) = y(:n) + self%shift*x(:n) &
          & *[tangent%preconditioner%diagonal, of_plates(tangent)]
