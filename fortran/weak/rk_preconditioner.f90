@@ -12,10 +12,11 @@ module rk_preconditioner
    use rk_cells, only : cells_type
    use rk_csr, only : csr_type
    use rk_error, only : error_type
+   use rk_multigrid, only : multigrid_type, new_multigrid
    use rk_nodal_values, only : new_nodal_values, nodal_values_type
    use rk_precision, only : i8, wp
    use rk_shape, only : shape_type
-   use rk_sparse, only : factor_upper, sparse_factor
+   use rk_sparse_rows, only : new_sparse_rows, sparse_rows
    use rk_symmetric, only : new_symmetric, symmetric_matrix
    use rk_text, only : to_text
    use rk_weak_conditions, only : surface_type
@@ -28,13 +29,12 @@ module rk_preconditioner
    type :: preconditioner_type
       !> Diagonal of the Laplacians, shape (n) [force/length]
       real(wp), allocatable :: diagonal(:)
-      !> Factor of each component, shape (nd)
-      type(sparse_factor), allocatable, private :: laplacian(:)
+      !> Cycle for each component, shape (nd)
+      type(multigrid_type), allocatable, private :: laplacian(:)
       !> Values, for which they stand
       type(nodal_values_type), private :: values
    contains
       procedure :: apply
-      final :: free
    end type preconditioner_type
 
    !> Stiffness of a cell, of its own, that pieces which nothing holds keep: their factor exists [-]
@@ -42,7 +42,7 @@ module rk_preconditioner
 
 contains
 
-!> Assemble and factorise
+!> Assemble, and set the cycles up
 subroutine new_preconditioner(self, cells, surface, inside, shear, error)
    !> Preconditioner
    type(preconditioner_type), intent(inout) :: self
@@ -54,10 +54,12 @@ subroutine new_preconditioner(self, cells, surface, inside, shear, error)
    type(shape_type), intent(in) :: inside
    !> Shear modulus at each point, shape (np) [stress]
    real(wp), intent(in) :: shear(:)
-   !> Error handling: no memory, no SuiteSparse, a component that nothing holds
+   !> Error handling: a component that nothing holds
    type(error_type), allocatable, intent(out) :: error
    type(symmetric_matrix) :: graph
-   real(wp), allocatable :: value(:), held(:, :, :)
+   type(sparse_rows) :: rows
+   integer(i8), allocatable :: start(:), column(:)
+   real(wp), allocatable :: free(:), value(:), held(:, :, :)
    integer, allocatable :: pair(:, :), behind(:)
    integer :: i, k, nd, s
 
@@ -86,22 +88,26 @@ subroutine new_preconditioner(self, cells, surface, inside, shear, error)
    call find_behind(behind, cells)
    call find_penalties(held, cells, surface, shear, behind)
    allocate (self%laplacian(nd), self%diagonal(nd*size(cells%node)))
+   free = graph%value
    do i = 1, nd
-      value = graph%value
+      graph%value = free
       do s = 1, size(behind)
          if (.not. surface%essential(i, s)) cycle
          associate (own => cells%node(cells%lift_point(s)))
             if (behind(s) == 0) then
-               call graph%add(value, [own], held(1:1, 1:1, s))
+               call graph%add(graph%value, [own], held(1:1, 1:1, s))
             else if (own < cells%node(behind(s))) then
-               call graph%add(value, [own, cells%node(behind(s))], held(:, :, s))
+               call graph%add(graph%value, [own, cells%node(behind(s))], held(:, :, s))
             else
-               call graph%add(value, [cells%node(behind(s)), own], held(2:1:-1, 2:1:-1, s))
+               call graph%add(graph%value, [cells%node(behind(s)), own], &
+                  & held(2:1:-1, 2:1:-1, s))
             end if
          end associate
       end do
-      self%diagonal(i::nd) = value(graph%start(2:))
-      call factor_upper(self%laplacian(i), graph%n, graph%start, graph%row, value, error)
+      self%diagonal(i::nd) = graph%value(graph%start(2:))
+      call graph%compressed(start, column, value)
+      call new_sparse_rows(rows, start, column, value)
+      call new_multigrid(self%laplacian(i), rows, error)
       if (allocated(error)) then
          error%message = 'preconditioner of displacement component '//to_text(i)//': ' &
             & //error%message//'; above galerkin.direct_limit the tangent is not factorised'
@@ -172,30 +178,19 @@ subroutine apply(self, x, y)
    !> Displacements, shape (n)
    real(wp), contiguous, intent(inout) :: y(:)
    real(wp) :: value(size(self%laplacian), size(x)/size(self%laplacian))
-   real(wp), allocatable :: component(:)
+   real(wp), allocatable :: right(:, :), solution(:, :)
    integer :: i
 
    value = reshape(x, shape(value))
    call self%values%invert(.true., value)
+   allocate (right(1, size(value, 2)), solution(1, size(value, 2)))
    do i = 1, size(value, 1)
-      component = value(i, :)
-      call self%laplacian(i)%solve(component)
-      value(i, :) = component
+      right(1, :) = value(i, :)
+      call self%laplacian(i)%apply(right, solution)
+      value(i, :) = solution(1, :)
    end do
    call self%values%invert(.false., value)
    y = reshape(value, [size(x)])
 end subroutine apply
-
-!> Give the factors back
-subroutine free(self)
-   !> Preconditioner
-   type(preconditioner_type), intent(inout) :: self
-   integer :: i
-
-   if (.not. allocated(self%laplacian)) return
-   do i = 1, size(self%laplacian)
-      call self%laplacian(i)%free()
-   end do
-end subroutine free
 
 end module rk_preconditioner
