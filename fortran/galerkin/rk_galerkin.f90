@@ -14,7 +14,6 @@ module rk_galerkin
    use rk_gauss_cells, only : gauss_cells
    use rk_gradient, only : new_gradient
    use rk_group_stiffness, only : add_forces
-   use rk_held, only : new_held
    use rk_mixture, only : new_mixture
    use rk_multiplier, only : new_multiplier
    use rk_neighbours, only : nearest_points
@@ -36,7 +35,7 @@ module rk_galerkin
    use rk_tangent, only : new_tangent, tangent_type
    use rk_tensor, only : cross, cross_form, identity
    use rk_text, only : to_text
-   use rk_weak, only : deform_group, new_state, weak_problem
+   use rk_weak, only : deform_group, hold_points, new_state, weak_problem
    use rk_weak_conditions, only : add_body_force, set_conditions
    implicit none
    private
@@ -47,6 +46,8 @@ module rk_galerkin
    type, extends(weak_problem) :: galerkin_problem
       !> F where the tangent was taken, and where the step to there began, shape (3, 3, np) [-]
       real(wp), allocatable :: origin(:, :, :), base(:, :, :)
+      !> The next place is no step of the tangent: the pressure of its tangent is that of the base
+      logical :: leaps = .false.
       !> Tangent, and the part of it that never changes: penalty and stabilisation
       type(tangent_type) :: matrix
       real(wp), allocatable :: constant(:)
@@ -146,29 +147,6 @@ subroutine new_galerkin(self, scene, error)
    if (allocated(error)) return
    call set_constants(self, shear)
 end subroutine new_galerkin
-
-!> Hold source points, with the values of the deck
-subroutine hold_points(self, error)
-   !> Problem with its surface
-   type(galerkin_problem), intent(inout) :: self
-   !> Error handling: places that cannot be held together
-   type(error_type), allocatable, intent(out) :: error
-   integer :: h
-
-   if (self%surface%plates%count > 0 .or. has_free_rim(self%scene)) then
-      call fatal_error(error, err_input, 'galerkin.essential = "transformation" knows neither ' &
-         & //'tendons nor pressures with a free rim: take galerkin.essential = "penalty"')
-      return
-   end if
-   if (.not. allocated(self%held)) call new_held(self%held, self%scene, self%cells, &
-      & self%surface, error)
-   if (allocated(error) .or. .not. allocated(self%held)) return
-   associate (near => self%held%nearest + size(self%scene%cloud%points, 2), mixture => self%mixture)
-      call self%held%set_deck(self%scene, [(mixture%shear_modulus(near(h), identity), &
-         & h=1, size(near))], [(mixture%bulk_at_one_pressure(near(h)), h=1, size(near))], self%n, &
-         & error)
-   end associate
-end subroutine hold_points
 
 !> Penalty, stabilisation, tendons, and forces of what is prescribed
 subroutine set_constants(self, shear)
@@ -311,6 +289,7 @@ subroutine linearise(self, x, load, r, seen)
    type(evaluation_type), intent(out) :: seen
 
    call assemble(self, x, load, load, .true., r, seen)
+   self%leaps = .false.
 end subroutine linearise
 
 !> Residual and tangent with essential values of the last converged state: they jump at the start of
@@ -333,7 +312,8 @@ subroutine predict(self, x, done, load, residuals, r, seen)
    type(evaluation_type), intent(out) :: seen
 
    ! what is carried to a place is known only on the way to it: a tangent that has it is not kept
-   call assemble(self, x, done, load, .not. (residuals .and. self%matrix%formed), r, seen)
+   self%leaps = residuals .and. self%matrix%formed
+   call assemble(self, x, done, load, .not. self%leaps, r, seen)
 end subroutine predict
 
 !> Sum over the groups
@@ -392,8 +372,7 @@ subroutine assemble(self, x, held, load, tangent, r, seen)
    ! comparisons that a NaN fails
    seen%valid = all(at%j > 0.0_wp) .and. all(abs(r) <= huge(1.0_wp))
    seen%worst = self%nearest(seen%worst)
-   if (.not. tangent) return
-   call move_alloc(at%f, self%origin)
+   if (tangent .or. size(jump) > 0) call move_alloc(at%f, self%origin)
 end subroutine assemble
 
 !> Internal less external forces of a state
@@ -472,7 +451,11 @@ subroutine group_part(self, g, at, change, load, tangent, force, part)
       if (self%matrix%carrying .and. .not. self%multiplier%free(g)) then
          linear = self%matrix%carried(:, g)
       else if (allocated(self%base) .and. .not. self%multiplier%free(g)) then
-         linear = self%pressure%along_step(g, self%cells, self%bulk(g), at%f, self%base)
+         if (self%leaps) then
+            linear = self%pressure%along_step(g, self%cells, self%bulk(g), self%base, self%base)
+         else
+            linear = self%pressure%along_step(g, self%cells, self%bulk(g), at%f, self%base)
+         end if
       end if
       allocate (c4(3, 3, 3, 3, n))
       if (stacked) allocate (volume(nd*members, b), source=0.0_wp)

@@ -3,8 +3,10 @@
 module rk_weak
    use rk_cells, only : cells_type
    use rk_discretisation, only : discretisation_type, deformation, entry_displacement
+   use rk_error, only : error_type, fatal_error, err_input
+   use rk_follower, only : has_free_rim
    use rk_gradient, only : gradient_type
-   use rk_held, only : held_type
+   use rk_held, only : held_type, new_held
    use rk_multiplier, only : multiplier_type
    use rk_precision, only : wp
    use rk_pressure, only : pressure_type
@@ -16,7 +18,7 @@ module rk_weak
    implicit none
    private
 
-   public :: weak_problem, deform_group, new_state
+   public :: weak_problem, deform_group, hold_points, new_state
 
    !> Weak form of a scene
    type, abstract, extends(discretisation_type) :: weak_problem
@@ -70,6 +72,29 @@ module rk_weak
    end interface
 
 contains
+
+!> Hold source points, with the values of the deck
+subroutine hold_points(self, error)
+   !> Problem with its surface
+   class(weak_problem), intent(inout) :: self
+   !> Error handling: places that cannot be held together
+   type(error_type), allocatable, intent(out) :: error
+   integer :: h
+
+   if (self%surface%plates%count > 0 .or. has_free_rim(self%scene)) then
+      call fatal_error(error, err_input, 'galerkin.essential = "transformation" knows neither ' &
+         & //'tendons nor pressures with a free rim: take galerkin.essential = "penalty"')
+      return
+   end if
+   if (.not. allocated(self%held)) call new_held(self%held, self%scene, self%cells, &
+      & self%surface, error)
+   if (allocated(error) .or. .not. allocated(self%held)) return
+   associate (near => self%held%nearest + size(self%scene%cloud%points, 2), mixture => self%mixture)
+      call self%held%set_deck(self%scene, [(mixture%shear_modulus(near(h), identity), &
+         & h=1, size(near))], [(mixture%bulk_at_one_pressure(near(h)), h=1, size(near))], self%n, &
+         & error)
+   end associate
+end subroutine hold_points
 
 !> Points where set_point_loads wants values: the integration points, those of the surface, then
 !> held source points

@@ -56,7 +56,7 @@ def test_tube_against_quadrature(inputs):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_infinite_k_is_the_limit_of_finite_ones(inputs, method):
-    """What 1/K leaves is in proportion to it, and 1e7 takes more iterations than no K at all."""
+    """What 1/K leaves is in proportion to it, and the iterations do not depend on K."""
     small = [f"scene.method={method}", "geometry.source=[4, 21]", "geometry.collocation=[5, 9]"]
     values, states = zip(
         *(inner_stress(inputs, bulk, *small, *LINEAR) for bulk in ("1e5", "1e6", "1e7", "inf")),
@@ -66,7 +66,8 @@ def test_infinite_k_is_the_limit_of_finite_ones(inputs, method):
     assert off[0] / off[1] == pytest.approx(10.0, rel=0.03)
     assert off[1] / off[2] == pytest.approx(10.0, rel=0.03)
     assert abs(off[2]) < 1e-5 * abs(values[3])
-    assert sum(states[3].iterations) < sum(states[2].iterations)
+    # the secant, which misses the volume, made it four times as many at 1e8
+    assert all(abs(sum(of.iterations) - sum(states[3].iterations)) <= 2 for of in states)
 
 
 @pytest.mark.parametrize("method", METHODS)
