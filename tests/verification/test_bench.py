@@ -10,6 +10,7 @@ from myork.bench import run_benches
 from myork.bench.limited import run_limited
 from myork.bench.page import write_page
 from myork.bench.runs import METHODS
+from myork.bench.studies.race import cost
 from myork.bench.tables import Columns, plot, table
 from myork.errors import InputError
 from myork.reference.measures import oscillation
@@ -208,3 +209,29 @@ def test_subdomain(tmp_path: Path) -> None:
     reached = [case for case in bench["cases"] if "most iterations" in case]
     assert len(reached) == 12 and min(case["min_J"] for case in reached) > 0
     assert len(bench["tables"]) == 4
+
+
+def test_cost_is_read_off_behind_the_last_miss() -> None:
+    points = [(1.0, 1e-1), (10.0, 1e-4), (100.0, 1e-3), (1000.0, 1e-5), (5.0, None)]
+    cases = [{"cpu_s": seconds, "e": error} for seconds, error in points]
+    # the lucky size at 10 s does not count
+    assert cost(cases, "e", 1e-4) == pytest.approx(100 * 10**0.5)
+    assert cost(cases, "e", 1e-2) == pytest.approx(10 ** (1 / 3))
+    assert cost(cases, "e", 0.5) == 1.0
+    assert cost(cases, "e", 1e-6) is None and cost([], "e", 1.0) is None
+
+
+def test_race(tmp_path: Path) -> None:
+    """Both reach 1 % of the tube's force and of the sheet's; times of both are on record."""
+    bench = run_benches(["race"], tmp_path, quick=True)["benches"]["race"]
+    assert all(case["outcome"] == "converged" for case in bench["cases"])
+    races = {(race["problem"], race["line"], race["error"]): race for race in bench["races"]}
+    for problem in ("tube", "near shear"):
+        race = races[problem, "force", 1e-2]
+        assert race["outcome"] == "both" and race["peer"] == "felupe"
+        assert race["ratio"] == pytest.approx(race["cpu_s"] / race["peer_cpu_s"])
+    # what the meshes do not know is not claimed
+    assert all(
+        race["ratio"] is None or race["error"] >= 2 * race["doubt"] for race in bench["races"]
+    )
+    assert len(bench["plots"]) == 4 and (tmp_path / "bench.html").is_file()

@@ -47,6 +47,7 @@ BENCHES = (
     "rom",
     "essential",
     "subdomain",
+    "race",
 )
 
 
