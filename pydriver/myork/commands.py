@@ -110,12 +110,15 @@ def _rom_check(options: argparse.Namespace) -> None:
     from myork.files import write_json
     from myork.rom.check import compare
     from myork.rom.model import ReducedModel
+    from myork.rom.parameters import parse_vary
 
     out = options.out or Path("out", options.file.name.split(".")[0])
-    out.mkdir(parents=True, exist_ok=True)
     rom = ReducedModel.load(options.file, threads=options.threads or 0)
+    fixed = {key: (value, value) for key, value in _numbers(options.set).items()}
+    ranges = parse_vary(options.vary) | fixed
     with Console(options.verbosity) as console:
-        found = compare(rom, rom.full_model(), options.points, options.seed, console)
+        found = compare(rom, rom.full_model(), options.points, options.seed, console, ranges)
+    out.mkdir(parents=True, exist_ok=True)
     write_json(out / "check.json", found)
     rom.set_certificate(found)
     print(rom.describe())
@@ -443,11 +446,14 @@ def add_rom_commands(
 ) -> None:
     """Commands of reduced models that outlive their training."""
 
-    def vary(command: argparse.ArgumentParser, form: str, example: str) -> None:
+    def vary(
+        command: argparse.ArgumentParser, form: str, example: str, *, required: bool = True
+    ) -> None:
         command.add_argument(
             "--vary",
             action="append",
-            required=True,
+            required=required,
+            default=None if required else [],
             metavar=f"KEY={form}",
             help=f"parameter with its range, such as {example}; may be repeated",
         )
@@ -515,7 +521,12 @@ def add_rom_commands(
         "rom check",
         _rom_check,
         "a reduced model against full solves at parameters that it was not trained on",
-        "  myork rom check block.rom.h5 --points 20 --out out/block",
+        "  myork rom check block.rom.h5 --points 20 --out out/block\n"
+        "  myork rom check block.rom.h5 --vary load.activation=0.3:1 --set sigma_max=70",
     )
+    vary(
+        check, "LOW:HIGH", "load.activation=0.3:1, in place of that of the training", required=False
+    )
+    values(check)
     check.add_argument("--points", type=positive, default=20, metavar="N", help="full solves")
     check.add_argument("--seed", type=int, default=1, metavar="S", help="start of random numbers")

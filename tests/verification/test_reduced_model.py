@@ -499,6 +499,13 @@ def test_commands(trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[s
     check = json.loads((tmp_path / "check.json").read_text())
     assert check["points"] == 2 and check["failed"] == 0
     assert {"u", "force", "cpu_us_per_state", "indicator_ratio", "spearman", "cells"} <= set(check)
+    beyond = ["--vary", "activation=0.7:0.8", "--set", "u_z=0.33", "--points", "2"]
+    assert main(["rom", "check", str(trained), *beyond, "--out", str(tmp_path), "-q"]) == 0
+    rows = json.loads((tmp_path / "check.json").read_text())["parameters"]
+    assert all(0.7 <= a <= 0.8 and u == 0.33 for a, u in rows) and rows[0] != rows[1]
+    wrong = ["--vary", "activation=0.8:0.7"]
+    assert main(["rom", "check", str(trained), *wrong, "--out", str(tmp_path)]) == 2
+    assert "load.activation: a range from 0.8 to 0.7 is none" in capsys.readouterr().err
     assert main(["rom", "solve", str(trained), "--set", "u_z=0.1"]) == 2
     assert "a value is missing of load.activation" in capsys.readouterr().err
 

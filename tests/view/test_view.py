@@ -187,6 +187,9 @@ def test_outside_is_told(open_page: Any, address: str) -> None:
     page.wait_for_function("shown.answers > 0")
     slide(page, 1, 0.34)
     assert page.inner_text("#verdict") == "? doubtful"
+    # the bounds that the verdict has
+    footer = page.inner_text("footer")
+    assert "beyond 1.7 % of estimated error" in footer and "beyond 4.2 % or without" in footer
     reasons = page.inner_text("#reasons")
     assert "boundary.z1.u_z = 0.34 is outside the trained range -0.2 to 0.3" in reasons
     assert page.locator(".slider.outside").count() == 1

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from myork.console import ProgressCallback
-from myork.errors import ConvergenceError
+from myork.errors import ConvergenceError, InputError
 from myork.rom.full import FullModel, FullState
 from myork.rom.model import ReducedModel
 from myork.rom.online import Answer
@@ -57,9 +57,14 @@ class Tests(NamedTuple):
 
 
 def compare(
-    rom: ReducedModel, full: FullModel, points: int, seed: int, progress: ProgressCallback
+    rom: ReducedModel,
+    full: FullModel,
+    points: int,
+    seed: int,
+    progress: ProgressCallback,
+    ranges: Mapping[str, tuple[float, float]] | None = None,
 ) -> dict[str, Any]:
-    """Errors and times at unseen points of the range.
+    """Errors and times at unseen points of the range, or of other `ranges` by key or last word.
 
     Displacements are compared in L2 over the body, with that of the same state (`median`, `p95`,
     `max`) and with the largest of all states (`max_of_largest`).
@@ -68,13 +73,24 @@ def compare(
     -------
     dict
         What `check.json` holds.
+
+    Raises
+    ------
+    InputError
+        A range of a key that is no parameter, or whose ends are exchanged.
     """
+    other = {rom.key_of(name): ends for name, ends in (ranges or {}).items()}
+    for key, (low, high) in other.items():
+        if not (np.isfinite([low, high]).all() and low <= high):
+            raise InputError(f"{key}: a range from {low} to {high} is none")
+    own = {p.key: (p.low, p.high) for p in rom.parameters} | other
+    parameters = [p._replace(low=own[p.key][0], high=own[p.key][1]) for p in rom.parameters]
 
     def guess(values: F64Array) -> list[F64Array | None]:
         found = rom.batch(values)
         return started(found.amplitudes, found.converged, rom.basis)
 
-    values = spread_points(rom.parameters, points, seed)
+    values = spread_points(parameters, points, seed)
     return measure(rom, solve_tests(full, rom.parameters, values, seed, guess, progress))
 
 

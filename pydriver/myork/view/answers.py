@@ -148,6 +148,8 @@ class Answers:
                 for name, (title, unit) in FIELDS.items()
             ],
             "length": units["length"],
+            "doubtful": DOUBTFUL,
+            "refused": REFUSED,
             "describe": rom.describe(),
         }
 
