@@ -139,6 +139,26 @@ def test_all_cells_are_the_full_model(deck: Path, change: list[str]) -> None:
             assert difference < 1e-7 * np.abs(tangent).max()
 
 
+def test_a_set_that_turns_and_moves(deck: Path, tmp_path: Path) -> None:
+    """Rotation and translation of one end, each a parameter: as the full model at unseen states."""
+    turning = "u_z = 0.1\nrotation = 5\naxis = [1, 0, 0]\nabout = [0.5, 0.5, 2]\n"
+    text = deck.read_text()
+    assert text.count("u_z = 0.1\n") == 1
+    path = tmp_path / "turning.toml"
+    path.write_text(text.replace("u_z = 0.1\n", turning))
+    key = "boundary.z1.rotation"
+    with pytest.raises(InputError, match=rf"{key}: a reduced model knows it as a parameter"):
+        ReducedModel.train(path, RANGES)
+    ranges = {"load.activation": (0.0, 0.6), key: (-25.0, 25.0), "boundary.z1.u_z": (-0.1, 0.2)}
+    rom = ReducedModel.train(path, ranges, full_solves=20, tests=6, threads=1)
+    c = rom.certificate
+    assert c["failed"] == 0 and c["u"]["max"] < 5e-3 and c["force"]["max"] < 1e-3
+    # the modes know nothing of how far it turns: an angle of its own, beyond the range
+    assert rom.conditions(np.array([[0.1, 90.0, 0.2]])).given[0, 1:4] == pytest.approx([1, 1, 0.2])
+    error, force, _, converged = true_error(rom, [0.4, 31.0, 0.1])
+    assert converged and error < 2e-2 and force < 1e-2
+
+
 def test_several_muscles_are_the_full_model(deck: Path) -> None:
     """Each muscle has its own activation, strength and fibers in the reduced model."""
     own = BLOCK[BLOCK.index("[[material]]") : BLOCK.index("[[boundary]]")]

@@ -108,17 +108,26 @@ class FullModel:
     def loads(
         self, parameters: Sequence[Parameter], more: Sequence[str] = ()
     ) -> tuple[LoadParts, list[LoadParts]]:
-        """What is prescribed without the parameters, and what a unit of each one adds."""
-        own = [p for p in parameters if p.kind == "load"]
-        with self.open([*more, *(override(p, 0.0) for p in own)]) as scene:
-            base = load_parts(scene)
+        """What is prescribed without the parameters, and what a unit of each one adds.
+
+        Of a rotation these are two fields: that of its sine and that of 1 - cosine.
+        """
+        own = [p for p in parameters if p.columns]
+
+        def at(values: Mapping[str, float]) -> LoadParts:
+            items = [override(p, values.get(p.key, 0.0)) for p in own]
+            with self.open([*more, *items]) as scene:
+                return load_parts(scene)
+
+        base = at({})
         units = []
         for unit in own:
-            values = [*more, *(override(p, float(p is unit)) for p in own)]
-            with self.open(values) as scene:
-                found = load_parts(scene)
-            pairs = zip(found, base, strict=True)
-            units.append(LoadParts(*(one - other for one, other in pairs)))
+            if unit.kind == "rotation":
+                right, left = (_less(at({unit.key: angle}), base) for angle in (90.0, -90.0))
+                units.append(LoadParts(*(0.5 * (r - m) for r, m in zip(right, left, strict=True))))
+                units.append(LoadParts(*(0.5 * (r + m) for r, m in zip(right, left, strict=True))))
+            else:
+                units.append(_less(at({unit.key: 1.0}), base))
         return base, units
 
     def solve(
@@ -252,6 +261,11 @@ class FullModel:
         if len(states.load) == 0 or states.load[-1] < 1.0:
             raise ConvergenceError("the full model did not follow a small step")
         return np.asarray((states.x[-1] - x) / step)
+
+
+def _less(one: LoadParts, other: LoadParts) -> LoadParts:
+    """What one prescribes more than the other."""
+    return LoadParts(*(a - b for a, b in zip(one, other, strict=True)))
 
 
 def cloud_arrays(cloud: PointCloud) -> dict[str, Any]:

@@ -154,7 +154,7 @@ class ReducedModel:
         self.units: dict[str, str] = head["units"]
         self.certificate: dict[str, Any] = head.get("certificate", {})
         self._laws = Laws(*(np.asarray(arrays[f"laws/{name}"]) for name in Laws._fields))
-        loads = sum(p.kind == "load" for p in self.parameters)
+        loads = sum(p.columns for p in self.parameters)
         self._loads = loads
         self._extra = int(head["force_amplitudes"])
         whole = _cells(arrays, "force")

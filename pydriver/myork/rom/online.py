@@ -238,7 +238,7 @@ def conditions_of(
     laws : Laws
         Materials of the deck.
     columns : int
-        Load parameters.
+        Prescribed fields that parameters scale.
     extra : int
         Amplitudes of forces, which are zero.
     share : F64Array, optional
@@ -258,8 +258,10 @@ def conditions_of(
         tissues = list(parameter.tissues)
         column = values[:, j, None]
         if parameter.kind == "load":
-            load += 1
-            given[:, load] = values[:, j]
+            given[:, load + 1] = values[:, j]
+        elif parameter.kind == "rotation":
+            angle = np.radians(values[:, j])
+            given[:, load + 1], given[:, load + 2] = np.sin(angle), 1.0 - np.cos(angle)
         elif parameter.kind == "activation":
             activation[:, tissues] = column
         elif parameter.kind == "sigma_max":
@@ -269,4 +271,5 @@ def conditions_of(
         else:
             modulus[:, number] = values[:, j] - laws.modulus[number]
             number += 1
+        load += parameter.columns
     return Conditions(activation, sigma, turn, modulus, given)

@@ -25,8 +25,10 @@ F64Array = NDArray[np.float64]
 
 _POSSIBLE = (
     "load.activation, material.NAME.KEY with activation, sigma_max, fiber_angle, K and the other "
-    "moduli, and prescribed values such as boundary.SET.u_z are possible"
+    "moduli, and prescribed values such as boundary.SET.u_z or boundary.SET.rotation are possible"
 )
+#: Displacements that a condition prescribes
+_PRESCRIBED = ("u_x", "u_y", "u_z", "radial", "rotation")
 #: Constants of the materials on which the energy depends linearly, beside K
 _MODULI = (
     "mu", "C1", "C2", "C3", "A10", "A01", "A20", "A11", "A02", "A30", "A21", "A12", "A03",
@@ -43,9 +45,9 @@ class Parameter(NamedTuple):
     low, high : float
         Range of the training.
     kind : str
-        "activation", "sigma_max", "fiber_angle", "modulus" or "load".
+        "activation", "sigma_max", "fiber_angle", "modulus", "load" or "rotation".
     tissues : tuple of int
-        Materials that it changes, from 0; none for a load.
+        Materials that it changes, from 0; none for a load or a rotation.
     """
 
     key: str
@@ -57,7 +59,12 @@ class Parameter(NamedTuple):
     @property
     def grows(self) -> bool:
         """Whether the value grows from zero with the load, as that of a material does not."""
-        return self.kind in ("activation", "load")
+        return self.kind in ("activation", "load", "rotation")
+
+    @property
+    def columns(self) -> int:
+        """Prescribed fields that it scales: a rotation one by its sine, one by 1 - cosine."""
+        return {"load": 1, "rotation": 2}.get(self.kind, 0)
 
 
 def parse_vary(items: Sequence[str]) -> dict[str, tuple[float, float]]:
@@ -137,20 +144,18 @@ def _resolved(name: str, low: float, high: float, deck: Mapping[str, Any]) -> Pa
     words = name.split(".")
     if words[-1] == "activation":
         return _activation(name, low, high, deck)
-    if words[0] == "boundary" and words[-1] in ("u_x", "u_y", "u_z", "radial"):
+    if words[0] == "boundary" and words[-1] in _PRESCRIBED:
         entries = deck.get("boundary", [])
         own = [b for i, b in enumerate(entries) if words[1] in (b["set"], str(i + 1))]
         if len(words) != 3 or len(own) != 1 or words[-1] not in own[0]:
             raise InputError(
                 f"{name}: the deck prescribes no such value; it has "
                 + ", ".join(
-                    f"boundary.{b['set']}.{u}"
-                    for b in entries
-                    for u in ("u_x", "u_y", "u_z", "radial")
-                    if u in b
+                    f"boundary.{b['set']}.{u}" for b in entries for u in _PRESCRIBED if u in b
                 )
             )
-        return Parameter(f"boundary.{own[0]['set']}.{words[-1]}", low, high, "load", ())
+        kind = "rotation" if words[-1] == "rotation" else "load"
+        return Parameter(f"boundary.{own[0]['set']}.{words[-1]}", low, high, kind, ())
     if (words[0] == "material" and len(words) == 3) or len(words) == 1:
         return _of_material(name, low, high, deck)
     raise InputError(f"{name}: a reduced model cannot vary it; {_POSSIBLE}")

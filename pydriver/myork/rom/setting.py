@@ -63,8 +63,8 @@ class Setting(NamedTuple):
     parts : GalerkinParts
         Integration points.
     columns : Columns
-        What the deck prescribes beside the parameters, a unit of each load, a unit of each set
-        whose force is wanted and that no load moves.
+        What the deck prescribes beside the parameters, a unit of each load or two of a rotation, a
+        unit of each set whose force is wanted and that no load moves.
     loads, extra : int
         Numbers of the last two.
     wanted : NDArray

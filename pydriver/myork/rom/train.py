@@ -115,9 +115,14 @@ def train(
     ranges = parameters if isinstance(parameters, Mapping) else parse_vary(parameters)
     values = load_deck(deck, overrides, "solve")
     kinds = as_parameters(ranges, values)
-    for key in ("rotation", "pressure", "spring", "tendon"):
+    for key in ("pressure", "spring", "tendon"):
         if any(key in entry for entry in values.get("boundary", [])):
             raise InputError(f"{deck}: boundary.{key}: a reduced model does not know it")
+    varied = {p.key for p in kinds}
+    for entry in values.get("boundary", []):
+        key = f"boundary.{entry['set']}.rotation"
+        if "rotation" in entry and key not in varied:
+            raise InputError(f"{deck}: {key}: a reduced model knows it as a parameter: vary it")
     for entry in values.get("material", []):
         if "activation_field" in entry:
             raise InputError(

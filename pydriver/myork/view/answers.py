@@ -131,9 +131,12 @@ class Answers:
             elif p.low > 0.0:
                 # a modulus stays what it is
                 low = max(low, 0.5 * p.low)
-            unit = {"load": units["length"], "activation": "", "fiber_angle": "°"}.get(
-                p.kind, stress
-            )
+            unit = {
+                "load": units["length"],
+                "activation": "",
+                "fiber_angle": "°",
+                "rotation": "°",
+            }.get(p.kind, stress)
             parameters.append(
                 {"key": p.key, "low": p.low, "high": p.high, "least": low, "most": high,
                  "unit": unit}
@@ -156,7 +159,7 @@ class Answers:
     def start(self) -> list[float]:
         """Values of the first state: no load where that is in the range, else the middle."""
         return [
-            0.0 if p.kind == "load" and p.low <= 0.0 <= p.high else 0.5 * (p.low + p.high)
+            0.0 if p.columns and p.low <= 0.0 <= p.high else 0.5 * (p.low + p.high)
             for p in self.rom.parameters
         ]
 
