@@ -26,7 +26,7 @@ from myork.report.figures import (
     rom_probe_figure,
 )
 from myork.report.image_figures import area_figure, slice_figure
-from myork.report.numbers import fraction, number, unit_of
+from myork.report.numbers import fraction, number, unit_of, with_error
 from myork.report.pictures import limits_of, plane_figure, slices_figure
 from myork.report.sources import Deformation, read_folder
 from myork.report.tables import orientation_table, rom_table
@@ -229,6 +229,11 @@ def test_history_columns(folder: Path) -> None:
     assert_array_equal(read_folder(folder).history["gradient"], [np.nan, 1e-3])
 
 
+def test_rounding_below_an_error_bar_is_zero() -> None:
+    assert with_error([1e-17, 0.1885], [9e-4, 3.1e-3]) == "(0, 0.1885) ± (0.00090, 0.0031)"
+    assert with_error(1e-7, 1e-4) == "1.000·10<sup>−7</sup> ± 0.00010"
+
+
 @pytest.mark.parametrize(
     ("value", "digits", "text"),
     [
@@ -394,7 +399,7 @@ def test_the_first_screen_answers_what_a_reader_asks(folder: Path) -> None:
         "Quantities: reaction (force_z at bottom)", "At load 1: reaction −3.000 ± 0.015 N",
         "Doubtful: ellipticity (in 3 % of the volume)",
         "Error bars: 0.50 % of the value at most (reaction)",
-        "20 points instead of 1\u202f377) has displacements 0.020 cm apart",
+        "20 points instead of 1\u202f377) differs by 0.020 cm in displacement",
         "phantom data", "the images were computed, not measured", "Dice muscle 0.973",
     ):  # fmt: skip
         assert wanted in text, wanted

@@ -47,10 +47,19 @@ def number(value: Any, digits: int = 4) -> Markup:
 
 
 def with_error(value: Any, error: Any) -> Markup:
-    """A value with its estimated error behind it, where there is one."""
+    """A value with its estimated error behind it, where there is one; rounding below it is 0."""
     if error is None:
         return number(value)
-    return Markup("{} ± {}").format(number(value), number(error, 2))
+    return Markup("{} ± {}").format(number(_resolved(value, error)), number(error, 2))
+
+
+def _resolved(value: Any, error: Any) -> Any:
+    """The value, 0 for each part that is far below its error."""
+    if isinstance(value, (list, tuple)) and isinstance(error, (list, tuple)):
+        return [_resolved(*pair) for pair in zip(value, error, strict=False)]
+    if isinstance(value, float) and isinstance(error, float) and abs(value) < 1e-6 * error:
+        return 0
+    return value
 
 
 def fraction(value: Any) -> str:

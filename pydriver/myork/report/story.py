@@ -205,7 +205,7 @@ def _trust(summary: Mapping[str, Any], deformation: Deformation | None) -> Itera
                 number(second.get("source_points")), number(summary.get("source_points"))
             )
         )
-        yield Markup("A second solution ({}, {}) has displacements {} {} apart (rms)").format(
+        yield Markup("A second solution ({}, {}) differs by {} {} in displacement (rms)").format(
             second["method"], points, number(second["difference"], 2),
             (summary.get("units") or {}).get("length", "?"),
         )  # fmt: skip
@@ -221,7 +221,7 @@ def _trust(summary: Mapping[str, Any], deformation: Deformation | None) -> Itera
         off = ""
         if deformation is not None:
             share = float(np.mean(np.abs(deformation.volume_ratio - 1.0) > _OFF))
-            off = f", more than {_OFF:.0%} away from 1 at {100 * share:.3g} % of the points"
+            off = f", more than {100 * _OFF:.0f} % away from 1 at {100 * share:.3g} % of the points"
         checks.append(
             Markup("{} J {} to {}{}").format(
                 "volume ratio" if checks else "Volume ratio", *ratios, off
