@@ -20,6 +20,7 @@ from myork.model.boundary import Boundary, bone_beside, boundary_sets
 from myork.model.fibers import activation_at_points, fibers_at_points
 from myork.model.mesh import read_tracts, tract_fibers, voxelise
 from myork.model.shares import label_shares
+from myork.model.slices import finer_fibers, finer_labels, finer_values, slice_parts
 from myork.model.surface import end_offsets, surface_offsets
 from myork.model_file import write_model
 from myork.records import Image, Labels, PointCloud, Voxels
@@ -70,6 +71,12 @@ def build(
             paths.append(Path(values["folder"]) / table["activation"])
             activation = read_image(paths[-1])
             check_same_grid(activation, labels)
+        if "slice_thickness" in table:
+            labels, fibers, activation = _thinner(
+                labels, fibers, activation, table["slice_thickness"]
+            )
+            shape, size = labels.data.shape, labels.spacing
+            progress(f"slices cut: {shape[0]} x {shape[1]} x {shape[2]} voxels of {size.round(2)}")
         progress(f"points from {', '.join(path.name for path in paths)}")
         source_images = "\n".join(
             f"{path.name} {hashlib.sha256(path.read_bytes()).hexdigest()}" for path in paths
@@ -119,6 +126,19 @@ def _inputs(
     fibers = read_image(paths[1], values=3)
     check_same_grid(fibers, labels)
     return labels, fibers, paths
+
+
+def _thinner(
+    labels: Labels, fibers: Image | None, activation: Image | None, thickness: float
+) -> tuple[Labels, Image | None, Image | None]:
+    """All images on slices cut to a thickness [mm]."""
+    axis, parts = slice_parts(labels.spacing, thickness)
+    finer = finer_labels(labels, axis, parts)
+    if fibers is not None:
+        fibers = finer_fibers(fibers, labels, finer, axis, parts)
+    if activation is not None:
+        activation = finer_values(activation, axis, parts)
+    return finer, fibers, activation
 
 
 def build_cloud(

@@ -1,0 +1,247 @@
+"""The way from an image to a model on arrays, without decks or folders: for notebooks.
+
+Arrays have the voxel axes i, j, k first; affines take voxel indices to world coordinates (right,
+anterior, superior) in millimetres. Defaults are those of the decks' tables.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from myork.core.deck import load_tables
+from myork.core.level_sets import evolve_level_sets
+from myork.errors import InputError
+from myork.imaging import diffusion
+from myork.imaging.gradients import GradientTable
+from myork.model.fibers import fiber_field
+from myork.model.slices import finer_fibers, finer_labels, slice_parts
+from myork.records import Image, Labels, PointCloud
+from myork.segmentation.channels import scaled_values
+from myork.segmentation.level_sets import LevelSets, segment_regions
+from myork.segmentation.regions import body_mask
+from myork.segmentation.shading import shading
+from myork.stations.build import build_cloud
+
+__all__ = ["build_points", "correct_bias", "fit_tensors", "mean_fibers", "resample", "segment"]
+
+F64 = NDArray[np.float64]
+I32 = NDArray[np.int32]
+Mask = NDArray[np.bool_]
+
+
+def fit_tensors(dwi: ArrayLike, affine: ArrayLike, b: ArrayLike, directions: ArrayLike) -> F64:
+    """Diffusion tensors by weighted least squares.
+
+    Parameters
+    ----------
+    dwi : ArrayLike
+        Diffusion-weighted images, shape `(ni, nj, nk, nvolume)`.
+    affine : ArrayLike
+        Shape `(4, 4)` [mm].
+    b : ArrayLike
+        Weighting of each volume, shape `(nvolume,)` [s/mm^2].
+    directions : ArrayLike
+        Gradients in the world frame, any where `b` is next to zero, shape `(nvolume, 3)`.
+
+    Returns
+    -------
+    NDArray
+        xx, yy, zz, xy, xz, yz in the world frame, shape `(ni, nj, nk, 6)` [mm^2/s].
+    """
+    image = _image(dwi, affine, 4)
+    weights, vectors = np.asarray(b, float), np.asarray(directions, float)
+    if vectors.shape != (image.data.shape[3], 3) or weights.shape != vectors.shape[:1]:
+        raise InputError(
+            f"{image.data.shape[3]} volumes need as many b values and directions, not "
+            f"{weights.shape} and {vectors.shape}"
+        )
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    unit = np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
+    return diffusion.fit_tensors(image, GradientTable(weights, unit)).data
+
+
+def mean_fibers(
+    tensor: ArrayLike, affine: ArrayLike, labels: ArrayLike, smoothing: float | None = None
+) -> F64:
+    """Fibers of averaged tensors, label by label.
+
+    Parameters
+    ----------
+    tensor : ArrayLike
+        Components in the world frame, shape `(ni, nj, nk, 6)`.
+    affine : ArrayLike
+        Shape `(4, 4)` [mm].
+    labels : ArrayLike
+        Labels, or a mask, shape `(ni, nj, nk)`.
+    smoothing : float, optional
+        Width of the average [mm]; default the one that foretells tensors best.
+
+    Returns
+    -------
+    NDArray
+        Unit vectors in the world frame, zero outside of the labels, shape `(ni, nj, nk, 3)`.
+    """
+    image = _image(tensor, affine, 4)
+    return fiber_field(image, _labels(labels, affine, image).data, smoothing).fibers.data
+
+
+def correct_bias(
+    image: ArrayLike, affine: ArrayLike, body: ArrayLike | None = None
+) -> tuple[F64, F64, str]:
+    """Image without the shading of the coils (`bias.method = "auto"`).
+
+    Parameters
+    ----------
+    image : ArrayLike
+        Shape `(ni, nj, nk)`.
+    affine : ArrayLike
+        Shape `(4, 4)` [mm].
+    body : ArrayLike, optional
+        Voxels that tell the field, same shape; default found by threshold.
+
+    Returns
+    -------
+    tuple
+        Corrected image, field, and why the field may be wrong (empty where starts agree).
+    """
+    grid = _image(image, affine, 3)
+    found = shading(grid.data, _body(grid, body), spacing=grid.spacing)
+    return grid.data / found.field, found.field, found.doubt
+
+
+def segment(image: ArrayLike, affine: ArrayLike, body: ArrayLike | None = None, **keys: Any) -> I32:
+    """Regions of an image by level sets.
+
+    Parameters
+    ----------
+    image : ArrayLike
+        Shape `(ni, nj, nk)`; shading is not taken out.
+    affine : ArrayLike
+        Shape `(4, 4)` [mm].
+    body : ArrayLike, optional
+        Voxels that take part, same shape; default found by threshold.
+    **keys
+        Of the table `image` of decks: `regions`, `start` (`kmeans`, `otsu`, `circles`), `mu`,
+        `volume`, `iterations`, ...
+
+    Returns
+    -------
+    NDArray
+        0 outside, then 1 for the darkest region and so on, shape `(ni, nj, nk)`.
+    """
+    grid = _image(image, affine, 3)
+    region = _body(grid, body)
+    table = _table("image", keys)
+    found = segment_regions(
+        scaled_values(grid, region)[..., np.newaxis],
+        region,
+        evolve_level_sets,
+        LevelSets.of_table(table),
+        spacing=grid.spacing,
+    )
+    return (found.region + 1).astype(np.int32)
+
+
+def resample(
+    labels: ArrayLike, affine: ArrayLike, thickness: float, fibers: ArrayLike | None = None
+) -> tuple[I32, F64, F64 | None]:
+    """Labels and fibers of thick slices on thinner ones.
+
+    Parameters
+    ----------
+    labels : ArrayLike
+        Shape `(ni, nj, nk)`.
+    affine : ArrayLike
+        Shape `(4, 4)` [mm].
+    thickness : float
+        Wanted thickness of slices [mm].
+    fibers : ArrayLike, optional
+        Vectors, zero where there is none, shape `(ni, nj, nk, 3)`.
+
+    Returns
+    -------
+    tuple
+        Labels, affine and fibers (or None) of the finer grid.
+    """
+    grid = _labels(labels, affine)
+    axis, parts = slice_parts(grid.spacing, thickness)
+    finer = finer_labels(grid, axis, parts)
+    if fibers is None:
+        return finer.data, finer.affine, None
+    way = finer_fibers(_image(fibers, affine, 4), grid, finer, axis, parts)
+    return finer.data, finer.affine, way.data
+
+
+def build_points(
+    labels: ArrayLike,
+    affine: ArrayLike,
+    fibers: ArrayLike | None = None,
+    *,
+    names: dict[int, str] | None = None,
+    unit: str = "cm",
+    **keys: Any,
+) -> tuple[PointCloud, list[str]]:
+    """Points of a model, as `myork build` makes them; `Scene.from_tables` takes them.
+
+    Parameters
+    ----------
+    labels : ArrayLike
+        Shape `(ni, nj, nk)`.
+    affine : ArrayLike
+        Shape `(4, 4)` [mm].
+    fibers : ArrayLike, optional
+        Vectors in the world frame, shape `(ni, nj, nk, 3)`.
+    names : dict, optional
+        Names of the labels.
+    unit : str
+        Unit of length of the model: `mm`, `cm` or `m`.
+    **keys
+        Of the table `build` of decks: `collocation_stride`, `source_stride`, `bone`, ...
+
+    Returns
+    -------
+    tuple
+        The points and warnings.
+    """
+    grid = _labels(labels, affine)
+    grid = Labels(grid.data, grid.affine, dict(names or {}))
+    way = None if fibers is None else _image(fibers, affine, 4)
+    return build_cloud(grid, way, _table("build", keys), unit)
+
+
+def _table(name: str, keys: dict[str, Any]) -> dict[str, Any]:
+    """Table of a deck with its defaults."""
+    units = {"force": "N", "length": "cm"}
+    tables = {"title": "arrays", "units": units, "scene": {"dimension": 3}, name: keys}
+    found: dict[str, Any] = load_tables(tables)[name]
+    return found
+
+
+def _image(values: ArrayLike, affine: ArrayLike, axes: int) -> Image:
+    data, grid = np.asarray(values, float), np.asarray(affine, float)
+    if data.ndim != axes or grid.shape != (4, 4):
+        raise InputError(
+            f"an array with {axes} axes and an affine of 4 x 4 are wanted, not {data.shape} and "
+            f"{grid.shape}"
+        )
+    return Image(data, grid)
+
+
+def _labels(values: ArrayLike, affine: ArrayLike, like: Image | None = None) -> Labels:
+    data = np.asarray(values)
+    if data.ndim != 3 or (like is not None and data.shape != like.data.shape[:3]):
+        wanted = "three axes" if like is None else f"the shape {like.data.shape[:3]}"
+        raise InputError(f"labels with {wanted} are wanted, not {data.shape}")
+    return Labels(data.astype(np.int32), np.asarray(affine, float))
+
+
+def _body(image: Image, body: ArrayLike | None) -> Mask:
+    if body is None:
+        return body_mask(image)
+    mask = np.asarray(body) > 0
+    if mask.shape != image.data.shape:
+        raise InputError(f"a body of the shape {image.data.shape} is wanted, not {mask.shape}")
+    return np.asarray(mask, np.bool_)

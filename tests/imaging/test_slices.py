@@ -1,0 +1,121 @@
+"""Thick slices cut into thinner ones, against muscles that are known between them."""
+
+import numpy as np
+import pytest
+
+from myork.imaging.io import write_image, write_labels
+from myork.model.slices import finer_fibers, finer_labels, finer_values, slice_parts
+from myork.records import Image, Labels
+from myork.stations.build import build
+
+PARTS = 8
+
+
+def muscles(heights):
+    """Two muscles that touch, lean, bend and taper, and their fibers, in slices at heights [mm]."""
+    x, y = np.meshgrid(np.arange(110) - 55.0, np.arange(90) - 45.0, indexing="ij")
+    labels = np.zeros((*x.shape, len(heights)), np.int32)
+    fibers = np.zeros((*labels.shape, 3))
+    for k, z in enumerate(heights):
+        lean, bend = 0.35 * (z - 48.0), 10.0 * np.sin(z / 30.0)
+        size = 1.0 - 0.45 * ((z - 48.0) / 48.0) ** 2
+        inside = ((x - lean) / (30.0 * size)) ** 2 + ((y - bend) / (18.0 * size)) ** 2 < 1.0
+        labels[..., k] = np.where(inside, np.where(x - lean + 0.4 * (y - bend) < 0, 1, 2), 0)
+        way = np.array([[0, 0, 0], [0.35 + 0.003 * z, 0.1, 1.0], [-0.2, 0.3 - 0.004 * z, 1.0]])
+        fibers[..., k, :] = way[labels[..., k]]
+    return labels, fibers
+
+
+def affine(thickness):
+    """Middle of the lowest slice at half of its thickness."""
+    result = np.diag([1.0, 1.0, thickness, 1.0])
+    result[2, 3] = 0.5 * thickness
+    return result
+
+
+@pytest.fixture(scope="module")
+def stacks():
+    fine, way = muscles(np.arange(96) + 0.5)
+    thick, thick_way = muscles(8.0 * np.arange(12) + 4.0)
+    return (
+        Labels(fine, affine(1.0), {1: "a", 2: "b"}),
+        way,
+        Labels(thick, affine(8.0), {1: "a", 2: "b"}),
+        Image(thick_way, affine(8.0)),
+    )
+
+
+def dice(a, b):
+    return 2 * (a & b).sum() / (a.sum() + b.sum())
+
+
+def test_stack_of_8_mm_has_the_muscles_of_1_mm(stacks):
+    fine, _, thick, _ = stacks
+    assert slice_parts(thick.spacing, 1.0) == (2, PARTS)
+    found = finer_labels(thick, 2, PARTS)
+    np.testing.assert_allclose(found.affine, fine.affine)
+    repeated = np.repeat(thick.data, PARTS, axis=2)
+    for number in (1, 2):
+        truth = fine.data == number
+        assert dice(found.data == number, truth) >= 0.975
+        assert dice(found.data == number, truth) > dice(repeated == number, truth) + 0.02
+        assert (found.data == number).sum() == pytest.approx(truth.sum(), rel=0.015)
+    assert found.names == thick.names
+
+
+def test_fibers_go_to_every_voxel_of_their_own_muscle(stacks):
+    fine, way, thick, fibers = stacks
+    labels = finer_labels(thick, 2, PARTS)
+    found = finer_fibers(fibers, thick, labels, 2, PARTS).data
+    length = np.linalg.norm(found, axis=-1)
+    np.testing.assert_allclose(length, labels.data > 0, atol=1e-9)
+    both = (labels.data == fine.data) & (fine.data > 0)
+    cosine = (found * way).sum(axis=-1)[both] / np.linalg.norm(way[both], axis=-1)
+    wrong = np.degrees(np.arccos(np.clip(np.abs(cosine), 0, 1)))
+    assert wrong.mean() < 0.5 and wrong.max() < 2.0  # they turn by 1.8 degrees from slice to slice
+
+
+def test_any_axis_may_be_the_thick_one(stacks):
+    thick, fibers = stacks[2:]
+    turned = Labels(np.moveaxis(thick.data, 2, 0), np.diag([8.0, 1.0, 1.0, 1.0]))
+    assert slice_parts(turned.spacing, 2.0) == (0, 4)
+    found = finer_labels(turned, 0, 4)
+    np.testing.assert_array_equal(np.moveaxis(found.data, 0, 2), finer_labels(thick, 2, 4).data)
+    vectors = Image(np.moveaxis(fibers.data, 2, 0), turned.affine)
+    way = finer_fibers(vectors, turned, found, 0, 4).data
+    same = finer_fibers(fibers, thick, finer_labels(thick, 2, 4), 2, 4).data
+    np.testing.assert_allclose(np.moveaxis(way, 0, 2), same)
+    values = finer_values(Image(turned.data / 2.0, turned.affine), 0, 4)
+    np.testing.assert_array_equal(values.data[2], turned.data[0] / 2.0)
+
+
+def test_a_muscle_that_ends_between_slices_ends_half_of_the_way():
+    data = np.zeros((20, 20, 4), np.int32)
+    data[5:15, 5:15, 1] = 1
+    found = finer_labels(Labels(data, affine(8.0)), 2, PARTS).data
+    heights = np.flatnonzero(found.any(axis=(0, 1)))
+    assert heights.min() == 8 and heights.max() == 15
+    assert found.sum(axis=(0, 1))[8] < 0.3 * found.sum(axis=(0, 1))[11]
+    one = Labels(data[..., 1:2], affine(8.0))
+    np.testing.assert_array_equal(finer_labels(one, 2, 3).data, np.repeat(one.data, 3, axis=2))
+
+
+def test_model_of_thick_slices(stacks, tmp_path):
+    fine, _, thick, fibers = stacks
+    write_labels(tmp_path / "labels.nii.gz", thick)
+    write_image(tmp_path / "fibers.nii.gz", fibers)
+    deck = {
+        "title": "thick",
+        "units": {"force": "N", "length": "mm"},
+        "scene": {"dimension": 3},
+        "build": {
+            "labels": str(tmp_path / "labels.nii.gz"),
+            "fibers": str(tmp_path / "fibers.nii.gz"),
+            "slice_thickness": 4,
+            "collocation_stride": [4, 4, 1],
+            "source_stride": [8, 8, 2],
+        },
+    }
+    model = build(deck, tmp_path / "out")["model"]
+    assert model["volume"]["a"] == pytest.approx((fine.data == 1).sum(), rel=0.015)
+    assert model["points_without_fiber"] == 0
