@@ -386,6 +386,17 @@ pure subroutine add_force(self, q, p, force)
       end do
       return
    end if
+   if (self%nd == 2) then
+      do e = self%start(q) + 1, self%start(q + 1)
+         k = int(e - self%start(q))
+         do i = 1, 2
+            at = self%first(i, q) + k
+            force(i, self%local(e)) = force(i, self%local(e)) + p(i, 1)*self%value(1, at) &
+               & + p(i, 2)*self%value(2, at)
+         end do
+      end do
+      return
+   end if
    do e = self%start(q) + 1, self%start(q + 1)
       k = int(e - self%start(q))
       do i = 1, self%nd
@@ -407,17 +418,21 @@ pure subroutine add_work(self, q, p, factor, rows)
    real(wp), intent(in) :: factor(:)
    !> Rows by the displacements of the group's source points, shape (nd*members, b)
    real(wp), intent(inout) :: rows(:, :)
+   real(wp) :: work(size(rows, 1))
    integer(i8) :: e
-   integer :: i, k
+   integer :: b, i, k, row
 
+   ! one column after the other: rows are far apart
+   work = 0.0_wp
    do e = self%start(q) + 1, self%start(q + 1)
       k = int(e - self%start(q))
       do i = 1, self%nd
-         associate (row => self%nd*(self%local(e) - 1) + i)
-            rows(row, :) = rows(row, :) &
-               & + dot_product(p(i, :self%nd), self%value(:, self%first(i, q) + k))*factor
-         end associate
+         row = self%nd*(self%local(e) - 1) + i
+         work(row) = dot_product(p(i, :self%nd), self%value(:, self%first(i, q) + k))
       end do
+   end do
+   do b = 1, size(factor)
+      rows(:, b) = rows(:, b) + factor(b)*work
    end do
 end subroutine add_work
 

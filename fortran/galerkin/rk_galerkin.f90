@@ -91,7 +91,7 @@ subroutine new_galerkin(self, scene, error)
    call new_boundary(self%boundary, scene%cloud, scene%condition, scene%programme%count(), error)
    if (allocated(error)) return
    allocate (self%shape)
-   call scene%shape_at(scene%cloud%points, self%shape, error)
+   call scene%shape_at(scene%cloud%points, self%shape, error, first=.true.)
    if (allocated(error)) return
    if (allocated(scene%cloud%block)) then
       call nodal_cells(self%cells, scene%cloud, error)

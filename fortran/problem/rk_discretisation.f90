@@ -412,7 +412,7 @@ pure subroutine deformation(nd, u, f, h)
    real(wp), intent(in) :: u(:, :)
    !> F(i, A) [-]
    real(wp), intent(out) :: f(3, 3)
-   !> u_j,BA as h(j, B, A) [1/length]
+   !> u_j,BA as h(j, B, A), zero where the fields have no second derivatives [1/length]
    real(wp), intent(out) :: h(3, 3, 3)
    integer :: a, b, q
 
@@ -423,6 +423,7 @@ pure subroutine deformation(nd, u, f, h)
    end do
    do a = 1, nd
       f(:nd, a) = f(:nd, a) + u(:nd, 1 + a)
+      if (size(u, 2) == 1 + nd) cycle
       do b = a, nd
          q = second_index(nd, a, b)
          h(:nd, b, a) = u(:nd, q)
