@@ -338,7 +338,7 @@ def test_states_far_from_those_of_the_training_are_followed(deck: Path) -> None:
     assert ratio["min"] > 0.3 and ratio["max"] < 4.0
     # its own range: what was never trained is known by the material's law
     error, force, _, converged = true_error(rom, [0.5, 0.1, 70.0])
-    assert converged and error < 1e-3 and force < 1e-4
+    assert converged and error < 2e-3 and force < 1e-4
     # a stress of 1.75 times the largest one of the training, for which modes were chosen: 5e-3 and
     # 2e-4 without
     error, force, _, converged = true_error(rom, [1.0, 0.1, 70.0])
