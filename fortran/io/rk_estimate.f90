@@ -213,12 +213,12 @@ subroutine estimate_galerkin(self, deck, method, support, layers)
       & + 24.0_wp*0.5_wp*self%nd**2*self%ns*coupled + 8.0_wp*self%unknowns*band
    self%flops = self%unknowns*band**2
    if (method == 'rkpm-gauss' .or. self%unknowns <= limit) return
-   ! never formed: moduli, gradients at the points, the constant part, three scalar factors, and the
-   ! work of an iteration through all points
+   ! never formed: moduli, gradients at the points, the constant part of one component, matrices of
+   ! seven entries a point with their levels and vectors, and the work of an iteration through all
+   ! points
    self%solver = 'minres'
    self%bytes = points*8.0_wp*(2.0_wp*81.0_wp + members*(3.0_wp*self%nd + 2.0_wp)) &
-      & + 24.0_wp*0.5_wp*self%nd**2*self%ns*members &
-      & + 8.0_wp*self%nd*31.0_wp*self%ns**(4.0_wp/3.0_wp)
+      & + 12.0_wp*self%ns*(coupled + 25.0_wp*self%nd)
    self%flops = most_iterations*points*(self%nd**4 + members*4.0_wp*self%nd**2)
 end subroutine estimate_galerkin
 

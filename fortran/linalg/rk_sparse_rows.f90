@@ -58,39 +58,117 @@ subroutine product_with(self, x, y, add)
    real(wp), contiguous, intent(inout) :: y(:, :)
    !> Add to y what is there
    logical, intent(in) :: add
-   real(wp) :: solid(3), plane(2), line
+
+   ! lengths that the compiler knows
+   associate (offset => self%place%offset, index => self%place%index)
+      select case (size(x, 1))
+      case (3)
+         call three(size(offset) - 1, offset, index, self%value, x, y, add)
+      case (2)
+         call two(size(offset) - 1, offset, index, self%value, x, y, add)
+      case default
+         call one(size(offset) - 1, offset, index, self%value, x, y, add)
+      end select
+   end associate
+end subroutine product_with
+
+!> The same for three vectors
+subroutine three(rows, offset, index, value, x, y, add)
+   !> Rows
+   integer, intent(in) :: rows
+   !> Row i has entries offset(i)+1 : offset(i+1), shape (rows + 1)
+   integer(i8), intent(in) :: offset(rows + 1)
+   !> Columns
+   integer, intent(in) :: index(*)
+   !> Entries
+   real(wp), intent(in) :: value(*)
+   !> Factor
+   real(wp), intent(in) :: x(3, *)
+   !> Product
+   real(wp), intent(inout) :: y(3, rows)
+   !> Add to what is there
+   logical, intent(in) :: add
+   real(wp) :: sum(3)
    integer(i8) :: k
    integer :: i
 
-   !$omp parallel do default(none) schedule(static) private(k, solid, plane, line) &
-   !$omp shared(self, x, y, add)
-   do i = 1, size(self%place%offset) - 1
-      ! lengths that the compiler knows
-      select case (size(x, 1))
-      case (3)
-         solid = 0.0_wp
-         if (add) solid = y(:3, i)
-         do k = self%place%offset(i) + 1, self%place%offset(i + 1)
-            solid = solid + self%value(k)*x(:3, self%place%index(k))
-         end do
-         y(:3, i) = solid
-      case (2)
-         plane = 0.0_wp
-         if (add) plane = y(:2, i)
-         do k = self%place%offset(i) + 1, self%place%offset(i + 1)
-            plane = plane + self%value(k)*x(:2, self%place%index(k))
-         end do
-         y(:2, i) = plane
-      case default
-         line = 0.0_wp
-         if (add) line = y(1, i)
-         do k = self%place%offset(i) + 1, self%place%offset(i + 1)
-            line = line + self%value(k)*x(1, self%place%index(k))
-         end do
-         y(1, i) = line
-      end select
+   !$omp parallel do default(none) schedule(static) private(k, sum) &
+   !$omp shared(rows, offset, index, value, x, y, add)
+   do i = 1, rows
+      sum = 0.0_wp
+      if (add) sum = y(:, i)
+      do k = offset(i) + 1, offset(i + 1)
+         sum = sum + value(k)*x(:, index(k))
+      end do
+      y(:, i) = sum
    end do
    !$omp end parallel do
-end subroutine product_with
+end subroutine three
+
+!> The same for two vectors
+subroutine two(rows, offset, index, value, x, y, add)
+   !> Rows
+   integer, intent(in) :: rows
+   !> Row i has entries offset(i)+1 : offset(i+1), shape (rows + 1)
+   integer(i8), intent(in) :: offset(rows + 1)
+   !> Columns
+   integer, intent(in) :: index(*)
+   !> Entries
+   real(wp), intent(in) :: value(*)
+   !> Factor
+   real(wp), intent(in) :: x(2, *)
+   !> Product
+   real(wp), intent(inout) :: y(2, rows)
+   !> Add to what is there
+   logical, intent(in) :: add
+   real(wp) :: sum(2)
+   integer(i8) :: k
+   integer :: i
+
+   !$omp parallel do default(none) schedule(static) private(k, sum) &
+   !$omp shared(rows, offset, index, value, x, y, add)
+   do i = 1, rows
+      sum = 0.0_wp
+      if (add) sum = y(:, i)
+      do k = offset(i) + 1, offset(i + 1)
+         sum = sum + value(k)*x(:, index(k))
+      end do
+      y(:, i) = sum
+   end do
+   !$omp end parallel do
+end subroutine two
+
+!> The same for one vector
+subroutine one(rows, offset, index, value, x, y, add)
+   !> Rows
+   integer, intent(in) :: rows
+   !> Row i has entries offset(i)+1 : offset(i+1), shape (rows + 1)
+   integer(i8), intent(in) :: offset(rows + 1)
+   !> Columns
+   integer, intent(in) :: index(*)
+   !> Entries
+   real(wp), intent(in) :: value(*)
+   !> Factor
+   real(wp), intent(in) :: x(*)
+   !> Product
+   real(wp), intent(inout) :: y(rows)
+   !> Add to what is there
+   logical, intent(in) :: add
+   real(wp) :: sum
+   integer(i8) :: k
+   integer :: i
+
+   !$omp parallel do default(none) schedule(static) private(k, sum) &
+   !$omp shared(rows, offset, index, value, x, y, add)
+   do i = 1, rows
+      sum = 0.0_wp
+      if (add) sum = y(i)
+      do k = offset(i) + 1, offset(i + 1)
+         sum = sum + value(k)*x(index(k))
+      end do
+      y(i) = sum
+   end do
+   !$omp end parallel do
+end subroutine one
 
 end module rk_sparse_rows

@@ -34,7 +34,7 @@ module rk_nodal_values
    !> Smallest eigenvalue of one direction that is worth a step
    real(wp), parameter :: smallest = 0.3_wp
    !> Chebyshev steps
-   integer, parameter :: steps = 4
+   integer, parameter :: steps = 3
 
 contains
 
