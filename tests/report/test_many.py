@@ -14,6 +14,7 @@ from myork.errors import FileError, InputError
 from myork.report import compare_runs, make_report
 from myork.report.sweep_figures import Column, Fit, tornado_figure, trend_figure
 from myork.report.sweep_page import read_sweep
+from myork.stations.solve import run_deck
 
 
 class Page:
@@ -152,3 +153,41 @@ def test_what_cannot_be_compared(folder: Path) -> None:
     empty = copy_of(folder, "empty", lambda s: s.update(steps=[]))
     with pytest.raises(FileError, match="empty: has no load steps"):
         compare_runs([folder, empty])
+
+
+def solved(folder: Path, move: float, size: list[float]) -> Path:
+    """A rubber block of this size, one end of which is held and the other moved."""
+    axes = "xyz"[: len(size)]
+    run_deck(
+        {
+            "title": "Block",
+            "units": {"force": "N", "length": "cm"},
+            "scene": {"dimension": len(size)},
+            "geometry": {
+                "kind": "box",
+                "size": size,
+                "source": [4] * len(size),
+                "collocation": [6] * len(size),
+            },
+            "material": [{"name": "rubber", "model": "neo-hookean", "mu": 10, "K": 500}],
+            "boundary": [
+                {"set": "x0", **{f"u_{axis}": 0 for axis in axes}},
+                {"set": "x1", **{f"u_{axis}": 0 for axis in axes}, "u_x": move},
+            ],
+        },
+        folder,
+        threads=1,
+        error=False,
+    )
+    return folder
+
+
+def test_bodies_stand_side_by_side(tmp_path: Path) -> None:
+    """Plane or in space, in one scale; a plane body is not put beside one in space."""
+    cubes = [solved(tmp_path / name, move, [1, 1, 1]) for name, move in (("a", 0.1), ("b", 0.4))]
+    sheets = [solved(tmp_path / name, move, [2, 1]) for name, move in (("c", 0.2), ("d", 0.6))]
+    for number, pair in enumerate((cubes, sheets)):
+        page = Page(compare_runs(pair, tmp_path / f"page{number}"))
+        assert "bodies" in page.sections and "the same for all" in page.text
+    mixed = Page(compare_runs([cubes[0], sheets[0]], tmp_path / "page2"))
+    assert "bodies" not in mixed.sections

@@ -61,7 +61,7 @@ def test_clouds(tmp_path: Path) -> None:
 
 
 def test_trust(tmp_path: Path) -> None:
-    """A cantilever and a cylinder: no wrong answer is accepted, and `auto` is right."""
+    """A cantilever and a clamped beam: no wrong answer is accepted, and `auto` is right."""
     bench = quick("trust", tmp_path)
     assert bench["tables"][-1]["rows"][0] == [bench["tables"][-1]["rows"][0][0], 0]
     own = [case for case in bench["cases"] if case["method"] == "auto"]

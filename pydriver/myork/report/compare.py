@@ -13,6 +13,8 @@ from myork.errors import FileError
 from myork.report.figures import COLOURS, DASHES, MARKERS
 from myork.report.frame import Section, figure, render, table
 from myork.report.numbers import DASH, fraction, number, unit_of, with_error
+from myork.report.off_screen import NoPictureError
+from myork.report.pictures import compared_figure
 from myork.report.sources import RunFolder
 from myork.report.story import Answer
 from myork.summary import read_summary
@@ -21,6 +23,8 @@ __all__ = ["compare_page"]
 
 #: Keys of decks that differ, and probes, that are shown
 _MOST_KEYS, _MOST_PROBES = 40, 9
+#: Bodies side by side
+_MOST_BODIES = 4
 #: Differences this small are rounding [-]
 _SAME = 1e-9
 
@@ -33,6 +37,7 @@ def compare_page(runs: Sequence[RunFolder], version: str) -> str:
     names = _names(runs)
     sections = [
         Section("answers", "Answers", list(_answers(runs, names))),
+        Section("bodies", "Deformed bodies", list(_bodies(runs, names))),
         Section("curves", "On the way", list(_curves(runs, names))),
         Section("decks", "What differs in the decks", list(_decks(runs, names))),
         Section("cost", "Sizes and cost", list(_cost(runs, names))),
@@ -159,6 +164,30 @@ def _answers(runs: Sequence[RunFolder], names: Sequence[str]) -> Iterator[Markup
     )
     shown = [row for row in rows if any(cell != DASH for cell in row[1:])]
     yield table(("", *names), shown, "At the last load; per cent: from the first run")
+
+
+def _bodies(runs: Sequence[RunFolder], names: Sequence[str]) -> Iterator[Markup]:
+    """The bodies of the first runs, if they are all plane or all in space."""
+    own = [
+        (run.deformation, name)
+        for run, name in zip(runs, names, strict=True)
+        if run.deformation is not None and len(run.deformation.loads) > 1
+    ][:_MOST_BODIES]
+    kinds = {bool(np.ptp(deformation.points[:, 2])) for deformation, _ in own}
+    units = [run.summary.get("units", {}) for run in runs]
+    if len(own) < 2 or len(kinds) > 1 or any(other != units[0] for other in units):
+        return
+    deformations, shown = zip(*own, strict=True)
+    caption = (
+        "Last load of each run, deformed to scale; undeformed edges in grey. Colours, view and "
+        "scale are the same for all."
+    )
+    if len(own) < len(runs):
+        caption += f" {len(own)} of {len(runs)} runs."
+    try:
+        yield figure(compared_figure(deformations, shown, units[0]), caption)
+    except NoPictureError as reason:
+        yield Markup("<p>No pictures of the bodies: {}.</p>").format(str(reason))
 
 
 def _curves(runs: Sequence[RunFolder], names: Sequence[str]) -> Iterator[Markup]:

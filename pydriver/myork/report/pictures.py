@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
+from matplotlib.colorbar import Colorbar
 from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
@@ -19,7 +20,13 @@ from myork.report.off_screen import Panel, draw
 from myork.report.skin import outer_triangles, spacing_of
 from myork.report.sources import Deformation
 
-__all__ = ["limits_of", "plane_figure", "slices_figure", "surface_figure"]
+__all__ = [
+    "compared_figure",
+    "limits_of",
+    "plane_figure",
+    "slices_figure",
+    "surface_figure",
+]
 
 F64 = NDArray[np.float64]
 
@@ -237,7 +244,7 @@ def _ruler(axes: Axes, half: F64, length: str) -> None:
     )  # fmt: skip
 
 
-def _bar(figure: Figure, axes: list[Any], limits: tuple[float, float, str], wide: bool) -> None:
+def _bar(figure: Figure, axes: list[Any], limits: tuple[float, float, str], wide: bool) -> Colorbar:
     low, high, ends = limits
     shade = ScalarMappable(Normalize(low, high), colormaps["viridis"])
     side = "right" if wide else "bottom"
@@ -246,6 +253,7 @@ def _bar(figure: Figure, axes: list[Any], limits: tuple[float, float, str], wide
     )
     bar.ax.locator_params(nbins=5)
     bar.ax.ticklabel_format(useOffset=False)
+    return bar
 
 
 def plane_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure:
@@ -293,6 +301,91 @@ def plane_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure:
     if deformation.cauchy is not None:
         _crosses(panels[1], moved[few], deformation.cauchy[few, :2, :2])
     return figure
+
+
+def compared_figure(
+    deformations: Sequence[Deformation], names: Sequence[str], units: Mapping[str, str]
+) -> Figure:
+    """Bodies side by side: displacement and stress, one view and one scale for all.
+
+    Parameters
+    ----------
+    deformations : sequence of Deformation
+        Last states, all plane or all in space.
+    names : sequence of str
+        Of the runs.
+    units : Mapping
+        Units of the decks, keys `force` and `length`.
+
+    Returns
+    -------
+    Figure
+        A column a run.
+
+    Raises
+    ------
+    NoPictureError
+        VTK cannot draw here.
+    """
+    force, length = units.get("force", "?"), units.get("length", "?")
+    moved = [own.points + own.displacement for own in deformations]
+    triangles = [
+        outer_triangles(points, spacing_of(points))
+        for points in (_places(own.points) for own in deformations)
+    ]
+    fields = [
+        [np.linalg.norm(own.displacement, axis=1) for own in deformations],
+        [own.stress for own in deformations],
+    ]
+    limits = [
+        limits_of(np.concatenate([v[np.unique(t)] for v, t in zip(row, triangles, strict=True)]))
+        for row in fields
+    ]
+    every = np.vstack([*moved, *(own.points for own in deformations)])
+    flat = not np.ptp(every[:, 2])
+    views = [np.eye(3)] if flat else _views(np.ptp(every, axis=0))[:1]
+    middle = 0.5 * (every.min(axis=0) + every.max(axis=0))
+    half = 1.06 * np.abs(views[0][:2] @ (every - middle).T).max(axis=1)
+    half = np.maximum(half, 0.15 * half.max())
+    count, tall = len(deformations), float(half[1] / half[0])
+    width = 10.0 / count
+    figure = Figure(figsize=(11.0, 2.0 * width * tall + 1.2), layout="constrained")
+    grid = figure.subplots(2, count, squeeze=False)
+    for column, own in enumerate(deformations):
+        shapes = [row[column] for row in fields]
+        if flat:
+            for axes, values, ends in zip(grid[:, column], shapes, limits, strict=True):
+                place = moved[column][:, :2] - middle[:2]
+                shape = Triangulation(place[:, 0], place[:, 1], triangles[column])
+                axes.tripcolor(shape, values, shading="gouraud", vmin=ends[0], vmax=ends[1])
+                rest = (own.points[:, :2] - middle[:2])[_rim(triangles[column])]
+                axes.plot(*rest.transpose(2, 1, 0), color="#999999", linewidth=0.8)
+        else:
+            none = np.empty((0, 2, 3))
+            panels = [
+                Panel(moved[column], values, ends[:2], "viridis", none)
+                for values, ends in zip(shapes, limits, strict=True)
+            ]
+            drawn = draw(panels, triangles[column], own.points, views, middle, half)
+            for axes, pictures in zip(grid[:, column], drawn, strict=True):
+                extent = (-half[0], half[0], -half[1], half[1])
+                axes.imshow(pictures[0], extent=extent, interpolation="antialiased")
+        grid[0, column].set_title(names[column], fontsize=10)
+    for axes in grid.ravel():
+        axes.set(xlim=(-half[0], half[0]), ylim=(-half[1], half[1]), aspect="equal")
+        axes.set_axis_off()
+    if not flat:
+        _triad(grid[0, 0], views[0], half)
+    _ruler(grid[0, 0], half, length)
+    titles = (f"displacement |u| [{length}]", f"largest principal stress [{force}/{length}²]")
+    for row, ends, title in zip(grid, limits, titles, strict=True):
+        _bar(figure, list(row), ends, wide=True).set_label(title)
+    return figure
+
+
+def _places(points: F64) -> F64:
+    """Points as triangles are made of them: those of a plane body without z."""
+    return points if np.ptp(points[:, 2]) else points[:, :2]
 
 
 def slices_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure:

@@ -135,8 +135,12 @@ def _tissues() -> list[Case]:
 
 def _unstable() -> list[Case]:
     """Contraction beyond the loss of ellipticity: no answer is right, and none may be accepted."""
+    # the published form locks and stays where the material is elliptic
+    words = {"rkcm": ("the stress does",)}
     return [
-        _beside("inclined block", (5, 5, 9), form, "", "", ("loses ellipticity",))._replace(
+        _beside(
+            "inclined block", (5, 5, 9), form, "", "", words.get(form, ("loses ellipticity",))
+        )._replace(
             name=f"inclined block, activation 0.6, {form}",
             overrides=(f"scene.method={form}", "load.activation=0.6"),
             rival="",

@@ -44,7 +44,7 @@ _TUBE_SIZES = ((5, 26), (7, 38), (9, 51), (13, 76))
 _ELEMENTS = ((1, 2), (1, 4), (2, 8), (4, 16), (6, 24))
 _BLOCK = ((2, 3.0, "rkcm"), (3, 4.0, "rkcm"), (2, 3.0, "rkcm-mixed"), (3, 4.0, "rkcm-mixed"))
 # Order 2 of each method
-_QUICK_TUBE = (_TUBE[0], _TUBE[5], _TUBE[6])
+_QUICK_TUBE = (_TUBE[0], _TUBE[6])
 _QUICK_BLOCK = (_BLOCK[0], _BLOCK[2])
 _BLOCK_SIZES = ((4, 4, 7), (5, 5, 9), (6, 6, 11))
 
