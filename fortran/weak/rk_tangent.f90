@@ -49,8 +49,9 @@ module rk_tangent
       logical :: formed = .true.
       !> Stiffness of the groups where it is not formed
       type(group_stiffness) :: groups
-      !> Supports of the surface by unknowns, and the stabilisation of a component by source points
-      type(sparse_rows), private :: supports, stabilising
+      !> Supports of the surface by unknowns, what pressures that follow it add to them in the
+      !> linearisation, and the stabilisation of a component by source points
+      type(sparse_rows), private :: supports, followers, stabilising
       !> Tolerance of Newton's iteration, whose solves need no more digits [-]
       real(wp) :: wanted = 0.0_wp
       !> Pressures are carried to the place of the linearisation
@@ -74,9 +75,11 @@ module rk_tangent
       procedure :: carry
       !> Keep the linearisation of a group
       procedure :: keep_group
+      !> Keep the stiffness of pressures that follow the surface
+      procedure :: keep_followers
       !> Stabilise nodal cells
       procedure :: stabilise => stabilise_cells
-      !> Its product with a vector
+      !> Product of the part that never changes with a vector
       procedure :: constant_product
       procedure :: apply
       procedure :: apply_transposed
@@ -214,6 +217,23 @@ subroutine keep_group(self, g, bulk, moduli, pressure, jump)
    if (.not. self%carrying) self%carried(:, g) = pressure
 end subroutine keep_group
 
+!> Keep what pressures that follow the surface have added to the constant part
+subroutine keep_followers(self, constant)
+   !> Tangent
+   class(tangent_type), intent(inout) :: self
+   !> Entries of the constant part, shape (entries) [force/length]
+   real(wp), intent(in) :: constant(:)
+   integer(i8), allocatable :: start(:), column(:)
+   real(wp), allocatable :: value(:), whole(:)
+
+   if (self%formed) return
+   whole = self%value
+   self%value = whole - constant
+   call self%compressed(start, column, value)
+   call new_sparse_rows(self%followers, start, column, value)
+   call move_alloc(whole, self%value)
+end subroutine keep_followers
+
 !> Stabilise nodal cells: in the constant part, or as rows of their own where the tangent is not
 !> formed, whose supports are complete
 subroutine stabilise_cells(self, constant, cells, inside, modulus)
@@ -238,6 +258,7 @@ subroutine stabilise_cells(self, constant, cells, inside, modulus)
    self%value = constant
    call self%compressed(start, column, value)
    call new_sparse_rows(self%supports, start, column, value)
+   if (allocated(self%followers%value)) deallocate (self%followers%value)
    call new_symmetric(component, 1, size(cells%node), inside%neighbour)
    call stabilise(component, component%value, cells, inside, modulus)
    call component%compressed(start, column, value)
@@ -271,6 +292,23 @@ subroutine constant_product(self, constant, x, y)
    call self%stabilising%product(from, to, .true.)
 end subroutine constant_product
 
+!> Product of what is not that of the groups, or of the matrix where it is formed
+subroutine linear_product(self, x, y)
+   !> Tangent
+   class(tangent_type), intent(in) :: self
+   !> Displacements, shape (n) [length]
+   real(wp), contiguous, target, intent(in) :: x(:)
+   !> Forces, shape (n) [force]
+   real(wp), contiguous, target, intent(inout) :: y(:)
+   real(wp), pointer, contiguous :: to(:, :), from(:, :)
+
+   call self%constant_product(self%value, x, y)
+   if (.not. allocated(self%followers%value)) return
+   from(1:1, 1:size(x)) => x
+   to(1:1, 1:size(y)) => y
+   call self%followers%product(from, to, .true.)
+end subroutine linear_product
+
 !> y = K u with all of the tangent
 subroutine apply(self, x, y)
    !> Tangent
@@ -281,7 +319,7 @@ subroutine apply(self, x, y)
    real(wp), contiguous, intent(inout) :: y(:)
 
    y = 0.0_wp
-   call self%constant_product(self%value, x(:self%n), y(:self%n))
+   call linear_product(self, x(:self%n), y(:self%n))
    if (.not. self%formed) call self%groups%add_product(x, y)
    call self%add_skew(1.0_wp, x, y)
 end subroutine apply
@@ -382,14 +420,16 @@ subroutine solve_step(self, shift, b, x, report, error)
    call saddle%precondition(right, image)
    norm = sqrt(max(dot_product(image, right), tiny(1.0_wp)))
    share = first_share
-   if (self%first > 0.0_wp) then
+   if (self%last > 0.0_wp) then
       share = forcing*(norm/self%last)**2
    else
       self%first = norm
    end if
    share = max(min(max(share, enough*self%wanted*self%first/norm), largest_share), tolerance)
-   self%last = norm
    call solve_saddle(self, shift, share, right, both, report, error)
+   ! nothing is carried from a solve that failed
+   if (allocated(error)) return
+   self%last = norm
    both = both + start
    call take_unknowns(self, both, x)
    self%begun = self%place
@@ -500,7 +540,7 @@ subroutine multiply(self, x, y)
    associate (tangent => self%tangent, n => self%tangent%n)
       pressure = reshape(x(n + 1:), shape(tangent%groups%pressure%total))
       allocate (volume, mold=pressure)
-      call tangent%constant_product(tangent%value, x(:n), y(:n))
+      call linear_product(tangent, x(:n), y(:n))
       call tangent%groups%add_saddle(x(:n), pressure, y(:n), volume)
       if (self%shift > 0.0_wp) y(:n) = y(:n) + self%shift*x(:n) &
          & *[tangent%preconditioner%diagonal, of_plates(tangent)]
