@@ -64,6 +64,8 @@ subroutine minres(system, b, tolerance, limit, x, iterations, reached)
    w_old = 0.0_wp
    call system%precondition(v, z)
    gamma = sqrt(max(dot_product(z, v), 0.0_wp))
+   ! also where the preconditioner makes no number of it
+   if (any(abs(b) > 0.0_wp)) reached = 1.0_wp
    gamma_old = 1.0_wp
    first = gamma
    eta = gamma
@@ -85,7 +87,9 @@ subroutine minres(system, b, tolerance, limit, x, iterations, reached)
       new = z - a3*w_old - a2*w
       call system%precondition(v, z)
       gamma_old = gamma
-      gamma = sqrt(max(dot_product(z, v), 0.0_wp))
+      gamma = dot_product(z, v)
+      if (.not. abs(gamma) <= huge(1.0_wp)) exit
+      gamma = sqrt(max(gamma, 0.0_wp))
       a1 = hypot(a0, gamma)
       ! an invariant subspace without the solution: the matrix is singular
       if (.not. a1 > 0.0_wp) exit

@@ -120,6 +120,7 @@ pure function diagonal_of(a) result(diagonal)
    integer(i8) :: k
    integer :: i
 
+   diagonal = 0.0_wp
    do i = 1, size(diagonal)
       do k = a%place%offset(i) + 1, a%place%offset(i + 1)
          if (a%place%index(k) == i) diagonal(i) = a%value(k)

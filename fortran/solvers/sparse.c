@@ -273,6 +273,7 @@ int rk_sparse_direct(int64_t n, int64_t *start, int64_t *row, double *value, int
             *rcond = cholmod_l_rcond(f->cholesky, &f->common);
             memcpy(x, b, (size_t)n * sizeof *x);
             rk_sparse_solve(f, x);
+            stat = state(&f->common);
         } else if (f->cholesky) {
             /* half a factor only takes the room that LU needs */
             cholmod_l_change_factor(CHOLMOD_PATTERN, f->cholesky->is_ll, f->cholesky->is_super, 1,
