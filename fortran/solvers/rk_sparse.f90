@@ -33,6 +33,8 @@ module rk_sparse
    type :: kept_factor
       type(c_ptr), private :: handle = c_null_ptr
    contains
+      !> Whether a solve has found an order of elimination
+      procedure :: has_order
       final :: free_kept
    end type kept_factor
 
@@ -285,6 +287,14 @@ subroutine free(self)
    if (c_associated(self%handle)) call rk_sparse_free(self%handle)
    self%handle = c_null_ptr
 end subroutine free
+
+!> Whether a solve has found an order of elimination
+pure logical function has_order(self)
+   !> What was kept
+   class(kept_factor), intent(in) :: self
+
+   has_order = c_associated(self%handle)
+end function has_order
 
 !> Give back what was kept
 subroutine free_kept(self)

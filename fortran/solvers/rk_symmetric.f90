@@ -34,8 +34,6 @@ module rk_symmetric
       real(wp), allocatable :: skew(:)
       !> Blocks of each column of blocks by their row, ascending, the diagonal one last
       type(csr_type), private :: above
-      !> Unknowns less 1 along the body, shape (n)
-      integer(i8), allocatable, private :: order(:)
       !> What the factors have in common
       type(kept_factor), pointer, private :: kept => null()
    contains
@@ -75,7 +73,6 @@ subroutine new_symmetric(self, block, blocks, group)
    !> Groups of each block
    type(csr_type) :: groups
    integer, allocatable :: mark(:)
-   integer, allocatable :: along(:)
    integer(i8) :: k, l
    integer :: i, j, n, pass
 
@@ -109,11 +106,6 @@ subroutine new_symmetric(self, block, blocks, group)
       if (pass == 1) allocate (self%above%index(self%above%offset(blocks + 1)))
    end do
 
-   allocate (self%order(self%n))
-   along = cuthill_mckee(self%above)
-   do i = 1, block
-      self%order(i::block) = block*(along - 1_i8) + i - 1
-   end do
    allocate (self%start(self%n + 1))
    self%start(1) = 0
    do j = 1, blocks
@@ -412,7 +404,7 @@ subroutine solve_with(self, given, b, x, report, error)
    type(square_report), intent(out) :: report
    !> Error handling: singular matrix, no memory
    type(error_type), allocatable, intent(out) :: error
-   integer(i8), allocatable :: start(:), column(:)
+   integer(i8), allocatable :: start(:), column(:), order(:)
    real(wp), allocatable :: value(:), r(:)
    real(wp) :: norm
    logical :: definite
@@ -427,8 +419,10 @@ subroutine solve_with(self, given, b, x, report, error)
       report%why = 'the tangent has pressures as unknowns and is not definite: LU'
    end if
    if (definite) then
+      ! not allocated it is no argument
+      if (.not. self%kept%has_order()) order = unknowns_along(self)
       call solve_sparse(self%n, self%start, self%row, given, .true., self%keeps, b, x, &
-         & report%rcond, self%kept, error, self%order)
+         & report%rcond, self%kept, error, order)
    end if
    if (.not. definite .or. allocated(error)) then
       if (allocated(error)) then
@@ -453,6 +447,22 @@ subroutine solve_with(self, given, b, x, report, error)
    norm = sqrt(sum(given**2))
    report%backward_error = norm2(r - b)/max(norm*norm2(x) + norm2(b), tiny(1.0_wp))
 end subroutine solve_with
+
+!> Unknowns less 1 along the body, an order of elimination
+function unknowns_along(self) result(order)
+   !> Matrix
+   class(symmetric_matrix), intent(in) :: self
+   !> Unknowns less 1, shape (n)
+   integer(i8), allocatable :: order(:)
+   integer, allocatable :: along(:)
+   integer :: i
+
+   allocate (order(self%n))
+   along = cuthill_mckee(self%above)
+   do i = 1, self%block
+      order(i::self%block) = self%block*(along - 1_i8) + i - 1
+   end do
+end function unknowns_along
 
 !> Solve in place with the factor of the last solve, which is there where the matrix keeps it
 subroutine solve_again(self, x)
