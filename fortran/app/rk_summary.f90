@@ -26,7 +26,8 @@ module rk_summary
 
    !> Entries of the stations before a solve, which hold whatever is solved; all others tell of a
    !> solution, `rom` as well, and end with it
-   character(len=*), parameter :: kept(*) = [character(len=12) :: 'segmentation', 'tissue', 'model']
+   character(len=*), parameter :: kept(*) = [character(len=12) :: 'segmentation', 'tissue', &
+      & 'model', 'tensors']
 
 contains
 
