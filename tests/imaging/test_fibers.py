@@ -74,6 +74,24 @@ def test_bad_tensors_are_filled_and_counted_or_refused():
         fiber_field(Image(data, np.eye(4), "dti.nii"), inside, 1.0)
 
 
+def test_missing_fibers_come_from_their_own_muscle():
+    labels = np.ones((12, 4, 3), np.int32)
+    labels[6:] = 2
+    data = np.where((labels == 1)[..., None], stick([0, 0, 1]), stick([1, 0, 0]))
+    data[3:6] = np.nan
+    image = Image(data, np.eye(4), "dti.nii")
+    found = fiber_field(image, labels, 0.0)
+    assert (found.far, found.distance) == (36, 3.0)
+    assert angle(found.fibers.data[labels == 1], np.array([0, 0, 1])).max() < 1e-5
+    # A muscle without any tensor has those of its neighbour, and that is counted.
+    data[:6] = np.nan
+    found = fiber_field(image, labels, 0.0)
+    assert (found.far, found.distance) == (72, 6.0)
+    assert angle(found.fibers.data[labels == 1], np.array([1, 0, 0])).max() < 1e-5
+    with pytest.raises(InputError, match="dti.nii: no voxel to find fibers in"):
+        fiber_field(image, 0 * labels, None)
+
+
 def test_fibers_of_muscles_that_touch_keep_their_direction_up_to_the_border():
     labels = np.ones((12, 8, 3), np.int32)
     labels[6:] = 2

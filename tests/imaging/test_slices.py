@@ -85,8 +85,16 @@ def test_any_axis_may_be_the_thick_one(stacks):
     way = finer_fibers(vectors, turned, found, 0, 4).data
     same = finer_fibers(fibers, thick, finer_labels(thick, 2, 4), 2, 4).data
     np.testing.assert_allclose(np.moveaxis(way, 0, 2), same)
-    values = finer_values(Image(turned.data / 2.0, turned.affine), 0, 4)
-    np.testing.assert_array_equal(values.data[2], turned.data[0] / 2.0)
+
+
+def test_values_beside_a_muscle_are_none_of_its(stacks):
+    thick = stacks[2]
+    found = finer_labels(thick, 2, PARTS)
+    repeated = np.repeat(thick.data, PARTS, axis=2)
+    assert ((found.data > 0) & (repeated == 0)).any()
+    values = finer_values(Image(thick.data / 4.0, thick.affine), thick, found, 2, PARTS)
+    np.testing.assert_array_equal(values.data[found.data > 0], found.data[found.data > 0] / 4.0)
+    np.testing.assert_allclose(values.affine, found.affine)
 
 
 def test_a_muscle_that_ends_between_slices_ends_half_of_the_way():

@@ -20,7 +20,14 @@ from myork.imaging.geometry import frame
 from myork.model.averaging import average_width, gathered, tensor_logarithms, tensor_trust
 from myork.records import Image, Labels
 
-__all__ = ["activation_at_points", "FiberField", "fiber_field", "fibers_at_points", "lead_vector"]
+__all__ = [
+    "activation_at_points",
+    "FiberField",
+    "fiber_field",
+    "fibers_at_points",
+    "fill_from_own",
+    "lead_vector",
+]
 
 F64 = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -107,6 +114,8 @@ def fiber_field(
         near = here & (weight > LEAST_WEIGHT)
         fiber[box][near] = lead_vector(average[near] / weight[near][:, np.newaxis])
         known[box] |= near
+    if not inside.any():
+        raise InputError(f"{tensor.name}: no voxel to find fibers in; check the mask or the labels")
     if not known.any():
         raise _no_fiber(
             tensor.name,
@@ -116,10 +125,15 @@ def fiber_field(
             "diffusion tensor (all are zero, not finite or not positive)",
         )
     missing = inside & ~known
-    away, nearest = ndimage.distance_transform_edt(
-        ~known, sampling=tensor.spacing, return_indices=True
-    )
-    fiber[missing] = fiber[tuple(index[missing] for index in nearest)]
+    away = fill_from_own(fiber, known, label, tensor.spacing)
+    alone = missing & np.isinf(away)
+    if alone.any():
+        # nothing is known of its own muscle
+        away_any, nearest = ndimage.distance_transform_edt(
+            ~known, sampling=tensor.spacing, return_indices=True
+        )
+        fiber[alone] = fiber[tuple(index[alone] for index in nearest)]
+        away[alone] = away_any[alone]
     return FiberField(
         Image(fiber, tensor.affine, "fibers"),
         int((inside & ~usable).sum()),
@@ -127,6 +141,41 @@ def fiber_field(
         float(away[missing].max(initial=0.0)),
         width,
     )
+
+
+def fill_from_own(values: F64, known: Mask, label: NDArray[np.int32], spacing: F64) -> F64:
+    """Give voxels without a value that of the nearest voxel of their own label, in place.
+
+    Parameters
+    ----------
+    values : NDArray
+        Changed where a label has no value, shape `(ni, nj, nk)` or `(ni, nj, nk, n)`.
+    known : NDArray
+        Voxels that have a value, shape `(ni, nj, nk)`.
+    label : NDArray
+        Labels, 0 where nothing is wanted, shape `(ni, nj, nk)`.
+    spacing : NDArray
+        Voxel sizes, shape `(3,)` [mm].
+
+    Returns
+    -------
+    NDArray
+        Distance to that voxel, infinite where the label has no value at all, zero where nothing
+        was missing, shape `(ni, nj, nk)` [mm].
+    """
+    away = np.where((label != 0) & ~known, np.inf, 0.0)
+    for number, box in enumerate(ndimage.find_objects(label), start=1):
+        if box is None:
+            continue
+        own = label[box] == number
+        missing, source = own & ~known[box], own & known[box]
+        if missing.any() and source.any():
+            distance, nearest = ndimage.distance_transform_edt(
+                ~source, sampling=spacing, return_indices=True
+            )
+            values[box][missing] = values[box][tuple(index[missing] for index in nearest)]
+            away[box][missing] = distance[missing]
+    return away
 
 
 def fibers_at_points(

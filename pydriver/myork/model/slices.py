@@ -17,7 +17,7 @@ from scipy import ndimage
 from scipy.interpolate import make_interp_spline
 
 from myork.imaging.diffusion import tensor_components
-from myork.model.fibers import lead_vector
+from myork.model.fibers import fill_from_own, lead_vector
 from myork.records import Image, Labels
 
 __all__ = ["finer_fibers", "finer_labels", "finer_values", "slice_parts"]
@@ -104,30 +104,28 @@ def finer_fibers(fibers: Image, labels: Labels, finer: Labels, axis: int, parts:
         known = total[..., :3].sum(axis=-1) > 1e-9
         result[:, :, k][known] = lead_vector(total[known])
     spacing = np.append(np.delete(finer.spacing, axis), finer.spacing[axis])
-    done = result.any(axis=-1)
-    for number in np.unique(before[valid]):
-        missing, known = (after == number) & ~done, (after == number) & done
-        if missing.any() and known.any():
-            nearest = ndimage.distance_transform_edt(
-                ~known, sampling=spacing, return_distances=False, return_indices=True
-            )
-            result[missing] = result[tuple(index[missing] for index in nearest)]
+    fill_from_own(result, result.any(axis=-1), after, spacing)
     data = np.ascontiguousarray(np.moveaxis(result, 2, axis))
     return Image(data, finer.affine, fibers.name)
 
 
-def finer_values(image: Image, axis: int, parts: int) -> Image:
+def finer_values(image: Image, labels: Labels, finer: Labels, axis: int, parts: int) -> Image:
     """Values of slices, given to all of their parts.
 
     Parameters
     ----------
     image : Image
         Shape `(ni, nj, nk)`.
+    labels, finer : Labels
+        Labels before and after `finer_labels`; a voxel of a label takes values of that one only:
+        what lies outside of a muscle is often zero.
     axis, parts : int
-        As for `finer_labels`.
+        As there.
     """
     data = np.repeat(image.data, parts, axis=axis)
-    return Image(data, _finer_affine(image.affine, axis, parts), image.name)
+    own = np.repeat(labels.data, parts, axis=axis) == finer.data
+    fill_from_own(data, own, finer.data, finer.spacing)
+    return Image(data, finer.affine, image.name)
 
 
 def _signed_distances(here: Mask, size: F64) -> F64:

@@ -137,7 +137,7 @@ def _thinner(
     if fibers is not None:
         fibers = finer_fibers(fibers, labels, finer, axis, parts)
     if activation is not None:
-        activation = finer_values(activation, axis, parts)
+        activation = finer_values(activation, labels, finer, axis, parts)
     return finer, fibers, activation
 
 
