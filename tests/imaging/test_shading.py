@@ -78,6 +78,14 @@ def test_starts_that_end_elsewhere_are_told_where_entropies_do_not_decide(monkey
     assert entropies == sorted(entropies)
 
 
+def test_voxels_that_do_not_touch_have_no_slopes():
+    mask = np.zeros((40, 40, 1), bool)
+    mask[::4, ::4] = True
+    found = shading(np.ones(mask.shape), mask, spacing=(1, 1, 1))
+    np.testing.assert_allclose(found.field[mask], 1.0, atol=1e-6)
+    assert not found.doubt
+
+
 def test_n4_of_one_slice():
     pytest.importorskip("SimpleITK")
     image, mask, truth = shaded((0.4, 2.0), (0.1, 0.2, 0.5))
@@ -89,5 +97,11 @@ def test_nothing_to_look_at():
     nothing = np.zeros((8, 8, 1))
     with pytest.raises(InputError, match="no voxel to estimate the field from"):
         shading(nothing + 1.0, nothing > 0, spacing=(1, 1, 1))
+    few = np.zeros((8, 8, 1), bool)
+    few[:2] = True
+    with pytest.raises(InputError, match="16 voxels do not tell a field"):
+        shading(nothing + 1.0, few, spacing=(1, 1, 1))
+    with pytest.raises(InputError, match="not finite"):
+        shading(nothing + np.nan, nothing == 0, spacing=(1, 1, 1))
     with pytest.raises(InputError, match="the body has no signal"):
         shading(nothing, nothing == 0, spacing=(1, 1, 1))

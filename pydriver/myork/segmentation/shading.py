@@ -45,6 +45,7 @@ _STEP = 0.04  # over which slopes are taken
 _BEYOND = 0.15  # of the body's extent, by which the waves reach over it at each end
 _MOST = 250  # coefficients; waves grow longer where a body would need more
 _SAMPLE = 40_000  # voxels that tell a field
+_FEWEST = 64  # voxels, of which less would be fitted than measured
 _STIFF = 1e-3  # weight of the field's bending against the data
 _DARKEST = 1e-3  # of the bright values: what logarithms are taken of at least
 # Rounds of the fits; windows of the histogram from first to last [logarithm]
@@ -101,6 +102,13 @@ def shading(values: F64, mask: Mask, *, spacing: ArrayLike, seed: int = 0) -> Sh
     """
     if not mask.any():
         raise InputError("bias: no voxel to estimate the field from; check the mask")
+    if mask.sum() < _FEWEST:
+        raise InputError(
+            f"bias: {mask.sum()} voxels do not tell a field; check the mask, or set bias.method = "
+            "'none'"
+        )
+    if not np.isfinite(values[mask]).all():
+        raise InputError("bias: values of the body are not finite; replace them")
     size = np.asarray(spacing, float)
     bright = float(np.percentile(values[mask], 90.0))
     if not bright > 0:
@@ -188,6 +196,8 @@ def _fit_slopes(
         parts.append((waves.at(b) - waves.at(a)) / length)
         slopes.append((logarithm[tuple(b.T)] - logarithm[tuple(a.T)]) / length)
         brightness.append(np.minimum(smooth[tuple(a.T)], smooth[tuple(b.T)]))
+    if not sum(map(len, parts)):
+        return np.zeros(len(waves.order))  # no two voxels are so near to each other
     rows = np.vstack(parts)
     slope = np.concatenate(slopes)
     # Noise of a logarithm goes with one over the signal.
@@ -296,7 +306,7 @@ def _doubt(found: list[Candidate], mask: Mask) -> str:
         if max(best.std(), values.std()) < _FLAT:
             continue
         alike = float(np.corrcoef(best, values)[0, 1])
-        if alike < _ALIKE:
+        if not alike >= _ALIKE:
             return (
                 f"two bias fields explain the image equally well and are not alike (correlation "
                 f"{alike:.2f}); look at bias.nii.gz, or set bias.method"
