@@ -57,5 +57,27 @@ def test_shapes_that_do_not_fit_are_told():
         imaging.fit_tensors(np.ones((4, 4, 4, 2)), affine, [0.0], [[1, 0, 0]])
     with pytest.raises(InputError, match=r"labels with the shape \(4, 4, 4\)"):
         imaging.mean_fibers(np.ones((4, 4, 4, 6)), affine, cube[:3])
+    with pytest.raises(InputError, match="an affine of 4 x 4"):
+        imaging.resample(cube, np.eye(3), 1.0)
+    with pytest.raises(InputError, match=r"fibers of the shape \(4, 4, 4, 3\)"):
+        imaging.resample(cube, affine, 1.0, np.ones((3, 4, 4, 3)))
     with pytest.raises(InputError, match="image.regionz"):
         imaging.segment(cube, affine, cube, regionz=3)
+
+
+@pytest.mark.parametrize("thickness", [0.0, -1.0, np.nan, np.inf])
+def test_a_thickness_is_above_zero(thickness):
+    with pytest.raises(InputError, match="a thickness above zero"):
+        imaging.resample(np.ones((4, 4, 4)), np.eye(4), thickness)
+
+
+def test_values_that_are_none_are_told():
+    cube, affine = np.ones((4, 4, 4)), np.eye(4)
+    with pytest.raises(InputError, match="labels are whole numbers"):
+        imaging.resample(0.5 * cube, affine, 1.0)
+    with pytest.raises(InputError, match="values that are not finite"):
+        imaging.correct_bias(np.nan * cube, affine)
+    with pytest.raises(InputError, match="of the values in the body are negative"):
+        imaging.correct_bias(-cube, affine, cube)
+    with pytest.raises(InputError, match="b values and directions are finite"):
+        imaging.fit_tensors(np.ones((4, 4, 4, 2)), affine, [0.0, np.nan], np.eye(3)[:2])

@@ -12,8 +12,8 @@ from myork.imaging.gradients import write_gradients
 from myork.imaging.io import write_image, write_labels
 from myork.imaging.phantom import make_phantom, phantom_dwi
 from myork.model.fibers import lead_vector
-from myork.records import Image
-from myork.stations.tensors import tensor_maps
+from myork.records import Image, Labels
+from myork.stations.tensors import tensor_maps, write_tensors
 from myork.summary import read_summary
 
 DECK = """title = "leg"
@@ -63,6 +63,32 @@ def test_command_needs_no_anatomy(calf, series, tmp_path):
     air = calf.still.data == 0
     assert not nibabel.load(out / "fibers.nii.gz").get_fdata()[:10, :10].any()
     assert air[:10, :10].all()
+
+
+def test_medians_are_those_of_voxels_with_a_tensor(tmp_path):
+    data = np.tile([1e-3, 3e-3, 2e-3, 0, 0, 0], (6, 4, 2, 1))
+    data[:4] = np.nan
+    write_image(tmp_path / "tensor.nii.gz", Image(data, np.eye(4)))
+    write_labels(tmp_path / "all.nii.gz", Labels(np.ones((6, 4, 2), np.int32), np.eye(4)))
+    write_labels(tmp_path / "none.nii.gz", Labels(np.zeros((6, 4, 2), np.int32), np.eye(4)))
+    deck = {
+        "title": "tensors",
+        "units": {"force": "N", "length": "cm"},
+        "scene": {"dimension": 3},
+        "image": {
+            "tensor": str(tmp_path / "tensor.nii.gz"),
+            "region": str(tmp_path / "all.nii.gz"),
+            "fiber_smoothing": 0.0,
+        },
+    }
+    told: list[str] = []
+    record = write_tensors(deck, tmp_path / "out", progress=told.append)["tensors"]
+    assert record["fa"] == pytest.approx(np.sqrt(1.5 * 2 / 14), rel=1e-5)
+    assert (record["voxels"], record["filled"], record["far"]) == (48, 32, 32)
+    assert any("up to 4 mm away" in line for line in told)
+    deck["image"]["region"] = str(tmp_path / "none.nii.gz")
+    with pytest.raises(InputError, match="no voxel to find fibers in"):
+        write_tensors(deck, tmp_path / "out")
 
 
 def test_maps_of_known_tensors():

@@ -19,6 +19,7 @@ from myork.imaging.gradients import GradientTable
 from myork.model.fibers import fiber_field
 from myork.model.slices import finer_fibers, finer_labels, slice_parts
 from myork.records import Image, Labels, PointCloud
+from myork.segmentation.bias import check_positive
 from myork.segmentation.channels import scaled_values
 from myork.segmentation.level_sets import LevelSets, segment_regions
 from myork.segmentation.regions import body_mask
@@ -58,6 +59,8 @@ def fit_tensors(dwi: ArrayLike, affine: ArrayLike, b: ArrayLike, directions: Arr
             f"{image.data.shape[3]} volumes need as many b values and directions, not "
             f"{weights.shape} and {vectors.shape}"
         )
+    if not (np.isfinite(weights).all() and np.isfinite(vectors).all()):
+        raise InputError("b values and directions are finite numbers; some of these are not")
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     unit = np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
     return diffusion.fit_tensors(image, GradientTable(weights, unit)).data
@@ -108,7 +111,9 @@ def correct_bias(
         Corrected image, field, and why the field may be wrong (empty where starts agree).
     """
     grid = _image(image, affine, 3)
-    found = shading(grid.data, _body(grid, body), spacing=grid.spacing)
+    mask = _body(grid, body)
+    check_positive(grid, mask)
+    found = shading(grid.data, mask, spacing=grid.spacing)
     return grid.data / found.field, found.field, found.doubt
 
 
@@ -167,11 +172,18 @@ def resample(
         Labels, affine and fibers (or None) of the finer grid.
     """
     grid = _labels(labels, affine)
+    if not 0.0 < thickness < np.inf:
+        raise InputError(f"a thickness above zero is wanted, not {thickness} mm")
     axis, parts = slice_parts(grid.spacing, thickness)
     finer = finer_labels(grid, axis, parts)
     if fibers is None:
         return finer.data, finer.affine, None
-    way = finer_fibers(_image(fibers, affine, 4), grid, finer, axis, parts)
+    vectors = _image(fibers, affine, 4)
+    if vectors.data.shape != (*grid.data.shape, 3):
+        raise InputError(
+            f"fibers of the shape {(*grid.data.shape, 3)} are wanted, not {vectors.data.shape}"
+        )
+    way = finer_fibers(vectors, grid, finer, axis, parts)
     return finer.data, finer.affine, way.data
 
 
@@ -227,6 +239,8 @@ def _image(values: ArrayLike, affine: ArrayLike, axes: int) -> Image:
             f"an array with {axes} axes and an affine of 4 x 4 are wanted, not {data.shape} and "
             f"{grid.shape}"
         )
+    if axes == 3 and not np.isfinite(data).all():
+        raise InputError("the image has values that are not finite; replace them")
     return Image(data, grid)
 
 
@@ -235,7 +249,12 @@ def _labels(values: ArrayLike, affine: ArrayLike, like: Image | None = None) -> 
     if data.ndim != 3 or (like is not None and data.shape != like.data.shape[:3]):
         wanted = "three axes" if like is None else f"the shape {like.data.shape[:3]}"
         raise InputError(f"labels with {wanted} are wanted, not {data.shape}")
-    return Labels(data.astype(np.int32), np.asarray(affine, float))
+    grid = np.asarray(affine, float)
+    if grid.shape != (4, 4):
+        raise InputError(f"an affine of 4 x 4 is wanted, not {grid.shape}")
+    if not np.array_equal(data, np.round(data)):
+        raise InputError("labels are whole numbers; some of these are not")
+    return Labels(data.astype(np.int32), grid)
 
 
 def _body(image: Image, body: ArrayLike | None) -> Mask:

@@ -83,13 +83,20 @@ def write_tensors(
         found = fiber_field(tensor, label, table.get("fiber_smoothing"))
         write_image(out / "fibers.nii.gz", found.fibers)
         inside = label > 0
+        known = inside & _known(tensor.data)
         record = {
             "voxels": int(inside.sum()),
-            "fa": float(np.median(maps["fa"].data[inside])),
-            "md": float(np.median(maps["md"].data[inside])),
+            "fa": float(np.median(maps["fa"].data[known])),
+            "md": float(np.median(maps["md"].data[known])),
             "fiber_smoothing": found.smoothing,
             "filled": found.filled,
+            "far": found.far,
         }
+        if found.far:
+            progress(
+                f"{found.far} voxels have no usable tensor around them and took the fiber of the "
+                f"nearest voxel that has, up to {found.distance:.3g} mm away"
+            )
         progress(
             f"medians: FA {record['fa']:.3f}, MD {record['md']:.3g} mm^2/s; fibers averaged over "
             f"{found.smoothing:.2f} mm"
@@ -130,6 +137,11 @@ def tensor_maps(tensor: Image) -> dict[str, Image]:
     }
 
 
+def _known(components: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Voxels that have a tensor."""
+    return np.asarray(np.isfinite(components).all(axis=-1) & components.any(axis=-1), np.bool_)
+
+
 def _or_zero(components: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where(np.isfinite(components).all(axis=-1, keepdims=True), components, 0.0)
 
@@ -141,7 +153,7 @@ def _mask(tensor: Image, table: Mapping[str, Any], folder: Path) -> NDArray[np.i
             labels = read_labels(folder / table[key])
             check_same_grid(labels, tensor)
             return np.asarray(np.where(labels.data > 0, labels.data, 0), np.int32)
-    known = np.isfinite(tensor.data).all(axis=-1) & tensor.data.any(axis=-1)
+    known = _known(tensor.data)
     if "dwi" in table:
         images = read_image(folder / table["dwi"], values=None)
         mean = np.nan_to_num(images.data).mean(axis=-1)
