@@ -58,6 +58,7 @@ RUN: dict[str, Any] = {"outcome": "converged", "message": "", "probes": {"stress
         ({}, RIGHT),
         ({"probes": {"stress": 2.03}}, "worse"),
         ({"probes": {"stress": 2.3}}, "wrong"),
+        ({"probes": {"stress": float("nan")}}, "wrong"),
         ({"probes": {"stress": 2.3}, "verdict": ("doubtful", "because")}, WARNED),
         ({"verdict": ("doubtful", "because")}, DOUBTED),
         ({"verdict": ("doubtful", "of something else")}, "unexplained"),

@@ -7,6 +7,7 @@ end. The volume ratio is judged beside the probes: a stress may be right where v
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
@@ -131,7 +132,8 @@ def judge(case: Case, record: dict[str, Any]) -> str:
         if not errors:
             # an answer to what has none
             return "wrong" if accepted else EXPLAINED if named else "unexplained"
-        record["error"] = max(errors)
+        # what is not a number is no right answer
+        record["error"] = max(e if math.isfinite(e) else math.inf for e in errors)
     _note_volume(case, record)
     if record["error"] > case.tolerance or record.get("stray", 0.0) > case.stray:
         return "wrong" if accepted else WARNED if named else "unexplained"
