@@ -517,11 +517,16 @@ def test_commands(trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert (tmp_path / "map.png").stat().st_size > 5000
     assert main(["rom", "check", str(trained), "--points", "2", "--out", str(tmp_path), "-q"]) == 0
     check = json.loads((tmp_path / "check.json").read_text())
-    assert check["points"] == 2 and check["failed"] == 0
+    assert check["points"] == 2 and check["failed"] == 0 and "ranges" not in check
     assert {"u", "force", "cpu_us_per_state", "indicator_ratio", "spearman", "cells"} <= set(check)
     beyond = ["--vary", "activation=0.7:0.8", "--set", "u_z=0.33", "--points", "2"]
     assert main(["rom", "check", str(trained), *beyond, "--out", str(tmp_path), "-q"]) == 0
-    rows = json.loads((tmp_path / "check.json").read_text())["parameters"]
+    told = capsys.readouterr().out
+    wanted = "load.activation from 0.7 to 0.8, boundary.z1.u_z from 0.33 to 0.33"
+    assert f"2 unseen states, {wanted}, 0 failed" in told
+    check = json.loads((tmp_path / "check.json").read_text())
+    assert check["ranges"] == {"load.activation": [0.7, 0.8], "boundary.z1.u_z": [0.33, 0.33]}
+    rows = check["parameters"]
     assert all(0.7 <= a <= 0.8 and u == 0.33 for a, u in rows) and rows[0] != rows[1]
     wrong = ["--vary", "activation=0.8:0.7"]
     assert main(["rom", "check", str(trained), *wrong, "--out", str(tmp_path)]) == 2

@@ -72,7 +72,7 @@ def compare(
     Returns
     -------
     dict
-        What `check.json` holds.
+        What `check.json` holds; with other `ranges` also all ranges of the points, by key.
 
     Raises
     ------
@@ -91,7 +91,10 @@ def compare(
         return started(found.amplitudes, found.converged, rom.basis)
 
     values = spread_points(parameters, points, seed)
-    return measure(rom, solve_tests(full, rom.parameters, values, seed, guess, progress))
+    found = measure(rom, solve_tests(full, rom.parameters, values, seed, guess, progress))
+    if other:
+        found["ranges"] = {key: list(ends) for key, ends in own.items()}
+    return found
 
 
 def started(

@@ -253,8 +253,11 @@ class ReducedModel:
         ]
         if c:
             u, force = c["u"], c["force"]
+            other = ", ".join(
+                f"{k} from {a:g} to {b:g}" for k, (a, b) in c.get("ranges", {}).items()
+            )
             lines += [
-                f"{c['points']} unseen states, {c['failed']} failed:",
+                f"{c['points']} unseen states{other and f', {other}'}, {c['failed']} failed:",
                 f"  displacement: error {u['median']:.1e} in the median, {u['max']:.1e} at most",
                 f"  force: error {force['median']:.1e} in the median, {force['max']:.1e} at most",
                 f"  estimated over true error: {c['indicator_ratio']['min']:.2f} to "
