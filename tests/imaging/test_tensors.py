@@ -124,3 +124,9 @@ def test_images_that_cannot_be_denoised(monkeypatch):
     monkeypatch.setattr("myork.imaging.denoise.import_module", missing)
     with pytest.raises(InstallationError, match=r"pip install 'myork\[dti\]'"):
         denoised(Image(np.ones((4, 4, 4, 9)), np.eye(4)))
+
+
+def test_images_too_small_to_be_denoised():
+    pytest.importorskip("dipy")
+    with pytest.raises(InputError, match=r"\(2, 2, 1\) voxels are too few"):
+        denoised(Image(np.ones((2, 2, 1, 9)), np.eye(4)))

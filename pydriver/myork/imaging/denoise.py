@@ -44,6 +44,11 @@ def denoised(dwi: Image) -> Image:
         )
     usable = np.asarray(np.isfinite(dwi.data).all(axis=-1))
     reach = [min(_REACH, (n - 1) // 2) for n in shape[:3]]
+    if not any(reach):
+        raise InputError(
+            f"{dwi.name}: {shape[:3]} voxels are too few to tell noise by; set image.denoise = "
+            "'none'"
+        )
     values = np.where(usable[..., np.newaxis], dwi.data, 0.0)
     found = mppca(values, mask=usable, patch_radius=np.array(reach), suppress_warning=True)
     # Rims and patches without any signal are left as they are.
