@@ -104,7 +104,8 @@ def finer_fibers(fibers: Image, labels: Labels, finer: Labels, axis: int, parts:
         known = total[..., :3].sum(axis=-1) > 1e-9
         result[:, :, k][known] = lead_vector(total[known])
     spacing = np.append(np.delete(finer.spacing, axis), finer.spacing[axis])
-    fill_from_own(result, result.any(axis=-1), after, spacing)
+    done = np.asarray(result.any(axis=-1), np.bool_)
+    fill_from_own(result, done, after, spacing)
     data = np.ascontiguousarray(np.moveaxis(result, 2, axis))
     return Image(data, finer.affine, fibers.name)
 
