@@ -196,3 +196,17 @@ def test_width_by_itself_is_right_up_to_the_edge(snr, mean):
 def test_noise_asks_for_a_wider_average_than_bends():
     noisy, calm = bent(15.0)[0](None)[1], bent(60.0, radius=30.0)[0](None)[1]
     assert noisy > calm
+
+
+def test_noise_of_neighbours_that_is_alike_does_not_ask_for_the_narrowest_average():
+    """Scanners interpolate: then each tensor is foretold best by the noise of its neighbours."""
+    direction = np.array([0.3, 0.0, 1.0]) / np.hypot(0.3, 1.0)
+    clean = stick(direction) + 1e-3 * np.array([1, 1, 1, 0, 0, 0])
+    noise = np.random.default_rng(4).normal(0.0, 2e-4, (40, 40, 8, 6))
+    noise = ndimage.gaussian_filter(noise, (0.6, 0.6, 0.0, 0.0))
+    image = Image(clean + noise, np.diag([1.5, 1.5, 5.0, 1.0]))
+    label = np.ones((40, 40, 8), np.int32)
+    found = fiber_field(image, label, None)
+    assert found.smoothing == pytest.approx(2.4)
+    narrow = angle(fiber_field(image, label, 0.9).fibers.data, direction).mean()
+    assert angle(found.fibers.data, direction).mean() < 0.6 * narrow

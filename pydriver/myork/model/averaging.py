@@ -9,7 +9,8 @@ The width balances noise and bends: each tensor is foretold by the others around
 with the least error is taken. Noise asks for a wide one, bent fibers for a narrow one, and neither
 needs to be told; the error of the tensor itself is the same for all widths. Noise of neighbours is
 taken as independent: of images that were smoothed or interpolated before, the width comes out too
-small.
+small. Where even the narrowest foretells best, nothing is told of the width, and a usual one stands
+in.
 
 References
 ----------
@@ -38,7 +39,7 @@ _TRUNCATE = 3.0  # standard deviations at which Gaussians end
 # Traces this many times the scatter away from the median have a fourth of the trust; the scatter
 # is at least that of a change of the diffusivity by so much.
 _STRANGE, _LEAST_SCATTER = 2.5, 0.02
-# Widths that are tried, in voxels of the smallest size; the usual one where nothing can be foretold
+# Widths that are tried, in voxels of the smallest size; the usual one where they tell nothing
 _WIDTHS = (0.6, 0.8, 1.0, 1.2, 1.6, 2.0, 2.4, 3.2, 4.0, 4.8)
 _USUAL = 1.6
 _SQUARES = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])  # components in the norm of a tensor
@@ -125,7 +126,8 @@ def average_width(logarithm: F64, trust: F64, label: I32, spacing: F64) -> float
                 break  # the error falls with the noise and then rises with the bends
             continue
         best, least = float(width), error
-    return best
+    # The narrowest is best where there is no noise, or where that of neighbours is alike.
+    return best if best > smallest * _WIDTHS[0] else _USUAL * smallest
 
 
 def _foretold(logarithm: F64, trust: F64, label: I32, sigma: F64) -> float:
