@@ -13,8 +13,9 @@ import shutil
 import signal
 import sys
 import traceback
-from collections.abc import Callable, Sequence
-from importlib import import_module
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from importlib.machinery import ExtensionFileLoader
 from pathlib import Path
 from typing import Any
 
@@ -80,8 +81,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # Before numpy and the core are loaded: their thread pools read this once.
         os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = str(options.threads)
     try:
-        _load_numpy()
-        options.run(options)
+        with _whole_extensions():
+            options.run(options)
     except KeyboardInterrupt:
         return _complain("stopped; what was finished is written", 1)
     except Exception as error:
@@ -91,16 +92,31 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _load_numpy() -> None:
-    """Load numpy before a signal may interrupt.
+@contextmanager
+def _whole_extensions() -> Iterator[None]:
+    """Let signals wait while an extension is loaded.
 
-    Extensions take half of an import for a broken installation, and print a traceback.
+    Extensions take half of an import for a broken installation, and some end the process then.
     """
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
+    plain = {name: getattr(ExtensionFileLoader, name) for name in ("create_module", "exec_module")}
+
+    def waiting(load: Callable[..., Any]) -> Callable[..., Any]:
+        def loaded(*given: Any) -> Any:
+            before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
+            try:
+                return load(*given)
+            finally:
+                signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+        return loaded
+
     try:
-        import_module("numpy")
+        for name, load in plain.items():
+            setattr(ExtensionFileLoader, name, waiting(load))
+        yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        for name, load in plain.items():
+            setattr(ExtensionFileLoader, name, load)
 
 
 def _complain(message: str, status: int) -> int:

@@ -161,7 +161,8 @@ def test_rom(tmp_path: Path) -> None:
     bar = [case for case in bench["motions"] if "table 6.2" in case["name"]]
     assert bar[1]["e1_qr"] == pytest.approx(bar[1]["published_e1"], rel=0.1)
     for case in bench["motions"]:
-        assert case["e1_qr"] == pytest.approx(case["e1_cholesky"], rel=0.01)
+        # with all modes either error is rounding: 4e-11 where normal equations square the condition
+        assert case["e1_qr"] == pytest.approx(case["e1_cholesky"], rel=0.01, abs=1e-10)
         assert case["best_e1"] * 0.99 <= case["e1_qr"]
     for problem in ("shear", "tube"):
         own = [case for case in bench["cases"] if case["name"].startswith(f"{problem} (")]
