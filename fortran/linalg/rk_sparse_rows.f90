@@ -59,7 +59,8 @@ subroutine product_with(self, x, y, add)
    !> Add to y what is there
    logical, intent(in) :: add
 
-   ! lengths that the compiler knows
+   ! lengths that the compiler knows: one loop for all takes 1.2 to 1.6 times as long on rows of
+   ! 7 entries
    associate (offset => self%place%offset, index => self%place%index)
       select case (size(x, 1))
       case (3)

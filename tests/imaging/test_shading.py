@@ -87,7 +87,6 @@ def test_voxels_that_do_not_touch_have_no_slopes():
 
 
 def test_n4_of_one_slice():
-    pytest.importorskip("SimpleITK")
     image, mask, truth = shaded((0.4, 2.0), (0.1, 0.2, 0.5))
     found = n4_bias(image.data, mask, spacing=image.spacing, shrink=2)
     assert likeness(found.field, truth, mask) >= 0.98

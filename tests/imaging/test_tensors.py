@@ -127,6 +127,5 @@ def test_images_that_cannot_be_denoised(monkeypatch):
 
 
 def test_images_too_small_to_be_denoised():
-    pytest.importorskip("dipy")
     with pytest.raises(InputError, match=r"\(2, 2, 1\) voxels are too few"):
         denoised(Image(np.ones((2, 2, 1, 9)), np.eye(4)))

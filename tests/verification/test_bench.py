@@ -1,6 +1,7 @@
 """`myork bench`: record and page; the nonlinear problems in small."""
 
 import json
+import math
 from pathlib import Path
 
 import numpy as np
@@ -214,6 +215,7 @@ def test_subdomain(tmp_path: Path) -> None:
 
 def test_cost_is_read_off_behind_the_last_miss() -> None:
     points = [(1.0, 1e-1), (10.0, 1e-4), (100.0, 1e-3), (1000.0, 1e-5), (5.0, None)]
+    points += [(2000.0, math.nan)]  # an answer that is no number has no error
     cases = [{"cpu_s": seconds, "e": error} for seconds, error in points]
     # the lucky size at 10 s does not count
     assert cost(cases, "e", 1e-4) == pytest.approx(100 * 10**0.5)

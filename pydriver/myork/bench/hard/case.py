@@ -92,9 +92,9 @@ class Case(NamedTuple):
 
 
 def bound(case: Case, what: str) -> float:
-    """Twice what was measured before of `error`, `stray` or `way`; not below rounding.
+    """Twice the `error`, `stray` or `way` that `measured.json` has of a case; not below rounding.
 
-    Of a case that was never measured anything will do.
+    Of a case that it does not hold anything will do.
     """
     known = _measured().get(case.name, {})
     return max(2.0 * float(known.get(what, 0.0)), _ROUNDED) if known else float("inf")

@@ -115,7 +115,7 @@ def cost(cases: Sequence[Mapping[str, Any]], key: str, error: float) -> float | 
     points = sorted(
         (float(case["cpu_s"]), max(float(case[key]), 1e-300))
         for case in cases
-        if case.get("cpu_s") and case.get(key) is not None
+        if case.get("cpu_s") and case.get(key) is not None and math.isfinite(case[key])
     )
     missed = [k for k, (_, found) in enumerate(points) if found > error]
     last = max(missed, default=-1)
