@@ -9,7 +9,7 @@ module rk_resume
    use rk_precision, only : wp
    use rk_recorder, only : start_type, step_type
    use rk_restart, only : read_restart, restart_type
-   use rk_text, only : to_text
+   use rk_text, only : line, to_text
    use rk_text_file, only : load_text
    implicit none
    private
@@ -382,22 +382,5 @@ function lines_until(text, steps) result(lines)
       first = first + length
    end do
 end function lines_until
-
-!> One line of a text; empty behind the last
-pure function line(text, number) result(found)
-   !> Text
-   character(len=*), intent(in) :: text
-   !> Number of the line
-   integer, intent(in) :: number
-   character(len=:), allocatable :: found
-   integer :: i, start
-
-   start = 1
-   do i = 2, number
-      if (index(text(start:), new_line('a')) == 0) start = len(text) + 1
-      start = start + index(text(start:), new_line('a'))
-   end do
-   found = text(start:start + index(text(start:)//new_line('a'), new_line('a')) - 2)
-end function line
 
 end module rk_resume

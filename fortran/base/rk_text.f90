@@ -4,7 +4,7 @@ module rk_text
    implicit none
    private
 
-   public :: to_text, to_power
+   public :: line, to_text, to_power
 
    !> Shortest readable text of a number or a list of numbers
    interface to_text
@@ -101,5 +101,22 @@ pure function reals_text(values) result(text)
    end do
    text = text//')'
 end function reals_text
+
+!> One line of a text; empty behind the last
+pure function line(text, number) result(found)
+   !> Text
+   character(len=*), intent(in) :: text
+   !> Number of the line
+   integer, intent(in) :: number
+   character(len=:), allocatable :: found
+   integer :: i, start
+
+   start = 1
+   do i = 2, number
+      if (index(text(start:), new_line('a')) == 0) start = len(text) + 1
+      start = start + index(text(start:), new_line('a'))
+   end do
+   found = text(start:start + index(text(start:)//new_line('a'), new_line('a')) - 2)
+end function line
 
 end module rk_text

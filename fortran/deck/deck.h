@@ -81,6 +81,7 @@ struct Value {
    bool boolean = false;
    std::vector<Value> items;
    Origin origin;
+   bool by_default = false; // nobody wrote it; the origin is that of its table
 
    bool is_number() const { return kind == Kind::integer || kind == Kind::real; }
    double number() const { return kind == Kind::integer ? static_cast<double>(integer) : real; }

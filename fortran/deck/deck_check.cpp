@@ -187,6 +187,7 @@ static void fill_default(const Deck &deck, Section &section, const KeySpec &key)
       return;
    Value value = *parse_value(*toml);
    value.origin = section.origin;
+   value.by_default = true;
    section.values[key.name] = value;
 }
 

@@ -58,9 +58,7 @@ function finer_directions(cloud, deck) result(finer)
    integer :: thickness(3), ratio(3)
 
    finer = .false.
-   ! a value that stands in the deck has a line of its own
-   if (deck%has('geometry.blocks') .or. deck%where('build.source_stride') /= deck%where('build')) &
-      & return
+   if (deck%has('geometry.blocks') .or. deck%given('build.source_stride')) return
    call table_defaults(defaults, 'build', '', '', error)
    if (allocated(error)) return
    call defaults%get('build.source_stride', usual)

@@ -92,7 +92,8 @@ void add_section(Flat &flat, const rk::Section &section) {
          continue;
       Entry entry = flatten(*value);
       entry.key = prefix.empty() ? spec.name : prefix + "." + spec.name;
-      entry.where = flat.deck.where(value->origin);
+      // empty: nobody wrote it
+      entry.where = value->by_default ? "" : flat.deck.where(value->origin);
       entry.address = flat.deck.address(section, spec.name);
       entry.kind = kind_of(spec, *value);
       flat.entries.push_back(entry);

@@ -12,7 +12,7 @@ module rk_deck
    use rk_error, only : err_input, error_type, fatal_error
    use rk_json, only : json_type
    use rk_precision, only : wp
-   use rk_text, only : to_text
+   use rk_text, only : line, to_text
    implicit none
    private
 
@@ -29,7 +29,7 @@ module rk_deck
    type :: entry_type
       !> Full key
       character(len=:), allocatable :: key
-      !> File and line, or the override
+      !> File and line, or the override; empty for a default
       character(len=:), allocatable :: where
       !> Key as a user would write it, "material.fat.K"
       character(len=:), allocatable :: address
@@ -57,6 +57,8 @@ module rk_deck
    contains
       !> Is there a value for a key, or a table?
       procedure :: has
+      !> Did somebody write a key, so that its value is no default?
+      procedure :: given
       !> Number of entries of an array of tables
       procedure :: count => count_entries
       !> Keys of a table that have a value
@@ -248,6 +250,20 @@ pure function has(self, key) result(yes)
    yes = self%count(key) > 0
 end function has
 
+!> Did somebody write a key in the deck, or as an override?
+pure function given(self, key) result(yes)
+   !> Deck
+   class(deck_type), intent(in) :: self
+   !> Full key
+   character(len=*), intent(in) :: key
+   logical :: yes
+   integer :: number
+
+   number = self%find(key)
+   yes = number > 0
+   if (yes) yes = self%entry(number)%where /= ''
+end function given
+
 !> Number of entries of an array of tables; 1 for anything else that is there, 0 for what is not
 pure function count_entries(self, key) result(number)
    !> Deck
@@ -283,7 +299,7 @@ subroutine keys_of_table(self, table, keys)
    end do
 end subroutine keys_of_table
 
-!> Where a key was written; for one that is absent, its table or the file
+!> Where a key was written; for one that nobody wrote, its table or the file
 pure recursive function where_written(self, key) result(place)
    !> Deck
    class(deck_type), intent(in) :: self
@@ -294,9 +310,10 @@ pure recursive function where_written(self, key) result(place)
 
    number = self%find(key)
    dot = index(key, '.', back=.true.)
-   if (number > 0) then
-      place = self%entry(number)%where
-   else if (dot > 1) then
+   place = ''
+   if (number > 0) place = self%entry(number)%where
+   if (place /= '') return
+   if (dot > 1) then
       place = self%where(key(:dot - 1))
    else
       place = self%path
@@ -479,22 +496,6 @@ subroutine get_texts(self, key, value)
       i = i + 1
    end do
 end subroutine get_texts
-
-!> One line of a text; empty behind the last
-pure function line(text, number) result(found)
-   !> Text; every line ends with a line feed
-   character(len=*), intent(in) :: text
-   !> Number of the line, from 1
-   integer, intent(in) :: number
-   character(len=:), allocatable :: found
-   integer :: i, start
-
-   start = 1
-   do i = 2, number
-      start = start + index(text(start:), new_line('a'))
-   end do
-   found = text(start:start + index(text(start:)//new_line('a'), new_line('a')) - 2)
-end function line
 
 !> Error where a table is absent that a command needs
 subroutine require(self, command, error)

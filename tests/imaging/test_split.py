@@ -340,6 +340,11 @@ SEED = bone(39, 34, 0)
         ([{"name": "a", "regions": [0]}], {"start": "seeds"}, "with seeds or a rim"),
         ([], {"split": "walk"}, r"'walk' needs image.reference, image.seeds or \[\[muscle\]\]"),
         ([], {"reference_reach": 3}, "reference_reach needs image.reference"),
+        (
+            [],
+            {"split": "walk", "seeds": "old.nii.gz", "reference_reach": 3},
+            "reference_reach needs image.reference",
+        ),
         ([SEED], {"reference": "old.nii.gz"}, "both group the regions; take one out"),
         ([bone(39, 2, 34, 0)], {}, "muscle.bone.seeds: three coordinates a point, not 4"),
         ([bone(1, 34, 0)], {}, "muscle.bone: .* does not lie in the region to segment"),

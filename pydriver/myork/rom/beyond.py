@@ -20,8 +20,8 @@ F64Array = NDArray[np.float64]
 REACH = 1.75
 #: States that fill what is beyond, and those of the largest active stress at most
 _SPREAD, _MOST_FACE = 16, 9
-#: Values of each load there
-_ENDS = 5
+#: Values of each load there, and loads of which all values are combined at most
+_ENDS, _MOST_COMBINED = 5, 4
 #: Modes of the model that finds them; large bodies have fewer, since its volume takes their cube
 _MODES, _MODES_OF_LARGE = 80, 60
 
@@ -34,11 +34,14 @@ def values_beyond(setting: Setting, seed: int) -> F64Array:
     beyond = [
         p._replace(low=p.high, high=REACH * p.high) if p.kind == "sigma_max" else p for p in kinds
     ]
-    most = {"sigma_max", "activation"}
-    ends = [[p.high] if p.kind in most else np.linspace(p.low, p.high, _ENDS) for p in beyond]
-    face = np.array(list(product(*ends)))
-    if len(face) > _MOST_FACE:
-        face = np.random.default_rng(seed).permutation(face)[:_MOST_FACE]
+    most = [p._replace(low=p.high) if p.kind in ("sigma_max", "activation") else p for p in beyond]
+    if sum(p.low < p.high for p in most) > _MOST_COMBINED:
+        face = spread_points(most, _MOST_FACE, seed + 1)
+    else:
+        ends = [np.unique(np.linspace(p.low, p.high, _ENDS)) for p in most]
+        face = np.array(list(product(*ends)))
+        if len(face) > _MOST_FACE:
+            face = np.random.default_rng(seed).permutation(face)[:_MOST_FACE]
     return np.vstack([face, spread_points(beyond, _SPREAD, seed)])
 
 

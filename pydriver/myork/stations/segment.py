@@ -347,6 +347,8 @@ def _check_rules(table: Mapping[str, Any], muscles: list[Muscle]) -> None:
     split, rims = table["split"], [muscle.name for muscle in muscles if muscle.rim]
     if table["start"] == "seeds" and not any(muscle.has_place for muscle in muscles):
         raise InputError("image.start = 'seeds' needs [[muscle]] with seeds or a rim")
+    if table["reference_reach"] > 0 and "reference" not in table:
+        raise InputError("image.reference_reach needs image.reference")
     if "seeds" in table:
         if muscles or "reference" in table:
             other = "[[muscle]]" if muscles else "image.reference"
@@ -358,8 +360,6 @@ def _check_rules(table: Mapping[str, Any], muscles: list[Muscle]) -> None:
         if muscles:
             raise InputError("image.reference and [[muscle]] both group the regions; take one out")
         return
-    if table["reference_reach"] > 0:
-        raise InputError("image.reference_reach needs image.reference")
     if rims and split != "walk":
         raise InputError(f"muscle.{rims[0]}.rim needs image.split = 'walk'")
     if muscles and split == "nearest":
