@@ -41,7 +41,7 @@ FORTRAN_LAYERS = [
 PYTHON_LAYERS = [
     {"errors", "records", "console", "libraries"},
     {"files"},
-    {"model_file", "summary", "tables"},
+    {"model_file", "reduced_fields", "summary", "tables"},
     {"results"},
     {"core", "imaging"},
     {"segmentation"},

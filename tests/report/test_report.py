@@ -17,7 +17,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from myork.errors import FileError
 from myork.records import Image, Labels
+from myork.reduced_fields import REDUCED_FILE, ReducedFields, write_reduced
 from myork.report import make_report
+from myork.report.beside import reduced_figure
 from myork.report.figures import (
     cloud_figure,
     history_figure,
@@ -27,10 +29,12 @@ from myork.report.figures import (
 )
 from myork.report.image_figures import area_figure, slice_figure
 from myork.report.numbers import fraction, number, unit_of, with_error
-from myork.report.pictures import limits_of, plane_figure, slices_figure
+from myork.report.pictures import plane_figure, slices_figure
+from myork.report.sketch import limits_of
 from myork.report.sources import Deformation, read_folder
 from myork.report.tables import orientation_table, rom_table
 
+UNITS = {"force": "N", "length": "cm"}
 SECTIONS = ("images", "deformation", "planes", "probes", "rom", "convergence", "run")
 VOID = {"meta", "img", "br"}
 
@@ -456,6 +460,56 @@ def test_full_against_reduced() -> None:
     assert_allclose(lines[1].get_xydata(), [[0.5, 1.1], [1.0, np.nan]])
     assert lines[1].get_label() == "hyper-reduced, r = 3"
     assert_allclose(figure.axes[1].lines[1].get_ydata(), [1.0, 2.0])
+
+
+def reduced_fields(wrong: float) -> ReducedFields:
+    """A sheet that is pulled, by models of 3 modes and of 1; the latter is off."""
+    x, y = np.meshgrid(np.linspace(0, 2, 9), np.linspace(0, 1, 5), indexing="ij")
+    points = np.stack([x.ravel(), y.ravel(), 0.0 * x.ravel()], axis=1)
+    shares = np.array([1.0, 1.0, 1.0 + wrong])
+    moved = np.stack([0.2 * points[:, 0], 0.0 * points[:, 0], 0.0 * points[:, 0]], axis=1)
+    stress = 5.0 + points[:, 1]
+    return ReducedFields(
+        points, np.array([3, 1]), shares[:, None, None] * moved, shares[:, None] * stress
+    )
+
+
+def test_reduced_fields_stand_beside_the_full_one() -> None:
+    figure = reduced_figure(reduced_fields(-0.1), 1, UNITS)
+    panels = {axes.get_title(): axes for axes in figure.axes if axes.get_title()}
+    assert list(panels) == ["full", "reduced, r = 1", "difference"]
+    shades = [axes.collections[0] for axes in figure.axes if axes.collections][:6]
+    assert shades[0].get_clim() == shades[1].get_clim() != shades[2].get_clim()
+    assert_allclose(shades[2].get_array().max(), 0.04)
+    assert_allclose(shades[5].get_clim(), [-0.6, 0.6])
+    assert_allclose(shades[5].get_array().min(), -0.6)
+    labels = [axes.get_ylabel() for axes in figure.axes]
+    assert "difference [cm]\nat most 10 % of the largest" in labels
+    assert "difference [N/cm²]\nat most 10 % of the largest" in labels
+    same = [axes.get_ylabel() for axes in reduced_figure(reduced_fields(0.0), 1, UNITS).axes]
+    assert "difference [cm]\nat most 0 of the largest" in same
+
+
+def test_reduced_models_alone_say_what_was_asked_and_what_they_are_off(tmp_path: Path) -> None:
+    write_reduced(tmp_path, reduced_fields(1e-6))
+    models = [{"kind": "reduced", "r": r, "e1": e, "e2": 2 * e} for r, e in ((1, 1e-3), (3, 1e-9))]
+    rom = {"snapshots": 4, "full": {"load": [1.0], "probes": {}}, "pov": [1.0], "models": models}
+    deck = {"geometry": {"kind": "box", "size": [2, 1]}, "material": [{"name": "rubber"}]}
+    content = {"title": "sheet", "units": UNITS, "dimension": 2, "deck": deck, "rom": rom}
+    (tmp_path / "summary.json").write_text(json.dumps(content))
+    text = Page(make_report(tmp_path)).text
+    assert "A sheet of 2 × 1 cm of rubber" in text
+    assert "reduced one with 3 modes" in text and "The same with 1 mode" in text
+    assert text.index("with 3 modes") < text.index("The same with 1 mode")
+    assert "The error of the full model comes on top" in text
+    del rom["models"]
+    (tmp_path / "summary.json").write_text(json.dumps(content))
+    assert "reduced one with" not in Page(make_report(tmp_path)).text
+    content = (tmp_path / REDUCED_FILE).read_bytes()
+    for damaged in (b"", content[:100], content[:-40]):
+        (tmp_path / REDUCED_FILE).write_bytes(damaged)
+        with pytest.raises(FileError, match=f"{REDUCED_FILE}: .*run `myork rom` again"):
+            make_report(tmp_path)
 
 
 @pytest.mark.parametrize("signs", [(1, 1), (-1, 1), (-1, -1)])

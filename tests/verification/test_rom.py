@@ -14,6 +14,7 @@ from myork.core.deck import load_tables
 from myork.core.pod import pod_basis
 from myork.core.scene import Scene
 from myork.errors import InputError, RefusedError
+from myork.reduced_fields import REDUCED_FILE, read_reduced
 from myork.rom.basis import modes_for_energy, proper_orthogonal_basis
 from myork.rom.errors import displacement_error, gradient_error
 
@@ -237,6 +238,20 @@ def study_of(solution, tmp_path):
         return found, lines
 
     return study
+
+
+def test_the_last_fields_lie_beside_the_summary(study_of, tmp_path):
+    """Those of the full model are the solve's; as many modes as states come to the same."""
+    study_of()
+    found = read_reduced(tmp_path / "out" / REDUCED_FILE)
+    with myork.Results(tmp_path / "out") as results:
+        u, stress = results.field("u"), results.field("principal_stress")[:, 0]
+        assert_allclose(found.points, results.points, atol=1e-14)
+    assert found.modes.tolist() == [1, 3]
+    assert_allclose(found.displacement[0], u, atol=1e-9 * np.abs(u).max())
+    assert_allclose(found.stress[0], stress, atol=1e-9 * np.abs(stress).max())
+    off = np.abs(found.displacement[1:] - u).max(axis=(1, 2)) / np.abs(u).max()
+    assert off[1] < 1e-5 < off[0] < 0.5
 
 
 def plain_numbers(study):

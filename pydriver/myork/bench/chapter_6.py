@@ -80,6 +80,8 @@ class LoadPath(NamedTuple):
         Published errors with each number of modes.
     full_min, reduced_min
         Published processor time of the full model, and with each number of modes [min].
+    drawn : tuple
+        Published figure of the last state, and the numbers of modes in it.
     """
 
     name: str
@@ -91,6 +93,7 @@ class LoadPath(NamedTuple):
     e2: tuple[float, ...] = ()
     full_min: float | None = None
     reduced_min: tuple[float, ...] = ()
+    drawn: tuple[str, tuple[int, ...]] = ("", ())
 
 
 _SHEAR = LoadPath(
@@ -114,6 +117,7 @@ _TUBE = LoadPath(
     (2.917e-1, 2.777e-4, 2.933e-5),
     196.983,
     (2.491, 2.684, 2.968),
+    ("figure 6.13", (5,)),
 )
 _BLOCK = LoadPath(
     "muscle block (tables 6.7, 6.8)",
@@ -125,6 +129,7 @@ _BLOCK = LoadPath(
     (5.622e-2, 6.973e-3, 2.402e-6),
     372.567,
     (23.843, 23.961, 24.420),
+    ("figure 6.16", (1,)),
 )
 _GASTROCNEMIUS = LoadPath(
     "medial gastrocnemius (tables 6.9, 6.10)",
@@ -136,6 +141,7 @@ _GASTROCNEMIUS = LoadPath(
     (1.376e-2, 3.983e-5),
     1868.9,
     (19.9, 21.932),
+    ("figure 6.19", (5, 10)),
 )
 #: Tables 6.3 to 6.10
 PATHS = (_SHEAR, _TUBE, _BLOCK, _GASTROCNEMIUS)

@@ -10,11 +10,11 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from myork.errors import FileError
+from myork.report.beside import compared_figure
 from myork.report.figures import COLOURS, DASHES, MARKERS
 from myork.report.frame import Section, figure, render, table
 from myork.report.numbers import DASH, fraction, number, unit_of, with_error
 from myork.report.off_screen import NoPictureError
-from myork.report.pictures import compared_figure
 from myork.report.sources import RunFolder
 from myork.report.story import Answer
 from myork.summary import read_summary

@@ -16,6 +16,10 @@ from matplotlib.figure import Figure
 __all__ = ["Section", "figure", "render", "table"]
 
 
+#: Points an inch of figures, and inches of those as wide as the page
+_DPI, _WIDTH = 130, 11.0
+
+
 class Section(NamedTuple):
     """A section of a page.
 
@@ -49,13 +53,17 @@ def render(template: str, **values: Any) -> Markup:
 
 def figure(picture: Figure | str, caption: str) -> Markup:
     """Figure as a picture inside the page, or a picture file beside the page."""
+    share = 100.0
     if isinstance(picture, str):
         source = picture
     else:
         buffer = io.BytesIO()
-        picture.savefig(buffer, format="png", dpi=130, facecolor="white", bbox_inches="tight")
+        picture.savefig(buffer, format="png", dpi=_DPI, facecolor="white", bbox_inches="tight")
+        wide = int.from_bytes(buffer.getvalue()[16:20], "big")
+        # one size of letters in all figures of a page
+        share = min(100.0, 100.0 * wide / (_DPI * _WIDTH))
         source = "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
-    return render("figure.html", source=source, caption=caption)
+    return render("figure.html", source=source, caption=caption, share=round(share))
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], caption: str = "") -> Markup:

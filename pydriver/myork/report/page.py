@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ import myork
 from myork.errors import FileError, InputError
 from myork.files import write_text
 from myork.report import figures, image_figures, pictures, tables
+from myork.report.beside import reduced_figure
 from myork.report.compare import compare_page
 from myork.report.frame import Section, figure, render
 from myork.report.numbers import fraction, number, unit_of
@@ -83,7 +84,7 @@ def _page(folder: RunFolder) -> str:
         Section("deformation", "Deformation", _deformation(folder)),
         Section("planes", "Inside the body", _planes(folder)),
         Section("probes", "Forces and other probes", _probes(folder)),
-        Section("rom", "Reduced models", _rom(summary)),
+        Section("rom", "Reduced models", _rom(folder)),
         Section("touch", "The reduced model to touch", _touch(folder)),
         Section("convergence", "Convergence", _convergence(folder)),
         Section("run", "The run", _run(folder)),
@@ -235,8 +236,9 @@ def _probes(folder: RunFolder) -> list[Markup]:
     return parts
 
 
-def _rom(summary: Mapping[str, Any]) -> list[Markup]:
+def _rom(folder: RunFolder) -> list[Markup]:
     """Full against reduced."""
+    summary = folder.summary
     rom = summary.get("rom")
     if not rom:
         return []
@@ -260,7 +262,38 @@ def _rom(summary: Mapping[str, Any]) -> list[Markup]:
                 "Full solution (line) against the reduced models (markers).",
             )
         )
-    return parts
+    return [*parts, *_reduced_fields(folder, models)]
+
+
+def _reduced_fields(folder: RunFolder, models: Sequence[Mapping[str, Any]]) -> Iterator[Markup]:
+    """Fields of the model with the least error, and folded those of the one with fewest modes."""
+    fields = folder.reduced
+    numbers = {model["r"]: model for model in models}
+    own = [] if fields is None else [k for k, r in enumerate(fields.modes) if r in numbers]
+    if fields is None or not own:
+        return
+    best = min(own, key=lambda k: numbers[fields.modes[k]].get("e1") or np.inf)
+    fewest = min(own, key=lambda k: fields.modes[k])
+    for k in dict.fromkeys((best, fewest)):
+        model = numbers[fields.modes[k]]
+        modes = Markup("{} {}").format(number(model["r"]), "mode" if model["r"] == 1 else "modes")
+        told = Markup(
+            "The last state of the full model and of the reduced one with {}, deformed to scale, "
+            "in one scale of colours, and their difference, with the largest of it at any point. "
+            "Over all {} states the errors are e<sub>1</sub> = {}, e<sub>2</sub> = {}."
+        ).format(
+            modes,
+            number((folder.summary.get("rom") or {}).get("snapshots")),
+            number(model.get("e1"), 2),
+            number(model.get("e2"), 2),
+        )
+        try:
+            shown = figure(reduced_figure(fields, k, folder.summary.get("units", {})), told)
+        except NoPictureError as reason:
+            yield Markup("<p>No pictures of the fields: {}.</p>").format(str(reason))
+            return
+        folded = "<details><summary>The same with {}</summary>{}</details>"
+        yield shown if k == best else Markup(folded).format(modes, shown)
 
 
 def _touch(folder: RunFolder) -> list[Markup]:

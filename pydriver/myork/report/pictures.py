@@ -6,23 +6,26 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
-from matplotlib.colorbar import Colorbar
-from matplotlib.colors import ListedColormap, Normalize
+from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 
 from myork.report.off_screen import Panel, draw
+from myork.report.sketch import (
+    draw_bar,
+    draw_ruler,
+    draw_triad,
+    limits_of,
+    rim_of,
+    views_of,
+)
 from myork.report.skin import outer_triangles, spacing_of
 from myork.report.sources import Deformation
 
 __all__ = [
-    "compared_figure",
-    "limits_of",
     "plane_figure",
     "slices_figure",
     "surface_figure",
@@ -34,35 +37,10 @@ F64 = NDArray[np.float64]
 _TISSUES = ("#D55E00", "#56B4E9", "#F0E442", "#009E73", "#CC79A7", "#E69F00", "#0072B2")
 _PLAIN = "#D8D8D8"
 _TENSION, _PRESSURE = "#FFFFFF", "#000000"
-#: Colours reach the largest value unless it lies this many spans of the middle 99 % beyond them
-_BEYOND = 1.0
 #: Strokes across the longer side of a body or plane
 _ACROSS = 16
 #: A body this much wider than high is drawn in rows, not in columns
 _WIDE = 1.6
-#: The reader looks from this much to the side and from above [degree]
-_AZIMUTH, _ELEVATION = 28.0, 18.0
-#: Share of the body that a length stroke may take
-_RULER = 0.35
-
-
-def limits_of(values: F64) -> tuple[float, float, str]:
-    """Ends of the colours, and which of them values pass: "neither", "min", "max" or "both".
-
-    The whole range is shown, but for single values so far out (at an edge where the stress has no
-    bound) that all others would share one colour.
-    """
-    values = values[np.isfinite(values)]
-    if not len(values):
-        return 0.0, 1.0, "neither"
-    least, most = float(values.min()), float(values.max())
-    low, high = (float(v) for v in np.percentile(values, [0.5, 99.5]))
-    room = _BEYOND * (high - low)
-    below, above = low - least > room, most - high > room
-    low, high = low if below else least, high if above else most
-    margin = 1e-6 * max(abs(low), abs(high), 1e-12)
-    ends = {(0, 0): "neither", (1, 0): "min", (0, 1): "max", (1, 1): "both"}
-    return low - margin, high + margin, ends[below, above]
 
 
 def surface_figure(
@@ -114,7 +92,7 @@ def surface_figure(
         panels.append(Panel(moved, deformation.volume_ratio, limits[-1][:2], "viridis", none))
         titles.append("volume ratio J [-]")
     both = np.vstack([points, moved])
-    views = _views(np.ptp(both, axis=0))
+    views = views_of(np.ptp(both, axis=0))
     middle = 0.5 * (both.min(axis=0) + both.max(axis=0))
     spread = np.abs(np.array([view[:2] @ (both - middle).T for view in views])).max(axis=(0, 2))
     half = 1.06 * np.maximum(spread, 0.15 * spread.max())
@@ -134,7 +112,7 @@ def surface_figure(
                     frameon=False, fontsize="small", ncols=2,
                 )  # fmt: skip
             continue
-        _bar(figure, axes, limits[number], wide=half[0] > _WIDE * half[1])
+        draw_bar(figure, axes, limits[number], wide=half[0] > _WIDE * half[1])
     return figure
 
 
@@ -166,26 +144,6 @@ def _strokes(deformation: Deformation, seen: NDArray[Any]) -> F64:
     return np.stack([deformation.points[own] - along, deformation.points[own] + along], axis=1)
 
 
-def _views(sides: F64) -> list[F64]:
-    """Two opposite views of a body: on its broad side, what is long across or upwards."""
-    towards = int(np.argmin(sides[:2])) if sides[2] >= sides[:2].min() else 2
-    if towards == 2 and sides[2] > 0.6 * sides[:2].min():
-        # a bar along x or y lies on the ground
-        towards = int(np.argmin(sides[:2]))
-    up = 1 if towards == 2 else 2
-    across = 3 - towards - up
-    axes = np.zeros((3, 3))
-    axes[0, across], axes[1, up] = 1.0, 1.0
-    axes[2] = np.cross(axes[0], axes[1])
-    found = []
-    for turn in (_AZIMUTH, _AZIMUTH + 180.0):
-        a, e = np.radians([turn, _ELEVATION])
-        look = np.cos(e) * (np.cos(a) * axes[2] + np.sin(a) * axes[0]) + np.sin(e) * axes[1]
-        right = np.cos(a) * axes[0] - np.sin(a) * axes[2]
-        found.append(np.array([right, np.cross(look, right), look]))
-    return found
-
-
 def _board(
     pictures: list[list[NDArray[np.uint8]]],
     titles: Sequence[str],
@@ -214,46 +172,9 @@ def _board(
             if view == 0:
                 axes.set_title(titles[number], fontsize=10)
             if number == 0:
-                _triad(axes, views[view], half)
-    _ruler(grid[0, 0], half, length)
+                draw_triad(axes, views[view], half)
+    draw_ruler(grid[0, 0], half, length)
     return figure
-
-
-def _triad(axes: Axes, view: F64, half: F64) -> None:
-    """The coordinate axes as the reader sees them, in the lower left corner."""
-    arm = 0.14 * float(half.min())
-    origin = -np.asarray(half) + 1.2 * arm
-    for name, tip in zip("xyz", (arm * view[:2].T), strict=True):
-        if np.linalg.norm(tip) > 0.15 * arm:
-            end, far = (tuple((origin + part * tip).tolist()) for part in (1.0, 1.35))
-            look = {"arrowstyle": "-|>", "lw": 1.0, "shrinkB": 0}
-            axes.annotate("", end, tuple(origin.tolist()), arrowprops=look)
-            axes.text(far[0], far[1], name, fontsize=8, ha="center", va="center")
-
-
-def _ruler(axes: Axes, half: F64, length: str) -> None:
-    """A stroke of a round length in the lower right corner."""
-    most = _RULER * 2.0 * float(half[0])
-    power = 10.0 ** np.floor(np.log10(most))
-    long = max(f * power for f in (1.0, 2.0, 5.0) if f * power <= most)
-    right, y = 0.98 * half[0], -0.97 * half[1]
-    axes.plot([right - long, right], [y, y], color="black", linewidth=2)
-    axes.text(
-        right - long / 2, y + 0.02 * half[1], f"{long:g} {length}",
-        fontsize=8, ha="center", va="bottom",
-    )  # fmt: skip
-
-
-def _bar(figure: Figure, axes: list[Any], limits: tuple[float, float, str], wide: bool) -> Colorbar:
-    low, high, ends = limits
-    shade = ScalarMappable(Normalize(low, high), colormaps["viridis"])
-    side = "right" if wide else "bottom"
-    bar = figure.colorbar(
-        shade, ax=axes, extend=ends, pad=0.02, aspect=25, location=side, shrink=0.8
-    )
-    bar.ax.locator_params(nbins=5)
-    bar.ax.ticklabel_format(useOffset=False)
-    return bar
 
 
 def plane_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure:
@@ -290,7 +211,7 @@ def plane_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure:
     )
     fields = (size, deformation.stress, deformation.volume_ratio)
     for axes, title, values in zip(panels, titles, fields, strict=True):
-        rim = _rim(triangles)
+        rim = rim_of(triangles)
         axes.plot(*points[rim].transpose(2, 1, 0), color="#999999", linewidth=0.8)
         _map(figure, axes, moved, triangles, values)
         axes.set_title(title, fontsize=10)
@@ -301,91 +222,6 @@ def plane_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure:
     if deformation.cauchy is not None:
         _crosses(panels[1], moved[few], deformation.cauchy[few, :2, :2])
     return figure
-
-
-def compared_figure(
-    deformations: Sequence[Deformation], names: Sequence[str], units: Mapping[str, str]
-) -> Figure:
-    """Bodies side by side: displacement and stress, one view and one scale for all.
-
-    Parameters
-    ----------
-    deformations : sequence of Deformation
-        Last states, all plane or all in space.
-    names : sequence of str
-        Of the runs.
-    units : Mapping
-        Units of the decks, keys `force` and `length`.
-
-    Returns
-    -------
-    Figure
-        A column a run.
-
-    Raises
-    ------
-    NoPictureError
-        VTK cannot draw here.
-    """
-    force, length = units.get("force", "?"), units.get("length", "?")
-    moved = [own.points + own.displacement for own in deformations]
-    triangles = [
-        outer_triangles(points, spacing_of(points))
-        for points in (_places(own.points) for own in deformations)
-    ]
-    fields = [
-        [np.linalg.norm(own.displacement, axis=1) for own in deformations],
-        [own.stress for own in deformations],
-    ]
-    limits = [
-        limits_of(np.concatenate([v[np.unique(t)] for v, t in zip(row, triangles, strict=True)]))
-        for row in fields
-    ]
-    every = np.vstack([*moved, *(own.points for own in deformations)])
-    flat = not np.ptp(every[:, 2])
-    views = [np.eye(3)] if flat else _views(np.ptp(every, axis=0))[:1]
-    middle = 0.5 * (every.min(axis=0) + every.max(axis=0))
-    half = 1.06 * np.abs(views[0][:2] @ (every - middle).T).max(axis=1)
-    half = np.maximum(half, 0.15 * half.max())
-    count, tall = len(deformations), float(half[1] / half[0])
-    width = 10.0 / count
-    figure = Figure(figsize=(11.0, 2.0 * width * tall + 1.2), layout="constrained")
-    grid = figure.subplots(2, count, squeeze=False)
-    for column, own in enumerate(deformations):
-        shapes = [row[column] for row in fields]
-        if flat:
-            for axes, values, ends in zip(grid[:, column], shapes, limits, strict=True):
-                place = moved[column][:, :2] - middle[:2]
-                shape = Triangulation(place[:, 0], place[:, 1], triangles[column])
-                axes.tripcolor(shape, values, shading="gouraud", vmin=ends[0], vmax=ends[1])
-                rest = (own.points[:, :2] - middle[:2])[_rim(triangles[column])]
-                axes.plot(*rest.transpose(2, 1, 0), color="#999999", linewidth=0.8)
-        else:
-            none = np.empty((0, 2, 3))
-            panels = [
-                Panel(moved[column], values, ends[:2], "viridis", none)
-                for values, ends in zip(shapes, limits, strict=True)
-            ]
-            drawn = draw(panels, triangles[column], own.points, views, middle, half)
-            for axes, pictures in zip(grid[:, column], drawn, strict=True):
-                extent = (-half[0], half[0], -half[1], half[1])
-                axes.imshow(pictures[0], extent=extent, interpolation="antialiased")
-        grid[0, column].set_title(names[column], fontsize=10)
-    for axes in grid.ravel():
-        axes.set(xlim=(-half[0], half[0]), ylim=(-half[1], half[1]), aspect="equal")
-        axes.set_axis_off()
-    if not flat:
-        _triad(grid[0, 0], views[0], half)
-    _ruler(grid[0, 0], half, length)
-    titles = (f"displacement |u| [{length}]", f"largest principal stress [{force}/{length}²]")
-    for row, ends, title in zip(grid, limits, titles, strict=True):
-        _bar(figure, list(row), ends, wide=True).set_label(title)
-    return figure
-
-
-def _places(points: F64) -> F64:
-    """Points as triangles are made of them: those of a plane body without z."""
-    return points if np.ptp(points[:, 2]) else points[:, :2]
 
 
 def slices_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure:
@@ -454,14 +290,6 @@ def _plane(points: F64, normal: int) -> tuple[NDArray[np.intp], float]:
     many = levels[counts > 0.2 * counts.max()]
     level = float(many[np.argmin(np.abs(many - middle))])
     return np.flatnonzero(np.abs(places - level) < 0.5 * spacing), level
-
-
-def _rim(triangles: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Edges of one triangle only, shape `(m, 2)`."""
-    edges = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]],
-                                    triangles[:, [2, 0]]]), axis=1)  # fmt: skip
-    found, counts = np.unique(edges, axis=0, return_counts=True)
-    return found[counts == 1]
 
 
 def _map(

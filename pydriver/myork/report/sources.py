@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from myork.errors import FileError, MyorkError
 from myork.imaging.io import read_image, read_labels
 from myork.records import Image, Labels
+from myork.reduced_fields import REDUCED_FILE, ReducedFields, read_reduced
 from myork.report.structure import check_summary
 from myork.results import Results
 from myork.summary import read_summary
@@ -81,6 +82,8 @@ class RunFolder:
         text. Empty without the file.
     deformation : Deformation or None
         From `results.vtkhdf`.
+    reduced : ReducedFields or None
+        Fields of reduced models beside the full one.
     labels, tissue, image, fibers : Labels, Image or None
         Output of `segment`: label map, materials of a leg, image and fiber vectors (three values
         a voxel).
@@ -90,6 +93,7 @@ class RunFolder:
     summary: dict[str, Any] = field(default_factory=dict)
     history: dict[str, NDArray[Any]] = field(default_factory=dict)
     deformation: Deformation | None = None
+    reduced: ReducedFields | None = None
     labels: Labels | None = None
     tissue: Labels | None = None
     image: Image | None = None
@@ -132,6 +136,7 @@ def read_folder(path: Path) -> RunFolder:
         summary=read("summary.json", _read_summary) or {},
         history=read("history.csv", _read_history) or {},
         deformation=read("results.vtkhdf", _read_deformation),
+        reduced=read(REDUCED_FILE, read_reduced),
         labels=read("segmentation.nii.gz", read_labels),
         tissue=read("tissue.nii.gz", read_labels),
         image=read("anatomy.nii.gz", read_image),

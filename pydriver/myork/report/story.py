@@ -166,8 +166,11 @@ def _came_out(
     if models:
         best = min(models, key=lambda model: model["e1"])
         yield Markup(
-            "A reduced model of {} modes is {} times faster, with an error of {} in displacement"
-        ).format(best["r"], number(best.get("speedup_vs_full"), 2), number(best["e1"], 2))
+            "A reduced model of {} {} is {} times faster, with an error of {} in displacement"
+        ).format(
+            best["r"], "mode" if best["r"] == 1 else "modes",
+            number(best.get("speedup_vs_full"), 2), number(best["e1"], 2),
+        )  # fmt: skip
 
 
 def _place(deformation: Deformation, point: int) -> str:
@@ -176,6 +179,11 @@ def _place(deformation: Deformation, point: int) -> str:
 
 def _trust(summary: Mapping[str, Any], deformation: Deformation | None) -> Iterator[str | Markup]:
     if "converged" not in summary:
+        if summary.get("rom"):
+            yield (
+                "The error is that against the full model, at the states that the modes were made "
+                "of. The error of the full model comes on top: myork solve estimates it"
+            )
         return
     steps = summary.get("steps") or []
     last = steps[-1] if steps else {}

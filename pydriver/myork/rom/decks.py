@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["differing_keys", "in_words"]
+__all__ = ["NOT_TABLES", "differing_keys", "in_words"]
 
 #: Entries of a checked deck that are no tables
-_NOT_TABLES = {"path", "folder", "sha256"}
+NOT_TABLES = {"path", "folder", "sha256"}
 #: Differences that are named
 _MOST = 4
 
@@ -60,7 +60,7 @@ def differing_keys(
     for deck in (one, other):
         found: dict[str, Any] = {}
         for table in deck if tables is None else tables:
-            if table in deck and table not in _NOT_TABLES:
+            if table in deck and table not in NOT_TABLES:
                 found |= flat(deck[table], table)
         sides.append(found)
     left, right = sides

@@ -14,14 +14,16 @@ from myork.core.scene import F64Array, Scene
 from myork.core.states import Fields
 from myork.core.threads import thread_count
 from myork.errors import InputError
+from myork.reduced_fields import REDUCED_FILE, ReducedFields, write_reduced
 from myork.rom.basis import Basis, modes_for_energy, proper_orthogonal_basis
+from myork.rom.decks import NOT_TABLES
 from myork.rom.errors import displacement_error, gradient_error, largest_error
 from myork.rom.probes import force_names, named_probes
-from myork.rom.reductor import ReducedStates, solve_reduced
+from myork.rom.reductor import solve_reduced
 from myork.rom.snapshots import Snapshots, full_states
-from myork.summary import renewing, update_summary
+from myork.summary import read_summary, renewing, update_summary
 
-__all__ = ["run_rom", "times_faster"]
+__all__ = ["reduced_fields", "run_rom", "times_faster"]
 
 # Load steps that give the snapshots where the deck takes its load in one.
 _STEPS = 10
@@ -78,8 +80,16 @@ def run_rom(
         _check_modes(scene)
         progress(f"full model: {scene.dofs} unknowns, {scene.rows} equations")
         full = full_states(scene, out, hashes, threads or thread_count(), progress)
-        study = _study(scene, full, progress)
+        study, fields = _study(scene, full, progress)
+        if fields is None:
+            (out / REDUCED_FILE).unlink(missing_ok=True)
+        else:
+            write_reduced(out, fields)
         named = {"title": scene.deck["title"], "units": scene.deck["units"], "rom": study}
+        if "converged" not in read_summary(out):
+            # no solve has said what was asked
+            tables = {key: table for key, table in scene.deck.items() if key not in NOT_TABLES}
+            named |= {"deck": tables, "dimension": scene.dimension}
         update_summary(out, named)
     return study
 
@@ -129,14 +139,16 @@ def _check_modes(scene: Scene) -> None:
         )
 
 
-def _study(scene: Scene, full: Snapshots, progress: ProgressCallback) -> dict[str, Any]:
-    """Modes and reduced models of the full states."""
+def _study(
+    scene: Scene, full: Snapshots, progress: ProgressCallback
+) -> tuple[dict[str, Any], ReducedFields | None]:
+    """Modes and reduced models of the full states, and all last fields where there are stresses."""
     table = scene.deck["rom"]
     is_galerkin = scene.deck["scene"]["method"].startswith("rkpm")
     basis = proper_orthogonal_basis(full.x, table["basis"], unit=table["snapshots"] == "unit")
     full_fields = _fields(scene, full.x, full.load)
     full_probes = named_probes(scene, full.x, full.load)
-    models = []
+    models, last = [], [full_fields[-1]]
     wanted = _numbers(table, basis)
     for number, r in enumerate(wanted, start=1):
         modes = basis.modes[:, :r]
@@ -144,11 +156,13 @@ def _study(scene: Scene, full: Snapshots, progress: ProgressCallback) -> dict[st
             scene, modes, table["solver"], table["projection"], table["assembly"]
         )
         online = states.online_s / scene.steps
+        fields = _fields(scene, states.x, full.load)
+        last.append(fields[-1])
         model = {
             "kind": "galerkin" if is_galerkin else "reduced",
             "r": r,
             "points": scene.collocation_points,
-            **_errors(scene, full.load, full_fields, full_probes, states),
+            **_errors(scene, full, full_fields, full_probes, states.x, fields),
             "best_e1": displacement_error(
                 full_fields, _fields(scene, full.x @ modes @ modes.T, full.load)
             ),
@@ -165,7 +179,7 @@ def _study(scene: Scene, full: Snapshots, progress: ProgressCallback) -> dict[st
             f"model {number}/{len(wanted)}  r {r}  e1 {model['e1']:.2e}{gradients}"
             f"  speed-up {times_faster(model['speedup_vs_full'])}"
         )
-    return {
+    study = {
         "snapshots": len(full.x),
         "pov": basis.values.tolist(),
         "full": {
@@ -181,6 +195,19 @@ def _study(scene: Scene, full: Snapshots, progress: ProgressCallback) -> dict[st
         },
         "models": models,
     }
+    return study, None if "linear" in scene.deck else reduced_fields(scene, wanted, last)
+
+
+def reduced_fields(scene: Scene, modes: Sequence[int], last: Sequence[Fields]) -> ReducedFields:
+    """Last states of the full model and of reduced ones as a report shows them."""
+    points = np.zeros((scene.collocation_points, 3))
+    points[:, : scene.dimension] = scene.points()
+    return ReducedFields(
+        points,
+        np.array(modes),
+        np.array([fields.u for fields in last]),
+        np.array([fields.named["principal_stress"][:, 0] for fields in last]),
+    )
 
 
 def _numbers(table: Mapping[str, Any], basis: Basis) -> list[int]:
@@ -203,14 +230,14 @@ def _fields(scene: Scene, x: F64Array, load: F64Array) -> list[Fields]:
 
 def _errors(
     scene: Scene,
-    load: F64Array,
+    full: Snapshots,
     full_fields: list[Fields],
     full_probes: Mapping[str, Any],
-    states: ReducedStates,
+    x: F64Array,
+    fields: list[Fields],
 ) -> dict[str, Any]:
-    """Errors of a reduced model against the full one, and its probes."""
-    fields = _fields(scene, states.x, load)
-    probes = named_probes(scene, states.x, load)
+    """Errors of a reduced model's states, with their fields, and its probes."""
+    probes = named_probes(scene, x, full.load)
     forces = [
         largest_error(np.array(full_probes[name]), np.array(probes[name]))
         for name in force_names(scene)

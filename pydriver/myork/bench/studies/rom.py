@@ -30,6 +30,9 @@ from myork.console import ProgressCallback
 from myork.core.scene import F64Array, Scene
 from myork.core.states import Fields
 from myork.errors import ConvergenceError
+from myork.reduced_fields import ReducedFields
+from myork.report.beside import reduced_figure
+from myork.report.off_screen import NoPictureError
 from myork.rom.basis import Basis, proper_orthogonal_basis
 from myork.rom.check import measure, solve_tests, started
 from myork.rom.errors import displacement_error, gradient_error, largest_error
@@ -37,6 +40,7 @@ from myork.rom.model import ReducedModel
 from myork.rom.parameters import spread_points
 from myork.rom.probes import force_names, named_probes
 from myork.rom.reductor import ReducedStates, solve_reduced
+from myork.rom.study import reduced_fields
 from myork.stations.build import build
 from myork.stations.segment import segment
 
@@ -71,11 +75,19 @@ class _Full(NamedTuple):
     iterations: int
 
 
+class _Path(NamedTuple):
+    """All models of a path, its proper orthogonal values, and states that are drawn by modes."""
+
+    cases: list[dict[str, Any]]
+    values: F64Array
+    drawn: list[tuple[int, ReducedFields]]
+    units: dict[str, str]
+
+
 def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
     """Reduce all problems; see `myork.bench` for the result."""
-    del out
     motions = [case for motion in MOTIONS for case in _motion_cases(motion, progress)]
-    cases, decays = [], []
+    cases, decays, pictures = [], [], []
     with tempfile.TemporaryDirectory(prefix="myork-bench-") as folder:
         model = Path(folder)
         paths = [path for path in PATHS if not quick or path.deck != "mg_muscle"]
@@ -85,11 +97,13 @@ def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
             segment(INPUTS / "mg_muscle.toml", model, threads=1)
             build(INPUTS / "mg_muscle.toml", model, threads=1)
         for path in paths:
-            found, values = _path_cases(path, model, progress, quick, strong=True)
-            cases += found
-            decays.append((path.name, values))
+            found = _path_cases(path, model, progress, quick, strong=True)
+            cases += found.cases
+            decays.append((path.name, found.values))
+            for r, fields in found.drawn:
+                pictures += _picture(out, path, r, fields, found.units, progress)
         for path in weak:
-            cases += _path_cases(path, model, progress, quick, strong=False)[0]
+            cases += _path_cases(path, model, progress, quick, strong=False).cases
     trained = _trained_cases(progress, quick)
     return {
         "title": "Reduced models: chapter 6, and models that outlive it",
@@ -104,6 +118,7 @@ def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
             table(_TRAINED_CAPTION, _TRAINED_COLUMNS, trained),
         ],
         "plots": [*_error_plots(cases), _decay_plot(decays)],
+        "pictures": pictures,
     }
 
 
@@ -168,8 +183,8 @@ _MOTION_COLUMNS: Columns = (
 
 def _path_cases(
     path: LoadPath, model: Path, progress: ProgressCallback, quick: bool, *, strong: bool
-) -> tuple[list[dict[str, Any]], F64Array]:
-    """All models of a path, and its proper orthogonal values."""
+) -> _Path:
+    """Full and reduced models of a path."""
     form = "collocation" if strong else "Galerkin form"
     progress(f"{path.name}, {form}: full model")
     overrides = (*path.overrides, *(path.quick if quick else ()))
@@ -188,10 +203,16 @@ def _path_cases(
         unit = proper_orthogonal_basis(full.x, unit=True)
         cases = [_full_case(path, form, scene, full)]
         ways = ["full", "reduced"] if strong else ["projected"]
+        last: dict[int, Fields] = {}
         for way in ways:
             for k, r in enumerate(path.modes):
                 progress(f"{path.name}, {form}: r = {r}, rows {way}")
-                cases.append(_reduced_case(path, form, scene, full, (plain, unit), k, way))
+                cases.append(_reduced_case(path, form, scene, full, (plain, unit), k, way, last))
+        drawn = [
+            (r, reduced_fields(scene, [r], [full.fields[-1], last[r]]))
+            for r in path.drawn[1]
+            if r in last
+        ]
         if strong:
             # last: the scene keeps the single load step
             cases.insert(1, _dense_case(path, form, scene, full))
@@ -199,7 +220,7 @@ def _path_cases(
     for case in cases:
         if case["cpu"] is not None:
             case["saved"] = 100.0 * (1.0 - case["cpu"] / dense)
-    return cases, plain.values
+    return _Path(cases, plain.values, drawn, dict(scene.deck["units"]))
 
 
 def _full_case(path: LoadPath, form: str, scene: Scene, full: _Full) -> dict[str, Any]:
@@ -246,8 +267,12 @@ def _reduced_case(
     bases: tuple[Basis, Basis],
     k: int,
     way: str,
+    last: dict[int, Fields],
 ) -> dict[str, Any]:
-    """One reduced model with modes of the states; the error with modes of unit states beside it."""
+    """One reduced model with modes of the states; the error with modes of unit states beside it.
+
+    Its last fields are added to `last` by the number of modes.
+    """
     r = path.modes[k]
     plain, unit = bases
     solver, assembly = ("cholesky", "full") if way == "full" else ("qr", "reduced")
@@ -267,6 +292,7 @@ def _reduced_case(
         "offline": plain.seconds + found.offline_s,
         **_errors(scene, full, found),
     }
+    last[r] = scene.fields(found.x[-1], full.load[-1])
     offline = full.cpu + case["offline"]
     if full.cpu > found.cpu_s:
         case["pays_after"] = offline / (full.cpu - found.cpu_s)
@@ -433,6 +459,29 @@ _TRAINED_COLUMNS: Columns = (
 
 
 # ---- pictures ------------------------------------------------------------------------------------
+
+
+def _picture(
+    out: Path,
+    path: LoadPath,
+    r: int,
+    fields: ReducedFields,
+    units: Mapping[str, str],
+    progress: ProgressCallback,
+) -> list[dict[str, str]]:
+    """The last state beside that of the full model, as a report shows it."""
+    file = f"rom_{path.deck}_{r}.png"
+    try:
+        figure = reduced_figure(fields, 0, units)
+    except NoPictureError as reason:
+        progress(f"{path.name}: no picture: {reason}")
+        return []
+    figure.savefig(out / file, dpi=110, facecolor="white")
+    caption = (
+        f"{path.name.split(' (')[0]}, r = {r} ({path.drawn[0]}): the last state of the full and of "
+        "the reduced model, deformed to scale, in one scale of colours, and their difference."
+    )
+    return [{"file": file, "caption": caption}]
 
 
 def _error_plots(cases: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:

@@ -1,0 +1,79 @@
+"""Fields of reduced models beside the full one, in the file `reduced_fields.npz` of a folder."""
+
+from __future__ import annotations
+
+import zipfile
+import zlib
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from myork.errors import FileError
+from myork.files import whole_file
+
+__all__ = ["REDUCED_FILE", "ReducedFields", "read_reduced", "write_reduced"]
+
+F64 = NDArray[np.float64]
+
+REDUCED_FILE = "reduced_fields.npz"
+_DAMAGES = (OSError, ValueError, KeyError, EOFError, TypeError, MemoryError, OverflowError,
+            RuntimeError, zipfile.BadZipFile, zlib.error)  # fmt: skip
+#: Beyond this a number is damage, or of no use in a picture
+_LARGEST = 1e150
+
+
+class ReducedFields(NamedTuple):
+    """One state of the full model and of reduced ones; the full model is the first everywhere.
+
+    Attributes
+    ----------
+    points : NDArray
+        Undeformed points, shape `(n, 3)` [length].
+    modes : NDArray
+        Number of modes of each reduced model, shape `(m,)`.
+    displacement : NDArray
+        Displacements, shape `(m + 1, n, 3)` [length].
+    stress : NDArray
+        Largest principal Cauchy stresses, shape `(m + 1, n)` [force/length^2].
+    """
+
+    points: F64
+    modes: NDArray[np.int64]
+    displacement: F64
+    stress: F64
+
+
+def write_reduced(folder: Path, fields: ReducedFields) -> None:
+    """Write the file of a folder."""
+    with whole_file(folder / REDUCED_FILE) as unfinished, unfinished.open("wb") as stream:
+        np.savez_compressed(stream, **fields._asdict())
+
+
+def read_reduced(path: Path) -> ReducedFields:
+    """Read the file.
+
+    Raises
+    ------
+    FileError
+        It is damaged.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as content:
+            found = ReducedFields(*(np.asarray(content[name]) for name in ReducedFields._fields))
+    except _DAMAGES as reason:
+        raise FileError(f"{path}: cannot be read: {reason}; run `myork rom` again") from None
+    n, m = len(np.atleast_1d(found.points)), np.size(found.modes)
+    shapes = ((n, 3), (m,), (m + 1, n, 3), (m + 1, n))
+    for name, values, shape in zip(found._fields, found, shapes, strict=True):
+        kinds = "iu" if name == "modes" else "f"
+        if (
+            values.shape != shape
+            or values.dtype.kind not in kinds
+            or not (np.abs(values) <= _LARGEST).all()
+        ):
+            raise FileError(
+                f"{path}: {name}: finite numbers of shape {shape} are needed; run `myork rom` again"
+            )
+    return found
