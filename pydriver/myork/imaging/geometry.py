@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TypeVar
 
@@ -18,6 +19,7 @@ __all__ = [
     "check_same_grid",
     "frame",
     "length_factor",
+    "slice_axis",
     "to_voxels",
 ]
 
@@ -114,6 +116,20 @@ def frame(affine: NDArray[np.float64]) -> NDArray[np.float64]:
 def to_voxels(affine: NDArray[np.float64], world: NDArray[np.float64]) -> NDArray[np.float64]:
     """World coordinates to voxel indices, both of shape `(..., 3)`."""
     return (world - affine[:3, 3]) @ np.linalg.inv(affine[:3, :3]).T
+
+
+def slice_axis(spacing: NDArray[np.float64], shape: Sequence[int] = ()) -> int:
+    """Axis along which slices follow each other: that of a single slice, or of the longest voxels.
+
+    Parameters
+    ----------
+    spacing : NDArray
+        Voxel sizes, shape `(3,)`; of equal ones the last counts as longest [mm].
+    shape : sequence, optional
+        Numbers of voxels, shape `(3,)`.
+    """
+    single = [axis for axis, count in enumerate(shape) if count == 1]
+    return max(single or range(3), key=lambda axis: float(spacing[axis]) * (1.0 + 1e-6 * axis))
 
 
 def length_factor(unit: str, key: str = "units.length") -> float:

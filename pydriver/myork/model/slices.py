@@ -17,6 +17,7 @@ from scipy import ndimage
 from scipy.interpolate import make_interp_spline
 
 from myork.imaging.diffusion import tensor_components
+from myork.imaging.geometry import slice_axis
 from myork.model.fibers import fill_from_own, lead_vector
 from myork.records import Image, Labels
 
@@ -38,7 +39,7 @@ def slice_parts(spacing: F64, thickness: float) -> tuple[int, int]:
     thickness : float
         Wanted thickness of slices [mm].
     """
-    axis = int(np.argmax(spacing - 1e-6 * np.arange(3)[::-1]))
+    axis = slice_axis(spacing)
     return axis, max(1, round(float(spacing[axis]) / thickness))
 
 

@@ -31,6 +31,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
 from myork.errors import InputError
+from myork.imaging.geometry import slice_axis
 from myork.segmentation.bias import of_mean_one
 
 __all__ = ["Candidate", "Shading", "shading"]
@@ -92,7 +93,8 @@ def shading(values: F64, mask: Mask, *, spacing: ArrayLike, seed: int = 0) -> Sh
     Parameters
     ----------
     values : NDArray
-        Image, shape `(ni, nj, nk)` [-]; one slice is enough.
+        Image, shape `(ni, nj, nk)` [-]; one slice is enough. Slices follow each other along the
+        axis of the longest voxels, or of the only one.
     mask : NDArray
         Voxels of the body, same shape.
     spacing : ArrayLike
@@ -110,6 +112,19 @@ def shading(values: F64, mask: Mask, *, spacing: ArrayLike, seed: int = 0) -> Sh
     if not np.isfinite(values[mask]).all():
         raise InputError("bias: values of the body are not finite; replace them")
     size = np.asarray(spacing, float)
+    axis = slice_axis(size, mask.shape)
+    if axis != 2:
+        turned = np.append(np.delete(size, axis), size[axis])
+        parts = (np.moveaxis(one, axis, 2) for one in (values, mask))
+        found_turned = shading(*parts, spacing=turned, seed=seed)
+        return Shading(
+            np.moveaxis(found_turned.field, 2, axis),
+            tuple(
+                one._replace(field=np.moveaxis(one.field, 2, axis))
+                for one in found_turned.candidates
+            ),
+            found_turned.doubt,
+        )
     bright = float(np.percentile(values[mask], 90.0))
     if not bright > 0:
         raise InputError("bias: the body has no signal, its 90th percentile is not above zero")
