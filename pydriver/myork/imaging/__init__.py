@@ -7,7 +7,15 @@ loaded when they are first used.
 import importlib
 from typing import Any
 
-__all__ = ["build_points", "correct_bias", "fit_tensors", "mean_fibers", "resample", "segment"]
+__all__ = [
+    "build_points",
+    "correct_bias",
+    "fit_tensors",
+    "mean_fibers",
+    "resample",
+    "segment",
+    "water_and_fat",
+]
 
 
 def __getattr__(name: str) -> Any:

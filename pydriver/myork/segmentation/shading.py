@@ -115,8 +115,9 @@ def shading(values: F64, mask: Mask, *, spacing: ArrayLike, seed: int = 0) -> Sh
     axis = slice_axis(size, mask.shape)
     if axis != 2:
         turned = np.append(np.delete(size, axis), size[axis])
-        parts = (np.moveaxis(one, axis, 2) for one in (values, mask))
-        found_turned = shading(*parts, spacing=turned, seed=seed)
+        found_turned = shading(
+            np.moveaxis(values, axis, 2), np.moveaxis(mask, axis, 2), spacing=turned, seed=seed
+        )
         return Shading(
             np.moveaxis(found_turned.field, 2, axis),
             tuple(

@@ -6,6 +6,7 @@ anterior, superior) in millimetres. Defaults are those of the decks' tables.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from myork.core.deck import load_tables
 from myork.core.level_sets import evolve_level_sets
 from myork.errors import InputError
 from myork.imaging import diffusion
+from myork.imaging.dixon import separate_images
 from myork.imaging.gradients import GradientTable
 from myork.model.fibers import fiber_field
 from myork.model.slices import finer_fibers, finer_labels, slice_parts
@@ -26,7 +28,15 @@ from myork.segmentation.regions import body_mask
 from myork.segmentation.shading import shading
 from myork.stations.build import build_cloud
 
-__all__ = ["build_points", "correct_bias", "fit_tensors", "mean_fibers", "resample", "segment"]
+__all__ = [
+    "build_points",
+    "correct_bias",
+    "fit_tensors",
+    "mean_fibers",
+    "resample",
+    "segment",
+    "water_and_fat",
+]
 
 F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]
@@ -115,6 +125,57 @@ def correct_bias(
     check_positive(grid, mask)
     found = shading(grid.data, mask, spacing=grid.spacing)
     return grid.data / found.field, found.field, found.doubt
+
+
+def water_and_fat(
+    magnitudes: Sequence[ArrayLike],
+    phases: Sequence[ArrayLike],
+    affine: ArrayLike,
+    echo_times: Sequence[float] = (),
+    field_strength: float = 0.0,
+    body: ArrayLike | None = None,
+    *,
+    rim: str = "fat",
+    turn: float | None = None,
+) -> tuple[F64, F64, F64, str]:
+    """Water and fat of two echoes (two-point Dixon).
+
+    Parameters
+    ----------
+    magnitudes, phases : sequence of ArrayLike
+        Of both echoes, shape `(ni, nj, nk)` each.
+    affine : ArrayLike
+        Shape `(4, 4)` [mm].
+    echo_times : sequence, optional
+        Shape `(2,)` [ms]; without them the first echo is in phase and the second in opposed phase.
+    field_strength : float
+        Of the scanner, with echo times [T].
+    body : ArrayLike, optional
+        Voxels of the body; default found by threshold.
+    rim : str
+        What lies under the skin, `fat` or `water`.
+    turn : float, optional
+        What the phases count as one turn; default told by their range.
+
+    Returns
+    -------
+    tuple
+        Water, fat, fraction of fat, and why they may be exchanged (empty where nothing speaks
+        for it).
+    """
+    if len(magnitudes) != 2 or len(phases) != 2:
+        raise InputError(
+            f"two echoes are needed, not {len(magnitudes)} magnitudes and {len(phases)} phases"
+        )
+    images = [_image(one, affine, 3) for one in (*magnitudes, *phases)]
+    if len({one.data.shape for one in images}) > 1:
+        raise InputError("magnitudes and phases of the same shape are needed")
+    whole = Image(images[0].data + images[1].data, images[0].affine)
+    mask = body_mask(whole, rim=0.0) if body is None else _body(whole, body)
+    found = separate_images(
+        images[:2], images[2:], mask, times=echo_times, strength=field_strength, rim=rim, turn=turn
+    )
+    return found.water, found.fat, found.fraction, found.doubt
 
 
 def segment(image: ArrayLike, affine: ArrayLike, body: ArrayLike | None = None, **keys: Any) -> I32:

@@ -1,0 +1,362 @@
+"""Water and fat from magnitude and phase of two echoes (two-point Dixon).
+
+An echo is (W + c F) exp(i phase), where c is what chemical shift makes of the fat: 1 in phase and
+-1 in opposed phase, or that of the peaks of fat at any two echo times. The magnitudes of both
+echoes leave two fractions of fat, each with its own phase between the echoes, which is smooth over
+the body. Which of the two it is, is decided for all voxels together: pairs of voxels
+up to some millimetres apart vote for being alike or not, voxels join their strongest partners, then
+groups join groups by the sum of their votes, so that marrow behind dark cortex is decided by all
+the pairs across it. What is left is one choice for each connected body: fat lies under the skin.
+
+References
+----------
+Berglund, Ahlstrom, Johansson, Kullberg, Magn. Reson. Med. 65 (2011) 994-1004 (two candidates at any
+echo times); Bydder, Yokoo, Yu, Carl, Reeder, Sirlin, Magn. Reson. Imaging 29 (2011) 216-221 (water
+and fat with one phase); Yu et al., Magn. Reson. Med. 60 (2008) 1122-1134 (peaks of fat)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import ndimage
+
+from myork.errors import InputError
+from myork.imaging.geometry import slice_axis
+from myork.records import Image
+
+__all__ = ["WaterFat", "echo", "fat_factors", "separate", "separate_images"]
+
+F64 = NDArray[np.float64]
+C128 = NDArray[np.complex128]
+Mask = NDArray[np.bool_]
+
+# Peaks of fat: shift from water [ppm] and part of the signal
+_SHIFT = (-3.80, -3.40, -2.60, -1.94, -0.39, 0.60)
+_PART = (0.087, 0.694, 0.128, 0.004, 0.039, 0.048)
+_GYROMAGNETIC = 42.577  # [MHz/T]
+# What a phase image counts as one turn: radians, degrees, the whole numbers of the makers, and
+# thousandths of a radian
+_TURNS = (2.0 * np.pi, 360.0, 4096.0, 2000.0 * np.pi, 8192.0, 65536.0)
+_REACH = 8.0  # of the pairs that vote [mm]
+_NEAR = 2.0  # beyond this distance votes count less [mm]
+_SMOOTH = 2.5  # standard deviation of the average of the phases of what was chosen [mm]
+_ROUNDS = 10  # of choosing again after the average
+_RIM = (2.5, 7.0)  # depth of what lies under the skin [mm]
+_SMALL = 0.02  # part of the body below which a group is decided by the phases around it
+_UNLIKE = 0.1  # fraction of fat by which rim and inside must differ
+
+
+class WaterFat(NamedTuple):
+    """Water and fat.
+
+    Attributes
+    ----------
+    water, fat : NDArray
+        Signals, not negative, zero outside of the body, shape `(ni, nj, nk)`.
+    fraction : NDArray
+        Fat of both together, 0 to 1, same shape [-].
+    phase : NDArray
+        Smooth phase from the first echo to the second, same shape [radian].
+    doubt : str
+        Why water and fat may be exchanged; empty where nothing speaks for it.
+    """
+
+    water: F64
+    fat: F64
+    fraction: F64
+    phase: F64
+    doubt: str
+
+
+def echo(magnitude: F64, phase: F64, turn: float | None = None) -> C128:
+    """Complex image of an echo.
+
+    Parameters
+    ----------
+    magnitude, phase : NDArray
+        Shape `(ni, nj, nk)`.
+    turn : float, optional
+        What the phase image counts as one turn; without it the least of the usual ones (radians,
+        degrees, 4096, thousandths of a radian, 8192, 65536) that holds its range.
+    """
+    if turn is None:
+        reach = float(np.ptp(phase))
+        fitting = [one for one in _TURNS if reach <= 1.001 * one]
+        if not fitting:
+            raise InputError(
+                f"the values of a phase image span {reach:g}, more than any usual turn; set "
+                "dixon.turn"
+            )
+        turn = fitting[0]
+    return np.asarray(magnitude * np.exp(2j * np.pi * phase / turn))
+
+
+def fat_factors(times: Sequence[float], strength: float) -> tuple[complex, complex]:
+    """What is left of a unit of fat at two echo times, seen from water.
+
+    Parameters
+    ----------
+    times : sequence
+        Echo times, shape `(2,)` [ms].
+    strength : float
+        Field of the scanner [T].
+    """
+    turns = np.outer(times, _SHIFT) * (1e-3 * _GYROMAGNETIC * strength)
+    one, two = np.exp(2j * np.pi * turns) @ np.array(_PART)
+    return complex(one), complex(two)
+
+
+def separate_images(
+    magnitudes: Sequence[Image],
+    phases: Sequence[Image],
+    body: Mask,
+    *,
+    times: Sequence[float] = (),
+    strength: float = 0.0,
+    rim: str = "fat",
+    turn: float | None = None,
+) -> WaterFat:
+    """Part two echoes, given by magnitude and phase, into water and fat.
+
+    Parameters
+    ----------
+    magnitudes, phases : sequence of Image
+        Of both echoes, on one grid.
+    body : NDArray
+        Voxels of the body, shape `(ni, nj, nk)`.
+    times : sequence
+        Echo times; none: in phase first, then in opposed phase [ms].
+    strength : float
+        Field of the scanner, with times [T].
+    rim, turn
+        As of `separate` and `echo`.
+    """
+    factors = (complex(1.0), complex(-1.0))
+    if len(times) or strength > 0:
+        if len(times) != 2 or not strength > 0 or times[0] == times[1]:
+            raise InputError(
+                f"dixon: two echo times and a field above zero belong together, not {list(times)} "
+                f"ms and {strength:g} T; without both the first is in phase, the second opposed"
+            )
+        factors = fat_factors(times, strength)
+    one, two = (echo(m.data, p.data, turn) for m, p in zip(magnitudes, phases, strict=True))
+    return separate(one, two, body, spacing=magnitudes[0].spacing, factors=factors, rim=rim)
+
+
+def separate(
+    first: C128,
+    second: C128,
+    body: Mask,
+    *,
+    spacing: ArrayLike,
+    factors: tuple[complex, complex] = (1.0, -1.0),
+    rim: str = "fat",
+) -> WaterFat:
+    """Part two echoes into water and fat.
+
+    Parameters
+    ----------
+    first, second : NDArray
+        Complex echoes, shape `(ni, nj, nk)`.
+    body : NDArray
+        Voxels of the body, same shape.
+    spacing : ArrayLike
+        Voxel sizes, shape `(3,)` [mm].
+    factors : tuple
+        Of fat in both echoes, see `fat_factors`; by default in phase and in opposed phase [-].
+    rim : str
+        What lies under the skin: `fat` or `water`.
+    """
+    if not body.any():
+        raise InputError("dixon: the body is empty; check image.body")
+    size = np.asarray(spacing, float)
+    one, two = first[body], second[body]
+    if not (np.isfinite(one).all() and np.isfinite(two).all()):
+        raise InputError("dixon: magnitude or phase is not finite in the body; replace the values")
+    fractions = _fractions(np.abs(one), np.abs(two), factors)
+    phasors = [_phasor(one, two, part, factors) for part in fractions]
+    trust = np.minimum(np.abs(one), np.abs(two))
+    typical = float(np.median(trust[trust > 0])) if (trust > 0).any() else 0.0
+    if not typical > 0:
+        raise InputError("dixon: one of the echoes has no signal in the body; check the files")
+    trust = trust / typical
+    state, group = _states(trust * (phasors[0] - phasors[1]), body, size)
+    state, doubt = _rim_decides(state, group, fractions, trust, body, size, rim)
+    smooth = np.zeros(len(state), complex)
+    for _ in range(_ROUNDS):
+        chosen = np.asarray(np.where(state > 0, phasors[0], phasors[1]), complex)
+        smooth = _average(trust * chosen, body, size)
+        again = np.where(((phasors[0] - phasors[1]) * smooth.conj()).real >= 0, 1, -1)
+        if np.array_equal(again, state):
+            break
+        state = again
+    water, fat = _signals(one, two * np.exp(-1j * np.angle(smooth)), factors)
+    both = water + fat
+    fraction = np.divide(fat, both, out=np.zeros_like(fat), where=both > 0)
+    return WaterFat(
+        water=_on_grid(water, body),
+        fat=_on_grid(fat, body),
+        fraction=_on_grid(fraction, body),
+        phase=_on_grid(np.angle(smooth), body),
+        doubt=doubt,
+    )
+
+
+def _on_grid(values: F64, body: Mask) -> F64:
+    grid = np.zeros(body.shape)
+    grid[body] = values
+    return grid
+
+
+def _fractions(one: F64, two: F64, factors: tuple[complex, complex]) -> tuple[F64, F64]:
+    """Both fractions of fat that explain two magnitudes, the smaller one first."""
+    c = np.array(factors)
+    slope, bend = 2.0 * (c.real - 1.0), np.abs(1.0 - c) ** 2
+    a = one**2 * bend[1] - two**2 * bend[0]
+    b = one**2 * slope[1] - two**2 * slope[0]
+    root = np.sqrt(np.maximum(b**2 - 4.0 * a * (one**2 - two**2), 0.0))
+    a = np.where(np.abs(a) > 1e-12 * (one**2 + two**2), a, np.inf)
+    ends = np.clip((-b - root) / (2.0 * a), 0.0, 1.0), np.clip((-b + root) / (2.0 * a), 0.0, 1.0)
+    return np.minimum(*ends), np.maximum(*ends)
+
+
+def _phasor(one: C128, two: C128, fraction: F64, factors: tuple[complex, complex]) -> C128:
+    """Unit phasor of the phase between the echoes beyond that of the fat."""
+    made = [1.0 - fraction + c * fraction for c in factors]
+    product = two * one.conj() * made[0] * made[1].conj()
+    size = np.abs(product)
+    return np.divide(product, size, out=np.zeros_like(product), where=size > 0)
+
+
+def _states(difference: C128, body: Mask, size: F64) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Which candidate voxels take, 1 or -1, alike within a group, and the number of the group.
+
+    Two voxels vote by Re(d conj(d')), where d is the difference of the candidates: positive where
+    the same ones go together. Groups join their strongest partners, round by round.
+    """
+    low, high, vote = _pairs(difference, body, size)
+    state = np.ones(len(difference), np.int64)
+    group = np.arange(len(difference))
+    while len(vote):
+        count = int(group.max()) + 1
+        order = np.argsort(np.abs(vote), kind="stable")
+        rank = np.empty(len(vote), np.int64)
+        rank[order] = np.arange(len(vote))
+        best = np.full(count, -1)
+        np.maximum.at(best, low, rank)
+        np.maximum.at(best, high, rank)
+        node = np.arange(count)
+        pair = order[best]  # of those without a pair nothing is used
+        other = low[pair] + high[pair] - node
+        # Ranks differ, so that no circle but that of two partners can come about.
+        root = (best < 0) | ((best[np.where(best < 0, node, other)] == best) & (node < other))
+        parent = np.where(root, node, other)
+        sign = np.where(root | (vote[pair] > 0), 1, -1)
+        while (parent[parent] != parent).any():
+            sign, parent = sign * sign[parent], parent[parent]
+        state *= sign[group]
+        names, place = np.unique(parent, return_inverse=True)
+        group = place[group]
+        vote = vote * sign[low] * sign[high]
+        low, high = np.sort([place[low], place[high]], axis=0)
+        key, where = np.unique(low * len(names) + high, return_inverse=True)
+        vote = np.bincount(where, vote, len(key)).astype(np.float64)
+        low, high = np.divmod(key, len(names))
+        apart = (low != high) & (vote != 0)
+        low, high, vote = low[apart], high[apart], vote[apart]
+    return state, group
+
+
+def _pairs(
+    difference: C128, body: Mask, size: F64
+) -> tuple[NDArray[np.int64], NDArray[np.int64], F64]:
+    """Pairs of voxels along the axes with their votes: low and high number, vote."""
+    number = np.full(body.shape, -1)
+    number[body] = np.arange(len(difference))
+    ends: list[tuple[NDArray[np.int64], NDArray[np.int64], F64]] = []
+    for axis in range(3):
+        step = 1
+        while step == 1 or step * size[axis] <= _REACH:
+            near, far = [slice(None)] * 3, [slice(None)] * 3
+            near[axis], far[axis] = slice(None, -step), slice(step, None)
+            a, b = number[tuple(near)], number[tuple(far)]
+            both = (a >= 0) & (b >= 0)
+            low, high = a[both], b[both]
+            vote = (difference[low] * difference[high].conj()).real
+            ends.append((low, high, vote / (1.0 + (step * size[axis] / _NEAR) ** 2)))
+            step *= 2
+    low, high, vote = (np.concatenate(part) for part in zip(*ends, strict=True))
+    some = vote != 0
+    return low[some], high[some], vote[some]
+
+
+def _rim_decides(
+    state: NDArray[np.int64],
+    group: NDArray[np.int64],
+    fractions: tuple[F64, F64],
+    trust: F64,
+    body: Mask,
+    size: F64,
+    rim: str,
+) -> tuple[NDArray[np.int64], str]:
+    """States of all large groups such that fat (or water) lies under the skin; doubts."""
+    axis = slice_axis(size, body.shape)
+    depth = np.zeros(body.shape)
+    pixel = np.delete(size, axis)
+    for section, inside in zip(
+        np.moveaxis(depth, axis, 0), np.moveaxis(body, axis, 0), strict=True
+    ):
+        section[...] = ndimage.distance_transform_edt(np.pad(inside, 1), sampling=pixel)[1:-1, 1:-1]
+    deep = depth[body]
+    outer = (deep > _RIM[0]) & (deep <= _RIM[1])
+    result, doubt = state.copy(), ""
+    for number in np.flatnonzero(np.bincount(group) >= _SMALL * len(group)):
+        mine = group == number
+        contrast = []
+        for way in (1, -1):
+            fraction = np.where(way * state > 0, fractions[0], fractions[1])
+            means = [
+                np.average(fraction[part], weights=trust[part])
+                for part in (mine & outer, mine & (deep > _RIM[1]))
+                if trust[part].any()
+            ]
+            contrast.append(means[0] - means[1] if len(means) == 2 else 0.0)
+        if rim == "water":
+            contrast = [-one for one in contrast]
+        if contrast[1] > contrast[0]:
+            result[mine] *= -1
+        if max(contrast) < _UNLIKE:
+            doubt = (
+                f"dixon: next to the skin there is not more {rim} than inside (fractions differ by "
+                f"{max(contrast):.2f}); look whether water and fat are exchanged, and set dixon.rim"
+            )
+    return result, doubt
+
+
+def _average(values: C128, body: Mask, size: F64) -> C128:
+    """Sum under a Gaussian."""
+    grid = np.zeros(body.shape, complex)
+    grid[body] = values
+    width = _SMOOTH / size
+    return np.asarray(
+        (
+            ndimage.gaussian_filter(grid.real, width)
+            + 1j * ndimage.gaussian_filter(grid.imag, width)
+        )[body]
+    )
+
+
+def _signals(one: C128, two: C128, factors: tuple[complex, complex]) -> tuple[F64, F64]:
+    """Water and fat, not negative, by least squares with one phase for both (Bydder 2011)."""
+    matrix = np.array([[1.0, factors[0]], [1.0, factors[1]]])
+    normal = np.linalg.inv((matrix.conj().T @ matrix).real)
+    right = np.stack([one, two], -1) @ matrix.conj()
+    turned = np.exp(-0.5j * np.angle(((right @ normal) * right).sum(axis=-1)))
+    found = (right * turned[:, np.newaxis]).real @ normal
+    found *= np.where(found.sum(axis=-1, keepdims=True) < 0, -1.0, 1.0)
+    water, fat = np.maximum(found, 0.0).T
+    return water, fat
