@@ -293,9 +293,10 @@ subroutine step(self, st, x)
       call self%say(trim(line), level=0)
       return
    end if
-   write (line, '("step ", i3, "/", i0, "  load ", f6.4, "  iterations ", i0, "  |A''r| ", '// &
+   write (line, '("step ", i3, "/", i0, "  load ", f6.4, "  iterations ", i0, "  ", a, " ", '// &
       & 'a, "  |da| ", a, "  J ", a, "..", a, "  ", a, " s")') st%step, st%steps, st%load, &
-      & st%iterations, to_power(st%gradient, 1), to_power(st%step_norm, 1), to_text(st%min_j), &
+      & st%iterations, trim(merge('|r|  ', '|A''r|', self%problem%inexact)), &
+      & to_power(st%gradient, 1), to_power(st%step_norm, 1), to_text(st%min_j), &
       & to_text(st%max_j), to_text(self%last%seconds, 3)
    call self%say(trim(line), level=0)
 end subroutine step

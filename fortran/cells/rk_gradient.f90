@@ -299,27 +299,20 @@ pure subroutine gradient_at(self, q, x, factor, h)
    !> Point
    integer, intent(in) :: q
    !> Coefficients of the group's source points, shape (nd, members) [length]
-   real(wp), intent(in) :: x(:, :)
+   real(wp), contiguous, intent(in) :: x(:, :)
    !> Load factors, shape (factors); without any no values are lifted [-]
    real(wp), intent(in) :: factor(:)
    !> Gradient u_i,A with the lifting, shape (nd, nd) [-]
    real(wp), intent(out) :: h(:, :)
-   real(wp) :: solid(3, 3), flat(2, 2), u(3)
-   integer(i8) :: at, e
+   real(wp) :: flat(2, 2)
+   integer(i8) :: e
    integer :: i, k
 
    h = self%lifted(q, factor)
    if (self%nd == 3 .and. self%first(1, q) == self%first(self%nd, q)) then
-      ! nearly all points of a solid; lengths that the compiler knows
-      solid = 0.0_wp
-      at = self%first(1, q) - self%start(q)
-      do e = self%start(q) + 1, self%start(q + 1)
-         u = x(:3, self%local(e))
-         do k = 1, 3
-            solid(:, k) = solid(:, k) + u*self%value(k, at + e)
-         end do
-      end do
-      h = h + solid
+      ! nearly all points of a solid
+      call add_solid_gradient(int(self%start(q + 1) - self%start(q)), self%local(self%start(q) &
+         & + 1:), self%value(:, self%first(1, q) + 1:), x, h)
       return
    end if
    if (self%nd == 2) then
@@ -340,6 +333,32 @@ pure subroutine gradient_at(self, q, x, factor, h)
       end do
    end do
 end subroutine gradient_at
+
+!> Add the displacement gradient of a solid where nothing is lifted: lengths and strides that the
+!> compiler knows
+pure subroutine add_solid_gradient(n, local, value, x, h)
+   !> Source points in sight
+   integer, intent(in) :: n
+   !> Their places among those of the group, shape (n)
+   integer, intent(in) :: local(*)
+   !> Gradients of their shape functions, shape (3, n) [1/length]
+   real(wp), intent(in) :: value(3, *)
+   !> Coefficients of the group's source points, shape (3, members) [length]
+   real(wp), intent(in) :: x(3, *)
+   !> Gradient u_i,A, shape (3, 3) [-]
+   real(wp), intent(inout) :: h(3, 3)
+   real(wp) :: solid(3, 3), u(3)
+   integer :: e, k
+
+   solid = 0.0_wp
+   do e = 1, n
+      u = x(:, local(e))
+      do k = 1, 3
+         solid(:, k) = solid(:, k) + u*value(k, e)
+      end do
+   end do
+   h = h + solid
+end subroutine add_solid_gradient
 
 !> Part of the gradient that essential values make at a point, u_i,A [-]
 pure function lifted(self, q, factor) result(h)
@@ -368,22 +387,13 @@ pure subroutine add_force(self, q, p, force)
    !> First Piola-Kirchhoff stress times weight, shape (3, 3), index (i, A) [stress length^nd]
    real(wp), intent(in) :: p(:, :)
    !> Forces on the group's source points, shape (nd, members) [force]
-   real(wp), intent(inout) :: force(:, :)
-   real(wp) :: solid(3, 3), grad(3)
+   real(wp), contiguous, intent(inout) :: force(:, :)
    integer(i8) :: at, e
    integer :: i, k
 
    if (self%nd == 3 .and. self%first(1, q) == self%first(self%nd, q)) then
-      solid = p(:3, :3)
-      at = self%first(1, q) - self%start(q)
-      do e = self%start(q) + 1, self%start(q + 1)
-         grad = self%value(:3, at + e)
-         associate (f => force(:3, self%local(e)))
-            do k = 1, 3
-               f = f + solid(:, k)*grad(k)
-            end do
-         end associate
-      end do
+      call add_solid_force(int(self%start(q + 1) - self%start(q)), self%local(self%start(q) + 1:), &
+         & self%value(:, self%first(1, q) + 1:), p(:3, :3), force)
       return
    end if
    if (self%nd == 2) then
@@ -405,6 +415,30 @@ pure subroutine add_force(self, q, p, force)
       end do
    end do
 end subroutine add_force
+
+!> Add the forces of a stress in a solid where nothing is lifted
+pure subroutine add_solid_force(n, local, value, p, force)
+   !> Source points in sight
+   integer, intent(in) :: n
+   !> Their places among those of the group, shape (n)
+   integer, intent(in) :: local(*)
+   !> Gradients of their shape functions, shape (3, n) [1/length]
+   real(wp), intent(in) :: value(3, *)
+   !> Stress times weight, shape (3, 3), index (i, A) [stress length^nd]
+   real(wp), intent(in) :: p(3, 3)
+   !> Forces on the group's source points, shape (3, members) [force]
+   real(wp), intent(inout) :: force(3, *)
+   real(wp) :: own(3)
+   integer :: e, k
+
+   do e = 1, n
+      own = force(:, local(e))
+      do k = 1, 3
+         own = own + p(:, k)*value(k, e)
+      end do
+      force(:, local(e)) = own
+   end do
+end subroutine add_solid_force
 
 !> Add the work of a stress at a point as rows by the displacements, with several factors
 pure subroutine add_work(self, q, p, factor, rows)

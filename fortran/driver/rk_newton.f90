@@ -53,11 +53,15 @@ module rk_newton
       integer :: max_iterations = 25
       !> Load of the state at which a step starts [-]
       real(wp) :: done = 0.0_wp
-      !> Change of the unknowns with the load in the last step, not allocated before the second one
+      !> Change of the unknowns with the load in the last step, not allocated before the second one,
+      !> and the load at which that step began [-]
       real(wp), allocatable :: slope(:)
+      real(wp) :: earlier = 0.0_wp
       !> Iterations done
       integer :: iterations = 0
-      !> Relative gradient and step reached [-]
+      !> Relative gradient and step reached [-]. Where steps are solved to few digits these are the
+      !> residual, which is the gradient of the energy, and the next step as it is foretold: A^T r
+      !> would have the bulk modulus once more
       real(wp) :: gradient = 0.0_wp
       real(wp) :: step_norm = 0.0_wp
       !> The last step was neither shortened nor damped; the same but for the shift that its matrix
@@ -68,6 +72,8 @@ module rk_newton
       real(wp) :: left = 0.0_wp
       !> The last step moved nothing beside the size of the body
       logical :: still = .false.
+      !> Tolerance of the relative gradient [-]
+      real(wp), private :: balance = 0.0_wp
       !> Iterations after which this load step is given up
       integer :: limit = 0
       !> The last matrix had second derivatives and was positive definite as it stood
@@ -98,6 +104,11 @@ module rk_newton
    real(wp), parameter :: slight = 1.0e-8_wp
    !> Fall of the merit, of the merit, that drowns in the rounding of residuals of stiff materials
    real(wp), parameter :: nothing = 1.0e-11_wp
+   !> Residual that a step solved to few digits may leave, in tolerances: it has the volume times K,
+   !> and is K over the shear modulus larger than that of the equations that are solved [-]
+   real(wp), parameter :: slack = 10.0_wp
+   !> Size of a step over what the residual's promises, at most, of one solved to few digits [-]
+   real(wp), parameter :: caution = 10.0_wp
    !> Steps below this share of the unknowns, or of the size of the body, are rounding [-]
    real(wp), parameter :: rounding = 1.0e-13_wp
 
@@ -125,7 +136,7 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
    type(envelope_factor) :: factor
    type(iteration_type) :: it
    real(wp), allocatable :: a(:), da(:), r(:), g(:), trial(:), new(:)
-   real(wp) :: merit, first_gradient, first(2), moved(2), scale, predicted, gain, imposed
+   real(wp) :: merit, first_gradient, first(2), moved(2), scale, predicted, gain, imposed, promised
    integer(int64) :: clock
    integer :: rejected
    character(len=:), allocatable :: reason
@@ -135,6 +146,8 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
    allocate (da(problem%n), g(problem%n), r(problem%m), trial(problem%n), new(problem%m))
    self%iterations = 0
    self%limit = self%max_iterations
+   self%balance = self%tolerance
+   if (problem%inexact) self%balance = slack*self%tolerance
    self%minimum = .false.
    self%saddles = 0
    factored = .false.
@@ -164,7 +177,10 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
       call op%apply_transposed(r, g)
       it%gradient = norm2(g)
       merit = norm2(r)
-      self%gradient = it%gradient/max(first_gradient, tiny(1.0_wp))
+      self%gradient = it%gradient
+      if (problem%inexact) self%gradient = merit
+      self%gradient = self%gradient/max(first_gradient, tiny(1.0_wp))
+      if (problem%inexact .and. linearised) call foretell(self, problem, r, promised)
       if (converged(self)) then
          call descend(self, problem, op, factor, factored, load, a, r, left)
          if (left) then
@@ -270,6 +286,25 @@ contains
 
 end subroutine solve_step
 
+!> The next step of an iteration whose steps are solved to few digits, told from what is left of the
+!> residual: it need not be made only to see that it is small
+subroutine foretell(self, problem, r, size)
+   !> Iteration
+   type(newton_type), intent(inout) :: self
+   !> Problem, linearised
+   class(problem_type), target, intent(inout) :: problem
+   !> Residuals, shape (m)
+   real(wp), contiguous, intent(in) :: r(:)
+   !> Their size, that before the last step and now
+   real(wp), intent(inout) :: size
+   real(wp) :: before
+
+   before = size
+   call problem%measure(r, size)
+   if (self%iterations == 0 .or. .not. self%whole) return
+   self%step_norm = min(1.0_wp, caution*size/before)*self%step_norm
+end subroutine foretell
+
 !> Note where the problem was linearised
 subroutine note_place(self, problem, a, load)
    !> Iteration
@@ -282,7 +317,7 @@ subroutine note_place(self, problem, a, load)
    real(wp), intent(in) :: load
 
    self%held = load
-   if (.not. problem%costly) return
+   if (.not. problem%costly .or. problem%inexact) return
    self%place = a
    self%origin = self%begun
    self%origin_held = self%begun_held
@@ -299,7 +334,8 @@ subroutine hand_over(self, carried)
    carried%rcond = self%damping%rcond
    carried%trusted = self%damping%trusted
    if (allocated(self%slope)) carried%slope = self%slope
-   carried%held = self%origin_held
+   carried%held = self%earlier
+   if (allocated(self%place)) carried%held = self%origin_held
    if (allocated(self%place)) carried%place = self%place
    if (allocated(self%place)) carried%origin = self%origin
 end subroutine hand_over
@@ -319,6 +355,7 @@ subroutine take_over(self, problem, load, carried)
 
    call self%damping%resume(carried%rcond, carried%trusted)
    if (allocated(carried%slope)) self%slope = carried%slope
+   self%earlier = carried%held
    if (.not. allocated(carried%place)) return
    call problem%start_step(carried%origin, load)
    call problem%predict(carried%origin, carried%held, load, .false., r, self%state)
@@ -425,11 +462,12 @@ subroutine begin(self, problem, load, a, r, g, first_gradient)
    real(wp), contiguous, intent(inout) :: r(:)
    !> A^T r at the last converged state, shape (n)
    real(wp), contiguous, intent(inout) :: g(:)
-   !> Its norm
+   !> Its norm, or that of r where steps are solved to few digits
    real(wp), intent(out) :: first_gradient
    class(row_operator), pointer :: op
    type(evaluation_type) :: state
    real(wp), allocatable :: ahead(:), new(:)
+   real(wp) :: size, size_ahead
 
    call problem%start_step(a, load)
    ! the last converged state has a matrix yet; that of the start will be another one
@@ -439,11 +477,16 @@ subroutine begin(self, problem, load, a, r, g, first_gradient)
    op => problem%operator()
    call op%apply_transposed(r, g)
    first_gradient = norm2(g)
+   if (problem%inexact) first_gradient = norm2(r)
    if (.not. allocated(self%slope)) return
+   call problem%measure(r, size)
+   call problem%extrapolate(a - (self%done - self%earlier)*self%slope, self%earlier, &
+      & (load - self%done)/(self%done - self%earlier))
    ahead = a + (load - self%done)*self%slope
    allocate (new, mold=r)
    call problem%linearise(ahead, load, new, state)
-   if (state%valid .and. norm2(new) < norm2(r)) then
+   if (state%valid) call problem%measure(new, size_ahead)
+   if (state%valid .and. size_ahead < size) then
       a = ahead
       r = new
       self%state = state
@@ -489,7 +532,7 @@ subroutine check_end(self, problem, load, merit, rejected, recorder, error)
    else if (self%damping%stalled()) then
       call fatal_error(error, err_convergence, 'the iteration stalls or cycles'//reached)
    else if (self%impatient .and. problem%costly .and. self%iterations >= settled &
-      & .and. merit > share*self%past(pace) .and. self%gradient > self%tolerance) then
+      & .and. merit > share*self%past(pace) .and. self%gradient > self%balance) then
       call fatal_error(error, err_convergence, 'too slow after '//to_text(self%iterations) &
          & //' iterations'//reached)
    else if (self%iterations == self%limit) then
@@ -505,13 +548,13 @@ pure logical function converged(self)
 
    converged = self%iterations > 0 .and. self%step_norm < self%tolerance
    if (converged) converged = (self%whole .and. (self%step_norm < rounding &
-      & .or. self%gradient < self%tolerance)) .or. (self%free .and. self%left < nothing) &
+      & .or. self%gradient < self%balance)) .or. (self%free .and. self%left < nothing) &
       ! a full Newton step may end where rounding keeps every further one from being accepted
       & .or. self%gradient < rounding
    converged = converged .or. (self%iterations > 0 .and. self%whole .and. self%still)
    ! where rounding lets no step through, the last one is damped without an end
    converged = converged .or. (self%iterations > 0 .and. self%step_norm < rounding &
-      & .and. self%gradient < self%tolerance)
+      & .and. self%gradient < self%balance)
 end function converged
 
 !> Smallest volume ratio and its place

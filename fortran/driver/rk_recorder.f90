@@ -53,7 +53,8 @@ module rk_recorder
       !> Unknowns where the matrix was taken, and where the iteration to there began; not allocated
       !> where the next step makes a matrix of its own, shape (n) each
       real(wp), allocatable :: place(:), origin(:)
-      !> Load of what is prescribed at that beginning [-]
+      !> Load of what is prescribed at that beginning; without one, load at which the last step
+      !> began [-]
       real(wp) :: held = 0.0_wp
    end type carried_type
 

@@ -116,7 +116,10 @@ subroutine solve_static(problem, newton, planned, max_halvings, x, recorder, tim
             return
          end if
          ! the way from a start beside the path says nothing about the path
-         if (.not. aside) newton%slope = (x - before)/(load - done)
+         if (.not. aside) then
+            newton%slope = (x - before)/(load - done)
+            newton%earlier = done
+         end if
          aside = .false.
          done = load
          record%load = load
@@ -219,6 +222,7 @@ contains
       if (.not. any(error%code == [err_convergence, err_linalg])) return
       error%message = 'did not converge at load '//to_text(load)//': '//error%message &
          & //'; last converged load '//to_text(done)
+      if (len(problem%caveat()) > 0) error%message = error%message//'; '//problem%caveat()
       error%code = err_convergence
    end subroutine give_up
 

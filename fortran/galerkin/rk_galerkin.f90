@@ -25,17 +25,15 @@ module rk_galerkin
    use rk_programme, only : ramp
    use rk_recovery, only : new_recovery
    use rk_scene, only : scene_type
-   use rk_section, only : cut_through, inner_force
    use rk_shape, only : shape_type
    use rk_split_cells, only : split_cells
    use rk_stabilisation, only : share_bulk
    use rk_states, only : field_state
    use rk_surface_sets, only : find_surface_sets
-   use rk_symmetric, only : symmetric_matrix
-   use rk_tangent, only : new_tangent, tangent_type
+   use rk_tangent, only : new_tangent
    use rk_tensor, only : cross, cross_form, identity
    use rk_text, only : to_text
-   use rk_weak, only : deform_group, hold_points, new_state, weak_problem
+   use rk_weak, only : deform_group, hold_points, new_state, pressures_at, weak_problem
    use rk_weak_conditions, only : add_body_force, set_conditions
    implicit none
    private
@@ -48,23 +46,19 @@ module rk_galerkin
       real(wp), allocatable :: origin(:, :, :), base(:, :, :)
       !> The next place is no step of the tangent: the pressure of its tangent is that of the base
       logical :: leaps = .false.
-      !> Tangent, and the part of it that never changes: penalty and stabilisation
-      type(tangent_type) :: matrix
-      real(wp), allocatable :: constant(:)
-      !> Forces of each load factor, with those of prescribed values, shape (n, factors) [force]
-      real(wp), allocatable :: force(:, :)
    contains
-      procedure :: forces
       procedure :: start_step
       procedure :: evaluate
       procedure :: linearise
       procedure :: predict
+      procedure :: extrapolate
       procedure :: start_iteration
+      procedure :: measure
       procedure :: operator
       procedure :: square_step
       procedure :: set_point_loads
       procedure :: renew
-      procedure :: section_force
+      procedure :: caveat
    end type galerkin_problem
 
 contains
@@ -145,6 +139,7 @@ subroutine new_galerkin(self, scene, error)
    call new_tangent(self%matrix, blocks, self%cells, self%gradient, self%multiplier, self%surface, &
       & self%inside, covering, shear, scene%galerkin%direct_limit, error)
    if (allocated(error)) return
+   self%inexact = .not. self%matrix%formed
    call set_constants(self, shear)
 end subroutine new_galerkin
 
@@ -377,35 +372,6 @@ subroutine assemble(self, x, held, load, tangent, r, seen)
    if (tangent .or. size(jump) > 0) call move_alloc(at%f, self%origin)
 end subroutine assemble
 
-!> Internal less external forces of a state
-function forces(self, state) result(r)
-   !> Problem
-   class(galerkin_problem), intent(in) :: self
-   !> State with stresses
-   type(field_state), intent(in) :: state
-   !> Forces, shape (n) [force]
-   real(wp) :: r(self%n)
-   real(wp), allocatable :: part(:, :)
-   type(symmetric_matrix) :: none
-   integer :: g, q
-
-   r = 0.0_wp
-   call self%matrix%constant_product(self%constant, state%x(:self%matrix%n), r(:self%matrix%n))
-   r = r - matmul(self%force, state%factor)
-   do g = 1, size(self%cells%first) - 1
-      associate (member => self%gradient%member%index(self%gradient%member%offset(g) + 1: &
-         & self%gradient%member%offset(g + 1)))
-         allocate (part(self%gradient%nd, size(member)), source=0.0_wp)
-         do q = self%cells%first(g) + 1, self%cells%first(g + 1)
-            call self%gradient%add_force(q, self%cells%weight(q)*state%p(:, :, q), part)
-         end do
-         call add_forces(member, part, r)
-         deallocate (part)
-      end associate
-   end do
-   call add_pressure(self%surface, self%cells, state%factor, state%x, .false., none, r)
-end function forces
-
 !> Forces and stiffness of a group of points
 subroutine group_part(self, g, at, change, load, tangent, force, part)
    !> Problem; a tangent that is not formed keeps moduli and cofactors of the group
@@ -450,8 +416,8 @@ subroutine group_part(self, g, at, change, load, tangent, force, part)
    jump = 0.0_wp
    if (tangent .or. jumps) then
       linear = at%pressure(:, g)
-      if (self%matrix%carrying .and. .not. self%multiplier%free(g)) then
-         linear = self%matrix%carried(:, g)
+      if (self%matrix%pressures%carrying .and. .not. self%multiplier%free(g)) then
+         linear = self%matrix%pressures%carried(:, g)
       else if (allocated(self%base) .and. .not. self%multiplier%free(g)) then
          if (self%leaps) then
             linear = self%pressure%along_step(g, self%cells, self%bulk(g), self%base, self%base)
@@ -513,6 +479,37 @@ subroutine group_part(self, g, at, change, load, tangent, force, part)
    call self%gradient%add_stiffness(o, c4, part)
 end subroutine group_part
 
+!> Pressures on the secant through an earlier converged state
+subroutine extrapolate(self, x, load, share)
+   !> Problem, linearised at the last converged state by predict
+   class(galerkin_problem), target, intent(inout) :: self
+   !> Unknowns of the earlier state, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Its load [-]
+   real(wp), intent(in) :: load
+   !> Way beyond the last state, of that from the earlier one to it [-]
+   real(wp), intent(in) :: share
+
+   if (.not. self%matrix%formed) call self%matrix%pressures%extrapolate(pressures_at(self, x, &
+      & load), share)
+end subroutine extrapolate
+
+!> Size of residuals: that of the equations of displacements and pressures where they are solved
+subroutine measure(self, r, size)
+   !> Problem, linearised
+   class(galerkin_problem), target, intent(inout) :: self
+   !> Residuals, shape (n) [force]
+   real(wp), contiguous, intent(in) :: r(:)
+   !> Their size
+   real(wp), intent(out) :: size
+
+   if (self%matrix%formed) then
+      size = norm2(r)
+   else
+      call self%matrix%measure(-r, size)
+   end if
+end subroutine measure
+
 !> The volume of the next tangent is linear in the step from here
 subroutine start_iteration(self)
    !> Problem, linearised
@@ -557,29 +554,18 @@ subroutine square_step(self, shift, r, dx, found, report, error)
    end if
 end subroutine square_step
 
-!> Force through a plane section: that of its part behind the normal on the part before it
-function section_force(self, place, normal, state) result(force)
+!> What may keep the iteration from converging: a skew part that minimal residuals cannot have
+function caveat(self) result(text)
    !> Problem
    class(galerkin_problem), intent(in) :: self
-   !> Point of the plane, shape (nd) [length]
-   real(wp), intent(in) :: place(:)
-   !> Its unit normal, shape (nd)
-   real(wp), intent(in) :: normal(:)
-   !> State
-   type(field_state), intent(in) :: state
-   real(wp) :: force(3)
-   real(wp), allocatable :: cut(:), held(:)
+   character(len=:), allocatable :: text
 
-   cut = cut_through(self%scene, place, normal)
-   allocate (held(self%n), source=0.0_wp)
-   if (allocated(state%part)) then
-      ! the stress of one tissue, to which neither supports nor stabilisation belong
-      force = inner_force(self%cells, self%gradient, cut, state, held)
-      return
-   end if
-   call self%matrix%constant_product(self%constant, state%x(:self%matrix%n), held(:self%matrix%n))
-   force = inner_force(self%cells, self%gradient, cut, state, held) &
-      & + self%surface%held_force(self%cells, cut, state)
-end function section_force
+   text = ''
+   if (self%matrix%formed) return
+   if (has_free_rim(self%scene)) text = 'the rim of a surface with boundary.pressure moves ' &
+      & //'freely, which makes the tangent unsymmetric, and above galerkin.direct_limit its skew ' &
+      & //'part is left out: take galerkin.direct_limit = '//to_text(self%n)//' where memory ' &
+      & //'allows, hold the rim, or load it by less'
+end function caveat
 
 end module rk_galerkin

@@ -4,21 +4,25 @@ module rk_weak
    use rk_cells, only : cells_type
    use rk_discretisation, only : discretisation_type, deformation, entry_displacement
    use rk_error, only : error_type, fatal_error, err_input
-   use rk_follower, only : has_free_rim
+   use rk_follower, only : add_pressure, has_free_rim
    use rk_gradient, only : gradient_type
+   use rk_group_stiffness, only : add_forces
    use rk_held, only : held_type, new_held
    use rk_multiplier, only : multiplier_type
    use rk_precision, only : wp
    use rk_pressure, only : pressure_type
    use rk_recovery, only : recovery_type
+   use rk_section, only : cut_through, inner_force
    use rk_shape, only : shape_type
    use rk_states, only : field_state, point_state
+   use rk_symmetric, only : symmetric_matrix
+   use rk_tangent, only : tangent_type
    use rk_tensor, only : cross, determinant, identity
    use rk_weak_conditions, only : surface_type
    implicit none
    private
 
-   public :: weak_problem, deform_group, hold_points, new_state
+   public :: weak_problem, deform_group, hold_points, new_state, pressures_at
 
    !> Weak form of a scene
    type, abstract, extends(discretisation_type) :: weak_problem
@@ -38,6 +42,11 @@ module rk_weak
       real(wp), allocatable :: local_bulk(:), bulk(:)
       !> Surface
       type(surface_type) :: surface
+      !> Tangent, and the part of it that never changes: penalty and stabilisation
+      type(tangent_type) :: matrix
+      real(wp), allocatable :: constant(:)
+      !> Forces of each load factor, with those of prescribed values, shape (n, factors) [force]
+      real(wp), allocatable :: force(:, :)
       !> What is held at source points; not allocated where the penalty holds
       type(held_type), allocatable :: held
       !> Nearest collocation point of each point, shape (np)
@@ -46,30 +55,19 @@ module rk_weak
       procedure :: scaled_norms
       procedure :: state
       !> Internal less external forces of a state
-      procedure(forces_interface), deferred :: forces
+      procedure :: forces
       procedure :: at_place
       procedure :: load_points
       procedure :: of_tissue
       procedure :: strain_energy
-      !> Force through a boundary set
+      !> Force through a plane section and through a boundary set
+      procedure :: section_force
       procedure :: set_force
       !> Moment of the forces on a boundary set
       procedure :: set_torque
       !> Displacement of the middle of a boundary set
       procedure :: set_displacement
    end type weak_problem
-
-   abstract interface
-      function forces_interface(self, state) result(r)
-         import :: field_state, weak_problem, wp
-         !> Problem
-         class(weak_problem), intent(in) :: self
-         !> State with stresses
-         type(field_state), intent(in) :: state
-         !> Forces, shape (n) [force]
-         real(wp) :: r(self%n)
-      end function forces_interface
-   end interface
 
 contains
 
@@ -160,6 +158,35 @@ subroutine state(self, x, load, at)
    !$omp end parallel do
    if (allocated(self%held)) at%held = self%held%reaction(self%forces(at))
 end subroutine state
+
+!> Internal less external forces of a state
+function forces(self, state) result(r)
+   !> Problem
+   class(weak_problem), intent(in) :: self
+   !> State with stresses
+   type(field_state), intent(in) :: state
+   !> Forces, shape (n) [force]
+   real(wp) :: r(self%n)
+   real(wp), allocatable :: part(:, :)
+   type(symmetric_matrix) :: none
+   integer :: g, q
+
+   r = 0.0_wp
+   call self%matrix%constant_product(self%constant, state%x(:self%matrix%n), r(:self%matrix%n))
+   r = r - matmul(self%force, state%factor)
+   do g = 1, size(self%cells%first) - 1
+      associate (member => self%gradient%member%index(self%gradient%member%offset(g) + 1: &
+         & self%gradient%member%offset(g + 1)))
+         allocate (part(self%gradient%nd, size(member)), source=0.0_wp)
+         do q = self%cells%first(g) + 1, self%cells%first(g + 1)
+            call self%gradient%add_force(q, self%cells%weight(q)*state%p(:, :, q), part)
+         end do
+         call add_forces(member, part, r)
+         deallocate (part)
+      end associate
+   end do
+   call add_pressure(self%surface, self%cells, state%factor, state%x, .false., none, r)
+end function forces
 
 !> The state with the stress of one tissue alone, which has its fraction of the pressure
 subroutine of_tissue(self, state, tissue, own)
@@ -274,6 +301,28 @@ pure subroutine deform_group(self, g, x, at)
    end if
 end subroutine deform_group
 
+!> Coefficients of the pressures of a state, shape (1 + nd, groups) [stress length^(nd/2)]
+function pressures_at(self, x, load) result(pressure)
+   !> Problem
+   class(weak_problem), intent(in) :: self
+   !> Unknowns, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   real(wp), allocatable :: pressure(:, :)
+   type(field_state) :: at
+   integer :: g
+
+   call new_state(self, at)
+   at%factor = self%scene%factors(load)
+   !$omp parallel do default(none) schedule(static) private(g) shared(self, x, at)
+   do g = 1, size(self%cells%first) - 1
+      call deform_group(self, g, x, at)
+   end do
+   !$omp end parallel do
+   call move_alloc(at%pressure, pressure)
+end function pressures_at
+
 !> Stress and deformation at a place from the displacement and the pressure there
 subroutine at_place(self, state, ip, x, u, local)
    !> Problem
@@ -305,6 +354,31 @@ subroutine at_place(self, state, ip, x, u, local)
    local%p = local%p + 0.5_wp*pressure*cross(local%f, local%f)
    local%cauchy = matmul(local%p, transpose(local%f))/local%j
 end subroutine at_place
+
+!> Force through a plane section: that of its part behind the normal on the part before it
+function section_force(self, place, normal, state) result(force)
+   !> Problem
+   class(weak_problem), intent(in) :: self
+   !> Point of the plane, shape (nd) [length]
+   real(wp), intent(in) :: place(:)
+   !> Its unit normal, shape (nd)
+   real(wp), intent(in) :: normal(:)
+   !> State
+   type(field_state), intent(in) :: state
+   real(wp) :: force(3)
+   real(wp), allocatable :: cut(:), held(:)
+
+   cut = cut_through(self%scene, place, normal)
+   allocate (held(self%n), source=0.0_wp)
+   if (allocated(state%part)) then
+      ! the stress of one tissue, to which neither supports nor stabilisation belong
+      force = inner_force(self%cells, self%gradient, cut, state, held)
+      return
+   end if
+   call self%matrix%constant_product(self%constant, state%x(:self%matrix%n), held(:self%matrix%n))
+   force = inner_force(self%cells, self%gradient, cut, state, held) &
+      & + self%surface%held_force(self%cells, cut, state)
+end function section_force
 
 !> Force that the surroundings exert on the body through a set
 function set_force(self, set, state, share) result(force)

@@ -37,6 +37,8 @@ module rk_problem
       logical :: curved = .false.
       !> A linearisation costs several evaluations and is not made where residuals tell enough
       logical :: costly = .false.
+      !> Steps are solved to few digits: measure tells what they leave
+      logical :: inexact = .false.
       !> The residuals are the derivative of an energy by the unknowns, so that modes reduce both
       logical :: energetic = .false.
    contains
@@ -52,8 +54,12 @@ module rk_problem
       procedure(evaluate_interface), deferred :: linearise
       !> Linearise at the start of a load step
       procedure :: predict
+      !> Take along from two converged states what unknowns do not tell, to the start of a load step
+      procedure :: extrapolate
       !> A step begins where the problem was linearised last
       procedure :: start_iteration
+      !> Size of residuals
+      procedure :: measure
       !> The linearisation
       procedure(operator_interface), deferred :: operator
       !> Second derivatives of r.r/2 where the problem was linearised
@@ -70,6 +76,8 @@ module rk_problem
       procedure :: turns_over
       !> What a user can do where steps vanish but the gradient does not
       procedure :: advice
+      !> What may keep the iteration from converging
+      procedure :: caveat
    end type problem_type
 
    abstract interface
@@ -155,6 +163,37 @@ subroutine predict(self, x, done, load, residuals, r, seen)
    end associate
    call self%linearise(x, load, r, seen)
 end subroutine predict
+
+!> The next linearisation is on the secant through an earlier converged state and the last one,
+!> where the problem is linearised; what a state has beside its unknowns may be extrapolated as well
+subroutine extrapolate(self, x, load, share)
+   !> Problem, linearised at the last converged state by predict
+   class(problem_type), target, intent(inout) :: self
+   !> Unknowns of the earlier state, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Its load, 0..1 [-]
+   real(wp), intent(in) :: load
+   !> Way beyond the last state, of that from the earlier one to it [-]
+   real(wp), intent(in) :: share
+
+   associate (unused => self, unused_x => x, unused_load => load, unused_share => share)
+   end associate
+end subroutine extrapolate
+
+!> Size of residuals where the problem was linearised, by which starts are compared and what a step
+!> leaves is told
+subroutine measure(self, r, size)
+   !> Problem, linearised
+   class(problem_type), target, intent(inout) :: self
+   !> Residuals, shape (m)
+   real(wp), contiguous, intent(in) :: r(:)
+   !> Their size
+   real(wp), intent(out) :: size
+
+   associate (unused => self)
+   end associate
+   size = norm2(r)
+end subroutine measure
 
 !> A step begins where the problem was linearised last; a linearisation at its end may depend on it
 subroutine start_iteration(self)
@@ -277,5 +316,17 @@ function advice(self) result(text)
    end associate
    text = 'the residuals may have kinks'
 end function advice
+
+!> What is known beforehand that may keep the iteration from converging, and what a user can do, in
+!> the words of the deck; empty where there is nothing
+function caveat(self) result(text)
+   !> Problem
+   class(problem_type), intent(in) :: self
+   character(len=:), allocatable :: text
+
+   associate (unused => self)
+   end associate
+   text = ''
+end function caveat
 
 end module rk_problem

@@ -34,6 +34,9 @@ module rk_group_stiffness
       !> Add a product, of displacements alone or with pressures
       procedure :: add_product
       procedure :: add_saddle
+      !> Displacements and pressures from unknowns, and the other way
+      procedure :: split
+      procedure :: join
       !> Part of the bulk modulus that stays with the displacements, and the share of the rest
       procedure :: kept
       procedure :: beside
@@ -112,6 +115,48 @@ subroutine add_saddle(self, x, pressure, y, volume)
 
    call add_groups(self, x, y, volume, pressure)
 end subroutine add_saddle
+
+!> Right hand side of displacements and pressures
+subroutine split(self, n, b, right)
+   !> Stiffness
+   class(group_stiffness), intent(in) :: self
+   !> Unknowns that are displacements
+   integer, intent(in) :: n
+   !> Right hand side of the unknowns
+   real(wp), contiguous, intent(in) :: b(:)
+   !> That of displacements and pressures
+   real(wp), allocatable, intent(out) :: right(:)
+   real(wp), allocatable :: volume(:, :), pressure(:, :)
+   integer :: g
+
+   allocate (right(n + size(self%pressure%total)), source=0.0_wp)
+   right(:n) = b(:n)
+   if (self%multiplier%extra == 0) return
+   allocate (pressure, volume, mold=self%pressure%total)
+   call self%multiplier%from_rows(b(n + 1:), pressure)
+   right(n + 1:) = reshape(pressure, [size(pressure)])
+   ! the part of K that is kept with the displacements acts on the prescribed volume as well
+   do g = 1, size(self%bulk)
+      pressure(:, g) = self%kept(g)*pressure(:, g)
+   end do
+   call self%add_saddle(0.0_wp*right(:n), pressure, right(:n), volume)
+end subroutine split
+
+!> Unknowns from displacements and pressures
+subroutine join(self, n, both, x)
+   !> Stiffness
+   class(group_stiffness), intent(in) :: self
+   !> Unknowns that are displacements
+   integer, intent(in) :: n
+   !> Displacements and pressures
+   real(wp), contiguous, intent(in) :: both(:)
+   !> Unknowns
+   real(wp), contiguous, intent(inout) :: x(:)
+
+   x(:n) = both(:n)
+   if (self%multiplier%extra > 0) call self%multiplier%to_unknowns(reshape(both(n + 1:), &
+      & shape(self%pressure%total)), x(n + 1:))
+end subroutine join
 
 !> Add the forces of all groups, the pressures given or those of the volume's change
 subroutine add_groups(self, x, y, volume, pressure)

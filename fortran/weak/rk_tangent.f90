@@ -21,6 +21,7 @@
 !>            section 4.2, doi:10.1093/acprof:oso/9780199678792.001.0001;
 !>            Eisenstat, Walker, SIAM J. Sci. Comput. 17 (1996), doi:10.1137/0917003 (choice 2)
 module rk_tangent
+   use rk_carried_pressure, only : carried_pressure, new_carried_pressure
    use rk_cells, only : cells_type
    use rk_csr, only : csr_type, joined
    use rk_error, only : error_type, fatal_error, err_input, err_linalg
@@ -54,17 +55,10 @@ module rk_tangent
       type(sparse_rows), private :: supports, followers, stabilising
       !> Tolerance of Newton's iteration, whose solves need no more digits [-]
       real(wp) :: wanted = 0.0_wp
-      !> Pressures are carried to the place of the linearisation
-      logical :: carrying = .false.
-      !> Coefficients of the pressures that the residual has, and of those that are carried to its
-      !> place, shape (1 + nd, groups) [stress length^(nd/2)]
-      real(wp), allocatable :: present(:, :)
-      real(wp), allocatable :: carried(:, :)
-      !> Place of the linearisation, shape (n)
-      real(wp), allocatable, private :: place(:)
-      !> Place, step and pressures of the last solve in this load step, and their change
-      real(wp), allocatable, private :: begun(:), step(:), before(:, :), gained(:, :)
-      !> Norms of the first and the last right hand side in this load step, 0 before
+      !> Pressures that go from one solve to the next where it is not formed
+      type(carried_pressure) :: pressures
+      !> Norms of the right hand side at the last converged state and of the last solve in this load
+      !> step, 0 before
       real(wp), private :: first = 0.0_wp, last = 0.0_wp
       !> For the displacements
       type(preconditioner_type), private :: preconditioner
@@ -73,6 +67,8 @@ module rk_tangent
       procedure :: forget
       !> Note a place, and carry the pressures there
       procedure :: carry
+      !> Size of a right hand side
+      procedure :: measure
       !> Keep the linearisation of a group
       procedure :: keep_group
       !> Keep the stiffness of pressures that follow the surface
@@ -101,13 +97,12 @@ module rk_tangent
 
    !> Residual of a solve: that of the displacement form is K over the shear modulus larger
    real(wp), parameter :: tolerance = 1.0e-7_wp
-   !> Residual of the first solve of a load step, and the largest one of the others
+   !> Residual of the first solve of a load step, of that of the last converged state, and the
+   !> largest one of all solves
    real(wp), parameter :: first_share = 1.0e-2_wp, largest_share = 0.1_wp
    !> Share of the fall of right hand sides, squared, that the next solve leaves; and of the
    !> tolerance, which is also asked of the residual of the displacement form
-   real(wp), parameter :: forcing = 0.9_wp, enough = 5.0e-3_wp
-   !> Distance from the last step, of its length, at which a place is not on it [-]
-   real(wp), parameter :: aside = 1.0e-6_wp
+   real(wp), parameter :: forcing = 0.9_wp, enough = 1.0e-2_wp
    !> Residual of a solve that ran out of iterations and still makes a step worth taking
    real(wp), parameter :: acceptable = 1.0e-3_wp
    !> Iterations of a solve
@@ -160,8 +155,7 @@ subroutine new_tangent(self, ns, cells, gradient, multiplier, surface, inside, h
    call new_symmetric(self%symmetric_matrix, gradient%nd, ns, joined(csr_type( &
       & [(int(k, i8), k=0, ns)], [(k, k=1, ns)]), surface%plates%coupled(surface%shape%neighbour)))
    call new_group_stiffness(self%groups, cells, shear)
-   allocate (self%present(1 + gradient%nd, size(self%groups%bulk)), source=0.0_wp)
-   allocate (self%carried, mold=self%present)
+   call new_carried_pressure(self%pressures, 1 + gradient%nd, size(self%groups%bulk))
    call new_preconditioner(self%preconditioner, cells, surface, inside, shear, error)
 end subroutine new_tangent
 
@@ -172,25 +166,17 @@ subroutine forget(self)
 
    self%first = 0.0_wp
    self%last = 0.0_wp
-   if (allocated(self%step)) deallocate (self%begun, self%step, self%before, self%gained)
+   call self%pressures%forget()
 end subroutine forget
 
-!> Note where the tangent is taken next; on the last step its pressures are linear, elsewhere there
-!> are none to carry
+!> Note where the tangent is taken next
 subroutine carry(self, x)
    !> Tangent
    class(tangent_type), intent(inout) :: self
    !> Place, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
-   real(wp) :: along
 
-   if (self%formed) return
-   self%place = x
-   self%carrying = allocated(self%step)
-   if (.not. self%carrying) return
-   along = dot_product(x - self%begun, self%step)/max(norm2(self%step)**2, tiny(1.0_wp))
-   self%carrying = norm2(x - self%begun - along*self%step) <= aside*norm2(self%step)
-   if (self%carrying) self%carried = self%before + along*self%gained
+   if (.not. self%formed) call self%pressures%go_to(x)
 end subroutine carry
 
 !> Keep the linearisation of a group
@@ -212,9 +198,9 @@ subroutine keep_group(self, g, bulk, moduli, pressure, jump)
    self%groups%bulk(g) = bulk
    self%groups%moduli(:, :, :, :, self%groups%cells%first(g) + 1:self%groups%cells%first(g + 1)) &
       & = moduli
-   self%present(:, g) = pressure
-   if (.not. self%groups%multiplier%free(g)) self%present(:, g) = pressure + bulk*jump
-   if (.not. self%carrying) self%carried(:, g) = pressure
+   self%pressures%present(:, g) = pressure
+   if (.not. self%groups%multiplier%free(g)) self%pressures%present(:, g) = pressure + bulk*jump
+   if (.not. self%pressures%carrying) self%pressures%carried(:, g) = pressure
 end subroutine keep_group
 
 !> Keep what pressures that follow the surface have added to the constant part
@@ -374,10 +360,10 @@ recursive subroutine solve_square(self, shift, b, x, report, error)
       call self%symmetric_matrix%solve_square(shift, b, x, report, error)
       return
    end if
-   call new_right(self, b, right)
+   call self%groups%split(self%n, b, right)
    allocate (both(size(right)), source=0.0_wp)
    call solve_saddle(self, shift, tolerance, right, both, report, error)
-   call take_unknowns(self, both, x)
+   call self%groups%join(self%n, both, x)
 end subroutine solve_square
 
 !> Newton's step, by as many digits as the iteration can use
@@ -394,8 +380,7 @@ subroutine solve_step(self, shift, b, x, report, error)
    type(square_report), intent(out) :: report
    !> Error handling: singular matrix, no memory, no convergence
    type(error_type), allocatable, intent(out) :: error
-   type(saddle_type) :: saddle
-   real(wp), allocatable :: both(:), right(:), start(:), image(:)
+   real(wp), allocatable :: both(:), right(:), start(:), gained(:, :)
    real(wp) :: norm, share
    integer :: g
 
@@ -403,12 +388,63 @@ subroutine solve_step(self, shift, b, x, report, error)
       call self%solve_square(shift, b, x, report, error)
       return
    end if
-   call new_right(self, b, right)
-   allocate (start(size(right)), both(size(right)), source=0.0_wp)
+   call begin_solve(self, shift, b, right, start, norm)
+   if (.not. self%first > 0.0_wp) self%first = norm
+   share = first_share*norm/self%first
+   if (self%last > 0.0_wp) share = forcing*(norm/self%last)**2
+   share = max(min(max(share, enough*self%wanted*self%first/norm), largest_share), tolerance)
+   allocate (both(size(right)), source=0.0_wp)
+   call solve_saddle(self, shift, share, right, both, report, error)
+   ! nothing is carried from a solve that failed
+   if (allocated(error)) return
+   self%last = norm
+   both = both + start
+   call self%groups%join(self%n, both, x)
+   allocate (gained, mold=self%pressures%present)
+   do g = 1, size(self%groups%bulk)
+      gained(:, g) = both(places(self, g))
+      if (.not. self%groups%multiplier%free(g)) gained(:, g) = gained(:, g)/self%groups%beside(g)
+   end do
+   call self%pressures%note(x, gained)
+end subroutine solve_step
+
+!> Size of a right hand side in the norm of the preconditioner, with the pressures that are carried
+!> in place of those of the volume; the first of a load step is what solves are relative to
+subroutine measure(self, b, norm)
+   !> Tangent, which is not formed
+   class(tangent_type), target, intent(inout) :: self
+   !> Right hand side, shape (n)
+   real(wp), contiguous, intent(in) :: b(:)
+   !> Its size
+   real(wp), intent(out) :: norm
+   real(wp), allocatable :: right(:), start(:)
+
+   call begin_solve(self, 0.0_wp, b, right, start, norm)
+   if (.not. self%first > 0.0_wp) self%first = norm
+end subroutine measure
+
+!> What is left of a right hand side by the pressures with which its solve begins
+subroutine begin_solve(self, shift, b, right, start, norm)
+   !> Tangent
+   class(tangent_type), target, intent(in) :: self
+   !> Damping in units of the diagonal, >= 0 [-]
+   real(wp), intent(in) :: shift
+   !> Right hand side, shape (n)
+   real(wp), contiguous, intent(in) :: b(:)
+   !> That of displacements and pressures, and these at the beginning
+   real(wp), allocatable, intent(out) :: right(:), start(:)
+   !> Norm of the right hand side by the preconditioner, > 0
+   real(wp), intent(out) :: norm
+   type(saddle_type) :: saddle
+   real(wp), allocatable :: image(:)
+   integer :: g
+
+   call self%groups%split(self%n, b, right)
+   allocate (start(size(right)), source=0.0_wp)
    allocate (image, mold=right)
    do g = 1, size(self%groups%bulk)
       if (.not. self%groups%multiplier%free(g)) start(places(self, g)) = self%groups%beside(g) &
-         & *(self%carried(:, g) - self%present(:, g))
+         & *(self%pressures%carried(:, g) - self%pressures%present(:, g))
    end do
    saddle%tangent => self
    saddle%shift = shift
@@ -419,69 +455,7 @@ subroutine solve_step(self, shift, b, x, report, error)
    end if
    call saddle%precondition(right, image)
    norm = sqrt(max(dot_product(image, right), tiny(1.0_wp)))
-   share = first_share
-   if (self%last > 0.0_wp) then
-      share = forcing*(norm/self%last)**2
-   else
-      self%first = norm
-   end if
-   share = max(min(max(share, enough*self%wanted*self%first/norm), largest_share), tolerance)
-   call solve_saddle(self, shift, share, right, both, report, error)
-   ! nothing is carried from a solve that failed
-   if (allocated(error)) return
-   self%last = norm
-   both = both + start
-   call take_unknowns(self, both, x)
-   self%begun = self%place
-   self%step = x
-   self%before = self%present
-   if (.not. allocated(self%gained)) allocate (self%gained, mold=self%present)
-   do g = 1, size(self%groups%bulk)
-      self%gained(:, g) = both(places(self, g))
-      if (.not. self%groups%multiplier%free(g)) self%gained(:, g) = self%gained(:, g) &
-         & /self%groups%beside(g)
-   end do
-end subroutine solve_step
-
-!> Right hand side of displacements and pressures
-subroutine new_right(self, b, right)
-   !> Tangent
-   class(tangent_type), intent(in) :: self
-   !> That of the unknowns, shape (n)
-   real(wp), contiguous, intent(in) :: b(:)
-   !> Right hand side
-   real(wp), allocatable, intent(out) :: right(:)
-   real(wp), allocatable :: volume(:, :), pressure(:, :)
-   integer :: g
-
-   allocate (right(self%n + size(self%groups%pressure%total)), source=0.0_wp)
-   right(:self%n) = b(:self%n)
-   if (self%groups%multiplier%extra == 0) return
-   allocate (pressure, volume, mold=self%groups%pressure%total)
-   call self%groups%multiplier%from_rows(b(self%n + 1:), pressure)
-   right(self%n + 1:) = reshape(pressure, [size(pressure)])
-   ! the part of K that is kept with the displacements acts on the prescribed volume as well
-   do g = 1, size(self%groups%bulk)
-      pressure(:, g) = self%groups%kept(g)*pressure(:, g)
-   end do
-   call self%groups%add_saddle(0.0_wp*right(:self%n), pressure, right(:self%n), volume)
-end subroutine new_right
-
-!> Unknowns among displacements and pressures
-subroutine take_unknowns(self, both, x)
-   !> Tangent
-   class(tangent_type), intent(in) :: self
-   !> Displacements and pressures
-   real(wp), contiguous, intent(in) :: both(:)
-   !> Unknowns, shape (n)
-   real(wp), contiguous, intent(inout) :: x(:)
-
-   x(:self%n) = both(:self%n)
-   associate (multiplier => self%groups%multiplier)
-      if (multiplier%extra > 0) call multiplier%to_unknowns(reshape(both(self%n + 1:), &
-         & shape(self%groups%pressure%total)), x(self%n + 1:))
-   end associate
-end subroutine take_unknowns
+end subroutine begin_solve
 
 !> Minimal residuals with displacements and pressures
 subroutine solve_saddle(self, shift, share, right, both, report, error)
@@ -521,7 +495,7 @@ pure function places(self, g)
    class(tangent_type), intent(in) :: self
    !> Group
    integer, intent(in) :: g
-   integer :: places(size(self%present, 1)), k
+   integer :: places(size(self%pressures%present, 1)), k
 
    places = [(self%n + size(places)*(g - 1) + k, k=1, size(places))]
 end function places

@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import solve_bvp
 
 from myork import Scene, run_deck
-from myork.errors import InputError
+from myork.errors import ConvergenceError, InputError
 from myork.stations.explain import explain_deck
 
 BLOCK = {
@@ -125,6 +125,36 @@ def test_a_pressure_where_the_tangent_is_not_formed():
     assert factored["up"] > 0.4
     assert found == pytest.approx(factored["up"], rel=1e-6)
     assert states.iterations.max() <= 9
+
+
+def test_a_free_rim_above_the_limit_is_named_where_nothing_converges():
+    """A message of steps and gradients alone would not tell that a factor converges."""
+    tables = {
+        "scene": {"dimension": 3, "method": "rkpm-scni"},
+        "geometry": {
+            "kind": "box", "size": [2, 2, 0.5], "source": [5, 5, 3], "collocation": [5, 5, 3],
+        },
+        "material": [{"name": "rubber", "model": "neo-hookean", "mu": 2, "K": 200}],
+        "boundary": [
+            {"set": "x0", "u_x": 0, "u_y": 0, "u_z": 0},
+            {"set": "z0", "pressure": 6},
+        ],
+        "galerkin": {"direct_limit": 0},
+        "load": {"max_halvings": 0},
+        "solver": {"max_iterations": 4},
+    }  # fmt: skip
+    with (
+        Scene.from_tables(tables, threads=1) as scene,
+        pytest.raises(ConvergenceError, match=r"rim .*direct_limit = 225 .*hold the rim"),
+    ):
+        scene.solve(error=False)
+    tables["galerkin"]["direct_limit"] = 225
+    with (
+        Scene.from_tables(tables, threads=1) as scene,
+        pytest.raises(ConvergenceError, match="no convergence") as caught,
+    ):
+        scene.solve(error=False)
+    assert "rim" not in str(caught.value)
 
 
 def elastica(load: float) -> tuple[float, float]:

@@ -290,6 +290,25 @@ def test_large_voxel_bodies_are_solved_without_forming_the_tangent(open_scene):
     assert abs(found[1] - found[0]).max() < 1e-8 * abs(found[0]).max()
 
 
+def test_load_steps_above_the_limit_begin_ahead_and_end_when_the_next_step_is_foretold(open_scene):
+    """The secant takes its pressures along, and a step is not made only to see that it is small.
+
+    The displacement is that of a factor to ten times the tolerance at most, at any tolerance.
+    """
+    material = {**MUSCLE, "fiber": [0.5, 0.0, 0.87]}
+    tables = body(3, "rkpm-scni", box(3, 5), LINEAR, ["z0", "z1"], material)
+    tables["load"] = {"activation": 0.3, "steps": 6}
+    exact = open_scene({**tables, "solver": {"tolerance": 1e-10}}).solve().x[-1]
+    for tolerance in (1e-6, 1e-9):
+        scene = open_scene({**tables, "galerkin": {"direct_limit": 0},
+                            "solver": {"tolerance": tolerance}})  # fmt: skip
+        states = scene.solve()
+        assert abs(states.x[-1] - exact).max() < 10 * tolerance * abs(exact).max()
+        if tolerance == 1e-6:
+            # without pressures every load step takes as many as the first one
+            assert max(states.iterations[2:]) < states.iterations[0]
+
+
 def test_iterations_do_not_grow_with_the_points(inputs, tmp_path):
     """Groups with an inf-sup constant and a preconditioner like the stiffness: half the spacing
     took 1.7 times the iterations without them. Newton's first step wants few digits.

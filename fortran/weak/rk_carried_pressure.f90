@@ -1,0 +1,111 @@
+!> Pressures beside the displacements of an iteration whose solves leave some change of volume.
+!>
+!> What a step leaves of volume must not come back as K times as large a force: the next tangent
+!> takes the pressures of the solve, and the next solve begins with them. On the step they are
+!> linear. The start of a load step has those of the secant through the last two converged states,
+!> which misses the volume in second order.
+module rk_carried_pressure
+   use rk_precision, only : wp
+   implicit none
+   private
+
+   public :: carried_pressure, new_carried_pressure
+
+   !> Coefficients of the pressures of all groups
+   type :: carried_pressure
+      !> Those that the residual has, and those that are carried to its place, shape
+      !> (1 + nd, groups) [stress length^(nd/2)]
+      real(wp), allocatable :: present(:, :)
+      real(wp), allocatable :: carried(:, :)
+      !> Pressures are carried to the place of the linearisation
+      logical :: carrying = .false.
+      !> The next place is the one to which pressures were extrapolated
+      logical, private :: foreseen = .false.
+      !> Place of the linearisation, shape (n)
+      real(wp), allocatable, private :: place(:)
+      !> Place, step and pressures of the last solve in this load step, and their change
+      real(wp), allocatable, private :: begun(:), step(:), before(:, :), gained(:, :)
+   contains
+      !> Begin a load step
+      procedure :: forget
+      !> Go to a place
+      procedure :: go_to
+      !> Extrapolate to the next place
+      procedure :: extrapolate
+      !> Note a solve
+      procedure :: note
+   end type carried_pressure
+
+   !> Distance from the last step, of its length, at which a place is not on it [-]
+   real(wp), parameter :: aside = 1.0e-6_wp
+
+contains
+
+!> Make room
+subroutine new_carried_pressure(self, rows, groups)
+   !> Pressures
+   type(carried_pressure), intent(out) :: self
+   !> Coefficients of a group, and groups
+   integer, intent(in) :: rows, groups
+
+   allocate (self%present(rows, groups), self%carried(rows, groups), source=0.0_wp)
+end subroutine new_carried_pressure
+
+!> Begin a load step: nothing is carried from the last one
+subroutine forget(self)
+   !> Pressures
+   class(carried_pressure), intent(inout) :: self
+
+   self%foreseen = .false.
+   if (allocated(self%step)) deallocate (self%begun, self%step, self%before, self%gained)
+end subroutine forget
+
+!> Note where the tangent is taken next, and carry the pressures there: on the last step they are
+!> linear, elsewhere there are none to carry
+subroutine go_to(self, x)
+   !> Pressures
+   class(carried_pressure), intent(inout) :: self
+   !> Place, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   real(wp) :: along
+
+   self%place = x
+   self%carrying = self%foreseen
+   self%foreseen = .false.
+   if (self%carrying .or. .not. allocated(self%step)) return
+   along = dot_product(x - self%begun, self%step)/max(norm2(self%step)**2, tiny(1.0_wp))
+   self%carrying = norm2(x - self%begun - along*self%step) <= aside*norm2(self%step)
+   if (self%carrying) self%carried = self%before + along*self%gained
+end subroutine go_to
+
+!> Carry pressures to the next place along the line through those of an earlier state and of the
+!> last place, of which the residual has essential values of the same state
+subroutine extrapolate(self, earlier, share)
+   !> Pressures
+   class(carried_pressure), intent(inout) :: self
+   !> Pressures of the earlier state, shape (1 + nd, groups) [stress length^(nd/2)]
+   real(wp), intent(in) :: earlier(:, :)
+   !> Way beyond the last place, of that from the earlier state to it [-]
+   real(wp), intent(in) :: share
+
+   self%carried = self%carried + share*(self%carried - earlier)
+   self%foreseen = .true.
+end subroutine extrapolate
+
+!> Note a solve at the last place
+subroutine note(self, step, gained)
+   !> Pressures
+   class(carried_pressure), intent(inout) :: self
+   !> Its displacements, shape (n)
+   real(wp), contiguous, intent(in) :: step(:)
+   !> Its change of the pressures that the residual has, shape (1 + nd, groups)
+   !> [stress length^(nd/2)]
+   real(wp), intent(in) :: gained(:, :)
+
+   self%begun = self%place
+   self%step = step
+   self%before = self%present
+   self%gained = gained
+end subroutine note
+
+end module rk_carried_pressure
