@@ -33,7 +33,7 @@ module rk_sparse
    type :: kept_factor
       type(c_ptr), private :: handle = c_null_ptr
    contains
-      !> Whether a solve has found an order of elimination
+      !> Whether a solve has found an order of elimination for Cholesky
       procedure :: has_order
       final :: free_kept
    end type kept_factor
@@ -74,6 +74,10 @@ module rk_sparse
          type(c_ptr), value :: handle
          real(c_double), intent(inout) :: x(*)
       end subroutine rk_sparse_solve
+      integer(c_int) function rk_sparse_ordered(handle) bind(c)
+         import :: c_int, c_ptr
+         type(c_ptr), value :: handle
+      end function rk_sparse_ordered
       subroutine rk_sparse_free(handle) bind(c)
          import :: c_ptr
          type(c_ptr), value :: handle
@@ -288,12 +292,12 @@ subroutine free(self)
    self%handle = c_null_ptr
 end subroutine free
 
-!> Whether a solve has found an order of elimination
-pure logical function has_order(self)
+!> Whether a solve has found an order of elimination for Cholesky
+logical function has_order(self)
    !> What was kept
    class(kept_factor), intent(in) :: self
 
-   has_order = c_associated(self%handle)
+   has_order = rk_sparse_ordered(self%handle) /= 0
 end function has_order
 
 !> Give back what was kept

@@ -29,7 +29,7 @@ struct factor {
     SuiteSparse_long *order;  /* column order, NULL if none */
     double *work;
     cholmod_dense *x, *y, *e; /* CHOLMOD's work */
-    void *lu;                 /* or UMFPACK's factor */
+    void *symbolic, *lu;      /* or UMFPACK's order of elimination and factor */
 };
 
 static void free_lu(struct factor *f)
@@ -45,6 +45,9 @@ void rk_sparse_free(struct factor *f)
     if (!f)
         return;
     free_lu(f);
+#ifdef HAVE_UMFPACK
+    umfpack_dl_free_symbolic(&f->symbolic);
+#endif
     cholmod_l_free_factor(&f->cholesky, &f->common);
     cholmod_l_free_sparse(&f->r, &f->common);
     cholmod_l_free_sparse(&f->permuted, &f->common);
@@ -164,6 +167,12 @@ int rk_sparse_qr(int64_t m, int64_t n, int64_t *start, int64_t *column, double *
     return stat;
 }
 
+/* Whether a Cholesky factor has an order of elimination */
+int rk_sparse_ordered(const struct factor *f)
+{
+    return f && f->cholesky;
+}
+
 /* Solve with the matrix of a Cholesky factor, or with R^T R, in place */
 void rk_sparse_solve(struct factor *f, double *x)
 {
@@ -258,15 +267,13 @@ int rk_sparse_direct(int64_t n, int64_t *start, int64_t *row, double *value, int
     *rcond = 0;
     if (*kept)
         free_lu(*kept);
-    if (definite || again) {
-        if (!*kept)
-            *kept = new_factor(n);
-        if (!*kept)
-            return rk_no_memory;
-    }
+    if (!*kept)
+        *kept = new_factor(n);
+    struct factor *f = *kept;
+    if (!f)
+        return rk_no_memory;
     if (definite) {
         cholmod_sparse a = matrix(n, n, start, row, value, 1);
-        struct factor *f = *kept;
         factorise(f, &a, order);
         int stat = state(&f->common);
         if (stat == rk_done) {
@@ -286,17 +293,20 @@ int rk_sparse_direct(int64_t n, int64_t *start, int64_t *row, double *value, int
     umfpack_dl_defaults(control);
     /* the pattern is symmetric also where zeros on the diagonal hide it: columns alone would fill */
     control[UMFPACK_STRATEGY] = UMFPACK_STRATEGY_SYMMETRIC;
-    void *symbolic = NULL, *numeric = NULL;
-    long stat = umfpack_dl_symbolic(n, n, start, row, value, &symbolic, control, info);
+    /* minimum degree, and nested dissection where that fills much */
+    control[UMFPACK_ORDERING] = UMFPACK_ORDERING_CHOLMOD;
+    void *numeric = NULL;
+    long stat = UMFPACK_OK;
+    if (!f->symbolic)
+        stat = umfpack_dl_symbolic(n, n, start, row, value, &f->symbolic, control, info);
     if (stat == UMFPACK_OK)
-        stat = umfpack_dl_numeric(start, row, value, symbolic, &numeric, control, info);
+        stat = umfpack_dl_numeric(start, row, value, f->symbolic, &numeric, control, info);
     if (stat == UMFPACK_OK) {
         *rcond = info[UMFPACK_RCOND];
         stat = umfpack_dl_solve(UMFPACK_A, start, row, value, x, b, numeric, control, info);
     }
-    umfpack_dl_free_symbolic(&symbolic);
     if (again && stat == UMFPACK_OK)
-        (*kept)->lu = numeric;
+        f->lu = numeric;
     else
         umfpack_dl_free_numeric(&numeric);
     if (stat == UMFPACK_ERROR_out_of_memory)
@@ -338,6 +348,12 @@ int rk_sparse_direct(int64_t n, int64_t *start, int64_t *row, double *value, int
     (void)b, (void)x, (void)kept;
     *rcond = 0;
     return rk_missing;
+}
+
+int rk_sparse_ordered(const void *f)
+{
+    (void)f;
+    return 0;
 }
 
 void rk_sparse_solve(void *f, double *x)

@@ -22,6 +22,8 @@ module rk_square_rows
       real(wp), allocatable :: value(:)
       !> The same by columns: row of each entry less 1, and where its value stands
       integer(i8), allocatable, private :: below(:), row(:), entry(:)
+      !> Order of elimination of the factors
+      type(kept_factor), pointer, private :: kept => null()
    contains
       procedure :: apply
       procedure :: apply_transposed
@@ -31,6 +33,7 @@ module rk_square_rows
       procedure :: compressed
       procedure :: entries
       procedure :: solve_square
+      final :: free
    end type square_rows
 
 contains
@@ -47,6 +50,7 @@ subroutine new_square_rows(self, start, column)
    integer(i8) :: k
    integer :: i
 
+   allocate (self%kept)
    self%n = size(start) - 1
    self%m = self%n
    self%start = start
@@ -197,7 +201,6 @@ recursive subroutine solve_square(self, shift, b, x, report, error)
    type(square_report), intent(out) :: report
    !> Error handling: singular matrix, no memory
    type(error_type), allocatable, intent(out) :: error
-   type(kept_factor) :: kept
    real(wp), allocatable :: value(:), r(:)
    integer(i8) :: k
    integer :: j
@@ -211,7 +214,7 @@ recursive subroutine solve_square(self, shift, b, x, report, error)
       end do
    end do
    call solve_sparse(self%n, self%below, self%row, value, .false., .false., b, x, report%rcond, &
-      & kept, error)
+      & self%kept, error)
    if (allocated(error)) then
       if (error%code /= err_input) return
       report%used = 'band'
@@ -224,5 +227,13 @@ recursive subroutine solve_square(self, shift, b, x, report, error)
    report%backward_error = norm2(r - b)/max(norm2(self%value)*norm2(x) + norm2(b), &
       & tiny(1.0_wp))
 end subroutine solve_square
+
+!> Give back what was kept
+subroutine free(self)
+   !> Matrix
+   type(square_rows), intent(inout) :: self
+
+   if (associated(self%kept)) deallocate (self%kept)
+end subroutine free
 
 end module rk_square_rows
