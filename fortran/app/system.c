@@ -139,10 +139,11 @@ int rk_make_folder(const char *path) {
 }
 
 /* OpenMP threads that wait by spinning starve a machine that is shared; the library reads its
-   policy when it is loaded, so the program starts again with it set. */
+   policy when it is loaded, so the program starts again with it set. A single thread waits for none. */
 __attribute__((constructor)) static void wait_passively(int argc, char **argv) {
-   (void)argc;
    if (getenv("OMP_WAIT_POLICY") != NULL) return;
+   for (int k = 1; k + 1 < argc; k++)
+      if (strcmp(argv[k], "-t") == 0 && strcmp(argv[k + 1], "1") == 0) return;
    if (setenv("OMP_WAIT_POLICY", "passive", 1) == 0) execv("/proc/self/exe", argv);
 }
 

@@ -97,12 +97,14 @@ pure subroutine monomials(nd, order, powers, x, scale, h, dh, ddh)
       end do
    end do
    do n = 1, size(powers, 2)
-      h(n) = p(powers(1, n), 0, 1)*p(powers(2, n), 0, 2)*p(powers(3, n), 0, 3)
+      h(n) = product_of([0, 0, 0])
+      dh(n, 1) = product_of([1, 0, 0])
+      if (nd > 1) dh(n, 2) = product_of([0, 1, 0])
+      if (nd > 2) dh(n, 3) = product_of([0, 0, 1])
+   end do
+   if (size(ddh, 2) == 0) return
+   do n = 1, size(powers, 2)
       do i = 1, nd
-         order_d = 0
-         order_d(i) = 1
-         dh(n, i) = product_of(order_d)
-         if (size(ddh, 2) == 0) cycle
          do j = i, nd
             order_d = 0
             order_d(i) = 1

@@ -136,11 +136,13 @@ pure subroutine window(kernel, shape, nd, r, a, phi, dphi, ddphi)
    real(wp), intent(out) :: phi
    !> Gradient, shape (nd) [1/length]
    real(wp), intent(out) :: dphi(:)
-   !> Second derivatives, shape (nd, nd) [1/length^2]
+   !> Second derivatives, shape (nd, nd), or none of them [1/length^2]
    real(wp), intent(out) :: ddphi(:, :)
    real(wp) :: w(3), d(3), dd(3), g(3), z, w1z, w2, other
+   logical :: seconds
    integer :: i, j, k
 
+   seconds = size(ddphi) > 0
    if (shape == window_product) then
       do i = 1, nd
          call spline(kernel, abs(r(i))/a(i), w(i), w1z, w2)
@@ -154,6 +156,7 @@ pure subroutine window(kernel, shape, nd, r, a, phi, dphi, ddphi)
             if (k /= i) other = other*w(k)
          end do
          dphi(i) = d(i)*other
+         if (.not. seconds) cycle
          ddphi(i, i) = dd(i)*other
          do j = 1, i - 1
             other = 1.0_wp
@@ -170,6 +173,7 @@ pure subroutine window(kernel, shape, nd, r, a, phi, dphi, ddphi)
       call spline(kernel, z, phi, w1z, w2)
       do i = 1, nd
          dphi(i) = w1z*g(i)
+         if (.not. seconds) cycle
          do j = 1, nd
             ddphi(i, j) = 0.0_wp
             if (z > 0.0_wp) ddphi(i, j) = (w2 - w1z)*(g(i)/z)*(g(j)/z)

@@ -64,6 +64,8 @@ module rk_shape
    !> Offsets over support are compared after rounding to 2**-44, far above rounding errors of
    !> grid coordinates and far below any spacing
    real(wp), parameter :: quantum = 2.0_wp**44
+   !> Numbers beside it are whole numbers
+   real(wp), parameter :: whole = 1.5_wp*2.0_wp**52
 
    !> More different coordinates than any basis needs
    integer, parameter :: most_planes = 10
@@ -280,7 +282,8 @@ pure function quantised(source, support, place, is) result(key)
    integer, intent(in) :: is
    integer(i8) :: key(2*size(place))
 
-   key(:size(place)) = nint((place - source(:, is))/support(:, is)*quantum, i8)
+   ! the sum is rounded to a whole number, as which its bits tell it
+   key(:size(place)) = transfer((place - source(:, is))/support(:, is)*quantum + whole, [0_i8])
    key(size(place) + 1:) = transfer(support(:, is), [0_i8])
 end function quantised
 
@@ -371,7 +374,7 @@ subroutine shape_at_place(approximation, powers, source, support, neighbours, x,
    singular = n < nb
    if (singular) return
    allocate (h(nb, n), dh(nb, nd, n), ddh(nb, seconds, n))
-   allocate (m(nb, nb), phi(n), dphi(nd, n), ddphi(nd, nd, n))
+   allocate (m(nb, nb), phi(n), dphi(nd, n), ddphi(nd, merge(nd, 0, seconds > 0), n))
    scale = maxval(support(:, neighbours), dim=2)
 
    m = 0.0_wp

@@ -97,6 +97,7 @@ subroutine new_gradient(self, cells, ns, inside, facet, surface, essential, foll
    seen = .false.
    plain = 0.0_wp
    taken = 0.0_wp
+   ! only places are counted the first time
    do pass = 1, 2
       entries = 0
       values = 0
@@ -151,10 +152,11 @@ subroutine new_gradient(self, cells, ns, inside, facet, surface, essential, foll
          end if
          entries = entries + n
          values = values + merge(nd*n, n, lifted)
+         seen(touched(:n)) = .false.
+         if (pass == 1) cycle
          do k = 1, n
             plain(:, touched(k)) = 0.0_wp
-            taken(:, :, touched(k)) = 0.0_wp
-            seen(touched(k)) = .false.
+            if (lifted) taken(:, :, touched(k)) = 0.0_wp
          end do
       end do
       self%start(np + 1) = entries
@@ -219,7 +221,7 @@ contains
       call shape%row(ip, nodes, psi)
       do j = 1, size(nodes)
          call touch(nodes(j))
-         plain(:, nodes(j)) = plain(:, nodes(j)) + psi(1, j)*vector
+         if (pass == 2) plain(:, nodes(j)) = plain(:, nodes(j)) + psi(1, j)*vector
       end do
    end subroutine gather
 
@@ -233,7 +235,7 @@ contains
       call shape%row(ip, nodes, psi)
       do j = 1, size(nodes)
          call touch(nodes(j))
-         plain(:, nodes(j)) = plain(:, nodes(j)) + factor*psi(2:1 + nd, j)
+         if (pass == 2) plain(:, nodes(j)) = plain(:, nodes(j)) + factor*psi(2:1 + nd, j)
       end do
    end subroutine gather_gradient
 
@@ -247,6 +249,7 @@ contains
       call surface%row(ip, nodes, psi)
       do j = 1, size(nodes)
          call touch(nodes(j))
+         if (pass == 1) cycle
          do c = 1, nd
             if (.not. essential(c, ip)) cycle
             taken(:, c, nodes(j)) = taken(:, c, nodes(j)) + factor*psi(1, j)*cells%outward(:, ip)
@@ -256,6 +259,7 @@ contains
       do c = 1, nd
          if (follows(c, ip) == 0) cycle
          call touch(follows(c, ip))
+         if (pass == 1) cycle
          associate (own => taken(:, c, follows(c, ip)))
             own = own - factor*cells%outward(:, ip)
          end associate
@@ -453,7 +457,7 @@ pure subroutine add_work(self, q, p, factor, rows)
    !> Rows by the displacements of the group's source points, shape (nd*members, b)
    real(wp), intent(inout) :: rows(:, :)
    real(wp) :: work(size(rows, 1))
-   integer(i8) :: e
+   integer(i8) :: at, e
    integer :: b, i, k, row
 
    ! one column after the other: rows are far apart
@@ -462,7 +466,10 @@ pure subroutine add_work(self, q, p, factor, rows)
       k = int(e - self%start(q))
       do i = 1, self%nd
          row = self%nd*(self%local(e) - 1) + i
-         work(row) = dot_product(p(i, :self%nd), self%value(:, self%first(i, q) + k))
+         at = self%first(i, q) + k
+         work(row) = p(i, 1)*self%value(1, at)
+         if (self%nd > 1) work(row) = work(row) + p(i, 2)*self%value(2, at)
+         if (self%nd > 2) work(row) = work(row) + p(i, 3)*self%value(3, at)
       end do
    end do
    do b = 1, size(factor)

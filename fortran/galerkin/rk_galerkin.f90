@@ -31,7 +31,7 @@ module rk_galerkin
    use rk_states, only : field_state
    use rk_surface_sets, only : find_surface_sets
    use rk_tangent, only : new_tangent
-   use rk_tensor, only : cross, cross_form, identity
+   use rk_tensor, only : add_cross_form, cross, identity
    use rk_text, only : to_text
    use rk_weak, only : deform_group, hold_points, new_state, pressures_at, weak_problem
    use rk_weak_conditions, only : add_body_force, set_conditions
@@ -409,10 +409,15 @@ subroutine group_part(self, g, at, change, load, tangent, force, part)
    members = int(self%gradient%member%offset(g + 1) - self%gradient%member%offset(g))
    if (allocated(force)) deallocate (force)
    allocate (force(nd, members), source=0.0_wp)
-   if (allocated(part)) deallocate (part)
-   if (formed) allocate (part(nd*members, nd*members), source=0.0_wp)
+   if (allocated(part)) then
+      if (size(part, 1) /= nd*members) deallocate (part)
+   end if
+   if (formed .and. .not. allocated(part)) allocate (part(nd*members, nd*members))
    ! no stress exists; the caller rejects the state
-   if (.not. all(at%j(o + 1:o + n) > 0.0_wp)) return
+   if (.not. all(at%j(o + 1:o + n) > 0.0_wp)) then
+      if (formed) part = 0.0_wp
+      return
+   end if
    jump = 0.0_wp
    if (tangent .or. jumps) then
       linear = at%pressure(:, g)
@@ -434,10 +439,13 @@ subroutine group_part(self, g, at, change, load, tangent, force, part)
          own = self%local_bulk(nc + o + q)*(j - 1.0_wp)
          if (tangent .or. jumps) then
             call self%mixture%tangent(nc + o + q, f, load, p, c4(:, :, :, :, q), volumetric=.false.)
-            c4(:, :, :, :, q) = self%cells%weight(o + q)*(c4(:, :, :, :, q) + (own &
-               & + self%pressure%value(g, o + q, linear))*reshape(cross_form(f), [3, 3, 3, 3]) &
-               & + self%local_bulk(nc + o + q)*reshape(matmul(reshape(cofactor, [9, 1]), &
-               & reshape(cofactor, [1, 9])), [3, 3, 3, 3]))
+            call add_cross_form(own + self%pressure%value(g, o + q, linear), f, c4(:, :, :, :, q))
+            do k = 1, 3
+               do i = 1, 3
+                  c4(:, :, i, k, q) = self%cells%weight(o + q)*(c4(:, :, i, k, q) &
+                     & + self%local_bulk(nc + o + q)*(cofactor*cofactor(i, k)))
+               end do
+            end do
          else
             call self%mixture%stress(nc + o + q, f, load, p, volumetric=.false.)
          end if
@@ -471,6 +479,7 @@ subroutine group_part(self, g, at, change, load, tangent, force, part)
       return
    end if
    if (self%multiplier%free(g)) then
+      part = 0.0_wp
       call self%multiplier%set_stiffness(g, volume, part)
    else
       call dsyrk('u', 'n', nd*members, b, self%bulk(g), volume, nd*members, 0.0_wp, part, &

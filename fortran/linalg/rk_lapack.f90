@@ -7,7 +7,7 @@ module rk_lapack
    use rk_error, only : error_type, fatal_error, err_linalg, err_memory
    use rk_precision, only : i8, wp
    use rk_text, only : to_text
-   use rk_threads, only : hold_threads, release_threads
+   use rk_threads, only : hold_threads, release_threads, threads_type
    implicit none
    private
 
@@ -64,7 +64,8 @@ subroutine cholesky(a, error)
    real(wp), contiguous, intent(inout) :: a(:, :)
    !> Error handling: not positive definite
    type(error_type), allocatable, intent(out) :: error
-   integer :: kept, info
+   type(threads_type) :: kept
+   integer :: info
 
    call hold_threads(kept)
    call dpotrf('u', size(a, 1), a, size(a, 1), info)
@@ -81,7 +82,8 @@ subroutine reciprocal_condition(r, rcond)
    real(wp), intent(out) :: rcond
    real(wp), allocatable :: work(:)
    integer, allocatable :: iwork(:)
-   integer :: kept, info, n
+   type(threads_type) :: kept
+   integer :: info, n
 
    n = size(r, 2)
    allocate (work(3*n), iwork(n))
@@ -99,7 +101,7 @@ subroutine solve_triangular(r, b, transposed)
    real(wp), contiguous, intent(inout) :: b(:)
    !> Solve with the transpose
    logical, intent(in) :: transposed
-   integer :: kept
+   type(threads_type) :: kept
 
    call hold_threads(kept)
    call dtrsv('u', merge('t', 'n', transposed), 'n', size(b), r, size(r, 1), b, 1)
@@ -118,7 +120,8 @@ subroutine solve_qr(a, b, rcond, error)
    type(error_type), allocatable, intent(out) :: error
    real(wp), allocatable :: work(:)
    real(wp) :: query(1)
-   integer :: kept, m, n, info
+   type(threads_type) :: kept
+   integer :: m, n, info
 
    m = size(a, 1)
    n = size(a, 2)
@@ -155,7 +158,8 @@ subroutine solve_band(start, column, value, b, x, rcond, error)
    real(wp), allocatable :: band(:, :)
    integer, allocatable :: pivot(:)
    integer(i8) :: k
-   integer :: kept, i, info, n, stat, width
+   type(threads_type) :: kept
+   integer :: i, info, n, stat, width
 
    n = size(b)
    width = 0
@@ -207,7 +211,8 @@ subroutine solve_pivoted_qr(a, b, pivot, rank, rcond, error)
    type(error_type), allocatable, intent(out) :: error
    real(wp), allocatable :: work(:)
    real(wp) :: query(1), tolerance
-   integer :: kept, m, n, k, info
+   type(threads_type) :: kept
+   integer :: m, n, k, info
 
    m = size(a, 1)
    n = size(a, 2)
@@ -242,7 +247,8 @@ subroutine svd(a, u, s, vt, error)
    real(wp), allocatable :: copy(:, :), work(:)
    integer, allocatable :: iwork(:)
    real(wp) :: query(1)
-   integer :: kept, m, n, k, info
+   type(threads_type) :: kept
+   integer :: m, n, k, info
 
    m = size(a, 1)
    n = size(a, 2)
@@ -268,7 +274,7 @@ subroutine syrk(a, rows, columns, c)
    integer, intent(in) :: columns
    !> Product, shape (>= columns, >= columns)
    real(wp), contiguous, intent(inout) :: c(:, :)
-   integer :: kept
+   type(threads_type) :: kept
 
    call hold_threads(kept)
    call dsyrk('u', 't', columns, rows, 1.0_wp, a, size(a, 1), 0.0_wp, c, size(c, 1))
@@ -285,7 +291,7 @@ subroutine matvec(a, x, y, transposed)
    real(wp), contiguous, intent(inout) :: y(:)
    !> Multiply by the transpose
    logical, intent(in) :: transposed
-   integer :: kept
+   type(threads_type) :: kept
 
    call hold_threads(kept)
    call dgemv(merge('t', 'n', transposed), size(a, 1), size(a, 2), 1.0_wp, a, size(a, 1), &
@@ -301,7 +307,7 @@ subroutine matmat(a, b, c)
    real(wp), contiguous, intent(in) :: b(:, :)
    !> Product, shape (m, n)
    real(wp), contiguous, intent(inout) :: c(:, :)
-   integer :: kept
+   type(threads_type) :: kept
 
    call hold_threads(kept)
    call dgemm('n', 'n', size(a, 1), size(b, 2), size(a, 2), 1.0_wp, a, size(a, 1), &

@@ -5,30 +5,42 @@
 !> more of them; everywhere else they are held to one, so that one and two threads give the same
 !> bits. Only the calling thread is held: other threads of the process, and a BLAS that numpy
 !> brings, keep theirs. This holds for OpenBLAS built with OpenMP, as `setup.sh` installs it.
+!> CHOLMOD asks for four threads whatever was set; where the caller has one, so do its copies.
 module rk_threads
-   use omp_lib, only : omp_get_max_threads, omp_set_num_threads
+   use omp_lib, only : omp_get_max_active_levels, omp_get_max_threads, omp_set_max_active_levels, &
+      & omp_set_num_threads
    implicit none
    private
 
-   public :: hold_threads, release_threads
+   public :: threads_type, hold_threads, release_threads
+
+   !> What is given back
+   type :: threads_type
+      !> Threads of a team
+      integer :: number = 1
+      !> Teams within teams
+      integer :: levels = 1
+   end type threads_type
 
 contains
 
 !> Let the libraries that this thread calls use one thread
 subroutine hold_threads(kept)
    !> Threads to be given back
-   integer, intent(out) :: kept
+   type(threads_type), intent(out) :: kept
 
-   kept = omp_get_max_threads()
+   kept = threads_type(omp_get_max_threads(), omp_get_max_active_levels())
    call omp_set_num_threads(1)
+   if (kept%number == 1) call omp_set_max_active_levels(0)
 end subroutine hold_threads
 
 !> Give the threads back
 subroutine release_threads(kept)
    !> Threads before `hold_threads`
-   integer, intent(in) :: kept
+   type(threads_type), intent(in) :: kept
 
-   call omp_set_num_threads(kept)
+   call omp_set_num_threads(kept%number)
+   if (kept%number == 1) call omp_set_max_active_levels(kept%levels)
 end subroutine release_threads
 
 end module rk_threads

@@ -11,7 +11,7 @@ module rk_tensor
    implicit none
    private
 
-   public :: identity, determinant, cofactor, cross, cross_form, principal_values
+   public :: identity, determinant, cofactor, cross, cross_form, add_cross_form, principal_values
    public :: vector_product, solve_definite
 
    !> Identity
@@ -71,17 +71,32 @@ pure function cross_form(m) result(k)
    !> Matrix M
    real(wp), intent(in) :: m(3, 3)
    real(wp) :: k(9, 9)
-   real(wp) :: x(3, 3)
+
+   k = 0.0_wp
+   call add_cross_form(1.0_wp, m, k)
+end function cross_form
+
+!> Add a multiple of the matrix of X -> M x X
+pure subroutine add_cross_form(factor, m, k)
+   !> Factor
+   real(wp), intent(in) :: factor
+   !> Matrix M
+   real(wp), intent(in) :: m(3, 3)
+   !> Sum, with index i + 3 (A - 1) of both
+   real(wp), intent(inout) :: k(3, 3, 3, 3)
    integer :: i, a
 
    do a = 1, 3
       do i = 1, 3
-         x = 0.0_wp
-         x(i, a) = 1.0_wp
-         k(:, i + 3*(a - 1)) = reshape(cross(m, x), [9])
+         associate (to => k(:, :, i, a), u => next(i), v => prev(i), b => next(a), c => prev(a))
+            to(u, b) = to(u, b) + factor*m(v, c)
+            to(u, c) = to(u, c) - factor*m(v, b)
+            to(v, c) = to(v, c) + factor*m(u, b)
+            to(v, b) = to(v, b) - factor*m(u, c)
+         end associate
       end do
    end do
-end function cross_form
+end subroutine add_cross_form
 
 !> Eigenvalues of a symmetric matrix in descending order
 pure function principal_values(a) result(e)

@@ -10,7 +10,7 @@ module rk_sparse
    use rk_operator, only : factor_type, row_operator
    use rk_precision, only : i8, wp
    use rk_text, only : to_text
-   use rk_threads, only : hold_threads, release_threads
+   use rk_threads, only : hold_threads, release_threads, threads_type
    implicit none
    private
 
@@ -97,7 +97,8 @@ subroutine sparse_cholesky(self, matrix, error)
    integer(i8), allocatable :: start(:), row(:)
    real(wp), allocatable :: value(:)
    integer(i8) :: at, k
-   integer :: kept, c, i, j, pass
+   type(threads_type) :: kept
+   integer :: c, i, j, pass
    integer(c_int) :: stat
 
    self%position = matrix%position
@@ -145,7 +146,8 @@ subroutine sparse_qr(self, op, b, x, rank, error)
    integer(i8), allocatable :: start(:), column(:)
    real(wp), allocatable :: value(:)
    integer(i8) :: k, found
-   integer :: kept, j
+   type(threads_type) :: kept
+   integer :: j
    integer(c_int) :: stat
 
    self%position = [(j, j=1, op%n)]
@@ -184,7 +186,8 @@ subroutine factor_upper(self, n, start, row, value, error)
    real(wp), contiguous, intent(in) :: value(:)
    !> Error handling: not positive definite, no memory, no SuiteSparse
    type(error_type), allocatable, intent(out) :: error
-   integer :: kept, j
+   type(threads_type) :: kept
+   integer :: j
    integer(c_int) :: stat
 
    self%position = [(j, j=1, n)]
@@ -223,7 +226,7 @@ subroutine solve_sparse(n, start, row, value, definite, again, b, x, rcond, kept
    !> Unknowns less 1 in an order of elimination to be tried beside those that are found for
    !> Cholesky, shape (n)
    integer(i8), contiguous, intent(in), optional :: order(:)
-   integer :: threads
+   type(threads_type) :: threads
    integer(c_int) :: stat
 
    call hold_threads(threads)
@@ -239,7 +242,7 @@ subroutine solve_again_sparse(kept, x)
    type(kept_factor), intent(in) :: kept
    !> Right hand side, replaced by the solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
-   integer :: threads
+   type(threads_type) :: threads
 
    call hold_threads(threads)
    call rk_sparse_solve(kept%handle, x)
@@ -273,7 +276,7 @@ subroutine solve(self, x)
    !> Right hand side, replaced by the solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
    real(wp), allocatable :: y(:)
-   integer :: kept
+   type(threads_type) :: kept
 
    allocate (y(size(x)))
    y(self%position) = x

@@ -6,7 +6,7 @@ module rk_spectrum
    use rk_precision, only : wp
    use rk_symmetric, only : symmetric_matrix
    use rk_text, only : to_text
-   use rk_threads, only : hold_threads, release_threads
+   use rk_threads, only : hold_threads, release_threads, threads_type
    implicit none
    private
 
@@ -65,7 +65,8 @@ subroutine symmetric_eigenvectors(a, values, error)
    type(error_type), allocatable, intent(out) :: error
    real(wp), allocatable :: work(:)
    real(wp) :: query(1)
-   integer :: info, kept, n
+   type(threads_type) :: kept
+   integer :: info, n
 
    n = size(a, 1)
    call dsyev('v', 'u', n, a, n, values, query, -1, info)

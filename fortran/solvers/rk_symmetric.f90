@@ -141,25 +141,29 @@ subroutine add(self, value, member, a)
    !> Part, shape (block*k, block*k)
    real(wp), contiguous, intent(in) :: a(:, :)
    integer(i8) :: l, to
-   integer :: b, i, j, c
+   integer :: b, i, j, k, n, c
 
    b = self%block
    do j = 1, size(member)
       l = self%above%offset(member(j))
-      do i = 1, j
+      i = 1
+      do while (i <= j)
          l = l + 1
          do while (self%above%index(l) < member(i))
             l = l + 1
          end do
-         do c = 1, b
-            to = self%start((member(j) - 1)*b + c) + b*(l - self%above%offset(member(j)) - 1)
-            if (i < j) then
-               value(to + 1:to + b) = value(to + 1:to + b) + a((i - 1)*b + 1:i*b, (j - 1)*b + c)
-            else
-               value(to + 1:to + c) = value(to + 1:to + c) &
-                  & + a((i - 1)*b + 1:(i - 1)*b + c, (j - 1)*b + c)
-            end if
+         ! i to k stand side by side in both
+         do k = i, j - 1
+            if (self%above%index(l + 1) /= member(k + 1)) exit
+            l = l + 1
          end do
+         do c = 1, b
+            n = merge((k - 1)*b + c, k*b, k == j) - (i - 1)*b
+            to = self%start(member(j)*b - b + c) + b*(l - self%above%offset(member(j)) - 1 - k + i)
+            value(to + 1:to + n) = value(to + 1:to + n) &
+               & + a((i - 1)*b + 1:(i - 1)*b + n, (j - 1)*b + c)
+         end do
+         i = k + 1
       end do
    end do
 end subroutine add
