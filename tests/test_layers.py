@@ -48,7 +48,7 @@ PYTHON_LAYERS = [
     {"model"},
     {"stations"},
     {"rom", "report", "reference"},
-    {"bench", "demo", "selftest", "sweeps", "studies", "view"},
+    {"bench", "chain", "demo", "selftest", "sweeps", "studies", "view"},
     {"commands"},
     {"cli"},
     {"__main__"},

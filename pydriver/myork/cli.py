@@ -168,6 +168,19 @@ def _solve(options: argparse.Namespace) -> None:
     )
 
 
+def _chain(options: argparse.Namespace) -> None:
+    from myork.chain import run_chain
+
+    pages: list[Path] = []
+    _run(
+        lambda deck, out, **keys: pages.append(run_chain(deck, out, **keys)),
+        options,
+        verbosity=options.verbosity,
+        error=not options.no_error,
+    )
+    print(f"report: {pages[0]}")
+
+
 def _rom(options: argparse.Namespace) -> None:
     from myork.rom import run_rom
 
@@ -386,7 +399,14 @@ def _parser() -> argparse.ArgumentParser:
         "  myork build inputs/mg_muscle.toml\n"
         "  myork build inputs/images/biceps.toml --data ~/images",
     )
-    for command in (segment, tensors, build):
+    chain = add_deck(
+        "run",
+        _chain,
+        "all that a deck asks for: segment, build, solve and report",
+        "  myork run inputs/images/biceps.toml --data ~/images\n"
+        "  myork run inputs/mg_muscle.toml --set load.activation=0.2",
+    )
+    for command in (segment, tensors, build, chain):
         command.add_argument(
             "--data",
             type=_folder,
@@ -418,11 +438,12 @@ def _parser() -> argparse.ArgumentParser:
         metavar="FILE[:STEP]",
         help="begin at a state of a result file instead of at rest",
     )
-    solve.add_argument(
-        "--no-error",
-        action="store_true",
-        help="no second solution, which gives the probes their error bars",
-    )
+    for command in (solve, chain):
+        command.add_argument(
+            "--no-error",
+            action="store_true",
+            help="no second solution, which gives the probes their error bars",
+        )
     add_deck(
         "rom",
         _rom,

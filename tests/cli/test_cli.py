@@ -16,7 +16,7 @@ import myork
 from myork import cli
 from myork.stations import solve
 
-COMMANDS = ("demo", "segment", "build", "solve", "rom", "report", "explain")
+COMMANDS = ("demo", "segment", "build", "solve", "run", "rom", "report", "explain")
 #: Longest wait for a process that has nothing to compute; a failure, not a measurement [s]
 PATIENCE = 60
 

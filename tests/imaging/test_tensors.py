@@ -50,7 +50,7 @@ def test_command_needs_no_anatomy(calf, series, tmp_path):
     inside = calf.truth.data > 0
     assert record["voxels"] == inside.sum()
     assert record["md"] == pytest.approx((2.1e-3 + 1.5e-3 + 1.3e-3) / 3, rel=0.05)
-    fibers = nibabel.load(out / "fibers.nii.gz").get_fdata()
+    fibers = nibabel.load(out / "tensor_fibers.nii.gz").get_fdata()
     cosine = np.abs((fibers * calf.fiber.data).sum(axis=-1))[inside]
     assert np.degrees(np.arccos(np.clip(cosine, 0, 1))).mean() < 2.5
     values = nibabel.load(out / "eigenvalues.nii.gz").get_fdata()[inside]
@@ -61,7 +61,7 @@ def test_command_needs_no_anatomy(calf, series, tmp_path):
     assert main(words) == 0
     assert read_summary(out)["tensors"]["voxels"] > inside.sum()
     air = calf.still.data == 0
-    assert not nibabel.load(out / "fibers.nii.gz").get_fdata()[:10, :10].any()
+    assert not nibabel.load(out / "tensor_fibers.nii.gz").get_fdata()[:10, :10].any()
     assert air[:10, :10].all()
 
 

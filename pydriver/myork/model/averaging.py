@@ -7,19 +7,21 @@ by the trace of their logarithm, which lies far from that of most of the muscle.
 
 The width balances noise and bends: each tensor is foretold by the others around it, and the width
 with the least error is taken. Noise asks for a wide one, bent fibers for a narrow one, and neither
-needs to be told; the error of the tensor itself is the same for all widths. Noise of neighbours is
-taken as independent: of images that were smoothed or interpolated before, the width comes out too
-small. Where even the narrowest foretells best, nothing is told of the width, and a usual one stands
-in.
+needs to be told; the error of the tensor itself is the same for all widths. Neighbours whose noise
+is alike, as in images that were interpolated or smoothed, foretell a tensor by its noise: they are
+left out with it, in each direction as many as the variogram shows. Where even the narrowest
+foretells best, nothing is told of the width, and a usual one stands in.
 
 References
 ----------
 Arsigny, Fillard, Pennec, Ayache, Magn. Reson. Med. 56 (2006), doi:10.1002/mrm.20965; Stone, J. R.
-Stat. Soc. B 36 (1974), doi:10.1111/j.2517-6161.1974.tb00994.x (cross-validation)
+Stat. Soc. B 36 (1974), doi:10.1111/j.2517-6161.1974.tb00994.x (cross-validation); Burman, Chow,
+Nolan, Biometrika 81 (1994), doi:10.1093/biomet/81.2.351 (neighbours left out)
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -42,6 +44,9 @@ _STRANGE, _LEAST_SCATTER = 2.5, 0.02
 # Widths that are tried, in voxels of the smallest size; the usual one where they tell nothing
 _WIDTHS = (0.6, 0.8, 1.0, 1.2, 1.6, 2.0, 2.4, 3.2, 4.0, 4.8)
 _USUAL = 1.6
+# Noise of two voxels is alike above this correlation [-]; more voxels are never left out; pairs of
+# voxels that a correlation needs
+_ALIKE, _FARTHEST, _PAIRS = 0.1, 2, 100
 _SQUARES = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])  # components in the norm of a tensor
 
 
@@ -118,9 +123,14 @@ def average_width(logarithm: F64, trust: F64, label: I32, spacing: F64) -> float
     """
     smallest = float(spacing[np.array(label.shape) > 1].min(initial=np.inf))
     smallest = smallest if np.isfinite(smallest) else float(spacing.min())
+    shape = logarithm.copy()
+    shape[..., :3] -= shape[..., :3].mean(axis=-1, keepdims=True)
+    alike = [_alike(shape, trust, label, axis) for axis in range(3)]
+    # Of a narrower one hardly anything lies beyond what is left out.
+    widths = [width for width in _WIDTHS if width >= _WIDTHS[0] * (1 + max(alike))]
     best, least = _USUAL * smallest, np.inf
-    for width in smallest * np.array(_WIDTHS):
-        error = _foretold(logarithm, trust, label, width / spacing)
+    for width in smallest * np.array(widths):
+        error = _foretold(logarithm, trust, label, width / spacing, alike)
         if not error < least:
             if np.isfinite(error):
                 break  # the error falls with the noise and then rises with the bends
@@ -130,11 +140,55 @@ def average_width(logarithm: F64, trust: F64, label: I32, spacing: F64) -> float
     return best if best > smallest * _WIDTHS[0] else _USUAL * smallest
 
 
-def _foretold(logarithm: F64, trust: F64, label: I32, sigma: F64) -> float:
-    """Mean square error of directions and shapes of tensors foretold by their neighbours."""
-    impulse = np.zeros([2 * int(_TRUNCATE * s + 0.5) + 1 for s in sigma])
-    impulse[tuple(n // 2 for n in impulse.shape)] = 1.0
-    own = float(gathered(impulse[..., np.newaxis], impulse, sigma)[1].max())
+def _alike(shape: F64, trust: F64, label: I32, axis: int) -> int:
+    """Neighbours along an axis whose noise is like that of a voxel.
+
+    Half the mean square difference of tensors so many voxels apart is the variance of their noise
+    times one less its correlation, and grows with the square of the distance as fibers bend. Noise
+    three and four voxels apart has nothing in common: there both are told from each other.
+
+    Parameters
+    ----------
+    shape : NDArray
+        Logarithms without their traces, shape `(ni, nj, nk, 6)`.
+    trust, label : NDArray
+        As in `average_width`.
+    axis : int
+        The axis.
+    """
+    apart = np.arange(1, 5)
+    half = np.full(4, np.nan)
+    along = [np.moveaxis(array, axis, 0) for array in (shape, trust, label)]
+    for k in apart[apart < label.shape[axis]]:
+        (value, other), (weight, weight_other), (one, two) = ((a[k:], a[:-k]) for a in along)
+        pairs = (one == two) & (one > 0)
+        if pairs.sum() < _PAIRS:
+            continue
+        both = (weight * weight_other)[pairs]
+        half[k - 1] = 0.5 * (both @ ((value - other)[pairs] ** 2 @ _SQUARES)) / both.sum()
+    bend = max((half[3] - half[2]) / 7.0, 0.0)
+    noise = half[2] - 9.0 * bend
+    if not noise > 0:  # nor where there are too few voxels
+        return 0
+    like = 1.0 - (half - bend * apart**2) / noise > _ALIKE
+    return int(np.cumprod(like[:_FARTHEST]).sum())
+
+
+def _foretold(logarithm: F64, trust: F64, label: I32, sigma: F64, alike: Sequence[int]) -> float:
+    """Mean square error of directions and shapes of tensors foretold by those around them."""
+    inner = []
+    for s, beside in zip(sigma, alike, strict=True):
+        reach = int(_TRUNCATE * s + 0.5)  # as in scipy
+        kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / max(float(s), 1e-9)) ** 2)
+        beside = min(beside, reach)
+        inner.append((kernel / kernel.sum())[reach - beside : reach + beside + 1])
+    own = float(np.prod([kernel.max() for kernel in inner]))
+
+    def left_out(values: F64) -> F64:
+        for axis, kernel in enumerate(inner):
+            values = ndimage.correlate1d(values, kernel, axis=axis, mode="constant")
+        return values
+
     total = weights = 0.0
     for number, box in enumerate(ndimage.find_objects(label), start=1):
         if box is None:
@@ -142,11 +196,11 @@ def _foretold(logarithm: F64, trust: F64, label: I32, sigma: F64) -> float:
         weight = trust[box] * (label[box] == number)
         values = logarithm[box] * weight[..., np.newaxis]
         sums, near = gathered(values, weight, sigma)
-        others = near - own * weight
+        others = near - left_out(weight)
         known = (weight > 0) & (others > 0.05 * own)
         if not known.any():
             continue
-        guess = (sums - own * values)[known] / others[known][:, np.newaxis]
+        guess = (sums - left_out(values))[known] / others[known][:, np.newaxis]
         miss = guess - logarithm[box][known]
         miss[:, :3] -= miss[:, :3].mean(axis=1, keepdims=True)
         total += float(weight[known] @ (miss**2 @ _SQUARES))

@@ -1,4 +1,4 @@
-"""Thick slices cut into thinner ones: labels by their shapes, fibers by their dyads.
+"""Thick slices cut into thinner ones: labels by their shapes, fibers by their dyads; prisms.
 
 A label of a slice is told by the signed distance to its outline. Between slices and half a slice
 beyond the outer ones its centre follows a spline, and the distances, moved along, are linear. Where
@@ -11,22 +11,51 @@ Herman, Zheng, Bucholtz, IEEE Comput. Graph. Appl. 12 (1992), doi:10.1109/38.135
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import TypeVar
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.interpolate import make_interp_spline
 
+from myork.errors import InputError
 from myork.imaging.diffusion import tensor_components
-from myork.imaging.geometry import slice_axis
+from myork.imaging.geometry import canonical, slice_axis
 from myork.model.fibers import fill_from_own, lead_vector
 from myork.records import Image, Labels
 
-__all__ = ["finer_fibers", "finer_labels", "finer_values", "slice_parts"]
+__all__ = ["extruded", "finer_fibers", "finer_labels", "finer_values", "slice_parts"]
 
 F64 = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _ROOM = 8  # pixels around a label that it may move into
+
+Map = TypeVar("Map", Labels, Image)
+
+
+def extruded(image: Map, length: float) -> Map:
+    """A single slice drawn out to a prism, of slices about as thick as its pixels are wide.
+
+    Parameters
+    ----------
+    image : Labels or Image
+        One slice across the axis nearest to superior, however thick.
+    length : float
+        Length of the prism, whose middle is the slice [mm].
+    """
+    slice_ = canonical(image)
+    if slice_.data.shape[2] != 1:
+        raise InputError(
+            f"{image.name}: build.extrude makes a prism of a single slice across the axis nearest "
+            f"to superior, and this image has {slice_.data.shape[2]} of them; leave it out"
+        )
+    count = max(2, round(length / float(slice_.spacing[:2].max())))
+    affine = slice_.affine.copy()
+    affine[:3, 2] *= length / (count * slice_.spacing[2])
+    affine[:3, 3] -= 0.5 * (count - 1) * affine[:3, 2]
+    return replace(slice_, data=np.repeat(slice_.data, count, axis=2), affine=affine)
 
 
 def slice_parts(spacing: F64, thickness: float) -> tuple[int, int]:

@@ -18,9 +18,10 @@ from myork.imaging.io import read_image, read_labels
 from myork.model import points
 from myork.model.boundary import Boundary, bone_beside, boundary_sets
 from myork.model.fibers import activation_at_points, fibers_at_points
+from myork.model.flow import flow_fibers
 from myork.model.mesh import read_tracts, tract_fibers, voxelise
 from myork.model.shares import label_shares
-from myork.model.slices import finer_fibers, finer_labels, finer_values, slice_parts
+from myork.model.slices import extruded, finer_fibers, finer_labels, finer_values, slice_parts
 from myork.model.surface import end_offsets, surface_offsets
 from myork.model_file import write_model
 from myork.records import Image, Labels, PointCloud, Voxels
@@ -71,12 +72,22 @@ def build(
             paths.append(Path(values["folder"]) / table["activation"])
             activation = read_image(paths[-1])
             check_same_grid(activation, labels)
+        if "extrude" in table:
+            length = table["extrude"]
+            labels = extruded(labels, length)
+            fibers = None if fibers is None else extruded(fibers, length)
+            activation = None if activation is None else extruded(activation, length)
+            progress(f"a prism of {length:g} mm: {labels.data.shape[2]} times the slice")
         if "slice_thickness" in table:
             labels, fibers, activation = _thinner(
                 labels, fibers, activation, table["slice_thickness"]
             )
             shape, size = labels.data.shape, labels.spacing
             progress(f"slices cut: {shape[0]} x {shape[1]} x {shape[2]} voxels of {size.round(2)}")
+        if table["flow"]:
+            progress("fibers along a flow from end to end of each label")
+            labels = canonical(labels)
+            fibers = flow_fibers(labels)
         progress(f"points from {', '.join(path.name for path in paths)}")
         source_images = "\n".join(
             f"{path.name} {hashlib.sha256(path.read_bytes()).hexdigest()}" for path in paths
@@ -101,6 +112,12 @@ def _inputs(
     deck: Mapping[str, Any], table: Mapping[str, Any], folder: Path, out: Path
 ) -> tuple[Labels, Image | None, list[Path]]:
     """Labels, fibers and the files they come from: a surface and tracts, or images."""
+    measured = [f"build.{key}" for key in ("fibers", "tracts") if key in table]
+    if table["flow"] and measured:
+        raise InputError(
+            f"build.flow makes fibers where none were measured, but there is {measured[0]}; leave "
+            "one of them out"
+        )
     if "surface" in table:
         unit = 1.0 / length_factor(table["surface_unit"], "build.surface_unit")
         paths = [folder / table["surface"]]
@@ -120,7 +137,7 @@ def _inputs(
         )
     labels = read_labels(paths[0])
     own = out / ("tissue_fibers.nii.gz" if stem == "tissue" else "fibers.nii.gz")
-    if "fibers" not in table and ("labels" in table or not own.is_file()):
+    if table["flow"] or ("fibers" not in table and ("labels" in table or not own.is_file())):
         return labels, None, paths
     paths.append(folder / table["fibers"] if "fibers" in table else own)
     fibers = read_image(paths[1], values=3)

@@ -1,8 +1,9 @@
 """Diffusion tensors by themselves: fit, numbers of each voxel, fibers in a mask.
 
 Files in the output folder: `tensor.nii.gz` (xx, yy, zz, xy, xz, yz in the world frame),
-`fa.nii.gz`, `md.nii.gz`, `eigenvalues.nii.gz` (largest first), `fibers.nii.gz` (of averaged
-tensors, unit vectors in the world frame); `summary.json` gets `tensors`.
+`fa.nii.gz`, `md.nii.gz`, `eigenvalues.nii.gz` (largest first), `tensor_fibers.nii.gz` (of
+averaged tensors, unit vectors in the world frame; `fibers.nii.gz` is that of `segment`, in its
+muscles, and `build` takes no other by itself); `summary.json` gets `tensors`.
 """
 
 from __future__ import annotations
@@ -81,7 +82,7 @@ def write_tensors(
         for name, image in maps.items():
             write_image(out / f"{name}.nii.gz", image)
         found = fiber_field(tensor, label, table.get("fiber_smoothing"))
-        write_image(out / "fibers.nii.gz", found.fibers)
+        write_image(out / "tensor_fibers.nii.gz", found.fibers)
         inside = label > 0
         known = inside & _known(tensor.data)
         record = {

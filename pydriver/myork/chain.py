@@ -1,0 +1,93 @@
+"""All stations of a deck one after the other: images, points, solution, report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from myork.console import ProgressCallback, silent
+from myork.core.deck import load_deck
+from myork.errors import ConvergenceError, RefusedError
+
+__all__ = ["run_chain", "stations_of"]
+
+
+def stations_of(values: Mapping[str, Any]) -> list[str]:
+    """Commands that a deck needs before its report, in their order.
+
+    Parameters
+    ----------
+    values : mapping
+        Tables of the deck with defaults, from `load_deck`.
+    """
+    geometry = values.get("geometry")
+    solved = ["solve"] if geometry is not None else []
+    if geometry is not None and geometry["kind"] != "model":
+        return solved
+    made = "labels" in values["build"] or "surface" in values["build"]
+    return [*([] if made else ["segment"]), "build", *solved]
+
+
+def run_chain(
+    deck: str | Path,
+    out: str | Path,
+    *,
+    overrides: Sequence[str] = (),
+    threads: int | None = None,
+    progress: ProgressCallback = silent,
+    verbosity: int = 0,
+    error: bool = True,
+) -> Path:
+    """Run whatever a deck asks for, from its images to a report.
+
+    Parameters
+    ----------
+    deck : str or Path
+        Deck file.
+    out : str or Path
+        Folder of the results.
+    overrides : sequence of str
+        Overrides of the deck, `"table.key=value"`.
+    threads : int, optional
+        Number of threads; default all cores.
+    progress : callable
+        Called with every line of progress.
+    verbosity : int
+        Of the solution: -1 no progress, 0 a line a load step, 1 a line an iteration.
+    error : bool
+        Compute a second solution, which gives the probes their error bars.
+
+    Returns
+    -------
+    Path
+        The report.
+
+    Raises
+    ------
+    RefusedError, ConvergenceError
+        As `run_deck`, when the report of what there is has been written.
+    """
+    from myork.report import make_report
+    from myork.stations.build import build
+    from myork.stations.segment import segment
+    from myork.stations.solve import run_deck
+
+    station: dict[str, Callable[..., Any]] = {"segment": segment, "build": build, "solve": run_deck}
+    names = stations_of(load_deck(deck, overrides))
+    ended = None
+    for number, name in enumerate(names, start=1):
+        progress(f"station {number}/{len(names) + 1}  {name}")
+        more = {"verbosity": verbosity, "error": error} if name == "solve" else {}
+        try:
+            station[name](
+                deck, out, overrides=overrides, threads=threads, progress=progress, **more
+            )
+        except (RefusedError, ConvergenceError) as reason:
+            ended = reason
+    progress(f"station {len(names) + 1}/{len(names) + 1}  report")
+    page = make_report(Path(out))
+    if ended is not None:
+        progress(f"report: {page}")
+        raise ended
+    return page

@@ -1,0 +1,128 @@
+"""Fibers where none were measured, and bodies of a single slice."""
+
+import numpy as np
+import pytest
+
+from myork.errors import InputError
+from myork.imaging.io import write_image, write_labels
+from myork.model.flow import flow_fibers
+from myork.model.slices import extruded
+from myork.model_file import read_model
+from myork.records import Image, Labels
+from myork.stations.build import build
+from myork.stations.solve import run_deck
+
+
+def cone(top=72):
+    """A part of a cone with its tip at the origin and half a slope of 0.35; directions from it."""
+    x, y, z = np.meshgrid(
+        np.arange(60) - 29.5, np.arange(60) - 29.5, np.arange(40, top) + 0.5, indexing="ij"
+    )
+    away = np.stack([x, y, z], axis=-1)
+    return np.hypot(x, y) < 0.35 * z, away / np.linalg.norm(away, axis=-1, keepdims=True)
+
+
+def degrees(found, truth):
+    return np.degrees(np.arccos(np.clip(np.abs((found * truth).sum(axis=-1)), 0, 1)))
+
+
+def test_flow_follows_a_muscle_that_grows_wider():
+    inside, way = cone()
+    found = flow_fibers(Labels(inside.astype(np.int32), np.eye(4))).data
+    np.testing.assert_allclose(np.linalg.norm(found[inside], axis=-1), 1.0)
+    assert not found[~inside].any()
+    middle = inside.copy()
+    middle[:, :, :8] = middle[:, :, -8:] = False
+    # the flow enters and leaves across the flat ends; between them it comes from the tip
+    straight = degrees(np.array([0, 0, 1.0]), way)[middle].mean()
+    assert degrees(found, way)[middle].mean() < 0.25 * straight
+
+
+def test_each_label_has_its_own_flow_in_any_orientation():
+    data = np.zeros((40, 8, 30), np.int32)
+    for k in range(30):
+        data[k : k + 10, :, k] = 1
+    data[:6, :, 20:24] = 2  # apart from it, and only four slices long
+    labels = Labels(data, np.diag([1.0, 1.0, 2.0, 1.0]))
+    found = flow_fibers(labels).data
+    leaning = np.array([0.5, 0, 1.0]) / np.hypot(0.5, 1.0)
+    middle = np.zeros_like(data)
+    middle[:, :, 8:22] = data[:, :, 8:22]
+    assert degrees(found, leaning)[middle == 1].mean() < 4.0
+    assert degrees(found, np.array([0, 0, 1.0]))[data == 2].max() < 1e-3
+    turn = np.array([[0, 0, 1.0, 3], [-1.0, 0, 0, 0], [0, 1.0, 0, -2], [0, 0, 0, 1]])
+    again = flow_fibers(Labels(data, turn @ labels.affine))
+    assert again.data.shape == (30, 40, 8, 3)  # its third axis is superior now
+    assert np.linalg.norm(again.data, axis=-1).max() == pytest.approx(1.0)
+
+
+def test_measured_fibers_and_a_flow_are_one_too_many(tmp_path):
+    inside, way = cone(44)
+    write_labels(tmp_path / "l.nii.gz", Labels(inside.astype(np.int32), np.eye(4)))
+    write_image(tmp_path / "f.nii.gz", Image(way, np.eye(4)))
+    deck = {
+        "title": "both",
+        "units": {"force": "N", "length": "mm"},
+        "scene": {"dimension": 3},
+        "build": {
+            "labels": str(tmp_path / "l.nii.gz"),
+            "fibers": str(tmp_path / "f.nii.gz"),
+            "flow": True,
+        },
+    }
+    with pytest.raises(InputError, match=r"build\.flow .* there is build\.fibers"):
+        build(deck, tmp_path / "out")
+
+
+def test_prism_of_a_slice_lies_about_it():
+    data = np.zeros((9, 7, 1), np.int32)
+    data[2:7, 2:5] = 3
+    affine = np.diag([-2.0, -2.0, 1.0, 1.0])  # left, posterior, a placeholder for the thickness
+    affine[2, 3] = 50.0
+    prism = extruded(Labels(data, affine, {3: "soleus"}), 40.0)
+    assert prism.data.shape == (9, 7, 20) and prism.names == {3: "soleus"}
+    np.testing.assert_allclose(prism.spacing, 2.0)
+    place = np.argwhere(prism.data) @ prism.affine[:3, :3].T + prism.affine[:3, 3]
+    np.testing.assert_allclose(place.mean(axis=0)[2], 50.0)
+    np.testing.assert_allclose([place[:, 2].min(), place[:, 2].max()], [31.0, 69.0])
+    with pytest.raises(InputError, match=r"build\.extrude .* this image has 20 of them"):
+        extruded(prism, 40.0)
+
+
+def test_force_of_a_prism_is_its_section_times_the_stress_of_its_fibers(tmp_path):
+    """A slice of two muscles that do not touch, to a force: what calf_reference.toml does."""
+    data = np.zeros((24, 16, 1), np.int32)
+    data[2:10, 2:12] = 1
+    data[12:20, 4:14] = 2
+    write_labels(
+        tmp_path / "l.nii.gz", Labels(data, np.diag([2.0, 2.0, 5.0, 1.0]), {1: "a", 2: "b"})
+    )
+    held = {"u_x": 0, "u_y": 0, "u_z": 0}
+    deck = {
+        "title": "prism",
+        "units": {"force": "N", "length": "cm"},
+        "scene": {"dimension": 3},
+        "build": {
+            "labels": str(tmp_path / "l.nii.gz"),
+            "extrude": 16,
+            "flow": True,
+            "source_stride": [2, 2, 2],
+        },
+        "geometry": {"kind": "model"},
+        "material": [
+            {"name": "muscle", "model": "muscle", "A10": 6.43, "K": 5000, "sigma_max": 30}
+        ],
+        "boundary": [{"set": "bottom", **held}, {"set": "top", **held}],
+        "load": {"activation": 0.3},
+        "probe": [{"name": "force", "quantity": "force_z", "set": "top"}],
+    }
+    build(deck, tmp_path / "out")
+    model = read_model(tmp_path / "out" / "model.h5")
+    np.testing.assert_allclose(np.abs(model.fiber @ [0, 0, 1.0]), 1.0, atol=1e-6)
+    summary = run_deck(deck, tmp_path / "out", overrides=[])
+    section = (data > 0).sum() * 0.04
+    # it hardly moves: what there is of a displacement is that of the rims
+    assert summary["verdict"]["state"] != "refused"
+    step = summary["steps"][-1]
+    assert step["probes"]["force"] == pytest.approx(0.3 * 30 * section, rel=0.01)
+    assert 0 < step["probe_errors"]["force"] < 0.1 * step["probes"]["force"]
