@@ -6,6 +6,7 @@ module rk_displacement
    use rk_error, only : error_type
    use rk_precision, only : wp
    use rk_scene, only : scene_type
+   use rk_text, only : to_text
    implicit none
    private
 
@@ -83,10 +84,12 @@ function advice(self) result(text)
    class(displacement_problem), intent(in) :: self
    character(len=:), allocatable :: text
 
-   associate (unused => self)
-   end associate
-   text = 'a material with kinks, then use curve = "smooth", or a K whose rounding outweighs ' &
-      & //'the rest, then use method "rkcm-mixed"'
+   if (self%scene%has_kinks()) then
+      text = 'the published fiber curves have kinks, use curve = "smooth"'
+   else
+      text = 'rounding outweighs the rest, of a K of '//to_text(self%scene%stiffest_ratio(), 2) &
+         & //' shear moduli, use method "rkcm-mixed"'
+   end if
 end function advice
 
 end module rk_displacement

@@ -523,7 +523,10 @@ subroutine check_end(self, problem, load, merit, rejected, recorder, error)
       & //to_text(self%step_norm, 2)//', '//volume_text(self%state)
    self%pinned = self%step_norm < self%tolerance &
       & .and. (rejected == max_rejected .or. self%damping%stalled())
-   if (self%pinned) then
+   if (self%pinned .and. .not. self%gradient <= huge(1.0_wp)) then
+      call fatal_error(error, err_convergence, 'the gradient is not a finite number: constants ' &
+         & //'of the materials are too large, as K of the order of 1E100 is'//reached)
+   else if (self%pinned) then
       call fatal_error(error, err_convergence, 'steps vanish, the gradient does not: ' &
          & //problem%advice()//reached)
    else if (rejected == max_rejected) then

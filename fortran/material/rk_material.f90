@@ -62,6 +62,8 @@ module rk_material
       logical :: active(3) = .false.
       !> Has it fibers, so that its points need a direction?
       logical :: fibered = .false.
+      !> Has its stress kinks, at which a residual in strong form jumps?
+      logical :: kinked = .false.
    contains
       !> Take and check the parameters
       procedure(set_material), deferred :: set

@@ -67,6 +67,7 @@ subroutine set(self, parameters, error)
    self%passive_force = passive_curve(smooth, gamma1, gamma2)
    self%active(kind_i4) = self%sigma_max > 0.0_wp
    self%fibered = .true.
+   self%kinked = .not. smooth
 end subroutine set
 
 !> Energy of matrix and fibers and its derivatives

@@ -180,6 +180,8 @@ module rk_scene
       procedure :: shape_at
       !> Largest ratio of a bulk modulus to its shear modulus
       procedure :: stiffest_ratio
+      !> Whether the stress of a material has kinks
+      procedure :: has_kinks
    end type scene_type
 
 contains
@@ -306,5 +308,17 @@ pure real(wp) function stiffest_ratio(self)
          & /self%tissue(k)%material%shear)
    end do
 end function stiffest_ratio
+
+!> Whether the stress of a material has kinks
+pure logical function has_kinks(self)
+   !> Scene with materials
+   class(scene_type), intent(in) :: self
+   integer :: k
+
+   has_kinks = .false.
+   do k = 1, size(self%tissue)
+      has_kinks = has_kinks .or. self%tissue(k)%material%kinked
+   end do
+end function has_kinks
 
 end module rk_scene

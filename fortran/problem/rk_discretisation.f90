@@ -12,6 +12,7 @@ module rk_discretisation
    use rk_shape, only : shape_type
    use rk_states, only : field_state, point_state
    use rk_tensor, only : cofactor, determinant
+   use rk_text, only : to_text
    implicit none
    private
 
@@ -148,9 +149,13 @@ function advice(self) result(text)
    class(discretisation_type), intent(in) :: self
    character(len=:), allocatable :: text
 
-   associate (unused => self)
-   end associate
-   text = 'a material with kinks, then use curve = "smooth"'
+   if (self%scene%has_kinks()) then
+      text = 'the published fiber curves have kinks, use curve = "smooth"'
+   else
+      text = 'rounding outweighs what is left (the largest K is ' &
+         & //to_text(self%scene%stiffest_ratio(), 2)//' of its shear moduli), or no step leads ' &
+         & //'on; take a smaller K, more points or less load'
+   end if
 end function advice
 
 !> State of the body; a form that needs more than unknowns and load to answer adds it

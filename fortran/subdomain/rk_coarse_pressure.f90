@@ -78,8 +78,10 @@ subroutine new_coarse_pressure(self, scene, error)
       self%support = 3.0_wp*self%support
    else
       call fatal_error(error, err_input, 'method "'//scene%method//'" needs the lattice of a ' &
-         & //'box or an annulus, or a model of voxels, for its pressures have a coarser one: use ' &
-         & //'method "rkpm-scni"')
+         & //'box or an annulus, or a model of voxels, for its pressures have a coarser one: ' &
+         & //trim(merge('use method "rkpm-scni"                        ', &
+         & 'build it from a label map, or use "rkcm-mixed"', &
+         & allocated(scene%cloud%voxels%index))))
       return
    end if
    self%n = size(self%point, 2)

@@ -59,6 +59,22 @@ def test_page_is_whole_and_escaped(tmp_path: Path) -> None:
     assert html.count("<img alt=") == 2 and "myork bench toy --quick" in html
 
 
+def test_sentences_stand_below_their_rows(tmp_path: Path) -> None:
+    """A column of sentences would push the others off the page; `words` of the text are code."""
+    long = "refused: " + 10 * "words "
+    entry = {
+        "caption": "cases",
+        "head": ["case", "says", "error"],
+        "rows": [["one", long, 0.5], ["two", "", 0.25]],
+    }
+    toy = {"title": "Toy", "about": "Runs `a.toml` <b>.\n\nTwice.", "tables": [entry]}
+    write_page(tmp_path / "bench.html", {**RECORD, "benches": {"toy": toy}})
+    html = (tmp_path / "bench.html").read_text(encoding="utf-8")
+    assert f'<td class="note" colspan="2">says: {long}</td>' in html
+    assert html.count('class="note"') == 1 and html.count('<th scope="col">') == 2
+    assert "<code>a.toml</code> &lt;b&gt;.</p><p>Twice." in html
+
+
 def test_tables_and_curves_show_what_cases_have() -> None:
     """Keys within mappings, keys with dots, functions; what a case lacks is an empty cell or no
     point, and a curve without points is left out."""

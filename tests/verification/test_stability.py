@@ -22,6 +22,9 @@ def test_hard_case(case: Case) -> None:
         f"{record['end']}: {record['outcome']}, error {record.get('error')}, J off by "
         f"{record.get('stray')}, on the way {record.get('way')}; {record['told']}"
     )
+    assert record["end"] == RIGHT or (record["told"] and record["why"])
+    if case.station == "solve" and "error" in record:
+        assert record["worst"]
 
 
 def test_no_line_is_unexplained() -> None:

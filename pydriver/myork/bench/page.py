@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from markupsafe import Markup
+from markupsafe import Markup, escape
 from matplotlib.figure import Figure
+from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
 from myork.files import write_text
 from myork.report.frame import Section, figure, render, table
-from myork.report.numbers import number
+from myork.report.numbers import DASH, number
 
 __all__ = ["write_page"]
 
@@ -19,6 +21,10 @@ __all__ = ["write_page"]
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">")
 _RIVAL = "#777777"
+#: Letters of a sentence, which makes a column too wide
+_LONG = 44
+#: Axes shorter than this ratio of their ends have numbers between the powers of ten
+_FEW_DECADES = 300.0
 _SCALES = {
     "log-log": ("log", "log"),
     "log-y": ("linear", "log"),
@@ -50,7 +56,7 @@ def _page(record: Mapping[str, Any]) -> str:
 
 
 def _parts(bench: Mapping[str, Any]) -> list[Markup]:
-    parts = [Markup("<p>{}</p>").format(bench["about"])] if "about" in bench else []
+    parts = [_about(bench["about"])] if "about" in bench else []
     if "ended" in bench:
         parts.append(Markup('<p class="warnings">No result: {}</p>').format(bench["ended"]))
     for plot in bench.get("plots", []):
@@ -58,9 +64,39 @@ def _parts(bench: Mapping[str, Any]) -> list[Markup]:
     parts += [figure(_map(entry), entry["title"]) for entry in bench.get("maps", [])]
     parts += [figure(entry["file"], entry["caption"]) for entry in bench.get("pictures", [])]
     for entry in bench.get("tables", []):
-        rows = [[_cell(value) for value in row] for row in entry["rows"]]
-        parts.append(table(entry["head"], rows, entry["caption"]))
+        parts.append(_table(entry))
     return parts
+
+
+def _about(text: str) -> Markup:
+    """Paragraphs, with words between backticks as code."""
+    escaped = re.sub(r"`+([^`]+)`+", r"<code>\1</code>", str(escape(text.strip())))
+    return Markup("".join(f"<p>{part}</p>" for part in re.split(r"\n\s*\n", escaped)))
+
+
+def _table(entry: Mapping[str, Any]) -> Markup:
+    """A table; columns of sentences stand below the rows, where they are read without scrolling."""
+    rows = [[_cell(value) for value in row] for row in entry["rows"]]
+    wordy = [
+        column
+        for column in range(1, len(entry["head"]))
+        if any(len(row[column]) > _LONG for row in rows)
+    ]
+    notes = [
+        Markup("<br>").join(
+            Markup("{}: {}").format(entry["head"][column], row[column])
+            for column in wordy
+            if row[column] not in ("", DASH)
+        )
+        for row in rows
+    ]
+    kept = [column for column in range(len(entry["head"])) if column not in wordy]
+    return table(
+        [entry["head"][column] for column in kept],
+        [[row[column] for column in kept] for row in rows],
+        entry["caption"],
+        notes if wordy else (),
+    )
 
 
 def _cell(value: Any) -> str:
@@ -71,7 +107,7 @@ def _cell(value: Any) -> str:
 
 def _curves(plot: Mapping[str, Any]) -> Figure:
     """Curves with legends outside, so that they hide no point."""
-    drawing = Figure(figsize=(9.0, 5.0), layout="constrained")
+    drawing = Figure(figsize=(11.0, 5.0), layout="constrained")
     axes = drawing.add_subplot()
     own = 0
     for curve in plot["series"]:
@@ -94,6 +130,14 @@ def _curves(plot: Mapping[str, Any]) -> Figure:
     scale_x, scale_y = _SCALES[plot.get("scale", "log-log")]
     axes.set_xscale(scale_x)
     axes.set_yscale(scale_y)
+    for axis, scale in ((axes.xaxis, scale_x), (axes.yaxis, scale_y)):
+        low, high = axis.get_view_interval()
+        if scale == "log" and high < _FEW_DECADES * low:
+            # a decade or two have more numbers than their powers of ten, but none on another
+            many = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0)
+            axis.set_major_locator(LogLocator(subs=many if high < 8.0 * low else (1.0, 2.0, 5.0)))
+            axis.set_major_formatter(FormatStrFormatter("%g"))
+            axis.set_minor_formatter(NullFormatter())
     axes.set_xlabel(plot["x"])
     axes.set_ylabel(plot["y"])
     axes.set_title(plot["title"], fontsize=11)

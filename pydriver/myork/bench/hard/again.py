@@ -83,6 +83,7 @@ def _models() -> list[Case]:
             words=("outside the range",),
             right={},
             expected=EXPLAINED,
+            why="the body would be turned inside out",
         ),
         case._replace(
             name="half the file of a reduced model",

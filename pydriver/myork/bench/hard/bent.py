@@ -13,7 +13,10 @@ from myork.reference.voxel_bodies import BODIES, body_cloud
 __all__ = ["bent_cases"]
 
 _STRONG = "least squares of second derivatives hardly see bending (docs/collocation.md)"
-_COARSE = "points this coarse do not resolve the clamped ends"
+_COARSE = "points this coarse do not resolve the stress at a point"
+_STIFF = "points this coarse are too stiff"
+_PRESSURES = "pressures at every second of four points do not resolve that inside"
+_LOCKS = "the published form locks (docs/mixed.md)"
 _RIMS = "J strays where held faces end, which are singular"
 _CAUTION = "the answer is right, and its bar too wide to be sure of it"
 
@@ -81,7 +84,11 @@ def _columns() -> list[Case]:
             case = _beside(name, size, form, WARNED, _COARSE)
             if form in METHODS:
                 case = case._replace(why=_STRONG, words=("the stress does",))
-            if form == "rkcm-subdomain" and name != "twist":
+            elif form == "rkpm-scni":
+                case = case._replace(why=_STIFF)
+            elif form == "rkcm-subdomain" and name == "twist":
+                case = case._replace(why=_PRESSURES)
+            elif form == "rkcm-subdomain":
                 case = case._replace(expected=DOUBTED, why=_CAUTION)
             found.append(case)
     return found
@@ -94,11 +101,13 @@ def _blocks() -> list[Case]:
         for form in FORMS:
             case = _beside("inclined block", size, form, WARNED, _COARSE)
             if form == "rkcm":
-                case = case._replace(why="the published form locks (docs/mixed.md)")
+                case = case._replace(why=_LOCKS)
                 if size[0] == 4:
-                    case = case._replace(rival="", expected="", why="", words=("stalls", "load"))
+                    case = case._replace(rival="", expected="", words=("stalls", "load"))
             if form == "rkcm-mixed" and size[0] == 4:
                 case = case._replace(expected=DOUBTED, why=_CAUTION)
+            elif form in ("rkcm-mixed", "rkpm-scni") and size[0] == 3:
+                case = case._replace(why=_STIFF)
             if form == "rkcm-subdomain" and size[0] == 3:
                 case = case._replace(rival="", expected="", why="", words=("4 source points",))
             found.append(case)
@@ -137,9 +146,15 @@ def _unstable() -> list[Case]:
     """Contraction beyond the loss of ellipticity: no answer is right, and none may be accepted."""
     # the published form locks and stays where the material is elliptic
     words = {"rkcm": ("the stress does",)}
+    why = "beyond the loss of ellipticity no answer is right"
     return [
         _beside(
-            "inclined block", (5, 5, 9), form, "", "", words.get(form, ("loses ellipticity",))
+            "inclined block",
+            (5, 5, 9),
+            form,
+            "",
+            _LOCKS if form == "rkcm" else why,
+            words.get(form, ("loses ellipticity",)),
         )._replace(
             name=f"inclined block, activation 0.6, {form}",
             overrides=(f"scene.method={form}", "load.activation=0.6"),

@@ -108,9 +108,9 @@ def judge(case: Case, record: dict[str, Any]) -> str:
     case : Case
         The case.
     record : dict
-        Its run. Where it converged it gets `error`, the largest of its probes, and, where J is
-        known, `stray` and `way`: by how much J leaves its range at full load, and on the way
-        there that of the range and of rest.
+        Its run. Where it converged it gets `error`, the largest of its probes, with that probe's
+        name as `worst`, and, where J is known, `stray` and `way`: by how much J leaves its range at
+        full load, and on the way there that of the range and of rest.
 
     Returns
     -------
@@ -133,7 +133,9 @@ def judge(case: Case, record: dict[str, Any]) -> str:
             # an answer to what has none
             return "wrong" if accepted else EXPLAINED if named else "unexplained"
         # what is not a number is no right answer
-        record["error"] = max(e if math.isfinite(e) else math.inf for e in errors)
+        errors = {name: e if math.isfinite(e) else math.inf for name, e in errors.items()}
+        record["worst"] = max(errors, key=lambda name: errors[name])
+        record["error"] = errors[record["worst"]]
     _note_volume(case, record)
     if record["error"] > case.tolerance or record.get("stray", 0.0) > case.stray:
         return "wrong" if accepted else WARNED if named else "unexplained"
@@ -142,14 +144,14 @@ def judge(case: Case, record: dict[str, Any]) -> str:
     return RIGHT if accepted else DOUBTED if named else "unexplained"
 
 
-def _errors(case: Case, record: Mapping[str, Any]) -> list[float]:
-    """Relative errors of the probes whose values are known."""
+def _errors(case: Case, record: Mapping[str, Any]) -> dict[str, float]:
+    """Relative errors of the probes whose values are known, by name."""
     probes = record.get("probes", {})
     if case.rival:
         from myork.bench.hard.stations import truths_of
 
-        return list(truths_of(case.rival).errors(probes, {})["error"].values())
-    return [abs(probes[name] / value - 1.0) for name, value in case.right.items()]
+        return dict(truths_of(case.rival).errors(probes, {})["error"])
+    return {name: abs(probes[name] / value - 1.0) for name, value in case.right.items()}
 
 
 def _note_volume(case: Case, record: dict[str, Any]) -> None:

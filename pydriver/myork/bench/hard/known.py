@@ -18,6 +18,7 @@ from myork.reference.materials import RUBBER, along_fibers
 
 __all__ = ["known_cases", "tension"]
 
+_LOCKS = "displacements alone lock where the material hardly changes its volume"
 _CORNERS = "J strays at the corners between held and free faces, which are singular"
 _ALONE = "no second solution: nodal cells need a lattice or voxels"
 _FREE = "J at points is free where integration cells or patches keep the volume"
@@ -63,15 +64,15 @@ def _bulk_moduli() -> list[Case]:
                 fast=form in METHODS[1:],
             )
             if (bulk, form) == ("1e3", "rkcm"):
-                why = "the form locks: 8.5 % off here, 4 % with 9 x 51 points"
+                why = _LOCKS
                 case = case._replace(expected=WARNED, words=("do not balance",), why=why)
             elif form == "rkcm":
-                case = case._replace(right={}, words=("load",))
+                case = case._replace(right={}, words=("load",), why=_LOCKS)
             elif bulk == "1e300":
-                why = "squares of this number are none: the form to compare with ends"
+                why = "the square of this K overflows: the second solution ends"
                 case = case._replace(expected=DOUBTED, words=("no error estimate",), why=why)
             elif form == "rkpm-scni":
-                why = "the stress at a wall is 26 % away from half as many points"
+                why = "the stress at a wall with half as many points is far off: a wide bar"
                 case = case._replace(expected=DOUBTED, words=("radial_stress",), why=why)
             found.append(case)
     return found
@@ -188,7 +189,8 @@ def _muscle_loads() -> list[Case]:
             )
             stiff = bool(overrides)
             if stiff and form == "rkcm-mixed":
-                case = case._replace(right={}, words=("kinks", 'curve = "smooth"'))
+                why = "every fiber sits on the kink of the published passive curve"
+                case = case._replace(right={}, words=("kinks", 'curve = "smooth"'), why=why)
             elif stiff and form == "rkpm-scni":
                 words = ("loses ellipticity",)
                 why = "beyond the activation at which the material loses ellipticity"

@@ -149,7 +149,7 @@ def _answer(file: Path, case: Case, limit: float) -> dict[str, Any]:
         reasons.append("no state was found for these values")
     if not state.inside:
         reasons.append("outside the range of the training")
-    if not state.indicator <= _DOUBTFUL:
+    if state.converged and not state.indicator <= _DOUBTFUL:
         reasons.append(f"the estimated error of the displacement is {state.indicator:.2g}")
     full = solve_case(case.deck, case.overrides, limit=limit)
     record = {

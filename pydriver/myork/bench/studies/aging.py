@@ -116,7 +116,7 @@ _CHANGES: tuple[tuple[str, Muscle, Muscle, int, tuple[str, ...]], ...] = (
     # blocks of 5 mm do not resolve the free surface at the held ends
     ("no outer layer", replace(YOUNG, layer=0.0), replace(OLD, layer=0.0), 2, ()),
     ("connective tissue as soft as fat", YOUNG, OLD, 4, _SOFT),
-    ("half the fiber stress, 15 N/cm2", YOUNG, OLD, 4, ("material.muscle.sigma_max=15",)),
+    ("half the fiber stress, 15 N/cm²", YOUNG, OLD, 4, ("material.muscle.sigma_max=15",)),
     (
         "size alone: old size, young composition",
         YOUNG,
@@ -160,7 +160,7 @@ def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
     return {
         "title": "Young and old medial gastrocnemius",
         "about": " ".join(__doc__.split("\n\n")[1].split()) + " Materials of tables 4.1 and 4.2; "
-        "the fibers' stress (30 N/cm2) is not in the reference, so that ratios are compared.",
+        "the fibers' stress (30 N/cm²) is not in the reference, so that ratios are compared.",
         "cases": [case for pair in [*pairs, *changes] for case in pair["cases"]],
         "pairs": [*pairs, *changes],
         "plots": [_plot([pairs[0], pairs[len(pairs) // 2]])],
@@ -357,9 +357,9 @@ def _volumes(pairs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
             for pair in pairs
         ]
     return table(
-        "Volumes [cm3]; the published outer layer is force over force per volume, less "
+        "Volumes [cm³]; the published outer layer is force over force per volume, less "
         "the three materials of table 4.3. What contracts (own) is the muscle less a layer along "
-        "its interface with passive tissue, whose area is given per volume of muscle [cm2/cm3].",
+        "its interface with passive tissue, whose area is given per volume of muscle [cm²/cm³].",
         (
             ("", "name"),
             ("muscle", "volume.muscle"),
@@ -418,7 +418,7 @@ def _drops(pairs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     published["per_muscle"] = [f / v for f, v in zip(force, muscle, strict=True)]
     return table(
         "Drops at full activation, and force per volume of muscle and per volume of "
-        "muscle that contracts [N/cm3]; the fibers are the points' own unless said.",
+        "muscle that contracts [N/cm³]; the fibers are the points' own unless said.",
         (
             ("", "name"),
             ("drop of force", "force_drop"),

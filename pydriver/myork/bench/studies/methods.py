@@ -265,7 +265,7 @@ def _look(component: tuple[int, int], title: str) -> Callable[[Path], dict[str, 
         line = np.flatnonzero(plane & np.isclose(x[:, 1], middle[1]))
         line = line[np.argsort(x[line, 0])]
         inner = line[abs(x[line, 0] - middle[0]) <= 0.2501 * (high[0] - low[0])]
-        label = f"Cauchy stress {'xyz'[component[0]]}{'xyz'[component[1]]} [N/cm2]"
+        label = f"Cauchy stress {'xyz'[component[0]]}{'xyz'[component[1]]} [N/cm²]"
         return {
             "line": stress[line].tolist(),
             "oscillation": oscillation(stress[line]),

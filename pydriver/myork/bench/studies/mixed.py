@@ -123,7 +123,7 @@ def _look(folder: Path) -> dict[str, Any]:
             at = results.activations[-1]
             for title, unit, values in (
                 ("Volume ratio J", "-", results.field("J")),
-                ("Cauchy stress zz", "N/cm2", results.field("cauchy")[:, 2, 2]),
+                ("Cauchy stress zz", "N/cm²", results.field("cauchy")[:, 2, 2]),
             ):
                 heading = f"{title} on the middle plane, activation {at:.2g}"
                 places = x[plane][:, [0, 2]]

@@ -13,7 +13,7 @@ from typing import Any
 
 from myork.bench.hard.again import again_cases
 from myork.bench.hard.bent import bent_cases
-from myork.bench.hard.case import Case, judge
+from myork.bench.hard.case import EXPLAINED, Case, judge
 from myork.bench.hard.inputs import input_cases
 from myork.bench.hard.known import known_cases
 from myork.bench.hard.stations import run_station
@@ -27,6 +27,7 @@ _COLUMNS: Columns = (
     ("case", "name"),
     ("end", "end"),
     ("error", "error"),
+    ("of", "worst"),
     ("J at full load is off by", "stray"),
     ("on the way", "way"),
     ("iterations", "iterations"),
@@ -34,6 +35,9 @@ _COLUMNS: Columns = (
     ("the run says", "told"),
     ("because", "why"),
 )
+#: Letters of what a run says of itself
+_LONGEST = 400
+_NO_ANSWER = "this input has no answer: it is refused, and the message says what to change"
 _COUNTS: Columns = (("end", "end"), ("cases", "cases"))
 
 
@@ -50,12 +54,16 @@ def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
     if other:
         shown.append(table("Those that should end otherwise.", _COLUMNS, other))
     caption = (
-        "Hard cases, one line each. J is off by how much it leaves the range of the right answer, "
-        "at full load and at any load before."
+        "Hard cases, with what the run says of itself and why it ends so. The error is relative, "
+        "that of the quantity which is furthest off. J is off by how much it leaves the range of "
+        "the right answer, at full load and at any load before. Right, doubted: the answer is "
+        "right, and its verdict does not trust it. Off, told: it is wrong, and its verdict says "
+        "so. Explained: there is none, and the message says why."
     )
     return {
         "title": "Stability",
-        "about": f"{len(records)} hard cases, {len(other)} of which end in another way than known.",
+        "about": f"{__doc__}\n{len(records)} cases; {len(other)} of them end in another way than "
+        "known.",
         "cases": records,
         "tables": [*shown, table(caption, _COLUMNS, records)],
     }
@@ -80,10 +88,15 @@ def run_case(case: Case, limit: float) -> dict[str, Any]:
     record = run_station(case, limit)
     record |= {"name": case.name, "wanted": case.wanted, "why": case.why}
     record["end"] = judge(case, record)
+    if record["end"] == EXPLAINED and record["outcome"] == "refused":
+        record["why"] = case.why or _NO_ANSWER
     verdict = record.get("verdict") or {}
-    told = "; ".join(verdict.get("reasons", [])) or record["message"] or outcome_text(record)
+    told = "; ".join(verdict.get("reasons", [])) or record["message"]
     state = verdict.get("state")
-    record["told"] = (f"{state}: {told}" if state and state not in told else told)[:300]
+    if state != "accepted" or told:
+        told = told or outcome_text(record)
+        told = f"{state}: {told}" if state and state not in told else told
+    record["told"] = told if len(told) <= _LONGEST else told[:_LONGEST] + " ..."
     return record
 
 
