@@ -12,6 +12,7 @@ import resource
 import shutil
 import signal
 import sys
+import threading
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -81,7 +82,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # Before numpy and the core are loaded: their thread pools read this once.
         os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = str(options.threads)
     try:
-        with _whole_extensions():
+        with _whole_extensions(), _heard_interrupts():
             options.run(options)
     except KeyboardInterrupt:
         return _complain("stopped; what was finished is written", 1)
@@ -117,6 +118,31 @@ def _whole_extensions() -> Iterator[None]:
     finally:
         for name, load in plain.items():
             setattr(ExtensionFileLoader, name, load)
+
+
+@contextmanager
+def _heard_interrupts() -> Iterator[None]:
+    """Send an interrupt again that Python drops, as it does in callbacks and finalizers."""
+    plain = sys.unraisablehook
+
+    def again() -> None:
+        if sys.unraisablehook is hook:
+            signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
+
+    def hook(dropped: Any) -> None:
+        if dropped.exc_type is KeyboardInterrupt:
+            # after the end of this hook, where it would be dropped as well
+            sender = threading.Timer(0.01, again)
+            sender.daemon = True
+            sender.start()
+        else:
+            plain(dropped)
+
+    sys.unraisablehook = hook
+    try:
+        yield
+    finally:
+        sys.unraisablehook = plain
 
 
 def _complain(message: str, status: int) -> int:
