@@ -18,15 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from myork.core.deck import load_deck
+from myork.chain import run_chain
 from myork.imaging.io import read_image, read_reference, write_labels
 from myork.records import Labels
-from myork.report.page import make_report
 from myork.segmentation.regions import body_mask
-from myork.stations.build import build
 from myork.stations.data import data_overrides
 from myork.stations.segment import segment
-from myork.stations.solve import run_deck
 
 DECKS = Path(__file__).parents[2] / "inputs" / "images"
 
@@ -89,13 +86,7 @@ def main(data: Path, out: Path) -> None:
     """All decks, then the displaced references."""
     for path in sorted(DECKS.glob("*.toml")):
         print(f"== {path.stem}")
-        folder, files = out / path.stem, data_overrides(path, data)
-        if "anatomy" in load_deck(path, files)["image"]:
-            segment(path, folder, overrides=files, progress=print)
-        build(path, folder, overrides=files, progress=print)
-        if load_deck(path, files)["boundary"]:
-            run_deck(path, folder, progress=print)
-        make_report(folder)
+        run_chain(path, out / path.stem, overrides=data_overrides(path, data), progress=print)
     print("== calf_reference, displaced references")
     calf(data, out / "displaced")
 

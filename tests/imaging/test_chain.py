@@ -13,10 +13,11 @@ import pyvista
 from myork.chain import stations_of
 from myork.cli import main
 from myork.core.deck import load_deck
+from myork.imaging.io import write_image, write_labels
+from myork.records import Image, Labels
 from myork.summary import read_summary
 
 DECKS = Path(__file__).parents[2] / "inputs" / "images"
-COARSE = ["--set", "build.source_stride=[4,4,2]"]
 
 
 @pytest.mark.parametrize("path", sorted(DECKS.glob("*.toml")), ids=lambda path: path.stem)
@@ -63,3 +64,55 @@ def test_a_pennate_muscle_between_two_aponeuroses(tmp_path):
     sum_of_all = force["force"] + force["force_proximal"] + force["force_top"]
     assert abs(sum_of_all) < 0.02 * abs(force["force"])
     assert 0 < bar["force"] < 0.25 * abs(force["force"])
+
+
+def test_muscles_of_a_slice_by_a_reference(tmp_path):
+    """Two dark muscles in a bright limb, one slice, as calf_reference.toml wants them."""
+    x, y = np.meshgrid(np.arange(64) - 31.5, np.arange(64) - 31.5, indexing="ij")
+    muscles = np.zeros((64, 64, 1), np.int32)
+    muscles[..., 0] = np.where((np.abs(x) < 18) & (np.abs(y) < 10), np.where(x < 0, 1, 2), 0)
+    grey = np.where(np.hypot(x, y) < 27, 200.0, 2.0)[..., None]
+    grey[muscles > 0] = 70.0
+    grey += np.random.default_rng(3).normal(0.0, 2.0, grey.shape)
+    affine = np.diag([-2.0, -2.0, 1.0, 1.0])
+    write_image(tmp_path / "t1_a.nii.gz", Image(np.abs(grey), affine))
+    write_labels(tmp_path / "t1_a_muscles.nii.gz", Labels(muscles, affine, {1: "a", 2: "b"}))
+    force, bar = run("calf_reference", tmp_path, tmp_path / "out", "--set", "build.extrude=24")
+    assert force["force"] == pytest.approx(0.3 * 30 * 36 * 20 * 0.04, rel=0.05)
+    assert 0 < bar["force"] < 0.1 * force["force"]
+
+
+def test_muscles_around_a_bone_that_grow_wider(tmp_path):
+    """Two cones with a hole, as the walks leave them to thighs.toml."""
+    x, y = np.meshgrid(np.arange(40) * 3.0, np.arange(24) * 3.0, indexing="ij")
+    data = np.zeros((40, 24, 10), np.int32)
+    for k in range(10):
+        for number, middle in ((1, 30.0), (2, 88.0)):
+            away = np.hypot(x - middle, y - 36.0)
+            data[..., k][away < 20 + k] = number
+            data[..., k][away < 6] = 3
+    labels = Labels(data, np.diag([3.0, 3.0, 6.0, 1.0]), {1: "left", 2: "right", 3: "bone"})
+    write_labels(tmp_path / "labels.nii.gz", labels)
+    write_image(tmp_path / "thighs_outphase.nii.gz", Image(data.astype(float), labels.affine))
+    force, bar = run("thighs", tmp_path, tmp_path / "out", "--set",
+                     f"build.labels={tmp_path / 'labels.nii.gz'}", "--set",
+                     "build.collocation_stride=[2,2,1]", "--set",
+                     "build.source_stride=[4,4,2]")  # fmt: skip
+    # the lowest section without the bone pulls with what its fibers can, more or less
+    section = ((data[..., 0] == 1) | (data[..., 0] == 2)).sum() * 0.09
+    assert 0.7 < -force["force"] / (0.3 * 30 * section) < 1.5
+    assert 0 < bar["force"] < 0.25 * -force["force"]
+
+
+def test_a_grid_of_fibers_is_its_own_surface(tmp_path):
+    """A spindle of lines, as biceps.toml wants it."""
+    side = np.linspace(-1.0, 1.0, 7)
+    a, b, t = np.meshgrid(side, side, np.linspace(-1.0, 1.0, 40), indexing="ij")
+    wide = 1.2 * (1.0 - 0.35 * t**2)
+    grid = pyvista.StructuredGrid(a * wide, b * wide, 3.0 * t)
+    grid.save(tmp_path / "left_biceps_brachii_7x7fibers.vts")
+    force, bar = run("biceps", tmp_path, tmp_path / "out")
+    # it pulls with more than its ends could by themselves and less than its middle
+    middle = (2 * 1.2) ** 2
+    assert 0.65**2 < force["force"] / (0.3 * 30 * middle) < 1.0
+    assert 0 < bar["force"] < 0.25 * force["force"]

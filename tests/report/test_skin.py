@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from myork.report.off_screen import Panel, draw
 from myork.report.skin import outer_triangles, point_distances, spacing_of
 
 
@@ -79,3 +80,17 @@ def test_spacing_of_a_grid_whose_surface_was_moved() -> None:
     points[surface] += np.random.default_rng(0).uniform(-0.1, 0.1, (surface.sum(), 3))
     assert spacing_of(points) == pytest.approx([0.25, 0.5, 1.5], rel=1e-4)
     assert spacing_of(np.random.default_rng(1).random((50, 3))).tolist() == [1.0, 1.0, 1.0]
+
+
+def test_no_third_colour_between_two_tissues() -> None:
+    """Numbers of labels have no values between them."""
+    points = lattice(9, 9, 1)
+    triangles = outer_triangles(points[:, :2], np.ones(2))
+    label = np.where(points[:, 0] < 4, 0.0, np.where(points[:, 0] < 7, 2.0, 1.0))
+    colours = "#FF0000,#00FF00,#0000FF"
+    panel = Panel(points, label, (-0.5, 2.5), colours, np.empty((0, 2, 3)))
+    middle, half = np.array([3.5, 4.0, 0.0]), np.array([2.0, 4.0])  # 0 and 2 meet in it
+    picture = draw([panel], triangles, points, [np.eye(3)], middle, half)[0][0].astype(int)
+    red, green, blue = picture[..., 0], picture[..., 1], picture[..., 2]
+    assert ((red > green + 60) & (red > blue + 60)).any()
+    assert not ((green > red + 60) & (green > blue + 60)).any()

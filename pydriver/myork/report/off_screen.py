@@ -147,8 +147,12 @@ def _main(job: str, found: str) -> int:
             body = pyvista.PolyData(own["positions"], faces)
             colours: Any = str(own["colours"])
             if colours.startswith("#"):
+                # Between two tissues lies none of the colours between theirs.
                 colours = ListedColormap(colours.split(","))
-            body.point_data["value"] = own["values"]
+                corners = own["values"][content["triangles"]]
+                body.cell_data["value"] = np.median(corners, axis=1)
+            else:
+                body.point_data["value"] = own["values"]
             for view, (_, up, towards) in enumerate(content["views"]):
                 plotter = pyvista.Plotter(off_screen=True, window_size=[int(s) for s in size])
                 plotter.set_background("white")

@@ -192,9 +192,10 @@ def _deformation(folder: RunFolder) -> list[Markup]:
     if not np.ptp(deformation.points[:, 2]):
         return [figure(pictures.plane_figure(deformation, units), Markup("{} {}").format(
             caption, _STROKES))]  # fmt: skip
-    tissues = [
-        str(own.get("name", "")) for own in folder.summary.get("deck", {}).get("material", [])
-    ]
+    tissues = list(folder.summary.get("model", {}).get("volume", {}))
+    if deformation.label is None or len(tissues) != len(np.unique(deformation.label)):
+        materials = folder.summary.get("deck", {}).get("material", [])
+        tissues = [str(own.get("name", "")) for own in materials]
     try:
         shown = pictures.surface_figure(deformation, units, tissues)
     except NoPictureError as reason:

@@ -33,8 +33,11 @@ __all__ = [
 
 F64 = NDArray[np.float64]
 
-#: Colours of tissues: Okabe and Ito's palette
-_TISSUES = ("#D55E00", "#56B4E9", "#F0E442", "#009E73", "#CC79A7", "#E69F00", "#0072B2")
+#: Colours of tissues: those of Okabe and Ito, then darker ones and a light one
+_TISSUES = (
+   "#D55E00", "#56B4E9", "#F0E442", "#009E73", "#CC79A7", "#E69F00", "#0072B2",
+   "#7A3600", "#9A8F10", "#00543D", "#7C3F62", "#9FD9B8",
+)  # fmt: skip
 _PLAIN = "#D8D8D8"
 _TENSION, _PRESSURE = "#FFFFFF", "#000000"
 #: Strokes across the longer side of a body or plane
@@ -55,7 +58,7 @@ def surface_figure(
     units : Mapping
         Units of the deck, keys `force` and `length`.
     tissues : sequence of str
-        Names of the materials, in the order of the labels of the points.
+        Names of the labels of the points, in their order.
 
     Returns
     -------
