@@ -47,6 +47,8 @@ _PAIRS = {
     "study": ("sensitivity", "identify", "uncertainty"),
 }
 
+_KINDS = "box, annulus, muscle, labels, images, leg or reduced"
+
 #: OpenBLAS does not end where its buffers are refused; `myork-solve` has the same limit
 _LEAST_BYTES = 800_000_000
 
@@ -534,12 +536,12 @@ def _parser() -> argparse.ArgumentParser:
     new = commands.add_parser(
         "new",
         help="a commented deck to start from",
-        description="A commented deck to start from: box, annulus, muscle, labels or images.",
+        description=f"A commented deck to start from: {_KINDS}.",
         epilog=f"examples:\n  myork new box\n  myork new labels -o leg.toml\n\n{_EXIT_STATUS}",
         formatter_class=raw,
         parents=[common],
     )
-    new.add_argument("kind", metavar="KIND", help="box, annulus, muscle, labels or images")
+    new.add_argument("kind", metavar="KIND", help=_KINDS)
     new.add_argument("-o", "--output", type=Path, metavar="FILE", help="default KIND.toml")
     new.set_defaults(run=_new)
     return parser

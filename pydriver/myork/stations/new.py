@@ -18,6 +18,8 @@ KINDS = {
     "muscle": "a block of muscle that contracts",
     "labels": "muscles of a NIfTI label map",
     "images": "a muscle from MR and diffusion images",
+    "leg": "a leg of muscle, fat and connective tissue, from images",
+    "reduced": "a block of muscle for reduced models",
 }
 
 
