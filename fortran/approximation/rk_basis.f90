@@ -97,10 +97,12 @@ pure subroutine monomials(nd, order, powers, x, scale, h, dh, ddh)
       end do
    end do
    do n = 1, size(powers, 2)
-      h(n) = product_of([0, 0, 0])
-      dh(n, 1) = product_of([1, 0, 0])
-      if (nd > 1) dh(n, 2) = product_of([0, 1, 0])
-      if (nd > 2) dh(n, 3) = product_of([0, 0, 1])
+      associate (a => p(powers(1, n), :, 1), b => p(powers(2, n), :, 2), c => p(powers(3, n), :, 3))
+         h(n) = a(1)*b(1)*c(1)
+         dh(n, 1) = a(2)*b(1)*c(1)
+         if (nd > 1) dh(n, 2) = a(1)*b(2)*c(1)
+         if (nd > 2) dh(n, 3) = a(1)*b(1)*c(2)
+      end associate
    end do
    if (size(ddh, 2) == 0) return
    do n = 1, size(powers, 2)

@@ -98,11 +98,9 @@ function nearest_points(point, place) result(nearest)
       !$omp shared(cells, point, place, radius, nearest) reduction(.and.: all_in)
       do ip = 1, size(place, 2)
          if (nearest(ip) > 0) cycle
-         call search(cells, point, radius, place(:, ip), window_radial, n)
-         all_in = all_in .and. n > 0
-         if (n == 0) cycle
-         allocate (found(n))
+         if (.not. allocated(found)) allocate (found(size(point, 2)))
          call search(cells, point, radius, place(:, ip), window_radial, n, found)
+         all_in = all_in .and. n > 0
          distance = huge(1.0_wp)
          do k = 1, n
             associate (d => sum((point(:, found(k)) - place(:, ip))**2))
@@ -112,7 +110,6 @@ function nearest_points(point, place) result(nearest)
                end if
             end associate
          end do
-         deallocate (found)
       end do
       !$omp end parallel do
       if (all_in) return
@@ -157,23 +154,25 @@ subroutine fill_cells(cells, source, support)
          & (maxval(source(d, :)) - cells%low(d))/cells%n(d)*(1.0_wp + 1.0e-12_wp))
    end do
    do is = 1, size(source, 2)
-      cell(is) = cell_of(cells, cell_index(cells, source(:, is)))
+      cell(is) = cell_of(cells, cell_index(cells, source(:, is), 0))
    end do
    call group_by(product(cells%n), cell, cells%member)
 end subroutine fill_cells
 
-!> Cell coordinates of a place, clipped to the grid
-pure function cell_index(cells, x) result(c)
+!> Cell coordinates of a place or one beside it, clipped to the grid
+pure function cell_index(cells, x, way) result(c)
    !> Cells
    type(boxes_type), intent(in) :: cells
    !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
+   !> Cells to go from there along each axis
+   integer, intent(in) :: way
    integer :: c(3)
    integer :: d
 
    c = 1
    do d = 1, size(x)
-      c(d) = 1 + int(min(max((x(d) - cells%low(d))/cells%size(d), 0.0_wp), &
+      c(d) = 1 + int(min(max((x(d) + way*cells%size(d) - cells%low(d))/cells%size(d), 0.0_wp), &
          & real(cells%n(d) - 1, wp)))
    end do
 end function cell_index
@@ -204,12 +203,13 @@ pure subroutine search(cells, source, support, x, window, n, found)
    integer, intent(out) :: n
    !> Neighbours, shape (n)
    integer, intent(inout), optional :: found(:)
+   real(wp) :: square
    integer :: lo(3), hi(3), i, j, k, d, cell, nd
    integer(i8) :: m
 
    nd = size(x)
-   lo = cell_index(cells, x - cells%size(:nd))
-   hi = cell_index(cells, x + cells%size(:nd))
+   lo = cell_index(cells, x, -1)
+   hi = cell_index(cells, x, 1)
    n = 0
    do k = lo(3), hi(3)
       do j = lo(2), hi(2)
@@ -223,8 +223,12 @@ pure subroutine search(cells, source, support, x, window, n, found)
                         if (.not. abs(x(d) - source(d, is)) < inside*support(d, is)) exit
                      end do
                      if (d <= nd) cycle
-                  else if (.not. covers(x - source(:, is), support(:, is), window)) then
-                     cycle
+                  else
+                     square = 0.0_wp
+                     do d = 1, nd
+                        square = square + ((x(d) - source(d, is))/support(d, is))**2
+                     end do
+                     if (.not. square < inside) cycle
                   end if
                   n = n + 1
                   if (present(found)) found(n) = is

@@ -83,7 +83,7 @@ pure integer function derivative_count(nd)
 end function derivative_count
 
 !> Evaluate all shape functions at all places
-subroutine new_shape(self, approximation, source, support, place, error, first)
+subroutine new_shape(self, approximation, source, support, place, error, first, plain)
    !> Shape functions
    type(shape_type), intent(out) :: self
    !> Order, kernel and window
@@ -98,6 +98,8 @@ subroutine new_shape(self, approximation, source, support, place, error, first)
    type(error_type), allocatable, intent(out) :: error
    !> First derivatives will do, which take a third of the time
    logical, intent(in), optional :: first
+   !> Values will do
+   logical, intent(in), optional :: plain
    integer, allocatable :: example(:), powers(:, :)
    logical, allocatable :: singular(:)
    integer :: ip, is, nb
@@ -110,6 +112,7 @@ subroutine new_shape(self, approximation, source, support, place, error, first)
    self%nd = size(source, 1)
    self%nq = derivative_count(self%nd)
    if (present(first)) self%nq = merge(1 + self%nd, self%nq, first)
+   if (present(plain)) self%nq = merge(1, self%nq, plain)
    self%np = size(place, 2)
    self%ns = size(source, 2)
    call find_neighbours(self%neighbour, source, support, place, approximation%window, error)
@@ -270,21 +273,15 @@ subroutine find_stencils(self, source, support, place, example)
    example = found(:n)
 end subroutine find_stencils
 
-!> Offset of a neighbour in units of its support, and the support, as integers
-pure function quantised(source, support, place, is) result(key)
-   !> Source points, shape (nd, ns) [length]
-   real(wp), intent(in) :: source(:, :)
-   !> Support, shape (nd, ns) [length]
-   real(wp), intent(in) :: support(:, :)
-   !> Place, shape (nd) [length]
-   real(wp), intent(in) :: place(:)
-   !> Source point
-   integer, intent(in) :: is
-   integer(i8) :: key(2*size(place))
+!> Offset of a neighbour in units of its support along an axis as an integer
+pure integer(i8) function quantised(offset, support)
+   !> Place minus source point [length]
+   real(wp), intent(in) :: offset
+   !> Support [length]
+   real(wp), intent(in) :: support
 
    ! the sum is rounded to a whole number, as which its bits tell it
-   key(:size(place)) = transfer((place - source(:, is))/support(:, is)*quantum + whole, [0_i8])
-   key(size(place) + 1:) = transfer(support(:, is), [0_i8])
+   quantised = transfer(offset/support*quantum + whole, 0_i8)
 end function quantised
 
 !> Hash of the relative positions of a place's neighbours
@@ -299,18 +296,23 @@ pure integer(i8) function stencil_key(self, source, support, place, ip)
    real(wp), intent(in) :: place(:, :)
    !> Place
    integer, intent(in) :: ip
-   integer(i8) :: q(6), k
-   integer :: d
+   integer(i8) :: q(2), k
+   integer :: d, i
 
    stencil_key = 1469598103934665603_i8
    do k = self%neighbour%offset(ip) + 1, self%neighbour%offset(ip + 1)
-      q(:2*self%nd) = quantised(source, support, place(:, ip), self%neighbour%index(k))
-      do d = 1, 2*self%nd
-         stencil_key = ieor(ishftc(stencil_key, 5), q(d) + ishft(q(d), -31))
-         stencil_key = ieor(stencil_key, ishft(stencil_key, 13))
-         stencil_key = ieor(stencil_key, ishft(stencil_key, -7))
-         stencil_key = ieor(stencil_key, ishft(stencil_key, 17))
-      end do
+      associate (is => self%neighbour%index(k))
+         do d = 1, self%nd
+            q = [quantised(place(d, ip) - source(d, is), support(d, is)), &
+               & transfer(support(d, is), 0_i8)]
+            do i = 1, 2
+               stencil_key = ieor(ishftc(stencil_key, 5), q(i) + ishft(q(i), -31))
+               stencil_key = ieor(stencil_key, ishft(stencil_key, 13))
+               stencil_key = ieor(stencil_key, ishft(stencil_key, -7))
+               stencil_key = ieor(stencil_key, ishft(stencil_key, 17))
+            end do
+         end do
+      end associate
    end do
 end function stencil_key
 
@@ -329,15 +331,20 @@ pure logical function same_stencil(self, source, support, place, ip, jp)
    !> Second place
    integer, intent(in) :: jp
    integer(i8) :: k, shift
+   integer :: d
 
    same_stencil = self%count(ip) == self%count(jp)
    if (.not. same_stencil) return
    shift = self%neighbour%offset(jp) - self%neighbour%offset(ip)
    do k = self%neighbour%offset(ip) + 1, self%neighbour%offset(ip + 1)
-      same_stencil = all( &
-         & quantised(source, support, place(:, ip), self%neighbour%index(k)) == &
-         & quantised(source, support, place(:, jp), self%neighbour%index(k + shift)))
-      if (.not. same_stencil) return
+      associate (is => self%neighbour%index(k), js => self%neighbour%index(k + shift))
+         do d = 1, self%nd
+            same_stencil = quantised(place(d, ip) - source(d, is), support(d, is)) == &
+               & quantised(place(d, jp) - source(d, js), support(d, js)) .and. &
+               & transfer(support(d, is), 0_i8) == transfer(support(d, js), 0_i8)
+            if (.not. same_stencil) return
+         end do
+      end associate
    end do
 end function same_stencil
 
@@ -355,7 +362,7 @@ subroutine shape_at_place(approximation, powers, source, support, neighbours, x,
    integer, intent(in) :: neighbours(:)
    !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
-   !> Value and derivatives, shape (nq, n); nq = 1 + nd for first ones only
+   !> Value and derivatives, shape (nq, n); nq = 1 + nd for first ones only, 1 for none
    real(wp), intent(out) :: value(:, :)
    !> Whether the moment matrix is singular
    logical, intent(out) :: singular
@@ -363,13 +370,13 @@ subroutine shape_at_place(approximation, powers, source, support, neighbours, x,
    real(wp), allocatable :: m(:, :), phi(:), dphi(:, :), ddphi(:, :, :)
    real(wp), allocatable :: s(:), ds(:, :), dds(:, :), t(:, :), dt(:, :, :)
    real(wp), allocatable :: b(:), db(:, :), ddb(:, :)
-   real(wp) :: scale(size(x)), w(size(powers, 2))
+   real(wp) :: scale(size(x)), w(size(powers, 2)), r(3)
    integer :: nd, nb, n, i, j, k, q, seconds
 
    nd = size(x)
    nb = size(powers, 2)
    n = size(neighbours)
-   seconds = size(value, 1) - 1 - nd
+   seconds = max(size(value, 1) - 1 - nd, 0)
    value = 0.0_wp
    singular = n < nb
    if (singular) return
@@ -379,11 +386,11 @@ subroutine shape_at_place(approximation, powers, source, support, neighbours, x,
 
    m = 0.0_wp
    do k = 1, n
-      call monomials(nd, approximation%order, powers, x - source(:, neighbours(k)), scale, &
-         & h(:, k), dh(:, :, k), ddh(:, :, k))
-      call window(approximation%kernel, approximation%window, nd, &
-         & x - source(:, neighbours(k)), support(:, neighbours(k)), &
-         & phi(k), dphi(:, k), ddphi(:, :, k))
+      r(:nd) = x - source(:, neighbours(k))
+      call monomials(nd, approximation%order, powers, r(:nd), scale, h(:, k), dh(:, :, k), &
+         & ddh(:, :, k))
+      call window(approximation%kernel, approximation%window, nd, r(:nd), &
+         & support(:, neighbours(k)), phi(k), dphi(:, k), ddphi(:, :, k))
       do j = 1, nb
          m(:j, j) = m(:j, j) + phi(k)*h(j, k)*h(:j, k)
       end do
@@ -396,6 +403,12 @@ subroutine shape_at_place(approximation, powers, source, support, neighbours, x,
    b = 0.0_wp
    b(1) = 1.0_wp
    call solve(m, w, b)
+   if (size(value, 1) == 1) then
+      do k = 1, n
+         value(1, k) = phi(k)*dot_product(h(:, k), b)
+      end do
+      return
+   end if
    allocate (s(n), ds(nd, n), dds(seconds, n), t(nd, n), dt(nd, nd, n))
    do k = 1, n
       s(k) = dot_product(h(:, k), b)

@@ -105,7 +105,7 @@ subroutine new_galerkin(self, scene, error)
    call scene%shape_at(self%cells%point, self%inside, error, first=.not. self%cells%smoothed)
    if (.not. allocated(error)) call scene%shape_at(self%cells%surface, self%surface%shape, error, &
       & first=.true.)
-   if (.not. allocated(error)) call scene%shape_at(self%cells%facet, facet, error, first=.true.)
+   if (.not. allocated(error)) call scene%shape_at(self%cells%facet, facet, error, plain=.true.)
    if (allocated(error)) then
       error%message = 'integration '//error%message
       return

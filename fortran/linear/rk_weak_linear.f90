@@ -105,7 +105,7 @@ subroutine new_weak_linear(self, scene, error)
    if (.not. allocated(error)) call find_surface_sets(self%cells, scene%cloud, error)
    if (.not. allocated(error)) call scene%shape_at(self%cells%point, self%inside, error)
    if (.not. allocated(error)) call scene%shape_at(self%cells%surface, self%surface%shape, error)
-   if (.not. allocated(error)) call scene%shape_at(self%cells%facet, facet, error)
+   if (.not. allocated(error)) call scene%shape_at(self%cells%facet, facet, error, plain=.true.)
    if (.not. allocated(error)) call new_coefficients(self%coefficient, scene, self%cells%point, &
       & .false., error)
    if (.not. allocated(error)) call new_coefficients(self%outside, scene, scene%cloud%points, &

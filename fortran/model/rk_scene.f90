@@ -281,7 +281,7 @@ pure logical function acts(self, factor)
 end function acts
 
 !> Shape functions of the source points at places
-subroutine shape_at(self, place, shape, error, first)
+subroutine shape_at(self, place, shape, error, first, plain)
    !> Scene
    class(scene_type), intent(in) :: self
    !> Places, shape (nd, np) [length]
@@ -292,8 +292,11 @@ subroutine shape_at(self, place, shape, error, first)
    type(error_type), allocatable, intent(out) :: error
    !> First derivatives will do
    logical, intent(in), optional :: first
+   !> Values will do
+   logical, intent(in), optional :: plain
 
-   call new_shape(shape, self%approximation, self%cloud%source, self%support, place, error, first)
+   call new_shape(shape, self%approximation, self%cloud%source, self%support, place, error, first, &
+      & plain)
 end subroutine shape_at
 
 !> Largest ratio of a bulk modulus to its shear modulus, by which the displacement form locks [-]

@@ -49,7 +49,7 @@ module rk_pressure
    real(wp), parameter :: dependent = 1.0e-6_wp
    !> Supports of the blending, in sizes of a group; of the list, a little more for probes between
    !> collocation points
-   real(wp), parameter :: blend = 1.0_wp, list = 2.0_wp
+   real(wp), parameter :: blend = 1.0_wp, list = 2.0_wp, blends(3) = blend
 
 contains
 
@@ -174,21 +174,22 @@ pure real(wp) function pressure_at(self, ip, x, coefficient) result(p)
    real(wp), intent(in) :: x(:)
    !> Coefficients of p, shape (1 + nd, groups) [stress length^(nd/2)]
    real(wp), intent(in) :: coefficient(:, :)
-   real(wp) :: s(size(x)), weight, total, local
+   real(wp) :: s(3), weight, total, local
    integer(i8) :: k
-   integer :: j
+   integer :: j, nd
 
+   nd = size(x)
    p = 0.0_wp
    total = 0.0_wp
    do k = self%near%offset(ip) + 1, self%near%offset(ip + 1)
       associate (g => self%near%index(k))
-         s = (x - self%centre(:, g))/self%reach(:, g)
-         if (.not. covers(s, [(blend, j=1, size(x))], window_product)) cycle
-         weight = product(1.0_wp - abs(s)/blend)
+         s(:nd) = (x - self%centre(:, g))/self%reach(:, g)
+         if (.not. covers(s(:nd), blends(:nd), window_product)) cycle
+         weight = product(1.0_wp - abs(s(:nd))/blend)
          local = 0.0_wp
          do j = 1, self%count(g)
             local = local + coefficient(j, g) &
-               & *(self%monomial(1, j, g) + dot_product(self%monomial(2:, j, g), s))
+               & *(self%monomial(1, j, g) + dot_product(self%monomial(2:, j, g), s(:nd)))
          end do
          p = p + weight*local
          total = total + weight

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import myork
+from myork.bench import BENCHES
 from myork.commands import (
     add_rom_commands,
     add_studies,
@@ -496,9 +497,7 @@ def _parser() -> argparse.ArgumentParser:
         "names",
         nargs="+",
         metavar="NAME",
-        help="linear, nonlinear, stability, curves, methods, mixed, mms, clouds, gallery, aging, "
-        "isometric, faults, trust, newcomer, certify, rom, essential or subdomain; all for every "
-        "one",
+        help=f"{', '.join(BENCHES[:-1])} or {BENCHES[-1]}; all for every one",
     )
     bench.add_argument("--quick", action="store_true", help="small cases only")
     bench.add_argument(

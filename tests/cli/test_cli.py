@@ -4,6 +4,7 @@ Where only the hand-over to the executable matters, a small script stands in for
 """
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -15,6 +16,7 @@ import pytest
 
 import myork
 from myork import cli
+from myork.bench import BENCHES
 from myork.stations import solve
 
 COMMANDS = ("demo", "segment", "build", "solve", "run", "rom", "report", "explain")
@@ -80,6 +82,12 @@ def test_help_names_all_commands(capsys: pytest.CaptureFixture[str]) -> None:
     assert status_of("--help") == 0
     text = capsys.readouterr().out
     assert [command for command in COMMANDS if f"\n    {command} " not in text] == []
+
+
+def test_help_names_all_benchmarks(capsys: pytest.CaptureFixture[str]) -> None:
+    assert status_of("bench", "--help") == 0
+    words = set(re.findall(r"\w+", capsys.readouterr().out))
+    assert not set(BENCHES) - words
 
 
 def test_help_loads_no_numerics() -> None:
