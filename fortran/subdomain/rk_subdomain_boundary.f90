@@ -1,6 +1,7 @@
 !> What is prescribed on the surface, for balances of cells: components of the displacement that are
 !> held at points of cells, in place of these cells' balances, and tractions at points of facets.
 module rk_subdomain_boundary
+   use rk_cloud, only : cloud_type
    use rk_conditions, only : conditions_at
    use rk_error, only : error_type, fatal_error, err_input
    use rk_flux_points, only : flux_points
@@ -70,7 +71,6 @@ subroutine new_subdomain_boundary(self, scene, points, inner, inside, part, erro
    !> Error handling: conditions that contradict each other
    type(error_type), allocatable, intent(out) :: error
    real(wp), dimension(scene%programme%count(), 3) :: value, traction
-   real(wp) :: height
    integer :: c, i, n, nd, ns, s
    logical :: fixed(3), on_surface(size(scene%cloud%source, 2))
 
@@ -95,8 +95,7 @@ subroutine new_subdomain_boundary(self, scene, points, inner, inside, part, erro
          end do
          ! a cell of moved points whose own lies off the surface keeps its balance; that of a model,
          ! whose points lie on no curved surface, is held in the middle of its facets there
-         height = abs(dot_product(area, x - scene%cloud%source(:, cell)))/norm2(area)
-         if (height < contact*minval(scene%cloud%spacing(:, cell))) then
+         if (in_plane(scene%cloud, x, area, cell)) then
             on_surface(cell) = on_surface(cell) .or. any(fixed(:nd))
          else if (allocated(scene%cloud%lattice)) then
             cycle
@@ -132,6 +131,21 @@ subroutine new_subdomain_boundary(self, scene, points, inner, inside, part, erro
       end associate
    end do
 end subroutine new_subdomain_boundary
+
+!> Whether the source point of a cell lies in the plane of a facet of it
+pure logical function in_plane(cloud, x, area, cell)
+   !> Cloud
+   type(cloud_type), intent(in) :: cloud
+   !> Point of the facet, shape (nd) [length]
+   real(wp), intent(in) :: x(:)
+   !> Area times normal, shape (nd) [length^(nd-1)]
+   real(wp), intent(in) :: area(:)
+   !> Cell
+   integer, intent(in) :: cell
+
+   in_plane = abs(dot_product(area, x - cloud%source(:, cell))) &
+      & < contact*minval(cloud%spacing(:, cell))*norm2(area)
+end function in_plane
 
 !> Middle of the facets of a cell that are held
 pure function middle_of(self, points, cell) result(x)
@@ -181,6 +195,11 @@ subroutine hold(self, scene, points, error)
       cell = points%side(1, self%inner + s)
       k = self%number(cell)
       if (k == 0) cycle
+      ! a flat cell of moved points may reach to another wall, which holds others
+      if (allocated(scene%cloud%lattice)) then
+         if (.not. in_plane(scene%cloud, points%x(:, self%inner + s), &
+            & points%area(:, self%inner + s), cell)) cycle
+      end if
       call conditions_at(scene%cloud, scene%condition, self%inside(scene%condition%set, s), &
          & self%place(:, k), fixed, value, traction, error)
       if (allocated(error)) return

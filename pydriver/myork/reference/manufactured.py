@@ -60,6 +60,10 @@ class Problem(NamedTuple):
         Source points along each edge.
     held : tuple of str
         Faces whose displacement is prescribed; the others carry tractions.
+    growth : float
+        Of the volume: up to `3/4 growth` at the ends. Where K times that is many shear moduli the
+        body is under pressures whose gradients no shear stiffness holds: the solution is a state
+        of equilibrium, not a stable one, and coarse points may not have it.
     """
 
     name: str
@@ -69,6 +73,7 @@ class Problem(NamedTuple):
     support: float
     sizes: tuple[int, ...]
     held: tuple[str, ...] = ("x0", "x1")
+    growth: float = 0.4
 
 
 PROBLEMS = (
@@ -161,7 +166,7 @@ def chosen_deformation(x: NDArray[Any], growth: float = 0.4) -> NDArray[Any]:
 
 def _deformation(problem: Problem) -> Callable[[Any], Any]:
     """The chosen deformation, in space with shears across the third direction."""
-    growth = 0.4 if np.isfinite(problem.bulk[0]) else 0.0
+    growth = problem.growth if np.isfinite(problem.bulk[0]) else 0.0
 
     def deform(x: NDArray[Any]) -> NDArray[Any]:
         y = chosen_deformation(x, growth)

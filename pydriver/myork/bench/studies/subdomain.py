@@ -28,10 +28,12 @@ __all__ = ["run", "volume_constraint"]
 
 _METHOD = "rkcm-subdomain"
 #: Support of each order, as decks have it
-_SUPPORT = {1: 1.65, 2: 2.6, 3: 4.0, 4: 5.0}
-#: Bulk moduli left and right [stress], and the faces whose displacement is prescribed: with less
-#: held the body is not stable under its dead loads
-_BULK = {"500": (500.0, 500.0), "inf": (np.inf, np.inf), "500 to 1000": (500.0, 1000.0)}
+_SUPPORT = {1: 2.5, 2: 2.6, 3: 4.0, 4: 5.0}
+#: Bulk moduli left and right [stress], the growth of volume that keeps their pressures near the
+#: shear modulus, and the faces whose displacement is prescribed: with more growth or less held the
+#: body is not stable under its dead loads
+_BULK = {"500": (500.0, 500.0), "inf": (np.inf, np.inf), "500 to 2500": (500.0, 2500.0)}
+_GROWTH = 0.05
 _HELD = {2: ("x0", "x1", "y0"), 3: ("x0", "x1", "y0", "y1", "z0")}
 _ACTIVATIONS = (0.15, 0.3, 0.6, 1.0)
 _RATES: Columns = (
@@ -125,7 +127,14 @@ def _rates(progress: ProgressCallback, quick: bool) -> list[dict[str, Any]]:
                 for jitter in (0.0, 0.2) if bulk[0] == bulk[1] else (0.0,):
                     progress(f"{nd}-D, order {order}, K = {name}, jitter {jitter:g}")
                     problem = Problem(
-                        f"{nd}-D, order {order}", nd, bulk, order, support, (), _HELD[nd]
+                        f"{nd}-D, order {order}",
+                        nd,
+                        bulk,
+                        order,
+                        support,
+                        (),
+                        _HELD[nd],
+                        _GROWTH,
                     )
                     sizes = ((5, 7, 9) if order < 4 else (7, 9)) if nd == 3 else (9, 17, 25)
                     own: list[dict[str, Any]] = []
