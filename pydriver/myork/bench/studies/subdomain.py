@@ -28,7 +28,7 @@ __all__ = ["run", "volume_constraint"]
 
 _METHOD = "rkcm-subdomain"
 #: Support of each order, as decks have it
-_SUPPORT = {1: 2.5, 2: 2.6, 3: 4.0, 4: 5.0}
+_SUPPORT = {1: 2.5, 2: 2.6, 3: 4.0, 4: 5.5}
 #: Bulk moduli left and right [stress], the growth of volume that keeps their pressures near the
 #: shear modulus, and the faces whose displacement is prescribed: with more growth or less held the
 #: body is not stable under its dead loads
