@@ -271,7 +271,7 @@ def test_manufactured_solution_with_moderate_pressures(
     bound: float,
 ) -> None:
     """Little growth of volume makes the chosen state a stable one: order 1 on moved points and a
-    modulus that varies fivefold, which found no state at 40 % of growth."""
+    modulus that varies fivefold, which found no state at 30 % of growth."""
     held = {2: ("x0", "x1", "y0"), 3: ("x0", "x1", "y0", "y1", "z0")}[dimension]
     support = {1: 2.5, 3: 4.0, 4: 5.0}[order]
     problem = manufactured.Problem("muscle", dimension, bulk, order, support, sizes, held, 0.05)
