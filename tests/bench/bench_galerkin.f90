@@ -6,6 +6,7 @@
 !> Where no model is worth its lines there is none. performance.py says it in words.
 program bench_galerkin
    use, intrinsic :: iso_c_binding, only : c_double, c_int64_t
+   use bench_machine, only : now, say, stop_on, time_machine
    use rk_basis, only : basis_size
    use rk_cloud, only : cloud_type
    use rk_csr, only : csr_type
@@ -64,6 +65,7 @@ program bench_galerkin
    select type (problem)
    class is (galerkin_problem)
       print '(a, 2(1x, i0))', 'size', size(problem%cells%weight), problem%n
+      call time_machine(repeats)
       call kernels(problem)
    end select
 
@@ -255,27 +257,5 @@ contains
       call factor_counts(int(problem%matrix%n, i8), problem%matrix%start, problem%matrix%row, &
          & problem%matrix%value, order, fill(1), fill(2))
    end function counts
-
-   !> Processor time
-   real(wp) function now()
-      call cpu_time(now)
-   end function now
-
-   !> One line
-   subroutine say(name, seconds, flops, bytes)
-      character(len=*), intent(in) :: name
-      real(wp), intent(in) :: seconds, flops, bytes
-
-      print '(a, 1x, a, 3(1x, es12.5))', 'kernel', name, seconds, flops, bytes
-   end subroutine say
-
-   !> Leave with a message
-   subroutine stop_on(error)
-      type(error_type), allocatable, intent(in) :: error
-
-      if (.not. allocated(error)) return
-      print '(a)', error%message
-      error stop 1
-   end subroutine stop_on
 
 end program bench_galerkin

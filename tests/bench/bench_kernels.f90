@@ -4,7 +4,7 @@
 !> processor time then is a fair measure even where others use the machine. docs/performance.md is
 !> written from these lines by performance.py.
 program bench_kernels
-   use rk_blas, only : dgemm
+   use bench_machine, only : now, say, stop_on, time_machine
    use rk_cgls, only : refine, semi_normal
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type, open_deck
@@ -51,40 +51,13 @@ program bench_kernels
    allocate (r(problem%m), y(problem%n))
    print '(a, 2(1x, i0))', 'size', problem%m, problem%n
 
-   call machine()
+   call time_machine(repeats)
    call problem%start_step(x, 0.1_wp)
    call problem%linearise(x, 0.1_wp, r, state)
    op => problem%operator()
    call kernels()
 
 contains
-
-   !> Peak of matrix products and of memory
-   subroutine machine()
-      integer, parameter :: n = 1500, long = 20000000
-      real(wp), allocatable :: a(:, :), b(:, :), c(:, :), u(:), v(:), w(:)
-      real(wp) :: best, start
-      integer :: k
-
-      allocate (a(n, n), b(n, n), source=1.0_wp)
-      allocate (c(n, n), source=0.0_wp)
-      best = huge(1.0_wp)
-      do k = 1, repeats
-         start = now()
-         call dgemm('n', 'n', n, n, n, 1.0_wp, a, n, b, n, 0.0_wp, c, n)
-         best = min(best, now() - start)
-      end do
-      call say('dgemm', best, 2.0_wp*real(n, wp)**3, 32.0_wp*real(n, wp)**2)
-      allocate (u(long), v(long), w(long), source=1.0_wp)
-      best = huge(1.0_wp)
-      do k = 1, repeats
-         start = now()
-         u = v + 0.5_wp*w
-         best = min(best, now() - start)
-      end do
-      call say('triad', best, 2.0_wp*long, 32.0_wp*long)
-      if (u(long/2) < 0.0_wp) print '(a)', 'never'
-   end subroutine machine
 
    !> Every kernel of a solve
    subroutine kernels()
@@ -179,28 +152,5 @@ contains
       allocate (list(count([(value(i:i) /= ' ' .and. value(i + 1:i + 1) == ' ', i=1, 199)])))
       read (value, *) list
    end function names
-
-   !> Processor time
-   real(wp) function now()
-      call cpu_time(now)
-   end function now
-
-   !> One line
-   subroutine say(name, seconds, flops, bytes)
-      character(len=*), intent(in) :: name
-      real(wp), intent(in) :: seconds, flops, bytes
-
-      print '(a, 1x, a, 3(1x, es12.5), 2(1x, f8.2))', 'kernel', name, seconds, flops, bytes, &
-         & 1.0e-9_wp*flops/seconds, 1.0e-9_wp*bytes/seconds
-   end subroutine say
-
-   !> Leave with a message
-   subroutine stop_on(error)
-      type(error_type), allocatable, intent(in) :: error
-
-      if (.not. allocated(error)) return
-      print '(a)', error%message
-      error stop 1
-   end subroutine stop_on
 
 end program bench_kernels

@@ -2,11 +2,13 @@
 
 Usage::
 
-    python tests/bench/performance.py BUILD_FOLDER [--repeats 5] [--before FOLDER DATE]
+    python tests/bench/performance.py BUILD_FOLDER [--part collocation|galerkin] [--repeats 5]
+        [--before FOLDER DATE]
 
 `bench_kernels` and `bench_galerkin` are built by `ninja -C BUILD_FOLDER tests/bench/bench_kernels
-tests/bench/bench_galerkin`. All numbers of the page come from one run of each with one thread, in
-processor time. A build folder of an earlier state of the code gives the times before.
+tests/bench/bench_galerkin`. Each part of the page comes from one run with one thread, in processor
+time, with the peaks of the machine at that time; a part that is not asked for stays as it is. A
+build folder of an earlier state of the code gives the times before of the Galerkin form.
 """
 
 import argparse
@@ -75,18 +77,28 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
     parser.add_argument("build", type=Path)
+    parser.add_argument("--part", choices=("collocation", "galerkin"))
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--before", nargs=2, metavar=("FOLDER", "DATE"), default=(None, ""))
     arguments = parser.parse_args()
-    folder, date = arguments.before
-    first = [(DECK, SETTINGS), *(body[1:] for body in BODIES)]
-    runs = []
-    for number, (deck, settings) in enumerate(first):
-        name = "tests/bench/bench_galerkin" if number else "tests/bench/bench_kernels"
-        now = measure(arguments.build / name, deck, settings, arguments.repeats)
-        old = measure(Path(folder) / name, deck, settings, arguments.repeats) if folder else []
-        runs.append((now, old))
-    (ROOT / "docs/performance.md").write_text(write(runs, date), encoding="utf-8")
+    page = ROOT / "docs/performance.md"
+    parts = page.read_text(encoding="utf-8").partition(GALERKIN_HEAD)
+    first, second = parts[0], parts[1] + parts[2]
+    if arguments.part != "galerkin":
+        program = arguments.build / "tests/bench/bench_kernels"
+        first = write_collocation(measure(program, DECK, SETTINGS, arguments.repeats))
+    if arguments.part != "collocation":
+        folder, date = arguments.before
+        name = "tests/bench/bench_galerkin"
+        runs = [
+            [
+                measure(Path(place) / name, deck, settings, arguments.repeats) if place else []
+                for place in (arguments.build, folder)
+            ]
+            for _, deck, settings in BODIES
+        ]
+        second = write_galerkin(runs, date)
+    page.write_text(first.rstrip("\n") + "\n\n" + second, encoding="utf-8")
 
 
 def measure(program: Path, deck: str, settings: tuple[str, ...], repeats: int) -> list[list[str]]:
@@ -101,37 +113,54 @@ def measure(program: Path, deck: str, settings: tuple[str, ...], repeats: int) -
     return [line.split() for line in answer.stdout.splitlines()]
 
 
-def write(runs: list[tuple[list[list[str]], list[list[str]]]], date: str) -> str:
-    """The page."""
-    lines, old = runs[0]
+def write_collocation(lines: list[list[str]]) -> str:
+    """The part of collocation."""
     m, n = next(line[1:3] for line in lines if line[0] == "size")
     kernels = _kernels(lines)
-    peak = kernels["dgemm"][1] / kernels["dgemm"][0]
-    stream = kernels["triad"][2] / kernels["triad"][0]
     solvers = [line[1:] for line in lines if line[0] == "solver"]
     dgels = next(float(words[1]) for words in solvers if words[0] == "dgels")
-    work = 2.0 * float(n) ** 2 * (float(m) - float(n) / 3.0)
-    kernels["dgels"] = [dgels, work, 0.0]
+    kernels["dgels"] = [dgels, 2.0 * float(n) ** 2 * (float(m) - float(n) / 3.0), 0.0]
     table = [
         f"| `{words[0]}` | {float(words[1]):.2f} | {dgels / float(words[1]):.1f} | {words[2]} "
         f"| {words[3]} | {words[4]} | {words[6]} |"
         for words in solvers
     ]
-    bodies = []
-    for (title, deck, settings), (now, before) in zip(BODIES, runs[1:], strict=True):
-        points, unknowns = next(line[1:3] for line in now if line[0] == "size")
-        bodies.append(
-            f"### {title}\n\n`{deck}` with `{' '.join(settings)}`: {unknowns} unknowns, {points} "
-            f"Gauss points.\n\n{HEAD}\n"
-            + "\n".join(_rows(GALERKIN, _kernels(now), _kernels(before), peak, stream))
-        )
-    return TEMPLATE.format(
-        deck=DECK, m=m, n=n, processor=processor(), peak=1e-9 * peak, stream=1e-9 * stream,
-        head=HEAD, rows="\n".join(_rows(KERNELS, kernels, _kernels(old), peak, stream)),
-        solvers="\n".join(table), bodies="\n\n".join(bodies),
-        before=f" `before` is the code of {date}." if date else "",
+    return COLLOCATION.format(
+        deck=DECK, m=m, n=n, processor=processor(), peaks=_peaks(kernels),
+        rows="\n".join(_rows(KERNELS, kernels, kernels)), solvers="\n".join(table),
         cgls=1e3 * kernels["cgls"][0], iterations=int(kernels["cgls"][1]),
     )  # fmt: skip
+
+
+def write_galerkin(runs: list[list[list[list[str]]]], date: str) -> str:
+    """The part of the Galerkin form, from lines of each body now and before."""
+    bodies = []
+    for (title, deck, settings), (now, before) in zip(BODIES, runs, strict=True):
+        points, unknowns = next(line[1:3] for line in now if line[0] == "size")
+        kernels, old = _kernels(now), _kernels(before)
+        bodies.append(
+            f"### {title}\n\n`{deck}` with `{' '.join(settings)}`: {unknowns} unknowns, {points} "
+            f"Gauss points. Shares are of {_peaks(kernels)}.\n\n"
+            "| kernel | before, ms | ms | GFLOP/s | of peak | GB/s | of peak | what it is |\n"
+            "|---|---|---|---|---|---|---|---|\n"
+            + "\n".join(_rows(GALERKIN, kernels, kernels, old))
+        )
+    return GALERKIN_PART.format(
+        head=GALERKIN_HEAD, processor=processor(), bodies="\n\n".join(bodies),
+        before=f" Before: the code of {date}, on the same machine." if date else "",
+    )  # fmt: skip
+
+
+def _peaks(kernels: dict[str, list[float]]) -> str:
+    """What the machine can do."""
+    peak, stream = _limits(kernels)
+    return f"{1e-9 * peak:.0f} GFLOP/s (DGEMM) and {1e-9 * stream:.0f} GB/s (triad)"
+
+
+def _limits(kernels: dict[str, list[float]]) -> tuple[float, float]:
+    """Operations and bytes a second that the machine can do."""
+    dgemm, triad = kernels["dgemm"], kernels["triad"]
+    return dgemm[1] / dgemm[0], triad[2] / triad[0]
 
 
 def _kernels(lines: list[list[str]]) -> dict[str, list[float]]:
@@ -142,11 +171,11 @@ def _kernels(lines: list[list[str]]) -> dict[str, list[float]]:
 def _rows(
     what: dict[str, str],
     kernels: dict[str, list[float]],
-    before: dict[str, list[float]],
-    peak: float,
-    stream: float,
+    machine: dict[str, list[float]],
+    before: dict[str, list[float]] | None = None,
 ) -> list[str]:
-    """Rows of a table of kernels."""
+    """Rows of a table of kernels, with a column of times before where there are any."""
+    peak, stream = _limits(machine)
     rows = []
     for name, text in what.items():
         seconds, flops, moved = kernels[name]
@@ -154,9 +183,9 @@ def _rows(
         share = f"{100 * flops / seconds / peak:.0f} %" if flops else ""
         width = f"{1e-9 * moved / seconds:.3g}" if moved else ""
         part = f"{100 * moved / seconds / stream:.0f} %" if moved else ""
-        old = f"{1e3 * before[name][0]:.1f}" if name in before else ""
+        old = "" if before is None else f" {1e3 * before[name][0]:.1f} |" if before else " |"
         rows.append(
-            f"| `{name}` | {old} | {1e3 * seconds:.1f} | {rate} | {share} | {width} | {part} "
+            f"| `{name}` |{old} {1e3 * seconds:.1f} | {rate} | {share} | {width} | {part} "
             f"| {text} |"
         )
     return rows
@@ -170,32 +199,25 @@ def processor() -> str:
     return platform.machine()
 
 
-HEAD = """| kernel | before, ms | ms | GFLOP/s | of peak | GB/s | of peak | what it is |
-|---|---|---|---|---|---|---|---|"""
+COLLOCATION = """# Performance of a solve
 
-TEMPLATE = """# Performance of a solve
-
-Written by `tests/bench/performance.py` from one run on one core of: {processor}. Deck
+Written by `tests/bench/performance.py`, this part from one run on one core of: {processor}. Deck
 `{deck}` in the displacement form: {m} equations, {n} unknowns, first
 iteration of a load step.
 Times are processor time, the least of several; solvers on dense or sparse matrices ran once.
 
 ## Kernels
 
-Shares are of {peak:.0f} GFLOP/s (DGEMM) and {stream:.0f} GB/s (triad). Operations are those that
-the formulas need, bytes those of arrays that go in and out, once, whatever caches save or the code
-does twice. Hardware counters were not available on the machine of this page, so a limit is
-named only where a share shows it.{before}
+Shares are of {peaks}. Bytes are those that must
+move at least. Hardware counters were not available on the machine of this page, so a limit is
+named only where a share shows it.
 
-{head}
+| kernel | ms | GFLOP/s | of peak | GB/s | of peak | what it is |
+|---|---|---|---|---|---|---|
 {rows}
 
 Semi-normal equations and CGLS with the factor take {cgls:.0f} ms together, with {iterations}
 refinement(s).
-
-## Kernels of the Galerkin form
-
-{bodies}
 
 ## Solvers
 
@@ -204,6 +226,17 @@ The same equations by every method; [solvers](solvers.md) explains the columns.
 | solver | s | times `dgels` | backward error | distance | condition | refinements |
 |---|---|---|---|---|---|---|
 {solvers}
+"""
+
+GALERKIN_HEAD = "## Kernels of the Galerkin form"
+
+GALERKIN_PART = """{head}
+
+Written by `tests/bench/performance.py` from a run of its own on one core of: {processor}.
+Operations are those that the formulas need, bytes those of arrays that go in and out, once,
+whatever caches save or the code does twice.{before}
+
+{bodies}
 """
 
 
