@@ -54,7 +54,7 @@ module rk_newton
       !> Load of the state at which a step starts [-]
       real(wp) :: done = 0.0_wp
       !> Change of the unknowns with the load in the last step, not allocated before the second one,
-      !> and the load at which that step began [-]
+      !> and the load at which that step began, where steps are solved to few digits [-]
       real(wp), allocatable :: slope(:)
       real(wp) :: earlier = 0.0_wp
       !> Iterations done
@@ -480,8 +480,8 @@ subroutine begin(self, problem, load, a, r, g, first_gradient)
    if (problem%inexact) first_gradient = norm2(r)
    if (.not. allocated(self%slope)) return
    call problem%measure(r, size)
-   call problem%extrapolate(a - (self%done - self%earlier)*self%slope, self%earlier, &
-      & (load - self%done)/(self%done - self%earlier))
+   if (problem%inexact) call problem%extrapolate(a - (self%done - self%earlier)*self%slope, &
+      & self%earlier, (load - self%done)/(self%done - self%earlier))
    ahead = a + (load - self%done)*self%slope
    allocate (new, mold=r)
    call problem%linearise(ahead, load, new, state)

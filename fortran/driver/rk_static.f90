@@ -118,7 +118,7 @@ subroutine solve_static(problem, newton, planned, max_halvings, x, recorder, tim
          ! the way from a start beside the path says nothing about the path
          if (.not. aside) then
             newton%slope = (x - before)/(load - done)
-            newton%earlier = done
+            if (problem%inexact) newton%earlier = done
          end if
          aside = .false.
          done = load
