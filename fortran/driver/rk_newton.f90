@@ -152,6 +152,7 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
    self%saddles = 0
    factored = .false.
    self%step_norm = huge(1.0_wp)
+   promised = huge(1.0_wp)
    self%left = huge(1.0_wp)
    self%still = .false.
    self%damping%affordable = problem%n <= dense_limit
