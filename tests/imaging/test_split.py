@@ -23,7 +23,7 @@ from myork.segmentation.grouping import (
 )
 from myork.segmentation.scores import dice
 from myork.segmentation.starts import seeded_regions
-from myork.segmentation.walk import edge_strength, random_walk
+from myork.segmentation.walk import edge_strength, heights_of, random_walk
 from myork.stations.segment import segment
 
 SPACING = np.array([1.5, 1.5, 6.0])
@@ -70,8 +70,9 @@ RULES = [
 def walked(image, truth, rules, radius=4.0, weight=20.0):
     region = np.where(truth > 0, 0, -1).astype(np.int32)
     where, known = rule_seeds(region, image, rules, radius)
-    edges = edge_strength(image.data, truth > 0)
-    return random_walk(edges, where, known, image.spacing, weight)
+    heights = heights_of(image.data, truth > 0)
+    edges = edge_strength(heights)
+    return random_walk(edges, where, known, image.spacing, weight, heights)
 
 
 def test_walks_find_what_only_a_dark_line_with_gaps_parts():
@@ -143,7 +144,7 @@ def test_seeds_that_cannot_be(rules, message):
     with pytest.raises(InputError, match=message):
         walked(image, truth, rules)
     with pytest.raises(InputError, match="half of the voxels have no signal"):
-        edge_strength(np.zeros((3, 3, 1)), np.ones((3, 3, 1), bool))
+        heights_of(np.zeros((3, 3, 1)), np.ones((3, 3, 1), bool))
 
 
 def test_regions_start_around_the_seeds_and_clusters_of_the_rest():
@@ -208,7 +209,7 @@ def shifted(label, shift, degrees, scale=1.0):
 def test_a_reference_a_few_pixels_off_finds_its_place(shift, degrees, scale):
     image, truth, body = two_muscles()
     off = Labels(shifted(truth, shift, degrees, scale).astype(np.int32), np.eye(4), {1: "a"})
-    edges = edge_strength(image.data, body)
+    edges = edge_strength(heights_of(image.data, body))
     moved = align_labels(off, edges, truth > 0, body, 8.0)
     # Where the border of 170 pixels lies is known to about half a pixel: of 700 in each muscle.
     for number in (1, 2):
@@ -224,7 +225,9 @@ def test_a_reference_a_few_pixels_off_finds_its_place(shift, degrees, scale):
 def test_reference_without_labels_in_a_slice_stays():
     image, truth, body = two_muscles()
     empty = Labels(np.zeros_like(truth, dtype=np.int32), np.eye(4))
-    assert not align_labels(empty, edge_strength(image.data, body), truth > 0, body, 8.0).data.any()
+    assert not align_labels(
+        empty, edge_strength(heights_of(image.data, body)), truth > 0, body, 8.0
+    ).data.any()
     assert not nearest_labels(body, empty.data, np.ones(3), 5.0).any()
 
 
@@ -233,7 +236,8 @@ def test_reference_stays_in_a_slice_without_an_edge(flat):
     image, truth, body = two_muscles()
     grey, off = image.data.copy(), shifted(truth, (4, 0), 0).astype(np.int32)
     pair = [np.full_like(grey, 333.0), grey]
-    edges = edge_strength(np.concatenate(pair[:: 1 - 2 * flat], axis=2), np.repeat(body, 2, axis=2))
+    heights = heights_of(np.concatenate(pair[:: 1 - 2 * flat], axis=2), np.repeat(body, 2, axis=2))
+    edges = edge_strength(heights)
     moved = align_labels(
         Labels(np.repeat(off, 2, axis=2), np.eye(4)),
         edges,

@@ -47,12 +47,14 @@ _MODEL = {
     ),
     "probes": _Each(each=[_VALUE]),
 }  # fmt: skip
-_LABEL = {"pixels": _NUMBER, "volume": _NUMBER}
+_LABEL = {"pixels": _NUMBER, "volume": _NUMBER, "fat_fraction": _NUMBER}
 _SEGMENTATION = {
     **dict.fromkeys(("failed", "source"), _TEXT),
     "labels": _Each(each=_LABEL),
     "scores": _Each(each={"dice": _NUMBER, "pcc": _NUMBER}),
     "energy": [_NUMBER],
+    "maps": _Each(each=_TEXT),
+    "channels": [{"name!": _TEXT, "weight!": _NUMBER}],
     "warnings": [_TEXT],
     "sets": [{"name!": _TEXT, "boundary_points!": _NUMBER, "area!": _NUMBER}],
     "orientation": [{"axes!": _TEXT, "crossing": _NUMBER, "agreement": _NUMBER}],

@@ -198,7 +198,7 @@ def label_table(segmentation: Mapping[str, Any], units: Mapping[str, str]) -> Ma
     """Size and, where the truth is known, scores of each label."""
     scores = segmentation.get("scores", {})
     names = dict.fromkeys([*segmentation.get("labels", {}), *scores])
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for name in names:
         label, score = segmentation.get("labels", {}).get(name, {}), scores.get(name, {})
         rows.append(
@@ -211,8 +211,19 @@ def label_table(segmentation: Mapping[str, Any], units: Mapping[str, str]) -> Ma
             )
         )
     length = units.get("length", "?")
-    head = ("label", "voxels", f"volume [{length}³]", "Dice [-]", "PCC [-]")
-    return table(head, rows, "Labels of the segmentation (a dash: no truth to score against)")
+    head: tuple[str, ...] = ("label", "voxels", f"volume [{length}³]", "Dice [-]", "PCC [-]")
+    labels = segmentation.get("labels", {})
+    if any(label.get("fat_fraction") is not None for label in labels.values()):
+        head = (*head, "fraction of fat [-]")
+        rows = [
+            (*row, number(labels.get(name, {}).get("fat_fraction"), 3))
+            for name, row in zip(names, rows, strict=True)
+        ]
+    caption = "Labels of the segmentation (a dash: no truth to score against)"
+    maps = segmentation.get("maps") or {}
+    if maps:
+        caption += "; maps in this folder: " + ", ".join(maps.values())
+    return table(head, rows, caption)
 
 
 def timing_table(timings: Mapping[str, Any], memory: Any) -> Markup:

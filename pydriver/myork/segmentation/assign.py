@@ -22,30 +22,41 @@ from myork.segmentation.grouping import (
 )
 from myork.segmentation.level_sets import Regions, wanted_phase
 from myork.segmentation.regions import piece_with_seed
-from myork.segmentation.walk import edge_strength, random_walk
+from myork.segmentation.walk import edge_strength, heights_of, random_walk
 
 __all__ = ["BACKGROUND", "label_by_phase", "label_by_reference", "label_by_rules", "label_by_seeds"]
+
+F64 = NDArray[np.float64]
+I32 = NDArray[np.int32]
 
 #: Name of the label of seeds that is no tissue
 BACKGROUND = "background"
 
 
 def label_by_rules(
-    table: Mapping[str, Any], image: Image, result: Regions, muscles: list[Muscle]
+    table: Mapping[str, Any],
+    image: Image,
+    result: Regions,
+    muscles: list[Muscle],
+    others: F64 | None = None,
 ) -> tuple[Labels, list[str]]:
-    """Labels by [[muscle]], and warnings."""
+    """Labels by [[muscle]], and warnings; walks see the image and other channels."""
     names = {number: muscle.name for number, muscle in enumerate(muscles, start=1)}
     if table["split"] == "walk":
         where, known = rule_seeds(result.region, image, muscles, table["seed_radius"])
-        edges = edge_strength(image.data, result.region >= 0)
-        label = random_walk(edges, where, known, image.spacing, table["edge_weight"])
+        heights = heights_of(image.data, result.region >= 0, others)
+        label = _walk(heights, where, known, image, table)
         return Labels(np.maximum(label, 0), image.affine, names, "segmentation"), []
     label, warnings = group_by_rules(result.region, image, muscles)
     return Labels(label, image.affine, names, "segmentation"), warnings
 
 
 def label_by_seeds(
-    table: Mapping[str, Any], image: Image, result: Regions, seeds: Labels
+    table: Mapping[str, Any],
+    image: Image,
+    result: Regions,
+    seeds: Labels,
+    others: F64 | None = None,
 ) -> tuple[Labels, list[str]]:
     """Labels by random walks to a label map of seeds, with its numbers and names, and warnings."""
     where = result.region >= 0
@@ -65,8 +76,7 @@ def label_by_seeds(
             f"{seeds.name}: seeds of two labels at least are needed in the region to segment, "
             f"there are {numbers}; what is no muscle needs a label too"
         )
-    edges = edge_strength(image.data, where)
-    label = np.maximum(random_walk(edges, where, known, image.spacing, table["edge_weight"]), 0)
+    label = np.maximum(_walk(heights_of(image.data, where, others), where, known, image, table), 0)
     names = {number: seeds.label_name(number) for number in numbers}
     for number in [number for number, name in names.items() if name == BACKGROUND]:
         label[label == number] = 0
@@ -74,9 +84,7 @@ def label_by_seeds(
     return Labels(label, image.affine, names, "segmentation"), warnings
 
 
-def label_by_phase(
-    table: Mapping[str, Any], image: Image, grey: NDArray[np.float64], result: Regions
-) -> Labels:
+def label_by_phase(table: Mapping[str, Any], image: Image, grey: F64, result: Regions) -> Labels:
     """The wanted one of two regions, or all of more regions, as labels."""
     if table["regions"] > 2:
         names = {number + 1: f"region_{number}" for number in range(table["regions"])}
@@ -95,17 +103,22 @@ def label_by_phase(
 def label_by_reference(
     table: Mapping[str, Any],
     image: Image,
-    grey: NDArray[np.float64],
+    grey: F64,
     result: Regions,
     reference: Labels,
+    others: F64 | None = None,
 ) -> Labels:
     """Labels by a reference label map, moved onto the image if the deck says so."""
     inside = result.region >= 0
     wanted = wanted_phase(result, grey, table["phase"]) if table["regions"] == 2 else inside
 
     @cache
-    def edges() -> NDArray[np.float64]:
-        return edge_strength(image.data, inside)
+    def heights() -> F64:
+        return heights_of(image.data, inside, others)
+
+    @cache
+    def edges() -> F64:
+        return edge_strength(heights())
 
     if table["reference_reach"] > 0:
         reference = align_labels(reference, edges(), wanted, inside, table["reference_reach"])
@@ -116,6 +129,15 @@ def label_by_reference(
         label = nearest_labels(wanted, reference.data, spacing, margin)
     else:
         known = reference_seeds(reference, margin)
-        label = np.maximum(random_walk(edges(), wanted, known, spacing, table["edge_weight"]), 0)
+        label = random_walk(edges(), wanted, known, spacing, table["edge_weight"], heights())
+        label = np.maximum(label, 0)
     names = {n: reference.label_name(n) for n in np.unique(label[label > 0]).tolist()}
     return Labels(label, image.affine, names, "segmentation")
+
+
+def _walk(
+    heights: F64, where: NDArray[np.bool_], known: I32, image: Image, table: Mapping[str, Any]
+) -> I32:
+    """Labels by random walks over heights, -1 where no seed can be reached."""
+    edges = edge_strength(heights)
+    return random_walk(edges, where, known, image.spacing, table["edge_weight"], heights)

@@ -12,10 +12,13 @@ from myork.errors import InputError
 from myork.records import Image
 from myork.segmentation.regions import otsu
 
-__all__ = ["fiber_channels", "scaled_values", "smoothed_tensor"]
+__all__ = ["fiber_channels", "noise_level", "noise_weight", "scaled_values", "smoothed_tensor"]
 
 F64 = NDArray[np.float64]
 
+# The ratio of noises says little of how much regions differ: no channel counts more than this many
+# times as much as another one.
+_WEIGHTS = 16.0
 # Places of xx, yy, zz, xy, xz, yz in a tensor
 _ROWS, _COLUMNS = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)
 
@@ -38,6 +41,38 @@ def scaled_values(image: Image, region: NDArray[np.bool_]) -> F64:
     if not high > low:
         raise InputError(f"{image.name}: the region to segment has one grey value only, {low:g}")
     return (image.data - low) / (high - low)
+
+
+def noise_level(values: F64, region: NDArray[np.bool_]) -> float:
+    """Standard deviation of the noise, by the median of second differences in the slices.
+
+    Parameters
+    ----------
+    values : NDArray
+        Shape `(ni, nj, nk)`.
+    region : NDArray
+        Voxels that count, same shape.
+    """
+    found = []
+    for axis in (0, 1):
+        grey, inside = np.moveaxis(values, axis, 0), np.moveaxis(region, axis, 0)
+        whole = inside[2:] & inside[1:-1] & inside[:-2]
+        found.append((grey[2:] - 2.0 * grey[1:-1] + grey[:-2])[whole])
+    bends = np.abs(np.concatenate(found))
+    return float(1.4826 * np.median(bends) / np.sqrt(6.0)) if bends.size else 0.0
+
+
+def noise_weight(first: float, other: float) -> float:
+    """Weight of a channel against that of the first one, by the noise of both.
+
+    Parameters
+    ----------
+    first, other : float
+        Noise; where one is zero (a map of few values) the weight is 1.
+    """
+    if not (first > 0 and other > 0):
+        return 1.0
+    return float(np.clip((first / other) ** 2, 1.0 / _WEIGHTS, _WEIGHTS))
 
 
 def smoothed_tensor(tensor: Image, region: NDArray[np.bool_], sigma: float) -> Image:

@@ -68,7 +68,11 @@ class LegImages:
 
 
 def leg_tissues(
-    images: LegImages, evolve: Evolve, table: Mapping[str, Any], body: Mask | None = None
+    images: LegImages,
+    evolve: Evolve,
+    table: Mapping[str, Any],
+    body: Mask | None = None,
+    memberships: dict[str, NDArray[np.float64]] | None = None,
 ) -> Labels:
     """Label every voxel of a leg with its material.
 
@@ -82,6 +86,9 @@ def leg_tissues(
         Table `tissue` of the deck: `least_diffusivity`, `spatial` and `seed`.
     body : NDArray, optional
         Voxels to label, shape `(ni, nj, nk)`; without it those inside the skin.
+    memberships : dict, optional
+        Gets the memberships of voxels in `fat` and, where there is an image of it, in
+        `connective_tissue`, 0 to 1, zero in bone and outside of the body, shape `(ni, nj, nk)`.
 
     Returns
     -------
@@ -95,22 +102,25 @@ def leg_tissues(
     bone = find_bones(images.anatomy, body, evolve)
     soft = body & ~bone
 
-    def clustered(image: Image, clusters: int, contrast: float = 0.0) -> Mask:
+    def clustered(name: str, image: Image, clusters: int, contrast: float = 0.0) -> Mask:
         found = fuzzy_c_means(
             image.data, soft, clusters, spatial=table["spatial"], seed=table["seed"]
         )
         if found.centre[-1, 0] < contrast * found.centre[-2, 0]:
             return np.zeros(soft.shape, dtype=bool)
+        if memberships is not None:
+            memberships[name] = np.zeros(soft.shape)
+            memberships[name][soft] = found.membership[:, -1]
         return found.place(soft, -1)
 
     connective = np.zeros(body.shape, dtype=bool)
     if images.connective is not None:
-        connective = clustered(images.connective, 2, _STANDS_OUT)
+        connective = clustered("connective_tissue", images.connective, 2, _STANDS_OUT)
     # Fat, muscle and what is darker still stand apart in the anatomy; in a fat image there are two.
     if images.fat is not None:
-        fat = clustered(images.fat, 2)
+        fat = clustered("fat", images.fat, 2)
     else:
-        fat = clustered(images.anatomy, 3)
+        fat = clustered("fat", images.anatomy, 3)
     # A voxel that is bright in both images lies between fat and connective tissue.
     connective &= ~fat
     rest = soft & ~fat & ~connective

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -17,12 +18,16 @@ PATHS = (
     "image.dwi",
     "image.bval",
     "image.bvec",
+    "image.channels",
+    "image.fat",
     "image.truth",
     "image.region",
     "image.body",
     "image.reference",
     "image.seeds",
     "image.start_labels",
+    "dixon.magnitude",
+    "dixon.phase",
     "build.labels",
     "build.fibers",
     "build.activation",
@@ -67,15 +72,24 @@ def data_overrides(
     for key in PATHS:
         table, name = key.split(".")
         wanted = values.get(table, {}).get(name)
-        if wanted is None or (Path(values["folder"]) / wanted).exists():
+        names = wanted if isinstance(wanted, list) else [wanted] if wanted else []
+        own = [Path(values["folder"]) / one for one in names]
+        if all(path.exists() for path in own):
             continue
-        places = sorted(place.resolve() for place in folder.rglob(Path(wanted).name))
-        if not places:
-            raise FileError(f"{deck}: there is no {Path(wanted).name} ({key}) below {folder}")
-        if len(places) > 1:
-            raise InputError(
-                f"{deck}: {len(places)} files below {folder} are called {Path(wanted).name} "
-                f"({key}): {places[0]}, {places[1]}; say which by --set {key}=PATH"
-            )
-        found.append(f"{key}={places[0]}")
+        places = [path if path.exists() else _place(deck, key, path, folder) for path in own]
+        text = json.dumps([str(place) for place in places])
+        found.append(f"{key}={text if isinstance(wanted, list) else places[0]}")
     return found
+
+
+def _place(deck: str | Path, key: str, wanted: Path, folder: Path) -> Path:
+    """The one file (or folder) of a name below a folder."""
+    places = sorted(place.resolve() for place in folder.rglob(wanted.name))
+    if not places:
+        raise FileError(f"{deck}: there is no {wanted.name} ({key}) below {folder}")
+    if len(places) > 1:
+        raise InputError(
+            f"{deck}: {len(places)} files below {folder} are called {wanted.name} "
+            f"({key}): {places[0]}, {places[1]}; say which by --set {key}=PATH"
+        )
+    return places[0]

@@ -85,11 +85,17 @@ def _stations(values: Mapping[str, Any]) -> list[str]:
 def _images(values: Mapping[str, Any]) -> list[str]:
     """The images and how they are segmented."""
     image, phantom = values["image"], values["phantom"]
-    if image.get("anatomy"):
-        path = Path(values["folder"]) / image["anatomy"]
+    named = image.get("anatomy") or next(iter(values["dixon"].get("magnitude", [])), None)
+    if named:
+        path = Path(values["folder"]) / named
         anatomy = read_image(path)
         size, spacing = anatomy.data.shape[:3], [round(float(s), 4) for s in anatomy.spacing]
         lines = [f"  image         {path.name}: {_by(size)} voxels of {_by(spacing)} mm"]
+        if values["dixon"].get("magnitude"):
+            lines.append("  channels      water and fat of two echoes")
+        beside = [*([image["fat"]] if "fat" in image else []), *image["channels"]]
+        if beside:
+            lines.append(f"  channels      {', '.join(beside)}")
         if image.get("tensor") or image.get("dwi"):
             lines.append(f"  diffusion     {image.get('tensor') or image.get('dwi')}")
     else:

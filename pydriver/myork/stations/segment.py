@@ -2,9 +2,10 @@
 
 Files in the output folder: `anatomy.nii.gz` (the image that was segmented: bias corrected),
 `bias.nii.gz` (the factor taken out), `regions.nii.gz` (numbers of the regions plus one),
-`segmentation.nii.gz` with `segmentation.json` (names), `fibers.nii.gz` (unit vectors in the world
-frame), `fa.nii.gz`, `md.nii.gz` and `eigenvalues.nii.gz` (all with tensors only), `summary.json`;
-from the phantom also its images and its truth (`write_phantom`).
+`segmentation.nii.gz` with `segmentation.json` (names), `fat.nii.gz` and `fat_fraction.nii.gz`
+(with fat only), `fibers.nii.gz` (unit vectors in the world frame), `fa.nii.gz`, `md.nii.gz` and
+`eigenvalues.nii.gz` (all with tensors only), `summary.json`; from the phantom also its images and
+its truth (`write_phantom`).
 """
 
 from __future__ import annotations
@@ -50,6 +51,7 @@ from myork.segmentation.regions import body_mask, box_mask, grown_mask, piece_wi
 from myork.segmentation.scores import label_scores
 from myork.segmentation.shading import shading
 from myork.segmentation.starts import seeded_regions
+from myork.stations.channels import FILES, Beside, fat_of_labels, read_beside, read_echoes
 from myork.stations.tensors import tensor_maps
 from myork.stations.tissue import find_tissues
 from myork.summary import renewing, update_summary
@@ -98,21 +100,28 @@ def _segment(
     table = deck["image"]
     muscles = _muscles(deck)
     _check_rules(table, muscles)
-    image, tensor, truth = _inputs(deck, table, folder, out, progress)
+    image, tensor, truth, beside, doubt = _inputs(deck, table, folder, out, progress)
     if truth is not None:
         _check_truth(truth, table["truth_labels"])
     reference = _reference(table, folder, image, progress)
     seeds = read_reference(folder / table["seeds"], progress) if "seeds" in table else None
     if seeds is not None:
         check_same_grid(seeds, image)
-    body, wanted = _masks(image, table, folder)
-    image, bias = _corrected(image, body, deck["bias"], out, progress)
+    body, wanted = _masks(beside.whole(image), table, folder)
+    factor, bias = _shading(beside.whole(image), body, deck["bias"], out, progress)
+    if factor is not None:
+        image, beside = replace(image, data=image.data / factor), beside.divided(factor)
     region = _region(image, body, wanted, table)
     check_seeds(region, image, muscles)
     if reference is None and not muscles and "seed" in table:
         piece_with_seed(region, image, table["seed"])  # refuses one outside before the level sets
     grey = scaled_values(image, region)
-    channels, weights = [grey[..., np.newaxis]], [1.0]
+    more, weights = beside.values(region, grey)
+    record = [
+        {"name": one.name, "weight": weight}
+        for one, weight in zip(beside.images, weights, strict=True)
+    ]
+    channels, weights = [np.stack([grey, *more], axis=-1)], [1.0, *weights]
     if table["fiber_channels"] != "none":
         if tensor is None:
             raise InputError("image.fiber_channels needs image.tensor or image.dwi")
@@ -138,12 +147,14 @@ def _segment(
     if table["split"] != "pieces":
         progress(f"parting muscles: {table['split']}")
     warnings: list[str] = []
+    seen = beside.whole(image)
+    others = beside.heights(image, region) if table["split"] == "walk" else None
     if reference is not None:
-        labels = label_by_reference(table, image, grey, result, reference)
+        labels = label_by_reference(table, seen, grey, result, reference, others)
     elif seeds is not None:
-        labels, warnings = label_by_seeds(table, image, result, seeds)
+        labels, warnings = label_by_seeds(table, seen, result, seeds, others)
     elif muscles:
-        labels, warnings = label_by_rules(table, image, result, muscles)
+        labels, warnings = label_by_rules(table, seen, result, muscles, others)
     else:
         labels = label_by_phase(table, image, grey, result)
     inside = labels.data > 0
@@ -156,7 +167,8 @@ def _segment(
     write_labels(out / "regions.nii.gz", Labels(result.region + 1, image.affine))
     write_labels(out / "segmentation.nii.gz", labels)
 
-    warnings += [bias["doubt"]] if bias.get("doubt") else []
+    maps = beside.write(image, out)
+    warnings += [text for text in (doubt, bias.get("doubt")) if text]
     warnings += [] if not result.unrest else [_unrest(result, choice.iterations)]
     for name in ("fibers", "fa", "md", "eigenvalues"):
         (out / f"{name}.nii.gz").unlink(missing_ok=True)
@@ -185,15 +197,25 @@ def _segment(
     scores = {} if truth is None else _scores(deck, table, labels, truth)
     summary = _summary(deck, labels, result, scores, warnings)
     summary["segmentation"]["bias"] = bias
-    summary["segmentation"]["source"] = table.get("anatomy", "phantom")
+    summary["segmentation"]["source"] = (
+        deck["dixon"]["magnitude"][0] if beside.echoes else table.get("anatomy", "phantom")
+    )
+    if record:
+        summary["segmentation"]["channels"] = record
+    fraction = beside.fraction(image)
+    if fraction is not None:
+        summary["segmentation"]["maps"] = maps
+        for name, mean in fat_of_labels(labels, fraction, seen).items():
+            summary["segmentation"]["labels"][name]["fat_fraction"] = mean
     if tensor is not None:
         summary["segmentation"]["orientation"] = [entry.record() for entry in axes.evidence]
         summary["segmentation"]["fiber_smoothing"] = width
     if deck["tissue"]["find"]:
         progress("materials of the leg")
         summary["tissue"] = find_tissues(
-            deck, folder, out, image, tensor,
+            deck, folder, out, seen, tensor,
             body if "body" in table else None, None if wanted is None else wanted.data > 0,
+            fraction,
         )  # fmt: skip
     update_summary(out, summary)
     for line in (*_lines(summary), *(f"warning: {text}" for text in warnings)):
@@ -207,10 +229,14 @@ def _inputs(
     folder: Path,
     out: Path,
     progress: ProgressCallback,
-) -> tuple[Image, Image | None, Labels | None]:
-    """Anatomy, tensor and truth from files, or those of the phantom, which are also written."""
-    if "anatomy" not in table:
-        stray = [key for key in ("tensor", "dwi", "truth") if key in table]
+) -> tuple[Image, Image | None, Labels | None, Beside, str]:
+    """Anatomy, tensor, truth, images beside it and doubts; the phantom's are also written."""
+    for name in FILES:
+        (out / name).unlink(missing_ok=True)
+    echoes = read_echoes(deck, folder)
+    if "anatomy" not in table and echoes is None:
+        stray = [key for key in ("tensor", "dwi", "truth", "fat") if key in table]
+        stray += ["channels"] if table["channels"] else []
         if stray:
             raise InputError(
                 f"image.{stray[0]} needs image.anatomy; without it the phantom and its own "
@@ -220,15 +246,18 @@ def _inputs(
         progress(f"phantom of {' x '.join(map(str, keys['size']))} voxels")
         phantom = make_phantom(**keys)
         write_phantom(out, phantom)
-        return phantom.anatomy, phantom.tensor, phantom.truth
-    image = read_image(folder / table["anatomy"])
+        return phantom.anatomy, phantom.tensor, phantom.truth, Beside(), ""
+    if echoes is None:
+        image, fat, doubt = read_image(folder / table["anatomy"]), None, ""
+    else:
+        image, fat, doubt = echoes
     progress(f"{image.name}: {' x '.join(map(str, image.data.shape))} voxels")
     tensor = read_tensors(table, folder)
     truth = read_reference(folder / table["truth"], progress) if "truth" in table else None
     for other in (tensor, truth):
         if other is not None:
             check_same_grid(other, image)
-    return image, tensor, truth
+    return image, tensor, truth, read_beside(table, folder, image, fat), doubt
 
 
 def _masks(
@@ -298,18 +327,18 @@ def _unrest(result: Regions, limit: int) -> str:
     )
 
 
-def _corrected(
+def _shading(
     image: Image,
     mask: NDArray[np.bool_],
     keys: Mapping[str, Any],
     out: Path,
     progress: ProgressCallback,
-) -> tuple[Image, dict[str, Any]]:
-    """Image without shading, told by the body, and what to say about it; the field is written."""
+) -> tuple[NDArray[np.float64] | None, dict[str, Any]]:
+    """Shading told by the body (None: none), and what to say about it; the field is written."""
     path = out / "bias.nii.gz"
     if keys["method"] == "none":
         path.unlink(missing_ok=True)
-        return image, {"method": "none"}
+        return None, {"method": "none"}
     progress(f"bias field by {keys['method']}")
     check_positive(image, mask)
     more: dict[str, Any] = {}
@@ -339,7 +368,7 @@ def _corrected(
         "energy": found.energy.tolist(),
         **more,
     }
-    return replace(image, data=image.data / found.field), record
+    return found.field, record
 
 
 def _check_rules(table: Mapping[str, Any], muscles: list[Muscle]) -> None:

@@ -1,4 +1,8 @@
-"""Part of station one: materials of a whole leg, `tissue.nii.gz`, and the fibers of its muscle."""
+"""Part of station one: materials of a whole leg, `tissue.nii.gz`, and the fibers of its muscle.
+
+Memberships in the fuzzy clusters are `membership_fat.nii.gz` and, where there is an image of it,
+`membership_connective_tissue.nii.gz`.
+"""
 
 from __future__ import annotations
 
@@ -31,6 +35,7 @@ def find_tissues(
     tensor: Image | None,
     body: NDArray[np.bool_] | None = None,
     region: NDArray[np.bool_] | None = None,
+    fraction: Image | None = None,
 ) -> dict[str, Any]:
     """Label the materials of a leg and write them and the muscle's fibers.
 
@@ -50,6 +55,8 @@ def find_tissues(
         What the user calls body, shape `(ni, nj, nk)`; without it, it is found.
     region : NDArray, optional
         What belongs to the body wherever that is found, same shape.
+    fraction : Image, optional
+        Fraction of fat; stands in for `tissue.fat` where the deck names none.
 
     Returns
     -------
@@ -57,21 +64,30 @@ def find_tissues(
         Voxels and volume of each material, and the Dice coefficients with the phantom's truth.
     """
     table = deck["tissue"]
-    phantom = "anatomy" not in deck["image"]
+    phantom = "anatomy" not in deck["image"] and fraction is None
     special: dict[str, Image | None] = {"fat": None, "connective": None}
     for name in special:
         if phantom:
             special[name] = read_image(out / f"{name}.nii.gz")
         elif name in table:
             special[name] = read_image(folder / table[name])
-    images = LegImages(anatomy, special["fat"], special["connective"], tensor)
+    fat = fraction if special["fat"] is None else special["fat"]
+    images = LegImages(anatomy, fat, special["connective"], tensor)
     if body is None and region is not None:
         body = outer_boundary(anatomy, evolve_level_sets) | region
-    found = leg_tissues(images, evolve_level_sets, table, body)
+    memberships: dict[str, NDArray[np.float64]] = {}
+    found = leg_tissues(images, evolve_level_sets, table, body, memberships)
     if not (found.data == _MUSCLE).any():
         raise InputError(f"{anatomy.name}: no muscle was found; check the images of [tissue]")
     write_labels(out / "tissue.nii.gz", found)
     (out / "tissue_fibers.nii.gz").unlink(missing_ok=True)
+    maps = {}
+    for name in ("fat", "connective_tissue"):
+        path = out / f"membership_{name}.nii.gz"
+        path.unlink(missing_ok=True)
+        if name in memberships:
+            write_image(path, Image(memberships[name], anatomy.affine))
+            maps[f"membership_{name}"] = path.name
     if tensor is not None:
         keys = deck["image"]
         fibers, filled, far, distance, _ = fiber_field(
@@ -83,6 +99,7 @@ def find_tissues(
     record: dict[str, Any] = {
         "labels": {name: {"pixels": n, "volume": n * voxel} for name, n in count.items()}
     }
+    record["maps"] = maps
     if tensor is not None:
         record["fibers"] = {"filled": filled, "far": far, "distance_mm": distance}
     if phantom:

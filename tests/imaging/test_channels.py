@@ -1,0 +1,198 @@
+"""Several grey channels: level sets, walks and tissue see what one image does not show."""
+
+import json
+
+import numpy as np
+import pytest
+
+from myork.core.deck import text_of_tables
+from myork.errors import InputError
+from myork.imaging.io import read_image, read_labels, write_image, write_labels
+from myork.records import Image, Labels
+from myork.segmentation.channels import noise_level, noise_weight
+from myork.segmentation.scores import dice
+from myork.stations.segment import segment
+
+SIZE = (48, 48, 3)
+AFFINE = np.diag([1.5, 1.5, 6.0, 1.0])
+
+
+def halves(seed=1):
+    """A disc whose halves are alike in the anatomy and differ in a second image."""
+    i, j, _ = np.indices(SIZE) - np.array([23.5, 23.5, 1.0]).reshape(3, 1, 1, 1)
+    disc = np.hypot(i, j) < 20
+    truth = np.where(disc, np.where(i + 4 * np.sin(j / 5.0) < 0, 1, 2), 0).astype(np.int32)
+    random = np.random.default_rng(seed)
+    anatomy = np.abs(disc * 300.0 + random.normal(0.0, 12.0, SIZE))
+    other = np.choose(truth, [0.0, 30.0, 45.0]) + random.normal(0.0, 3.0, SIZE)
+    return anatomy, other, truth
+
+
+@pytest.fixture
+def folder(tmp_path):
+    anatomy, other, truth = halves()
+    for name, data in (("anatomy", anatomy), ("t2", other)):
+        write_image(tmp_path / f"{name}.nii.gz", Image(data, AFFINE))
+    for name, data in (("truth", truth), ("body", truth > 0)):
+        write_labels(tmp_path / f"{name}.nii.gz", Labels(data.astype(np.int32), AFFINE))
+    known = np.zeros(SIZE, np.int32)
+    known[12, 20:28], known[36, 20:28] = 1, 2
+    write_labels(tmp_path / "seeds.nii.gz", Labels(known, AFFINE, {1: "one", 2: "two"}))
+    return tmp_path
+
+
+def run(folder, keys, **tables):
+    tables = {
+        "scene": {"dimension": 3},
+        "image": {"body": "body.nii.gz", **keys},
+        "bias": {"method": "none"},
+        **tables,
+    }
+    (folder / "a.toml").write_text(text_of_tables(tables))
+    summary = segment(folder / "a.toml", folder / "out")
+    assert json.loads((folder / "out" / "summary.json").read_text())["segmentation"]
+    return summary, read_labels(folder / "out" / "segmentation.nii.gz").data
+
+
+def shares(folder, found):
+    truth = read_labels(folder / "truth.nii.gz").data
+    straight = min(dice(found == n, truth == n) for n in (1, 2))
+    return max(straight, min(dice(found == 3 - n, truth == n) for n in (1, 2)))
+
+
+@pytest.mark.parametrize("way", ["level sets", "walk"])
+def test_a_channel_tells_what_the_anatomy_does_not(folder, way):
+    keys = {"anatomy": "anatomy.nii.gz", "regions": 3 if way == "walk" else 2, "tolerance": 0.01}
+    if way == "walk":
+        keys |= {"split": "walk", "seeds": "seeds.nii.gz"}
+    else:
+        keys |= {"phase": "dark"}
+    without = run(folder, keys)[1]
+    summary, found = run(folder, keys | {"channels": ["t2.nii.gz"]})
+    if way == "level sets":
+        found = np.where(read_labels(folder / "truth.nii.gz").data > 0, 2 - (found == 1), 0)
+        without = np.where(found > 0, 2 - (without == 1), 0)
+    assert shares(folder, found) > 0.97
+    assert shares(folder, without) < 0.93
+    (channel,) = summary["segmentation"]["channels"]
+    assert channel["name"].endswith("t2.nii.gz") and 1 / 16 <= channel["weight"] <= 16
+
+
+def test_channels_count_by_their_noise():
+    truth = halves()[2]
+    region = truth > 0
+    random = np.random.default_rng(3)
+    for sigma in (0.02, 0.1):
+        values = truth / 2.0 + random.normal(0.0, sigma, SIZE)
+        assert noise_level(values, region) == pytest.approx(sigma, rel=0.1)
+    assert noise_weight(0.02, 0.04) == pytest.approx(0.25)
+    assert noise_weight(1.0, 1e-3) == 16.0 and noise_weight(1e-3, 1.0) == 1.0 / 16.0
+    assert noise_weight(0.0, 1.0) == noise_weight(1.0, 0.0) == 1.0
+
+
+def test_weights_of_the_deck_stand_in_for_those_of_the_noise(folder):
+    keys = {"anatomy": "anatomy.nii.gz", "channels": ["t2.nii.gz"], "tolerance": 0.01}
+    summary, _ = run(folder, keys | {"channel_weights": [3.0]})
+    assert [one["weight"] for one in summary["segmentation"]["channels"]] == [3.0]
+    with pytest.raises(InputError, match="channel_weights has 2 weights; give 1, one for each of"):
+        run(folder, keys | {"channel_weights": [3.0, 1.0]})
+    with pytest.raises(InputError, match="channel_weights needs image.fat, image.channels or"):
+        run(folder, {"anatomy": "anatomy.nii.gz", "channel_weights": [1.0]})
+    with pytest.raises(InputError, match="image.channels needs image.anatomy"):
+        run(folder, {"channels": ["t2.nii.gz"]})
+
+
+def echoes(folder):
+    """A leg of muscle under fat, in two echoes whose phases wrap, in files; truth of both."""
+    i, j, _ = np.indices((64, 64, 5)) - np.array([31.5, 31.5, 2.0]).reshape(3, 1, 1, 1)
+    r = np.hypot(i, j)
+    kind = np.select(
+        [r > 29, r > 21, np.hypot(i, j - 6) > 7, np.hypot(i, j - 6) > 4], [0, 2, 1, 3], 4
+    )
+    water, fat = (np.choose(kind, one) for one in ([0, 0.95, 0.06, 0.03, 0.06], [0, 0.04, 1, 0, 1]))
+    fat = fat + np.where((kind == 1) & (i < 0), 0.15, 0.0)
+    random = np.random.default_rng(1)
+    for number, c in enumerate((1.0, -1.0)):
+        signal = (water + c * fat) * np.exp(1j * (0.03 * i + number * (0.12 * j + 2.0)))
+        signal = 500 * signal + random.normal(0.0, 20.0, (*i.shape, 2)) @ (1.0, 1j)
+        write_image(folder / f"m{number}.nii.gz", Image(np.abs(signal), AFFINE))
+        write_image(folder / f"p{number}.nii.gz", Image(np.angle(signal), AFFINE))
+    return kind, fat / np.maximum(water + fat, 1e-9)
+
+
+DIXON = {"magnitude": ["m0.nii.gz", "m1.nii.gz"], "phase": ["p0.nii.gz", "p1.nii.gz"]}
+
+
+def test_echoes_become_water_fat_and_tissue(tmp_path):
+    kind, truth = echoes(tmp_path)
+    tables = {
+        "scene": {"dimension": 3},
+        "image": {"regions": 2, "phase": "bright", "label": "muscle"},
+        "bias": {"method": "none"},
+        "dixon": DIXON,
+        "tissue": {"find": True},
+    }
+    (tmp_path / "a.toml").write_text(text_of_tables(tables))
+    summary = segment(tmp_path / "a.toml", tmp_path / "out")
+    out = tmp_path / "out"
+    fraction = read_image(out / "fat_fraction.nii.gz").data
+    body = (kind > 0) & (kind != 3)
+    assert np.corrcoef(fraction[body], truth[body])[0, 1] > 0.98
+    record = summary["segmentation"]
+    assert record["maps"] == {"fat": "fat.nii.gz", "fat_fraction": "fat_fraction.nii.gz"}
+    assert record["source"] == "m0.nii.gz" and not record["warnings"]
+    # Water alone shows no fat; the body and its regions reach under the skin all the same.
+    regions = read_labels(out / "regions.nii.gz").data
+    ring = kind == 2
+    assert (regions[ring] > 0).mean() > 0.75
+    found = read_labels(out / "segmentation.nii.gz").data
+    assert dice(found == 1, kind == 1) > 0.95
+    # Half of the muscle holds 4 % of fat, half 17 %.
+    assert record["labels"]["muscle"]["fat_fraction"] == pytest.approx(0.10, abs=0.02)
+    tissue = read_labels(out / "tissue.nii.gz")
+    number = {name: n for n, name in tissue.names.items()}
+    fat = tissue.data == number["fat"]
+    assert fat[ring].mean() > 0.95 and fat[kind == 1].mean() < 0.02
+    assert summary["tissue"]["maps"] == {"membership_fat": "membership_fat.nii.gz"}
+    membership = read_image(out / "membership_fat.nii.gz").data
+    assert membership[ring].mean() > 0.9 and membership[kind == 1].mean() < 0.1
+
+
+def test_water_and_fat_of_the_scanner_are_as_good(tmp_path):
+    kind, _ = echoes(tmp_path)
+    water, fat = (np.isin(kind, numbers) * 400.0 + 10.0 for numbers in ((1,), (2, 4)))
+    for name, data in (("water", water), ("fat", fat)):
+        write_image(tmp_path / f"{name}.nii.gz", Image(data * (kind > 0), AFFINE))
+    tables = {
+        "scene": {"dimension": 3},
+        "image": {"anatomy": "water.nii.gz", "fat": "fat.nii.gz", "phase": "bright"},
+        "bias": {"method": "none"},
+    }
+    (tmp_path / "a.toml").write_text(text_of_tables(tables))
+    segment(tmp_path / "a.toml", tmp_path / "out")
+    regions = read_labels(tmp_path / "out" / "regions.nii.gz").data
+    assert (regions[kind == 2] > 0).mean() > 0.75
+    assert (tmp_path / "out" / "fat_fraction.nii.gz").exists()
+    del tables["image"]["fat"]
+    (tmp_path / "a.toml").write_text(text_of_tables(tables))
+    segment(tmp_path / "a.toml", tmp_path / "out")
+    regions = read_labels(tmp_path / "out" / "regions.nii.gz").data
+    assert (regions[kind == 2] > 0).mean() < 0.3
+    assert not (tmp_path / "out" / "fat_fraction.nii.gz").exists()
+
+
+@pytest.mark.parametrize(
+    ("image", "dixon", "message"),
+    [
+        ({}, {"magnitude": DIXON["magnitude"]}, "needs magnitude and phase, two images each"),
+        ({"anatomy": "m0.nii.gz"}, DIXON, "take image.anatomy out"),
+        ({"fat": "m0.nii.gz"}, DIXON, "take image.fat out"),
+        ({}, DIXON | {"echo_times": [2.3, 4.6]}, "two echo times and a field above zero belong"),
+    ],
+)
+def test_echoes_that_do_not_make_water_and_fat(tmp_path, image, dixon, message):
+    echoes(tmp_path)
+    tables = {"scene": {"dimension": 3}, "image": image, "dixon": dixon}
+    (tmp_path / "a.toml").write_text(text_of_tables(tables))
+    with pytest.raises(InputError, match=message):
+        segment(tmp_path / "a.toml", tmp_path / "out")
