@@ -239,7 +239,12 @@ def _bench(options: argparse.Namespace) -> None:
     out = options.out or Path("out", "bench")
     with Console(options.verbosity) as console:
         record = run_benches(
-            options.names, out, quick=options.quick, limit=options.limit, progress=console
+            options.names,
+            out,
+            quick=options.quick,
+            limit=options.limit,
+            resume=options.resume,
+            progress=console,
         )
     print(f"benchmarks: {out / 'bench.html'}")
     ended = [name for name, bench in record["benches"].items() if "ended" in bench]
@@ -490,7 +495,7 @@ def _parser() -> argparse.ArgumentParser:
         "the tables and speed-against-error curves of the reference problems, solved anew",
         "  myork bench nonlinear\n  myork bench stability --quick\n"
         "  myork bench nonlinear stability curves mms --out out/bench\n"
-        "  myork bench all --quick --limit 300",
+        "  myork bench all --quick --limit 300\n  myork bench all --resume",
         "folder of bench.json and bench.html; default out/bench",
     )
     bench.add_argument(
@@ -506,6 +511,11 @@ def _parser() -> argparse.ArgumentParser:
         metavar="SECONDS",
         help="go on with the next benchmark after this time, or when one fails; with all 3600, "
         "600 with --quick",
+    )
+    bench.add_argument(
+        "--resume",
+        action="store_true",
+        help="keep the results of an earlier run in the folder, run what is missing or had none",
     )
     report = add(
         "report",

@@ -13,7 +13,7 @@ from typing import Any
 
 from myork.errors import FileError
 
-__all__ = ["claimed", "whole_file", "write_json", "write_text"]
+__all__ = ["claimed", "read_json", "whole_file", "write_json", "write_text"]
 
 
 @contextmanager
@@ -88,6 +88,23 @@ def write_text(path: Path, text: str) -> None:
 def write_json(path: Path, value: Any) -> None:
     """Write mappings, lists, texts and numbers as JSON; what is not finite becomes null."""
     write_text(path, json.dumps(_finite(value), indent=1, ensure_ascii=False) + "\n")
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Entries of a JSON file, with a FileError where it cannot be read or is not one object."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse)
+    except (OSError, ValueError) as reason:
+        raise FileError(f"{path}: not a complete JSON file: {reason}") from None
+    except RecursionError:
+        raise FileError(f"{path}: not a complete JSON file: too deep") from None
+    if not isinstance(content, dict):
+        raise FileError(f"{path}: an object is needed, not {type(content).__name__}")
+    return content
+
+
+def _refuse(name: str) -> None:
+    raise ValueError(f"{name} is not a number that JSON can hold")
 
 
 def _finite(value: Any) -> Any:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from myork.errors import FileError
-from myork.files import claimed, write_json
+from myork.files import claimed, read_json, write_json
 
 __all__ = ["failures", "read_summary", "renewing", "update_summary"]
 
@@ -77,21 +76,7 @@ def read_summary(folder: Path) -> dict[str, Any]:
         The file is not a JSON object, or cannot be read.
     """
     path = folder / "summary.json"
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse)
-    except FileNotFoundError:
-        return {}
-    except (OSError, ValueError) as reason:
-        raise FileError(f"{path}: not a complete JSON file: {reason}") from None
-    except RecursionError:
-        raise FileError(f"{path}: not a complete JSON file: too deep") from None
-    if not isinstance(content, dict):
-        raise FileError(f"{path}: not a summary: an object is needed")
-    return content
-
-
-def _refuse(name: str) -> None:
-    raise ValueError(f"{name} is not a number that JSON can hold")
+    return read_json(path) if path.exists() else {}
 
 
 def _read(folder: Path) -> dict[str, Any]:

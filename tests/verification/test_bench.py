@@ -9,11 +9,13 @@ import pytest
 
 from myork.bench import run_benches
 from myork.bench.limited import run_limited
+from myork.bench.machine import machine
 from myork.bench.page import write_page
 from myork.bench.runs import METHODS
 from myork.bench.studies.race import cost
 from myork.bench.tables import Columns, plot, table
 from myork.errors import InputError
+from myork.files import write_json
 from myork.reference.measures import oscillation
 
 RECORD = {
@@ -111,6 +113,23 @@ def test_limits_and_failures_end_no_other_bench(tmp_path: Path) -> None:
     assert "0 benchmarks have results; without: certify, trust" in page
     missing = run_limited("nothing", tmp_path, lambda line: None, True, 60.0)
     assert missing["ended"].startswith("ModuleNotFoundError")
+
+
+def test_what_has_a_result_is_kept(tmp_path: Path) -> None:
+    """Of an earlier run in the folder: kept with a result, run where it had none."""
+    lines: list[str] = []
+    record = {**machine(), "quick": True, "date": "before"}
+    found = {"linear": {"title": "kept", "cases": [None]}, "trust": {"ended": "late"}}
+    write_json(tmp_path / "bench.json", {**record, "benches": found})
+    names = ["trust", "linear"]
+    made = run_benches(names, tmp_path, quick=True, limit=0.05, resume=True, progress=lines.append)
+    assert lines[0] == "bench 1/2  trust" and lines[-1] == "bench 2/2  linear, kept"
+    assert made["benches"]["linear"] == found["linear"] and made["date"] == "before"
+    assert made["benches"]["trust"]["ended"] == "not done within 0.05 s"
+    page = (tmp_path / "bench.html").read_text(encoding="utf-8")
+    assert "1 benchmarks have results, measured in 2 runs; without: trust" in page
+    with pytest.raises(InputError, match="quick was True and is False: results of both"):
+        run_benches(names, tmp_path, resume=True)
 
 
 def test_a_bench_in_a_process_of_its_own(tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ from typing import Any
 
 from myork.console import ProgressCallback, silent
 from myork.errors import InputError
-from myork.files import claimed, write_json
+from myork.files import claimed, read_json, write_json
 
 __all__ = ["BENCHES", "run_benches"]
 
@@ -57,6 +57,7 @@ def run_benches(
     *,
     quick: bool = False,
     limit: float | None = None,
+    resume: bool = False,
     progress: ProgressCallback = silent,
 ) -> dict[str, Any]:
     """Run benchmarks and write `bench.json` and `bench.html`.
@@ -72,6 +73,8 @@ def run_benches(
     limit : float, optional
         Time after which a benchmark is ended and the next one begins [s]; one that fails ends
         nothing then either. Default of `all` an hour each, ten minutes where `quick`; else none.
+    resume : bool
+        Benchmarks that `bench.json` in the folder has a result of keep it and are not run.
     progress : callable
         Called with every line of progress.
 
@@ -83,7 +86,7 @@ def run_benches(
     Raises
     ------
     InputError
-        A name is unknown.
+        A name is unknown, or what is to be kept is of another version, machine or size.
     """
     for name in names:
         if name not in (*BENCHES, "all"):
@@ -93,20 +96,47 @@ def run_benches(
         names = list(BENCHES)
         limit = limit or (600.0 if quick else 3600.0)
     with claimed(out):
-        return _run_all(names, out, quick, limit, progress)
+        record = _begun(out, quick, resume)
+        return _run_all(names, out, record, limit, progress)
+
+
+def _begun(out: Path, quick: bool, resume: bool) -> dict[str, Any]:
+    """Record without benchmarks, or with those that ended with a result in the folder before."""
+    from myork.bench.machine import machine
+
+    record: dict[str, Any] = {**machine(), "quick": quick, "benches": {}}
+    place = out / "bench.json"
+    if not (resume and place.exists()):
+        return record
+    before = read_json(place)
+    for key in ("version", "processor", "cores", "quick"):
+        if before.get(key) != record[key]:
+            raise InputError(
+                f"{place}: {key} was {before.get(key)} and is {record[key]}: results of both do "
+                "not belong into one table; run without --resume, or in another folder"
+            )
+    kept = {name: found for name, found in before["benches"].items() if "ended" not in found}
+    return {**before, "resumed": [*before.get("resumed", []), record["date"]], "benches": kept}
 
 
 def _run_all(
-    names: list[str], out: Path, quick: bool, limit: float | None, progress: ProgressCallback
+    names: list[str],
+    out: Path,
+    record: dict[str, Any],
+    limit: float | None,
+    progress: ProgressCallback,
 ) -> dict[str, Any]:
     """Run benchmarks in a folder of their own."""
     from myork.bench.limited import run_limited
-    from myork.bench.machine import machine
     from myork.bench.page import write_page
 
-    record: dict[str, Any] = {**machine(), "quick": quick, "benches": {}}
-    for number, name in enumerate(dict.fromkeys(names)):
-        progress(f"bench {number + 1}/{len(names)}  {name}")
+    quick = record["quick"]
+    names = list(dict.fromkeys(names))
+    for number, name in enumerate(names):
+        known = name in record["benches"]
+        progress(f"bench {number + 1}/{len(names)}  {name}{', kept' if known else ''}")
+        if known:
+            continue
         if limit is None:
             study = import_module(f"myork.bench.studies.{name}")
             record["benches"][name] = study.run(out, progress, quick)
