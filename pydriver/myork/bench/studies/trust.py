@@ -61,9 +61,13 @@ def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
             *(_problem_table(name, cases) for name in _names(cases)),
             _end_table(cases),
         ],
-        "plots": [_problem_plot(name, kind, cases) for name in _names(cases)
-                  for kind in ("displacement", "force")],
-    }  # fmt: skip
+        "plots": [
+            drawn
+            for name in _names(cases)
+            for kind in ("displacement", "force")
+            if (drawn := _problem_plot(name, kind, cases))["series"]
+        ],
+    }
 
 
 def _names(cases: Sequence[Mapping[str, Any]]) -> list[str]:
