@@ -90,6 +90,30 @@ def test_what_lies_under_the_skin_decides_and_is_told_where_it_does_not():
     assert "fractions differ by" in bare.doubt and "dixon.rim" in bare.doubt
 
 
+def test_echoes_in_the_wrong_order_are_told():
+    """Fat of muscle, 30 % of it, is dark in opposed phase, which no mixture is in phase."""
+    (one, two), water, fat, _ = legs(None, 0.0)
+    muscle = water > 0.9
+    mixed = [echo - muscle * 0.6 * part * echo for echo, part in ((one, 0.0), (two, 1.0))]
+    body = water + fat > 0
+    assert not separate(*mixed, body, spacing=SPACING).doubt
+    doubt = separate(*mixed[::-1], body, spacing=SPACING).doubt
+    assert "with the echoes exchanged" in doubt and "dixon.echo_times" in doubt
+
+
+@pytest.mark.parametrize(
+    ("times", "strength", "alike"),
+    [((2.3, 4.6), 1.5, False), ((2.46, 1.23), 3.0, False), ((2.3, 4.6), 3.0, True)],
+)
+def test_times_at_which_fat_is_alike_in_both_echoes_are_told(times, strength, alike):
+    """At 3 T these are both in phase."""
+    (one, two), water, fat, _ = legs(times, strength)
+    found = separate(
+        one, two, water + fat > 0, spacing=SPACING, factors=fat_factors(times, strength)
+    )
+    assert ("fat has nearly the same phase in both echoes" in found.doubt) == alike
+
+
 def test_slices_along_another_axis_are_no_other_image():
     (one, two), water, fat, _ = legs(None, 0.0)
     turned = [np.moveaxis(x, 2, 0) for x in (one, two, water + fat > 0)]

@@ -48,6 +48,8 @@ _ROUNDS = 10  # of choosing again after the average
 _RIM = (2.5, 7.0)  # depth of what lies under the skin [mm]
 _SMALL = 0.02  # part of the body below which a group is decided by the phases around it
 _UNLIKE = 0.1  # fraction of fat by which rim and inside must differ
+_BEYOND, _MANY = 1.5, 0.05  # ratio of echoes beyond what mixtures have, and part of the body there
+_LEAST = 0.25  # of the averages that water and fat are worth: noise is twice that of an echo
 
 
 class WaterFat(NamedTuple):
@@ -62,7 +64,7 @@ class WaterFat(NamedTuple):
     phase : NDArray
         Smooth phase from the first echo to the second, same shape [radian].
     doubt : str
-        Why water and fat may be exchanged; empty where nothing speaks for it.
+        Why water and fat may be exchanged or wrong; empty where nothing speaks for it.
     """
 
     water: F64
@@ -195,6 +197,7 @@ def separate(
             break
         state = again
     water, fat = _signals(one, two * np.exp(-1j * np.angle(smooth)), factors)
+    doubts = (doubt, _order_doubt(np.abs(one), np.abs(two), factors), _times_doubt(factors))
     both = water + fat
     fraction = np.divide(fat, both, out=np.zeros_like(fat), where=both > 0)
     return WaterFat(
@@ -202,7 +205,7 @@ def separate(
         fat=_on_grid(fat, body),
         fraction=_on_grid(fraction, body),
         phase=_on_grid(np.angle(smooth), body),
-        doubt=doubt,
+        doubt="; ".join(text for text in doubts if text),
     )
 
 
@@ -335,6 +338,39 @@ def _rim_decides(
                 f"{max(contrast):.2f}); look whether water and fat are exchanged, and set dixon.rim"
             )
     return result, doubt
+
+
+def _order_doubt(one: F64, two: F64, factors: tuple[complex, complex]) -> str:
+    """What to say where mixtures explain the magnitudes of the echoes less than exchanged."""
+    part = np.linspace(0.0, 1.0, 101)
+    first, second = (np.maximum(np.abs(1.0 - part + c * part), 1e-3) for c in factors)
+    low, high = (second / first).min() / _BEYOND, (second / first).max() * _BEYOND
+    bright = np.maximum(one, two)
+    seen = bright > 0.5 * np.median(bright)
+    mine, other = (
+        float(((b > high * a) | (b < low * a))[seen].mean()) for a, b in ((one, two), (two, one))
+    )
+    if mine < max(_MANY, 2.0 * other):
+        return ""
+    return (
+        f"dixon: {100.0 * mine:.0f} % of the body is brighter in one of the echoes than any "
+        f"mixture of water and fat ({100.0 * other:.0f} % with the echoes exchanged); look whether "
+        "their order is that of dixon.echo_times (without these in phase first, opposed second)"
+    )
+
+
+def _times_doubt(factors: tuple[complex, complex]) -> str:
+    """Whether fat is too alike in both echoes for the noise not to grow."""
+    matrix = np.array([[1.0, factors[0]], [1.0, factors[1]]])
+    # 1 is the noise of one echo, 2 that of the mean of both
+    averages = 1.0 / np.linalg.norm(np.linalg.inv((matrix.conj().T @ matrix).real), 2)
+    if averages >= _LEAST:
+        return ""
+    return (
+        "dixon: fat has nearly the same phase in both echoes, which makes the noise of water and "
+        f"fat {averages**-0.5:.1f} times that of an echo; look at dixon.echo_times and "
+        "dixon.field_strength"
+    )
 
 
 def _average(values: C128, body: Mask, size: F64) -> C128:
