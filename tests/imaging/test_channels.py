@@ -169,10 +169,16 @@ def test_water_and_fat_of_the_scanner_are_as_good(tmp_path):
         "bias": {"method": "none"},
     }
     (tmp_path / "a.toml").write_text(text_of_tables(tables))
-    segment(tmp_path / "a.toml", tmp_path / "out")
+    summary = segment(tmp_path / "a.toml", tmp_path / "out")
+    assert not summary["segmentation"]["warnings"]
     regions = read_labels(tmp_path / "out" / "regions.nii.gz").data
     assert (regions[kind == 2] > 0).mean() > 0.75
     assert (tmp_path / "out" / "fat_fraction.nii.gz").exists()
+    # the fat of the folder itself is not deleted before it is read, and the dark of water is fat
+    tables["image"] |= {"fat": str(tmp_path / "out" / "fat.nii.gz"), "phase": "dark"}
+    (tmp_path / "a.toml").write_text(text_of_tables(tables))
+    (doubt,) = segment(tmp_path / "a.toml", tmp_path / "out")["segmentation"]["warnings"]
+    assert "of its signal is fat" in doubt and "image.phase should be 'bright'" in doubt
     del tables["image"]["fat"]
     (tmp_path / "a.toml").write_text(text_of_tables(tables))
     segment(tmp_path / "a.toml", tmp_path / "out")

@@ -74,6 +74,19 @@ def test_measured_fibers_and_a_flow_are_one_too_many(tmp_path):
         build(deck, tmp_path / "out")
 
 
+def test_one_slice_has_no_ends_for_a_flow(tmp_path):
+    labels = np.ones((6, 5, 1), np.int32)
+    write_labels(tmp_path / "l.nii.gz", Labels(labels, np.eye(4)))
+    deck = {
+        "title": "slice",
+        "units": {"force": "N", "length": "mm"},
+        "scene": {"dimension": 2},
+        "build": {"labels": str(tmp_path / "l.nii.gz"), "flow": True},
+    }
+    with pytest.raises(InputError, match=r"there is one slice only; set build\.extrude"):
+        build(deck, tmp_path / "out")
+
+
 def test_prism_of_a_slice_lies_about_it():
     data = np.zeros((9, 7, 1), np.int32)
     data[2:7, 2:5] = 3

@@ -87,6 +87,11 @@ def build(
         if table["flow"]:
             progress("fibers along a flow from end to end of each label")
             labels = canonical(labels)
+            if labels.data.shape[2] == 1:
+                raise InputError(
+                    f"{labels.name}: build.flow runs from the lowest slice to the highest, and "
+                    "there is one slice only; set build.extrude, or leave build.flow out"
+                )
             fibers = flow_fibers(labels)
         progress(f"points from {', '.join(path.name for path in paths)}")
         source_images = "\n".join(

@@ -194,6 +194,10 @@ def _segment(
                 f"{tensor.name}: {far} of these have no usable tensor around them and took the "
                 f"fiber of the nearest voxel that has, up to {distance:.3g} mm away"
             )
+    fraction = beside.fraction(image)
+    fat = {} if fraction is None else fat_of_labels(labels, fraction, seen)
+    if table["regions"] == 2 and reference is None and seeds is None and not muscles:
+        warnings += _fat_doubts(fat, table["phase"])
     scores = {} if truth is None else _scores(deck, table, labels, truth)
     summary = _summary(deck, labels, result, scores, warnings)
     summary["segmentation"]["bias"] = bias
@@ -202,10 +206,9 @@ def _segment(
     )
     if record:
         summary["segmentation"]["channels"] = record
-    fraction = beside.fraction(image)
     if fraction is not None:
         summary["segmentation"]["maps"] = maps
-        for name, mean in fat_of_labels(labels, fraction, seen).items():
+        for name, mean in fat.items():
             summary["segmentation"]["labels"][name]["fat_fraction"] = mean
     if tensor is not None:
         summary["segmentation"]["orientation"] = [entry.record() for entry in axes.evidence]
@@ -231,8 +234,6 @@ def _inputs(
     progress: ProgressCallback,
 ) -> tuple[Image, Image | None, Labels | None, Beside, str]:
     """Anatomy, tensor, truth, images beside it and doubts; the phantom's are also written."""
-    for name in FILES:
-        (out / name).unlink(missing_ok=True)
     echoes = read_echoes(deck, folder)
     if "anatomy" not in table and echoes is None:
         stray = [key for key in ("tensor", "dwi", "truth", "fat") if key in table]
@@ -246,6 +247,7 @@ def _inputs(
         progress(f"phantom of {' x '.join(map(str, keys['size']))} voxels")
         phantom = make_phantom(**keys)
         write_phantom(out, phantom)
+        (out / FILES[1]).unlink(missing_ok=True)
         return phantom.anatomy, phantom.tensor, phantom.truth, Beside(), ""
     if echoes is None:
         image, fat, doubt = read_image(folder / table["anatomy"]), None, ""
@@ -257,7 +259,11 @@ def _inputs(
     for other in (tensor, truth):
         if other is not None:
             check_same_grid(other, image)
-    return image, tensor, truth, read_beside(table, folder, image, fat), doubt
+    beside = read_beside(table, folder, image, fat)
+    if beside.fat is None:
+        for name in FILES:
+            (out / name).unlink(missing_ok=True)
+    return image, tensor, truth, beside, doubt
 
 
 def _masks(
@@ -318,6 +324,17 @@ def _start_labels(
     labels = read_labels(folder / table["start_labels"])
     check_same_grid(labels, image)
     return labels.data
+
+
+def _fat_doubts(fat: Mapping[str, float], phase: str) -> list[str]:
+    """What to say where the wanted phase of the water is fat and is not called so."""
+    other = "bright" if phase == "dark" else "dark"
+    return [
+        f"{name}: {100.0 * mean:.0f} % of its signal is fat; muscle is bright in the water of a "
+        f"Dixon sequence: look whether image.phase should be '{other}'"
+        for name, mean in fat.items()
+        if mean > 0.5 and "fat" not in name.lower()
+    ]
 
 
 def _unrest(result: Regions, limit: int) -> str:
