@@ -303,7 +303,9 @@ subroutine foretell(self, problem, r, size)
    before = size
    call problem%measure(r, size)
    if (self%iterations == 0 .or. .not. self%whole) return
-   self%step_norm = min(1.0_wp, caution*size/before)*self%step_norm
+   ! a step that was not made is never called rounding: the forces must balance as well
+   if (self%step_norm > rounding) self%step_norm = max(rounding, min(1.0_wp, caution*size/before) &
+      & *self%step_norm)
 end subroutine foretell
 
 !> Note where the problem was linearised
