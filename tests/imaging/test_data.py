@@ -1,5 +1,6 @@
 """Files that a deck names, looked for in a folder of data."""
 
+import json
 from pathlib import Path
 
 import pytest
@@ -71,3 +72,19 @@ def test_the_command_reads_the_file_that_was_found(deck, tmp_path, capsys):
     # The file is empty, and the message names it where it lies.
     assert main(["segment", str(deck), "--data", str(tmp_path / "data")]) == 2
     assert str(tmp_path / "data" / "first visit" / "t1.nii.gz") in capsys.readouterr().err
+
+
+def test_of_several_files_those_at_the_deck_stay_there(tmp_path, monkeypatch):
+    """The deck is named from elsewhere: its folder must not be put before its files twice."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("deck/t1.nii.gz", "deck/t2.nii.gz", "data/t3.nii.gz"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    deck = tmp_path / "deck" / "a.toml"
+    deck.write_text(
+        'title = "t"\nunits = {force = "N", length = "mm"}\nscene.dimension = 3\n[image]\n'
+        'anatomy = "t1.nii.gz"\nchannels = ["t2.nii.gz", "t3.nii.gz"]\n'
+    )
+    (found,) = data_overrides("deck/a.toml", "data")
+    places = [str(tmp_path / name) for name in ("deck/t2.nii.gz", "data/t3.nii.gz")]
+    assert found == f"image.channels={json.dumps(places)}"

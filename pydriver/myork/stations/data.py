@@ -76,7 +76,9 @@ def data_overrides(
         own = [Path(values["folder"]) / one for one in names]
         if all(path.exists() for path in own):
             continue
-        places = [path if path.exists() else _place(deck, key, path, folder) for path in own]
+        places = [
+            path.resolve() if path.exists() else _place(deck, key, path, folder) for path in own
+        ]
         text = json.dumps([str(place) for place in places])
         found.append(f"{key}={text if isinstance(wanted, list) else places[0]}")
     return found
