@@ -119,4 +119,4 @@ def test_stability(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     counts, others, every = (table["rows"] for table in bench["tables"])
     assert dict(counts) == {RIGHT: 1, DOUBTED: 1, EXPLAINED: 1}
     assert [row[0] for row in others] == ["empty label"] and len(every) == 3
-    assert "3 hard cases, 1 of which" in bench["about"]
+    assert "3 cases; 1 of them end" in bench["about"]

@@ -346,7 +346,7 @@ def test_gauss_points_need_a_lattice_or_voxels(open_scene):
     labels = Labels(np.ones((3, 3, 3), np.int32), np.eye(4), {1: "muscle"})
     cloud = replace(build_cloud(labels, None, BUILD, "mm")[0], voxels=None)
     tables = body(3, "rkpm-gauss", {}, LINEAR, ["bottom"])
-    with pytest.raises(InputError, match="lattice of a box or an annulus.*rkpm-scni"):
+    with pytest.raises(InputError, match="lattice of a box or an annulus.*rkcm-mixed"):
         open_scene(tables, cloud=cloud)
 
 

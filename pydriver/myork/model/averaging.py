@@ -162,9 +162,9 @@ def _alike(shape: F64, trust: F64, label: I32, axis: int) -> int:
     for k in apart[apart < label.shape[axis]]:
         (value, other), (weight, weight_other), (one, two) = ((a[k:], a[:-k]) for a in along)
         pairs = (one == two) & (one > 0)
-        if pairs.sum() < _PAIRS:
-            continue
         both = (weight * weight_other)[pairs]
+        if len(both) < _PAIRS or not both.sum() > 0.0:
+            continue
         half[k - 1] = 0.5 * (both @ ((value - other)[pairs] ** 2 @ _SQUARES)) / both.sum()
     bend = max((half[3] - half[2]) / 7.0, 0.0)
     noise = half[2] - 9.0 * bend

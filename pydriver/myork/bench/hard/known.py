@@ -300,9 +300,6 @@ def _lattices() -> list[Case]:
             )
             if form == "rkcm-subdomain" and name.startswith("two"):
                 case = case._replace(right={}, words=("3 source points in each direction",))
-            elif form == "rkcm-subdomain" and name.endswith("20 moved by 0.4 h"):
-                # cells reach from face to face
-                case = case._replace(right={}, words=("prescribe two displacements",))
             found.append(case)
     return found
 
