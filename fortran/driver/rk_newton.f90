@@ -482,6 +482,8 @@ subroutine begin(self, problem, load, a, r, g, first_gradient)
    first_gradient = norm2(g)
    if (problem%inexact) first_gradient = norm2(r)
    if (.not. allocated(self%slope)) return
+   ! what was begun by an earlier version knows no load before the last one
+   if (problem%inexact .and. .not. abs(self%done - self%earlier) > 0.0_wp) return
    call problem%measure(r, size)
    if (problem%inexact) call problem%extrapolate(a - (self%done - self%earlier)*self%slope, &
       & self%earlier, (load - self%done)/(self%done - self%earlier))

@@ -103,6 +103,7 @@ subroutine merge_points(cloud, coarse, block)
    !> Block of each point, shape (nc)
    integer, intent(in) :: block(:)
    real(wp), allocatable :: fibered(:)
+   logical, allocatable :: present(:, :)
    integer :: ip, k, f
 
    k = size(coarse%voxels%index, 2)
@@ -115,13 +116,15 @@ subroutine merge_points(cloud, coarse, block)
    allocate (coarse%fraction(size(coarse%fraction_label), k), source=0.0_wp)
    allocate (coarse%fiber(3, k), source=0.0_wp)
    allocate (coarse%points(3, k))
+   allocate (present(size(coarse%fraction_label), k), source=.false.)
    do ip = 1, size(block)
       associate (b => block(ip), v => cloud%volume(ip))
          coarse%volume(b) = coarse%volume(b) + v
+         f = findloc(coarse%fraction_label, cloud%label(ip), dim=1)
+         present(f, b) = .true.
          if (allocated(cloud%fraction)) then
             coarse%fraction(:, b) = coarse%fraction(:, b) + v*cloud%fraction(:, ip)
          else
-            f = findloc(coarse%fraction_label, cloud%label(ip), dim=1)
             coarse%fraction(f, b) = coarse%fraction(f, b) + v
          end if
          ! a direction and its opposite are one fiber
@@ -145,7 +148,9 @@ subroutine merge_points(cloud, coarse, block)
    do f = 1, k
       coarse%points(:, f) = coarse%voxels%centre(f)
       coarse%fraction(:, f) = coarse%fraction(:, f)/sum(coarse%fraction(:, f))
-      coarse%label(f) = coarse%fraction_label(maxloc(coarse%fraction(:, f), dim=1))
+      ! points that hold some of a label but have another bring no fiber of it
+      coarse%label(f) = coarse%fraction_label(maxloc(coarse%fraction(:, f), dim=1, &
+         & mask=present(:, f)))
       if (norm2(coarse%fiber(:, f)) > 0.0_wp) &
          & coarse%fiber(:, f) = coarse%fiber(:, f)/norm2(coarse%fiber(:, f))
    end do

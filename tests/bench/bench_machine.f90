@@ -54,7 +54,7 @@ subroutine say(name, seconds, flops, bytes)
    print '(a, 1x, a, 3(1x, es12.5))', 'kernel', name, seconds, flops, bytes
 end subroutine say
 
-!> Leave with a message
+!> Leave with a message and exit status 1
 subroutine stop_on(error)
    !> Error
    type(error_type), allocatable, intent(in) :: error

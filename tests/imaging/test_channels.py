@@ -147,6 +147,14 @@ def test_echoes_become_water_fat_and_tissue(tmp_path):
     assert (regions[ring] > 0).mean() > 0.75
     found = read_labels(out / "segmentation.nii.gz").data
     assert dice(found == 1, kind == 1) > 0.95
+    # Nothing is said of what the user takes from the body.
+    inner = kind == 1
+    write_labels(tmp_path / "inner.nii.gz", Labels(inner.astype(np.int32), AFFINE))
+    tables["image"]["body"] = "inner.nii.gz"
+    (tmp_path / "a.toml").write_text(text_of_tables(tables))
+    segment(tmp_path / "a.toml", tmp_path / "inner")
+    own = read_image(tmp_path / "inner" / "fat_fraction.nii.gz").data
+    assert not own[~inner].any() and (own[inner] > 0).mean() > 0.9  # noise below zero is cut
     # Half of the muscle holds 4 % of fat, half 17 %.
     assert record["labels"]["muscle"]["fat_fraction"] == pytest.approx(0.10, abs=0.02)
     tissue = read_labels(out / "tissue.nii.gz")

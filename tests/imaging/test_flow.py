@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from myork.errors import InputError
+from myork.errors import ConvergenceError, InputError
 from myork.imaging.io import write_image, write_labels
 from myork.model.flow import flow_fibers
 from myork.model.slices import extruded
@@ -54,6 +54,18 @@ def test_each_label_has_its_own_flow_in_any_orientation():
     again = flow_fibers(Labels(data, turn @ labels.affine))
     assert again.data.shape == (30, 40, 8, 3)  # its third axis is superior now
     assert np.linalg.norm(again.data, axis=-1).max() == pytest.approx(1.0)
+
+
+def test_a_flow_that_is_not_found_is_told(monkeypatch):
+    monkeypatch.setattr("myork.model.flow._TOLERANCE", 0.0)
+    inside = np.zeros((6, 6, 6), np.int32)
+    inside[1:5, 1:5] = 1
+    inside[2, 2, 1:4] = 0
+    with (
+        np.errstate(invalid="ignore"),
+        pytest.raises(ConvergenceError, match=r"build.flow: .* piece of \d+ voxels is not found"),
+    ):
+        flow_fibers(Labels(inside, np.eye(4)))
 
 
 def test_measured_fibers_and_a_flow_are_one_too_many(tmp_path):

@@ -157,6 +157,45 @@ def test_labels_keep_their_volumes_when_voxels_merge() -> None:
         assert filled.min() >= 1 / 3 and filled.max() < 1.5
 
 
+def test_muscle_in_points_of_other_tissues_asks_for_no_fiber(open_scene) -> None:
+    """A block whose voxels are of fat and tendon, most of both muscle, has no direction at all.
+
+    The coarser cloud of the error bar merges such voxels: its point must not become muscle.
+    """
+    cloud = brick(np.ones((8, 8)), 8)
+    index = cloud.voxels.index
+    label = np.full(len(cloud.points), 1, np.int32)
+    fraction = np.zeros((len(cloud.points), 3))
+    fraction[:, 0] = 1.0
+    fiber = np.tile([0.0, 0.0, 1.0], (len(cloud.points), 1))
+    inside = ((index >= 2) & (index < 4)).all(axis=1)
+    first = inside & (index[:, 0] == 2)
+    label[inside], fiber[inside] = 3, 0.0
+    fraction[inside] = [0.45, 0.0, 0.55]
+    label[first], fraction[first] = 2, [0.45, 0.55, 0.0]
+    cloud = replace(
+        cloud,
+        label=label,
+        fraction=fraction,
+        fiber=fiber,
+        label_names={1: "muscle", 2: "fat", 3: "tendon"},
+    )
+    soft = {"model": "neo-hookean", "K": 200.0}
+    tables = {
+        "scene": {"dimension": 3},
+        "material": [
+            {"name": "muscle", "model": "muscle", "A10": 1.0, "K": 200, "sigma_max": 30}
+            | {"activation": 0.1, "label": 1},
+            {"name": "fat", "mu": 1.0, "label": 2} | soft,
+            {"name": "tendon", "mu": 4.0, "label": 3} | soft,
+        ],
+        "boundary": [{"set": f"z{k}", "u_x": 0, "u_y": 0, "u_z": 0} for k in (0, 1)],
+        "probe": [{"name": "F", "quantity": "force_z", "set": "z1"}],
+    }
+    states = open_scene(tables, cloud=cloud).solve()
+    assert np.isfinite(states.probe_errors[-1, 0, 0])
+
+
 def test_fractions_need_materials_and_sums(open_scene, tmp_path) -> None:
     data = np.ones((4, 4, 4), np.int32)
     data[0] = 2

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy import ndimage, sparse
 from scipy.sparse.linalg import cg
 
+from myork.errors import ConvergenceError
 from myork.imaging.geometry import canonical, frame
 from myork.records import Image, Labels
 
@@ -41,6 +42,11 @@ def flow_fibers(labels: Labels) -> Image:
     Image
         Unit vectors in the world frame on the grid of the labels with its axes turned to the
         nearest world axes (`canonical`), zero outside, shape `(ni, nj, nk, 3)`.
+
+    Raises
+    ------
+    ConvergenceError
+        The potential of a piece is not found.
     """
     whole = canonical(labels)
     flow = np.zeros((*whole.data.shape, 3))
@@ -88,10 +94,16 @@ def _flow(here: Mask, spacing: F64) -> F64:
     matrix = sparse.csr_matrix((-weights, (rows, columns)), (count, count))
     matrix += sparse.diags(diagonal)
     height = (np.argwhere(here)[:, 2] + 0.5) / here.shape[2]
-    potential, _ = cg(
+    potential, unsolved = cg(
         matrix, load, height, rtol=_TOLERANCE, maxiter=20 * max(here.shape) + 1000,
         M=sparse.diags(1.0 / diagonal),
     )  # fmt: skip
+    if unsolved:
+        raise ConvergenceError(
+            f"build.flow: the flow through a piece of {count} voxels is not found within "
+            f"{unsolved} iterations; cut off long winding parts by build.slices or in the labels, "
+            "or give build.fibers"
+        )
     flow = np.zeros((count, 3))
     for d, (first, second) in enumerate(pairs):
         slope = 0.5 * (potential[second] - potential[first]) / spacing[d]

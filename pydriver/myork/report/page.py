@@ -273,7 +273,8 @@ def _reduced_fields(folder: RunFolder, models: Sequence[Mapping[str, Any]]) -> I
     own = [] if fields is None else [k for k, r in enumerate(fields.modes) if r in numbers]
     if fields is None or not own:
         return
-    best = min(own, key=lambda k: numbers[fields.modes[k]].get("e1") or np.inf)
+    errors = {k: numbers[fields.modes[k]].get("e1") for k in own}
+    best = min(own, key=lambda k: np.inf if errors[k] is None else errors[k])
     fewest = min(own, key=lambda k: fields.modes[k])
     for k in dict.fromkeys((best, fewest)):
         model = numbers[fields.modes[k]]

@@ -69,12 +69,12 @@ class Beside:
             return self
         return replace(self, fat=replace(self.fat, data=self.fat.data / factor))
 
-    def fraction(self, image: Image) -> Image | None:
-        """Fraction of fat in the body, None without fat."""
+    def fraction(self, image: Image, body: Mask | None) -> Image | None:
+        """Fraction of fat in the user's body, or in that of a threshold; None without fat."""
         if self.fat is None:
             return None
         whole = self.whole(image)
-        some = body_mask(whole, rim=0.0) & (whole.data > 0)
+        some = (body_mask(whole, rim=0.0) if body is None else body) & (whole.data > 0)
         part = np.divide(self.fat.data, whole.data, out=np.zeros(some.shape), where=some)
         return Image(np.clip(part, 0.0, 1.0), image.affine, "fraction of fat")
 
@@ -92,12 +92,11 @@ class Beside:
         noise = noise_level(first, region)
         return scaled, [noise_weight(noise, noise_level(one, region)) for one in scaled]
 
-    def heights(self, image: Image, region: Mask) -> F64 | None:
+    def heights(self, image: Image, fraction: Image | None, region: Mask) -> F64 | None:
         """What walks see beside the logarithm of the whole image, times roots of weights.
 
         The fraction of fat knows no shading; of other channels the scaled values count.
         """
-        fraction = self.fraction(image)
         shown = [*([fraction] if fraction is not None else []), *self.others]
         if not shown:
             return None
@@ -110,9 +109,8 @@ class Beside:
             [one * min(1.0, w) ** 0.5 for one, w in zip(scaled, weights, strict=True)], -1
         )
 
-    def write(self, image: Image, out: Path) -> dict[str, str]:
+    def write(self, fraction: Image | None, out: Path) -> dict[str, str]:
         """Write fat and its fraction; names of maps and their files."""
-        fraction = self.fraction(image)
         if self.fat is None or fraction is None:
             return {}
         for name, one in zip(FILES, (self.fat, fraction), strict=True):

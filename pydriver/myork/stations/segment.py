@@ -148,7 +148,8 @@ def _segment(
         progress(f"parting muscles: {table['split']}")
     warnings: list[str] = []
     seen = beside.whole(image)
-    others = beside.heights(image, region) if table["split"] == "walk" else None
+    fraction = beside.fraction(image, body if "body" in table else None)
+    others = beside.heights(image, fraction, region) if table["split"] == "walk" else None
     if reference is not None:
         labels = label_by_reference(table, seen, grey, result, reference, others)
     elif seeds is not None:
@@ -167,7 +168,7 @@ def _segment(
     write_labels(out / "regions.nii.gz", Labels(result.region + 1, image.affine))
     write_labels(out / "segmentation.nii.gz", labels)
 
-    maps = beside.write(image, out)
+    maps = beside.write(fraction, out)
     warnings += [text for text in (doubt, bias.get("doubt")) if text]
     warnings += [] if not result.unrest else [_unrest(result, choice.iterations)]
     for name in ("fibers", "fa", "md", "eigenvalues"):
@@ -194,7 +195,6 @@ def _segment(
                 f"{tensor.name}: {far} of these have no usable tensor around them and took the "
                 f"fiber of the nearest voxel that has, up to {distance:.3g} mm away"
             )
-    fraction = beside.fraction(image)
     fat = {} if fraction is None else fat_of_labels(labels, fraction, seen)
     if table["regions"] == 2 and reference is None and seeds is None and not muscles:
         warnings += _fat_doubts(fat, table["phase"])
