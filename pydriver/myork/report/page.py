@@ -273,8 +273,9 @@ def _reduced_fields(folder: RunFolder, models: Sequence[Mapping[str, Any]]) -> I
     own = [] if fields is None else [k for k, r in enumerate(fields.modes) if r in numbers]
     if fields is None or not own:
         return
-    errors = {k: numbers[fields.modes[k]].get("e1") for k in own}
-    best = min(own, key=lambda k: np.inf if errors[k] is None else errors[k])
+    known = {k: numbers[fields.modes[k]].get("e1") for k in own}
+    errors = {k: np.inf if error is None else float(error) for k, error in known.items()}
+    best = min(own, key=errors.__getitem__)
     fewest = min(own, key=lambda k: fields.modes[k])
     for k in dict.fromkeys((best, fewest)):
         model = numbers[fields.modes[k]]
