@@ -3,6 +3,9 @@
 !> A cell is a convex polytope: the box, cut by the planes half way to the points around. Each facet
 !> is taken from the cell of the lower number and shared, so that both cells see the same one.
 !>
+!> Distances are in spacings of each direction, as for the functions: by lengths, moves along a flat
+!> body make cells that reach from one wall to the other.
+!>
 !> Reference: Aurenhammer, ACM Comput. Surv. 23 (1991), doi:10.1145/116873.116880
 module rk_voronoi
    use rk_cloud, only : cloud_type
@@ -51,8 +54,8 @@ subroutine voronoi_facets(facets, cloud, error)
    type(error_type), allocatable, intent(out) :: error
    type(csr_type) :: near
    type(cell_type), allocatable :: cell
-   real(wp) :: low(3), high(3), x(3), spacing, radius
-   real(wp), allocatable :: apart(:)
+   real(wp) :: low(3), high(3), x(3), stretch(3), spacing, radius
+   real(wp), allocatable :: source(:, :), apart(:)
    integer, allocatable :: order(:)
    logical, allocatable :: left(:)
    integer :: is, j, k, nd, d
@@ -60,21 +63,25 @@ subroutine voronoi_facets(facets, cloud, error)
    nd = cloud%nd
    low = 0.0_wp
    high = 0.0_wp
-   do d = 1, nd
-      low(d) = minval(cloud%source(d, :))
-      high(d) = maxval(cloud%source(d, :))
-   end do
    spacing = maxval(cloud%spacing)
-   call find_neighbours(near, cloud%source, reach*spread(spread(spacing, 1, nd), 2, &
-      & size(cloud%source, 2)), cloud%source, window_radial, error)
+   stretch = 1.0_wp
+   source = cloud%source
+   do d = 1, nd
+      stretch(d) = spacing/maxval(cloud%spacing(d, :))
+      source(d, :) = stretch(d)*source(d, :)
+      low(d) = minval(source(d, :))
+      high(d) = maxval(source(d, :))
+   end do
+   call find_neighbours(near, source, reach*spread(spread(spacing, 1, nd), 2, &
+      & size(source, 2)), source, window_radial, error)
    if (allocated(error)) return
    allocate (cell)
-   do is = 1, size(cloud%source, 2)
+   do is = 1, size(source, 2)
       call start_cell(cell, nd, low, high)
       order = near%index(near%offset(is) + 1:near%offset(is + 1))
-      apart = [(norm2(cloud%source(:, order(k)) - cloud%source(:, is)), k=1, size(order))]
+      apart = [(norm2(source(:, order(k)) - source(:, is)), k=1, size(order))]
       x = 0.0_wp
-      x(:nd) = cloud%source(:, is)
+      x(:nd) = source(:, is)
       left = order /= is
       do
          if (.not. any(left)) exit
@@ -82,19 +89,22 @@ subroutine voronoi_facets(facets, cloud, error)
          left(k) = .false.
          ! a plane beyond all corners cuts nothing, nor do those farther away
          if (apart(k) > 2.0_wp*farthest(cell, x)) exit
-         call cut(cell, nd, x, cloud%source(:, order(k)), order(k), rounding*spacing)
+         call cut(cell, nd, x, source(:, order(k)), order(k), rounding*spacing)
       end do
       radius = farthest(cell, x)
       if (.not. 2.0_wp*radius < reach*spacing) then
          call fatal_error(error, err_input, 'source point '//to_text(is)//' at ' &
             & //to_text(cloud%source(:, is))//' has no others near enough to close its cell: its ' &
-            & //'corners are '//to_text(radius, 3)//' away')
+            & //'corners are '//to_text(radius/spacing, 3)//' spacings away')
          return
       end if
       ! the source point itself may lie on a facet of the box
-      x = centre_of(cell)
+      x = centre_of(cell)/stretch
       do j = 1, cell%facets
          if (cell%behind(j) > 0 .and. cell%behind(j) < is) cycle
+         associate (corner => cell%x(:, :cell%corners(j), j))
+            corner = corner/spread(stretch, 2, size(corner, 2))
+         end associate
          call add_facet(facets, nd, cell%x(:, :cell%corners(j), j), x, is, cell%behind(j))
       end do
    end do

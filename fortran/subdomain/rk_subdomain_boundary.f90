@@ -31,6 +31,9 @@ module rk_subdomain_boundary
       !> and stiffness of springs, shape (nd, ms) [force/length^3]; not allocated where there is
       !> none
       real(wp), allocatable :: pressure(:, :), spring(:, :)
+      !> Whether what is prescribed there holds its cell, shape (ms): a cell of moved points may
+      !> touch a wall that its point does not lie in
+      logical, allocatable :: own(:)
       !> Components held in place of the balance of each cell, shape (nd, cells)
       logical, allocatable :: held(:, :)
       !> Cells of which some component is held, and the number of each cell among them
@@ -82,7 +85,7 @@ subroutine new_subdomain_boundary(self, scene, points, inner, inside, part, erro
    self%inside = inside
    self%part = part
    allocate (self%essential(nd, size(part)), self%traction(n, nd, size(part)))
-   allocate (self%held(nd, ns), source=.false.)
+   allocate (self%own(size(part)), self%held(nd, ns), source=.false.)
    do s = 1, size(part)
       associate (x => points%x(:, inner + s), cell => points%side(1, inner + s), &
          & area => points%area(:, inner + s))
@@ -100,6 +103,7 @@ subroutine new_subdomain_boundary(self, scene, points, inner, inside, part, erro
          else if (allocated(scene%cloud%lattice)) then
             cycle
          end if
+         self%own(s) = .true.
          self%held(:, cell) = self%held(:, cell) .or. fixed(:nd)
       end associate
    end do
@@ -191,15 +195,9 @@ subroutine hold(self, scene, points, error)
    allocate (self%value(size(value, 1), nd, size(self%cell)), source=0.0_wp)
    allocate (given(nd, size(self%cell)), source=.false.)
    do s = 1, size(self%part)
-      if (.not. any(self%essential(:, s))) cycle
+      if (.not. (any(self%essential(:, s)) .and. self%own(s))) cycle
       cell = points%side(1, self%inner + s)
       k = self%number(cell)
-      if (k == 0) cycle
-      ! a flat cell of moved points may reach to another wall, which holds others
-      if (allocated(scene%cloud%lattice)) then
-         if (.not. in_plane(scene%cloud, points%x(:, self%inner + s), &
-            & points%area(:, self%inner + s), cell)) cycle
-      end if
       call conditions_at(scene%cloud, scene%condition, self%inside(scene%condition%set, s), &
          & self%place(:, k), fixed, value, traction, error)
       if (allocated(error)) return
@@ -217,29 +215,28 @@ subroutine hold(self, scene, points, error)
    end do
 end subroutine hold
 
-!> The reaction of a cell belongs to the facets that are held, by their area
+!> What the balance of a held cell leaves belongs to the facets in which it is held, by their area:
+!> another wall that the cell touches bears the stress there alone
 subroutine share_reactions(self, points)
    !> Conditions with held cells
    type(subdomain_boundary), intent(inout) :: self
    !> Points of facets
    type(flux_points), intent(in) :: points
-   real(wp) :: total(size(self%held, 1), size(self%held, 2)), area
-   integer :: i, s
+   real(wp) :: total(size(self%held, 1), size(self%held, 2)), area(size(self%part))
+   integer :: s
 
    total = 0.0_wp
    allocate (self%share(size(self%held, 1), size(self%part)), source=0.0_wp)
-   do i = 1, 2
-      do s = 1, size(self%part)
-         associate (cell => points%side(1, self%inner + s))
-            area = self%part(s)*norm2(points%area(:, self%inner + s))
-            if (i == 1) then
-               total(:, cell) = total(:, cell) + merge(area, 0.0_wp, self%essential(:, s))
-            else
-               where (self%essential(:, s) .and. self%held(:, cell)) &
-                  & self%share(:, s) = area/total(:, cell)
-            end if
-         end associate
-      end do
+   do s = 1, size(self%part)
+      associate (cell => points%side(1, self%inner + s))
+         area(s) = self%part(s)*norm2(points%area(:, self%inner + s))
+         total(:, cell) = total(:, cell) + merge(area(s), 0.0_wp, self%essential(:, s) &
+            & .and. self%own(s))
+      end associate
+   end do
+   do s = 1, size(self%part)
+      where (self%essential(:, s) .and. self%own(s)) self%share(:, s) = area(s) &
+         & /total(:, points%side(1, self%inner + s))
    end do
 end subroutine share_reactions
 

@@ -239,6 +239,7 @@ def test_subdomain(tmp_path: Path) -> None:
     bench = run_benches(["subdomain"], tmp_path, quick=True)["benches"]["subdomain"]
     rates = [case for case in bench["cases"] if "u_order" in case]
     assert min(case["stress_order"] for case in rates) > 1
+    assert [case for case in bench["cases"] if "bulk" in case and "u_error" not in case] == []
     constraints = [case for case in bench["cases"] if "least" in case]
     assert min(case["least"] for case in constraints) > 0.02
     reached = [case for case in bench["cases"] if "most iterations" in case]

@@ -284,8 +284,8 @@ def test_manufactured_solution_with_moderate_pressures(
 
 @pytest.mark.parametrize("points", [(5, 3), (5, 5), (9, 5)])
 def test_flat_moved_cells_between_two_plates(open_scene, points: tuple[int, int]) -> None:
-    """Moved by 0.2 of 1.0 along a body 0.1 thick, cells of points on one plate reach to the other,
-    which moves by another displacement: it holds its own points, and simple shear is exact."""
+    """Points are moved by 0.2 of 1.0 along a body 0.1 thick, more than it is thick: each plate
+    holds its own points, and simple shear is exact."""
     held = [{"set": "y0", "u_x": 0, "u_y": 0}, {"set": "y1", "u_x": 0.01, "u_y": 0}]
     held += [{"set": end, "u_x": "0.1*y", "u_y": 0} for end in ("x0", "x1")]
     scene = open_scene(
@@ -296,6 +296,57 @@ def test_flat_moved_cells_between_two_plates(open_scene, points: tuple[int, int]
     )
     fields = scene.fields(scene.solve(error=False).x[-1], 1.0)
     np.testing.assert_allclose(fields.u[:, 0], 0.1 * scene.points()[:, 1], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("jitter", [0.2, 0.4])
+def test_flat_moved_strip(open_scene, jitter: float) -> None:
+    """A strip of 4 x 0.2 between two plates at its ends: cells by lengths reached from one free
+    side to the other, and the iteration stalled at a twentieth of this stretch."""
+    force = {}
+    for share in (0.0, jitter):
+        tables = {
+            **BEAM,
+            "boundary": [{"set": "x0", "u_x": 0, "u_y": 0}, {"set": "x1", "u_x": 0.4, "u_y": 0}],
+            "probe": [{"name": end, "quantity": "force_x", "set": end} for end in ("x0", "x1")],
+        }
+        overrides = ["geometry.size=[4,0.2]", "geometry.source=[9,4]", "material.K=1e3"]
+        scene = open_scene(tables, *overrides, f"geometry.jitter={share}")
+        force[share] = probes(scene, tables["probe"])
+    assert force[jitter]["x1"] == pytest.approx(force[0.0]["x1"], rel=2e-2)
+    assert force[jitter]["x0"] == pytest.approx(-force[jitter]["x1"], rel=1e-10)
+
+
+@pytest.mark.parametrize("jitter", [0.2, 0.4])
+def test_walls_of_a_flat_moved_body_share_its_load(open_scene, jitter: float) -> None:
+    """A plate of 4 x 0.2 x 4 that two walls hold along one edge, dragged over its face: what each
+    wall bears is that of the lattice, and together they bear all."""
+    tables = {
+        "scene": {"dimension": 3, "method": "rkcm-subdomain"},
+        "geometry": {
+            "kind": "box",
+            "size": [4, 0.2, 4],
+            "source": [9, 4, 9],
+            "collocation": [9, 4, 9],
+        },
+        "approximation": {"order": 2},
+        "material": [{"name": "rubber", "model": "neo-hookean", "mu": 1.0, "K": 1e3}],
+        "boundary": [
+            *({"set": wall, "u_x": 0, "u_y": 0, "u_z": 0} for wall in ("x0", "y0")),
+            {"set": "y1", "traction": [0.02, 0.05, 0]},
+        ],
+        "probe": [
+            {"name": f"{axis} {wall}", "quantity": f"force_{axis}", "set": wall}
+            for wall in ("x0", "y0")
+            for axis in "xy"
+        ],
+    }
+    flat = probes(open_scene(tables), tables["probe"])
+    moved = probes(open_scene(tables, f"geometry.jitter={jitter}"), tables["probe"])
+    assert moved["x x0"] == pytest.approx(flat["x x0"], rel=3e-2)
+    assert moved["x y0"] == pytest.approx(flat["x y0"], rel=1e-2)
+    assert moved["y y0"] == pytest.approx(flat["y y0"], rel=3e-3)
+    assert moved["x x0"] + moved["x y0"] == pytest.approx(-0.32, rel=1e-10)
+    assert moved["y x0"] + moved["y y0"] == pytest.approx(-0.8, rel=1e-10)
 
 
 def test_a_plane_of_a_label_map(open_scene, inputs: Path) -> None:

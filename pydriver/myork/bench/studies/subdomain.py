@@ -48,6 +48,7 @@ _RATES: Columns = (
     ("error of stress", "stress_error"),
     ("its order", "stress_order"),
     ("iterations", "iterations"),
+    ("why there is none", "message"),
 )
 _VOLUME: Columns = (
     ("order", "order"),
