@@ -519,12 +519,14 @@ def test_slices_are_canonical(signs: tuple[int, int]) -> None:
     data[6:9, 7:11, 1:4] = 1  # x from 12 to 18 mm, y from 14 to 22 mm
     vectors = np.where(data[..., None] > 0, [0.6, 0.0, 0.8], 0.0)
     affine = np.diag([2.0 * signs[0], 2.0 * signs[1], 5.0, 1.0])
+    affine[:3, 3] = [1.0 if signs[0] > 0 else 19.0, 1.0 if signs[1] > 0 else 23.0, 2.5]
     flip = tuple(slice(None, None, sign) for sign in signs)
     labels = Labels(data[flip], affine, {1: "muscle"})
     figure = slice_figure(labels, None, Image(vectors[flip], affine))
     axial, coronal = figure.axes[1], figure.axes[3]
     corners = np.concatenate([path.vertices for path in axial.collections[1].get_paths()])
     assert_allclose(corners.mean(axis=0), [15.0, 18.0], atol=0.5)
+    assert axial.get_xlim() == (2.0, 20.0) and axial.get_ylim() == (4.0, 24.0)
     strokes = coronal.collections[-1]
     assert np.all(np.asarray(strokes.U) > 0.59)
     assert_allclose(strokes.V, 0.8)
@@ -539,7 +541,7 @@ def test_axes_in_another_order() -> None:
     affine = np.zeros((4, 4))
     affine[2, 0], affine[0, 1], affine[1, 2], affine[3, 3] = 5.0, 2.0, 2.0, 1.0
     area = area_figure(Labels(data, affine), []).axes[0].lines[0]
-    assert_allclose(area.get_xydata()[2], [12.5, 3 * 4 * 4 / 100])
+    assert_allclose(area.get_xydata()[2], [10.0, 3 * 4 * 4 / 100])
     vectors = np.where(data[..., None] > 0, [0.6, 0.0, 0.8], 0.0)
     strokes = slice_figure(Labels(data, affine), None, Image(vectors, affine)).axes[3]
     assert_allclose(strokes.collections[-1].U, 0.6)

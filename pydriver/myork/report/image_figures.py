@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from nibabel.orientations import apply_orientation, io_orientation
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from myork.records import Image, Labels
 from myork.report.figures import COLOURS, DASHES, MARKERS
@@ -22,6 +23,8 @@ __all__ = ["area_figure", "slice_figure"]
 
 F64 = NDArray[np.float64]
 
+# What is shown around the labels [mm]
+_AROUND = 10.0
 # Fibers drawn across the longer side of a picture
 _FIBERS_ACROSS = 28
 _FIBER_COLOUR = "#FFD700"
@@ -42,12 +45,17 @@ def slice_figure(labels: Labels, image: Image | None, fibers: Image | None) -> F
     Returns
     -------
     Figure
-        Four panels, one for a single slice; lengths in mm from the corner of the image.
+        Four panels around the labels, one for a single slice; lengths in mm of the world, as seeds
+        are given, from the corner of the image where that lies askew.
     """
     frame = _Frame(labels)
-    where = frame.canonical(labels.data)
-    grey = None if image is None else frame.canonical(image.data)
-    vectors = None if fibers is None else frame.directions(fibers.data)
+    around = frame.around(labels.data)
+    where = frame.canonical(labels.data)[around]
+    grey = None if image is None else frame.canonical(image.data)[around]
+    vectors = None if fibers is None else frame.directions(fibers.data)[around]
+    corner = frame.corner + [
+        part.start * step for part, step in zip(around, frame.spacing, strict=True)
+    ]
     filled = np.flatnonzero(where.any(axis=(0, 1)))
     if not len(filled):
         filled = np.arange(where.shape[2])
@@ -69,19 +77,17 @@ def slice_figure(labels: Labels, image: Image | None, fibers: Image | None) -> F
     }
     for axes, index in zip(panels, axial, strict=False):
         cut: tuple = (slice(None), slice(None), index)
-        _draw_slice(axes, frame.spacing[[0, 1]], where[cut], grey, cut, vectors, (0, 1), colours)
+        _draw_slice(axes, frame.spacing, corner, where, grey, cut, vectors, (0, 1), colours)
         axes.set(
-            title=f"axial, z = {(index + 0.5) * frame.spacing[2]:.0f} mm",
+            title=f"axial, z = {corner[2] + (index + 0.5) * frame.spacing[2]:.0f} mm",
             xlabel="right → [mm]",
             ylabel="anterior → [mm]" if axes is panels[0] else "",
         )
     if not flat:
         cut = (slice(None), coronal, slice(None))
-        _draw_slice(
-            panels[3], frame.spacing[[0, 2]], where[cut], grey, cut, vectors, (0, 2), colours
-        )
+        _draw_slice(panels[3], frame.spacing, corner, where, grey, cut, vectors, (0, 2), colours)
         panels[3].set(
-            title=f"coronal, y = {(coronal + 0.5) * frame.spacing[1]:.0f} mm",
+            title=f"coronal, y = {corner[1] + (coronal + 0.5) * frame.spacing[1]:.0f} mm",
             xlabel="right → [mm]",
             ylabel="superior → [mm]",
         )
@@ -112,7 +118,7 @@ def area_figure(labels: Labels, energy: Sequence[float]) -> Figure:
     """
     frame = _Frame(labels)
     where = frame.canonical(labels.data)
-    heights = (np.arange(where.shape[2]) + 0.5) * frame.spacing[2]
+    heights = frame.corner[2] + (np.arange(where.shape[2]) + 0.5) * frame.spacing[2]
     panels = 2 if len(energy) > 1 else 1
     figure = Figure(figsize=(5.5 * panels, 3.4), layout="constrained")
     axes = figure.add_subplot(1, panels, 1)
@@ -144,10 +150,27 @@ class _Frame:
         self.spacing = labels.spacing[axis]
         # Columns: directions of the canonical axes in the world
         self._axes = labels.affine[:3, :3][:, axis] * self._turn[axis, 1] / self.spacing
+        # Lowest corner of the image in the world, where its axes are those of the world [mm]
+        self.corner = np.zeros(3)
+        if np.allclose(self._axes, np.eye(3), atol=1e-3):
+            last = np.array([*labels.data.shape, 1.0]) - [1.0, 1.0, 1.0, 0.0]
+            ends = labels.affine[:3] @ np.array([[0.0, 0.0, 0.0, 1.0], last]).T
+            self.corner = ends.min(axis=1) - 0.5 * self.spacing
 
     def canonical(self, data: NDArray) -> NDArray:
         """Array of shape `(ni, nj, nk, ...)` with its axes turned."""
         return apply_orientation(data, self._turn)
+
+    def around(self, data: NDArray[np.int32]) -> tuple[slice, slice, slice]:
+        """The part of the turned array in which labels lie, and what is around them."""
+        found = ndimage.find_objects((self.canonical(data) > 0).astype(np.int8))
+        parts = found[0] if found else (slice(0, n) for n in self.canonical(data).shape)
+        room = np.ceil(_AROUND / self.spacing).astype(int)
+        first, second, third = (
+            slice(max(part.start - more, 0), part.stop + more)
+            for part, more in zip(parts, room.tolist(), strict=True)
+        )
+        return first, second, third
 
     def directions(self, data: F64) -> F64:
         """World vectors as components along the canonical axes, turned as well."""
@@ -156,8 +179,9 @@ class _Frame:
 
 def _draw_slice(
     axes: Axes,
-    spacing: F64,
-    where: NDArray[np.int32],
+    sizes: F64,
+    corner: F64,
+    labels: NDArray[np.int32],
     grey: F64 | None,
     cut: tuple,
     vectors: F64 | None,
@@ -165,27 +189,31 @@ def _draw_slice(
     colours: dict[int, str],
 ) -> None:
     """One picture: image, contours, fibers."""
-    width, height = where.shape * spacing
-    box = (0.0, width, 0.0, height)
+    where, spacing, start = labels[cut], sizes[list(plane)], corner[list(plane)]
+    end = start + where.shape * spacing
+    box = (start[0], end[0], start[1], end[1])
     if grey is not None:
         top = np.nanpercentile(grey, 99.5)
         axes.imshow(grey[cut].T, origin="lower", extent=box, cmap="gray", vmin=0.0, vmax=top or 1)
-    x = (np.arange(where.shape[0]) + 0.5) * spacing[0]
-    y = (np.arange(where.shape[1]) + 0.5) * spacing[1]
+    x, y = (
+        begin + (np.arange(n) + 0.5) * step
+        for begin, n, step in zip(start, where.shape, spacing, strict=True)
+    )
     for label, colour in colours.items():
         mask = (where == label).T
         if mask.any() and min(mask.shape) > 1:
-            if grey is None:
-                axes.contourf(x, y, mask, levels=[0.5, 1.5], colors=[colour], alpha=0.3)
-            axes.contour(x, y, mask, levels=[0.5], colors=[colour], linewidths=1.5)
+            # The line between two labels has the colour of one of them, the faces have both.
+            axes.contourf(x, y, mask, levels=[0.5, 1.5], colors=[colour], alpha=0.3)
+            axes.contour(x, y, mask, levels=[0.5], colors=[colour], linewidths=1.0)
     if vectors is not None:
-        _draw_fibers(axes, spacing, vectors[cut][..., plane], where > 0)
+        _draw_fibers(axes, x, y, vectors[cut][..., plane], where > 0)
     axes.set_aspect("equal")
-    axes.set(xlim=(0.0, width), ylim=(0.0, height))
+    axes.set(xlim=box[:2], ylim=box[2:])
 
 
-def _draw_fibers(axes: Axes, spacing: F64, vectors: F64, inside: NDArray[np.bool_]) -> None:
+def _draw_fibers(axes: Axes, x: F64, y: F64, vectors: F64, inside: NDArray[np.bool_]) -> None:
     """Strokes without heads: a fiber has no sign."""
+    spacing = np.array([x[1] - x[0], y[1] - y[0]])
     length = float(np.max(inside.shape * spacing)) / _FIBERS_ACROSS
     step = np.maximum(np.ceil(length / spacing), 1).astype(int)
     some = np.zeros_like(inside)
@@ -194,7 +222,6 @@ def _draw_fibers(axes: Axes, spacing: F64, vectors: F64, inside: NDArray[np.bool
     i, j = np.nonzero(some)
     across, up = vectors[i, j].T
     axes.quiver(
-        (i + 0.5) * spacing[0], (j + 0.5) * spacing[1], across, up, pivot="middle", angles="xy",
-        scale_units="xy", scale=1.0 / length, headaxislength=0, headlength=0, headwidth=0,
-        width=0.008, color=_FIBER_COLOUR,
+        x[i], y[j], across, up, pivot="middle", angles="xy", scale_units="xy", scale=1.0 / length,
+        headaxislength=0, headlength=0, headwidth=0, width=0.008, color=_FIBER_COLOUR,
     )  # fmt: skip
