@@ -63,6 +63,21 @@ def test_stack_of_8_mm_has_the_muscles_of_1_mm(stacks):
     assert found.names == thick.names
 
 
+def test_muscles_that_touch_leave_no_gap_and_keep_their_volumes():
+    """A block of two, whose border leans to the one side in every second slice."""
+    x, y = np.meshgrid(np.arange(40), np.arange(30), indexing="ij")
+    data = np.zeros((40, 30, 6), np.int32)
+    for k in range(6):
+        edge = 20 + (-1) ** k * 5 * np.sin(2 * np.pi * y / 15)
+        inside = (np.abs(x - 19.5) < 14) & (np.abs(y - 14.5) < 11)
+        data[..., k] = np.where(inside, np.where(x < edge, 1, 2), 0)
+    found = finer_labels(Labels(data, affine(8.0)), 2, PARTS).data
+    assert (found[8:32, 6:24] > 0).all()
+    for number in (1, 2):
+        volume = (found == number).sum() / PARTS
+        assert volume == pytest.approx((data == number).sum(), rel=0.005)
+
+
 def test_fibers_go_to_every_voxel_of_their_own_muscle(stacks):
     fine, way, thick, fibers = stacks
     labels = finer_labels(thick, 2, PARTS)
