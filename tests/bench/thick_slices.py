@@ -3,8 +3,8 @@
     python tests/bench/thick_slices.py tuned|other
 
 Muscles touch, lean, bend and taper; their outlines and the border between them are wavy by 2 mm
-(root mean square), alike over so many millimetres along the stack. `tuned` are the phantoms that the
-settings were chosen on. Beside the Dice coefficient and the volume of ours stand slices repeated,
+(root mean square), alike over so many millimetres along the stack. On `tuned` settings were
+chosen. Beside the Dice coefficient and the volume of ours stand slices repeated,
 and how well outlines can be told at all: the means of all outlines that pass through those of the
 slices, of muscles whose lean, bend, taper and kind of waves are known. No test: numbers of pages.
 """
