@@ -1,8 +1,8 @@
 !> Facets of nodal cells, collected one by one, and the integration points that they enclose.
 module rk_facets
    use rk_cells, only : cells_type
-   use rk_csr, only : csr_type, group_by
-   use rk_precision, only : wp
+   use rk_csr, only : csr_type, group_by, sort
+   use rk_precision, only : i8, wp
    use rk_tensor, only : vector_product
    implicit none
    private
@@ -143,9 +143,13 @@ subroutine join_small(group, facets, least)
    type(facets_type), intent(in) :: facets
    !> Cells of a group at least; a body apart from all others keeps what it has
    integer, intent(in) :: least
+   type(csr_type) :: of_cell
+   integer, allocatable :: own(:), near(:)
+   integer(i8) :: e
    integer :: members(maxval(group)), g, i, k, other
    real(wp) :: shared(maxval(group))
 
+   call group_by(size(group), reshape(facets%side(:, :facets%n), [2*facets%n]), of_cell)
    members = 0
    do i = 1, size(group)
       members(group(i)) = members(group(i)) + 1
@@ -154,7 +158,13 @@ subroutine join_small(group, facets, least)
       if (all(members == 0 .or. members >= least)) return
       g = minloc(members, dim=1, mask=members > 0)
       shared = 0.0_wp
-      do k = 1, facets%n
+      own = pack([(i, i=1, size(group))], group == g)
+      near = [((of_cell%index(e), e=of_cell%offset(own(i)) + 1, of_cell%offset(own(i) + 1)), &
+         & i=1, size(own))]
+      near = (near + 1)/2
+      call sort(near)
+      do i = 1, size(near)
+         k = near(i)
          if (facets%side(2, k) == 0) cycle
          associate (a => group(facets%side(1, k)), b => group(facets%side(2, k)))
             if (a == b) cycle

@@ -14,6 +14,7 @@ module rk_gradient
    use rk_csr, only : csr_type, group_by
    use rk_precision, only : i8, wp
    use rk_shape, only : shape_type
+   use rk_solid_products, only : component_force, component_gradient, solid_force, solid_gradient
    implicit none
    private
 
@@ -315,7 +316,7 @@ pure subroutine gradient_at(self, q, x, factor, h)
    h = self%lifted(q, factor)
    if (self%nd == 3 .and. self%first(1, q) == self%first(self%nd, q)) then
       ! nearly all points of a solid
-      call add_solid_gradient(int(self%start(q + 1) - self%start(q)), self%local(self%start(q) &
+      call solid_gradient(int(self%start(q + 1) - self%start(q)), self%local(self%start(q) &
          & + 1:), self%value(:, self%first(1, q) + 1:), x, h)
       return
    end if
@@ -330,39 +331,18 @@ pure subroutine gradient_at(self, q, x, factor, h)
       h = h + transpose(flat)
       return
    end if
+   if (self%nd == 3) then
+      do i = 1, 3
+         call component_gradient(int(self%start(q + 1) - self%start(q)), self%local(self%start(q) &
+            & + 1:), self%value(:, self%first(i, q) + 1:), i, x, h)
+      end do
+      return
+   end if
    do e = self%start(q) + 1, self%start(q + 1)
       k = int(e - self%start(q))
-      do i = 1, self%nd
-         h(i, :) = h(i, :) + x(i, self%local(e))*self%value(:, self%first(i, q) + k)
-      end do
+      h = h + x(1, self%local(e))*self%value(1, self%first(1, q) + k)
    end do
 end subroutine gradient_at
-
-!> Add the displacement gradient of a solid where nothing is lifted: lengths and strides that the
-!> compiler knows
-pure subroutine add_solid_gradient(n, local, value, x, h)
-   !> Source points in sight
-   integer, intent(in) :: n
-   !> Their places among those of the group, shape (n)
-   integer, intent(in) :: local(*)
-   !> Gradients of their shape functions, shape (3, n) [1/length]
-   real(wp), intent(in) :: value(3, *)
-   !> Coefficients of the group's source points, shape (3, members) [length]
-   real(wp), intent(in) :: x(3, *)
-   !> Gradient u_i,A, shape (3, 3) [-]
-   real(wp), intent(inout) :: h(3, 3)
-   real(wp) :: solid(3, 3), u(3)
-   integer :: e, k
-
-   solid = 0.0_wp
-   do e = 1, n
-      u = x(:, local(e))
-      do k = 1, 3
-         solid(:, k) = solid(:, k) + u*value(k, e)
-      end do
-   end do
-   h = h + solid
-end subroutine add_solid_gradient
 
 !> Part of the gradient that essential values make at a point, u_i,A [-]
 pure function lifted(self, q, factor) result(h)
@@ -396,7 +376,7 @@ pure subroutine add_force(self, q, p, force)
    integer :: i, k
 
    if (self%nd == 3 .and. self%first(1, q) == self%first(self%nd, q)) then
-      call add_solid_force(int(self%start(q + 1) - self%start(q)), self%local(self%start(q) + 1:), &
+      call solid_force(int(self%start(q + 1) - self%start(q)), self%local(self%start(q) + 1:), &
          & self%value(:, self%first(1, q) + 1:), p(:3, :3), force)
       return
    end if
@@ -411,38 +391,20 @@ pure subroutine add_force(self, q, p, force)
       end do
       return
    end if
+   if (self%nd == 3) then
+      do i = 1, 3
+         call component_force(int(self%start(q + 1) - self%start(q)), &
+            & self%local(self%start(q) + 1:), self%value(:, self%first(i, q) + 1:), i, &
+            & [p(i, 1), p(i, 2), p(i, 3)], force)
+      end do
+      return
+   end if
    do e = self%start(q) + 1, self%start(q + 1)
       k = int(e - self%start(q))
-      do i = 1, self%nd
-         force(i, self%local(e)) = force(i, self%local(e)) &
-            & + dot_product(p(i, :self%nd), self%value(:, self%first(i, q) + k))
-      end do
+      at = self%first(1, q) + k
+      force(1, self%local(e)) = force(1, self%local(e)) + p(1, 1)*self%value(1, at)
    end do
 end subroutine add_force
-
-!> Add the forces of a stress in a solid where nothing is lifted
-pure subroutine add_solid_force(n, local, value, p, force)
-   !> Source points in sight
-   integer, intent(in) :: n
-   !> Their places among those of the group, shape (n)
-   integer, intent(in) :: local(*)
-   !> Gradients of their shape functions, shape (3, n) [1/length]
-   real(wp), intent(in) :: value(3, *)
-   !> Stress times weight, shape (3, 3), index (i, A) [stress length^nd]
-   real(wp), intent(in) :: p(3, 3)
-   !> Forces on the group's source points, shape (3, members) [force]
-   real(wp), intent(inout) :: force(3, *)
-   real(wp) :: own(3)
-   integer :: e, k
-
-   do e = 1, n
-      own = force(:, local(e))
-      do k = 1, 3
-         own = own + p(:, k)*value(k, e)
-      end do
-      force(:, local(e)) = own
-   end do
-end subroutine add_solid_force
 
 !> Add the work of a stress at a point as rows by the displacements, with several factors
 pure subroutine add_work(self, q, p, factor, rows)

@@ -2,14 +2,24 @@
 !> point.
 module rk_voxels
    use rk_cloud, only : cloud_type
+   use rk_csr, only : csr_type, group_by
    use rk_error, only : error_type, fatal_error, err_input
    use rk_facets, only : facets_type, join_small
-   use rk_precision, only : wp
+   use rk_precision, only : i8, wp
    use rk_text, only : to_text
    implicit none
    private
 
-   public :: voxel_facets, face_entry, side_of
+   public :: voxel_facets, face_entries, side_of
+
+   !> Boundary entries of each voxel
+   type :: face_entries
+      type(csr_type), private :: of
+   contains
+      procedure :: find => find_entries
+      !> That of a face
+      procedure :: nearest => nearest_entry
+   end type face_entries
 
    !> Source spacings that make a group, in each direction: linear pressures on two do not satisfy
    !> the inf-sup condition with nodal integration, on three they do
@@ -36,6 +46,7 @@ subroutine voxel_facets(facets, cloud, group, filled, error)
    real(wp) :: area(3), x(3), part
    real(wp), allocatable :: centre(:, :), share(:)
    integer, allocatable :: owner(:), at(:, :), voxel(:, :, :)
+   type(face_entries) :: entries
    integer :: n(3), cells, ip, other, d, side, next(3), entry
 
    if (.not. allocated(cloud%voxels%index)) then
@@ -75,6 +86,7 @@ subroutine voxel_facets(facets, cloud, group, filled, error)
          taken = ip
       end associate
    end do
+   call entries%find(cloud)
    do ip = 1, size(owner)
       do d = 1, 3
          do side = -1, 1, 2
@@ -86,7 +98,7 @@ subroutine voxel_facets(facets, cloud, group, filled, error)
             x = centre(:, ip)
             x(d) = x(d) + 0.5_wp*side*cloud%voxels%size(d)
             if (other == 0) then
-               entry = face_entry(cloud, ip, area)
+               entry = entries%nearest(cloud, ip, area)
                ! a slice at an end is cut through as much of the body as it holds
                part = 1.0_wp
                if (d == 3 .and. (next(3) == 0 .or. next(3) > n(3))) part = share(ip)
@@ -122,8 +134,10 @@ subroutine find_owners(cloud, owner, cells, error)
    if (.not. allocated(cloud%block)) then
       owner = cloud%nearest_source()
       cells = size(cloud%source, 2)
+      allocate (number(cells), source=0)
+      number(owner) = 1
       do i = 1, cells
-         if (any(owner == i)) cycle
+         if (number(i) > 0) cycle
          call fatal_error(error, err_input, 'source point '//to_text(i)//' at ' &
             & //to_text(cloud%source(:, i))//' has no voxel of its own')
          return
@@ -169,20 +183,15 @@ pure function threes_of(cloud) result(group)
    !> Cloud of a model
    type(cloud_type), intent(in) :: cloud
    integer :: group(size(cloud%source, 2))
-   real(wp) :: step(3)
-   integer :: blocks(3), next(3), d, is
+   real(wp) :: step(3), low(3)
+   integer :: blocks(3), next(3), is
 
    step = minval(cloud%spacing, dim=2)
-   do d = 1, 3
-      blocks(d) = 1 + int((maxval(cloud%source(d, :)) - minval(cloud%source(d, :))) &
-         & /(group_size*step(d)) + 0.5_wp)
-   end do
+   low = minval(cloud%source, dim=2)
+   blocks = 1 + int((maxval(cloud%source, dim=2) - low)/(group_size*step) + 0.5_wp)
    do is = 1, size(group)
-      do d = 1, 3
-         next(d) = int((cloud%source(d, is) - minval(cloud%source(d, :)))/(group_size*step(d)) &
-            & + 0.25_wp/group_size)
-      end do
-      next = min(next, blocks - 1)
+      next = min(int((cloud%source(:, is) - low)/(group_size*step) + 0.25_wp/group_size), &
+         & blocks - 1)
       group(is) = 1 + next(1) + blocks(1)*(next(2) + blocks(2)*next(3))
    end do
 end function threes_of
@@ -207,8 +216,20 @@ pure function mean_of(values, owner, cells) result(mean)
    mean = mean/number
 end function mean_of
 
+!> Find the boundary entries of each voxel
+pure subroutine find_entries(self, cloud)
+   !> Entries
+   class(face_entries), intent(inout) :: self
+   !> Cloud
+   type(cloud_type), intent(in) :: cloud
+
+   call group_by(size(cloud%points, 2), cloud%boundary_point, self%of)
+end subroutine find_entries
+
 !> Boundary entry of a voxel's face: the one whose normal is nearest to the face's, 0 without one
-pure integer function face_entry(cloud, ip, area)
+pure integer function nearest_entry(self, cloud, ip, area)
+   !> Entries
+   class(face_entries), intent(in) :: self
    !> Cloud
    type(cloud_type), intent(in) :: cloud
    !> Voxel
@@ -216,17 +237,18 @@ pure integer function face_entry(cloud, ip, area)
    !> Area times normal, shape (nd)
    real(wp), intent(in) :: area(:)
    real(wp) :: most
-   integer :: e
+   integer(i8) :: k
 
    most = -huge(1.0_wp)
-   face_entry = 0
-   do e = 1, size(cloud%boundary_point)
-      if (cloud%boundary_point(e) /= ip) cycle
-      if (dot_product(cloud%normal(:, e), area) <= most) cycle
-      most = dot_product(cloud%normal(:, e), area)
-      face_entry = e
+   nearest_entry = 0
+   do k = self%of%offset(ip) + 1, self%of%offset(ip + 1)
+      associate (e => self%of%index(k))
+         if (dot_product(cloud%normal(:, e), area) <= most) cycle
+         most = dot_product(cloud%normal(:, e), area)
+         nearest_entry = e
+      end associate
    end do
-end function face_entry
+end function nearest_entry
 
 !> Side of the body of a boundary entry, 0 without one
 pure integer function side_of(cloud, entry)

@@ -294,13 +294,13 @@ subroutine multiply(a, b, c)
    end do
 end subroutine multiply
 
-!> x = M b of one cycle
+!> x = M b of one cycle, for several vectors at once
 subroutine apply(self, b, x)
    !> Cycle
    class(multigrid_type), intent(in) :: self
-   !> Right hand side, shape (1, n)
+   !> Right hand sides, shape (vectors, n)
    real(wp), contiguous, intent(in) :: b(:, :)
-   !> Approximate solution, shape (1, n)
+   !> Approximate solutions, shape (vectors, n)
    real(wp), contiguous, intent(inout) :: x(:, :)
 
    call cycle_from(self, 1, b, x)
@@ -312,31 +312,41 @@ recursive subroutine cycle_from(self, l, b, x)
    class(multigrid_type), intent(in) :: self
    !> Level
    integer, intent(in) :: l
-   !> Right hand side, shape (1, n)
+   !> Right hand sides, shape (vectors, n)
    real(wp), contiguous, intent(in) :: b(:, :)
-   !> Approximate solution, shape (1, n)
+   !> Approximate solutions, shape (vectors, n)
    real(wp), contiguous, intent(inout) :: x(:, :)
    real(wp), allocatable :: image(:, :), coarse(:, :), part(:, :)
-   integer :: k
+   integer :: i, k
 
    if (l > size(self%level)) then
-      if (allocated(self%scale)) then
-         x(1, :) = self%scale*b(1, :)
-      else
-         x(1, :) = matmul(self%inverse, b(1, :))
-      end if
+      do k = 1, size(b, 1)
+         if (allocated(self%scale)) then
+            x(k, :) = self%scale*b(k, :)
+         else
+            x(k, :) = matmul(self%inverse, b(k, :))
+         end if
+      end do
       return
    end if
    associate (level => self%level(l))
       allocate (image, mold=b)
-      allocate (coarse(1, size(level%restriction%place%offset) - 1))
+      allocate (coarse(size(b, 1), size(level%restriction%place%offset) - 1))
       allocate (part, mold=coarse)
-      x(1, :) = level%smooth(:, 1)*b(1, :)
+      !$omp parallel do default(none) schedule(static) private(i) shared(self, l, b, x)
+      do i = 1, size(b, 2)
+         x(:, i) = self%level(l)%smooth(i, 1)*b(:, i)
+      end do
+      !$omp end parallel do
       do k = 2, sweeps
          call smooth_again(k)
       end do
       call level%matrix%product(x, image, .false.)
-      image = b - image
+      !$omp parallel do default(none) schedule(static) private(i) shared(b, image)
+      do i = 1, size(b, 2)
+         image(:, i) = b(:, i) - image(:, i)
+      end do
+      !$omp end parallel do
       call level%restriction%product(image, coarse, .false.)
       call cycle_from(self, l + 1, coarse, part)
       call level%prolongation%product(part, x, .true.)
@@ -350,9 +360,15 @@ contains
    !> A smoothing step
    subroutine smooth_again(step)
       integer, intent(in) :: step
+      integer :: row
 
       call self%level(l)%matrix%product(x, image, .false.)
-      x(1, :) = x(1, :) + self%level(l)%smooth(:, step)*(b(1, :) - image(1, :))
+      !$omp parallel do default(none) schedule(static) private(row) &
+      !$omp shared(self, l, step, b, x, image)
+      do row = 1, size(b, 2)
+         x(:, row) = x(:, row) + self%level(l)%smooth(row, step)*(b(:, row) - image(:, row))
+      end do
+      !$omp end parallel do
    end subroutine smooth_again
 
 end subroutine cycle_from

@@ -16,7 +16,7 @@ module rk_octants
    use rk_precision, only : wp
    use rk_text, only : to_text
    use rk_voxel_lattice, only : corner_lattice, corner_of_octants
-   use rk_voxels, only : face_entry, side_of
+   use rk_voxels, only : face_entries, side_of
    implicit none
    private
 
@@ -185,9 +185,11 @@ subroutine collect(facets, cloud, voxel, owner, cells, of_cells)
    !> Areas by what is filled inside, and by voxels on the surface, where conditions act
    logical, intent(in) :: of_cells
    type(face_type), allocatable :: face(:)
+   type(face_entries) :: entries
    integer :: head(0:cells), n(3), lower(3), upper(3), first(3), last(3), d, o, p, i, j, k, faces
    real(wp) :: half(3), low(3), x(3), share
 
+   call entries%find(cloud)
    half = 0.5_wp*cloud%voxels%size
    low = cloud%voxels%origin + (minval(cloud%voxels%index, dim=2) - 0.5_wp)*cloud%voxels%size
    n = shape(owner) - 2
@@ -284,7 +286,7 @@ contains
       end if
       centre = of%first/of%area
       if (of%voxel > 0) then
-         e = face_entry(cloud, of%voxel, area)
+         e = entries%nearest(cloud, of%voxel, area)
          part = 1.0_wp
          if (d == 3 .and. (i == 0 .or. i == n(3))) part = filled(of%voxel)
          call facets%add(centre, area, cell, 0, side_of(cloud, e), part, e)

@@ -5,9 +5,10 @@
 !> displacements then (rk_tangent), and the pressures are those of the rest.
 module rk_group_stiffness
    use rk_cells, only : cells_type
+   use rk_csr, only : csr_type
    use rk_gradient, only : gradient_type
    use rk_multiplier, only : multiplier_type
-   use rk_precision, only : wp
+   use rk_precision, only : i8, wp
    use rk_pressure, only : pressure_type
    implicit none
    private
@@ -23,6 +24,9 @@ module rk_group_stiffness
       !> Bulk and shear modulus of each group, shape (groups) [stress]
       real(wp), allocatable :: bulk(:)
       real(wp), allocatable, private :: shear(:)
+      !> Groups that see each source point, and where it stands in the lists of all groups
+      type(csr_type), private :: groups
+      integer(i8), allocatable, private :: entry(:)
       !> Points, gradients and pressures of the problem
       type(cells_type), pointer :: cells => null()
       type(gradient_type), pointer :: gradient => null()
@@ -85,6 +89,8 @@ subroutine attach(self, cells, gradient, pressure, multiplier)
    self%gradient => gradient
    self%pressure => pressure
    self%multiplier => multiplier
+   if (allocated(self%bulk) .and. .not. allocated(self%entry)) &
+      & call gradient%member%transposed(maxval(gradient%member%index), self%groups, self%entry)
 end subroutine attach
 
 !> Add the forces of displacements and of the pressures that their change of volume makes
@@ -170,27 +176,47 @@ subroutine add_groups(self, x, y, volume, pressure)
    real(wp), intent(inout) :: volume(:, :)
    !> Pressures of the same shape; without them K B u
    real(wp), intent(in), optional :: pressure(:, :)
-   real(wp), allocatable :: force(:, :)
-   integer :: g, nd
+   real(wp), allocatable :: force(:, :), local(:, :), h(:, :, :)
+   integer(i8) :: k, o
+   integer :: blocks, g, i, most, n, nd, points
 
    nd = self%gradient%nd
-   !$omp parallel do default(none) schedule(static, 1) ordered private(g, force) &
-   !$omp shared(self, x, y, volume, pressure, nd)
+   blocks = size(y)/nd
+   associate (offset => self%gradient%member%offset, first => self%cells%first)
+      most = int(maxval(offset(2:) - offset(:size(offset) - 1)))
+      points = maxval(first(2:) - first(:size(first) - 1))
+   end associate
+   allocate (force(nd, size(self%gradient%member%index, kind=i8)))
+   !$omp parallel default(none) private(g, i, k, local, h, n, o) &
+   !$omp shared(self, x, y, volume, pressure, nd, blocks, most, points, force)
+   allocate (local(nd, most), h(nd, nd, points))
+   !$omp do schedule(static)
    do g = 1, size(self%bulk)
-      associate (member => self%gradient%member%index(self%gradient%member%offset(g) + 1: &
-         & self%gradient%member%offset(g + 1)))
+      o = self%gradient%member%offset(g)
+      n = int(self%gradient%member%offset(g + 1) - o)
+      ! blocks of pressures stand behind the source points
+      do while (self%gradient%member%index(o + n) > blocks)
+         n = n - 1
+      end do
+      associate (member => self%gradient%member%index(o + 1:o + n))
          if (present(pressure)) then
-            call group_force(self, g, pack(member, member <= size(y)/nd), x, volume(:, g), force, &
+            call group_force(self, g, member, x, volume(:, g), local, h, force(:, o + 1:o + n), &
                & pressure(:, g))
          else
-            call group_force(self, g, member, x, volume(:, g), force)
+            call group_force(self, g, member, x, volume(:, g), local, h, force(:, o + 1:o + n))
          end if
-         !$omp ordered
-         call add_forces(member(:size(force, 2)), force, y)
-         !$omp end ordered
       end associate
    end do
-   !$omp end parallel do
+   !$omp end do
+   ! parts of a source point are added in the order of the groups: sums do not depend on the threads
+   !$omp do schedule(static)
+   do i = 1, blocks
+      do k = self%groups%offset(i) + 1, self%groups%offset(i + 1)
+         y(nd*(i - 1) + 1:nd*i) = y(nd*(i - 1) + 1:nd*i) + force(:, self%entry(k))
+      end do
+   end do
+   !$omp end do
+   !$omp end parallel
 end subroutine add_groups
 
 !> Add forces on some source points to those on all
@@ -210,7 +236,7 @@ pure subroutine add_forces(member, force, y)
 end subroutine add_forces
 
 !> Forces of one group
-pure subroutine group_force(self, g, member, x, volume, force, pressure)
+pure subroutine group_force(self, g, member, x, volume, local, h, force, pressure)
    !> Stiffness
    class(group_stiffness), intent(in) :: self
    !> Group
@@ -221,11 +247,14 @@ pure subroutine group_force(self, g, member, x, volume, force, pressure)
    real(wp), intent(in) :: x(self%gradient%nd, *)
    !> B u of the group, shape (1 + nd)
    real(wp), intent(out) :: volume(:)
+   !> Room for displacements of its source points [length], shape (nd, members at most)
+   real(wp), contiguous, intent(inout) :: local(:, :)
+   !> Room for their gradients at its points, shape (nd, nd, points at most)
+   real(wp), contiguous, intent(inout) :: h(:, :, :)
    !> Forces on its source points, shape (nd, members) [force]
-   real(wp), allocatable, intent(inout) :: force(:, :)
+   real(wp), contiguous, intent(inout) :: force(:, :)
    !> Pressures, shape (1 + nd), beside those of the part of K that is kept; without them K B u
    real(wp), intent(in), optional :: pressure(:)
-   real(wp), allocatable :: local(:, :), h(:, :, :)
    real(wp) :: p(3, 3), coefficient(size(volume))
    integer :: b, i, k, n, nd, o, q
 
@@ -233,8 +262,9 @@ pure subroutine group_force(self, g, member, x, volume, force, pressure)
    o = self%cells%first(g)
    n = self%cells%first(g + 1) - o
    b = self%pressure%count(g)
-   allocate (local(nd, size(member)), h(nd, nd, n))
-   local = x(:, member)
+   do k = 1, size(member)
+      local(:, k) = x(:, member(k))
+   end do
    volume = 0.0_wp
    do q = 1, n
       call self%gradient%at(o + q, local, [real(wp) ::], h(:, :, q))
@@ -244,17 +274,16 @@ pure subroutine group_force(self, g, member, x, volume, force, pressure)
    if (present(pressure)) then
       coefficient = self%kept(g)*volume + pressure
    else if (self%multiplier%free(g)) then
-      coefficient = self%multiplier%pressure(g, local)
+      coefficient = self%multiplier%pressure(g, local(:, :size(member)))
    else
       coefficient = self%bulk(g)*volume
    end if
-   if (allocated(force)) deallocate (force)
-   allocate (force(nd, size(member)), source=0.0_wp)
+   force = 0.0_wp
    do q = 1, n
       p = dot_product(coefficient(:b), self%pressure%basis(:b, o + q))*self%cofactor(:, :, o + q)
       do k = 1, nd
          do i = 1, nd
-            p(:nd, :nd) = p(:nd, :nd) + self%moduli(:nd, :nd, i, k, o + q)*h(i, k, q)
+            p = p + self%moduli(:, :, i, k, o + q)*h(i, k, q)
          end do
       end do
       call self%gradient%add_force(o + q, p, force)

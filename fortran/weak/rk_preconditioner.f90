@@ -29,8 +29,10 @@ module rk_preconditioner
    type :: preconditioner_type
       !> Diagonal of the Laplacians, shape (n) [force/length]
       real(wp), allocatable :: diagonal(:)
-      !> Cycle for each component, shape (nd)
+      !> Cycles, and that of each component: components that are held at the same places share one,
+      !> shape (nd)
       type(multigrid_type), allocatable, private :: laplacian(:)
+      integer, allocatable, private :: cycle_of(:)
       !> Values, for which they stand
       type(nodal_values_type), private :: values
    contains
@@ -61,7 +63,7 @@ subroutine new_preconditioner(self, cells, surface, inside, shear, error)
    integer(i8), allocatable :: start(:), column(:)
    real(wp), allocatable :: free(:), value(:), held(:, :, :)
    integer, allocatable :: pair(:, :), behind(:)
-   integer :: i, k, nd, s
+   integer :: i, j, k, nd, s
 
    nd = inside%nd
    call new_nodal_values(self%values, cells, inside)
@@ -87,9 +89,18 @@ subroutine new_preconditioner(self, cells, surface, inside, shear, error)
    end do
    call find_behind(behind, cells)
    call find_penalties(held, cells, surface, shear, behind)
-   allocate (self%laplacian(nd), self%diagonal(nd*size(cells%node)))
+   allocate (self%laplacian(nd), self%cycle_of(nd), self%diagonal(nd*size(cells%node)))
    free = graph%value
    do i = 1, nd
+      j = 1
+      do while (any(surface%essential(i, :) .neqv. surface%essential(j, :)))
+         j = j + 1
+      end do
+      self%cycle_of(i) = j
+      if (j < i) then
+         self%diagonal(i::nd) = self%diagonal(j::nd)
+         cycle
+      end if
       graph%value = free
       do s = 1, size(behind)
          if (.not. surface%essential(i, s)) cycle
@@ -177,20 +188,27 @@ subroutine apply(self, x, y)
    real(wp), contiguous, intent(in) :: x(:)
    !> Displacements, shape (n)
    real(wp), contiguous, intent(inout) :: y(:)
-   real(wp) :: value(size(self%laplacian), size(x)/size(self%laplacian))
-   real(wp), allocatable :: right(:, :), solution(:, :)
-   integer :: i
+   real(wp), allocatable :: value(:, :), right(:, :), found(:, :), solution(:, :)
+   integer, allocatable :: own(:)
+   integer :: c, i, nd
 
-   value = reshape(x, shape(value))
+   nd = size(self%cycle_of)
+   value = reshape(x, [nd, size(x)/nd])
    call self%values%invert(.true., value)
-   allocate (right(1, size(value, 2)), solution(1, size(value, 2)))
-   do i = 1, size(value, 1)
-      right(1, :) = value(i, :)
-      call self%laplacian(i)%apply(right, solution)
-      value(i, :) = solution(1, :)
+   allocate (solution, mold=value)
+   do c = 1, nd
+      own = pack([(i, i=1, nd)], self%cycle_of == c)
+      if (size(own) == nd) then
+         call self%laplacian(c)%apply(value, solution)
+      else if (size(own) > 0) then
+         right = value(own, :)
+         found = right
+         call self%laplacian(c)%apply(right, found)
+         solution(own, :) = found
+      end if
    end do
-   call self%values%invert(.false., value)
-   y = reshape(value, [size(x)])
+   call self%values%invert(.false., solution)
+   y = reshape(solution, [size(x)])
 end subroutine apply
 
 end module rk_preconditioner

@@ -89,8 +89,8 @@ subroutine invert(self, transposed, x)
    !> Values, replaced by coefficients, shape (nd, ns)
    real(wp), contiguous, intent(inout) :: x(:, :)
    real(wp), allocatable :: step(:, :), r(:, :), image(:, :)
-   real(wp) :: rho, before
-   integer :: k
+   real(wp) :: rho, before, keep, gain
+   integer :: i, k
 
    allocate (image, mold=x)
    r = x
@@ -103,11 +103,18 @@ subroutine invert(self, transposed, x)
       else
          call self%row%product(step, image, .false.)
       end if
-      r = r - image
       before = rho
       rho = 1.0_wp/(2.0_wp*self%middle/self%half - before)
-      step = rho*before*step + (2.0_wp*rho/self%half)*r
-      x = x + step
+      keep = rho*before
+      gain = 2.0_wp*rho/self%half
+      !$omp parallel do default(none) schedule(static) private(i) &
+      !$omp shared(x, r, step, image, keep, gain)
+      do i = 1, size(x, 2)
+         r(:, i) = r(:, i) - image(:, i)
+         step(:, i) = keep*step(:, i) + gain*r(:, i)
+         x(:, i) = x(:, i) + step(:, i)
+      end do
+      !$omp end parallel do
    end do
 end subroutine invert
 

@@ -1,0 +1,108 @@
+!> Products of gradients of solids with displacements and stresses, with lengths and strides that
+!> the compiler knows: they are most of the work of bodies whose tangent is never formed.
+module rk_solid_products
+   use rk_precision, only : wp
+   implicit none
+   private
+
+   public :: solid_gradient, component_gradient, solid_force, component_force
+
+contains
+
+!> Add the displacement gradient of a solid where nothing is lifted: lengths and strides that the
+!> compiler knows
+pure subroutine solid_gradient(n, local, value, x, h)
+   !> Source points in sight
+   integer, intent(in) :: n
+   !> Their places among those of the group, shape (n)
+   integer, intent(in) :: local(*)
+   !> Gradients of their shape functions, shape (3, n) [1/length]
+   real(wp), intent(in) :: value(3, *)
+   !> Coefficients of the group's source points, shape (3, members) [length]
+   real(wp), intent(in) :: x(3, *)
+   !> Gradient u_i,A, shape (3, 3) [-]
+   real(wp), intent(inout) :: h(3, 3)
+   real(wp) :: solid(3, 3), u(3)
+   integer :: e, k
+
+   solid = 0.0_wp
+   do e = 1, n
+      u = x(:, local(e))
+      do k = 1, 3
+         solid(:, k) = solid(:, k) + u*value(k, e)
+      end do
+   end do
+   h = h + solid
+end subroutine solid_gradient
+
+!> Add the displacement gradient of a component of a solid where something is lifted
+pure subroutine component_gradient(n, local, value, i, x, h)
+   !> Source points in sight
+   integer, intent(in) :: n
+   !> Their places among those of the group, shape (n)
+   integer, intent(in) :: local(*)
+   !> Gradients of their shape functions for the component, shape (3, n) [1/length]
+   real(wp), intent(in) :: value(3, *)
+   !> Component
+   integer, intent(in) :: i
+   !> Coefficients of the group's source points, shape (3, members) [length]
+   real(wp), intent(in) :: x(3, *)
+   !> Gradient u_i,A, shape (3, 3) [-]
+   real(wp), intent(inout) :: h(3, 3)
+   real(wp) :: row(3)
+   integer :: e
+
+   row = h(i, :)
+   do e = 1, n
+      row = row + x(i, local(e))*value(:, e)
+   end do
+   h(i, :) = row
+end subroutine component_gradient
+
+!> Add the forces of a stress in a solid where nothing is lifted
+pure subroutine solid_force(n, local, value, p, force)
+   !> Source points in sight
+   integer, intent(in) :: n
+   !> Their places among those of the group, shape (n)
+   integer, intent(in) :: local(*)
+   !> Gradients of their shape functions, shape (3, n) [1/length]
+   real(wp), intent(in) :: value(3, *)
+   !> Stress times weight, shape (3, 3), index (i, A) [stress length^nd]
+   real(wp), intent(in) :: p(3, 3)
+   !> Forces on the group's source points, shape (3, members) [force]
+   real(wp), intent(inout) :: force(3, *)
+   real(wp) :: own(3)
+   integer :: e, k
+
+   do e = 1, n
+      own = force(:, local(e))
+      do k = 1, 3
+         own = own + p(:, k)*value(k, e)
+      end do
+      force(:, local(e)) = own
+   end do
+end subroutine solid_force
+
+!> Add the forces of a component of a stress in a solid where something is lifted
+pure subroutine component_force(n, local, value, i, p, force)
+   !> Source points in sight
+   integer, intent(in) :: n
+   !> Their places among those of the group, shape (n)
+   integer, intent(in) :: local(*)
+   !> Gradients of their shape functions for the component, shape (3, n) [1/length]
+   real(wp), intent(in) :: value(3, *)
+   !> Component
+   integer, intent(in) :: i
+   !> Its stress times weight, shape (3) [stress length^3]
+   real(wp), intent(in) :: p(3)
+   !> Forces on the group's source points, shape (3, members) [force]
+   real(wp), intent(inout) :: force(3, *)
+   integer :: e
+
+   do e = 1, n
+      force(i, local(e)) = force(i, local(e)) + (p(1)*value(1, e) + p(2)*value(2, e) &
+         & + p(3)*value(3, e))
+   end do
+end subroutine component_force
+
+end module rk_solid_products
