@@ -300,14 +300,18 @@ pure function step_numbers(step, worst) result(row)
    row(17) = size(step_columns(step), 2)
    row(9:13) = [real(step%carried%halvings, wp), step%carried%rcond, &
       & merge(1.0_wp, 0.0_wp, step%carried%trusted), step%carried%held, &
-      & merge(1.0_wp, 0.0_wp, allocated(step%carried%slope))]
+      & 0.0_wp]
+   ! a slope, and its changes
+   if (allocated(step%carried%slope)) row(13) = 1.0_wp
+   if (allocated(step%carried%bend)) row(13) = 1.0_wp + size(step%carried%bend, 2)
 end function step_numbers
 
-!> What a step carries as columns: slope, and where its matrix was taken from
+!> What a step carries as columns: slope, and its changes or where its matrix was taken from
 pure function step_columns(step) result(columns)
    !> Step with what it carries
    type(step_type), intent(in) :: step
    real(wp), allocatable :: columns(:, :)
+   integer :: k
 
    if (.not. allocated(step%carried)) then
       allocate (columns(0, 0))
@@ -319,7 +323,10 @@ pure function step_columns(step) result(columns)
          columns(:, 2) = carried%place
          columns(:, 3) = carried%origin
       else if (allocated(carried%slope)) then
-         allocate (columns(size(carried%slope), 1))
+         k = 0
+         if (allocated(carried%bend)) k = size(carried%bend, 2)
+         allocate (columns(size(carried%slope), 1 + k))
+         if (k > 0) columns(:, 2:) = carried%bend
       else
          allocate (columns(0, 0))
       end if
@@ -355,7 +362,8 @@ function step_of(found, k) result(step)
       first = nint(sum(found%step(17, :k - 1)))
       associate (own => found%carried(:, first + 1:first + columns))
          if (row(13) > 0.0_wp) step%carried%slope = own(:, 1)
-         if (columns < 3) return
+         if (row(13) > 1.0_wp) step%carried%bend = own(:, 2:nint(row(13)))
+         if (columns < 3 .or. row(13) > 1.0_wp) return
          step%carried%place = own(:, 2)
          step%carried%origin = own(:, 3)
       end associate

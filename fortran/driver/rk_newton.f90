@@ -16,6 +16,7 @@ module rk_newton
    use rk_lstsq, only : row_operator
    use rk_minimum, only : find_descent, leave_saddle
    use rk_newton_step, only : find_step
+   use rk_path, only : path_type
    use rk_precision, only : wp
    use rk_problem, only : dense_limit, problem_type, evaluation_type
    use rk_recorder, only : carried_type, iteration_type, recorder_type
@@ -53,10 +54,8 @@ module rk_newton
       integer :: max_iterations = 25
       !> Load of the state at which a step starts [-]
       real(wp) :: done = 0.0_wp
-      !> Change of the unknowns with the load in the last step, not allocated before the second one,
-      !> and the load at which that step began, where steps are solved to few digits [-]
-      real(wp), allocatable :: slope(:)
-      real(wp) :: earlier = 0.0_wp
+      !> Way through the last states
+      type(path_type) :: path
       !> Iterations done
       integer :: iterations = 0
       !> Relative gradient and step reached [-]. Where steps are solved to few digits these are the
@@ -336,8 +335,9 @@ subroutine hand_over(self, carried)
    allocate (carried)
    carried%rcond = self%damping%rcond
    carried%trusted = self%damping%trusted
-   if (allocated(self%slope)) carried%slope = self%slope
-   carried%held = self%earlier
+   if (allocated(self%path%slope)) carried%slope = self%path%slope
+   if (allocated(self%path%bend)) carried%bend = self%path%bend
+   carried%held = self%path%earlier
    if (allocated(self%place)) carried%held = self%origin_held
    if (allocated(self%place)) carried%place = self%place
    if (allocated(self%place)) carried%origin = self%origin
@@ -357,8 +357,9 @@ subroutine take_over(self, problem, load, carried)
    real(wp) :: r(problem%m)
 
    call self%damping%resume(carried%rcond, carried%trusted)
-   if (allocated(carried%slope)) self%slope = carried%slope
-   self%earlier = carried%held
+   if (allocated(carried%slope)) self%path%slope = carried%slope
+   if (allocated(carried%bend)) self%path%bend = carried%bend
+   self%path%earlier = carried%held
    if (.not. allocated(carried%place)) return
    call problem%start_step(carried%origin, load)
    call problem%predict(carried%origin, carried%held, load, .false., r, self%state)
@@ -449,8 +450,8 @@ function saddle_text(self, load, residual) result(text)
       & //'points, a higher order or another method'
 end function saddle_text
 
-!> Start of a load step: the last converged state, or the secant through the last two of them where
-!> that has less residual. The gradient that ends the iteration is relative to that of the last
+!> Start of a load step: the last converged state, or where the way through the last ones leads to
+!> if that has less residual. The gradient that ends the iteration is relative to that of the last
 !> converged state either way: a good start must not ask for a better end.
 subroutine begin(self, problem, load, a, r, g, first_gradient)
    !> Settings; the state that is seen
@@ -469,31 +470,22 @@ subroutine begin(self, problem, load, a, r, g, first_gradient)
    real(wp), intent(out) :: first_gradient
    class(row_operator), pointer :: op
    type(evaluation_type) :: state
-   real(wp), allocatable :: ahead(:), new(:)
-   real(wp) :: size, size_ahead
+   logical :: found
 
    call problem%start_step(a, load)
    ! the last converged state has a matrix yet; that of the start will be another one
-   call problem%predict(a, self%done, load, allocated(self%slope), r, self%state)
+   call problem%predict(a, self%done, load, self%path%states() > 0, r, self%state)
    self%held = self%done
    call problem%start_iteration()
    op => problem%operator()
    call op%apply_transposed(r, g)
    first_gradient = norm2(g)
    if (problem%inexact) first_gradient = norm2(r)
-   if (.not. allocated(self%slope)) return
+   if (self%path%states() == 0) return
    ! what was begun by an earlier version knows no load before the last one
-   if (problem%inexact .and. .not. abs(self%done - self%earlier) > 0.0_wp) return
-   call problem%measure(r, size)
-   if (problem%inexact) call problem%extrapolate(a - (self%done - self%earlier)*self%slope, &
-      & self%earlier, (load - self%done)/(self%done - self%earlier))
-   ahead = a + (load - self%done)*self%slope
-   allocate (new, mold=r)
-   call problem%linearise(ahead, load, new, state)
-   if (state%valid) call problem%measure(new, size_ahead)
-   if (state%valid .and. size_ahead < size) then
-      a = ahead
-      r = new
+   if (problem%inexact .and. .not. abs(self%done - self%path%earlier) > 0.0_wp) return
+   call self%path%lead(problem, self%done, load, a, r, state, found)
+   if (found) then
       self%state = state
       self%held = load
    else

@@ -50,6 +50,9 @@ module rk_recorder
       !> Change of the unknowns with the load, not allocated where the next step has no secant,
       !> shape (n)
       real(wp), allocatable :: slope(:)
+      !> Its changes over steps of the same length, where steps are solved to few digits, shape
+      !> (n, changes)
+      real(wp), allocatable :: bend(:, :)
       !> Unknowns where the matrix was taken, and where the iteration to there began; not allocated
       !> where the next step makes a matrix of its own, shape (n) each
       real(wp), allocatable :: place(:), origin(:)

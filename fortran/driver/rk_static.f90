@@ -109,17 +109,14 @@ subroutine solve_static(problem, newton, planned, max_halvings, x, recorder, tim
                   & //'; the load step is halved to '//to_text(0.5_wp*part, 4))
                deallocate (error)
                ! the secant may have led astray
-               if (allocated(newton%slope)) deallocate (newton%slope)
+               call newton%path%forget()
                cycle
             end if
             call give_up()
             return
          end if
          ! the way from a start beside the path says nothing about the path
-         if (.not. aside) then
-            newton%slope = (x - before)/(load - done)
-            if (problem%inexact) newton%earlier = done
-         end if
+         if (.not. aside) call newton%path%note(before, x, done, load, problem%inexact)
          aside = .false.
          done = load
          record%load = load
@@ -133,12 +130,10 @@ subroutine solve_static(problem, newton, planned, max_halvings, x, recorder, tim
          if (load >= target_load) exit
       end do
       ! what was prescribed goes on at another rate
-      if (allocated(newton%slope)) then
-         if (step == 0) then
-            deallocate (newton%slope)
-         else if (planned%knot(step)) then
-            deallocate (newton%slope)
-         end if
+      if (step == 0) then
+         call newton%path%forget()
+      else if (planned%knot(step)) then
+         call newton%path%forget()
       end if
       if (step > 0 .and. step < record%steps) then
          call hand_over(newton, record%carried)

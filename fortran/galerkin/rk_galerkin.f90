@@ -488,19 +488,25 @@ subroutine group_part(self, g, at, change, load, tangent, force, part)
    call self%gradient%add_stiffness(o, c4, part)
 end subroutine group_part
 
-!> Pressures on the secant through an earlier converged state
+!> Pressures on the curve through the last converged states
 subroutine extrapolate(self, x, load, share)
    !> Problem, linearised at the last converged state by predict
    class(galerkin_problem), target, intent(inout) :: self
-   !> Unknowns of the earlier state, shape (n)
-   real(wp), contiguous, intent(in) :: x(:)
-   !> Its load [-]
-   real(wp), intent(in) :: load
-   !> Way beyond the last state, of that from the earlier one to it [-]
+   !> Unknowns of the last states, the latest first, shape (n, states)
+   real(wp), contiguous, intent(in) :: x(:, :)
+   !> Their loads at equal distances, shape (states) [-]
+   real(wp), intent(in) :: load(:)
+   !> Way beyond the last state, of that from the one before to it [-]
    real(wp), intent(in) :: share
+   real(wp), allocatable :: pressure(:, :, :)
+   integer :: k
 
-   if (.not. self%matrix%formed) call self%matrix%pressures%extrapolate(pressures_at(self, x, &
-      & load), share)
+   if (self%matrix%formed) return
+   allocate (pressure(size(self%pressure%total, 1), size(self%pressure%total, 2), size(load)))
+   do k = 1, size(load)
+      pressure(:, :, k) = pressures_at(self, x(:, k), load(k))
+   end do
+   call self%matrix%pressures%extrapolate(pressure, share)
 end subroutine extrapolate
 
 !> Size of residuals: that of the equations of displacements and pressures where they are solved

@@ -164,16 +164,16 @@ subroutine predict(self, x, done, load, residuals, r, seen)
    call self%linearise(x, load, r, seen)
 end subroutine predict
 
-!> The next linearisation is on the secant through an earlier converged state and the last one,
-!> where the problem is linearised; what a state has beside its unknowns may be extrapolated as well
+!> The next linearisation is on the curve through the last converged states, of which the problem is
+!> linearised at the last one; what a state has beside its unknowns may be extrapolated as well
 subroutine extrapolate(self, x, load, share)
    !> Problem, linearised at the last converged state by predict
    class(problem_type), target, intent(inout) :: self
-   !> Unknowns of the earlier state, shape (n)
-   real(wp), contiguous, intent(in) :: x(:)
-   !> Its load, 0..1 [-]
-   real(wp), intent(in) :: load
-   !> Way beyond the last state, of that from the earlier one to it [-]
+   !> Unknowns of the last states, the latest first, shape (n, states)
+   real(wp), contiguous, intent(in) :: x(:, :)
+   !> Their loads at equal distances, 0..1, shape (states) [-]
+   real(wp), intent(in) :: load(:)
+   !> Way beyond the last state, of that from the one before to it [-]
    real(wp), intent(in) :: share
 
    associate (unused => self, unused_x => x, unused_load => load, unused_share => share)

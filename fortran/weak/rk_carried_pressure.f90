@@ -2,8 +2,8 @@
 !>
 !> What a step leaves of volume must not come back as K times as large a force: the next tangent
 !> takes the pressures of the solve, and the next solve begins with them. On the step they are
-!> linear. The start of a load step has those of the secant through the last two converged states,
-!> which misses the volume in second order.
+!> linear. The start of a load step has those of the curve through the last converged states: with
+!> its own, what the displacements there miss of the volume would be a force of K times as much.
 module rk_carried_pressure
    use rk_precision, only : wp
    implicit none
@@ -78,17 +78,28 @@ subroutine go_to(self, x)
    if (self%carrying) self%carried = self%before + along*self%gained
 end subroutine go_to
 
-!> Carry pressures to the next place along the line through those of an earlier state and of the
-!> last place, of which the residual has essential values of the same state
-subroutine extrapolate(self, earlier, share)
+!> Carry pressures to the next place along the curve through those of the last states
+subroutine extrapolate(self, pressure, share)
    !> Pressures
    class(carried_pressure), intent(inout) :: self
-   !> Pressures of the earlier state, shape (1 + nd, groups) [stress length^(nd/2)]
-   real(wp), intent(in) :: earlier(:, :)
-   !> Way beyond the last place, of that from the earlier state to it [-]
+   !> Pressures of states at equal distances, the latest first, shape (1 + nd, groups, states)
+   !> [stress length^(nd/2)]
+   real(wp), intent(in) :: pressure(:, :, :)
+   !> Way beyond the last state, of that from the one before to it [-]
    real(wp), intent(in) :: share
+   real(wp) :: change(size(pressure, 1), size(pressure, 2), size(pressure, 3)), factor
+   integer :: k, n
 
-   self%carried = self%carried + share*(self%carried - earlier)
+   ! Newton's backward differences
+   n = size(pressure, 3)
+   change = pressure
+   self%carried = change(:, :, 1)
+   factor = 1.0_wp
+   do k = 1, n - 1
+      change(:, :, :n - k) = change(:, :, :n - k) - change(:, :, 2:n - k + 1)
+      factor = factor*(share + k - 1)/k
+      self%carried = self%carried + factor*change(:, :, 1)
+   end do
    self%foreseen = .true.
 end subroutine extrapolate
 

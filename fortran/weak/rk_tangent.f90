@@ -100,6 +100,9 @@ module rk_tangent
    !> Residual of the first solve of a load step, of that of the last converged state, and the
    !> largest one of all solves
    real(wp), parameter :: first_share = 1.0e-2_wp, largest_share = 0.1_wp
+   !> Share of its own right hand side that the first solve leaves, however near the load step
+   !> begins: what is not linear leaves as much [-]
+   real(wp), parameter :: first_least = 1.0e-3_wp
    !> Share of the fall of right hand sides, squared, that the next solve leaves; and of the
    !> tolerance, which is also asked of the residual of the displacement form
    real(wp), parameter :: forcing = 0.9_wp, enough = 1.0e-2_wp
@@ -390,7 +393,7 @@ subroutine solve_step(self, shift, b, x, report, error)
    end if
    call begin_solve(self, shift, b, right, start, norm)
    if (.not. self%first > 0.0_wp) self%first = norm
-   share = first_share*norm/self%first
+   share = max(first_share*norm/self%first, first_least)
    if (self%last > 0.0_wp) share = forcing*(norm/self%last)**2
    share = max(min(max(share, enough*self%wanted*self%first/norm), largest_share), tolerance)
    allocate (both(size(right)), source=0.0_wp)

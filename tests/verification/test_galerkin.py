@@ -309,6 +309,23 @@ def test_load_steps_above_the_limit_begin_ahead_and_end_when_the_next_step_is_fo
             assert max(states.iterations[2:]) < states.iterations[0]
 
 
+def test_more_states_make_load_steps_begin_nearer(inputs, tmp_path):
+    """Where four states are known a load step takes 0.82 of the iterations on the secant."""
+    log = subprocess.run(
+        [sys.executable, "-m", "myork", "solve", inputs / "muscle_fibers.toml", "-v",
+         "--method", "rkpm-scni", "--out", tmp_path, "--no-error",
+         *(f"--set={key}" for key in (*CUBIC, "approximation.support=1.82",
+           "geometry.source=[5,5,9]", "galerkin.direct_limit=0", "load.steps=6",
+           "load.activation=0.12"))],
+        check=True, capture_output=True, text=True,
+    )  # fmt: skip
+    text = log.stdout + log.stderr
+    steps = re.split(r"\nstep +\d", text)[:6]
+    counts = [sum(map(int, re.findall(r"minres .* in (\d+) iterations", step))) for step in steps]
+    assert counts[1] < 0.9 * counts[0]
+    assert max(counts[3:]) < 0.9 * counts[1]
+
+
 def test_iterations_do_not_grow_with_the_points(inputs, tmp_path):
     """Groups with an inf-sup constant and a preconditioner like the stiffness: half the spacing
     took 1.7 times the iterations without them. Newton's first step wants few digits.

@@ -1,0 +1,182 @@
+!> Way of the unknowns through the last converged states, and where it leads.
+!>
+!> The first load step after two states begins on the secant through them. Where steps are solved to
+!> few digits three and more states at equal distances are worth a curve: what a start lacks has to
+!> be made up digit by digit.
+module rk_path
+   use rk_precision, only : wp
+   use rk_problem, only : evaluation_type, problem_type
+   implicit none
+   private
+
+   public :: path_type
+
+   !> Backward differences of the last states
+   type :: path_type
+      !> Change of the unknowns with the load in the last step, not allocated before the second one,
+      !> shape (n)
+      real(wp), allocatable :: slope(:)
+      !> Its changes from step to step, where these are equal: the first, the change of that, shape
+      !> (n, steps before the last one)
+      real(wp), allocatable :: bend(:, :)
+      !> Load at which the last step began, where steps are solved to few digits [-]
+      real(wp) :: earlier = 0.0_wp
+   contains
+      !> Forget all
+      procedure :: forget
+      !> Note a converged step
+      procedure :: note
+      !> States that the way is told by, beside the last one
+      procedure :: states
+      !> Unknowns at another load
+      procedure :: at
+      !> Start of the next step
+      procedure :: lead
+   end type path_type
+
+   !> Curvatures that are kept, at most
+   integer, parameter :: most = 2
+   !> Difference of steps that are equal, of a step [-]
+   real(wp), parameter :: equal = 1.0e-9_wp
+   !> Residual of a start, of that of the last state, with which fewer states need not be tried:
+   !> secants of the leg come 15 to 35 times nearer [-]
+   real(wp), parameter :: near = 0.02_wp
+
+contains
+
+!> Forget all: the way goes on at another rate, or has led astray
+pure subroutine forget(self)
+   !> Way
+   class(path_type), intent(inout) :: self
+
+   if (allocated(self%slope)) deallocate (self%slope)
+   if (allocated(self%bend)) deallocate (self%bend)
+end subroutine forget
+
+!> Note a converged step
+pure subroutine note(self, before, x, done, load, curved)
+   !> Way
+   class(path_type), intent(inout) :: self
+   !> Unknowns before and after the step, shape (n) each
+   real(wp), contiguous, intent(in) :: before(:), x(:)
+   !> Loads of both [-]
+   real(wp), intent(in) :: done, load
+   !> More than the secant is wanted
+   logical, intent(in) :: curved
+   real(wp), allocatable :: slope(:), bend(:, :)
+   integer :: k, n
+
+   slope = (x - before)/(load - done)
+   if (curved) then
+      n = 0
+      if (abs(load - 2.0_wp*done + self%earlier) <= equal*(load - done)) &
+         & n = min(most, self%states())
+      allocate (bend(size(x), n))
+      do k = 1, n
+         if (k == 1) bend(:, 1) = slope - self%slope
+         if (k > 1) bend(:, k) = bend(:, k - 1) - self%bend(:, k - 1)
+      end do
+      call move_alloc(bend, self%bend)
+      self%earlier = done
+   end if
+   call move_alloc(slope, self%slope)
+end subroutine note
+
+!> States that the way is told by, beside the last one
+pure integer function states(self)
+   !> Way
+   class(path_type), intent(in) :: self
+
+   states = 0
+   if (allocated(self%slope)) states = 1
+   if (states > 0 .and. allocated(self%bend)) states = 1 + size(self%bend, 2)
+end function states
+
+!> Unknowns at a load, by some of the states
+pure function at(self, x, done, load, states) result(ahead)
+   !> Way
+   class(path_type), intent(in) :: self
+   !> Unknowns of the last state, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Its load [-]
+   real(wp), intent(in) :: done
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> States beside the last one, from 1 on
+   integer, intent(in) :: states
+   real(wp) :: ahead(size(x)), factor
+   integer :: k
+
+   ahead = x + (load - done)*self%slope
+   factor = load - done
+   do k = 1, states - 1
+      factor = factor*(k + (load - done)/(done - self%earlier))/(k + 1)
+      ahead = ahead + factor*self%bend(:, k)
+   end do
+end function at
+
+!> Go where the way leads to, by as many states as are known, or by fewer where these do not come
+!> near. Where all of them are farther from equilibrium than the last state, the problem is not
+!> linearised there in the end
+subroutine lead(self, problem, done, load, x, r, seen, found)
+   !> Way with a state beside the last one
+   class(path_type), intent(in) :: self
+   !> Problem, linearised at the last state
+   class(problem_type), target, intent(inout) :: problem
+   !> Loads of the last state and of the next [-]
+   real(wp), intent(in) :: done, load
+   !> Unknowns of the last state; the start, if one is found, shape (n)
+   real(wp), contiguous, intent(inout) :: x(:)
+   !> Residuals there, shape (m)
+   real(wp), contiguous, intent(inout) :: r(:)
+   !> What was seen there
+   type(evaluation_type), intent(out) :: seen
+   !> There is a start
+   logical, intent(out) :: found
+   real(wp), allocatable :: ahead(:), new(:)
+   real(wp) :: least, size_here, size_ahead
+   integer :: best, now, states
+
+   call problem%measure(r, size_here)
+   allocate (new, mold=r)
+   least = size_here
+   best = 0
+   do states = self%states(), 1, -1
+      call go_ahead(states)
+      if (.not. seen%valid) cycle
+      call problem%measure(new, size_ahead)
+      if (.not. size_ahead < least) cycle
+      least = size_ahead
+      best = states
+      if (least < near*size_here) exit
+   end do
+   found = best > 0
+   if (.not. found) return
+   if (now /= best) call go_ahead(best)
+   x = ahead
+   r = new
+
+contains
+
+   !> Linearise where some of the states lead to
+   subroutine go_ahead(some)
+      integer, intent(in) :: some
+      real(wp), allocatable :: behind(:, :), loads(:)
+      integer :: k
+
+      now = some
+      ahead = self%at(x, done, load, some)
+      if (problem%inexact) then
+         loads = [(done - k*(done - self%earlier), k=0, some)]
+         allocate (behind(size(x), size(loads)))
+         do k = 1, size(loads)
+            behind(:, k) = self%at(x, done, loads(k), some)
+         end do
+         call problem%extrapolate(behind, loads, (load - done)/(done - self%earlier))
+      end if
+      call problem%linearise(ahead, load, new, seen)
+   end subroutine go_ahead
+
+end subroutine lead
+
+end module rk_path
