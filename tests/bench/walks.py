@@ -50,7 +50,7 @@ HALVES: dict[str, list[dict[str, Any]]] = {
     ],
 }
 BETAS = (3.0, 10.0, 30.0, 130.0)
-WEIGHT = 20.0  # default of image.edge_weight
+WEIGHT = 40.0  # default of image.edge_weight
 
 
 def images(half: str, real: list[str]) -> Iterator[tuple[str, F64, I32, F64]]:

@@ -21,6 +21,7 @@ from myork.segmentation.grouping import (
     reference_seeds,
     rule_seeds,
 )
+from myork.segmentation.outlines import pull_of_outlines
 from myork.segmentation.scores import dice
 from myork.segmentation.starts import seeded_regions
 from myork.segmentation.walk import edge_strength, heights_of, random_walk
@@ -277,7 +278,7 @@ def test_segment_walks_from_the_seeds_of_the_deck(tmp_path):
     write_image(tmp_path / "leg.nii.gz", image)
     write_labels(tmp_path / "truth.nii.gz", Labels(truth, AFFINE, {1: "muscle", 2: "fat", 3: "b"}))
     rules = [{"name": rule.name, "rim": rule.rim, "seeds": rule.seeds.ravel()} for rule in RULES]
-    keys = dict(split="walk", seed_radius=4, tolerance=0.01, truth="truth.nii.gz")
+    keys = dict(split="walk", seed_radius=4, tolerance=0.01, truth="truth.nii.gz", edge_weight=20)
     scores = segmented(tmp_path, rules, **keys)["scores"]
     assert scores["muscle"]["dice"] > 0.95 and scores["fat"]["dice"] > 0.85
 
@@ -428,3 +429,53 @@ def test_segment_takes_a_reference_with_names_beside_it(tmp_path):
         assert min(score["dice"] for score in scores.values()) > 0.93
     # As it lies, the reference is that much off.
     assert min(dice(off == n, truth == n) for n in (1, 2)) < 0.85
+
+
+def leaning_rods():
+    """Two rods that touch and shift, with no edge between them, in 9 slices of 4 mm."""
+    x, y = np.meshgrid(np.arange(40.0), np.arange(30.0), indexing="ij")
+    label = np.full((40, 30, 9), 3, np.int32)
+    for k in range(9):
+        wall = 14 + k
+        inside = np.hypot((x - wall) / 1.3, y - 15) < 10
+        label[..., k] = np.where(inside, np.where(x < wall, 1, 2), 3)
+    grey = np.where(label == 3, 300.0, 100.0)
+    noise = np.random.default_rng(2).normal(0.0, 5.0, label.shape)
+    return grey + noise, label, np.array([1.0, 1.0, 4.0])
+
+
+@pytest.mark.parametrize("axis", [2, 0])
+def test_outlines_of_the_first_and_last_slice_tell_the_border_that_no_edge_shows(axis):
+    grey, label, spacing = leaning_rods()
+    known = np.full(label.shape, -1, np.int32)
+    known[..., [0, 8]] = label[..., [0, 8]]
+    pull = pull_of_outlines(np.moveaxis(known, 2, axis), np.roll(spacing, axis - 2 + 3))
+    pull = np.moveaxis(pull, axis + 1, 3)
+    heights = heights_of(grey, label > 0)
+    edges = edge_strength(heights)
+    alone, both = (
+        random_walk(edges, label > 0, known, spacing, 40.0, heights, one) for one in (None, pull)
+    )
+    for number in (1, 2):
+        found, without = (dice(one == number, label == number) for one in (both, alone))
+        assert found > 0.93 and found > without
+    assert dice(both == 3, label == 3) > 0.99
+
+
+def test_shapes_decide_nothing_against_edges_and_strokes_foretell_nothing():
+    _, label, spacing = leaning_rods()
+    known = np.full(label.shape, -1, np.int32)
+    known[5:7, 15, 0], known[30:32, 15, 8] = 1, 1
+    known[20:22, 15, 0], known[15:17, 15, 8] = 2, 2
+    assert pull_of_outlines(known, spacing) is None
+    # A label that is wider in the middle slices than in those that are drawn
+    wide = np.full(label.shape, 2, np.int32)
+    for k in range(9):
+        half = 6 if k in (0, 8) else 9
+        wide[20 - half : 20 + half, 15 - half : 15 + half, k] = 1
+    known = np.where(np.isin(np.arange(9), (0, 8)), wide, -1).astype(np.int32)
+    heights = heights_of(np.where(wide == 1, 100.0, 300.0), wide > 0)
+    pull = pull_of_outlines(known, spacing)
+    assert (pull[1] > pull[0])[wide == 1].any()
+    found = random_walk(edge_strength(heights), wide > 0, known, spacing, 40.0, heights, pull)
+    assert dice(found == 1, wide == 1) > 0.99

@@ -27,6 +27,7 @@ from myork.imaging.diffusion import tensor_components
 from myork.imaging.geometry import canonical, slice_axis
 from myork.model.fibers import fill_from_own, lead_vector
 from myork.records import Image, Labels
+from myork.segmentation.outlines import signed_distances
 
 __all__ = ["extruded", "finer_fibers", "finer_labels", "finer_values", "slice_parts"]
 
@@ -216,25 +217,9 @@ def _with_areas(distance: F64, here: Mask, parts: int) -> F64:
     return distance - levels[known[nearest]]
 
 
-def _signed_distances(here: Mask, size: F64) -> F64:
-    """Distance to the outline in each slice, positive inside, shape `(ni, nj, nk)` [mm]."""
-    result = np.empty(here.shape)
-    rim = 0.5 * float(size.min())
-    there = np.flatnonzero(here.any(axis=(0, 1)))
-    for k in there:
-        inside = ndimage.distance_transform_edt(np.pad(here[..., k], 1), sampling=size)[1:-1, 1:-1]
-        outside = ndimage.distance_transform_edt(~here[..., k], sampling=size)
-        result[..., k] = np.where(here[..., k], inside - rim, rim - outside)
-    for k in np.setdiff1d(np.arange(here.shape[2]), there):
-        nearest = result[..., there[np.argmin(np.abs(there - k))]]
-        # Halfway to a slice without the label its deepest place is at zero.
-        result[..., k] = nearest - 2.0 * nearest.max()
-    return result
-
-
 def _moved(here: Mask, size: F64, parts: int) -> F64:
     """Distances in the middles of the parts of all slices; outlines move with their centres."""
-    distance = _signed_distances(here, size)
+    distance = signed_distances(here, size)
     count = here.shape[2]
     low, share = _neighbours(count, parts)
     if count == 1:

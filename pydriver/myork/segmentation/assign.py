@@ -21,6 +21,7 @@ from myork.segmentation.grouping import (
     rule_seeds,
 )
 from myork.segmentation.level_sets import Regions, wanted_phase
+from myork.segmentation.outlines import pull_of_outlines
 from myork.segmentation.regions import piece_with_seed
 from myork.segmentation.walk import edge_strength, heights_of, random_walk
 
@@ -76,7 +77,8 @@ def label_by_seeds(
             f"{seeds.name}: seeds of two labels at least are needed in the region to segment, "
             f"there are {numbers}; what is no muscle needs a label too"
         )
-    label = np.maximum(_walk(heights_of(image.data, where, others), where, known, image, table), 0)
+    heights, pull = heights_of(image.data, where, others), pull_of_outlines(known, image.spacing)
+    label = np.maximum(_walk(heights, where, known, image, table, pull), 0)
     names = {number: seeds.label_name(number) for number in numbers}
     for number in [number for number, name in names.items() if name == BACKGROUND]:
         label[label == number] = 0
@@ -136,8 +138,13 @@ def label_by_reference(
 
 
 def _walk(
-    heights: F64, where: NDArray[np.bool_], known: I32, image: Image, table: Mapping[str, Any]
+    heights: F64,
+    where: NDArray[np.bool_],
+    known: I32,
+    image: Image,
+    table: Mapping[str, Any],
+    pull: NDArray[np.float32] | None = None,
 ) -> I32:
     """Labels by random walks over heights, -1 where no seed can be reached."""
     edges = edge_strength(heights)
-    return random_walk(edges, where, known, image.spacing, table["edge_weight"], heights)
+    return random_walk(edges, where, known, image.spacing, table["edge_weight"], heights, pull)

@@ -92,6 +92,7 @@ def random_walk(
     spacing: F64,
     shyness: float,
     heights: F64 | None = None,
+    pull: NDArray[np.float32] | None = None,
 ) -> I32:
     """Label voxels by the seeds that random walks from them reach first.
 
@@ -110,30 +111,36 @@ def random_walk(
     heights : NDArray, optional
         With heights, a step over the height d near an edge of strength s is
         `exp(-shyness (d / (1 + 2 d) + s/4))` times as likely, shape `(ni, nj, nk, nchannel)` [-].
+    pull : NDArray, optional
+        Rates at which walks end in each label before they reach a seed, against steps of rate 1
+        where there is no edge; labels in their order, shape `(nlabel, ni, nj, nk)` [-].
 
     Returns
     -------
     NDArray
         Labels, -1 where no seed can be reached, same shape.
     """
-    inside = where & _reached(where, seeds)
+    inside = where & _reached(where, (seeds >= 0) if pull is None else (seeds >= 0) | pull.any(0))
     found = np.full(where.shape, -1, np.int32)
     if not inside.any():
         return found
     known = seeds[inside]
     laplacian = _laplacian(edges, inside, spacing, shyness, heights)
     free = known < 0
-    names = np.unique(known[~free])
+    names = np.unique(seeds[where & (seeds >= 0)])
     result = known.copy()
     if free.any():
-        system = laplacian[free][:, free].tocsr()
+        ends = np.zeros((len(names), int(free.sum())))
+        if pull is not None:
+            ends = pull[:, inside][:, free].astype(float)
+        system = (laplacian[free][:, free] + sparse.diags(ends.sum(axis=0))).tocsr()
         coupling = laplacian[free][:, ~free]
         slices = np.nonzero(inside)[2][free]
         inverse = _slice_by_slice(system, slices)
         # The last probability is what the others leave.
         likely = np.zeros((len(names), int(free.sum())))
         for number, name in enumerate(names[:-1]):
-            right = -(coupling @ (known[~free] == name).astype(float))
+            right = ends[number] - coupling @ (known[~free] == name).astype(float)
             likely[number], info = cg(system, right, rtol=_TOLERANCE, M=inverse)
             if info != 0:
                 raise InputError(
@@ -146,11 +153,11 @@ def random_walk(
     return found
 
 
-def _reached(where: NDArray[np.bool_], seeds: I32) -> NDArray[np.bool_]:
+def _reached(where: NDArray[np.bool_], seeds: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Voxels of connected pieces that hold a seed."""
     pieces, count = ndimage.label(where)
     with_seed = np.zeros(count + 1, bool)
-    with_seed[np.unique(pieces[where & (seeds >= 0)])] = True
+    with_seed[np.unique(pieces[where & seeds])] = True
     with_seed[0] = False
     return with_seed[pieces]
 
