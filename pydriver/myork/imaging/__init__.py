@@ -12,6 +12,7 @@ __all__ = [
     "correct_bias",
     "fit_tensors",
     "mean_fibers",
+    "parts_of_voxels",
     "resample",
     "segment",
     "water_and_fat",

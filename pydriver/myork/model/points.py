@@ -141,7 +141,12 @@ def _majority(data: NDArray[np.int32], size: NDArray[np.intp]) -> NDArray[np.int
     return best
 
 
-def changed_volumes(fine: Labels, model: Mapping[int, float], part: float = 0.1) -> list[str]:
+def changed_volumes(
+    fine: Labels,
+    model: Mapping[int, float],
+    wanted: Mapping[int, float] | None = None,
+    part: float = 0.1,
+) -> list[str]:
     """A sentence for each label whose volume the merging of voxels changed by more than a part.
 
     Parameters
@@ -150,12 +155,15 @@ def changed_volumes(fine: Labels, model: Mapping[int, float], part: float = 0.1)
         Label map before the merging.
     model : mapping
         Volume of each label afterwards [mm^3].
+    wanted : mapping, optional
+        Volume of each label before; without it that of its voxels [mm^3].
     part : float
         Change from which it is told [-].
     """
     sentences = []
     for label in np.unique(fine.data[fine.data > 0]).tolist():
         before = float((fine.data == label).sum() * fine.spacing.prod())
+        before = before if wanted is None else wanted[label]
         after = model.get(label, 0.0)
         if abs(after - before) > part * before:
             sentences.append(

@@ -4,20 +4,22 @@ Voxels that are merged keep one label and are wholly inside or outside: that dec
 points lie. Their volumes do not follow from it. A block that the surface cuts is a part of the
 body only, one that is left out holds a part as well, and a sheet thinner than a block fills some
 of each block it passes. Counted in the voxels that were merged, these parts keep the volume of
-the body and of each label.
+the body and of each label. A voxel of the image may be told to hold several labels itself.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from myork.records import Labels
+from myork.imaging.geometry import to_voxels
+from myork.records import Image, Labels
 
-__all__ = ["label_shares"]
+__all__ = ["LabelParts", "label_shares"]
 
 F64 = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -26,8 +28,49 @@ Mask = NDArray[np.bool_]
 _LEAST = 0.1
 
 
+class LabelParts(NamedTuple):
+    """Parts of labels in each voxel of an image.
+
+    Attributes
+    ----------
+    image : Image
+        Part of each label, shape `(ni, nj, nk, nlabel)` [-].
+    labels : NDArray
+        Labels, ascending, shape `(nlabel,)`.
+    """
+
+    image: Image
+    labels: NDArray[np.int32]
+
+    def first(self, fine: Labels) -> NDArray[np.int64]:
+        """Voxel in which a label map cut out of the image's grid begins, shape `(3,)`."""
+        return np.rint(to_voxels(self.image.affine, fine.affine[:3, 3])).astype(np.int64)
+
+    def volumes(self, fine: Labels) -> dict[int, float]:
+        """Volumes of all labels in the slices of a label map [mm^3]."""
+        low = int(self.first(fine)[2])
+        slices = self.image.data[:, :, low : low + fine.data.shape[2]]
+        sums = slices.sum(axis=(0, 1, 2)) * fine.spacing.prod()
+        return dict(zip(self.labels.tolist(), sums.tolist(), strict=True))
+
+    def of(self, label: int, fine: Labels, places: Sequence[NDArray[np.int64]]) -> F64:
+        """Part of a label in voxels counted from the first one of a label map along each axis.
+
+        Parts in slices beyond those of the map do not count.
+        """
+        data = self.image.data[..., int(np.searchsorted(self.labels, label))]
+        along = [place + first for place, first in zip(places, self.first(fine), strict=True)]
+        known = [one.clip(0, n - 1) for one, n in zip(along, data.shape, strict=True)]
+        i, j, _ = (one == near for one, near in zip(along, known, strict=True))
+        return np.asarray(data[np.ix_(*known)] * i[:, np.newaxis, np.newaxis] * j[:, np.newaxis])
+
+
 def label_shares(
-    fine: Labels, coarse: Labels, block: Sequence[int], left_out: Mask
+    fine: Labels,
+    coarse: Labels,
+    block: Sequence[int],
+    left_out: Mask,
+    parts: LabelParts | None = None,
 ) -> tuple[F64, NDArray[np.int32]]:
     """Volume of each label in each merged voxel of a body, over that of the voxel.
 
@@ -45,6 +88,9 @@ def label_shares(
         Voxels per block in each direction.
     left_out : NDArray
         Merged voxels that are left out with all that they hold, shape of `coarse.data`.
+    parts : LabelParts, optional
+        Parts of labels in each voxel, on the grid that `fine` was cut out of; without it each voxel
+        of `fine` holds its label only.
 
     Returns
     -------
@@ -54,7 +100,7 @@ def label_shares(
     """
     body = coarse.data > 0
     numbers = np.unique(fine.data[fine.data > 0])
-    if max(block) == 1:
+    if max(block) == 1 and parts is None:
         return (coarse.data[body][:, np.newaxis] == numbers).astype(float), numbers
     size = np.array(block)
     corner = np.linalg.solve(fine.affine[:3, :3], coarse.affine[:3, 3] - fine.affine[:3, 3])
@@ -64,19 +110,22 @@ def label_shares(
     before = np.maximum(-(-first // size), 1)
     after = np.maximum(-(last // size), 1)
     pad = np.stack([before * size - first, after * size + last], axis=1)
-    data = np.pad(fine.data, [*pad[:2].tolist(), (0, 0)])
     # beyond the end slices the body goes on to the end of its blocks
     slices = fine.data.shape[2]
     along = np.arange(-pad[2, 0], slices + pad[2, 1])
     inside = (along >= min(first[2], 0)) & (along < slices + max(last[2], 0))
-    data = data[:, :, along.clip(0, slices - 1)] * inside
+    places = [np.arange(-low, count + high) for (low, high), count
+              in zip(pad[:2], fine.data.shape[:2], strict=True)]  # fmt: skip
+    places.append(along.clip(0, slices - 1))
+    data = np.pad(fine.data, [*pad[:2].tolist(), (0, 0)])[:, :, places[2]]
     n = np.array(data.shape) // size
     middle = tuple(slice(b, b + s) for b, s in zip(before, body.shape, strict=True))
     kept, gone = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
     kept[middle], gone[middle] = body, left_out
     shares = np.empty((int(body.sum()), len(numbers)))
     for column, number in enumerate(numbers):
-        part = (data == number).reshape(n[0], size[0], n[1], size[1], n[2], size[2])
+        held = (data == number) if parts is None else parts.of(int(number), fine, places)
+        part = (held * inside).reshape(n[0], size[0], n[1], size[1], n[2], size[2])
         share = np.where(gone, 0.0, part.mean(axis=(1, 3, 5)))
         shares[:, column] = _given_on(share, kept)[kept]
     total = shares.sum(axis=1)

@@ -47,7 +47,8 @@ _MODEL = {
     ),
     "probes": _Each(each=[_VALUE]),
 }  # fmt: skip
-_LABEL = {"pixels": _NUMBER, "volume": _NUMBER, "fat_fraction": _NUMBER}
+_LABEL = {"pixels": _NUMBER, "volume": _NUMBER, "volume_of_parts": _NUMBER,
+          "fat_fraction": _NUMBER}  # fmt: skip
 _SEGMENTATION = {
     **dict.fromkeys(("failed", "source"), _TEXT),
     "labels": _Each(each=_LABEL),

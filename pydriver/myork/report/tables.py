@@ -219,6 +219,12 @@ def label_table(segmentation: Mapping[str, Any], units: Mapping[str, str]) -> Ma
             (*row, number(labels.get(name, {}).get("fat_fraction"), 3))
             for name, row in zip(names, rows, strict=True)
         ]
+    if any(label.get("volume_of_parts") is not None for label in labels.values()):
+        head = (*head, f"volume of parts [{length}³]")
+        rows = [
+            (*row, number(labels.get(name, {}).get("volume_of_parts")))
+            for name, row in zip(names, rows, strict=True)
+        ]
     caption = "Labels of the segmentation (a dash: no truth to score against)"
     maps = segmentation.get("maps") or {}
     if maps:

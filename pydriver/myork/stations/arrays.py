@@ -24,15 +24,18 @@ from myork.records import Image, Labels, PointCloud
 from myork.segmentation.bias import check_positive
 from myork.segmentation.channels import scaled_values
 from myork.segmentation.level_sets import LevelSets, segment_regions
+from myork.segmentation.partial import label_parts
 from myork.segmentation.regions import body_mask
 from myork.segmentation.shading import shading
 from myork.stations.build import build_cloud
+from myork.stations.partial import checked_parts
 
 __all__ = [
     "build_points",
     "correct_bias",
     "fit_tensors",
     "mean_fibers",
+    "parts_of_voxels",
     "resample",
     "segment",
     "water_and_fat",
@@ -211,6 +214,36 @@ def segment(image: ArrayLike, affine: ArrayLike, body: ArrayLike | None = None, 
     return (found.region + 1).astype(np.int32)
 
 
+def parts_of_voxels(
+    labels: ArrayLike, images: Sequence[ArrayLike], affine: ArrayLike, unmixed: Sequence[int] = ()
+) -> F64:
+    """Part of each voxel that each label fills, by the grey values along borders.
+
+    Parameters
+    ----------
+    labels : ArrayLike
+        Shape `(ni, nj, nk)`; kinds of what has no label (air, other tissue) may have numbers below
+        one of their own.
+    images : sequence of ArrayLike
+        Without shading, shape `(ni, nj, nk)` each.
+    affine : ArrayLike
+        Shape `(4, 4)` [mm].
+    unmixed : sequence
+        Numbers that share no voxel with others.
+
+    Returns
+    -------
+    NDArray
+        Of the labels above zero, ascending, shape `(ni, nj, nk, nlabel)` [-].
+    """
+    grids = [_image(one, affine, 3) for one in images]
+    if not grids:
+        raise InputError("parts of voxels are told by images; give one at least")
+    found = [_labels(labels, affine, one) for one in grids][0]
+    values = np.stack([one.data for one in grids], axis=-1)
+    return label_parts(found.data, values, found.spacing, unmixed)
+
+
 def resample(
     labels: ArrayLike, affine: ArrayLike, thickness: float, fibers: ArrayLike | None = None
 ) -> tuple[I32, F64, F64 | None]:
@@ -253,6 +286,7 @@ def build_points(
     affine: ArrayLike,
     fibers: ArrayLike | None = None,
     *,
+    fractions: ArrayLike | None = None,
     names: dict[int, str] | None = None,
     unit: str = "cm",
     **keys: Any,
@@ -267,6 +301,8 @@ def build_points(
         Shape `(4, 4)` [mm].
     fibers : ArrayLike, optional
         Vectors in the world frame, shape `(ni, nj, nk, 3)`.
+    fractions : ArrayLike, optional
+        As of `parts_of_voxels`.
     names : dict, optional
         Names of the labels.
     unit : str
@@ -282,7 +318,10 @@ def build_points(
     grid = _labels(labels, affine)
     grid = Labels(grid.data, grid.affine, dict(names or {}))
     way = None if fibers is None else _image(fibers, affine, 4)
-    return build_cloud(grid, way, _table("build", keys), unit)
+    parts = None
+    if fractions is not None:
+        parts = checked_parts(_image(fractions, affine, 4), grid, "fractions")
+    return build_cloud(grid, way, _table("build", keys), unit, fractions=parts)
 
 
 def _table(name: str, keys: dict[str, Any]) -> dict[str, Any]:

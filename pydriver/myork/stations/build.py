@@ -20,11 +20,12 @@ from myork.model.boundary import Boundary, bone_beside, boundary_sets
 from myork.model.fibers import activation_at_points, fibers_at_points
 from myork.model.flow import flow_fibers
 from myork.model.mesh import read_tracts, tract_fibers, voxelise
-from myork.model.shares import label_shares
+from myork.model.shares import LabelParts, label_shares
 from myork.model.slices import extruded, finer_fibers, finer_labels, finer_values, slice_parts
 from myork.model.surface import end_offsets, surface_offsets
 from myork.model_file import write_model
 from myork.records import Image, Labels, PointCloud, Voxels
+from myork.stations.partial import read_parts
 from myork.summary import renewing, update_summary
 
 __all__ = ["build", "build_cloud"]
@@ -72,13 +73,25 @@ def build(
             paths.append(Path(values["folder"]) / table["activation"])
             activation = read_image(paths[-1])
             check_same_grid(activation, labels)
+        parts = _parts_file(values, table, out)
+        fractions = None
+        if parts is not None:
+            paths.append(parts)
+            fractions = read_parts(parts, labels)
         if "extrude" in table:
             length = table["extrude"]
+            fractions = None if fractions is None else extruded(fractions, length)
             labels = extruded(labels, length)
             fibers = None if fibers is None else extruded(fibers, length)
             activation = None if activation is None else extruded(activation, length)
             progress(f"a prism of {length:g} mm: {labels.data.shape[2]} times the slice")
         if "slice_thickness" in table:
+            if fractions is not None:
+                raise InputError(
+                    f"{fractions.name}: build.slice_thickness cuts slices by the shapes of labels, "
+                    "and parts of voxels have none; leave it out, or image.partial and "
+                    "build.fractions"
+                )
             labels, fibers, activation = _thinner(
                 labels, fibers, activation, table["slice_thickness"]
             )
@@ -98,7 +111,7 @@ def build(
             f"{path.name} {hashlib.sha256(path.read_bytes()).hexdigest()}" for path in paths
         )
         cloud, warnings = build_cloud(
-            labels, fibers, table, values["units"]["length"], source_images, activation
+            labels, fibers, table, values["units"]["length"], source_images, activation, fractions
         )
         write_model(out / "model.h5", cloud)
         summary = _summary(values, cloud, warnings)
@@ -150,6 +163,17 @@ def _inputs(
     return labels, fibers, paths
 
 
+def _parts_file(deck: Mapping[str, Any], table: Mapping[str, Any], out: Path) -> Path | None:
+    """File of the parts that labels have in each voxel; None without them."""
+    if "fractions" in table:
+        if "surface" in table:
+            raise InputError("build.fractions are of a label map; take build.surface out")
+        return Path(deck["folder"]) / table["fractions"]
+    own = out / ("tissue_fractions.nii.gz" if deck["tissue"]["find"] else "fractions.nii.gz")
+    made_here = "labels" not in table and "surface" not in table
+    return own if made_here and own.is_file() else None
+
+
 def _thinner(
     labels: Labels, fibers: Image | None, activation: Image | None, thickness: float
 ) -> tuple[Labels, Image | None, Image | None]:
@@ -170,6 +194,7 @@ def build_cloud(
     unit: str,
     source_images: str = "",
     activation: Image | None = None,
+    fractions: Image | None = None,
 ) -> tuple[PointCloud, list[str]]:
     """Make the points of a model from labels and fibers.
 
@@ -187,6 +212,9 @@ def build_cloud(
         Names and check sums of the files behind the arguments.
     activation : Image, optional
         Part of its muscle's activation that each voxel has, on the same grid.
+    fractions : Image, optional
+        Part of each voxel that each label above zero fills, labels ascending, on the same grid,
+        shape `(ni, nj, nk, nlabel)`.
 
     Returns
     -------
@@ -207,10 +235,14 @@ def build_cloud(
     merged = points.coarsen(part, block, table["merge"])
     coarse, islands = points.connected_body(merged, table["islands"])
     body = coarse.data > 0
-    shares, numbers = label_shares(part, coarse, block, (merged.data > 0) & ~body)
+    left_out = (merged.data > 0) & ~body
+    parts = None
+    if fractions is not None:
+        parts = LabelParts(canonical(fractions), np.unique(labels.data[labels.data > 0]))
+    shares, numbers = label_shares(part, coarse, block, left_out, parts)
     filled = shares.sum(axis=1)
-    volumes = shares.sum(axis=0) * coarse.spacing.prod()
-    warnings = points.changed_volumes(part, dict(zip(numbers.tolist(), volumes, strict=True)))
+    volumes = dict(zip(numbers.tolist(), shares.sum(axis=0) * coarse.spacing.prod(), strict=True))
+    warnings = points.changed_volumes(part, volumes, None if parts is None else parts.volumes(part))
     warnings += islands
     voxels = np.argwhere(body)
     step = [s // b for s, b in zip(stride, block, strict=True)]

@@ -3,7 +3,8 @@
 Files in the output folder: `anatomy.nii.gz` (the image that was segmented: bias corrected),
 `bias.nii.gz` (the factor taken out), `regions.nii.gz` (numbers of the regions plus one),
 `segmentation.nii.gz` with `segmentation.json` (names), `fat.nii.gz` and `fat_fraction.nii.gz`
-(with fat only), `fibers.nii.gz` (unit vectors in the world frame), `fa.nii.gz`, `md.nii.gz` and
+(with fat only), `fractions.nii.gz` (parts of labels in each voxel, with `image.partial` only),
+`fibers.nii.gz` (unit vectors in the world frame), `fa.nii.gz`, `md.nii.gz` and
 `eigenvalues.nii.gz` (all with tensors only), `summary.json`; from the phantom also its images and
 its truth (`write_phantom`).
 """
@@ -52,11 +53,15 @@ from myork.segmentation.scores import label_scores
 from myork.segmentation.shading import shading
 from myork.segmentation.starts import seeded_regions
 from myork.stations.channels import FILES, Beside, fat_of_labels, read_beside, read_echoes
+from myork.stations.partial import write_parts
 from myork.stations.tensors import tensor_maps
 from myork.stations.tissue import find_tissues
 from myork.summary import renewing, update_summary
 
 __all__ = ["segment"]
+
+# Kind of voxels without a label that take no part in the segmentation
+_BEYOND = (0,)
 
 
 def segment(
@@ -171,11 +176,18 @@ def _segment(
     maps = beside.write(fraction, out)
     warnings += [text for text in (doubt, bias.get("doubt")) if text]
     warnings += [] if not result.unrest else [_unrest(result, choice.iterations)]
-    for name in ("fibers", "fa", "md", "eigenvalues"):
+    for name in ("fractions", "fibers", "fa", "md", "eigenvalues"):
         (out / f"{name}.nii.gz").unlink(missing_ok=True)
+    filled: dict[str, float] = {}
+    if table["partial"]:
+        progress("parts of labels in the voxels along their borders")
+        maps["fractions"] = "fractions.nii.gz"
+        filled = write_parts(
+            out / maps["fractions"], labels, -1 - result.region, channels[0], _BEYOND
+        )
     if tensor is not None:
         progress("fibers from the diffusion tensors")
-        fibers, filled, far, distance, width = fiber_field(
+        fibers, mended, far, distance, width = fiber_field(
             tensor, labels.data, table.get("fiber_smoothing"), table["tensor_frame"]
         )
         write_image(out / "fibers.nii.gz", fibers)
@@ -185,9 +197,9 @@ def _segment(
         warnings += [axes.doubt] if axes.doubt else []
         if axes.remark:
             progress(axes.remark)
-        if filled:
+        if mended:
             warnings.append(
-                f"{tensor.name}: {filled} of {int(inside.sum())} tensors of the tissue are not "
+                f"{tensor.name}: {mended} of {int(inside.sum())} tensors of the tissue are not "
                 "finite or not positive; their neighbours were used"
             )
         if far:
@@ -206,10 +218,13 @@ def _segment(
     )
     if record:
         summary["segmentation"]["channels"] = record
-    if fraction is not None:
+    if maps:
         summary["segmentation"]["maps"] = maps
-        for name, mean in fat.items():
-            summary["segmentation"]["labels"][name]["fat_fraction"] = mean
+    entries = summary["segmentation"]["labels"]
+    for name, mean in fat.items():
+        entries[name]["fat_fraction"] = mean
+    for name, n in filled.items():
+        entries[name]["volume_of_parts"] = n * entries[name]["volume"] / entries[name]["pixels"]
     if tensor is not None:
         summary["segmentation"]["orientation"] = [entry.record() for entry in axes.evidence]
         summary["segmentation"]["fiber_smoothing"] = width

@@ -1,7 +1,8 @@
 """Part of station one: materials of a whole leg, `tissue.nii.gz`, and the fibers of its muscle.
 
 Memberships in the fuzzy clusters are `membership_fat.nii.gz` and, where there is an image of it,
-`membership_connective_tissue.nii.gz`.
+`membership_connective_tissue.nii.gz`; with `image.partial` parts of the materials in each voxel are
+`tissue_fractions.nii.gz`.
 """
 
 from __future__ import annotations
@@ -19,12 +20,16 @@ from myork.imaging.geometry import length_factor
 from myork.imaging.io import read_image, read_labels, write_image, write_labels
 from myork.model.fibers import fiber_field
 from myork.records import Image
+from myork.segmentation.channels import scaled_values
 from myork.segmentation.leg import LegImages, leg_tissues, outer_boundary
 from myork.segmentation.scores import dice
+from myork.stations.partial import write_parts
 
 __all__ = ["find_tissues"]
 
 _MUSCLE = 1
+# Skin, between fat and air, is as grey as both mixed; bone is dark and bright.
+_UNMIXED = (0, 4)
 
 
 def find_tissues(
@@ -80,7 +85,8 @@ def find_tissues(
     if not (found.data == _MUSCLE).any():
         raise InputError(f"{anatomy.name}: no muscle was found; check the images of [tissue]")
     write_labels(out / "tissue.nii.gz", found)
-    (out / "tissue_fibers.nii.gz").unlink(missing_ok=True)
+    for name in ("tissue_fibers", "tissue_fractions"):
+        (out / f"{name}.nii.gz").unlink(missing_ok=True)
     maps = {}
     for name in ("fat", "connective_tissue"):
         path = out / f"membership_{name}.nii.gz"
@@ -99,6 +105,14 @@ def find_tissues(
     record: dict[str, Any] = {
         "labels": {name: {"pixels": n, "volume": n * voxel} for name, n in count.items()}
     }
+    if deck["image"]["partial"]:
+        maps["fractions"] = "tissue_fractions.nii.gz"
+        shown = [one for one in (anatomy, images.fat, images.connective) if one is not None]
+        values = np.stack([scaled_values(one, found.data > 0) for one in shown], axis=-1)
+        kinds = np.zeros_like(found.data)
+        held = write_parts(out / maps["fractions"], found, kinds, values, _UNMIXED)
+        for name, part in held.items():
+            record["labels"][name]["volume_of_parts"] = part * voxel
     record["maps"] = maps
     if tensor is not None:
         record["fibers"] = {"filled": filled, "far": far, "distance_mm": distance}
