@@ -88,3 +88,16 @@ def test_of_several_files_those_at_the_deck_stay_there(tmp_path, monkeypatch):
     (found,) = data_overrides("deck/a.toml", "data")
     places = [str(tmp_path / name) for name in ("deck/t2.nii.gz", "data/t3.nii.gz")]
     assert found == f"image.channels={json.dumps(places)}"
+
+
+def test_what_is_chosen_in_a_folder_stays_behind_its_name(deck, tmp_path):
+    place = tmp_path / "data" / "visit" / "scan"
+    place.mkdir(parents=True)
+    asked = [
+        'dixon.magnitude=["scan:series=5,echo=1", "scan:series=5,echo=2"]',
+        f"image.anatomy={place}:kind=water",
+    ]
+    (found,) = data_overrides(deck, tmp_path / "data", asked)
+    key, value = found.split("=", 1)
+    assert key == "dixon.magnitude"
+    assert json.loads(value) == [f"{place}:series=5,echo={echo}" for echo in (1, 2)]

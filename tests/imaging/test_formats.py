@@ -79,9 +79,9 @@ def test_a_missing_library_names_the_extra(tmp_path, monkeypatch):
     assert importlib.import_module("SimpleITK")
 
 
-def series(folder, heights=(5.0, 1.0, 9.0), uid=None, first=0, rows=3):
+def series(folder, heights=(5.0, 1.0, 9.0), uid=None, first=0, rows=3, **elements):
     """Slices of 3 x 2 pixels, 2 mm along the columns' direction and 1.5 mm along the rows'."""
-    folder.mkdir(exist_ok=True)
+    folder.mkdir(exist_ok=True, parents=True)
     uid = uid or generate_uid()
     for number, height in enumerate(heights, start=first):
         meta = FileMetaDataset()
@@ -100,6 +100,8 @@ def series(folder, heights=(5.0, 1.0, 9.0), uid=None, first=0, rows=3):
         data.RescaleSlope, data.RescaleIntercept = 2.0, 1.0
         pixels = (100 * height + np.arange(rows * 2).reshape(rows, 2)).astype(np.uint16)
         data.PixelData = pixels.tobytes()
+        for key, value in elements.items():
+            setattr(data, key, value)
         data.save_as(folder / f"{number}.dcm", enforce_file_format=True)
     return uid
 
@@ -121,12 +123,8 @@ def test_mixed_or_broken_series_are_refused(tmp_path):
     folder = tmp_path / "s"
     uid = series(folder)
     series(folder, uid=uid, first=3)
-    with pytest.raises(InputError, match="lie at the same position, so the folder mixes echoes"):
+    with pytest.raises(InputError, match="lie at the same position, so there are several times"):
         read_image(folder)
-    series(tmp_path / "two")
-    series(tmp_path / "two", heights=(13.0,), first=7)
-    with pytest.raises(InputError, match="holds different series: 0.dcm has .* keep one series"):
-        read_image(tmp_path / "two")
     series(tmp_path / "gap", heights=(1.0, 5.0, 13.0))
     with pytest.raises(InputError, match="distances of the slices run from 4 to 8 mm"):
         read_image(tmp_path / "gap")
@@ -137,3 +135,85 @@ def test_mixed_or_broken_series_are_refused(tmp_path):
     (tmp_path / "empty").mkdir()
     with pytest.raises(FileError, match="holds no DICOM images"):
         read_image(tmp_path / "empty")
+
+
+def mixed(folder):
+    """Folder of a localiser, two echoes with magnitude and phase, and a series without a number."""
+    series(folder, SeriesNumber=1, SeriesDescription="localiser", heights=(0.0,), first=0)
+    uid, slope = generate_uid(), 1.0
+    for time in (2.46, 1.23):
+        for word in ("M", "P"):
+            kind = ["ORIGINAL", "PRIMARY", f"{word}_FFE", word, "FFE"]
+            slope += 1.0
+            series(
+                folder, uid=uid, first=int(10 * slope), SeriesNumber=5, EchoTime=time,
+                SeriesDescription="dixon", ImageType=kind, RescaleSlope=slope, SliceThickness=4,
+            )  # fmt: skip
+    lone = series(folder, first=90, SeriesDescription="t2")
+    return uid, lone
+
+
+def test_images_of_a_dicom_folder_are_listed_and_chosen(tmp_path):
+    folder = tmp_path / "scan"
+    uid, lone = mixed(folder)
+    with pytest.raises(InputError, match="scan: holds 6 images; write one of these") as listed:
+        read_image(folder)
+    rows = [line.split("  ") for line in str(listed.value).splitlines()[1:]]
+    rows = [[word.strip() for word in row if word.strip()] for row in rows]
+    assert [row[0] for row in rows] == [
+        "scan:series=1",
+        "scan:series=5,echo=1,kind=magnitude",
+        "scan:series=5,echo=1,kind=phase",
+        "scan:series=5,echo=2,kind=magnitude",
+        "scan:series=5,echo=2,kind=phase",
+        f"scan:series={lone}",
+    ]
+    assert rows[2][1:] == ["dixon", "TE 1.23 ms", "phase", "3 slices", "2 x 3", "1.5 x 2 x 4 mm"]
+    # Each of the listed words is what the deck may write; the echo of 1.23 ms came last.
+    values = [read_image(tmp_path / row[0]).data for row in rows]
+    assert values[0].shape == (2, 3, 1)
+    slopes = [round((one[0, 0, 2] - 1.0) / 900.0, 6) for one in values[1:5]]
+    assert slopes == [4.0, 5.0, 2.0, 3.0]
+    assert values[5][0, 0, 2] == 1801.0
+    again = read_image(tmp_path / f"scan:kind=Phase, series={uid}, echo=2")
+    assert np.array_equal(again.data, values[4])
+    with pytest.raises(InputError, match=r"(?s)holds 2 images with series=5,echo=1;.*=phase"):
+        read_image(tmp_path / "scan:series=5,echo=1")
+    with pytest.raises(InputError, match=r"(?s)holds no image with series=7; write.*series=1 "):
+        read_image(tmp_path / "scan:series=7")
+    with pytest.raises(InputError, match=r"scan:serie=5: 'serie=5' chooses nothing; write DIR:"):
+        read_image(tmp_path / "scan:serie=5")
+
+
+def test_one_series_of_several_echo_times_is_one_image_and_folders_below_are_searched(tmp_path):
+    uid = series(tmp_path / "study" / "a" / "b", heights=(1.0, 5.0), EchoTime=2.0)
+    series(tmp_path / "study" / "a" / "b", heights=(9.0,), uid=uid, first=7, EchoTime=3.0)
+    assert read_image(tmp_path / "study").data.shape == (2, 3, 3)
+    assert read_image(tmp_path / "study:kind=unknown").data.shape == (2, 3, 3)
+
+
+@pytest.mark.parametrize(
+    ("elements", "kind"),
+    [
+        ({"ImageType": ["ORIGINAL", "PRIMARY", "PHASE MAP", "P", "FFE"]}, "phase"),
+        ({"ImageType": ["DERIVED", "PRIMARY", "DIXON", "WATER"]}, "water"),
+        ({"ImageType": ["ORIGINAL", "PRIMARY", "F", "F", "DERIVED"]}, "fat"),
+        ({"ImageType": ["DERIVED", "SECONDARY", "T2 MAP", "T2"]}, "t2-map"),
+        ({"ComplexImageComponent": "REAL"}, "real"),
+        ({"ImageType": ["ORIGINAL", "PRIMARY", "OTHER"], "ge": 3}, "imaginary"),
+        ({"ImageType": ["ORIGINAL", "PRIMARY"]}, "unknown"),
+    ],
+)
+def test_kinds_of_dicom_images(tmp_path, elements, kind):
+    part = elements.pop("ge", None)
+    uid = series(tmp_path / "s", **elements)
+    if part is not None:
+        for path in (tmp_path / "s").iterdir():
+            data = pydicom.dcmread(path)
+            data.private_block(0x0043, "GEMS_PARM_01", create=True).add_new(0x2F, "SS", part)
+            data.save_as(path)
+    series(tmp_path / "s", uid=uid, first=5, ImageType=["ORIGINAL", "PRIMARY", "M", "ND"])
+    image = read_image(tmp_path / f"s:kind={kind}")
+    assert image.data.shape == (2, 3, 3)
+    with pytest.raises(InputError, match=rf"s:kind={kind} "):
+        read_image(tmp_path / "s")

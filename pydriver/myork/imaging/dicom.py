@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from myork.errors import FileError, InputError
+from myork.imaging.dicom_choice import DicomFile, chosen_files
 from myork.imaging.formats import FLIP, library
 from myork.imaging.promises import check_memory
 
@@ -33,16 +34,29 @@ class _Slice(NamedTuple):
     data: Any
 
 
-def load_dicom(folder: Path) -> tuple[np.ndarray, np.ndarray]:
+def load_dicom(folder: Path, choice: str = "") -> tuple[np.ndarray, np.ndarray]:
     """A series of slices in a folder, sorted by position: values, shape `(ni, nj, nk)`, and affine.
 
-    Rescale slope and intercept are applied. Files that are no DICOM images are passed over.
+    Rescale slope and intercept are applied. Files that are no DICOM images are passed over. Where
+    the folder itself holds none, all folders below it are searched.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder.
+    choice : str
+        Which of several images, see `chosen_files`.
     """
     dicom = library("pydicom", "dicom", folder)
-    found = [_read(dicom, path) for path in sorted(folder.iterdir()) if path.is_file()]
-    slices = [slice_ for slice_ in found if slice_ is not None]
-    if not slices:
+    files: list[DicomFile] = []
+    for paths in (folder.iterdir(), folder.rglob("*")):
+        found = [_read(dicom, path) for path in sorted(paths) if path.is_file()]
+        files = [file for file in found if file is not None]
+        if files:
+            break
+    else:
         raise FileError(f"{folder}: holds no DICOM images")
+    slices = [_slice(*file) for file in chosen_files(folder, files, choice)]
     _check_series(folder, slices)
     first = slices[0]
     check_memory(str(folder), first.rows * first.columns * len(slices))
@@ -54,8 +68,9 @@ def load_dicom(folder: Path) -> tuple[np.ndarray, np.ndarray]:
     if len(gaps) and gaps.min() <= 0.01 * gaps.max():
         same = [slices[order[int(np.argmin(gaps)) + step]].path.name for step in (0, 1)]
         raise InputError(
-            f"{folder}: {same[0]} and {same[1]} lie at the same position, so the folder mixes "
-            "echoes, times, or magnitude and phase; keep the files of one image in a folder"
+            f"{folder}: {same[0]} and {same[1]} lie at the same position, so there are "
+            "several times, diffusion weights or the like, which nothing in their headers that is "
+            "known here tells apart; keep the files of one image in a folder"
         )
     if len(gaps) and np.ptp(gaps) > 0.05 * gaps.mean():
         raise InputError(
@@ -71,8 +86,8 @@ def load_dicom(folder: Path) -> tuple[np.ndarray, np.ndarray]:
     return np.stack(stack, axis=-1), FLIP @ affine
 
 
-def _read(dicom: Any, path: Path) -> _Slice | None:
-    """A slice, None for a file that is not a DICOM image."""
+def _read(dicom: Any, path: Path) -> DicomFile | None:
+    """A file with pixels, None for one that is not a DICOM image."""
     try:
         with path.open("rb") as file:
             file.seek(128)
@@ -100,6 +115,11 @@ def _read(dicom: Any, path: Path) -> _Slice | None:
         if not any("Image Storage" in str(kind) for kind in kinds):
             return None
         raise FileError(f"{path}: is an image without pixels; the file was cut off, copy it again")
+    return DicomFile(path, data)
+
+
+def _slice(path: Path, data: Any) -> _Slice:
+    """A slice of one grey value a pixel."""
     for key in ("ImagePositionPatient", "ImageOrientationPatient", "PixelSpacing"):
         if key not in data:
             raise InputError(f"{path}: has no {key}; only plain series of slices are read")
@@ -138,7 +158,6 @@ def _check_series(folder: Path, slices: list[_Slice]) -> None:
     """Refuse files that do not make one stack."""
     reference = slices[0]
     questions: tuple[tuple[str, Callable[[_Slice], Any]], ...] = (
-        ("series", lambda s: str(s.data.get("SeriesInstanceUID", ""))),
         ("sizes", lambda s: (s.rows, s.columns)),
         ("orientations", lambda s: np.round(s.axes, 3).ravel().tolist()),
         ("pixel sizes", lambda s: np.round(s.pixel, 4).tolist()),

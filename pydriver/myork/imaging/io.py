@@ -16,6 +16,7 @@ from myork.console import ProgressCallback
 from myork.errors import FileError, InputError
 from myork.files import whole_file, write_text
 from myork.imaging.dicom import load_dicom
+from myork.imaging.dicom_choice import split_choice
 from myork.imaging.formats import ITK_SUFFIXES, load_itk, save_itk
 from myork.imaging.geometry import check_affine
 from myork.imaging.nifti import load_nifti, save_nifti
@@ -35,7 +36,8 @@ def read_image(path: Path, values: int | None = 1) -> Image:
     Parameters
     ----------
     path : Path
-        NIfTI, NRRD or MetaImage file, or folder of a DICOM series.
+        NIfTI, NRRD or MetaImage file, or folder of DICOM images; one of several is chosen by
+        `DIR:series=5,echo=2,kind=phase` or a part of it.
     values : int or None
         Values per voxel: 1 for a 3-D image, whose values must be finite; more for the last axis
         of a 4-D one, where a voxel may be not a number (the user of a tensor decides); None for
@@ -125,8 +127,9 @@ def write_labels(path: Path, labels: Labels) -> None:
 
 def _load(path: Path, raw: bool) -> tuple[np.ndarray, np.ndarray]:
     """Values (as stored, or scaled as the header says) and affine in mm."""
-    if path.is_dir():
-        data, affine = load_dicom(path)
+    folder, choice = split_choice(path)
+    if folder.is_dir():
+        data, affine = load_dicom(folder, choice)
     elif not path.is_file():
         what = "is not a regular file" if path.exists() else "there is no such file"
         raise FileError(f"{path}: {what}")

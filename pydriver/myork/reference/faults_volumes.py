@@ -114,7 +114,7 @@ _ELEMENTS: tuple[tuple[str, dict[str, Any], str], ...] = (
     ("no-pixels", {"PixelData": None}, "1.dcm: is an image without pixels"),
     ("two-slopes", {"RescaleSlope": [1, 2]}, "1.dcm: RescaleSlope is"),
     ("same-place", {"ImagePositionPatient": [0, 0, 0]}, "lie at the same position"),
-    ("other-series", {"SeriesInstanceUID": "1.2.3"}, "different series"),
+    ("other-series", {"SeriesInstanceUID": "1.2.3"}, "holds 2 images; write one"),
 )
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from myork.core.deck import load_deck
 from myork.errors import FileError, InputError
+from myork.imaging.dicom_choice import split_choice
 
 __all__ = ["PATHS", "data_overrides"]
 
@@ -73,13 +74,15 @@ def data_overrides(
         table, name = key.split(".")
         wanted = values.get(table, {}).get(name)
         names = wanted if isinstance(wanted, list) else [wanted] if wanted else []
-        own = [Path(values["folder"]) / one for one in names]
-        if all(path.exists() for path in own):
+        own = [split_choice(Path(values["folder"]) / one) for one in names]
+        if all(path.exists() for path, _ in own):
             continue
         places = [
-            path.resolve() if path.exists() else _place(deck, key, path, folder) for path in own
+            f"{path.resolve() if path.exists() else _place(deck, key, path, folder)}"
+            + (f":{choice}" if choice else "")
+            for path, choice in own
         ]
-        text = json.dumps([str(place) for place in places])
+        text = json.dumps(places)
         found.append(f"{key}={text if isinstance(wanted, list) else places[0]}")
     return found
 

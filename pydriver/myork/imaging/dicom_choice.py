@@ -1,0 +1,234 @@
+"""Which image of a DICOM folder: its series, echoes and kinds are listed, and one is chosen.
+
+A series is one image where no two of its files share a place; else it is parted into kinds
+(magnitude, phase) and echoes.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from myork.errors import InputError
+
+__all__ = ["DicomFile", "chosen_files", "split_choice"]
+
+_KEYS = ("series", "echo", "kind")
+# Words of ImageType from the third on; what they leave to the scanner is taken as it is.
+_SPECIES = {
+    **dict.fromkeys(("W", "WATER"), "water"),
+    **dict.fromkeys(("F", "FAT"), "fat"),
+    **dict.fromkeys(("IP", "IN_PHASE"), "in-phase"),
+    **dict.fromkeys(("OP", "OPP_PHASE", "OUT_PHASE"), "opposed-phase"),
+}
+_PARTS = ("magnitude", "phase", "real", "imaginary")
+# Where GE says which of these parts an image is: 0 to 3
+_GE_PART = (0x0043, 0x102F)
+
+
+class DicomFile(NamedTuple):
+    """A file with pixels and its header."""
+
+    path: Path
+    data: Any
+
+
+@dataclass(frozen=True)
+class _Listed:
+    """An image of a folder."""
+
+    files: Sequence[DicomFile]
+    series: tuple[str, str]  # number and UID
+    echo: int
+    kind: str
+
+    def fits(self, wanted: Mapping[str, str]) -> bool:
+        """Whether it is what was asked for."""
+        own = {"series": self.series, "echo": (str(self.echo),), "kind": (self.kind,)}
+        return all(value in own[key] for key, value in wanted.items())
+
+    def about(self) -> list[str]:
+        """Description, echo time, kind, slices, size and spacing."""
+        data = self.files[0].data
+        size = [_text(data, key) or "?" for key in ("Columns", "Rows")]
+        steps = _values(data, "PixelSpacing")
+        thick = _values(data, "SpacingBetweenSlices") or _values(data, "SliceThickness")
+        time = _values(data, "EchoTime")
+        return [
+            _text(data, "SeriesDescription")[:40] or "-",
+            f"TE {time[0]:g} ms" if time else "-",
+            self.kind,
+            f"{len(self.files)} slice" + ("s" if len(self.files) > 1 else ""),
+            " x ".join(size),
+            " x ".join(f"{step:.3g}" for step in [*steps[::-1], *thick[:1]]) + " mm",
+        ]
+
+
+def split_choice(path: Path) -> tuple[Path, str]:
+    """A folder and what is chosen in it, of `DIR:series=5,echo=2,kind=phase`.
+
+    Parameters
+    ----------
+    path : Path
+        As a deck names an image; without a choice it comes back as it is, with an empty text.
+    """
+    found = re.fullmatch(r"(.+):(\w+=[^:]*)", path.name)
+    if found is None or path.exists():
+        return path, ""
+    return path.with_name(found[1]), found[2]
+
+
+def chosen_files(folder: Path, files: Sequence[DicomFile], choice: str) -> list[DicomFile]:
+    """Files of the one image that a choice leaves.
+
+    Parameters
+    ----------
+    folder : Path
+        For messages.
+    files : sequence
+        All files of the folder that have pixels, one at least.
+    choice : str
+        `series=5,echo=2,kind=phase`, or a part of it, or nothing. A series is told by its number
+        or its UID, echoes are counted from 1 by their times.
+    """
+    images = _listed(files)
+    wanted = _wanted(folder, choice)
+    fitting = [image for image in images if image.fits(wanted)]
+    if len(fitting) == 1:
+        return list(fitting[0].files)
+    shown = fitting or images
+    texts = _choices(images)
+    rows = [[f"{folder.name}:{texts[id(image)]}", *image.about()] for image in shown]
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    lines = [
+        "  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip()
+        for row in rows
+    ]
+    what = f"holds {len(shown)} images" + (f" with {choice}" if choice else "")
+    if not fitting:
+        what = f"holds no image with {choice}"
+    raise InputError("\n  ".join([f"{folder}: {what}; write one of these in its place:", *lines]))
+
+
+def _listed(files: Sequence[DicomFile]) -> list[_Listed]:
+    """Images of files, by series, kind and echo."""
+    series: dict[str, list[DicomFile]] = {}
+    for file in files:
+        series.setdefault(_text(file.data, "SeriesInstanceUID"), []).append(file)
+    images = []
+    for uid, own in series.items():
+        name = _text(own[0].data, "SeriesNumber"), uid
+        places = {_place(file) for file in own}
+        if len(places) == len(own):
+            images.append(_Listed(own, name, 1, _kind(own[0].data)))
+            continue
+        parts: dict[tuple[str, float], list[DicomFile]] = {}
+        for file in own:
+            parts.setdefault((_kind(file.data), _echo(file.data)), []).append(file)
+        times = sorted({time for _, time in parts})
+        images += [
+            _Listed(parts[kind, time], name, times.index(time) + 1, kind)
+            for kind, time in sorted(parts)
+        ]
+    return sorted(images, key=lambda one: (_number(one.series[0]), one.series, one.echo, one.kind))
+
+
+def _choices(images: Sequence[_Listed]) -> dict[int, str]:
+    """The shortest choice of each image, by its identity."""
+    found = {}
+    all_series = {image.series for image in images}
+    for image in images:
+        number, uid = image.series
+        alike = [one for one in all_series if one[0] == number]
+        own = [one for one in images if one.series == image.series]
+        words = [f"series={number if number and len(alike) == 1 else uid}"]
+        words += [f"echo={image.echo}"] if len({one.echo for one in own}) > 1 else []
+        words += [f"kind={image.kind}"] if len({one.kind for one in own}) > 1 else []
+        found[id(image)] = ",".join(words[1:] if len(all_series) == 1 and words[1:] else words)
+    return found
+
+
+def _wanted(folder: Path, choice: str) -> dict[str, str]:
+    """Keys and values of a choice."""
+    wanted = {}
+    for part in filter(None, choice.split(",")):
+        key, _, value = (word.strip() for word in part.partition("="))
+        if key not in _KEYS or not value:
+            raise InputError(
+                f"{folder}:{choice}: {part!r} chooses nothing; write "
+                "DIR:series=NUMBER,echo=NUMBER,kind=WORD or a part of it"
+            )
+        wanted[key] = value.lower() if key == "kind" else value
+    return wanted
+
+
+def _kind(data: Any) -> str:
+    """What the values are: magnitude, phase, water and so on."""
+    words = [word.upper() for word in _words(data, "ImageType")[2:]]
+    for word in words:
+        if word in _SPECIES:
+            return _SPECIES[word]
+    part = _part(data)
+    if part is not None:
+        return part
+    heads = [re.split(r"[_ ]", word)[0] for word in words]
+    for head in [*heads, _text(data, "ComplexImageComponent").upper()]:
+        for name in _PARTS:
+            if head in (name.upper(), name[0].upper()):
+                return name
+    return words[0].lower().replace(" ", "-") if words and words[0] else "unknown"
+
+
+def _part(data: Any) -> str | None:
+    """Magnitude, phase, real or imaginary in the private element of GE."""
+    try:
+        value = data[_GE_PART].value
+        number = int.from_bytes(value[:2], "little") if isinstance(value, bytes) else int(value)
+        return _PARTS[number]
+    except Exception:  # not there, or not readable
+        return None
+
+
+def _echo(data: Any) -> float:
+    """Echo time [ms], or the number of the echo where there is no time."""
+    found = _values(data, "EchoTime") or _values(data, "EchoNumbers")
+    return round(found[0], 2) if found else 0.0
+
+
+def _place(file: DicomFile) -> tuple[float, ...] | Path:
+    """Position and orientation; the file itself where it has none."""
+    place = _values(file.data, "ImagePositionPatient")
+    turn = _values(file.data, "ImageOrientationPatient")
+    return tuple(np.round([*place, *turn], 3).tolist()) if len(place) == 3 else file.path
+
+
+def _number(text: str) -> float:
+    return float(text) if text.isdecimal() else float("inf")
+
+
+def _words(data: Any, key: str) -> list[str]:
+    """Words of an element; none where it is missing or damaged."""
+    try:
+        value = data.get(key)
+    except Exception:  # pydicom converts when asked, and raises what it likes
+        return []
+    many = isinstance(value, Iterable) and not isinstance(value, str | bytes)
+    return [str(one).strip() for one in (value if many else [value]) if one is not None]
+
+
+def _text(data: Any, key: str) -> str:
+    return " ".join(_words(data, key))
+
+
+def _values(data: Any, key: str) -> list[float]:
+    """Finite numbers of an element; none where one of them is not."""
+    try:
+        found = [float(word) for word in _words(data, key)]
+    except ValueError:
+        return []
+    return found if np.isfinite(found).all() else []
