@@ -44,6 +44,7 @@ from myork.segmentation.assign import (
     label_by_rules,
     label_by_seeds,
 )
+from myork.segmentation.bending import bend_labels
 from myork.segmentation.bias import BiasField, check_positive, clustered_bias, n4_bias
 from myork.segmentation.channels import fiber_channels, scaled_values, smoothed_tensor
 from myork.segmentation.grouping import Muscle, check_seeds, rule_seeds
@@ -108,7 +109,7 @@ def _segment(
     image, tensor, truth, beside, doubt = _inputs(deck, table, folder, out, progress)
     if truth is not None:
         _check_truth(truth, table["truth_labels"])
-    reference = _reference(table, folder, image, progress)
+    reference, drawn_in = _reference(table, folder, image, progress)
     seeds = read_reference(folder / table["seeds"], progress) if "seeds" in table else None
     if seeds is not None:
         check_same_grid(seeds, image)
@@ -116,6 +117,12 @@ def _segment(
     factor, bias = _shading(beside.whole(image), body, deck["bias"], out, progress)
     if factor is not None:
         image, beside = replace(image, data=image.data / factor), beside.divided(factor)
+    if reference is not None and drawn_in is not None:
+        reference, moved = bend_labels(reference, drawn_in, image, body)
+        progress(
+            f"reference bent onto the image: it moves by {np.median(moved):.1f} mm in the median, "
+            f"{moved.max():.1f} mm at most"
+        )
     region = _region(image, body, wanted, table)
     check_seeds(region, image, muscles)
     if reference is None and not muscles and "seed" in table:
@@ -408,8 +415,10 @@ def _check_rules(table: Mapping[str, Any], muscles: list[Muscle]) -> None:
     split, rims = table["split"], [muscle.name for muscle in muscles if muscle.rim]
     if table["start"] == "seeds" and not any(muscle.has_place for muscle in muscles):
         raise InputError("image.start = 'seeds' needs [[muscle]] with seeds or a rim")
-    if table["reference_reach"] > 0 and "reference" not in table:
-        raise InputError("image.reference_reach needs image.reference")
+    if "reference" not in table:
+        for key in ("reference_reach", "reference_anatomy"):
+            if table.get(key):
+                raise InputError(f"image.{key} needs image.reference")
     if "seeds" in table:
         if muscles or "reference" in table:
             other = "[[muscle]]" if muscles else "image.reference"
@@ -433,18 +442,22 @@ def _check_rules(table: Mapping[str, Any], muscles: list[Muscle]) -> None:
 
 def _reference(
     table: Mapping[str, Any], folder: Path, image: Image, progress: ProgressCallback
-) -> Labels | None:
-    """Label map by which regions are grouped, if the deck names one."""
+) -> tuple[Labels | None, Image | None]:
+    """Label map by which regions are grouped, and the image it was drawn in, where named."""
     if "reference" not in table:
-        return None
+        return None, None
     reference = read_reference(folder / table["reference"], progress)
     if not reference.data.any():
         raise InputError(
             f"{reference.name}: the reference is empty, no voxel has a label above zero; give the "
             "label map by which regions are to be grouped"
         )
-    check_same_grid(reference, image)
-    return reference
+    if "reference_anatomy" not in table:
+        check_same_grid(reference, image)
+        return reference, None
+    drawn_in = read_image(folder / table["reference_anatomy"])
+    check_same_grid(reference, drawn_in)
+    return reference, drawn_in
 
 
 def _muscles(deck: Mapping[str, Any]) -> list[Muscle]:

@@ -1,0 +1,138 @@
+"""A reference bent onto an image by the image it was drawn in."""
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from myork.core.deck import text_of_tables
+from myork.errors import InputError, InstallationError
+from myork.imaging.io import read_labels, write_image, write_labels
+from myork.imaging.phantom import make_phantom
+from myork.records import Image, Labels
+from myork.segmentation import bending
+from myork.segmentation.bending import bend_labels
+from myork.segmentation.regions import body_mask
+from myork.segmentation.scores import dice
+from myork.stations.segment import segment
+
+NUMBERS = range(1, 7)
+
+
+def one_slice(image):
+    """The middle slice of three."""
+    affine = image.affine.copy()
+    affine[:3, 3] += affine[:3, 2]
+    return type(image)(np.ascontiguousarray(image.data[:, :, 1:2]), affine)
+
+
+def visits(amount=6.0, slices=3):
+    """Image and labels of today, and of an earlier visit: bent, of another contrast and noise."""
+    today, earlier = (make_phantom((96, 96, slices), seed=seed) for seed in (1, 9))
+    spacing = today.anatomy.spacing
+    random = np.random.default_rng(4)
+    shape = today.truth.data.shape
+    fields = [ndimage.gaussian_filter(random.normal(size=shape), 30 / spacing) for _ in range(3)]
+    places = [
+        axis + amount * field / np.abs(field).max() / step
+        for axis, field, step in zip(np.indices(shape), fields, spacing, strict=True)
+    ]
+    grey = ndimage.map_coordinates(earlier.anatomy.data, places, order=1, mode="nearest")
+    label = ndimage.map_coordinates(earlier.truth.data, places, order=0, mode="nearest")
+    affine = today.anatomy.affine
+    return today, Image(grey.max() - grey, affine, "then"), Labels(label, affine)
+
+
+def means(found, truth):
+    return np.array([dice(found == number, truth == number) for number in NUMBERS])
+
+
+def test_every_muscle_of_a_slice_follows_its_own_bend():
+    today, then, drawn = visits()
+    image, then, drawn, truth = map(one_slice, (today.anatomy, then, drawn, today.truth))
+    found, moved = bend_labels(drawn, then, image, body_mask(image))
+    before, after = means(drawn.data, truth.data), means(found.data, truth.data)
+    assert before.mean() < 0.89
+    assert after.mean() > 0.95 and after.min() > 0.88
+    assert np.median(moved) > 1.0 and moved.max() < 9.0
+    np.testing.assert_array_equal(found.affine, image.affine)
+
+
+def test_the_earlier_grid_may_be_another_one():
+    """Finer, turned about, and begun elsewhere."""
+    today, then, drawn = visits()
+    image, then, drawn, truth = map(one_slice, (today.anatomy, then, drawn, today.truth))
+    found, _ = bend_labels(drawn, then, image, body_mask(image))
+    affine = then.affine @ np.diag([-0.5, 0.5, 1.0, 1.0])
+    affine[:3, 3] = (then.affine @ [95.25, -0.25, 0.0, 1.0])[:3]
+
+    def finer(data, order):
+        return np.flip(
+            ndimage.zoom(data, (2, 2, 1), order=order, grid_mode=True, mode="nearest"), 0
+        )
+
+    other, _ = bend_labels(
+        Labels(finer(drawn.data, 0), affine),
+        Image(finer(then.data, 1), affine),
+        image,
+        body_mask(image),
+    )
+    assert means(other.data, found.data).min() > 0.95
+    assert means(other.data, truth.data).mean() > 0.96
+
+
+def test_stacks_are_bent_along_all_axes():
+    today, then, drawn = visits(slices=7)
+    image = today.anatomy
+    found, _ = bend_labels(drawn, then, image, body_mask(image))
+    inner = np.s_[:, :, 1:-1]
+    before, after = (means(one.data[inner], today.truth.data[inner]) for one in (drawn, found))
+    assert before.mean() < 0.89
+    assert after.mean() > 0.95 and after.min() > 0.9
+
+
+def segmented(folder, **keys):
+    deck = {
+        "title": "follow-up",
+        "units": {"force": "N", "length": "mm"},
+        "scene": {"dimension": 3},
+        "image": {"anatomy": "now.nii.gz", "regions": 2, "phase": "dark", "split": "nearest"}
+        | keys,
+    }
+    (folder / "deck.toml").write_text(text_of_tables(deck))
+    return segment(folder / "deck.toml", folder / "out")["segmentation"]
+
+
+def test_segment_bends_the_reference(tmp_path):
+    today, then, drawn = visits()
+    write_image(tmp_path / "now.nii.gz", one_slice(today.anatomy))
+    write_image(tmp_path / "then.nii.gz", one_slice(then))
+    write_labels(tmp_path / "old.nii.gz", one_slice(drawn))
+    write_labels(tmp_path / "truth.nii.gz", one_slice(today.truth))
+    keys = {"reference": "old.nii.gz", "truth": "truth.nii.gz", "reference_margin": 0}
+    lies, bent = (
+        [score["dice"] for score in segmented(tmp_path, **keys, **more)["scores"].values()]
+        for more in ({}, {"reference_anatomy": "then.nii.gz"})
+    )
+    assert np.mean(bent) > np.mean(lies) + 0.05
+    assert read_labels(tmp_path / "out" / "segmentation.nii.gz").data.shape == (96, 96, 1)
+    with pytest.raises(InputError, match="reference_anatomy needs image.reference"):
+        segmented(tmp_path, split="pieces", reference_anatomy="then.nii.gz")
+
+
+def test_what_cannot_be_bent_is_refused(monkeypatch):
+    today, then, drawn = visits()
+    image = one_slice(today.anatomy)
+    with pytest.raises(InputError, match="must be one parallel to it"):
+        bend_labels(drawn, then, image, body_mask(image))
+    affine = then.affine.copy()
+    affine[:3, 3] += 500.0
+    far = Image(then.data, affine, "far")
+    with pytest.raises(InputError, match="same part of the body"):
+        bend_labels(Labels(drawn.data, affine), far, today.anatomy, body_mask(today.anatomy))
+
+    def missing(name):
+        raise ImportError(name)
+
+    monkeypatch.setattr(bending, "import_module", missing)
+    with pytest.raises(InstallationError, match=r"myork\[seg\]"):
+        bend_labels(one_slice(drawn), one_slice(then), image, body_mask(image))
