@@ -9,6 +9,7 @@
 !>
 !> Reference: Bassi, Rebay, J. Comput. Phys. 131 (1997), doi:10.1006/jcph.1996.5572 (the lifting)
 module rk_gradient
+   use rk_alike, only : find_alike
    use rk_blas, only : dgemm
    use rk_cells, only : cells_type
    use rk_csr, only : csr_type, group_by
@@ -32,7 +33,8 @@ module rk_gradient
       integer, allocatable :: local(:)
       !> Source points of each group, ascending
       type(csr_type) :: member
-      !> Component i of point q has its values at value(:, first(i, q)+1 : ), shape (nd, np)
+      !> Component i of point q has its values at value(:, first(i, q)+1 : ), which other points may
+      !> have as well, shape (nd, np)
       integer(i8), allocatable :: first(:, :)
       !> Gradients of the shape functions, shape (nd, :) [1/length]
       real(wp), allocatable :: value(:, :)
@@ -52,6 +54,8 @@ module rk_gradient
       procedure :: add_stiffness
       !> Set the essential values
       procedure :: set_essential
+      !> Keep equal gradients once
+      procedure :: share
    end type gradient_type
 
 contains
@@ -296,6 +300,39 @@ subroutine set_essential(self, cells, essential, value)
       end do
    end do
 end subroutine set_essential
+
+!> Keep gradients of points once that differ by rounding: most cells of a lattice are alike, and
+!> what stays in the cache need not be read
+subroutine share(self)
+   !> Gradients
+   class(gradient_type), intent(inout) :: self
+   integer, allocatable :: same(:)
+   integer(i8), allocatable :: first(:, :), number(:)
+   real(wp), allocatable :: value(:, :)
+   integer(i8) :: l, values
+   integer :: q
+
+   associate (entries => self%start(2:) - self%start(:size(self%start) - 1))
+      number = merge(1, self%nd, self%first(1, :) == self%first(self%nd, :))*entries
+   end associate
+   call find_alike(self%nd*self%first(1, :), self%nd*number, self%value, same)
+   values = sum(number, mask=same == [(q, q=1, size(same))])
+   allocate (value(size(self%value, 1), values))
+   allocate (first, mold=self%first)
+   values = 0
+   do q = 1, size(same)
+      if (same(q) < q) then
+         first(:, q) = first(:, same(q))
+         cycle
+      end if
+      l = self%first(1, q)
+      value(:, values + 1:values + number(q)) = self%value(:, l + 1:l + number(q))
+      first(:, q) = self%first(:, q) - l + values
+      values = values + number(q)
+   end do
+   call move_alloc(first, self%first)
+   call move_alloc(value, self%value)
+end subroutine share
 
 !> Displacement gradient at a point
 pure subroutine gradient_at(self, q, x, factor, h)

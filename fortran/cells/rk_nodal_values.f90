@@ -74,6 +74,8 @@ subroutine new_nodal_values(self, cells, inside)
       call place%transposed(ns, self%row_t%place, entry)
    end associate
    self%row_t%value = self%row%value(entry)
+   call self%row%share()
+   call self%row_t%share()
    ! on a lattice what changes sign in every direction has this eigenvalue
    own = max(2.0_wp*max(own, 0.0_wp)**(1.0_wp/inside%nd) - 1.0_wp, smallest)**inside%nd
    self%middle = 0.5_wp*(largest + own)

@@ -22,17 +22,17 @@ pure subroutine solid_gradient(n, local, value, x, h)
    real(wp), intent(in) :: x(3, *)
    !> Gradient u_i,A, shape (3, 3) [-]
    real(wp), intent(inout) :: h(3, 3)
-   real(wp) :: solid(3, 3), u(3)
-   integer :: e, k
+   real(wp) :: row(3, 3), v(3)
+   integer :: e
 
-   solid = 0.0_wp
+   row = 0.0_wp
    do e = 1, n
-      u = x(:, local(e))
-      do k = 1, 3
-         solid(:, k) = solid(:, k) + u*value(k, e)
-      end do
+      v = value(:, e)
+      row(:, 1) = row(:, 1) + x(1, local(e))*v
+      row(:, 2) = row(:, 2) + x(2, local(e))*v
+      row(:, 3) = row(:, 3) + x(3, local(e))*v
    end do
-   h = h + solid
+   h = h + transpose(row)
 end subroutine solid_gradient
 
 !> Add the displacement gradient of a component of a solid where something is lifted

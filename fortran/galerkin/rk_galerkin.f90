@@ -140,6 +140,7 @@ subroutine new_galerkin(self, scene, error)
       & self%inside, covering, shear, scene%galerkin%direct_limit, error)
    if (allocated(error)) return
    self%inexact = .not. self%matrix%formed
+   if (self%inexact) call self%gradient%share()
    call set_constants(self, shear)
 end subroutine new_galerkin
 

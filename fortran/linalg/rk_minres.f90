@@ -21,6 +21,9 @@ module rk_minres
       procedure(product_interface), deferred :: precondition
    end type symmetric_system
 
+   !> Entries of a block of a sum
+   integer, parameter :: block = 2048
+
    abstract interface
       subroutine product_interface(self, x, y)
          import :: symmetric_system, wp
@@ -51,19 +54,21 @@ subroutine minres(system, b, tolerance, limit, x, iterations, reached)
    integer, intent(out) :: iterations
    !> Residual reached [-]
    real(wp), intent(out) :: reached
-   real(wp), allocatable :: v(:), v_old(:), w(:), w_old(:), z(:), image(:), new(:)
+   real(wp), allocatable :: v(:), v_old(:), w(:), w_old(:), z(:), image(:)
    real(wp) :: gamma, gamma_old, delta, eta, first, c, c_old, s, s_old, a0, a1, a2, a3
+   integer :: i
 
    x = 0.0_wp
    iterations = 0
    reached = 0.0_wp
    v = b
-   allocate (v_old, w, w_old, z, image, new, mold=b)
+   allocate (v_old, w, w_old, mold=b)
+   allocate (z, image, mold=b)
    v_old = 0.0_wp
    w = 0.0_wp
    w_old = 0.0_wp
    call system%precondition(v, z)
-   gamma = sqrt(max(dot_product(z, v), 0.0_wp))
+   gamma = sqrt(max(product_of(z, v), 0.0_wp))
    ! also where the preconditioner makes no number of it
    if (any(abs(b) > 0.0_wp)) reached = 1.0_wp
    gamma_old = 1.0_wp
@@ -75,19 +80,28 @@ subroutine minres(system, b, tolerance, limit, x, iterations, reached)
    s_old = 0.0_wp
    if (.not. first > 0.0_wp) return
    do iterations = 1, limit
-      z = z/gamma
+      !$omp parallel do default(none) schedule(static) private(i) shared(z, gamma)
+      do i = 1, size(z)
+         z(i) = z(i)/gamma
+      end do
+      !$omp end parallel do
       call system%multiply(z, image)
-      delta = dot_product(image, z)
-      new = image - (delta/gamma)*v - (gamma/gamma_old)*v_old
-      v_old = v
-      v = new
+      delta = product_of(image, z)
       a2 = s*delta + c_old*c*gamma
       a3 = s_old*gamma
       a0 = c*delta - c_old*s*gamma
-      new = z - a3*w_old - a2*w
+      ! the next ones stand in the place of the old ones
+      !$omp parallel do default(none) schedule(static) private(i) &
+      !$omp shared(v, v_old, w, w_old, z, image, gamma, gamma_old, delta, a2, a3)
+      do i = 1, size(z)
+         v_old(i) = image(i) - (delta/gamma)*v(i) - (gamma/gamma_old)*v_old(i)
+         w_old(i) = z(i) - a3*w_old(i) - a2*w(i)
+      end do
+      !$omp end parallel do
+      call swap(v, v_old)
       call system%precondition(v, z)
       gamma_old = gamma
-      gamma = dot_product(z, v)
+      gamma = product_of(z, v)
       if (.not. abs(gamma) <= huge(1.0_wp)) exit
       gamma = sqrt(max(gamma, 0.0_wp))
       a1 = hypot(a0, gamma)
@@ -97,14 +111,46 @@ subroutine minres(system, b, tolerance, limit, x, iterations, reached)
       s_old = s
       c = a0/a1
       s = gamma/a1
-      w_old = w
-      w = new/a1
-      x = x + c*eta*w
+      call swap(w, w_old)
+      !$omp parallel do default(none) schedule(static) private(i) shared(x, w, a1, c, eta)
+      do i = 1, size(x)
+         w(i) = w(i)/a1
+         x(i) = x(i) + c*eta*w(i)
+      end do
+      !$omp end parallel do
       eta = -s*eta
       reached = abs(eta)/first
       if (reached <= tolerance .or. .not. gamma > 0.0_wp) exit
    end do
    iterations = min(iterations, limit)
 end subroutine minres
+
+!> x.y as the sum of those of blocks, which threads share: it does not depend on their number
+real(wp) function product_of(x, y)
+   !> Vectors, shape (size)
+   real(wp), intent(in) :: x(:), y(:)
+   real(wp) :: part((size(x) + block - 1)/block)
+   integer :: i
+
+   !$omp parallel do default(none) schedule(static) private(i) shared(x, y, part)
+   do i = 1, size(part)
+      associate (last => min(i*block, size(x)))
+         part(i) = dot_product(x((i - 1)*block + 1:last), y((i - 1)*block + 1:last))
+      end associate
+   end do
+   !$omp end parallel do
+   product_of = sum(part)
+end function product_of
+
+!> Exchange two vectors
+pure subroutine swap(x, y)
+   !> Vectors, shape (size)
+   real(wp), allocatable, intent(inout) :: x(:), y(:)
+   real(wp), allocatable :: other(:)
+
+   call move_alloc(x, other)
+   call move_alloc(y, x)
+   call move_alloc(other, y)
+end subroutine swap
 
 end module rk_minres

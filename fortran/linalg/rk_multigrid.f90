@@ -40,6 +40,8 @@ module rk_multigrid
 
    !> Unknowns that are solved directly
    integer, parameter :: few = 200
+   !> Unknowns of a level that are not worth a second thread
+   integer, parameter :: alone = 1000
    !> Levels at most
    integer, parameter :: deepest = 12
    !> Entry beside those of the diagonal that couples strongly
@@ -333,7 +335,8 @@ recursive subroutine cycle_from(self, l, b, x)
       allocate (image, mold=b)
       allocate (coarse(size(b, 1), size(level%restriction%place%offset) - 1))
       allocate (part, mold=coarse)
-      !$omp parallel do default(none) schedule(static) private(i) shared(self, l, b, x)
+      !$omp parallel do default(none) schedule(static) private(i) shared(self, l, b, x) &
+      !$omp if (size(b, 2) > alone)
       do i = 1, size(b, 2)
          x(:, i) = self%level(l)%smooth(i, 1)*b(:, i)
       end do
@@ -342,7 +345,8 @@ recursive subroutine cycle_from(self, l, b, x)
          call smooth_again(k)
       end do
       call level%matrix%product(x, image, .false.)
-      !$omp parallel do default(none) schedule(static) private(i) shared(b, image)
+      !$omp parallel do default(none) schedule(static) private(i) shared(b, image) &
+      !$omp if (size(b, 2) > alone)
       do i = 1, size(b, 2)
          image(:, i) = b(:, i) - image(:, i)
       end do
@@ -364,7 +368,7 @@ contains
 
       call self%level(l)%matrix%product(x, image, .false.)
       !$omp parallel do default(none) schedule(static) private(row) &
-      !$omp shared(self, l, step, b, x, image)
+      !$omp shared(self, l, step, b, x, image) if (size(b, 2) > alone)
       do row = 1, size(b, 2)
          x(:, row) = x(:, row) + self%level(l)%smooth(row, step)*(b(:, row) - image(:, row))
       end do

@@ -1,5 +1,6 @@
 !> Rows of a sparse matrix for products with several vectors at once, which threads share by rows.
 module rk_sparse_rows
+   use rk_alike, only : find_alike
    use rk_csr, only : csr_type
    use rk_precision, only : i8, wp
    implicit none
@@ -13,10 +14,18 @@ module rk_sparse_rows
       type(csr_type) :: place
       !> Entries
       real(wp), allocatable :: value(:)
+      !> Row i has its entries at value(first(i)+1 : ), where rows share them; otherwise not
+      !> allocated: they stand as the columns do
+      integer(i8), allocatable :: first(:)
    contains
+      !> Keep equal entries once: products are all that is left then
+      procedure :: share
       !> Product with vectors
       procedure :: product => product_with
    end type sparse_rows
+
+   !> Rows that are not worth a second thread
+   integer, parameter :: few = 1000
 
 contains
 
@@ -48,6 +57,34 @@ subroutine new_sparse_rows(self, start, column, value)
    end do
 end subroutine new_sparse_rows
 
+!> Keep the entries of rows once that differ by rounding
+subroutine share(self)
+   !> Rows
+   class(sparse_rows), intent(inout) :: self
+   integer, allocatable :: same(:)
+   integer(i8), allocatable :: number(:)
+   real(wp), allocatable :: value(:)
+   integer(i8) :: entries
+   integer :: i, n
+
+   n = size(self%place%offset) - 1
+   number = self%place%offset(2:) - self%place%offset(:n)
+   call find_alike(self%place%offset(:n), number, self%value, same)
+   allocate (value(sum(number, mask=same == [(i, i=1, n)])), self%first(n))
+   entries = 0
+   do i = 1, n
+      if (same(i) < i) then
+         self%first(i) = self%first(same(i))
+         cycle
+      end if
+      self%first(i) = entries
+      value(entries + 1:entries + number(i)) = self%value(self%place%offset(i) + 1: &
+         & self%place%offset(i + 1))
+      entries = entries + number(i)
+   end do
+   call move_alloc(value, self%value)
+end subroutine share
+
 !> y = A x or y + A x
 subroutine product_with(self, x, y, add)
    !> Rows
@@ -59,26 +96,50 @@ subroutine product_with(self, x, y, add)
    !> Add to y what is there
    logical, intent(in) :: add
 
-   ! lengths that the compiler knows: one loop for all takes 1.2 to 1.6 times as long on rows of
-   ! 7 entries
-   associate (offset => self%place%offset, index => self%place%index)
-      select case (size(x, 1))
-      case (3)
-         call three(size(offset) - 1, offset, index, self%value, x, y, add)
-      case (2)
-         call two(size(offset) - 1, offset, index, self%value, x, y, add)
-      case default
-         call one(size(offset) - 1, offset, index, self%value, x, y, add)
-      end select
-   end associate
+   if (allocated(self%first)) then
+      call multiply(self%place, self%first, self%value, x, y, add)
+   else
+      call multiply(self%place, self%place%offset, self%value, x, y, add)
+   end if
 end subroutine product_with
 
+!> The same with the places of entries
+subroutine multiply(place, first, value, x, y, add)
+   !> Columns of the entries of each row
+   type(csr_type), intent(in) :: place
+   !> Row i has its entries behind value(first(i)), shape (rows or more)
+   integer(i8), contiguous, intent(in) :: first(:)
+   !> Entries
+   real(wp), contiguous, intent(in) :: value(:)
+   !> Vectors, entry by entry, shape (k, columns)
+   real(wp), contiguous, intent(in) :: x(:, :)
+   !> Products, shape (k, rows)
+   real(wp), contiguous, intent(inout) :: y(:, :)
+   !> Add to y what is there
+   logical, intent(in) :: add
+
+   ! lengths that the compiler knows: one loop for all takes 1.2 to 1.6 times as long on rows of
+   ! 7 entries
+   associate (offset => place%offset, index => place%index)
+      select case (size(x, 1))
+      case (3)
+         call three(size(offset) - 1, offset, first, index, value, x, y, add)
+      case (2)
+         call two(size(offset) - 1, offset, first, index, value, x, y, add)
+      case default
+         call one(size(offset) - 1, offset, first, index, value, x, y, add)
+      end select
+   end associate
+end subroutine multiply
+
 !> The same for three vectors
-subroutine three(rows, offset, index, value, x, y, add)
+subroutine three(rows, offset, first, index, value, x, y, add)
    !> Rows
    integer, intent(in) :: rows
    !> Row i has entries offset(i)+1 : offset(i+1), shape (rows + 1)
    integer(i8), intent(in) :: offset(rows + 1)
+   !> Its values are behind value(first(i))
+   integer(i8), intent(in) :: first(*)
    !> Columns
    integer, intent(in) :: index(*)
    !> Entries
@@ -90,16 +151,17 @@ subroutine three(rows, offset, index, value, x, y, add)
    !> Add to what is there
    logical, intent(in) :: add
    real(wp) :: sum(3)
-   integer(i8) :: k
+   integer(i8) :: k, o
    integer :: i
 
-   !$omp parallel do default(none) schedule(static) private(k, sum) &
-   !$omp shared(rows, offset, index, value, x, y, add)
+   !$omp parallel do default(none) schedule(static) private(k, o, sum) if (rows > few) &
+   !$omp shared(rows, offset, first, index, value, x, y, add)
    do i = 1, rows
       sum = 0.0_wp
       if (add) sum = y(:, i)
+      o = first(i) - offset(i)
       do k = offset(i) + 1, offset(i + 1)
-         sum = sum + value(k)*x(:, index(k))
+         sum = sum + value(k + o)*x(:, index(k))
       end do
       y(:, i) = sum
    end do
@@ -107,11 +169,13 @@ subroutine three(rows, offset, index, value, x, y, add)
 end subroutine three
 
 !> The same for two vectors
-subroutine two(rows, offset, index, value, x, y, add)
+subroutine two(rows, offset, first, index, value, x, y, add)
    !> Rows
    integer, intent(in) :: rows
    !> Row i has entries offset(i)+1 : offset(i+1), shape (rows + 1)
    integer(i8), intent(in) :: offset(rows + 1)
+   !> Its values are behind value(first(i))
+   integer(i8), intent(in) :: first(*)
    !> Columns
    integer, intent(in) :: index(*)
    !> Entries
@@ -123,16 +187,17 @@ subroutine two(rows, offset, index, value, x, y, add)
    !> Add to what is there
    logical, intent(in) :: add
    real(wp) :: sum(2)
-   integer(i8) :: k
+   integer(i8) :: k, o
    integer :: i
 
-   !$omp parallel do default(none) schedule(static) private(k, sum) &
-   !$omp shared(rows, offset, index, value, x, y, add)
+   !$omp parallel do default(none) schedule(static) private(k, o, sum) if (rows > few) &
+   !$omp shared(rows, offset, first, index, value, x, y, add)
    do i = 1, rows
       sum = 0.0_wp
       if (add) sum = y(:, i)
+      o = first(i) - offset(i)
       do k = offset(i) + 1, offset(i + 1)
-         sum = sum + value(k)*x(:, index(k))
+         sum = sum + value(k + o)*x(:, index(k))
       end do
       y(:, i) = sum
    end do
@@ -140,11 +205,13 @@ subroutine two(rows, offset, index, value, x, y, add)
 end subroutine two
 
 !> The same for one vector
-subroutine one(rows, offset, index, value, x, y, add)
+subroutine one(rows, offset, first, index, value, x, y, add)
    !> Rows
    integer, intent(in) :: rows
    !> Row i has entries offset(i)+1 : offset(i+1), shape (rows + 1)
    integer(i8), intent(in) :: offset(rows + 1)
+   !> Its values are behind value(first(i))
+   integer(i8), intent(in) :: first(*)
    !> Columns
    integer, intent(in) :: index(*)
    !> Entries
@@ -156,16 +223,17 @@ subroutine one(rows, offset, index, value, x, y, add)
    !> Add to what is there
    logical, intent(in) :: add
    real(wp) :: sum
-   integer(i8) :: k
+   integer(i8) :: k, o
    integer :: i
 
-   !$omp parallel do default(none) schedule(static) private(k, sum) &
-   !$omp shared(rows, offset, index, value, x, y, add)
+   !$omp parallel do default(none) schedule(static) private(k, o, sum) if (rows > few) &
+   !$omp shared(rows, offset, first, index, value, x, y, add)
    do i = 1, rows
       sum = 0.0_wp
       if (add) sum = y(i)
+      o = first(i) - offset(i)
       do k = offset(i) + 1, offset(i + 1)
-         sum = sum + value(k)*x(index(k))
+         sum = sum + value(k + o)*x(index(k))
       end do
       y(i) = sum
    end do

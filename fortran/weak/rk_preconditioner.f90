@@ -188,27 +188,38 @@ subroutine apply(self, x, y)
    real(wp), contiguous, intent(in) :: x(:)
    !> Displacements, shape (n)
    real(wp), contiguous, intent(inout) :: y(:)
-   real(wp), allocatable :: value(:, :), right(:, :), found(:, :), solution(:, :)
-   integer, allocatable :: own(:)
-   integer :: c, i, nd
 
-   nd = size(self%cycle_of)
-   value = reshape(x, [nd, size(x)/nd])
+   call apply_to_values(self, size(self%cycle_of), size(x)/size(self%cycle_of), x, y)
+end subroutine apply
+
+!> The same point by point
+subroutine apply_to_values(self, nd, n, x, y)
+   !> Preconditioner
+   class(preconditioner_type), intent(in) :: self
+   !> Components and source points
+   integer, intent(in) :: nd, n
+   !> Forces
+   real(wp), intent(in) :: x(nd, n)
+   !> Displacements
+   real(wp), intent(inout) :: y(nd, n)
+   real(wp), allocatable :: value(:, :), right(:, :), found(:, :)
+   integer, allocatable :: own(:)
+   integer :: c, i
+
+   allocate (value, source=x)
    call self%values%invert(.true., value)
-   allocate (solution, mold=value)
    do c = 1, nd
       own = pack([(i, i=1, nd)], self%cycle_of == c)
       if (size(own) == nd) then
-         call self%laplacian(c)%apply(value, solution)
+         call self%laplacian(c)%apply(value, y)
       else if (size(own) > 0) then
          right = value(own, :)
          found = right
          call self%laplacian(c)%apply(right, found)
-         solution(own, :) = found
+         y(own, :) = found
       end if
    end do
-   call self%values%invert(.false., solution)
-   y = reshape(solution, [size(x)])
-end subroutine apply
+   call self%values%invert(.false., y)
+end subroutine apply_to_values
 
 end module rk_preconditioner
