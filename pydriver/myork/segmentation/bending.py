@@ -37,6 +37,8 @@ _RIM = 5.0
 # Voxels that are compared in each evaluation, about
 _SAMPLES = 20_000
 _BINS = 32
+# Slices of a stack; of fewer nobody can tell what moved along it
+_FEWEST = 4
 
 
 def bend_labels(labels: Labels, drawn_in: Image, image: Image, body: Mask) -> tuple[Labels, F64]:
@@ -69,6 +71,12 @@ def bend_labels(labels: Labels, drawn_in: Image, image: Image, body: Mask) -> tu
             "reference"
         ) from None
     flat = image.data.shape[2] == 1
+    for one in () if flat else (image, drawn_in):
+        if one.data.shape[2] < _FEWEST:
+            raise InputError(
+                f"{one.name}: stacks of {one.data.shape[2]} slices cannot be bent by "
+                f"image.reference_anatomy; it takes {_FEWEST} slices or more, or single ones"
+            )
     place = np.diag([*image.spacing, 1.0]) @ np.linalg.inv(image.affine)
     if flat:
         _check_flat(drawn_in, place, float(image.spacing[2]))
@@ -86,7 +94,7 @@ def bend_labels(labels: Labels, drawn_in: Image, image: Image, body: Mask) -> tu
             f"({str(reason).strip().splitlines()[-1].strip()}); do both show the same part of the "
             "body at about the same place?"
         ) from None
-    grid = _picture(itk, np.zeros(image.data.shape), place @ image.affine, axes, np.uint8)
+    grid = _picture(itk, body, place @ image.affine, axes, np.uint8)
     numbers = _picture(itk, labels.data, place @ labels.affine, axes, np.int32)
     found = itk.GetArrayFromImage(itk.Resample(numbers, grid, bend, itk.sitkNearestNeighbor, 0)).T
     field = itk.TransformToDisplacementField(
@@ -123,7 +131,10 @@ def _found(itk: Any, fixed: Any, moving: Any, mask: Any) -> Any:
     way.SetMovingInitialTransform(whole)
     way.SetInitialTransformAsBSpline(bend, inPlace=True, scaleFactors=[1, 2, 4])
     way.SetOptimizerAsLBFGS2(
-        numberOfIterations=30, solutionAccuracy=1e-4, deltaConvergenceTolerance=1e-4
+        numberOfIterations=30,
+        solutionAccuracy=1e-4,
+        deltaConvergenceTolerance=1e-4,
+        lineSearchMaximumEvaluations=5,
     )
     way.SetShrinkFactorsPerLevel([1] * 3)
     way.SetSmoothingSigmasPerLevel(_BLUR)
@@ -158,8 +169,8 @@ def _picture(itk: Any, data: NDArray, affine: F64, axes: int, kind: type) -> Any
 
 
 def _around(body: Mask, spacing: F64, axes: int) -> tuple[slice, ...]:
-    """The part of the image that holds the body and its rim."""
-    room = np.ceil(2.0 * _RIM / spacing).astype(int)
+    """The part of the image that holds the body and its rim, in all slices."""
+    room = np.append(np.ceil(2.0 * _RIM / spacing[:2]).astype(int), body.shape[2])
     parts = zip(ndimage.find_objects(body.astype(np.int8))[0], room, body.shape, strict=True)
     return tuple(
         slice(max(part.start - more, 0), min(part.stop + more, count))
