@@ -9,12 +9,12 @@ module rk_kernel
    implicit none
    private
 
-   public :: kernel_quintic, kernel_cubic, window_product, window_radial
-   public :: find_kernel, find_window, window
+   public :: kernel_quintic, kernel_cubic, window_product, window_radial, window_polar
+   public :: find_kernel, find_window, polar_window, window
 
    !> Names of the kernels and of the windows in decks, in the order of the numbers below
    character(len=*), parameter :: kernel_names(2) = ['quintic', 'cubic  ']
-   character(len=*), parameter :: window_names(2) = ['product', 'radial ']
+   character(len=*), parameter :: window_names(3) = ['product', 'radial ', 'polar  ']
    !> Quintic B-spline, C4: collocation
    integer, parameter :: kernel_quintic = 1
    !> Cubic B-spline, C2: Galerkin
@@ -23,6 +23,9 @@ module rk_kernel
    integer, parameter :: window_product = 1
    !> Window of the scaled distance: ellipsoidal support
    integer, parameter :: window_radial = 2
+   !> Product of windows of radius and angle about the origin, in the plane: supports turn with the
+   !> angle, so that lattices in radius and angle see splines of both
+   integer, parameter :: window_polar = 3
 
 contains
 
@@ -182,5 +185,38 @@ pure subroutine window(kernel, shape, nd, r, a, phi, dphi, ddphi)
       end do
    end if
 end subroutine window
+
+!> Window of radius and angle of one source point at one place with gradient and second derivatives
+pure subroutine polar_window(kernel, x, source, a, phi, dphi, ddphi)
+   !> One of the kernel_* constants
+   integer, intent(in) :: kernel
+   !> Place and source point, not at the origin, shape (2) [length]
+   real(wp), intent(in) :: x(:), source(:)
+   !> Support of the source point, radial and along its circle, shape (2) [length]
+   real(wp), intent(in) :: a(:)
+   !> Value [-]
+   real(wp), intent(out) :: phi
+   !> Gradient, shape (2) [1/length]
+   real(wp), intent(out) :: dphi(:)
+   !> Second derivatives, shape (2, 2), or none of them [1/length^2]
+   real(wp), intent(out) :: ddphi(:, :)
+   real(wp) :: d(2), dd(size(ddphi, 1), size(ddphi, 2)), e(2), t(2), radius, own, angle
+   integer :: j
+
+   radius = norm2(x)
+   own = norm2(source)
+   e = x/radius
+   t = [-e(2), e(1)]
+   angle = atan2(source(1)*x(2) - source(2)*x(1), dot_product(source, x))
+   call window(kernel, window_product, 2, [radius - own, own*angle], a, phi, d, dd)
+   d(2) = d(2)*own/radius
+   dphi = d(1)*e + d(2)*t
+   if (size(ddphi) == 0) return
+   dd(1, 2) = (dd(1, 2)*own - d(2))/radius
+   dd(2, 2) = dd(2, 2)*(own/radius)**2 + d(1)/radius
+   do j = 1, 2
+      ddphi(:, j) = dd(1, 1)*e*e(j) + dd(1, 2)*(e*t(j) + t*e(j)) + dd(2, 2)*t*t(j)
+   end do
+end subroutine polar_window
 
 end module rk_kernel

@@ -1,33 +1,23 @@
 !> Reproducing kernel shape functions with first and second derivatives.
 !>
-!> The moment matrix is factorised once a place; its derivatives are never formed: the vectors
-!> M_,i b and M_,ij b are accumulated from the neighbours. Places whose neighbours lie in the same
-!> relative positions share one evaluation and one copy of the values.
+!> Places whose neighbours lie in the same relative positions share one evaluation and one copy of
+!> the values.
 !>
 !> References: thesis section 4.2.1 and equations (5.1)-(5.5);
 !>             Liu, Jun, Zhang, Int. J. Numer. Meth. Fluids 20 (1995), doi:10.1002/fld.1650200824
 module rk_shape
-   use rk_basis, only : basis_powers, basis_size, max_order, monomials, second_index
+   use rk_basis, only : basis_powers, basis_size, max_order
    use rk_csr, only : csr_type
    use rk_error, only : error_type, fatal_error, err_input
-   use rk_kernel, only : window
+   use rk_kernel, only : window_polar, window_product
    use rk_neighbours, only : covers, find_neighbours
+   use rk_place_shape, only : approximation_type, shape_at_place
    use rk_precision, only : i8, wp
    use rk_text, only : to_text
    implicit none
    private
 
    public :: approximation_type, shape_type, new_shape, derivative_count
-
-   !> Choice of the approximation
-   type :: approximation_type
-      !> Order of the basis, 0..6
-      integer :: order
-      !> One of the kernel_* constants
-      integer :: kernel
-      !> One of the window_* constants
-      integer :: window
-   end type approximation_type
 
    !> Shape functions at places. Derivatives are counted: 1 value, then nd first derivatives, then
    !> the nd(nd+1)/2 second derivatives in the order 11, 12, 13, 22, 23, 33.
@@ -69,8 +59,6 @@ module rk_shape
 
    !> More different coordinates than any basis needs
    integer, parameter :: most_planes = 10
-   !> A pivot below this share of the unit diagonal means a singular moment matrix
-   real(wp), parameter :: pivot_min = 1.0e-13_wp
 
 contains
 
@@ -115,9 +103,17 @@ subroutine new_shape(self, approximation, source, support, place, error, first, 
    if (present(plain)) self%nq = merge(1, self%nq, plain)
    self%np = size(place, 2)
    self%ns = size(source, 2)
-   call find_neighbours(self%neighbour, source, support, place, approximation%window, error)
-   if (allocated(error)) return
-   call find_stencils(self, source, support, place, example)
+   if (approximation%window == window_polar) then
+      call find_neighbours(self%neighbour, polar(source), angular(source, support), polar(place), &
+         & window_product, error)
+      if (allocated(error)) return
+      ! supports along circles tell the radius as well
+      call find_stencils(self, polar(source), support, polar(place), example)
+   else
+      call find_neighbours(self%neighbour, source, support, place, approximation%window, error)
+      if (allocated(error)) return
+      call find_stencils(self, source, support, place, example)
+   end if
 
    nb = basis_size(self%nd, approximation%order)
    allocate (powers(3, nb), self%first(size(example) + 1), singular(size(example)))
@@ -144,7 +140,61 @@ subroutine new_shape(self, approximation, source, support, place, error, first, 
          & example(is), self%count(example(is)), error)
       return
    end do
+   if (approximation%window == window_polar) call turn_stencils(self, place, example)
 end subroutine new_shape
+
+!> Give each place derivatives of its own: those of stencils of radius and angle turn with the place
+subroutine turn_stencils(self, place, example)
+   !> Shape functions, of which places share stencils
+   type(shape_type), intent(inout) :: self
+   !> Places, shape (2, np) [length]
+   real(wp), intent(in) :: place(:, :)
+   !> The place at which each stencil was evaluated, shape (stencils)
+   integer, intent(in) :: example(:)
+   real(wp), allocatable :: value(:, :)
+   integer(i8), allocatable :: first(:)
+   real(wp) :: c, s, radii
+   integer(i8) :: k
+   integer :: ip
+
+   allocate (value(self%nq, size(self%neighbour%index)))
+   allocate (first, source=self%neighbour%offset)
+   !$omp parallel do default(none) schedule(static) private(ip, k, c, s, radii) &
+   !$omp shared(self, place, example, value)
+   do ip = 1, self%np
+      associate (to => value(:, self%neighbour%offset(ip) + 1:self%neighbour%offset(ip + 1)), &
+         & from => self%first(self%stencil(ip)), at => place(:, example(self%stencil(ip))))
+         radii = norm2(at)*norm2(place(:, ip))
+         c = dot_product(at, place(:, ip))/radii
+         s = (at(1)*place(2, ip) - at(2)*place(1, ip))/radii
+         do k = 1, size(to, 2)
+            call turn(self%value(:, from + k), c, s, to(:, k))
+         end do
+      end associate
+   end do
+   !$omp end parallel do
+   self%stencil = [(ip, ip=1, self%np)]
+   call move_alloc(value, self%value)
+   call move_alloc(first, self%first)
+end subroutine turn_stencils
+
+!> Value and derivatives in the plane after a turn of the function
+pure subroutine turn(from, c, s, to)
+   !> Value, first and second derivatives, as many as there are, shape (nq)
+   real(wp), intent(in) :: from(:)
+   !> Cosine and sine of the angle [-]
+   real(wp), intent(in) :: c, s
+   !> The same after the turn, shape (nq)
+   real(wp), intent(out) :: to(:)
+
+   to(1) = from(1)
+   if (size(from) < 3) return
+   to(2:3) = [c*from(2) - s*from(3), s*from(2) + c*from(3)]
+   if (size(from) < 6) return
+   to(4) = c*c*from(4) - 2.0_wp*c*s*from(5) + s*s*from(6)
+   to(5) = c*s*(from(4) - from(6)) + (c*c - s*s)*from(5)
+   to(6) = s*s*from(4) + 2.0_wp*c*s*from(5) + c*c*from(6)
+end subroutine turn
 
 !> Number of neighbours of a place
 pure integer function shape_count(self, ip)
@@ -189,6 +239,28 @@ subroutine shape_transposed(self, places, column)
          & - self%neighbour%offset(places%index(k))
    end do
 end subroutine shape_transposed
+
+!> Radius and angle of points, shape (2, n) [length], [radian]
+pure function polar(x) result(at)
+   !> Points, shape (2, n) [length]
+   real(wp), intent(in) :: x(:, :)
+   real(wp) :: at(2, size(x, 2))
+
+   at(1, :) = norm2(x, dim=1)
+   at(2, :) = atan2(x(2, :), x(1, :))
+end function polar
+
+!> Supports in radius and angle, shape (2, n) [length], [radian]
+pure function angular(x, support) result(at)
+   !> Points, shape (2, n) [length]
+   real(wp), intent(in) :: x(:, :)
+   !> Supports, radial and along their circles, shape (2, n) [length]
+   real(wp), intent(in) :: support(:, :)
+   real(wp) :: at(2, size(x, 2))
+
+   at = support
+   at(2, :) = support(2, :)/norm2(x, dim=1)
+end function angular
 
 !> Largest number of neighbours
 pure integer function shape_max_count(self)
@@ -348,183 +420,6 @@ pure logical function same_stencil(self, source, support, place, ip, jp)
    end do
 end function same_stencil
 
-!> Shape functions of all neighbours at one place
-subroutine shape_at_place(approximation, powers, source, support, neighbours, x, value, singular)
-   !> Order, kernel and window
-   type(approximation_type), intent(in) :: approximation
-   !> Exponents of the basis, shape (3, nb)
-   integer, intent(in) :: powers(:, :)
-   !> Source points, shape (nd, ns) [length]
-   real(wp), intent(in) :: source(:, :)
-   !> Support, shape (nd, ns) [length]
-   real(wp), intent(in) :: support(:, :)
-   !> Neighbours, shape (n)
-   integer, intent(in) :: neighbours(:)
-   !> Place, shape (nd) [length]
-   real(wp), intent(in) :: x(:)
-   !> Value and derivatives, shape (nq, n); nq = 1 + nd for first ones only, 1 for none
-   real(wp), intent(out) :: value(:, :)
-   !> Whether the moment matrix is singular
-   logical, intent(out) :: singular
-   real(wp), allocatable :: h(:, :), dh(:, :, :), ddh(:, :, :)
-   real(wp), allocatable :: m(:, :), phi(:), dphi(:, :), ddphi(:, :, :)
-   real(wp), allocatable :: s(:), ds(:, :), dds(:, :), t(:, :), dt(:, :, :)
-   real(wp), allocatable :: b(:), db(:, :), ddb(:, :)
-   real(wp) :: scale(size(x)), w(size(powers, 2)), r(3)
-   integer :: nd, nb, n, i, j, k, q, seconds
-
-   nd = size(x)
-   nb = size(powers, 2)
-   n = size(neighbours)
-   seconds = max(size(value, 1) - 1 - nd, 0)
-   value = 0.0_wp
-   singular = n < nb
-   if (singular) return
-   allocate (h(nb, n), dh(nb, nd, n), ddh(nb, seconds, n))
-   allocate (m(nb, nb), phi(n), dphi(nd, n), ddphi(nd, merge(nd, 0, seconds > 0), n))
-   scale = maxval(support(:, neighbours), dim=2)
-
-   m = 0.0_wp
-   do k = 1, n
-      r(:nd) = x - source(:, neighbours(k))
-      call monomials(nd, approximation%order, powers, r(:nd), scale, h(:, k), dh(:, :, k), &
-         & ddh(:, :, k))
-      call window(approximation%kernel, approximation%window, nd, r(:nd), &
-         & support(:, neighbours(k)), phi(k), dphi(:, k), ddphi(:, :, k))
-      do j = 1, nb
-         m(:j, j) = m(:j, j) + phi(k)*h(j, k)*h(:j, k)
-      end do
-   end do
-   call factorise(m, w, singular)
-   if (singular) return
-
-   ! M b = H(0) (4.21)
-   allocate (b(nb), db(nb, nd), ddb(nb, seconds))
-   b = 0.0_wp
-   b(1) = 1.0_wp
-   call solve(m, w, b)
-   if (size(value, 1) == 1) then
-      do k = 1, n
-         value(1, k) = phi(k)*dot_product(h(:, k), b)
-      end do
-      return
-   end if
-   allocate (s(n), ds(nd, n), dds(seconds, n), t(nd, n), dt(nd, nd, n))
-   do k = 1, n
-      s(k) = dot_product(h(:, k), b)
-      do i = 1, nd
-         ds(i, k) = dot_product(b, dh(:, i, k))
-      end do
-      do q = 1, seconds
-         dds(q, k) = dot_product(b, ddh(:, q, k))
-      end do
-   end do
-   ! M b_,i = -M_,i b
-   do i = 1, nd
-      db(:, i) = 0.0_wp
-      do k = 1, n
-         db(:, i) = db(:, i) - phi(k)*s(k)*dh(:, i, k) &
-            & - (phi(k)*ds(i, k) + dphi(i, k)*s(k))*h(:, k)
-      end do
-      call solve(m, w, db(:, i))
-   end do
-   if (seconds == 0) then
-      do k = 1, n
-         value(1, k) = phi(k)*s(k)
-         do i = 1, nd
-            value(1 + i, k) = dphi(i, k)*s(k) + phi(k)*(ds(i, k) + dot_product(h(:, k), db(:, i)))
-         end do
-      end do
-      return
-   end if
-   do k = 1, n
-      do j = 1, nd
-         t(j, k) = dot_product(h(:, k), db(:, j))
-         do i = 1, nd
-            ! dt(i, j) = H_,i . b_,j
-            dt(i, j, k) = dot_product(dh(:, i, k), db(:, j))
-         end do
-      end do
-   end do
-   ! M b_,ij = -(M_,ij b + M_,i b_,j + M_,j b_,i)
-   do i = 1, nd
-      do j = i, nd
-         q = second_index(nd, i, j) - 1 - nd
-         ddb(:, q) = 0.0_wp
-         do k = 1, n
-            ddb(:, q) = ddb(:, q) - phi(k)*s(k)*ddh(:, q, k) &
-               & - (phi(k)*(ds(j, k) + t(j, k)) + dphi(j, k)*s(k))*dh(:, i, k) &
-               & - (phi(k)*(ds(i, k) + t(i, k)) + dphi(i, k)*s(k))*dh(:, j, k) &
-               & - (phi(k)*(dds(q, k) + dt(i, j, k) + dt(j, i, k)) &
-               & + dphi(j, k)*(ds(i, k) + t(i, k)) + dphi(i, k)*(ds(j, k) + t(j, k)) &
-               & + ddphi(i, j, k)*s(k))*h(:, k)
-         end do
-         call solve(m, w, ddb(:, q))
-      end do
-   end do
-   do k = 1, n
-      value(1, k) = phi(k)*s(k)
-      do i = 1, nd
-         value(1 + i, k) = dphi(i, k)*s(k) + phi(k)*(ds(i, k) + t(i, k))
-         do j = i, nd
-            q = second_index(nd, i, j) - 1 - nd
-            value(1 + nd + q, k) = ddphi(i, j, k)*s(k) &
-               & + dphi(i, k)*(ds(j, k) + t(j, k)) + dphi(j, k)*(ds(i, k) + t(i, k)) &
-               & + phi(k)*(dds(q, k) + dt(i, j, k) + dt(j, i, k) &
-               & + dot_product(h(:, k), ddb(:, q)))
-         end do
-      end do
-   end do
-end subroutine shape_at_place
-
-!> Cholesky factor of the moment matrix scaled to a unit diagonal
-pure subroutine factorise(m, w, singular)
-   !> Upper triangle of the matrix, replaced by its factor, shape (nb, nb)
-   real(wp), intent(inout) :: m(:, :)
-   !> Reciprocal square roots of the diagonal, shape (nb)
-   real(wp), intent(out) :: w(:)
-   !> Whether the matrix is singular to rounding
-   logical, intent(out) :: singular
-   integer :: i, j
-
-   singular = .true.
-   do j = 1, size(m, 1)
-      if (.not. m(j, j) > 0.0_wp) return
-      w(j) = 1.0_wp/sqrt(m(j, j))
-   end do
-   do j = 1, size(m, 1)
-      m(:j, j) = m(:j, j)*w(:j)*w(j)
-      do i = 1, j - 1
-         m(i, j) = (m(i, j) - dot_product(m(:i - 1, i), m(:i - 1, j)))/m(i, i)
-      end do
-      m(j, j) = m(j, j) - dot_product(m(:j - 1, j), m(:j - 1, j))
-      if (.not. m(j, j) > pivot_min) return
-      m(j, j) = sqrt(m(j, j))
-   end do
-   singular = .false.
-end subroutine factorise
-
-!> Solve with the factor of the moment matrix
-pure subroutine solve(m, w, b)
-   !> Factor, shape (nb, nb)
-   real(wp), intent(in) :: m(:, :)
-   !> Scaling, shape (nb)
-   real(wp), intent(in) :: w(:)
-   !> Right hand side, replaced by the solution, shape (nb)
-   real(wp), intent(inout) :: b(:)
-   integer :: i
-
-   b = b*w
-   do i = 1, size(b)
-      b(i) = (b(i) - dot_product(m(:i - 1, i), b(:i - 1)))/m(i, i)
-   end do
-   do i = size(b), 1, -1
-      b(i) = b(i)/m(i, i)
-      b(:i - 1) = b(:i - 1) - b(i)*m(:i - 1, i)
-   end do
-   b = b*w
-end subroutine solve
-
 !> Name the place of a singular moment matrix and the support that would cure it
 subroutine singular_error(approximation, powers, source, support, x, ip, n, error)
    !> Order, kernel and window
@@ -543,7 +438,7 @@ subroutine singular_error(approximation, powers, source, support, x, ip, n, erro
    integer, intent(in) :: n
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   real(wp), allocatable :: wide(:, :), value(:, :)
+   real(wp), allocatable :: away(:, :), wide(:, :), value(:, :)
    integer, allocatable :: near(:)
    character(len=:), allocatable :: cure
    real(wp) :: factor
@@ -565,8 +460,14 @@ subroutine singular_error(approximation, powers, source, support, x, ip, n, erro
    do trial = 1, 16
       factor = factor*1.1_wp
       wide = factor*support
-      near = pack([(i, i=1, size(source, 2))], &
-         & [(covers(x - source(:, i), wide(:, i), approximation%window), i=1, size(source, 2))])
+      if (approximation%window == window_polar) then
+         away = spread(x, 2, size(source, 2))
+         away = polar(away) - polar(source)
+         near = pack([(i, i=1, size(source, 2))], all(abs(away) < angular(source, wide), dim=1))
+      else
+         near = pack([(i, i=1, size(source, 2))], [(covers(x - source(:, i), wide(:, i), &
+            & approximation%window), i=1, size(source, 2))])
+      end if
       allocate (value(derivative_count(size(x)), size(near)))
       call shape_at_place(approximation, powers, source, wide, near, x, value, singular)
       deallocate (value)

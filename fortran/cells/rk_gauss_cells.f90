@@ -76,9 +76,6 @@ subroutine gauss_cells(self, cloud, count, degree, error)
    call find_cut(error)
    if (allocated(error)) return
    faces = faces + cuts()*(size(fine_rule)**(nd - 1) - count**(nd - 1))
-   ! arcs do not close around a cell to rounding: polar cells keep their plain gradients
-   self%closed = .not. cloud%polar
-   if (cloud%polar) mf = 0
    self%per_cell = own
    allocate (self%facet(nd, mf), self%area(nd, mf), self%side(2, mf), number(product(cells)))
    allocate (self%point(nd, np), self%weight(np), self%first(ng + 1))
@@ -123,7 +120,7 @@ subroutine gauss_cells(self, cloud, count, degree, error)
                   else
                      call add_surface(cell, d, side, rule, share)
                   end if
-               else if (side == 1 .and. .not. cloud%polar) then
+               else if (side == 1) then
                   call add_facet(cell, d)
                end if
             end do
@@ -184,6 +181,9 @@ contains
       call place(index, xi)
       ! columns of the map are orthogonal: the face's area is the product of the others' lengths
       area = xi(axis)*length*jacobian*map(:nd, axis)/sum(map(:, axis)**2)
+      ! normals of an arc add up to its chord, so that the faces of a cell close around it
+      if (cloud%polar .and. axis == 1) area = area*2.0_wp*sin(0.5_wp*step(2)) &
+         & /sum(0.5_wp*step(2)*shares*cos(0.5_wp*step(2)*nodes))
    end subroutine face_point
 
    !> Gauss points of a face between two cells, at the upper end of the first

@@ -37,8 +37,8 @@ EXPRESSIONS = {
 }
 #: What deck_form.cpp finds out beside the form, for conditions, in words of the reference
 FACTS = {
-    "surface_stress": "a plane `rkpm-gauss` scene with neither order nor support and with a probe "
-    "of a stress on the surface",
+    "order_two": "a plane `rkpm-gauss` scene with neither order nor support, of an annulus with 3 "
+    "points or more each way or with a probe of a stress on the surface",
     "plane_quadratic": "a plane `rkpm-gauss` scene of order 2 without support",
     "compared_on_the_way": "a [[reference]] at less than the full load",
 }

@@ -6,6 +6,7 @@
 module rk_section
    use rk_cells, only : cells_type
    use rk_gradient, only : gradient_type
+   use rk_kernel, only : window_polar
    use rk_precision, only : wp
    use rk_scene, only : scene_type
    use rk_states, only : field_state
@@ -35,7 +36,10 @@ function cut_through(scene, place, normal) result(share)
       first = minval(share)
       last = maxval(share)
       width = dot_product(abs(normal), sum(cloud%spacing, dim=2))/size(share)
-      margin = dot_product(abs(normal), maxval(scene%support, dim=2)) - 0.5_wp*width
+      margin = dot_product(abs(normal), maxval(scene%support, dim=2))
+      ! supports that turn reach as far as their corners
+      if (scene%approximation%window == window_polar) margin = norm2(maxval(scene%support, dim=2))
+      margin = margin - 0.5_wp*width
       middle = dot_product(normal, place)
       if (last - first >= 2.0_wp*margin) then
          middle = min(max(middle, first + margin), last - margin)

@@ -13,8 +13,8 @@ module rk_deck_scene
    use rk_deck_sets, only : read_sets
    use rk_error, only : error_type, fatal_error, err_input, err_memory
    use rk_estimate, only : estimate_cost, estimate_type
-   use rk_kernel, only : find_kernel, find_window
-   use rk_lattice, only : jitter, new_annulus, new_box
+   use rk_kernel, only : find_kernel, find_window, window_polar
+   use rk_lattice, only : jitter, lattice_frame, new_annulus, new_box
    use rk_memory, only : available_bytes
    use rk_precision, only : wp
    use rk_scene, only : scene_type
@@ -167,6 +167,7 @@ subroutine read_approximation(scene, deck, error)
    type(error_type), allocatable, intent(out) :: error
    character(len=:), allocatable :: kernel, window, fibers
    real(wp), allocatable :: support(:)
+   real(wp) :: low(3), step(3)
    integer :: d
 
    call deck%get('approximation.order', scene%approximation%order)
@@ -192,6 +193,19 @@ subroutine read_approximation(scene, deck, error)
    do d = 1, scene%cloud%nd
       scene%support(d, :) = support(min(d, size(support)))*scene%cloud%spacing(d, :)
    end do
+   if (scene%approximation%window /= window_polar) return
+   associate (cloud => scene%cloud)
+      if (.not. cloud%polar) then
+         call fatal_error(error, err_input, deck%where('approximation.window') &
+            & //': approximation.window: "polar" is for geometry.kind = annulus: take "product"')
+         return
+      end if
+      call lattice_frame(cloud, low, step)
+      scene%support(1, :) = support(1)*step(1)
+      ! the same to the last bit all around
+      scene%support(2, :) = support(size(support))*step(2)*(low(1) + step(1) &
+         & *nint((norm2(cloud%source, dim=1) - low(1))/step(1)))
+   end associate
 end subroutine read_approximation
 
 !> Shape functions of a deck in words: coefficients belong to them

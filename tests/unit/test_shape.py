@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from myork import Scene
 from myork.core.shape import shape_functions
 from myork.errors import InputError
 
@@ -259,6 +260,7 @@ def test_same_bits_on_one_and_two_threads(with_threads):
     """Every place owns its part of the result, so nothing depends on the number of threads."""
     program = """
 import hashlib, numpy as np
+from myork import Scene
 from myork.core.shape import shape_functions
 points = np.random.default_rng(5).uniform(0, 1, (600, 3))
 shape = shape_functions(points, 0.35, points[::2], order=2)
@@ -266,3 +268,56 @@ print(hashlib.sha256(shape.value.tobytes() + shape.neighbour.tobytes()).hexdiges
 """
     one, two = with_threads(program)
     assert one == two != ""
+
+
+def ring(radial=6, angular=13):
+    """Quarter of a ring of points from radius 1 to 2; spacings in radius and angle."""
+    radius = np.linspace(1.0, 2.0, radial)
+    angle = np.linspace(0.0, 0.5 * np.pi, angular)
+    r, t = (x.ravel() for x in np.meshgrid(radius, angle))
+    points = np.stack([r * np.cos(t), r * np.sin(t)], axis=1)
+    return points, r, 1.0 / (radial - 1), 0.5 * np.pi / (angular - 1)
+
+
+@pytest.mark.parametrize("kernel", KERNELS)
+def test_windows_of_radius_and_angle(kernel):
+    """They reproduce polynomials with their derivatives, also where stencils are shared, and turn
+    with the place: values a spacing of the angle further are those of the next points.
+    """
+    source, r, step, turn = ring()
+    support = np.stack([np.full_like(r, 3.1 * step), 3.1 * turn * r], axis=1)
+    choice = {"kernel": kernel, "window": "polar"}
+    radius, angle = np.repeat([1.0, 1.37, 1.9], 6), np.tile(np.arange(6) * turn + 3.3 * turn, 3)
+    place = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+    assert_reproduces(source, support, place, step, 2, **choice)
+    full = dense(shape_functions(source, support, place, order=2, **choice), len(source))
+    # 6 points lie on each radius, one radius after the other
+    assert_allclose(full[0, 1, 6:], full[0, 0, :-6], rtol=0, atol=1e-12)
+    small = 1e-4 * step
+    for d in range(2):
+        move = small * np.eye(2)[d]
+        ahead, behind = (
+            dense(shape_functions(source, support, at, order=2, **choice), len(source))
+            for at in (place + move, place - move)
+        )
+        difference = (ahead - behind) / (2 * small)
+        assert_allclose(full[1 + d] * step, difference[0] * step, rtol=0, atol=1e-7)
+        for q, pair in enumerate(SECOND[2]):
+            if d in pair:
+                other = pair[1] if pair[0] == d else pair[0]
+                # third derivatives of the cubic spline jump
+                assert_allclose(
+                    full[3 + q] * step**2, difference[1 + other] * step**2, rtol=0, atol=1e-5
+                )
+
+
+def test_a_window_of_radius_and_angle_is_for_annuli():
+    deck = {
+        "scene": {"dimension": 2},
+        "geometry": {"kind": "box", "size": [2, 1], "source": [5, 3], "collocation": [9, 5]},
+        "approximation": {"window": "polar"},
+        "material": [{"name": "rubber", "model": "neo-hookean", "mu": 1.0, "K": 100.0}],
+        "boundary": [{"set": "x0", "u_x": 0, "u_y": 0}],
+    }
+    with pytest.raises(InputError, match='"polar" is for geometry.kind = annulus'):
+        Scene.from_tables(deck)

@@ -1,0 +1,216 @@
+!> Reproducing kernel shape functions at one place.
+!>
+!> The moment matrix is factorised once; its derivatives are never formed: the vectors M_,i b and
+!> M_,ij b are accumulated from the neighbours.
+!>
+!> References: thesis section 4.2.1 and equations (5.1)-(5.5);
+!>             Liu, Jun, Zhang, Int. J. Numer. Meth. Fluids 20 (1995), doi:10.1002/fld.1650200824
+module rk_place_shape
+   use rk_basis, only : monomials, second_index
+   use rk_kernel, only : polar_window, window, window_polar
+   use rk_precision, only : wp
+   implicit none
+   private
+
+   public :: approximation_type, shape_at_place
+
+   !> Choice of the approximation
+   type :: approximation_type
+      !> Order of the basis, 0..6
+      integer :: order
+      !> One of the kernel_* constants
+      integer :: kernel
+      !> One of the window_* constants
+      integer :: window
+   end type approximation_type
+
+   !> A pivot below this share of the unit diagonal means a singular moment matrix
+   real(wp), parameter :: pivot_min = 1.0e-13_wp
+
+contains
+
+!> Shape functions of all neighbours at one place
+subroutine shape_at_place(approximation, powers, source, support, neighbours, x, value, singular)
+   !> Order, kernel and window
+   type(approximation_type), intent(in) :: approximation
+   !> Exponents of the basis, shape (3, nb)
+   integer, intent(in) :: powers(:, :)
+   !> Source points, shape (nd, ns) [length]
+   real(wp), intent(in) :: source(:, :)
+   !> Support, shape (nd, ns) [length]
+   real(wp), intent(in) :: support(:, :)
+   !> Neighbours, shape (n)
+   integer, intent(in) :: neighbours(:)
+   !> Place, shape (nd) [length]
+   real(wp), intent(in) :: x(:)
+   !> Value and derivatives, shape (nq, n); nq = 1 + nd for first ones only, 1 for none
+   real(wp), intent(out) :: value(:, :)
+   !> Whether the moment matrix is singular
+   logical, intent(out) :: singular
+   real(wp), allocatable :: h(:, :), dh(:, :, :), ddh(:, :, :)
+   real(wp), allocatable :: m(:, :), phi(:), dphi(:, :), ddphi(:, :, :)
+   real(wp), allocatable :: s(:), ds(:, :), dds(:, :), t(:, :), dt(:, :, :)
+   real(wp), allocatable :: b(:), db(:, :), ddb(:, :)
+   real(wp) :: scale(size(x)), w(size(powers, 2)), r(3)
+   integer :: nd, nb, n, i, j, k, q, seconds
+
+   nd = size(x)
+   nb = size(powers, 2)
+   n = size(neighbours)
+   seconds = max(size(value, 1) - 1 - nd, 0)
+   value = 0.0_wp
+   singular = n < nb
+   if (singular) return
+   allocate (h(nb, n), dh(nb, nd, n), ddh(nb, seconds, n))
+   allocate (m(nb, nb), phi(n), dphi(nd, n), ddphi(nd, merge(nd, 0, seconds > 0), n))
+   scale = maxval(support(:, neighbours), dim=2)
+   ! supports of radius and angle have no direction of their own
+   if (approximation%window == window_polar) scale = maxval(scale)
+
+   m = 0.0_wp
+   do k = 1, n
+      r(:nd) = x - source(:, neighbours(k))
+      call monomials(nd, approximation%order, powers, r(:nd), scale, h(:, k), dh(:, :, k), &
+         & ddh(:, :, k))
+      if (approximation%window == window_polar) then
+         call polar_window(approximation%kernel, x, source(:, neighbours(k)), &
+            & support(:, neighbours(k)), phi(k), dphi(:, k), ddphi(:, :, k))
+      else
+         call window(approximation%kernel, approximation%window, nd, r(:nd), &
+            & support(:, neighbours(k)), phi(k), dphi(:, k), ddphi(:, :, k))
+      end if
+      do j = 1, nb
+         m(:j, j) = m(:j, j) + phi(k)*h(j, k)*h(:j, k)
+      end do
+   end do
+   call factorise(m, w, singular)
+   if (singular) return
+
+   ! M b = H(0) (4.21)
+   allocate (b(nb), db(nb, nd), ddb(nb, seconds))
+   b = 0.0_wp
+   b(1) = 1.0_wp
+   call solve(m, w, b)
+   if (size(value, 1) == 1) then
+      do k = 1, n
+         value(1, k) = phi(k)*dot_product(h(:, k), b)
+      end do
+      return
+   end if
+   allocate (s(n), ds(nd, n), dds(seconds, n), t(nd, n), dt(nd, nd, n))
+   do k = 1, n
+      s(k) = dot_product(h(:, k), b)
+      do i = 1, nd
+         ds(i, k) = dot_product(b, dh(:, i, k))
+      end do
+      do q = 1, seconds
+         dds(q, k) = dot_product(b, ddh(:, q, k))
+      end do
+   end do
+   ! M b_,i = -M_,i b
+   do i = 1, nd
+      db(:, i) = 0.0_wp
+      do k = 1, n
+         db(:, i) = db(:, i) - phi(k)*s(k)*dh(:, i, k) &
+            & - (phi(k)*ds(i, k) + dphi(i, k)*s(k))*h(:, k)
+      end do
+      call solve(m, w, db(:, i))
+   end do
+   if (seconds == 0) then
+      do k = 1, n
+         value(1, k) = phi(k)*s(k)
+         do i = 1, nd
+            value(1 + i, k) = dphi(i, k)*s(k) + phi(k)*(ds(i, k) + dot_product(h(:, k), db(:, i)))
+         end do
+      end do
+      return
+   end if
+   do k = 1, n
+      do j = 1, nd
+         t(j, k) = dot_product(h(:, k), db(:, j))
+         do i = 1, nd
+            ! dt(i, j) = H_,i . b_,j
+            dt(i, j, k) = dot_product(dh(:, i, k), db(:, j))
+         end do
+      end do
+   end do
+   ! M b_,ij = -(M_,ij b + M_,i b_,j + M_,j b_,i)
+   do i = 1, nd
+      do j = i, nd
+         q = second_index(nd, i, j) - 1 - nd
+         ddb(:, q) = 0.0_wp
+         do k = 1, n
+            ddb(:, q) = ddb(:, q) - phi(k)*s(k)*ddh(:, q, k) &
+               & - (phi(k)*(ds(j, k) + t(j, k)) + dphi(j, k)*s(k))*dh(:, i, k) &
+               & - (phi(k)*(ds(i, k) + t(i, k)) + dphi(i, k)*s(k))*dh(:, j, k) &
+               & - (phi(k)*(dds(q, k) + dt(i, j, k) + dt(j, i, k)) &
+               & + dphi(j, k)*(ds(i, k) + t(i, k)) + dphi(i, k)*(ds(j, k) + t(j, k)) &
+               & + ddphi(i, j, k)*s(k))*h(:, k)
+         end do
+         call solve(m, w, ddb(:, q))
+      end do
+   end do
+   do k = 1, n
+      value(1, k) = phi(k)*s(k)
+      do i = 1, nd
+         value(1 + i, k) = dphi(i, k)*s(k) + phi(k)*(ds(i, k) + t(i, k))
+         do j = i, nd
+            q = second_index(nd, i, j) - 1 - nd
+            value(1 + nd + q, k) = ddphi(i, j, k)*s(k) &
+               & + dphi(i, k)*(ds(j, k) + t(j, k)) + dphi(j, k)*(ds(i, k) + t(i, k)) &
+               & + phi(k)*(dds(q, k) + dt(i, j, k) + dt(j, i, k) &
+               & + dot_product(h(:, k), ddb(:, q)))
+         end do
+      end do
+   end do
+end subroutine shape_at_place
+
+!> Cholesky factor of the moment matrix scaled to a unit diagonal
+pure subroutine factorise(m, w, singular)
+   !> Upper triangle of the matrix, replaced by its factor, shape (nb, nb)
+   real(wp), intent(inout) :: m(:, :)
+   !> Reciprocal square roots of the diagonal, shape (nb)
+   real(wp), intent(out) :: w(:)
+   !> Whether the matrix is singular to rounding
+   logical, intent(out) :: singular
+   integer :: i, j
+
+   singular = .true.
+   do j = 1, size(m, 1)
+      if (.not. m(j, j) > 0.0_wp) return
+      w(j) = 1.0_wp/sqrt(m(j, j))
+   end do
+   do j = 1, size(m, 1)
+      m(:j, j) = m(:j, j)*w(:j)*w(j)
+      do i = 1, j - 1
+         m(i, j) = (m(i, j) - dot_product(m(:i - 1, i), m(:i - 1, j)))/m(i, i)
+      end do
+      m(j, j) = m(j, j) - dot_product(m(:j - 1, j), m(:j - 1, j))
+      if (.not. m(j, j) > pivot_min) return
+      m(j, j) = sqrt(m(j, j))
+   end do
+   singular = .false.
+end subroutine factorise
+
+!> Solve with the factor of the moment matrix
+pure subroutine solve(m, w, b)
+   !> Factor, shape (nb, nb)
+   real(wp), intent(in) :: m(:, :)
+   !> Scaling, shape (nb)
+   real(wp), intent(in) :: w(:)
+   !> Right hand side, replaced by the solution, shape (nb)
+   real(wp), intent(inout) :: b(:)
+   integer :: i
+
+   b = b*w
+   do i = 1, size(b)
+      b(i) = (b(i) - dot_product(m(:i - 1, i), b(:i - 1)))/m(i, i)
+   end do
+   do i = size(b), 1, -1
+      b(i) = b(i)/m(i, i)
+      b(:i - 1) = b(:i - 1) - b(i)*m(:i - 1, i)
+   end do
+   b = b*w
+end subroutine solve
+
+end module rk_place_shape
