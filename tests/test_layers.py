@@ -27,6 +27,7 @@ FORTRAN_LAYERS = [
     {"model"},
     {"mixture"},
     {"cells", "problem", "h5"},
+    {"pressure"},
     {"weak"},
     {"held"},
     {"collocation", "galerkin", "subdomain", "driver", "post"},

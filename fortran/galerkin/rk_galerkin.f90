@@ -33,7 +33,7 @@ module rk_galerkin
    use rk_tangent, only : new_tangent
    use rk_tensor, only : add_cross_form, cross, identity
    use rk_text, only : to_text
-   use rk_weak, only : deform_group, hold_points, new_state, pressures_at, weak_problem
+   use rk_weak, only : curved, deform_group, hold_points, new_state, pressures_at, weak_problem
    use rk_weak_conditions, only : add_body_force, set_conditions
    implicit none
    private
@@ -124,7 +124,7 @@ subroutine new_galerkin(self, scene, error)
    call share_bulk(self%mixture, self%cells, nc, scene%galerkin%stabilisation, self%local_bulk, &
       & self%bulk, softness)
    call new_pressure(self%pressure, self%cells, softness, scene%galerkin%pressure_degree, &
-      & scene%cloud%points, error)
+      & scene%cloud%points, curved(self), error)
    if (allocated(error)) return
    call new_multiplier(self%multiplier, self%cells, self%bulk, shear, blocks, self%gradient%member)
    self%n = nd*(blocks + self%multiplier%extra)
@@ -202,7 +202,7 @@ subroutine renew(self, materials, error)
          call share_bulk(self%mixture, self%cells, nc, scene%galerkin%stabilisation, &
             & self%local_bulk, self%bulk, softness)
          call new_pressure(self%pressure, self%cells, softness, scene%galerkin%pressure_degree, &
-            & scene%cloud%points, error)
+            & scene%cloud%points, curved(self), error)
          if (allocated(error)) return
          call new_multiplier(self%multiplier, self%cells, self%bulk, shear, &
             & size(scene%cloud%source, 2) + self%surface%plates%count, self%gradient%member)

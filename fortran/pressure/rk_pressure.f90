@@ -11,7 +11,7 @@ module rk_pressure
    use rk_cells, only : cells_type
    use rk_csr, only : csr_type
    use rk_error, only : error_type
-   use rk_kernel, only : window_product
+   use rk_kernel, only : window_product, window_radial
    use rk_neighbours, only : covers, find_neighbours
    use rk_precision, only : i8, wp
    use rk_tensor, only : cross, determinant
@@ -36,6 +36,13 @@ module rk_pressure
       real(wp), allocatable :: monomial(:, :, :)
       !> Groups near each collocation point
       type(csr_type) :: near
+      !> Second moments of each group about its centre over its volume, shape (nd, nd, groups)
+      !> [length^2]
+      real(wp), allocatable :: moment(:, :, :)
+      !> Groups around each one, and by how much their slopes make its curvature, shape
+      !> (nd, entries); not allocated where pressures are written as they are [1/length]
+      type(csr_type) :: around
+      real(wp), allocatable :: share(:, :)
    contains
       !> Pressure at a point
       procedure :: value => pressure_value
@@ -43,6 +50,8 @@ module rk_pressure
       procedure :: along_step
       !> Blended pressure
       procedure :: at => pressure_at
+      procedure, private :: slope
+      procedure, private :: curvature
    end type pressure_type
 
    !> A polynomial that the others explain up to this share of its norm is left out
@@ -50,11 +59,16 @@ module rk_pressure
    !> Supports of the blending, in sizes of a group; of the list, a little more for probes between
    !> collocation points
    real(wp), parameter :: blend = 1.0_wp, list = 2.0_wp, blends(3) = blend
+   !> Neighbours of a group are centred within so many of its sizes, corners included
+   real(wp), parameter :: beside = 1.5_wp
+   !> A direction in which a group has no neighbours has no curvature: this share of its size
+   !> squared is their distance squared at least
+   real(wp), parameter :: alone = 1.0e-9_wp
 
 contains
 
 !> Set up the polynomials
-subroutine new_pressure(self, cells, softness, degree, place, error)
+subroutine new_pressure(self, cells, softness, degree, place, curved, error)
    !> Pressure
    type(pressure_type), intent(out) :: self
    !> Integration points
@@ -65,6 +79,8 @@ subroutine new_pressure(self, cells, softness, degree, place, error)
    integer, intent(in) :: degree
    !> Collocation points, shape (nd, nc) [length]
    real(wp), intent(in) :: place(:, :)
+   !> Write pressures with their curvature, in the plane
+   logical, intent(in) :: curved
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
    real(wp), allocatable :: m(:, :)
@@ -121,7 +137,88 @@ subroutine new_pressure(self, cells, softness, degree, place, error)
       end associate
    end do
    call find_neighbours(self%near, self%centre, list*self%reach, place, window_product, error)
+   if (allocated(error) .or. .not. curved) return
+   call find_neighbours(self%around, self%centre, beside*self%reach, self%centre, window_radial, &
+      & error)
+   if (.not. allocated(error)) call weigh_slopes(self, cells)
 end subroutine new_pressure
+
+!> Least squares weights of the slopes around each group, and its second moments, in the plane
+subroutine weigh_slopes(self, cells)
+   !> Pressure with its groups and those around them
+   type(pressure_type), intent(inout) :: self
+   !> Integration points
+   type(cells_type), intent(in) :: cells
+   real(wp) :: a(2, 2), x(2)
+   integer(i8) :: k
+   integer :: d, g, q
+
+   allocate (self%moment(2, 2, size(self%count)), source=0.0_wp)
+   allocate (self%share(2, size(self%around%index)))
+   do g = 1, size(self%count)
+      associate (weight => cells%weight(cells%first(g) + 1:cells%first(g + 1)))
+         do q = 1, size(weight)
+            x = cells%point(:, cells%first(g) + q) - self%centre(:, g)
+            do d = 1, 2
+               self%moment(:, d, g) = self%moment(:, d, g) + weight(q)*x*x(d)/sum(weight)
+            end do
+         end do
+      end associate
+      a = 0.0_wp
+      do d = 1, 2
+         a(d, d) = alone*self%reach(d, g)**2
+      end do
+      do k = self%around%offset(g) + 1, self%around%offset(g + 1)
+         x = self%centre(:, self%around%index(k)) - self%centre(:, g)
+         self%share(:, k) = x
+         do d = 1, 2
+            a(:, d) = a(:, d) + x*x(d)
+         end do
+      end do
+      a = reshape([a(2, 2), -a(2, 1), -a(1, 2), a(1, 1)], [2, 2])/(a(1, 1)*a(2, 2) &
+         & - a(1, 2)*a(2, 1))
+      do k = self%around%offset(g) + 1, self%around%offset(g + 1)
+         self%share(:, k) = matmul(a, self%share(:, k))
+      end do
+   end do
+end subroutine weigh_slopes
+
+!> Slope of the pressure of a group, shape (nd) [stress/length]
+pure function slope(self, g, coefficient)
+   !> Polynomials
+   class(pressure_type), intent(in) :: self
+   !> Group
+   integer, intent(in) :: g
+   !> Coefficients of p, shape (1 + nd, groups) [stress length^(nd/2)]
+   real(wp), intent(in) :: coefficient(:, :)
+   real(wp) :: slope(size(self%centre, 1))
+
+   associate (b => self%count(g))
+      slope = matmul(self%monomial(2:, :b, g), coefficient(:b, g))/self%reach(:, g)
+   end associate
+end function slope
+
+!> Second derivatives of the pressure in a group, from the slopes of those around it, shape (nd, nd)
+!> [stress/length^2]
+pure function curvature(self, g, coefficient) result(h)
+   !> Polynomials
+   class(pressure_type), intent(in) :: self
+   !> Group
+   integer, intent(in) :: g
+   !> Coefficients of p, shape (1 + nd, groups) [stress length^(nd/2)]
+   real(wp), intent(in) :: coefficient(:, :)
+   real(wp) :: h(size(self%centre, 1), size(self%centre, 1)), change(size(self%centre, 1))
+   integer(i8) :: k
+   integer :: d
+
+   h = 0.0_wp
+   do k = self%around%offset(g) + 1, self%around%offset(g + 1)
+      change = self%slope(self%around%index(k), coefficient) - self%slope(g, coefficient)
+      do d = 1, size(h, 2)
+         h(:, d) = h(:, d) + 0.5_wp*(change*self%share(d, k) + change(d)*self%share(:, k))
+      end do
+   end do
+end function curvature
 
 !> Pressure at a point of a group [stress]
 pure real(wp) function pressure_value(self, g, q, coefficient)
@@ -174,7 +271,7 @@ pure real(wp) function pressure_at(self, ip, x, coefficient) result(p)
    real(wp), intent(in) :: x(:)
    !> Coefficients of p, shape (1 + nd, groups) [stress length^(nd/2)]
    real(wp), intent(in) :: coefficient(:, :)
-   real(wp) :: s(3), weight, total, local
+   real(wp) :: s(3), h(3, 3), weight, total, local
    integer(i8) :: k
    integer :: j, nd
 
@@ -191,6 +288,11 @@ pure real(wp) function pressure_at(self, ip, x, coefficient) result(p)
             local = local + coefficient(j, g) &
                & *(self%monomial(1, j, g) + dot_product(self%monomial(2:, j, g), s(:nd)))
          end do
+         if (allocated(self%share)) then
+            h(:nd, :nd) = self%curvature(g, coefficient)
+            local = local + 0.5_wp*(dot_product(x - self%centre(:, g), matmul(h(:nd, :nd), x &
+               & - self%centre(:, g))) - sum(h(:nd, :nd)*self%moment(:, :, g)))
+         end if
          p = p + weight*local
          total = total + weight
       end associate
