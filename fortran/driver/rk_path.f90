@@ -66,7 +66,7 @@ pure subroutine note(self, before, x, done, load, curved)
    real(wp), allocatable :: slope(:), bend(:, :)
    integer :: k, n
 
-   slope = (x - before)/(load - done)
+   allocate (slope, source=(x - before)/(load - done))
    if (curved) then
       n = 0
       if (abs(load - 2.0_wp*done + self%earlier) <= equal*(load - done)) &
