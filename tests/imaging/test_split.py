@@ -479,3 +479,30 @@ def test_shapes_decide_nothing_against_edges_and_strokes_foretell_nothing():
     assert (pull[1] > pull[0])[wide == 1].any()
     found = random_walk(edge_strength(heights), wide > 0, known, spacing, 40.0, heights, pull)
     assert dice(found == 1, wide == 1) > 0.99
+
+
+def test_the_number_of_the_background_does_not_matter(tmp_path):
+    """Lone voxels that no walk leaves are background, whether its seeds come first or last."""
+    _, label, _ = leaning_rods()
+    random = np.random.default_rng(1)
+    grey = np.choose(label, [0.0, 100.0, 140.0, 300.0]) * np.ones(label.shape)
+    lone = (label == 3) & (random.random(label.shape) < 0.1)
+    grey[lone] *= 12.0
+    affine = np.diag([1.0, 1.0, 4.0, 1.0])
+    write_image(tmp_path / "leg.nii.gz", Image(grey, affine))
+    write_labels(tmp_path / "body.nii.gz", Labels(np.ones(label.shape, np.int32), affine))
+    drawn = np.isin(np.arange(9), (0, 4, 8)) & (
+        ndimage.uniform_filter(label * 1.0, (5, 5, 1)) == label
+    )
+    found = []
+    for order in ([1, 2, 3], [2, 3, 1]):
+        known = np.where(drawn, np.array([0, *order])[label], 0).astype(np.int32)
+        names = dict(zip(order, ("one", "two", "background"), strict=True))
+        write_labels(tmp_path / "seeds.nii.gz", Labels(known, affine, names))
+        segmented(tmp_path, split="walk", seeds="seeds.nii.gz", body="body.nii.gz", tolerance=0.01)
+        labels = read_labels(tmp_path / "out" / "segmentation.nii.gz")
+        assert sorted(labels.names.values()) == ["one", "two"]
+        found.append([labels.data == n for n in order[:2]])
+    for first, second, number in zip(*found, (1, 2), strict=True):
+        assert np.mean(first != second) < 1e-3
+        assert np.mean(first[lone]) < 0.02 and dice(first, label == number) > 0.95

@@ -32,6 +32,8 @@ I32 = NDArray[np.int32]
 
 #: Name of the label of seeds that is no tissue
 BACKGROUND = "background"
+# Its number while others are parted
+_LAST = np.iinfo(np.int32).max
 
 
 def label_by_rules(
@@ -77,12 +79,14 @@ def label_by_seeds(
             f"{seeds.name}: seeds of two labels at least are needed in the region to segment, "
             f"there are {numbers}; what is no muscle needs a label too"
         )
+    names = {number: seeds.label_name(number) for number in numbers}
+    # What hardly any walk leaves goes to the last label: lone voxels and thin walls are no muscle.
+    for number in [number for number, name in names.items() if name == BACKGROUND]:
+        known[known == number] = _LAST
+        del names[number]
     heights, pull = heights_of(image.data, where, others), pull_of_outlines(known, image.spacing)
     label = np.maximum(_walk(heights, where, known, image, table, pull), 0)
-    names = {number: seeds.label_name(number) for number in numbers}
-    for number in [number for number, name in names.items() if name == BACKGROUND]:
-        label[label == number] = 0
-        del names[number]
+    label[label == _LAST] = 0
     return Labels(label, image.affine, names, "segmentation"), warnings
 
 
