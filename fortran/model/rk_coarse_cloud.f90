@@ -121,7 +121,7 @@ subroutine merge_points(cloud, coarse, block)
       associate (b => block(ip), v => cloud%volume(ip))
          coarse%volume(b) = coarse%volume(b) + v
          f = findloc(coarse%fraction_label, cloud%label(ip), dim=1)
-         present(f, b) = .true.
+         if (f > 0) present(f, b) = .true.
          if (allocated(cloud%fraction)) then
             coarse%fraction(:, b) = coarse%fraction(:, b) + v*cloud%fraction(:, ip)
          else
@@ -148,7 +148,9 @@ subroutine merge_points(cloud, coarse, block)
    do f = 1, k
       coarse%points(:, f) = coarse%voxels%centre(f)
       coarse%fraction(:, f) = coarse%fraction(:, f)/sum(coarse%fraction(:, f))
-      ! points that hold some of a label but have another bring no fiber of it
+      ! points that hold some of a label but have another bring no fiber of it; a label of points
+      ! may have no fraction at all
+      if (.not. any(present(:, f))) present(:, f) = .true.
       coarse%label(f) = coarse%fraction_label(maxloc(coarse%fraction(:, f), dim=1, &
          & mask=present(:, f)))
       if (norm2(coarse%fiber(:, f)) > 0.0_wp) &

@@ -196,6 +196,37 @@ def test_muscle_in_points_of_other_tissues_asks_for_no_fiber(open_scene) -> None
     assert np.isfinite(states.probe_errors[-1, 0, 0])
 
 
+def test_a_label_without_fractions_leaves_no_error_bar(open_scene) -> None:
+    """Points may have a label that no fraction is told for. The coarser cloud of the error bar,
+    which merges them, has no such point: there is no bar, but an answer.
+    """
+    cloud = brick(np.ones((8, 8)), 8)
+    index = cloud.voxels.index
+    fraction = np.zeros((len(cloud.points), 2))
+    fraction[:, 0] = 1.0
+    fraction[index[:, 2] < 4] = [0.25, 0.75]
+    label = np.where(index[:, 2] < 4, 3, 1).astype(np.int32)
+    cloud = replace(cloud, label=label, fraction=fraction, label_names={1: "fat", 2: "tendon"})
+    soft = {"model": "neo-hookean", "K": 200.0}
+    tables = {
+        "scene": {"dimension": 3},
+        "material": [
+            {"name": "fat", "mu": 1.0, "label": 1} | soft,
+            {"name": "tendon", "mu": 4.0, "label": 2} | soft,
+            {"name": "other", "mu": 2.0, "label": 3} | soft,
+        ],
+        "boundary": [
+            {"set": "z0", "u_x": 0, "u_y": 0, "u_z": 0},
+            {"set": "z1", "u_x": 0, "u_y": 0, "u_z": 0.1},
+        ],
+        "probe": [{"name": "F", "quantity": "force_z", "set": "z1"}],
+    }
+    scene = open_scene(tables, cloud=cloud)
+    states = scene.solve()
+    assert scene.probes(states.x[-1:], np.ones(1))[0, 0, 0] > 0.0
+    assert np.isnan(states.probe_errors[-1, 0, 0])
+
+
 def test_fractions_need_materials_and_sums(open_scene, tmp_path) -> None:
     data = np.ones((4, 4, 4), np.int32)
     data[0] = 2

@@ -23,6 +23,9 @@ from myork.stations.solve import find_executable
 
 _BLOCK = ("geometry.source=[4,4,7]", "geometry.collocation=[7,7,13]", "load.steps=2",
           "load.activation=0.01")  # fmt: skip
+#: Enough points for threads to share rows of multigrid, and for sums of several blocks
+_ROWS = ("geometry.source=[8,8,16]", "geometry.collocation=[8,8,16]", "load.steps=1",
+         "load.activation=0.01")  # fmt: skip
 _ORDERS = ("approximation.order=1", "approximation.support=2")
 _LINEAR = (*_ORDERS, *_BLOCK)
 _MIXED = ("scene.method=rkcm-mixed", "approximation.order=2", "approximation.support=3", *_BLOCK)
@@ -50,6 +53,10 @@ CASES: dict[str, tuple[str, tuple[str, ...]]] = {
     "nodal cells, not formed": (
         "muscle_fibers",
         ("scene.method=rkpm-scni", "galerkin.direct_limit=0", *_LINEAR),
+    ),
+    "nodal cells, rows and sums shared by threads": (
+        "muscle_fibers",
+        ("scene.method=rkpm-scni", "galerkin.direct_limit=0", *_ORDERS, *_ROWS),
     ),
     **{
         f"displacement, {solver}": (
