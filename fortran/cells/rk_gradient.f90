@@ -317,6 +317,7 @@ subroutine share(self)
    end associate
    call find_alike(self%nd*self%first(1, :), self%nd*number, self%value, same)
    values = sum(number, mask=same == [(q, q=1, size(same))])
+   if (values == sum(number)) return
    allocate (value(size(self%value, 1), values))
    allocate (first, mold=self%first)
    values = 0

@@ -359,7 +359,10 @@ pure logical function unresolved(self, i)
    integer, intent(in) :: i
 
    unresolved = .false.
-   if (.not. ieee_is_nan(self%change(i))) unresolved = any(self%bar(:, i) > 0.1_wp*self%size(i))
+   if (ieee_is_nan(self%change(i))) return
+   ! a probe has no bars beyond its components
+   unresolved = any(merge(0.0_wp, self%bar(:, i), ieee_is_nan(self%bar(:, i))) &
+      & > 0.1_wp*self%size(i))
 end function unresolved
 
 !> Whether a place is on the surface
