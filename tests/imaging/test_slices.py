@@ -78,6 +78,18 @@ def test_muscles_that_touch_leave_no_gap_and_keep_their_volumes():
         assert volume == pytest.approx((data == number).sum(), rel=0.005)
 
 
+def test_a_muscle_that_begins_beside_another_does_not_bend_it():
+    """Two cylinders; where the second begins, the middle of both together jumps by 19 mm."""
+    x, y = np.meshgrid(np.arange(120) - 40.0, np.arange(60) - 30.0, indexing="ij")
+    first = x**2 + y**2 < 20**2
+    data = np.repeat(first[..., np.newaxis], 12, axis=2).astype(np.int32)
+    data[((x - 38) ** 2 + y**2 < 20**2) & ~first, 6:] = 2
+    found = finer_labels(Labels(data, affine(8.0)), 2, PARTS).data
+    assert min(dice(found[..., k] == 1, first) for k in range(12 * PARTS)) > 0.96
+    heights = np.flatnonzero((found == 2).any(axis=(0, 1)))
+    assert heights[0] == pytest.approx(5.5 * PARTS, abs=4) and heights[-1] == 12 * PARTS - 1
+
+
 def test_fibers_go_to_every_voxel_of_their_own_muscle(stacks):
     fine, way, thick, fibers = stacks
     labels = finer_labels(thick, 2, PARTS)

@@ -96,15 +96,29 @@ def finer_labels(labels: Labels, axis: int, parts: int) -> Labels:
     result, inside = np.zeros(shape, np.int32), np.zeros(shape, np.bool_)
     # Of labels that meet, the one that is deepest inside has the voxel.
     depth = np.full(shape, -np.inf)
+    low, _ = _neighbours(data.shape[2], parts)
     for group in _touching(data):
+        # All together fill as much as each alone, and where one of them begins or ends none gives
+        # way to the outline of all: that is no bend of the others.
+        areas, changes = np.zeros(shape[2]), np.zeros(shape[2], np.bool_)
         for number in group:
-            around, distance = _between(data == number, size, parts)
+            here = data == number
+            around, centres = _around(here), _centres(data, [number])
+            here = here[around]
+            distance = _moved(here, size, parts, centres)
+            wanted = _spline_areas(here, parts)
+            distance = _cut(distance, wanted)
             better = distance > depth[around]
             result[around][better] = number
             depth[around][better] = distance[better]
+            areas += np.where(np.isnan(wanted), (distance > 0).sum(axis=(0, 1)), wanted)
+            there = here.any(axis=(0, 1))
+            changes |= there[low] != there[np.minimum(low + 1, len(there) - 1)]
         if len(group) > 1:
-            around, distance = _between(np.isin(data, group), size, parts)
-        inside[around] |= distance > 0
+            here = np.isin(data, group)
+            around = _around(here)
+            distance = _cut(_moved(here[around], size, parts, _centres(data, group)), areas)
+        inside[around] |= (distance > 0) | (changes & (depth[around] > 0))
     result[~inside] = 0
     data = np.ascontiguousarray(np.moveaxis(result, 2, axis))
     return Labels(data, _finer_affine(labels.affine, axis, parts), labels.names, labels.name)
@@ -182,42 +196,51 @@ def _touching(data: NDArray[np.int32]) -> list[list[int]]:
     return [group for group in found if group]
 
 
-def _between(here: Mask, size: F64, parts: int) -> tuple[tuple[slice, slice], F64]:
-    """The part of the slices that a label is in or may move into, and distances there."""
+def _around(here: Mask) -> tuple[slice, slice]:
+    """The part of the slices that a label is in or may move into."""
     first, second = (
         slice(max(0, part.start - _ROOM), part.stop + _ROOM)
         for part in ndimage.find_objects(here.astype(np.int8))[0][:2]
     )
-    here = here[first, second]
-    return (first, second), _with_areas(_moved(here, size, parts), here, parts)
+    return first, second
 
 
-def _with_areas(distance: F64, here: Mask, parts: int) -> F64:
-    """Distances, a little evened, whose zero bounds as much area in each part as in slices."""
-    distance = ndimage.gaussian_filter(distance, (_SMOOTHING, _SMOOTHING, 0.0))
+def _spline_areas(here: Mask, parts: int) -> F64:
+    """Areas of a label in the parts of all slices [pixel]; not a number where it is in one only."""
     low, share = _neighbours(here.shape[2], parts)
     place = low + share
     area = here.sum(axis=(0, 1))
     runs, count = ndimage.label(area > 0)
-    levels = np.full(len(place), np.nan)
+    wanted = np.full(len(place), np.nan)
     for run in range(1, count + 1):
         there = np.flatnonzero(runs == run)
         if len(there) == 1:
             continue
-        wanted = make_interp_spline(there, area[there], k=min(3, len(there) - 1))
-        for k in np.flatnonzero((place >= there[0]) & (place <= there[-1])):
-            number = int(np.clip(round(float(wanted(place[k]))), 1, distance[..., k].size - 1))
-            values = -np.partition(-distance[..., k], (number - 1, number), axis=None)
-            levels[k] = 0.5 * (values[number - 1] + values[number])
-    known = np.flatnonzero(~np.isnan(levels))
+        spline = make_interp_spline(there, area[there], k=min(3, len(there) - 1))
+        between = (place >= there[0]) & (place <= there[-1])
+        wanted[between] = np.maximum(spline(place[between]), 1.0)
+    return wanted
+
+
+def _cut(distance: F64, areas: F64) -> F64:
+    """Distances, a little evened, whose zero bounds so many pixels in each part.
+
+    Where no area is known they are cut at the level of what is next to them.
+    """
+    distance = ndimage.gaussian_filter(distance, (_SMOOTHING, _SMOOTHING, 0.0))
+    known = np.flatnonzero(~np.isnan(areas))
     if len(known) == 0:
         return distance
-    # Ends are cut at the level of what is next to them.
-    nearest = np.abs(known[:, np.newaxis] - np.arange(len(levels))).argmin(axis=0)
-    return distance - levels[known[nearest]]
+    levels = np.empty(len(known))
+    for at, k in enumerate(known):
+        number = int(np.clip(round(float(areas[k])), 0, distance[..., k].size - 1))
+        values = -np.partition(-distance[..., k], (max(number - 1, 0), number), axis=None)
+        levels[at] = 0.5 * (values[max(number - 1, 0)] + values[number])
+    nearest = np.abs(known[:, np.newaxis] - np.arange(len(areas))).argmin(axis=0)
+    return distance - levels[nearest]
 
 
-def _moved(here: Mask, size: F64, parts: int) -> F64:
+def _moved(here: Mask, size: F64, parts: int, centres: F64) -> F64:
     """Distances in the middles of the parts of all slices; outlines move with their centres."""
     distance = signed_distances(here, size)
     count = here.shape[2]
@@ -225,7 +248,6 @@ def _moved(here: Mask, size: F64, parts: int) -> F64:
     if count == 1:
         return np.repeat(distance, parts, axis=2)
     result = np.empty((*here.shape[:2], len(low)))
-    centres = _centres(here)
     way = make_interp_spline(np.arange(count), centres, k=min(3, count - 1), axis=0)
     for k, (first, part) in enumerate(zip(low, share, strict=True)):
         centre = way(first + part)
@@ -237,12 +259,21 @@ def _moved(here: Mask, size: F64, parts: int) -> F64:
     return result
 
 
-def _centres(here: Mask) -> F64:
-    """Middle of a label in each slice, that of the nearest one where it is missing [pixel]."""
-    there = np.flatnonzero(here.any(axis=(0, 1)))
-    known = np.array([np.argwhere(here[..., k]).mean(axis=0) for k in there])
-    nearest = np.abs(there[:, np.newaxis] - np.arange(here.shape[2])).argmin(axis=0)
-    return known[nearest]
+def _centres(data: NDArray[np.int32], group: list[int]) -> F64:
+    """Middle of labels in each slice, counted from the first one [pixel].
+
+    From slice to slice it moves as the middle of the labels that are in both.
+    """
+    steps = np.zeros((data.shape[2], 2))
+    own = [np.intersect1d(group, data[..., k]) for k in range(data.shape[2])]
+    for k in range(1, len(steps)):
+        both = np.intersect1d(own[k - 1], own[k])
+        if len(both):
+            before, after = (
+                np.argwhere(np.isin(data[..., one], both)).mean(axis=0) for one in (k - 1, k)
+            )
+            steps[k] = after - before
+    return steps.cumsum(axis=0)
 
 
 def _neighbours(count: int, parts: int) -> tuple[NDArray[np.int64], F64]:
