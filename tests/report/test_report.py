@@ -555,6 +555,11 @@ def test_a_single_slice_is_one_picture() -> None:
     assert len(flat.axes) == 1
     stack = slice_figure(Labels(np.repeat(label, 4, axis=2), np.eye(4)), None, None)
     assert len(stack.axes) == 4
+    coronal = np.moveaxis(label, 2, 1)  # a single row from front to back
+    drawn = slice_figure(
+        Labels(coronal, np.eye(4)), None, Image(coronal[..., None] * [0, 0, 1.0], np.eye(4))
+    )
+    assert len(drawn.axes[3].collections[-1].V) > 0
 
 
 def test_gradient_axes_of_the_files_stand_first() -> None:

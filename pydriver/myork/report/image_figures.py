@@ -206,14 +206,15 @@ def _draw_slice(
             axes.contourf(x, y, mask, levels=[0.5, 1.5], colors=[colour], alpha=0.3)
             axes.contour(x, y, mask, levels=[0.5], colors=[colour], linewidths=1.0)
     if vectors is not None:
-        _draw_fibers(axes, x, y, vectors[cut][..., plane], where > 0)
+        _draw_fibers(axes, spacing, (x, y), vectors[cut][..., plane], where > 0)
     axes.set_aspect("equal")
     axes.set(xlim=box[:2], ylim=box[2:])
 
 
-def _draw_fibers(axes: Axes, x: F64, y: F64, vectors: F64, inside: NDArray[np.bool_]) -> None:
+def _draw_fibers(
+    axes: Axes, spacing: F64, places: tuple[F64, F64], vectors: F64, inside: NDArray[np.bool_]
+) -> None:
     """Strokes without heads: a fiber has no sign."""
-    spacing = np.array([x[1] - x[0], y[1] - y[0]])
     length = float(np.max(inside.shape * spacing)) / _FIBERS_ACROSS
     step = np.maximum(np.ceil(length / spacing), 1).astype(int)
     some = np.zeros_like(inside)
@@ -222,6 +223,7 @@ def _draw_fibers(axes: Axes, x: F64, y: F64, vectors: F64, inside: NDArray[np.bo
     i, j = np.nonzero(some)
     across, up = vectors[i, j].T
     axes.quiver(
-        x[i], y[j], across, up, pivot="middle", angles="xy", scale_units="xy", scale=1.0 / length,
-        headaxislength=0, headlength=0, headwidth=0, width=0.008, color=_FIBER_COLOUR,
+        places[0][i], places[1][j], across, up, pivot="middle", angles="xy", scale_units="xy",
+        scale=1.0 / length, headaxislength=0, headlength=0, headwidth=0, width=0.008,
+        color=_FIBER_COLOUR,
     )  # fmt: skip
