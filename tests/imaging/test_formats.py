@@ -11,7 +11,9 @@ from pydicom.uid import ExplicitVRLittleEndian, generate_uid
 from myork.errors import FileError, InputError, InstallationError
 from myork.imaging import formats
 from myork.imaging.io import read_image, read_labels, write_image, write_labels
+from myork.model_file import read_model
 from myork.records import Image, Labels
+from myork.stations.build import build
 
 # Turned by 30 degrees about z and with y downwards
 C, S = np.cos(np.radians(30)), np.sin(np.radians(30))
@@ -183,6 +185,41 @@ def test_images_of_a_dicom_folder_are_listed_and_chosen(tmp_path):
         read_image(tmp_path / "scan:series=7")
     with pytest.raises(InputError, match=r"scan:serie=5: 'serie=5' chooses nothing; write DIR:"):
         read_image(tmp_path / "scan:serie=5")
+
+
+def test_series_of_one_uid_are_told_by_their_numbers(tmp_path):
+    """As they are where names were taken out."""
+    uid = series(tmp_path / "s", heights=(1.0, 5.0), SeriesNumber=2)
+    series(tmp_path / "s", heights=(9.0, 13.0), uid=uid, first=5, SeriesNumber=3)
+    with pytest.raises(InputError, match=r"(?s)holds 2 images; .*s:series=2 .*s:series=3 "):
+        read_image(tmp_path / "s")
+    assert read_image(tmp_path / "s:series=3").data[0, 0, 0] == 1801.0
+
+
+def test_a_model_takes_its_activation_from_a_folder_of_several_images(tmp_path):
+    heights = (1.0, 3.0, 5.0, 7.0)
+    for number, most in ((2, 1.0), (3, 0.5)):
+        series(
+            tmp_path / "s", heights, first=10 * number, rows=4, SeriesNumber=number,
+            RescaleSlope=most / 1000, RescaleIntercept=0.0,
+        )  # fmt: skip
+    image = read_image(tmp_path / "s:series=3")
+    write_labels(tmp_path / "l.nii.gz", Labels(np.ones((2, 4, 4), np.int32), image.affine))
+    deck = {
+        "title": "activation",
+        "units": {"force": "N", "length": "mm"},
+        "scene": {"dimension": 3},
+        "build": {
+            "labels": str(tmp_path / "l.nii.gz"),
+            "activation": str(tmp_path / "s:series=3"),
+            "collocation_stride": [1, 1, 1],
+            "source_stride": [1, 1, 1],
+        },
+        "geometry": {"kind": "model"},
+    }
+    build(deck, tmp_path / "out")
+    activation = read_model(tmp_path / "out" / "model.h5").activation
+    assert activation.max() == pytest.approx(image.data.max(), rel=0.1)  # the other has twice that
 
 
 def test_one_series_of_several_echo_times_is_one_image_and_folders_below_are_searched(tmp_path):

@@ -117,12 +117,13 @@ def chosen_files(folder: Path, files: Sequence[DicomFile], choice: str) -> list[
 
 def _listed(files: Sequence[DicomFile]) -> list[_Listed]:
     """Images of files, by series, kind and echo."""
-    series: dict[str, list[DicomFile]] = {}
+    # Some tools that take names out leave no UID, or the same for all.
+    series: dict[tuple[str, str], list[DicomFile]] = {}
     for file in files:
-        series.setdefault(_text(file.data, "SeriesInstanceUID"), []).append(file)
+        key = _text(file.data, "SeriesNumber"), _text(file.data, "SeriesInstanceUID")
+        series.setdefault(key, []).append(file)
     images = []
-    for uid, own in series.items():
-        name = _text(own[0].data, "SeriesNumber"), uid
+    for name, own in series.items():
         places = {_place(file) for file in own}
         if len(places) == len(own):
             images.append(_Listed(own, name, 1, _kind(own[0].data)))

@@ -13,6 +13,7 @@ import myork
 from myork.console import ProgressCallback, silent
 from myork.core.deck import read_deck
 from myork.errors import FileError, InputError
+from myork.imaging.dicom_choice import split_choice
 from myork.imaging.geometry import canonical, check_same_grid, frame, length_factor, to_voxels
 from myork.imaging.io import read_image, read_labels
 from myork.model import points
@@ -107,9 +108,7 @@ def build(
                 )
             fibers = flow_fibers(labels)
         progress(f"points from {', '.join(path.name for path in paths)}")
-        source_images = "\n".join(
-            f"{path.name} {hashlib.sha256(path.read_bytes()).hexdigest()}" for path in paths
-        )
+        source_images = "\n".join(f"{path.name} {_check_sum(path)}" for path in paths)
         cloud, warnings = build_cloud(
             labels, fibers, table, values["units"]["length"], source_images, activation, fractions
         )
@@ -124,6 +123,17 @@ def build(
     for text in warnings:
         progress(f"warning: {text}")
     return summary
+
+
+def _check_sum(path: Path) -> str:
+    """SHA-256 of a file, or of all files of a folder of DICOM images."""
+    folder, _ = split_choice(path)
+    files = sorted(folder.rglob("*")) if folder.is_dir() else [path]
+    found = hashlib.sha256()
+    for file in files:
+        if file.is_file():
+            found.update(file.read_bytes())
+    return found.hexdigest()
 
 
 def _inputs(
