@@ -114,6 +114,17 @@ def test_segment_bends_the_reference(tmp_path):
     )
     assert np.mean(bent) > np.mean(lies) + 0.05
     assert read_labels(tmp_path / "out" / "segmentation.nii.gz").data.shape == (96, 96, 1)
+    # the earlier image shows more, and a label that is not in this one
+    then, drawn = one_slice(then), one_slice(drawn)
+    wide = ((20, 0), (0, 0), (0, 0))
+    affine = then.affine.copy()
+    affine[:3, 3] -= 20 * affine[:3, 0]
+    beyond = np.pad(drawn.data, wide)
+    beyond[:5, 40:50] = 9
+    write_image(tmp_path / "then.nii.gz", Image(np.pad(then.data, wide), affine))
+    write_labels(tmp_path / "old.nii.gz", Labels(beyond, affine))
+    summary = segmented(tmp_path, **keys, reference_anatomy="then.nii.gz")
+    assert any("nothing is left of label 9" in text for text in summary["warnings"])
     with pytest.raises(InputError, match="reference_anatomy needs image.reference"):
         segmented(tmp_path, split="pieces", reference_anatomy="then.nii.gz")
 

@@ -117,8 +117,11 @@ def _segment(
     factor, bias = _shading(beside.whole(image), body, deck["bias"], out, progress)
     if factor is not None:
         image, beside = replace(image, data=image.data / factor), beside.divided(factor)
+    lost = ""
     if reference is not None and drawn_in is not None:
-        reference, moved = bend_labels(reference, drawn_in, image, body)
+        drawn = reference
+        reference, moved = bend_labels(drawn, drawn_in, image, body)
+        lost = _lost(drawn, reference, image)
         progress(
             f"reference bent onto the image: it moves by {np.median(moved):.1f} mm in the median, "
             f"{moved.max():.1f} mm at most"
@@ -181,7 +184,7 @@ def _segment(
     write_labels(out / "segmentation.nii.gz", labels)
 
     maps = beside.write(fraction, out)
-    warnings += [text for text in (doubt, bias.get("doubt")) if text]
+    warnings += [text for text in (doubt, bias.get("doubt"), lost) if text]
     warnings += [] if not result.unrest else [_unrest(result, choice.iterations)]
     for name in ("fractions", "fibers", "fa", "md", "eigenvalues"):
         (out / f"{name}.nii.gz").unlink(missing_ok=True)
@@ -458,6 +461,15 @@ def _reference(
     drawn_in = read_image(folder / table["reference_anatomy"])
     check_same_grid(reference, drawn_in)
     return reference, drawn_in
+
+
+def _lost(drawn: Labels, bent: Labels, image: Image) -> str:
+    """A sentence about labels of a reference that bending left no voxel; empty without any."""
+    gone = np.setdiff1d(drawn.data[drawn.data > 0], bent.data).tolist()
+    if not gone:
+        return ""
+    names = ", ".join(drawn.label_name(number) for number in gone)
+    return f"{drawn.name}: bent onto {image.name} nothing is left of {names}; none will be found"
 
 
 def _muscles(deck: Mapping[str, Any]) -> list[Muscle]:
