@@ -79,7 +79,7 @@ def bend_labels(labels: Labels, drawn_in: Image, image: Image, body: Mask) -> tu
             )
     place = np.diag([*image.spacing, 1.0]) @ np.linalg.inv(image.affine)
     if flat:
-        _check_flat(drawn_in, place, float(image.spacing[2]))
+        _check_flat(drawn_in, place)
     axes = 2 if flat else 3
     around = _around(body, image.spacing, axes)
     fixed = _picture(itk, image.data, place @ image.affine, axes, np.float32)[around]
@@ -185,7 +185,7 @@ def _ball(spacing: F64) -> Mask:
     return (((places * spacing) ** 2).sum(axis=-1) <= _RIM**2).T
 
 
-def _check_flat(drawn_in: Image, place: F64, thickness: float) -> None:
+def _check_flat(drawn_in: Image, place: F64) -> None:
     """Refuse what is no slice parallel to the image's."""
     across = (place @ drawn_in.affine)[:3, :3]
     askew = np.abs(across[2, :2]).max() > 1e-2 * np.abs(across[:2, :2]).max()
