@@ -77,10 +77,10 @@ def split_choice(path: Path) -> tuple[Path, str]:
     path : Path
         As a deck names an image; without a choice it comes back as it is, with an empty text.
     """
-    found = re.fullmatch(r"(.+):(\w+=[^:]*)", path.name)
+    found = re.fullmatch(r"(.*):(\w+=[^:]*)", path.name)
     if found is None or path.exists():
         return path, ""
-    return path.with_name(found[1]), found[2]
+    return path.parent / found[1], found[2]  # `DIR/:series=5` as well
 
 
 def chosen_files(folder: Path, files: Sequence[DicomFile], choice: str) -> list[DicomFile]:
