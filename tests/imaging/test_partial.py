@@ -15,7 +15,7 @@ from myork.imaging.phantom import TISSUES, make_phantom
 from myork.records import Image, Labels
 from myork.segmentation.partial import label_parts
 from myork.stations.build import build, build_cloud
-from myork.stations.partial import read_parts
+from myork.stations.partial import checked_parts, read_parts
 from myork.stations.segment import segment
 from myork.summary import read_summary
 
@@ -154,6 +154,22 @@ def test_parts_that_do_not_go_with_the_labels_are_refused(tmp_path):
         write_image(path, Image(change, np.eye(4)))
         with pytest.raises(InputError, match=told):
             read_parts(path, labels)
+
+
+@pytest.mark.parametrize(
+    ("where", "becomes", "first"), [((4, 9), 2, 5), ((8, 12), 0, 9), ((8, 12), -1, 9)]
+)
+def test_labels_changed_by_hand_do_not_take_the_parts_of_before(where, becomes, first):
+    """Parts of each voxel whole, but a border within the fifth; then a label is drawn anew."""
+    data = np.where(np.arange(12) < 4, 2, 1).astype(np.int32)[:, np.newaxis, np.newaxis]
+    parts = np.stack([data == 1, data == 2], axis=-1).astype(float)
+    parts[4] = [0.3, 0.7]
+    checked_parts(Image(parts, np.eye(4)), Labels(data, np.eye(4)), "parts")
+    changed = data.copy()
+    changed[slice(*where)] = becomes
+    with pytest.raises(InputError, match="these are the parts of other labels") as told:
+        checked_parts(Image(parts, np.eye(4)), Labels(changed, np.eye(4), {}, "drawn"), "parts")
+    assert f"first ({first}, 0, 0)" in str(told.value) and "in drawn hold none" in str(told.value)
 
 
 def test_a_bar_of_two_tissues_pulls_with_their_parts(tmp_path):

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from myork.errors import InputError
 from myork.imaging.geometry import check_same_grid
@@ -92,5 +93,18 @@ def checked_parts(image: Image, labels: Labels, name: str) -> Image:
         raise InputError(
             f"{name}: parts of labels must be 0 at least and their sum 1 at most, but in "
             f"{int((~fine).sum())} voxels they are not, first in {at}: {image.data[at].tolist()}"
+        )
+    # Parts differ from labels along borders; labels that were changed afterwards have none inside.
+    places = np.searchsorted(numbers, np.maximum(labels.data, numbers[0]))[..., np.newaxis]
+    own = np.where(
+        labels.data > 0, np.take_along_axis(image.data, places, axis=3)[..., 0], 1.0 - whole
+    )
+    low, high = (one(labels.data, 3) for one in (ndimage.minimum_filter, ndimage.maximum_filter))
+    lost = (low == high) & (own <= _SLACK)
+    if lost.any():
+        raise InputError(
+            f"{name}: {int(lost.sum())} voxels that all their neighbours share the label of in "
+            f"{labels.name} hold none of it, first {tuple(np.argwhere(lost)[0].tolist())}: these "
+            "are the parts of other labels; make them of these, or take the file away"
         )
     return Image(np.maximum(image.data, 0.0), image.affine, image.name)
