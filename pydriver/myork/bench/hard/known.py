@@ -74,6 +74,10 @@ def _bulk_moduli() -> list[Case]:
             elif form == "rkpm-scni":
                 why = "the stress at a wall with half as many points is far off: a wide bar"
                 case = case._replace(expected=DOUBTED, words=("radial_stress",), why=why)
+            elif form == "rkpm-gauss" and bulk in ("1e3", "1e7", "inf"):
+                why = "seven points across: the wall's stress moves by 8 to 10 % from 4x20 points"
+                expected = DOUBTED if bulk == "1e3" else WARNED
+                case = case._replace(expected=expected, words=("radial_stress",), why=why)
             found.append(case)
     return found
 
