@@ -482,7 +482,7 @@ subroutine begin(self, problem, load, a, r, g, first_gradient)
    first_gradient = norm2(g)
    if (problem%inexact) first_gradient = norm2(r)
    if (self%path%states() == 0) return
-   ! what was begun by an earlier version knows no load before the last one
+   ! a journal may name no load before the last one
    if (problem%inexact .and. .not. abs(self%done - self%path%earlier) > 0.0_wp) return
    call self%path%lead(problem, self%done, load, a, r, state, found)
    if (found) then

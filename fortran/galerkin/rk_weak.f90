@@ -70,12 +70,16 @@ module rk_weak
       procedure :: set_displacement
    end type weak_problem
 
+   !> Source points across four groups of two spacings each, that curvature is told by in boxes
+   integer, parameter :: least_across = 9
+
 contains
 
 !> Whether pressures are written with their curvature: where the strains are as exact. On walls of
 !> annuli those of boxes are not, and errors of both cancelled before; in space two groups across a
 !> twisted bar put its stress three tenths off. Pressures of different tissues have no common
-!> curvature.
+!> curvature. Slopes of fewer groups across a box than four tell none: it put the outermost fiber of
+!> a clamped beam of 17x5 points 3.4 % off where it is 2.2 %; walls of tubes gain from two on.
 logical function curved(self)
    !> Problem with cells
    class(weak_problem), intent(in) :: self
@@ -84,6 +88,8 @@ logical function curved(self)
       curved = scene%cloud%nd == 2 .and. scene%approximation%order == 2 &
          & .and. (.not. scene%cloud%polar .or. scene%approximation%window == window_polar) &
          & .and. .not. self%cells%smoothed .and. size(scene%tissue) == 1
+      if (curved .and. .not. scene%cloud%polar .and. allocated(scene%cloud%lattice)) &
+         & curved = minval(scene%cloud%lattice) >= least_across
    end associate
 end function curved
 
