@@ -2,7 +2,7 @@
 # Sets MyoRK up on Debian 12 or Ubuntu 24.04 with nothing but python3 (root or sudo), then runs it.
 #
 #    sh setup.sh demo      from images to a muscle force, its reduced model and a report
-#    sh setup.sh test      all tests, with what they need
+#    sh setup.sh test      the tests marked core and slow, with what they need; all: test -m ""
 #    sh setup.sh           the set-up only
 #    sh setup.sh develop   the set-up only, with what tests, checks and the site need
 #    sh setup.sh --help    these lines
@@ -147,7 +147,8 @@ demo)
 test)
    shift
    has_browser || install_packages chromium
-   exec .venv/bin/python -m pytest "$@"
+   # side by side, a file of tests in one process; -m in "$@" replaces the one here
+   exec .venv/bin/python -m pytest -n "$(nproc)" --dist loadfile -m "not nightly" "$@"
    ;;
 *) say "ready: .venv/bin/myork, .venv/bin/myork-solve" ;;
 esac

@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -14,6 +15,9 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("MPLBACKEND", "Agg")
 
+# A shell starts what runs in the background with SIGINT ignored, and programs inherit that
+signal.signal(signal.SIGINT, signal.default_int_handler)
+
 import pytest  # noqa: E402
 
 
@@ -23,6 +27,13 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         action="store_true",
         help="write the values that regression tests find into their JSON references",
     )
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """What is neither slow nor nightly is core."""
+    for item in items:
+        if not any(item.get_closest_marker(name) for name in ("slow", "nightly")):
+            item.add_marker(pytest.mark.core)
 
 
 @pytest.fixture(scope="session")
@@ -80,6 +91,58 @@ def open_scene() -> Iterator[Callable[..., Any]]:
     yield open_
     for scene in scenes:
         scene.close()
+
+
+@pytest.fixture(scope="session")
+def voxel_rom(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """File of a reduced model of a muscle of 4 x 4 x 4 voxels, which has arrays of every kind."""
+    from dataclasses import replace
+
+    import numpy as np
+
+    from myork import ReducedModel
+    from myork.core.deck import table_defaults, text_of_tables
+    from myork.model_file import write_model
+    from myork.records import Labels
+    from myork.stations.build import build_cloud
+
+    held = {"u_x": 0, "u_y": 0, "u_z": 0}
+    middle = [1.5, 1.5, 1.5]
+    tables = {
+        "title": "Muscle of voxels",
+        "units": {"force": "N", "length": "cm"},
+        "scene": {"dimension": 3, "method": "rkpm-scni"},
+        "geometry": {"kind": "model", "file": "model.h5"},
+        "approximation": {"order": 1, "support": 1.6},
+        "material": [
+            {
+                "name": "muscle",
+                "label": 1,
+                "model": "muscle",
+                "A10": 6.43,
+                "K": 500,
+                "sigma_max": 30,
+            }
+        ],
+        "boundary": [{"set": "bottom", **held}, {"set": "top", **held, "u_z": 0.1}],
+        "load": {"steps": 1, "activation": 0.5},
+        "probe": [
+            {"name": "pull", "quantity": "force", "set": "bottom"},
+            {"name": "middle", "quantity": "u", "point": middle},
+            {"name": "stress", "quantity": "cauchy_zz", "point": middle},
+        ],
+    }
+    folder = tmp_path_factory.mktemp("rom")
+    filled = np.pad(np.ones((4, 4, 4), np.int32), 1)
+    cloud = build_cloud(
+        Labels(filled, np.diag([5.0, 5.0, 5.0, 1.0])), None, table_defaults("build"), "cm"
+    )[0]
+    along = np.tile([0.0, 0.0, 1.0], (len(cloud.points), 1))
+    write_model(folder / "model.h5", replace(cloud, fiber=along))
+    (folder / "muscle.toml").write_text(text_of_tables(tables), encoding="utf-8")
+    ranges = {"load.activation": (0.0, 0.5), "boundary.top.u_z": (-0.1, 0.1)}
+    rom = ReducedModel.train(folder / "muscle.toml", ranges, full_solves=6, tests=2, threads=1)
+    return rom.save(folder / "muscle.rom.h5")
 
 
 @pytest.fixture(scope="module")

@@ -19,10 +19,10 @@ _HEAD = """\
 # Rooms of the core
 
 Each folder of `fortran/` is a room: a static library with one purpose. A room uses rooms below it,
-never one above or beside it; `tests/test_layers.py` holds that, with at most 12 files and 2500
-lines a room. This page is written by `python tests/draw_rooms.py` from the `use` lines of the
-sources; nobody edits it, and a test compares it with them. A line goes down from a room to one that
-it uses; lines that follow from others are left out, as are those to `base`, which every room uses.
+never one above or beside it; `tests/test_layers.py` checks that. This page is
+written by `python tests/draw_rooms.py` from the `use` lines of the sources; nobody edits it, and a
+test compares it with them. A line goes down from a room to one that it uses; lines that follow from
+others are left out, as are those to `base`, which every room uses.
 """
 
 

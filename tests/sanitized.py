@@ -6,10 +6,14 @@ import tempfile
 from collections import Counter
 from pathlib import Path
 
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
 from myork.bench.runs import INPUTS
-from myork.bench.studies.faults import SEED
 from myork.core.deck import text_of_tables
-from myork.reference.faults_models import MODEL_DECK, model_fault
+from myork.model_file import write_model
+from tests.faults.damage import ARRAY, BYTES, SETTINGS, Edit, damaged
+from tests.unit.test_scene_from_tables import BLOCK, cloud
 
 #: Small lattices by the number of dimensions
 SMALL = {
@@ -63,9 +67,19 @@ def ends(executable: Path, folder: Path):
         out = ["-o", folder / "out", "-t", "1", "-q"]
         name = f"{deck} {' '.join(changes)}"
         yield name, *run(INPUTS / f"{deck}.toml", *out, *words), True
-    (folder / "deck.toml").write_text(text_of_tables(MODEL_DECK), encoding="utf-8")
-    for number in range(500):
-        name = model_fault(SEED, number, folder / "model.h5")
+    (folder / "deck.toml").write_text(text_of_tables(BLOCK), encoding="utf-8")
+    write_model(folder / "model.h5", cloud())
+    content = (folder / "model.h5").read_bytes()
+    found: dict[str, bytes] = {}
+
+    @settings(SETTINGS, max_examples=500)
+    @given(st.lists(BYTES | ARRAY | ARRAY, min_size=1, max_size=3))
+    def damage(edits: list[Edit]) -> None:
+        found[str(edits)] = damaged(content, edits)
+
+    damage()
+    for name, changed in found.items():
+        (folder / "model.h5").write_bytes(changed)
         yield name, *run(folder / "deck.toml", "--explain", "-o", folder), False
 
 

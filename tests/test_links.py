@@ -7,7 +7,6 @@ import re
 from functools import cache
 from pathlib import Path
 
-import pytest
 import yaml
 
 from myork.bench import BENCHES
@@ -17,7 +16,18 @@ PAGES = sorted(
     [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "docs").rglob("*.ipynb")]
 )
 #: Where what stands in backquotes is a path of the tree
-FOLDERS = ("docs", "fortran", "inputs", "notebooks", "pydriver", "tests", ".ci", ".github", "conda")
+FOLDERS = (
+    "benchmarks",
+    "docs",
+    "fortran",
+    "inputs",
+    "notebooks",
+    "pydriver",
+    "tests",
+    ".ci",
+    ".github",
+    "conda",
+)
 
 
 def name_of(path: Path) -> str:
@@ -38,37 +48,35 @@ def anchors(page: Path) -> set[str]:
     return {re.sub(r"[^\w\- ]", "", head).replace(" ", "-") for head in plain}
 
 
-@pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_links_resolve(page: Path) -> None:
+def test_links_resolve() -> None:
     wrong = []
-    for target in re.findall(r"\]\(<?([^)\s>]+)>?\)", prose(page)):
-        if re.match(r"[a-z]+:", target):
-            assert target.startswith(("https://", "mailto:")), target
-            continue
-        name, _, anchor = target.partition("#")
-        path = (page.parent / name).resolve() if name else page
-        if not path.exists() or (anchor and anchor not in anchors(path)):
-            wrong.append(target)
-    assert not wrong, f"links to what is not there: {', '.join(wrong)}"
+    for page in PAGES:
+        for target in re.findall(r"\]\(<?([^)\s>]+)>?\)", prose(page)):
+            if re.match(r"[a-z]+:", target):
+                if not target.startswith(("https://", "mailto:")):
+                    wrong.append(f"{name_of(page)}: {target}")
+                continue
+            name, _, anchor = target.partition("#")
+            path = (page.parent / name).resolve() if name else page
+            if not path.exists() or (anchor and anchor not in anchors(path)):
+                wrong.append(f"{name_of(page)}: {target}")
+    assert not wrong, "\n".join(wrong)
 
 
-@pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_paths_are_there(page: Path) -> None:
-    named = re.findall(rf"`((?:{'|'.join(map(re.escape, FOLDERS))})/[\w./*-]+)`", prose(page))
-    wrong = [path for path in named if not any(ROOT.glob(path.rstrip("/")))]
-    assert not wrong, f"no such file: {', '.join(wrong)}"
-
-
-@pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_benchmarks_are_there(page: Path) -> None:
-    """Numbers are traced by the benchmark that prints them: it must exist."""
-    text = page.read_text(encoding="utf-8")
-    named = {
-        word
-        for names in re.findall(r"myork bench ((?:[a-z_]+ ?)+)[`\n]", text)
-        for word in names.split()
-    }
-    assert not named - {*BENCHES, "all"}
+def test_paths_and_benchmarks_are_there() -> None:
+    """Paths in backquotes exist, and so do the benchmarks by which numbers are traced."""
+    wrong = []
+    for page in PAGES:
+        text = prose(page)
+        named = re.findall(rf"`((?:{'|'.join(map(re.escape, FOLDERS))})/[\w./*-]+)`", text)
+        wrong += [
+            f"{name_of(page)}: {path}" for path in named if not any(ROOT.glob(path.rstrip("/")))
+        ]
+        whole = page.read_text(encoding="utf-8")
+        for names in re.findall(r"myork bench ((?:[a-z_]+ ?)+)[`\n]", whole):
+            unknown = {*names.split()} - {*BENCHES, "all"}
+            wrong += [f"{name_of(page)}: myork bench {name}" for name in unknown]
+    assert not wrong, "\n".join(wrong)
 
 
 #: Pages of keys, equations and rooms, of changes, and of ways that failed and are not kept
@@ -82,7 +90,7 @@ FOUND = re.compile(r"\d*\.?\d+(?:e-\d+| ?(?:%|ms\b|s\b|us\b))")
 #: What prints a number again, or is the code of which it is a constant
 SOURCE = re.compile(
     r"`(?:[^`\n]*\bmyork (?:bench|solve|rom|study|segment|build)\b[^`\n]*"
-    r"|(?:python )?tests/[\w/]+\.(?:py|f90)[^`\n]*"
+    r"|(?:python )?(?:tests|benchmarks)/[\w/]+\.(?:py|f90)[^`\n]*"
     r"|(?:fortran|pydriver|inputs)/[\w/]+(?:\.\w+)?/?)`"
 )
 
@@ -110,36 +118,35 @@ def is_free(text: str, found: int) -> bool:
     return all(len(FOUND.findall(part)) <= found for part in re.split(r"\n\s*\n|\n(?=[-*] )", bare))
 
 
-@pytest.mark.parametrize(
-    "page",
-    [page for page in PAGES if page.suffix == ".md" and page.name not in UNMEASURED],
-    ids=name_of,
-)
-def test_measurements_name_what_prints_them(page: Path) -> None:
+def test_measurements_name_what_prints_them() -> None:
     """In the section of a table or of numbers in prose, or for the page in its first lines.
 
     A source is a benchmark, a command or a script, a test that holds the number, or the place of
     the code whose constant it is.
     """
-    parts = sections(page)
-    first = "".join(text for _, text in parts[:2])
-    if re.search(rf"(?:tables of this page are printed|Written) by {SOURCE.pattern}", first):
-        return
-    silent = [
-        heading or "its beginning"
-        for heading, text in parts
-        if not SOURCE.search(text) and not is_free(text, 2)
-    ]
-    assert not silent, f"nothing that prints the numbers again is named in {'; '.join(silent)}"
+    wrong = []
+    for page in PAGES:
+        if page.suffix != ".md" or page.name in UNMEASURED:
+            continue
+        parts = sections(page)
+        first = "".join(text for _, text in parts[:2])
+        if re.search(rf"(?:tables of this page are printed|Written) by {SOURCE.pattern}", first):
+            continue
+        wrong += [
+            f"{name_of(page)}: no source of the numbers in {heading or 'its beginning'}"
+            for heading, text in parts
+            if not SOURCE.search(text) and not is_free(text, 2)
+        ]
+    assert not wrong, "\n".join(wrong)
 
 
 def test_scripts_have_the_tables_that_pages_name() -> None:
-    """What stands behind the name of a script of tests/bench is a table that it prints."""
+    """What stands behind the name of a script of benchmarks is a table that it prints."""
     named = {
         tuple(found)
         for page in PAGES
         for found in re.findall(
-            r"`python (tests/bench/\w+\.py)(?: ([a-z]\w*))?", page.read_text("utf-8")
+            r"`python (benchmarks/\w+\.py)(?: ([a-z]\w*))?", page.read_text("utf-8")
         )
     }
     assert named
@@ -156,7 +163,7 @@ def test_numbers_of_the_readme_are_those_of_the_pages() -> None:
     counted = 0
     for row in (row for row in rows if row.startswith("| ") and "](" in row):
         *_, found, printed, pages = row.strip("| ").split(" | ")
-        assert "myork bench" in printed or "tests/" in printed, row
+        assert "myork bench" in printed or "benchmarks/" in printed, row
         linked = re.findall(r"\]\(([^)]+)\)", pages)
         there = "".join((ROOT / page).read_text(encoding="utf-8") for page in linked)
         for number in re.findall(r"\d+\.\d+(?:e-?\d+)?", found):

@@ -8,6 +8,7 @@ subroutine deck_json(path, deck_text, n, overrides, command, capacity, text, len
    use rk_error, only : error_type
    use rk_json, only : json_type
    use rk_pack, only : pack_error
+   use rk_units, only : put_probe_units, put_units
    implicit none
    integer, intent(in) :: n, capacity
    character(len=*), intent(in) :: path, deck_text, overrides(n), command
@@ -26,16 +27,39 @@ subroutine deck_json(path, deck_text, n, overrides, command, capacity, text, len
    else
       call json%begin_object()
       call deck%write_json(json)
+      call put_probe_units(json, deck)
+      call put_units(json, 'result_units', deck)
       call json%put('path', deck%path)
       call json%put('folder', deck%folder)
       call json%put('sha256', deck%sha256)
       call json%end_object()
-      all = json%text
+      all = json%text()
    end if
    length = len(all)
    text = all
    call pack_error(error, stat, message)
 end subroutine deck_json
+
+!> The key that an override would set, with the name of its entry; `deck_text` as above
+subroutine deck_key(path, deck_text, n, overrides, key, full, stat, message)
+   use rk_deck, only : resolve_key
+   use rk_error, only : error_type, fatal_error, err_input
+   use rk_pack, only : pack_error
+   implicit none
+   integer, intent(in) :: n
+   character(len=*), intent(in) :: path, deck_text, overrides(n), key
+   character(len=1024), intent(out) :: full
+   integer, intent(out) :: stat
+   character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
+   character(len=:), allocatable :: found
+
+   call resolve_key(path, deck_text, overrides, key, found, error)
+   full = found
+   if (len(found) > len(full)) call fatal_error(error, err_input, key//': the name of its entry ' &
+      & //'is too long: shorten it')
+   call pack_error(error, stat, message)
+end subroutine deck_key
 
 !> Defaults of a table as JSON; those that depend on a text at a key need it (blank: none).
 !> `length` and `capacity` as above
@@ -58,7 +82,7 @@ subroutine deck_defaults(table, key, value, capacity, text, length, stat, messag
    call json%begin_object()
    if (.not. allocated(error)) call deck%write_json(json)
    call json%end_object()
-   length = len(json%text)
-   text = json%text
+   length = len(json%text())
+   text = json%text()
    call pack_error(error, stat, message)
 end subroutine deck_defaults

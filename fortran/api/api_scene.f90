@@ -8,7 +8,7 @@ subroutine scene_open(path, text, nover, overrides, ns, nc, nb, nset, nf, source
    & voxel, voxel_size, voxel_origin, volume, label, fraction, fraction_label, fiber, &
    & activation, boundary_point, boundary_set, normal, area, set_names, length_unit, handle, stat, &
    & message)
-   use rk_cloud, only : cloud_type
+   use rk_cloud, only : check_arrays, cloud_type
    use rk_error, only : error_type
    use rk_pack, only : pack_error
    use rk_session, only : open_session
@@ -44,14 +44,20 @@ subroutine scene_open(path, text, nover, overrides, ns, nc, nb, nset, nf, source
    end if
    model%fiber = fiber
    if (all(activation >= 0)) model%activation = activation
-   model%boundary_point = boundary_point + 1
-   model%boundary_set = boundary_set + 1
+   model%boundary_point = boundary_point
+   model%boundary_set = boundary_set
    model%normal = normal
    model%area = area
    allocate (model%set_names(nset))
    model%set_names = set_names
    model%length_unit = trim(length_unit)
-   call open_session(path, text, overrides, model, handle, error)
+   handle = 0
+   call check_arrays(model, error)
+   if (.not. allocated(error)) then
+      model%boundary_point = boundary_point + 1
+      model%boundary_set = boundary_set + 1
+      call open_session(path, text, overrides, model, handle, error)
+   end if
    call pack_error(error, stat, message)
 end subroutine scene_open
 

@@ -11,7 +11,7 @@ program main
    use rk_error, only : error_type, fatal_error, err_convergence, err_linalg, err_stopped
    use rk_explain, only : explain
    use rk_model_cloud, only : read_model_cloud
-   use rk_json_entries, only : json_entry, read_entries
+   use rk_json_entries, only : json_entry
    use rk_new_problem, only : new_problem
    use rk_output, only : output_type
    use rk_precision, only : i8, wp
@@ -21,9 +21,9 @@ program main
    use rk_run, only : outcome_type, solve_scene
    use rk_scene, only : scene_type
    use rk_search, only : search_type
-   use rk_summary, only : is_complete, mark_summary, write_summary
-   use rk_system, only : catch_signals, lock_folder, make_folder, prepare_process, tell, &
-      & version_text
+   use rk_summary, only : earlier_entries, is_finished, is_solved, set_aside, write_summary
+   use rk_system, only : catch_signals, drop_previous, lock_folder, make_folder, prepare_process, &
+      & process_number, tell, version_text
    use rk_text, only : to_text
    use rk_verdict, only : judge, refused, verdict_type
    implicit none
@@ -32,6 +32,8 @@ program main
    type(cloud_type) :: model
    type(scene_type), target :: scene
    type(error_type), allocatable :: error
+   !> Whether the output folder is ours, and whether its summary is that of this run
+   logical :: claimed = .false., written = .false.
    integer(i8) :: clock
 
    call system_clock(clock)
@@ -43,6 +45,9 @@ program main
       stop
    end if
    if (config%threads > 0) call omp_set_num_threads(config%threads)
+   if (.not. config%explain) then
+      if (is_solved(config%out)) call claim()
+   end if
    call open_deck(deck, config%deck, config%overrides, error)
    call leave_on(error)
    call read_model_cloud(model, deck, config%out, error)
@@ -69,19 +74,19 @@ contains
       type(start_type), allocatable :: start
       type(json_entry), allocatable :: earlier(:)
       real(wp) :: shape_s
-      character(len=:), allocatable :: history, message
-      logical :: damaged, replaces, resumed
+      character(len=:), allocatable :: damage, history, message
+      logical :: damaged, finished, resumed
       integer(i8) :: began, journal
 
+      call make_folder(config%out, error)
+      call leave_on(error)
+      call earlier_entries(config%out, earlier, damaged)
+      call claim()
       call system_clock(began)
       call new_problem(problem, scene, error)
       call deck%locate('geometry', error)
       call leave_on(error)
       shape_s = tick(began)
-      call make_folder(config%out, error)
-      call leave_on(error)
-      call lock_folder(config%out, error)
-      call leave_on(error)
       call catch_signals()
       resumed = .false.
       if (deck%has('refine')) then
@@ -96,9 +101,11 @@ contains
          call leave_on(error)
       end if
       history = ''
+      damage = ''
       journal = 0
       if (config%resume) then
-         call resume_run(config%out, deck, problem, start, history, output%worst, journal, error)
+         call resume_run(config%out, deck, problem, start, history, output%worst, journal, &
+            & damage, error)
          call leave_on(error)
          if (allocated(start)) output%repeated = size(start%step)
       end if
@@ -106,6 +113,7 @@ contains
          call start_from(config%start, deck, problem, start, error)
          call leave_on(error)
       end if
+      if (output%repeated == 0) call put_aside(.true., .true., not_ended())
       output%verbosity = config%verbosity
       call output%open(problem, config%out, deck, version_text(), error, history, journal)
       call leave_on(error)
@@ -113,64 +121,92 @@ contains
          & level=huge(1))
       call output%say(scene%title//': '//to_text(problem%n)//' unknowns, '//to_text(problem%m) &
          & //' equations', level=0)
+      if (damaged) call output%warn('the summary.json that was there is damaged: what earlier ' &
+         & //'stations wrote into it is lost')
+      if (damage /= '') call output%warn(damage)
       if (output%repeated > 0) call output%say('resumed behind load step ' &
          & //to_text(output%repeated), level=0)
       if (config%start /= '' .and. output%repeated == 0) call output%say('begins at ' &
          & //config%start, level=0)
       call solve_scene(problem, '', output, outcome, failure, start)
       call judge(verdict, problem, deck, model, config%estimate, output, outcome)
-      call output%tell_verdict(verdict)
+      call output%tell_verdict(deck, verdict)
       if (resumed) call refined_before(refinement, deck, scene, verdict%bars, error)
       call leave_on(error)
       if (allocated(refinement%reason)) call output%say(refinement%reason, level=0)
       message = ''
       if (allocated(failure)) message = failure%message
-      call read_entries(config%out//'/summary.json', earlier, damaged)
-      if (damaged) call output%say('the summary.json that was there is damaged: what earlier ' &
-         & //'stations wrote into it is lost', level=0)
-      replaces = .not. allocated(failure) .or. .not. has_results() &
-         & .or. (output%loaded_states() > 0 .and. .not. is_complete(earlier))
       call output%close(error)
       call leave_on(error)
-      if (replaces) then
-         call write_summary(config%out//'/summary.json', deck, problem, output, outcome, &
-            & verdict, refinement, shape_s, tick(clock), omp_get_max_threads(), &
-            & .not. allocated(failure), message, earlier, error)
-         if (.not. allocated(error)) call output%publish(error)
-      else
-         call mark_summary(config%out//'/summary.json', earlier, message, error)
-      end if
+      call write_summary(config%out//'/summary.json', deck, problem, output, outcome, verdict, &
+         & refinement, shape_s, tick(clock), omp_get_max_threads(), .not. allocated(failure), &
+         & message, earlier, error)
       call leave_on(error)
+      written = .true.
+      call output%publish(error)
+      call leave_on(error)
+      finished = .not. allocated(failure) .and. verdict%state /= refused
+      call drop_previous(config%out, all=finished)
       if (allocated(failure)) then
-         if (replaces) then
-            failure%message = failure%message//' (written to '//config%out//')'
-         else
-            failure%message = failure%message//' (the results of an earlier run in ' &
-               & //config%out//' stay; what this one reached is in results.vtkhdf.part)'
-         end if
+         failure%message = failure%message//' (written to '//config%out//kept_before()//')'
          call leave_on(failure)
       end if
       if (verdict%state == refused) then
          call fatal_error(failure, err_convergence, verdict%sentence()//' (results in ' &
-            & //config%out//')')
+            & //config%out//kept_before()//')')
          call leave_on(failure)
       end if
       if (config%verbosity >= 0) call tell(verdict%sentence()//': '//to_text(tick(clock), 3) &
          & //' s, results in '//config%out)
    end subroutine run
 
-   !> Whether an earlier run left results
-   logical function has_results()
-      inquire (file=config%out//'/results.vtkhdf', exist=has_results)
-   end function has_results
+   !> Have the output folder alone, with a summary that says that this run has not ended
+   subroutine claim()
+      if (.not. claimed) call lock_folder(config%out, error)
+      call leave_on(error)
+      claimed = .true.
+      call put_aside(.not. (config%resume .or. config%start /= ''), .false., not_ended())
+   end subroutine claim
 
-   !> Print an error and leave with its exit status
+   !> Set the solution in the output folder aside
+   subroutine put_aside(whole, begins, message)
+      !> All its files, not its summary alone
+      logical, intent(in) :: whole
+      !> A new solution begins
+      logical, intent(in) :: begins
+      !> Why there is no new one
+      character(len=*), intent(in) :: message
+
+      call set_aside(config%out, whole, begins, deck, scene, message, error)
+      call leave_on(error)
+   end subroutine put_aside
+
+   !> What is known of a run before its end
+   function not_ended() result(text)
+      character(len=:), allocatable :: text
+
+      text = 'the run of process '//to_text(int(process_number()))//' has not ended, or was killed'
+   end function not_ended
+
+   !> Where the finished results of an earlier run are
+   function kept_before() result(text)
+      character(len=:), allocatable :: text
+
+      text = ''
+      if (is_finished(config%out//'/previous/summary.json')) text = '; the finished results of ' &
+         & //'an earlier run are in '//config%out//'/previous'
+   end function kept_before
+
+   !> Print an error and leave with its exit status; the summary says why
    subroutine leave_on(error)
       type(error_type), allocatable, intent(in) :: error
+      type(error_type), allocatable :: unwritten
       integer :: ignored
 
       if (.not. allocated(error)) return
       write (error_unit, '(a)', iostat=ignored) error%message
+      if (claimed .and. .not. written) call set_aside(config%out, .not. (config%resume .or. &
+         & config%start /= ''), .false., deck, scene, error%message, unwritten)
       if (any(error%code == [err_convergence, err_linalg, err_stopped])) stop 1, quiet=.true.
       stop 2, quiet=.true.
    end subroutine leave_on

@@ -1,10 +1,15 @@
 !> Journal of a run: what it needs to go on, in a file that only grows.
 !>
 !> A result file that was being written when its process was killed can be torn. The journal cannot:
-!> it is written record by record, each with its length before and behind it, and a reader stops at
-!> the first one that is not whole. It goes when the results have taken their names.
+!> it is written record by record, and a reader stops at the first one that is not whole. A record
+!> is a head of three numbers (kind, bytes of the body, columns), their CRC-32, the body and its
+!> CRC-32, so that a record that was changed on the disk is not taken for a state. The journal goes
+!> when the results have taken their names.
 module rk_journal
+   use, intrinsic :: iso_c_binding, only : c_associated, c_char, c_int, c_int64_t, c_loc, &
+      & c_null_char, c_null_ptr, c_ptr
    use, intrinsic :: iso_fortran_env, only : int64
+   use rk_cstring, only : to_fortran
    use rk_error, only : error_type, fatal_error, err_file
    use rk_precision, only : wp
    use rk_restart, only : restart_type
@@ -17,11 +22,16 @@ module rk_journal
    integer(int64), parameter, public :: is_deck = 1, is_overrides = 2, is_approximation = 3, &
       & is_source = 4, is_points = 5, is_line = 6, is_step = 7
 
+   !> Bytes of a head with its check, and of a check
+   integer(int64), parameter :: nhead = 32, ncheck = 8
+   !> Room for the reason of a failure
+   integer(c_int), parameter :: nwhy = 200
+
    !> Journal being written
    type :: journal_type
       private
-      !> Unit, 0 where it is closed
-      integer :: unit = 0
+      !> Open stream of C
+      type(c_ptr) :: handle = c_null_ptr
       !> Name
       character(len=:), allocatable :: path
    contains
@@ -31,9 +41,46 @@ module rk_journal
       procedure :: add_text
       !> Add numbers
       procedure :: add_numbers
-      !> Close it; it stays or goes
-      procedure :: close => close_journal
+      !> Close it, and remove it: it is needed no more
+      procedure :: remove => remove_journal
+      procedure, private :: check
    end type journal_type
+
+   interface
+      integer(c_int) function rkf_create(path, kept, handle, why, nwhy) bind(c)
+         import :: c_char, c_int, c_int64_t, c_ptr
+         character(kind=c_char), intent(in) :: path(*)
+         integer(c_int64_t), value :: kept
+         type(c_ptr), intent(out) :: handle
+         character(kind=c_char), intent(out) :: why(*)
+         integer(c_int), value :: nwhy
+      end function rkf_create
+      integer(c_int) function rkf_record(handle, head, one, none, two, ntwo, why, nwhy) bind(c)
+         import :: c_char, c_int, c_int64_t, c_ptr
+         type(c_ptr), value :: handle
+         integer(c_int64_t), intent(in) :: head(3)
+         type(c_ptr), value :: one, two
+         integer(c_int64_t), value :: none, ntwo
+         character(kind=c_char), intent(out) :: why(*)
+         integer(c_int), value :: nwhy
+      end function rkf_record
+      integer(c_int) function rkf_close(handle, why, nwhy) bind(c)
+         import :: c_char, c_int, c_ptr
+         type(c_ptr), value :: handle
+         character(kind=c_char), intent(out) :: why(*)
+         integer(c_int), value :: nwhy
+      end function rkf_close
+      integer(c_int64_t) function rkf_check(before, bytes, length) bind(c)
+         import :: c_int64_t, c_ptr
+         integer(c_int64_t), value :: before
+         type(c_ptr), value :: bytes
+         integer(c_int64_t), value :: length
+      end function rkf_check
+      integer(c_int) function unlink(path) bind(c)
+         import :: c_char, c_int
+         character(kind=c_char), intent(in) :: path(*)
+      end function unlink
+   end interface
 
 contains
 
@@ -47,85 +94,81 @@ subroutine open_journal(self, path, behind, error)
    integer(int64), intent(in) :: behind
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   character(len=10) :: mode
-   integer :: stat
-   character(len=200) :: why
+   character(kind=c_char) :: why(nwhy)
 
    self%path = path
-   mode = merge('old       ', 'replace   ', behind > 0)
-   open (newunit=self%unit, file=path, access='stream', form='unformatted', status=trim(mode), &
-      & action='readwrite', iostat=stat, iomsg=why)
-   if (stat == 0 .and. behind > 0) then
-      ! what stands behind is torn
-      read (self%unit, pos=behind + 1, iostat=stat)
-      if (stat == 0) endfile (self%unit, iostat=stat, iomsg=why)
-   end if
-   if (stat == 0) return
-   self%unit = 0
-   call fatal_error(error, err_file, path//': cannot be written: '//trim(why))
+   call self%check(rkf_create(path//c_null_char, merge(behind, -1_int64, behind > 0), &
+      & self%handle, why, nwhy), why, error)
 end subroutine open_journal
 
 !> Add a text
 subroutine add_text(self, kind, text, error)
-   !> Journal
+   !> Journal; nothing is added to a closed one
    class(journal_type), intent(inout) :: self
    !> Kind of the record
    integer(int64), intent(in) :: kind
    !> Text
-   character(len=*), intent(in) :: text
+   character(len=*), intent(in), target :: text
    !> Error handling: a full disk
    type(error_type), allocatable, intent(out) :: error
-   integer :: stat
+   character(kind=c_char) :: why(nwhy)
 
-   if (self%unit == 0) return
-   write (self%unit, iostat=stat) kind, len(text, int64), 0_int64, text, len(text, int64)
-   if (stat == 0) flush (self%unit, iostat=stat)
-   if (stat /= 0) call fatal_error(error, err_file, self%path//': cannot be written; is the disk ' &
-      & //'full?')
+   if (.not. c_associated(self%handle)) return
+   call self%check(rkf_record(self%handle, [kind, len(text, int64), 0_int64], c_loc(text), &
+      & len(text, int64), c_null_ptr, 0_int64, why, nwhy), why, error)
 end subroutine add_text
 
 !> Add a table of numbers, and another one
 subroutine add_numbers(self, kind, values, more, error)
-   !> Journal
+   !> Journal; nothing is added to a closed one
    class(journal_type), intent(inout) :: self
    !> Kind of the record
    integer(int64), intent(in) :: kind
    !> Numbers, shape (n)
-   real(wp), contiguous, intent(in) :: values(:)
+   real(wp), contiguous, intent(in), target :: values(:)
    !> Further ones, shape (m, columns)
-   real(wp), contiguous, intent(in) :: more(:, :)
+   real(wp), contiguous, intent(in), target :: more(:, :)
    !> Error handling: a full disk
    type(error_type), allocatable, intent(out) :: error
-   integer(int64) :: total
-   integer :: stat
+   character(kind=c_char) :: why(nwhy)
 
-   if (self%unit == 0) return
-   total = 8*(size(values, kind=int64) + size(more, kind=int64))
-   write (self%unit, iostat=stat) kind, total, size(more, 2, int64), values, more, total
-   if (stat == 0) flush (self%unit, iostat=stat)
-   if (stat /= 0) call fatal_error(error, err_file, self%path//': cannot be written; is the disk ' &
-      & //'full?')
+   if (.not. c_associated(self%handle)) return
+   associate (n => 8*size(values, kind=int64), m => 8*size(more, kind=int64))
+      call self%check(rkf_record(self%handle, [kind, n + m, size(more, 2, int64)], &
+         & c_loc(values), n, c_loc(more), m, why, nwhy), why, error)
+   end associate
 end subroutine add_numbers
 
-!> Close a journal
-subroutine close_journal(self, remove)
+!> Close a journal and remove it
+subroutine remove_journal(self)
    !> Journal; nothing happens to a closed one
    class(journal_type), intent(inout) :: self
-   !> It is needed no more
-   logical, intent(in) :: remove
-   integer :: ignored
+   character(kind=c_char) :: why(nwhy)
+   integer(c_int) :: ignored
 
-   if (self%unit == 0) return
-   if (remove) then
-      close (self%unit, status='delete', iostat=ignored)
-   else
-      close (self%unit, iostat=ignored)
-   end if
-   self%unit = 0
-end subroutine close_journal
+   if (.not. c_associated(self%handle)) return
+   ignored = rkf_close(self%handle, why, nwhy)
+   self%handle = c_null_ptr
+   ignored = unlink(self%path//c_null_char)
+end subroutine remove_journal
+
+!> Turn the answer of C into an error
+subroutine check(self, status, why, error)
+   !> Journal
+   class(journal_type), intent(in) :: self
+   !> 0 for success
+   integer(c_int), intent(in) :: status
+   !> Reason
+   character(kind=c_char), intent(in), target :: why(nwhy)
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+
+   if (status /= 0) call fatal_error(error, err_file, self%path//': cannot be written: ' &
+      & //to_fortran(c_loc(why)))
+end subroutine check
 
 !> Read a journal up to its last whole step
-subroutine read_journal(path, numbers, found, history, whole)
+subroutine read_journal(path, numbers, found, history, whole, damage)
    !> File, which exists
    character(len=*), intent(in) :: path
    !> Numbers of a step, beside its load
@@ -136,10 +179,14 @@ subroutine read_journal(path, numbers, found, history, whole)
    character(len=:), allocatable, intent(out) :: history
    !> Bytes up to there
    integer(int64), intent(out) :: whole
-   integer(int64) :: kind, length, columns, behind, at
+   !> Byte at which the first record begins whose check differs; negative where there is none
+   integer(int64), intent(out) :: damage
+   integer(int64) :: at, bytes, tail
+   integer(int64), target :: head(4)
    integer :: n, stat, unit
-   character(len=:), allocatable :: text, lines
-   real(wp), allocatable :: values(:)
+   character(len=:), allocatable :: lines
+   character(len=:), allocatable, target :: text
+   real(wp), allocatable, target :: values(:)
 
    allocate (found%load(0), found%step(numbers, 0), found%x(0, 0), found%carried(0, 0), &
       & found%source(3, 0), found%points(3, 0))
@@ -149,51 +196,65 @@ subroutine read_journal(path, numbers, found, history, whole)
    history = ''
    lines = ''
    whole = 0
+   damage = -1
+   inquire (file=path, size=bytes)
+   if (bytes < nhead) return
    open (newunit=unit, file=path, access='stream', form='unformatted', status='old', &
       & action='read', iostat=stat)
    if (stat /= 0) return
-   do
-      read (unit, iostat=stat) kind, length, columns
-      if (stat /= 0 .or. length < 0 .or. columns < 0) exit
-      if (kind <= is_approximation .or. kind == is_line) then
-         if (allocated(text)) deallocate (text)
-         allocate (character(len=length) :: text, stat=stat)
-         if (stat == 0) read (unit, iostat=stat) text, behind
-      else
-         if (allocated(values)) deallocate (values)
-         allocate (values(length/8), stat=stat)
-         if (stat == 0) read (unit, iostat=stat) values, behind
-      end if
+   at = 0
+   do while (at + nhead <= bytes)
+      read (unit, iostat=stat) head
       if (stat /= 0) exit
-      if (behind /= length) exit
-      select case (kind)
-      case (is_deck)
-         found%deck = text
-      case (is_overrides)
-         found%overrides = text
-      case (is_approximation)
-         found%approximation = text
-      case (is_source)
-         found%source = reshape(values, [3, size(values)/3])
-      case (is_points)
-         found%points = reshape(values, [3, size(values)/3])
-      case (is_line)
-         lines = lines//text//new_line('a')
-      case (is_step)
-         n = int((size(values) - numbers - 1)/(1 + columns))
-         if (size(found%load) == 0) then
-            deallocate (found%x)
-            allocate (found%x(n, 0))
+      damage = at
+      if (head(4) /= rkf_check(0_int64, c_loc(head), nhead - ncheck)) exit
+      damage = -1
+      associate (kind => head(1), length => head(2), columns => head(3))
+         ! a process that is killed leaves a part of its last record
+         if (at + nhead + length + ncheck > bytes) exit
+         if (kind <= is_approximation .or. kind == is_line) then
+            if (allocated(text)) deallocate (text)
+            allocate (character(len=length) :: text)
+            read (unit, iostat=stat) text, tail
+            if (stat /= 0) exit
+            if (tail /= rkf_check(0_int64, c_loc(text), length)) damage = at
+         else
+            if (allocated(values)) deallocate (values)
+            allocate (values(length/8))
+            read (unit, iostat=stat) values, tail
+            if (stat /= 0) exit
+            if (tail /= rkf_check(0_int64, c_loc(values), length)) damage = at
          end if
-         found%load = [found%load, values(1)]
-         found%step = reshape([found%step, values(2:numbers + 1)], [numbers, size(found%load)])
-         found%x = reshape([found%x, values(numbers + 2:numbers + 1 + n)], [n, size(found%load)])
-         found%carried = reshape([found%carried, values(numbers + 2 + n:)], &
-            & [n, size(found%carried, 2) + int(columns)])
-         history = lines
-         inquire (unit, pos=at)
-         whole = at - 1
-      end select
+         if (damage >= 0) exit
+         at = at + nhead + length + ncheck
+         select case (kind)
+         case (is_deck)
+            found%deck = text
+         case (is_overrides)
+            found%overrides = text
+         case (is_approximation)
+            found%approximation = text
+         case (is_source)
+            found%source = reshape(values, [3, size(values)/3])
+         case (is_points)
+            found%points = reshape(values, [3, size(values)/3])
+         case (is_line)
+            lines = lines//text//new_line('a')
+         case (is_step)
+            n = int((size(values) - numbers - 1)/(1 + columns))
+            if (size(found%load) == 0) then
+               deallocate (found%x)
+               allocate (found%x(n, 0))
+            end if
+            found%load = [found%load, values(1)]
+            found%step = reshape([found%step, values(2:numbers + 1)], [numbers, size(found%load)])
+            found%x = reshape([found%x, values(numbers + 2:numbers + 1 + n)], [n, size(found%load)])
+            found%carried = reshape([found%carried, values(numbers + 2 + n:)], &
+               & [n, size(found%carried, 2) + int(columns)])
+            history = lines
+            whole = at
+         end select
+      end associate
    end do
    close (unit)
 end subroutine read_journal

@@ -1,17 +1,18 @@
 !> Receives what happens in a solve: progress lines, history.csv, run.log and results.vtkhdf.
 module rk_output
    use, intrinsic :: ieee_arithmetic, only : ieee_is_nan
+   use rk_bars, only : printed
    use rk_clock, only : tick
    use rk_deck, only : deck_type
    use rk_deck_scene, only : approximation_text
    use rk_discretisation, only : discretisation_type
-   use rk_error, only : error_type, fatal_error, err_convergence
+   use rk_error, only : error_type
    use rk_fields, only : compute_fields
    use rk_journal, only : is_approximation, is_deck, is_line, is_overrides, is_points, is_source, &
       & is_step, journal_type
    use rk_point_field, only : point_field
    use rk_precision, only : i8, wp
-   use rk_probes, only : new_probes, probe_value, probes_type, quantity_kind, quantity_size
+   use rk_probes, only : new_probes, probe_value, probes_type, quantity_size
    use rk_recorder, only : iteration_type, recorder_type, step_type
    use rk_results, only : results_type
    use rk_resume, only : journal_name, step_columns, step_numbers, to_space
@@ -20,6 +21,7 @@ module rk_output
    use rk_system, only : interrupted, tell
    use rk_text, only : to_power, to_text
    use rk_text_file, only : text_file
+   use rk_units, only : probe_unit
    use rk_verdict, only : verdict_type
    implicit none
    private
@@ -174,7 +176,7 @@ subroutine publish(self, error)
    if (.not. allocated(error)) call self%history%publish(error)
    if (.not. allocated(error)) call self%log%publish(error)
    ! a run that goes on begins with these
-   if (.not. allocated(error)) call self%journal%close(remove=.true.)
+   if (.not. allocated(error)) call self%journal%remove()
 end subroutine publish
 
 !> Keep the first failure of writing
@@ -249,13 +251,7 @@ subroutine step(self, st, x)
    grown(n + 1)%step = st
    allocate (grown(n + 1)%probe(3, size(self%problem%scene%probe)))
    do i = 1, size(self%problem%scene%probe)
-      associate (value => grown(n + 1)%probe(:, i), probe => self%problem%scene%probe(i))
-         call probe_value(self%problem, self%probes, i, state, value)
-         if (all(abs(value(:quantity_size(probe%quantity))) <= huge(1.0_wp))) cycle
-         call fatal_error(error, err_convergence, 'probe '//probe%name//' is not finite at load ' &
-            & //to_text(st%load))
-         call keep(self, error)
-      end associate
+      call probe_value(self%problem, self%probes, i, state, grown(n + 1)%probe(:, i))
    end do
    call move_alloc(grown, self%record)
    if (self%repeated > 0 .and. st%step <= self%repeated) then
@@ -301,12 +297,13 @@ subroutine step(self, st, x)
    call self%say(trim(line), level=0)
 end subroutine step
 
-!> Stop on Ctrl-C, and where results cannot be written any more
+!> Stop on Ctrl-C, but not before all states of the run that goes on are recorded again, and where
+!> results cannot be written any more
 logical function stopped(self)
    !> Files
    class(output_type), intent(inout) :: self
 
-   stopped = interrupted() .or. allocated(self%error)
+   stopped = (interrupted() .and. self%loaded_states() >= self%repeated) .or. allocated(self%error)
 end function stopped
 
 !> A line to the log and, where wanted, to the terminal
@@ -345,9 +342,11 @@ subroutine note(self, line)
 end subroutine note
 
 !> Probes with their error bars, and the verdict into the log
-subroutine tell_verdict(self, verdict)
+subroutine tell_verdict(self, deck, verdict)
    !> Files
    class(output_type), intent(inout) :: self
+   !> Deck
+   type(deck_type), intent(in) :: deck
    !> Verdict
    type(verdict_type), intent(in) :: verdict
    character(len=:), allocatable :: line
@@ -362,12 +361,10 @@ subroutine tell_verdict(self, verdict)
             if (ieee_is_nan(bars%change(i))) then
                line = '  '//probe%name//' '//numbers(bars%value(:n, i), 6)
             else
-               ! far below its bar a number is rounding
-               line = '  '//probe%name//' '//numbers(merge(0.0_wp, bars%value(:n, i), &
-                  & abs(bars%value(:n, i)) < 1.0e-6_wp*bars%bar(:n, i)), 6)//' +- ' &
-                  & //numbers(bars%bar(:n, i), 2)
+               line = '  '//probe%name//' '//numbers(printed(bars%value(:n, i), &
+                  & bars%bar(:n, i)), 6)//' +- '//numbers(bars%bar(:n, i), 2)
             end if
-            line = line//' '//unit_of(self%problem%scene, i)
+            line = line//' '//probe_unit(deck, i)
             if (bars%unresolved(i)) line = trim(line)//'  not resolved'
             call self%say(trim(line), level=0)
          end associate
@@ -393,33 +390,5 @@ function numbers(values, digits) result(text)
    end do
    text = '('//text//')'
 end function numbers
-
-!> Unit of a probe, blank for ratios
-function unit_of(scene, i) result(text)
-   !> Scene
-   type(scene_type), intent(in) :: scene
-   !> Probe
-   integer, intent(in) :: i
-   character(len=:), allocatable :: text
-
-   associate (probe => scene%probe(i))
-      select case (quantity_kind(probe%quantity))
-      case ('force')
-         text = scene%force_unit
-      case ('torque')
-         text = scene%force_unit//' '//scene%length_unit
-      case ('length')
-         text = scene%length_unit
-      case ('energy')
-         text = scene%force_unit//' '//scene%length_unit
-      case ('angle')
-         text = 'degree'
-      case ('ratio')
-         text = ''
-      case default
-         text = scene%force_unit//'/'//scene%length_unit//'^2'
-      end select
-   end associate
-end function unit_of
 
 end module rk_output

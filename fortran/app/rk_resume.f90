@@ -4,7 +4,7 @@ module rk_resume
    use rk_deck, only : deck_type
    use rk_deck_scene, only : approximation_text
    use rk_discretisation, only : discretisation_type
-   use rk_error, only : error_type, fatal_error, err_input
+   use rk_error, only : error_type, fatal_error, err_file, err_input
    use rk_journal, only : read_journal
    use rk_precision, only : wp
    use rk_recorder, only : start_type, step_type
@@ -27,7 +27,7 @@ contains
 
 !> Load steps of an ended run in a folder, and the lines of its history that belong to them: by its
 !> journal where it was killed, by its results where it ended
-subroutine resume_run(folder, deck, problem, start, history, worst, journal, error)
+subroutine resume_run(folder, deck, problem, start, history, worst, journal, damage, error)
    !> Folder
    character(len=*), intent(in) :: folder
    !> Deck, which must be that of the run
@@ -42,6 +42,8 @@ subroutine resume_run(folder, deck, problem, start, history, worst, journal, err
    real(wp), allocatable, intent(out) :: worst(:, :)
    !> Bytes of the journal that are whole, 0 where there is none
    integer(int64), intent(out) :: journal
+   !> What of the journal is left out because it was changed; blank where nothing is
+   character(len=:), allocatable, intent(out) :: damage
    !> Error handling: another deck, other points, a damaged file
    type(error_type), allocatable, intent(out) :: error
    type(restart_type) :: found
@@ -53,8 +55,9 @@ subroutine resume_run(folder, deck, problem, start, history, worst, journal, err
 
    history = ''
    journal = 0
+   damage = ''
    if (problem%is_linear()) return
-   call read_run(folder, found, path, history, journal, error)
+   call read_run(folder, found, path, history, journal, damage, error)
    if (allocated(error) .or. .not. allocated(found%load)) return
    if (size(found%load) == 0) return
    first = found%x(:, 1)
@@ -102,13 +105,13 @@ subroutine resume_points(folder, deck, resumed, error)
    type(error_type), allocatable, intent(out) :: error
    type(restart_type) :: found
    type(deck_type) :: finer
-   character(len=:), allocatable :: path, history
+   character(len=:), allocatable :: path, history, damage
    character(len=512), allocatable :: words(:)
    integer(int64) :: journal
    integer :: k, own
 
    resumed = .false.
-   call read_run(folder, found, path, history, journal, error)
+   call read_run(folder, found, path, history, journal, damage, error)
    if (allocated(error) .or. .not. allocated(found%load)) return
    if (size(found%load) < 2) return
    own = len(deck%overrides)
@@ -128,7 +131,7 @@ subroutine resume_points(folder, deck, resumed, error)
 end subroutine resume_points
 
 !> States of the run in a folder, that at load 0 first; none are allocated where there is no run
-subroutine read_run(folder, found, path, history, journal, error)
+subroutine read_run(folder, found, path, history, journal, damage, error)
    !> Folder
    character(len=*), intent(in) :: folder
    !> States
@@ -139,17 +142,31 @@ subroutine read_run(folder, found, path, history, journal, error)
    character(len=:), allocatable, intent(out) :: history
    !> Bytes of the journal that are whole, 0 where there is none
    integer(int64), intent(out) :: journal
+   !> What of the journal is left out because it was changed; blank where nothing is
+   character(len=:), allocatable, intent(out) :: damage
    !> Error handling: a damaged file
    type(error_type), allocatable, intent(out) :: error
    character(len=:), allocatable :: text
+   integer(int64) :: changed
    logical :: exists
 
    history = ''
    journal = 0
+   damage = ''
    path = folder//journal_name
    inquire (file=path, exist=exists)
    if (exists) then
-      call read_journal(path, numbers_of_step, found, history, journal)
+      call read_journal(path, numbers_of_step, found, history, journal, changed)
+      if (changed < 0) return
+      damage = path//': its record at byte '//to_text(changed)//' is damaged, or another ' &
+         & //'version wrote it'
+      if (size(found%load) < 2) then
+         call fatal_error(error, err_file, damage//', and no load step stands before it; ' &
+            & //'without --resume the run begins anew')
+      else
+         damage = damage//': goes on behind load step '//to_text(size(found%load) - 1) &
+            & //', what follows is computed again'
+      end if
       return
    end if
    path = folder//'/results.vtkhdf'

@@ -1,7 +1,7 @@
 !> summary.json of a solve.
 module rk_summary
    use, intrinsic :: ieee_arithmetic, only : ieee_is_nan, ieee_quiet_nan, ieee_value
-   use rk_bars, only : bars_type
+   use rk_bars, only : bars_type, printed
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type
    use rk_discretisation, only : discretisation_type
@@ -9,7 +9,7 @@ module rk_summary
    use rk_error_norms, only : norms_type
    use rk_exact, only : exact_value
    use rk_json, only : json_type
-   use rk_json_entries, only : json_entry
+   use rk_json_entries, only : json_entry, read_entries
    use rk_named_sets, only : extent_of
    use rk_output, only : output_type, step_record
    use rk_precision, only : wp
@@ -17,12 +17,13 @@ module rk_summary
    use rk_refine, only : refinement_type
    use rk_run, only : outcome_type
    use rk_scene, only : scene_type
-   use rk_system, only : cpu_seconds, peak_bytes, version_text
-   use rk_verdict, only : verdict_names, verdict_type
+   use rk_system, only : cpu_seconds, move_solution, peak_bytes, version_text
+   use rk_units, only : put_probe_units, put_units, set_unit
+   use rk_verdict, only : refused, verdict_names, verdict_type
    implicit none
    private
 
-   public :: write_summary, mark_summary, is_complete
+   public :: write_summary, set_aside, earlier_entries, is_finished, is_solved
 
    !> Entries of the stations before a solve, which hold whatever is solved; all others tell of a
    !> solution, `rom` as well, and end with it
@@ -61,18 +62,13 @@ subroutine write_summary(path, deck, problem, output, outcome, verdict, refineme
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
    type(json_type) :: json
-   integer :: k
 
    associate (scene => problem%scene)
       call json%begin_object()
       call json%put('title', scene%title)
       call json%put('deck_sha256', deck%sha256)
       call json%put('version', version_text())
-      call json%begin_object('units')
-      call json%put('force', scene%force_unit)
-      call json%put('length', scene%length_unit)
-      call json%put('stress', scene%force_unit//'/'//scene%length_unit//'^2')
-      call json%end_object()
+      call put_units(json, 'units', deck)
       call json%put('method', scene%method)
       call json%put('dimension', scene%cloud%nd)
       call json%begin_object('solver')
@@ -87,7 +83,7 @@ subroutine write_summary(path, deck, problem, output, outcome, verdict, refineme
       call json%end_object()
       call json%put('source_points', problem%shape%ns)
       call json%put('collocation_points', size(problem%scene%cloud%points, 2))
-      if (allocated(scene%cloud%region)) call write_sets(json, scene%cloud)
+      if (allocated(scene%cloud%region)) call write_sets(json, scene%cloud, set_unit(deck))
       call json%put('stencils', maxval(problem%shape%stencil))
       call json%put('dofs', problem%n)
       call json%put('rows', problem%m)
@@ -96,6 +92,7 @@ subroutine write_summary(path, deck, problem, output, outcome, verdict, refineme
       if (.not. converged) call json%put('message', message)
       call write_verdict(json, verdict)
       if (allocated(refinement%reason)) call write_refinement(json, refinement)
+      call put_probe_units(json, deck)
       call write_steps(json, problem, output, verdict)
       if (converged) call write_exact(json, problem, output)
       if (allocated(outcome%norms)) call write_norms(json, outcome%norms)
@@ -116,9 +113,7 @@ subroutine write_summary(path, deck, problem, output, outcome, verdict, refineme
       call json%begin_array('warnings')
       call write_lines(json, outcome%warnings)
       call json%end_array()
-      do k = 1, size(earlier)
-         if (any(kept == earlier(k)%key)) call json%put_json(earlier(k)%key, earlier(k)%value)
-      end do
+      call put_kept(json, earlier)
       call json%begin_object('deck')
       call deck%write_json(json)
       call json%end_object()
@@ -128,11 +123,13 @@ subroutine write_summary(path, deck, problem, output, outcome, verdict, refineme
 end subroutine write_summary
 
 !> Sets that are parts of the surface
-subroutine write_sets(json, cloud)
+subroutine write_sets(json, cloud, unit)
    !> JSON inside the summary
    type(json_type), intent(inout) :: json
    !> Points
    type(cloud_type), intent(in) :: cloud
+   !> Unit of their extents
+   character(len=*), intent(in) :: unit
    type(error_type), allocatable :: error
    real(wp) :: area, middle(cloud%nd)
    integer :: k
@@ -145,45 +142,129 @@ subroutine write_sets(json, cloud)
       call json%put('name', trim(cloud%set_names(k)))
       call json%put('boundary_points', count(cloud%within(k, :)))
       call json%put('area', area)
+      call json%put('unit', unit)
       call json%put('middle', middle)
       call json%end_object()
    end do
    call json%end_array()
 end subroutine write_sets
 
-!> Whether a summary is that of a solve that reached full load
-pure logical function is_complete(entries)
-   !> Entries of the file
-   type(json_entry), intent(in) :: entries(:)
+!> Whether a summary is that of a solve that reached full load and was not refused
+logical function is_finished(path)
+   !> File; one that is not there is not finished
+   character(len=*), intent(in) :: path
+   type(json_entry), allocatable :: entries(:)
+   logical :: damaged
    integer :: k
 
-   is_complete = .false.
+   is_finished = .false.
+   call read_entries(path, entries, damaged)
    do k = 1, size(entries)
-      if (entries(k)%key == 'converged') is_complete = entries(k)%value == 'true'
+      if (entries(k)%key == 'converged') is_finished = entries(k)%value == 'true'
    end do
-end function is_complete
+   do k = 1, size(entries)
+      ! a mark inside a text has a backslash before it
+      if (entries(k)%key == 'verdict') is_finished = is_finished .and. index(entries(k)%value, &
+         & '"'//trim(verdict_names(refused))//'"') == 0
+   end do
+end function is_finished
 
-!> Leave an earlier summary as it is, but for a word on the solve that could not take its place
-subroutine mark_summary(path, earlier, message, error)
-   !> File
-   character(len=*), intent(in) :: path
-   !> Its entries
-   type(json_entry), intent(in) :: earlier(:)
-   !> How the solve ended
+!> Whether the summary in a folder is that of a solve, finished or not
+logical function is_solved(folder)
+   !> Folder
+   character(len=*), intent(in) :: folder
+   type(json_entry), allocatable :: entries(:)
+   logical :: damaged
+   integer :: k
+
+   call read_entries(folder//'/summary.json', entries, damaged)
+   is_solved = any([(entries(k)%key == 'converged', k=1, size(entries))])
+end function is_solved
+
+!> Set the solution in a folder aside (rk_system), and say in its place why there is none yet
+subroutine set_aside(folder, whole, begins, deck, scene, message, error)
+   !> Folder, claimed by this process
+   character(len=*), intent(in) :: folder
+   !> Move all its files, not its summary alone
+   logical, intent(in) :: whole
+   !> A new solution begins: also what has not finished makes room
+   logical, intent(in) :: begins
+   !> Deck that was asked, and its scene; both as far as they could be read
+   type(deck_type), intent(in) :: deck
+   type(scene_type), intent(in) :: scene
+   !> Why there is no solution
    character(len=*), intent(in) :: message
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
+   type(json_entry), allocatable :: earlier(:)
+   type(error_type), allocatable :: unwritten
    type(json_type) :: json
+   character(len=:), allocatable :: path, reason
+   logical :: there
+
+   call earlier_entries(folder, earlier)
+   path = folder//'/summary.json.previous'
+   inquire (file=path, exist=there)
+   if (.not. there) path = folder//'/summary.json'
+   call move_solution(folder, is_finished(path), is_finished(folder//'/previous/summary.json'), &
+      & whole, begins, error)
+   reason = message
+   if (allocated(error)) reason = error%message
+   call json%begin_object()
+   if (allocated(scene%title)) call json%put('title', scene%title)
+   if (allocated(deck%sha256)) call json%put('deck_sha256', deck%sha256)
+   call json%put('version', version_text())
+   call json%put('converged', .false.)
+   call json%put('message', reason)
+   call json%begin_object('verdict')
+   call json%put('state', trim(verdict_names(refused)))
+   call json%begin_array('reasons')
+   call json%put(reason)
+   call json%end_array()
+   call json%end_object()
+   call json%begin_array('steps')
+   call json%end_array()
+   call json%begin_array('warnings')
+   call json%end_array()
+   call put_kept(json, earlier)
+   call json%end_object()
+   call json%save(folder//'/summary.json', unwritten)
+   if (allocated(unwritten) .and. .not. allocated(error)) call move_alloc(unwritten, error)
+end subroutine set_aside
+
+!> Entries of the summary in a folder; of that which was set aside where a run ended before it
+!> wrote one
+subroutine earlier_entries(folder, entries, damaged)
+   !> Folder
+   character(len=*), intent(in) :: folder
+   !> Entries
+   type(json_entry), allocatable, intent(out) :: entries(:)
+   !> The file is there and is not a JSON object
+   logical, intent(out), optional :: damaged
+   character(len=*), parameter :: names(*) = [character(len=22) :: 'summary.json', &
+      & 'summary.json.previous', 'previous/summary.json']
+   logical :: unread
    integer :: k
 
-   call json%begin_object()
-   do k = 1, size(earlier)
-      if (earlier(k)%key /= 'failed') call json%put_json(earlier(k)%key, earlier(k)%value)
+   do k = 1, size(names)
+      call read_entries(folder//'/'//trim(names(k)), entries, unread)
+      if (present(damaged)) damaged = unread
+      if (unread .or. size(entries) > 0) return
    end do
-   call json%put('failed', message)
-   call json%end_object()
-   call json%save(path, error)
-end subroutine mark_summary
+end subroutine earlier_entries
+
+!> Entries of earlier stations that hold whatever is solved
+subroutine put_kept(json, earlier)
+   !> JSON inside the summary
+   type(json_type), intent(inout) :: json
+   !> Entries of an earlier summary
+   type(json_entry), intent(in) :: earlier(:)
+   integer :: k
+
+   do k = 1, size(earlier)
+      if (any(kept == earlier(k)%key)) call json%put_json(earlier(k)%key, earlier(k)%value)
+   end do
+end subroutine put_kept
 
 !> Search for the points
 subroutine write_refinement(json, refinement)
@@ -279,13 +360,8 @@ subroutine write_steps(json, problem, output, verdict)
          end if
          call json%begin_object('probes')
          do i = 1, size(problem%scene%probe)
-            associate (probe => problem%scene%probe(i))
-               if (quantity_size(probe%quantity) == 1 .or. problem%fields == 1) then
-                  call json%put(probe%name, record%probe(1, i))
-               else
-                  call json%put(probe%name, record%probe(:problem%scene%cloud%nd, i))
-               end if
-            end associate
+            call put_values(json, problem%scene%probe(i)%name, &
+               & record%probe(:numbers_of(problem, i), i))
          end do
          call json%end_object()
          call write_bars(json, problem, record, verdict%bars)
@@ -314,7 +390,7 @@ subroutine write_activations(json, scene, load)
    call json%end_object()
 end subroutine write_activations
 
-!> Error bars of the probes of a step
+!> Error bars of the probes of a step, and values that are printed otherwise than they are found
 subroutine write_bars(json, problem, record, bars)
    !> JSON inside the step
    type(json_type), intent(inout) :: json
@@ -324,25 +400,61 @@ subroutine write_bars(json, problem, record, bars)
    type(step_record), intent(in) :: record
    !> Error bars
    type(bars_type), intent(in) :: bars
+   real(wp) :: bar(3, size(problem%scene%probe)), shown(3, size(problem%scene%probe))
+   logical :: known(size(problem%scene%probe)), other(size(problem%scene%probe))
    integer :: i, n
 
+   known = .false.
+   if (allocated(bars%change)) known = .not. ieee_is_nan(bars%change)
+   other = .false.
    call json%begin_object('probe_errors')
-   do i = 1, size(problem%scene%probe)
-      if (.not. allocated(bars%change)) exit
-      if (ieee_is_nan(bars%change(i))) cycle
-      associate (probe => problem%scene%probe(i), value => record%probe(:, i))
-         n = problem%scene%cloud%nd
-         if (quantity_size(probe%quantity) == 1 .or. problem%fields == 1) then
-            associate (bar => bars%at(i, record%step%load, value(:1)))
-               call json%put(probe%name, bar(1))
-            end associate
-         else
-            call json%put(probe%name, bars%at(i, record%step%load, value(:n)))
-         end if
+   do i = 1, size(known)
+      if (.not. known(i)) cycle
+      n = numbers_of(problem, i)
+      associate (value => record%probe(:n, i))
+         bar(:n, i) = bars%at(i, record%step%load, value)
+         shown(:n, i) = printed(value, bar(:n, i))
+         other(i) = any(abs(shown(:n, i) - value) > 0.0_wp)
       end associate
+      call put_values(json, problem%scene%probe(i)%name, bar(:n, i))
+   end do
+   call json%end_object()
+   if (.not. any(other)) return
+   call json%begin_object('printed')
+   do i = 1, size(other)
+      if (other(i)) call put_values(json, problem%scene%probe(i)%name, &
+         & shown(:numbers_of(problem, i), i))
    end do
    call json%end_object()
 end subroutine write_bars
+
+!> How many numbers a probe has
+pure integer function numbers_of(problem, i)
+   !> Problem
+   class(discretisation_type), intent(in) :: problem
+   !> Probe
+   integer, intent(in) :: i
+
+   numbers_of = 1
+   if (quantity_size(problem%scene%probe(i)%quantity) > 1 .and. problem%fields > 1) &
+      & numbers_of = problem%scene%cloud%nd
+end function numbers_of
+
+!> A number, or several as an array
+subroutine put_values(json, name, values)
+   !> JSON inside an object
+   type(json_type), intent(inout) :: json
+   !> Name of the entry
+   character(len=*), intent(in) :: name
+   !> Numbers
+   real(wp), intent(in) :: values(:)
+
+   if (size(values) == 1) then
+      call json%put(name, values(1))
+   else
+      call json%put(name, values)
+   end if
+end subroutine put_values
 
 !> Verdict, its reasons and the second solution
 subroutine write_verdict(json, verdict)

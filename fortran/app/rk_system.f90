@@ -1,6 +1,6 @@
 !> Signals, folders, memory and version, from system.c.
 module rk_system
-   use, intrinsic :: iso_c_binding, only : c_char, c_double, c_int, c_null_char, c_ptr
+   use, intrinsic :: iso_c_binding, only : c_char, c_double, c_int, c_loc, c_null_char, c_ptr
    use, intrinsic :: iso_fortran_env, only : output_unit
    use rk_cstring, only : to_fortran
    use rk_error, only : error_type, fatal_error, err_file
@@ -10,7 +10,11 @@ module rk_system
    private
 
    public :: catch_signals, prepare_process, interrupted, peak_bytes, cpu_seconds
-   public :: make_folder, lock_folder, usage_text, version_text, tell
+   public :: make_folder, lock_folder, move_solution, drop_previous, usage_text, version_text, tell
+   public :: process_number
+
+   !> Room for the reason of a failure
+   integer(c_int), parameter :: nwhy = 300
 
    interface
       !> Install the handlers
@@ -19,12 +23,32 @@ module rk_system
       !> Settings of the process: limits, and the parent to end with
       subroutine prepare_process() bind(c, name='rk_prepare_process')
       end subroutine prepare_process
-      function c_lock_folder(path, owner) result(status) bind(c, name='rk_lock_folder')
+      function c_lock_folder(path, owner, why, nwhy) result(status) bind(c, name='rk_lock_folder')
          import :: c_char, c_int
          character(kind=c_char), intent(in) :: path(*)
          integer(c_int), intent(out) :: owner
+         character(kind=c_char), intent(out) :: why(*)
+         integer(c_int), value :: nwhy
          integer(c_int) :: status
       end function c_lock_folder
+      function c_set_aside(path, finished, kept, whole, begins, why, nwhy) result(status) &
+            & bind(c, name='rk_set_aside')
+         import :: c_char, c_int
+         character(kind=c_char), intent(in) :: path(*)
+         integer(c_int), value :: finished, kept, whole, begins, nwhy
+         character(kind=c_char), intent(out) :: why(*)
+         integer(c_int) :: status
+      end function c_set_aside
+      subroutine c_drop_previous(path, all) bind(c, name='rk_drop_previous')
+         import :: c_char, c_int
+         character(kind=c_char), intent(in) :: path(*)
+         integer(c_int), value :: all
+      end subroutine c_drop_previous
+      !> Number of this process
+      function process_number() result(number) bind(c, name='getpid')
+         import :: c_int
+         integer(c_int) :: number
+      end function process_number
       function c_interrupted() result(yes) bind(c, name='rk_interrupted')
          import :: c_int
          integer(c_int) :: yes
@@ -93,18 +117,48 @@ subroutine lock_folder(path, error)
    character(len=*), intent(in) :: path
    !> Error handling: another process has it
    type(error_type), allocatable, intent(out) :: error
-   integer(c_int) :: owner, status
+   character(kind=c_char), target :: why(nwhy)
+   integer(c_int) :: owner
 
-   status = c_lock_folder(path//c_null_char, owner)
-   if (status == 0) return
+   if (c_lock_folder(path//c_null_char, owner, why, nwhy) == 0) return
    if (owner > 0) then
       call fatal_error(error, err_file, 'folder '//path//' is in use by another run (process ' &
          & //to_text(int(owner))//'): wait for its end or name another folder')
    else
-      call fatal_error(error, err_file, 'folder '//path//' cannot be claimed for output: ' &
-         & //to_fortran(c_error_text(status)))
+      call fatal_error(error, err_file, path//'/.lock: cannot be written: ' &
+         & //to_fortran(c_loc(why)))
    end if
 end subroutine lock_folder
+
+!> Set the solution in a folder aside: nobody shall take it for that of the run that was asked now
+subroutine move_solution(path, finished, kept, whole, begins, error)
+   !> Folder, claimed by this process
+   character(len=*), intent(in) :: path
+   !> Whether the solution in it has finished, and whether one that has is kept in `previous`
+   logical, intent(in) :: finished, kept
+   !> Move all its files, not its summary alone
+   logical, intent(in) :: whole
+   !> A new solution begins: also what has not finished makes room
+   logical, intent(in) :: begins
+   !> Error handling: a name that cannot be used
+   type(error_type), allocatable, intent(out) :: error
+   character(kind=c_char), target :: why(nwhy)
+
+   if (c_set_aside(path//c_null_char, merge(1, 0, finished), merge(1, 0, kept), &
+      & merge(1, 0, whole), merge(1, 0, begins), why, nwhy) == 0) return
+   call fatal_error(error, err_file, path//': the results in it cannot be set aside: ' &
+      & //to_fortran(c_loc(why)))
+end subroutine move_solution
+
+!> Remove what was set aside for results that have their names now
+subroutine drop_previous(path, all)
+   !> Folder
+   character(len=*), intent(in) :: path
+   !> Also the last finished solution, not only the summary of what was replaced
+   logical, intent(in) :: all
+
+   call c_drop_previous(path//c_null_char, merge(1, 0, all))
+end subroutine drop_previous
 
 !> Print a line; a reader that has gone away is no reason to end
 subroutine tell(line)

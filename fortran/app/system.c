@@ -2,6 +2,7 @@
 #define _GNU_SOURCE
 #include <errno.h>
 #include <fcntl.h>
+#include <limits.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -81,23 +82,103 @@ void rk_prepare_process(void) {
    if (getppid() != (pid_t)atol(parent)) interrupted = 1;
 }
 
-/* Claim a folder for this process until it ends: 0, or EWOULDBLOCK with the process that has it.
-   File systems without locks are accepted. */
-int rk_lock_folder(const char *path, int *owner) {
-   char name[4096];
+/* base/files.c: open a name for output that is neither a link nor a pipe */
+int rkf_output(const char *path, int keep, char *why, int nwhy);
+
+/* Claim a folder for this process until it ends: 0, or -1 with the process that has it, or with the
+   reason. File systems without locks are accepted. */
+int rk_lock_folder(const char *path, int *owner, char *why, int nwhy) {
+   char name[PATH_MAX];
    *owner = 0;
-   if (snprintf(name, sizeof name, "%s/.lock", path) >= (int)sizeof name) return ENAMETOOLONG;
-   int file = open(name, O_RDWR | O_CREAT | O_CLOEXEC, 0666);
-   if (file < 0) return errno;
+   if (snprintf(name, sizeof name, "%s/.lock", path) >= (int)sizeof name) {
+      snprintf(why, (size_t)nwhy, "%s", strerror(ENAMETOOLONG));
+      return -1;
+   }
+   int file = rkf_output(name, 1, why, nwhy);
+   if (file < 0) return -1;
    if (flock(file, LOCK_EX | LOCK_NB) != 0) {
       char text[32] = "";
       int busy = errno == EWOULDBLOCK;
       if (busy && read(file, text, sizeof text - 1) > 0) *owner = atoi(text);
+      snprintf(why, (size_t)nwhy, "another process has it");
       close(file);
-      return busy ? EWOULDBLOCK : 0;
+      return busy ? -1 : 0;
    }
    if (ftruncate(file, 0) == 0) dprintf(file, "%ld\n", (long)getpid());
    return 0;   /* the file stays open, and with it the lock, until the process ends */
+}
+
+/* Files of a solution beside its summary; files.py has the same. */
+static const char *const solution[] = {"results.vtkhdf", "history.csv", "run.log", "report.html",
+                                       "compare.html", "reduced_fields.npz"};
+enum { FILES = sizeof solution / sizeof solution[0] };
+static const char summary[] = "summary.json";
+/* Summary of the results in the folder while summary.json is that of a run that has none. */
+static const char waiting[] = "summary.json.previous";
+/* Folder in the folder for the last finished solution while later runs have not finished. */
+static const char previous[] = "previous";
+
+static int has(int folder, const char *name) {
+   struct stat info;
+   return fstatat(folder, name, &info, AT_SYMLINK_NOFOLLOW) == 0;
+}
+
+/* 0 also where there is no such file */
+static int move(int folder, const char *name, int to, const char *as) {
+   return renameat(folder, name, to, as) != 0 && errno != ENOENT;
+}
+
+static void remove_solution(int folder, const char *of_it) {
+   for (int k = 0; k < FILES; k++) unlinkat(folder, solution[k], 0);
+   unlinkat(folder, of_it, 0);
+}
+
+/* Never a link: what it leads to is not ours. */
+static int open_folder(int within, const char *name) {
+   return openat(within, name, O_RDONLY | O_DIRECTORY | O_CLOEXEC | (within == AT_FDCWD ? 0 : O_NOFOLLOW));
+}
+
+/* Results have their names: what was set aside for them is needed no more. */
+void rk_drop_previous(const char *path, int all) {
+   int folder = open_folder(AT_FDCWD, path);
+   int away = all ? open_folder(folder, previous) : -1;
+   unlinkat(folder, waiting, 0);
+   if (away >= 0) {
+      remove_solution(away, summary);
+      unlinkat(folder, previous, AT_REMOVEDIR);   /* unless somebody has put other files there */
+      close(away);
+   }
+   if (folder >= 0) close(folder);
+}
+
+/* Set the solution in a folder aside: its summary at once, so that nobody takes it for that of the
+   run that was asked now; with `whole` its other files as well, unless its own run has not finished
+   and may be resumed. Where a new one `begins` they go then, too: to `previous`, unless a finished
+   solution is `kept` there. Results are moved first and their summary last, so that the next call
+   goes on where this one was ended. 0, or -1 with the reason. */
+int rk_set_aside(const char *path, int finished, int kept, int whole, int begins, char *why, int nwhy) {
+   int folder = open_folder(AT_FDCWD, path), results = has(folder, solution[0]), failed = folder < 0;
+   if (!failed && !has(folder, waiting) && (finished || results))
+      failed = move(folder, summary, folder, waiting);
+   if (!failed && whole && begins && results && !finished && kept) {
+      remove_solution(folder, waiting);
+   } else if (!failed && whole && (finished || (begins && results))) {
+      failed = mkdirat(folder, previous, 0777) != 0 && errno != EEXIST;
+      int away = failed ? -1 : open_folder(folder, previous);
+      failed = away < 0;
+      if (!failed && results) remove_solution(away, summary);
+      for (int k = 0; k < FILES && !failed; k++) failed = move(folder, solution[k], away, solution[k]);
+      failed = failed || move(folder, waiting, away, summary);
+      if (failed && (errno == ELOOP || errno == ENOTDIR))
+         snprintf(why, (size_t)nwhy, "%s in it is not a folder; remove it", previous);
+      else if (failed)
+         snprintf(why, (size_t)nwhy, "%s", strerror(errno));
+      if (away >= 0) close(away);
+   } else if (failed) {
+      snprintf(why, (size_t)nwhy, "%s", strerror(errno));
+   }
+   if (folder >= 0) close(folder);
+   return failed ? -1 : 0;
 }
 
 int rk_interrupted(void) { return interrupted != 0; }

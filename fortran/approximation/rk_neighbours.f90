@@ -104,7 +104,9 @@ function nearest_points(point, place) result(nearest)
          distance = huge(1.0_wp)
          do k = 1, n
             associate (d => sum((point(:, found(k)) - place(:, ip))**2))
-               if (d < distance .or. (.not. d > distance .and. found(k) < nearest(ip))) then
+               ! the square of a distance may overflow
+               if (nearest(ip) == 0 .or. d < distance .or. (.not. d > distance &
+                  .and. found(k) < nearest(ip))) then
                   distance = d
                   nearest(ip) = found(k)
                end if

@@ -3,9 +3,14 @@
  *
  * Every function returns 0, or -1 with the reason in `why`, a C string cut to `nwhy` characters.
  */
+#define _GNU_SOURCE
 #include <errno.h>
+#include <fcntl.h>
+#include <stdint.h>
 #include <stdio.h>
 #include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 static int finish(int failed, char *why, int nwhy)
 {
@@ -13,16 +18,73 @@ static int finish(int failed, char *why, int nwhy)
    return failed ? -1 : 0;
 }
 
-int rkf_create(const char *path, FILE **file, char *why, int nwhy)
+/* Open a name for output, new and empty or as it is: a descriptor, or -1. All output of the core is
+ * opened here. Whoever can write to the folder may have put a link or a pipe there; what it leads to
+ * is not ours to write, so such a name is refused. */
+int rkf_output(const char *path, int keep, char *why, int nwhy)
 {
-   *file = fopen(path, "w");
-   return finish(*file == NULL, why, nwhy);
+   struct stat info;
+   const char *what = NULL;
+   if (lstat(path, &info) == 0) {
+      if (S_ISLNK(info.st_mode)) what = "it is a symbolic link";
+      else if (!S_ISREG(info.st_mode)) what = "it is not a regular file";
+      else if (keep && info.st_nlink > 1) what = "it is a second name of another file";
+      else if (!keep) unlink(path);
+   }
+   if (what) {
+      snprintf(why, (size_t)nwhy, "%s; remove it or choose another folder", what);
+      return -1;
+   }
+   int file = open(path, O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW | (keep ? 0 : O_EXCL), 0666);
+   finish(file < 0, why, nwhy);
+   return file;
+}
+
+/* A file with its first bytes kept, or a new one where `kept` is negative */
+int rkf_create(const char *path, int64_t kept, FILE **file, char *why, int nwhy)
+{
+   int number = rkf_output(path, kept >= 0, why, nwhy);
+   *file = NULL;
+   if (number < 0) return -1;
+   if (kept < 0 || (ftruncate(number, kept) == 0 && lseek(number, 0, SEEK_END) == kept))
+      *file = fdopen(number, "w");
+   finish(*file == NULL, why, nwhy);
+   if (*file == NULL) close(number);
+   return *file == NULL ? -1 : 0;
 }
 
 /* What was written is with the operating system when this returns */
 int rkf_write(FILE *file, const char *text, size_t length, char *why, int nwhy)
 {
    return finish(fwrite(text, 1, length, file) != length || fflush(file) != 0, why, nwhy);
+}
+
+/* CRC-32 of bytes that follow others, 0 for the first: the polynomial 0xEDB88320 of IEEE 802.3 */
+int64_t rkf_check(int64_t before, const void *bytes, int64_t length)
+{
+   static uint32_t table[256];
+   const unsigned char *byte = bytes;
+   uint32_t rest = ~(uint32_t)before;
+   if (table[255] == 0) {
+      for (uint32_t k = 0; k < 256; k++) {
+         table[k] = k;
+         for (int bit = 0; bit < 8; bit++) table[k] = (table[k] >> 1) ^ (table[k] & 1 ? 0xEDB88320u : 0);
+      }
+   }
+   for (int64_t k = 0; k < length; k++) rest = (rest >> 8) ^ table[(rest ^ byte[k]) & 255];
+   return (int64_t)(uint32_t)~rest;
+}
+
+/* A record of a journal: its head of three numbers, their check, both parts of its body, their check */
+int rkf_record(FILE *file, const int64_t *head, const void *one, int64_t none, const void *two, int64_t ntwo,
+               char *why, int nwhy)
+{
+   int64_t checks[2] = {rkf_check(0, head, 24), rkf_check(rkf_check(0, one, none), two, ntwo)};
+   int whole = fwrite(head, 8, 3, file) == 3 && fwrite(checks, 8, 1, file) == 1 &&
+               fwrite(one, 1, (size_t)none, file) == (size_t)none &&
+               fwrite(two, 1, (size_t)ntwo, file) == (size_t)ntwo &&
+               fwrite(checks + 1, 8, 1, file) == 1 && fflush(file) == 0;
+   return finish(!whole, why, nwhy);
 }
 
 int rkf_close(FILE *file, char *why, int nwhy)

@@ -17,8 +17,10 @@ module rk_json
 
    !> A text that grows; every begin has its end, in an object every item has a key
    type :: json_type
-      !> What was written so far
-      character(len=:), allocatable :: text
+      !> What was written so far, with room for more
+      character(len=:), allocatable, private :: buffer
+      !> Its length without that room
+      integer, private :: length = 0
       !> Open objects and arrays
       integer, private :: depth = 0
       !> Is the next item the first of its object or array?
@@ -37,11 +39,13 @@ module rk_json
          & put_integers, add_integer, add_real, add_logical, add_text, add_reals
       !> Item of an object whose value is JSON already
       procedure :: put_json
+      !> What was written so far
+      procedure :: text => text_so_far
       !> Write the text to a file, which is there completely or not at all
       procedure :: save => save_json
       procedure, private :: put_integer, put_long, put_real, put_logical, put_text, put_reals, &
          & put_integers, add_integer, add_real, add_logical, add_text, add_reals
-      procedure, private :: item
+      procedure, private :: item, add_list, append
    end type json_type
 
 contains
@@ -53,11 +57,10 @@ subroutine item(self, key)
    !> Name of the item; absent in an array
    character(len=*), intent(in), optional :: key
 
-   if (.not. allocated(self%text)) self%text = ''
-   if (.not. self%first) self%text = self%text//','
-   if (self%depth > 0) self%text = self%text//new_line('a')//repeat(' ', 2*self%depth)
+   if (.not. self%first) call self%append(',')
+   if (self%depth > 0) call self%append(new_line('a')//repeat(' ', 2*self%depth))
    self%first = .false.
-   if (present(key)) self%text = self%text//quoted(key)//': '
+   if (present(key)) call self%append(quoted(key)//': ')
 end subroutine item
 
 !> Open an object
@@ -105,7 +108,7 @@ subroutine open_list(self, bracket)
    !> Bracket
    character(len=1), intent(in) :: bracket
 
-   self%text = self%text//bracket
+   call self%append(bracket)
    self%depth = self%depth + 1
    self%first = .true.
 end subroutine open_list
@@ -118,8 +121,8 @@ subroutine close_list(self, bracket)
    character(len=1), intent(in) :: bracket
 
    self%depth = self%depth - 1
-   if (.not. self%first) self%text = self%text//new_line('a')//repeat(' ', 2*self%depth)
-   self%text = self%text//bracket
+   if (.not. self%first) call self%append(new_line('a')//repeat(' ', 2*self%depth))
+   call self%append(bracket)
    self%first = .false.
 end subroutine close_list
 
@@ -133,7 +136,7 @@ subroutine put_integer(self, key, value)
    integer, intent(in) :: value
 
    call self%item(key)
-   self%text = self%text//to_text(value)
+   call self%append(to_text(value))
 end subroutine put_integer
 
 !> Long integer of an object
@@ -146,7 +149,7 @@ subroutine put_long(self, key, value)
    integer(i8), intent(in) :: value
 
    call self%item(key)
-   self%text = self%text//to_text(value)
+   call self%append(to_text(value))
 end subroutine put_long
 
 !> Real number of an object
@@ -159,7 +162,7 @@ subroutine put_real(self, key, value)
    real(wp), intent(in) :: value
 
    call self%item(key)
-   self%text = self%text//real_text(value)
+   call self%append(real_text(value))
 end subroutine put_real
 
 !> Logical of an object
@@ -172,7 +175,7 @@ subroutine put_logical(self, key, value)
    logical, intent(in) :: value
 
    call self%item(key)
-   self%text = self%text//logical_text(value)
+   call self%append(logical_text(value))
 end subroutine put_logical
 
 !> Text of an object
@@ -185,7 +188,7 @@ subroutine put_text(self, key, value)
    character(len=*), intent(in) :: value
 
    call self%item(key)
-   self%text = self%text//quoted(value)
+   call self%append(quoted(value))
 end subroutine put_text
 
 !> Item of an object whose value is JSON already
@@ -198,7 +201,7 @@ subroutine put_json(self, key, value)
    character(len=*), intent(in) :: value
 
    call self%item(key)
-   self%text = self%text//value
+   call self%append(value)
 end subroutine put_json
 
 !> Array of real numbers of an object, on one line
@@ -211,7 +214,7 @@ subroutine put_reals(self, key, value)
    real(wp), intent(in) :: value(:)
 
    call self%item(key)
-   self%text = self%text//reals_text(value)
+   call self%add_list(value)
 end subroutine put_reals
 
 !> Array of integers of an object, on one line
@@ -225,12 +228,12 @@ subroutine put_integers(self, key, value)
    integer :: i
 
    call self%item(key)
-   self%text = self%text//'['
+   call self%append('[')
    do i = 1, size(value)
-      if (i > 1) self%text = self%text//', '
-      self%text = self%text//to_text(value(i))
+      if (i > 1) call self%append(', ')
+      call self%append(to_text(value(i)))
    end do
-   self%text = self%text//']'
+   call self%append(']')
 end subroutine put_integers
 
 !> Integer of an array
@@ -241,7 +244,7 @@ subroutine add_integer(self, value)
    integer, intent(in) :: value
 
    call self%item()
-   self%text = self%text//to_text(value)
+   call self%append(to_text(value))
 end subroutine add_integer
 
 !> Real number of an array
@@ -252,7 +255,7 @@ subroutine add_real(self, value)
    real(wp), intent(in) :: value
 
    call self%item()
-   self%text = self%text//real_text(value)
+   call self%append(real_text(value))
 end subroutine add_real
 
 !> Logical of an array
@@ -263,7 +266,7 @@ subroutine add_logical(self, value)
    logical, intent(in) :: value
 
    call self%item()
-   self%text = self%text//logical_text(value)
+   call self%append(logical_text(value))
 end subroutine add_logical
 
 !> Text of an array
@@ -274,7 +277,7 @@ subroutine add_text(self, value)
    character(len=*), intent(in) :: value
 
    call self%item()
-   self%text = self%text//quoted(value)
+   call self%append(quoted(value))
 end subroutine add_text
 
 !> Array of real numbers of an array, on one line
@@ -285,8 +288,54 @@ subroutine add_reals(self, value)
    real(wp), intent(in) :: value(:)
 
    call self%item()
-   self%text = self%text//reals_text(value)
+   call self%add_list(value)
 end subroutine add_reals
+
+!> Numbers in brackets
+subroutine add_list(self, value)
+   !> JSON text
+   class(json_type), intent(inout) :: self
+   !> Numbers
+   real(wp), intent(in) :: value(:)
+   integer :: i
+
+   call self%append('[')
+   do i = 1, size(value)
+      if (i > 1) call self%append(', ')
+      call self%append(real_text(value(i)))
+   end do
+   call self%append(']')
+end subroutine add_list
+
+!> Append to what was written; the room doubles, so that n pieces cost n
+subroutine append(self, piece)
+   !> JSON text
+   class(json_type), intent(inout) :: self
+   !> More of it
+   character(len=*), intent(in) :: piece
+   character(len=:), allocatable :: larger
+   integer :: needed
+
+   needed = self%length + len(piece)
+   if (.not. allocated(self%buffer)) allocate (character(len=1024) :: self%buffer)
+   if (needed > len(self%buffer)) then
+      allocate (character(len=max(needed, 2*len(self%buffer))) :: larger)
+      larger(:self%length) = self%buffer(:self%length)
+      call move_alloc(larger, self%buffer)
+   end if
+   self%buffer(self%length + 1:needed) = piece
+   self%length = needed
+end subroutine append
+
+!> What was written so far
+pure function text_so_far(self) result(text)
+   !> JSON text
+   class(json_type), intent(in) :: self
+   character(len=:), allocatable :: text
+
+   text = ''
+   if (self%length > 0) text = self%buffer(:self%length)
+end function text_so_far
 
 !> Write the text to a file, which is there completely or not at all
 subroutine save_json(self, path, error)
@@ -297,7 +346,7 @@ subroutine save_json(self, path, error)
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
 
-   call save_text(path, self%text, error)
+   call save_text(path, self%buffer(:self%length), error)
 end subroutine save_json
 
 !> Text in quotation marks, with JSON's escapes
@@ -333,21 +382,6 @@ pure function logical_text(value) result(text)
 
    text = trim(merge('true ', 'false', value))
 end function logical_text
-
-!> Numbers in brackets
-pure function reals_text(value) result(text)
-   !> Numbers
-   real(wp), intent(in) :: value(:)
-   character(len=:), allocatable :: text
-   integer :: i
-
-   text = '['
-   do i = 1, size(value)
-      if (i > 1) text = text//', '
-      text = text//real_text(value(i))
-   end do
-   text = text//']'
-end function reals_text
 
 !> Shortest text that reads back the same number
 pure function real_text(value) result(text)

@@ -4,8 +4,8 @@
 !> then an earlier file stays as it was. Every write reaches the operating system at once, and a
 !> full disk is an error.
 module rk_text_file
-   use, intrinsic :: iso_c_binding, only : c_associated, c_char, c_int, c_null_char, c_null_ptr, &
-      & c_ptr, c_size_t
+   use, intrinsic :: iso_c_binding, only : c_associated, c_char, c_int, c_int64_t, c_null_char, &
+      & c_null_ptr, c_ptr, c_size_t
    use rk_error, only : error_type, fatal_error, err_file
    implicit none
    private
@@ -36,9 +36,10 @@ module rk_text_file
    end type text_file
 
    interface
-      integer(c_int) function rkf_create(path, handle, why, nwhy) bind(c)
-         import :: c_char, c_int, c_ptr
+      integer(c_int) function rkf_create(path, kept, handle, why, nwhy) bind(c)
+         import :: c_char, c_int, c_int64_t, c_ptr
          character(kind=c_char), intent(in) :: path(*)
+         integer(c_int64_t), value :: kept
          type(c_ptr), intent(out) :: handle
          character(kind=c_char), intent(out) :: why(*)
          integer(c_int), value :: nwhy
@@ -79,7 +80,9 @@ subroutine create(self, path, error)
 
    self%path = path
    self%damaged = .false.
-   call check(self, rkf_create(path//'.part'//c_null_char, self%handle, why, nwhy), why, error)
+   call check(self, rkf_create(path//'.part'//c_null_char, -1_c_int64_t, self%handle, why, &
+      & nwhy), why, error)
+   if (allocated(error)) error%message = self%path//'.part'//error%message(len(self%path) + 1:)
 end subroutine create
 
 !> Write a line
@@ -151,12 +154,14 @@ subroutine load_text(path, text)
    integer :: length, stat, unit
 
    text = ''
+   ! opening a pipe, which has no length, would wait for its other end
+   inquire (file=path, size=length)
+   if (length <= 0) return
    open (newunit=unit, file=path, access='stream', form='unformatted', status='old', &
       & action='read', iostat=stat)
    if (stat /= 0) return
-   inquire (unit=unit, size=length)
    deallocate (text)
-   allocate (character(len=max(length, 0)) :: text)
+   allocate (character(len=length) :: text)
    read (unit, iostat=stat) text
    close (unit)
    if (stat /= 0) text = ''

@@ -10,7 +10,7 @@ module rk_voxels
    implicit none
    private
 
-   public :: voxel_facets, face_entries, side_of
+   public :: voxel_facets
 
    !> Boundary entries of each voxel
    type :: face_entries

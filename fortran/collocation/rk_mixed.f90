@@ -17,6 +17,7 @@ module rk_mixed
       & point_curvature, point_rows
    use rk_error, only : error_type
    use rk_precision, only : wp
+   use rk_options, only : displacement_weight
    use rk_scene, only : scene_type
    use rk_states, only : field_state, point_state
    use rk_tensor, only : cofactor, cross, cross_form, determinant
@@ -121,9 +122,7 @@ subroutine set_weights(self)
       nv = size(cloud%volume_points, 2)
       allocate (self%volume_weight(nv), self%volume_share(nv))
       self%spacing = cloud%mean_spacing()
-      reach = scene%mixed%edge_length
-      if (.not. reach > 0.0_wp) reach = 0.5_wp*minval(maxval(cloud%points, dim=2) &
-         & - minval(cloud%points, dim=2))
+      reach = 0.5_wp*minval(maxval(cloud%points, dim=2) - minval(cloud%points, dim=2))
       self%regular = [(rim_distance(self, cloud%points(:, ip)) >= one_spacing*self%spacing, &
          & ip=1, nc)]
       allocate (faces(nc), source=0)
@@ -193,8 +192,7 @@ subroutine start_step(self, x, load)
       ip = self%boundary%point(b)
       call self%field(ip, x, 1 + nd, u)
       call deformation(nd, u, f, h)
-      self%essential_weight(b) = self%scene%mixed%displacement_weight &
-         & *self%mixture%shear_modulus(ip, f)/self%spacing
+      self%essential_weight(b) = displacement_weight*self%mixture%shear_modulus(ip, f)/self%spacing
    end do
    do iv = 1, size(self%volume_share)
       ip = size(self%domain_weight) + iv

@@ -5,6 +5,7 @@
 module rk_ordering
    use rk_csr, only : csr_type, group_by
    use rk_precision, only : i8, wp
+   use rk_sort, only : sort
    implicit none
    private
 
@@ -81,47 +82,6 @@ subroutine envelope_order(neighbour, centre, position, reach)
       call move_alloc(first, reach)
    end do
 end subroutine envelope_order
-
-!> Places of numbers in ascending order
-pure subroutine sort(key, place)
-   !> Numbers, shape (n)
-   real(wp), intent(in) :: key(:)
-   !> Place of each number, shape (n)
-   integer, allocatable, intent(out) :: place(:)
-   integer :: index(size(key)), buffer(size(key))
-   integer :: width, low, middle, high, i, j, k
-
-   ! merge sort from the bottom
-   index = [(i, i=1, size(key))]
-   width = 1
-   do while (width < size(key))
-      do low = 1, size(key), 2*width
-         middle = min(low + width, size(key) + 1)
-         high = min(low + 2*width, size(key) + 1)
-         i = low
-         j = middle
-         do k = low, high - 1
-            if (j >= high) then
-               buffer(k) = index(i)
-               i = i + 1
-            else if (i >= middle) then
-               buffer(k) = index(j)
-               j = j + 1
-            else if (key(index(i)) <= key(index(j))) then
-               buffer(k) = index(i)
-               i = i + 1
-            else
-               buffer(k) = index(j)
-               j = j + 1
-            end if
-         end do
-      end do
-      index = buffer
-      width = 2*width
-   end do
-   allocate (place(size(key)))
-   place(index) = [(i, i=1, size(key))]
-end subroutine sort
 
 !> First point in an order that shares a place with each point
 subroutine find_reach(neighbour, order, reach)

@@ -11,6 +11,9 @@
 
 namespace rk {
 
+// Complaints that a message lists
+constexpr std::size_t most_complaints = 100;
+
 const KeySpec *TableSpec::find(const std::string &key) const {
    for (const KeySpec &candidate : keys) {
       if (candidate.name == key)
@@ -88,6 +91,17 @@ Deck Deck::defaults(const std::string &table, const std::string &key, const std:
    return deck;
 }
 
+std::string Deck::resolve(const std::string &key) {
+   // a deck that could not be read says so itself
+   if (sections.empty() && status != Status::good)
+      return "";
+   complaints_.clear();
+   status = Status::good;
+   const std::string found = full_key(*this, key);
+   close();
+   return found;
+}
+
 // All steps; each goes on after complaints of its own, so that a user sees everything at once
 void Deck::load() {
    folder = std::filesystem::path(name).parent_path().string();
@@ -115,12 +129,22 @@ void Deck::close() {
    std::vector<std::string> lines;
    for (const Complaint &complaint : complaints_)
       lines.push_back(complaint.text);
+   if (unlisted_ > 0)
+      lines.push_back(name + ": and " + std::to_string(unlisted_) + " more");
    message = join(lines, "\n");
    if (!lines.empty())
       status = Status::input;
 }
 
+bool Deck::is_full() const {
+   return complaints_.size() >= most_complaints;
+}
+
 void Deck::complain(const Origin &origin, const std::string &address, const std::string &what) {
+   if (is_full()) {
+      ++unlisted_;
+      return;
+   }
    const int order = origin.set.empty() ? origin.line : std::numeric_limits<int>::max();
    const std::string column = origin.column > 0 ? ":" + std::to_string(origin.column) : "";
    complaints_.push_back(
@@ -134,14 +158,11 @@ std::string Deck::where(const Origin &origin) const {
 std::string Deck::address(const Section &section, const std::string &key) const {
    std::string all = section.spec->name;
    if (section.spec->many) {
-      int count = 0;
-      for (const Section &other : sections)
-         count += other.spec == section.spec;
       const std::string label =
           section.spec->named_by.empty() ? "" : section.text(section.spec->named_by);
       if (!is_blank(label)) {
          all += "." + label;
-      } else if (count > 1) {
+      } else if (const auto [first, last] = range_of(*section.spec); last - first > 1) {
          all += "." + std::to_string(section.index);
       }
    }
@@ -150,19 +171,38 @@ std::string Deck::address(const Section &section, const std::string &key) const 
    return all.empty() ? key : all + "." + key;
 }
 
-const Section *Deck::single(const std::string &table) const {
-   for (const Section &section : sections) {
-      if (section.spec->name == table && !section.spec->many)
-         return &section;
+static const TableSpec *spec_of(const std::string &table) {
+   for (const TableSpec &spec : schema()) {
+      if (spec.name == table)
+         return &spec;
    }
    return nullptr;
 }
 
+std::pair<std::size_t, std::size_t> Deck::range_of(const TableSpec &spec) const {
+   const auto first = std::lower_bound(
+       sections.begin(), sections.end(), &spec,
+       [](const Section &section, const TableSpec *wanted) { return section.spec < wanted; });
+   const auto last = std::upper_bound(
+       first, sections.end(), &spec,
+       [](const TableSpec *wanted, const Section &section) { return wanted < section.spec; });
+   return {first - sections.begin(), last - sections.begin()};
+}
+
+const Section *Deck::single(const std::string &table) const {
+   const TableSpec *spec = spec_of(table);
+   if (!spec || spec->many)
+      return nullptr;
+   const auto [first, last] = range_of(*spec);
+   return first < last ? &sections[first] : nullptr;
+}
+
 std::vector<Section *> Deck::entries(const std::string &table) {
    std::vector<Section *> found;
-   for (Section &section : sections) {
-      if (section.spec->name == table)
-         found.push_back(&section);
+   if (const TableSpec *spec = spec_of(table)) {
+      const auto [first, last] = range_of(*spec);
+      for (std::size_t i = first; i < last; ++i)
+         found.push_back(&sections[i]);
    }
    return found;
 }

@@ -53,6 +53,7 @@ struct TableSpec {
    bool many, required;
    std::string named_by;
    std::string not_beside; // a table that may stand in place of this one
+   std::size_t most;       // entries
    std::vector<std::string> needed_by, at_least, at_most;
    std::vector<KeySpec> keys;
 
@@ -116,13 +117,20 @@ class Deck {
    // One table with nothing but a text at `key` ("": nothing at all) and what follows from it by
    // default
    static Deck defaults(const std::string &table, const std::string &key, const std::string &value);
+   // The key that an override would set, with the name of its entry: material.fat.K for material.K;
+   // "" where there is none, which is then all that the message says
+   std::string resolve(const std::string &key);
 
    // `address` is the key as a user would write it: material.fat.K
    void complain(const Origin &where, const std::string &address, const std::string &what);
+   // Whether there are as many complaints as a message lists
+   bool is_full() const;
    std::string where(const Origin &origin) const;
    std::string address(const Section &section, const std::string &key = "") const;
    const Section *single(const std::string &table) const;
    std::vector<Section *> entries(const std::string &table);
+   // First section of a table and the one behind its last
+   std::pair<std::size_t, std::size_t> range_of(const TableSpec &spec) const;
    // The value or fact a condition speaks of, as plain text; "" where absent or refused
    std::string lookup(const Section &section, const std::string &key) const;
 
@@ -141,6 +149,7 @@ class Deck {
       std::string text;
    };
    std::vector<Complaint> complaints_;
+   std::size_t unlisted_ = 0; // complaints that are counted only
 
    void load();
    void close();
@@ -154,6 +163,8 @@ bool read_toml(Deck &deck);
 std::optional<Value> parse_value(const std::string &text);
 // deck_override.cpp
 void apply_overrides(Deck &deck);
+// deck_override.cpp: what resolve() says
+std::string full_key(Deck &deck, const std::string &address);
 // deck_check.cpp: types, ranges, missing keys, defaults
 void check_schema(Deck &deck);
 // deck_check.cpp: defaults of a table without a look at what is missing or wrong in it

@@ -13,6 +13,8 @@ namespace rk {
 
 // Of a title, a name or a path [byte]
 constexpr std::size_t longest_text = 4096;
+// Items of an array
+constexpr std::size_t most_items = 100000;
 
 static bool is_array(Type type) {
    return type == Type::texts || type == Type::integers || type == Type::numbers;
@@ -121,6 +123,9 @@ static std::string refusal_of(const KeySpec &key, const Value &value) {
    // an array that may be empty is so by default
    if (value.items.empty() && key.default_toml != "[]")
       return "must not be empty";
+   if (value.items.size() > most_items)
+      return "must have at most " + std::to_string(most_items) + " items, not " +
+             std::to_string(value.items.size());
    KeySpec item_key = key;
    item_key.type = key.type == Type::texts      ? Type::text
                    : key.type == Type::integers ? Type::integer
@@ -203,11 +208,10 @@ static std::set<std::string> check_presence(Deck &deck, Section &section) {
    std::set<std::string> wrong;
    for (const KeySpec &key : section.spec->keys) {
       const Value *value = section.find(key.name);
-      const std::string address = deck.address(section, key.name);
       if (const Condition *broken = failing(deck, section, key.only_if, true)) {
          if (!value)
             continue;
-         deck.complain(value->origin, address,
+         deck.complain(value->origin, deck.address(section, key.name),
                        "only for " + spelled(*broken) + "; here " + broken->key + " = " +
                            deck.lookup(section, broken->key));
          wrong.insert(key.name);
@@ -225,7 +229,7 @@ static std::set<std::string> check_presence(Deck &deck, Section &section) {
          }
          if (!key.choices.empty())
             what += ": " + join(key.choices, ", ");
-         deck.complain(section.origin, address, what);
+         deck.complain(section.origin, deck.address(section, key.name), what);
          wrong.insert(key.name);
       } else if (!failing(deck, section, key.only_if, false)) {
          fill_default(deck, section, key);
@@ -283,26 +287,34 @@ static void check_length(Deck &deck, Section &section, const KeySpec &key, Value
    section.refused.insert(key.name);
 }
 
-static void check_names(Deck &deck, Section &section, const KeySpec &key, const Value &value) {
+// Names of tables that values refer to, and values that no other entry may have
+struct Names {
+   std::map<std::string, std::set<std::string>> known;         // by table
+   std::map<const KeySpec *, std::map<std::string, Origin>> taken; // where each value stood first
+};
+
+static void check_names(Deck &deck, Section &section, const KeySpec &key, const Value &value,
+                        Names &names) {
    if (!key.refers_to.empty()) {
-      std::vector<std::string> names;
-      for (Section *entry : deck.entries(key.refers_to))
-         names.push_back(entry->text(entry->spec->named_by));
-      if (std::find(names.begin(), names.end(), value.text) == names.end())
+      if (names.known.count(key.refers_to) == 0) {
+         for (Section *entry : deck.entries(key.refers_to))
+            names.known[key.refers_to].insert(entry->text(entry->spec->named_by));
+      }
+      if (names.known[key.refers_to].count(value.text) == 0) {
+         std::vector<std::string> there;
+         for (Section *entry : deck.is_full() ? std::vector<Section *>{} : deck.entries(key.refers_to))
+            there.push_back(entry->text(entry->spec->named_by));
          deck.complain(value.origin, deck.address(section, key.name),
                        "no [[" + key.refers_to + "]] is called " + quoted(value.text) +
-                           suggest(value.text, names, "there are:"));
+                           suggest(value.text, there, "there are:"));
+      }
    }
    if (key.unique || section.spec->named_by == key.name) {
-      for (Section *other : deck.entries(section.spec->name)) {
-         const Value *earlier = other->index < section.index ? other->find(key.name) : nullptr;
-         if (earlier && earlier->plain() == value.plain()) {
-            deck.complain(value.origin, deck.address(section, key.name),
-                          value.described() + " is taken already, by " +
-                              deck.where(earlier->origin));
-            break;
-         }
-      }
+      const auto [earlier, first] = names.taken[&key].emplace(value.plain(), value.origin);
+      if (!first)
+         deck.complain(value.origin, deck.address(section, key.name),
+                       value.described() + " is taken already, by " +
+                           deck.where(earlier->second));
    }
 }
 
@@ -325,8 +337,19 @@ static std::vector<std::string> names_of(const std::string &kind, int dimension)
    return names;
 }
 
+// Names of the functions that expressions may call
+static std::vector<std::string> functions_of(Deck &deck) {
+   std::vector<std::string> tables;
+   for (Section *table : deck.entries("table")) {
+      if (table_name_fault(table->text("name")).empty())
+         tables.push_back(table->text("name"));
+   }
+   return tables;
+}
+
 // Whether texts in the place of numbers are expressions
-static void check_expression(Deck &deck, const Section &section, const KeySpec &key, const Value &value) {
+static void check_expression(Deck &deck, const Section &section, const KeySpec &key, const Value &value,
+                             const std::vector<std::string> &tables) {
    const Section *scene = deck.single("scene");
    const Value *dimension = scene ? scene->find("dimension") : nullptr;
    if (!dimension)
@@ -335,11 +358,6 @@ static void check_expression(Deck &deck, const Section &section, const KeySpec &
    const std::string kind =
        key.expression == "time" && deck.entries("dynamics").empty() ? "place" : key.expression;
    const std::vector<std::string> names = names_of(kind, static_cast<int>(dimension->integer));
-   std::vector<std::string> tables;
-   for (Section *table : deck.entries("table")) {
-      if (table_name_fault(table->text("name")).empty())
-         tables.push_back(table->text("name"));
-   }
    const auto check = [&](const Value &one, const std::string &which) {
       const std::string fault =
           one.kind == Value::Kind::text ? expression_fault(one.text, names, tables) : "";
@@ -353,6 +371,7 @@ static void check_expression(Deck &deck, const Section &section, const KeySpec &
 }
 
 void check_schema(Deck &deck) {
+   std::vector<Section> missing;
    for (const TableSpec &spec : schema()) {
       if (spec.many || !deck.entries(spec.name).empty())
          continue;
@@ -364,8 +383,9 @@ void check_schema(Deck &deck) {
          continue;
       Section section;
       section.spec = &spec;
-      deck.sections.push_back(section);
+      missing.push_back(section);
    }
+   deck.sections.insert(deck.sections.end(), missing.begin(), missing.end());
    std::stable_sort(deck.sections.begin(), deck.sections.end(),
                     [](const Section &a, const Section &b) { return a.spec < b.spec; });
 
@@ -380,6 +400,8 @@ void check_schema(Deck &deck) {
    }
    for (Section &section : deck.sections)
       check_groups(deck, section, check_presence(deck, section));
+   Names names;
+   const std::vector<std::string> tables = functions_of(deck);
    for (Section &section : deck.sections) {
       for (const KeySpec &key : section.spec->keys) {
          const auto found = section.values.find(key.name);
@@ -388,9 +410,9 @@ void check_schema(Deck &deck) {
          if (is_array(key.type))
             check_length(deck, section, key, found->second);
          else
-            check_names(deck, section, key, found->second);
+            check_names(deck, section, key, found->second, names);
          if (!key.expression.empty() && !section.refused.count(key.name))
-            check_expression(deck, section, key, found->second);
+            check_expression(deck, section, key, found->second, tables);
       }
       for (const std::string &key : section.refused)
          section.values.erase(key);

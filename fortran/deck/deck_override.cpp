@@ -70,14 +70,9 @@ static Section *find_section(Deck &deck, const Origin &origin, const std::string
    return nullptr;
 }
 
-static void apply(Deck &deck, const std::string &text) {
-   const Origin origin{0, 0, "--set " + text};
-   const std::size_t equals = text.find('=');
-   const std::string address = trim(text.substr(0, equals));
-   if (equals == std::string::npos || address.empty()) {
-      deck.complain(origin, address.empty() ? "key" : address, "write table.key=value");
-      return;
-   }
+// The section and the key that an address speaks of; nothing, and a complaint, where there are none
+static std::pair<Section *, const KeySpec *> find_key(Deck &deck, const Origin &origin,
+                                                      const std::string &address) {
    const std::size_t first = address.find('.'), last = address.rfind('.');
    const bool outside = first == std::string::npos;
    const std::string table = outside ? "" : address.substr(0, first);
@@ -94,28 +89,44 @@ static void apply(Deck &deck, const std::string &text) {
    }
    if (!spec) {
       deck.complain(origin, table, "unknown table" + suggest(table, tables, "known tables are:"));
-      return;
+      return {};
    }
    const KeySpec *key_spec = spec->find(key);
    if (!key_spec && outside && std::count(tables.begin(), tables.end(), key) > 0) {
       deck.complain(origin, key, "is a table; write " + key + ".key=value");
-      return;
+      return {};
    }
    if (!key_spec) {
       deck.complain(origin, address, unknown_key(*spec, key));
+      return {};
+   }
+   return {find_section(deck, origin, address, *spec, middle), key_spec};
+}
+
+static void apply(Deck &deck, const std::string &text) {
+   const Origin origin{0, 0, "--set " + text};
+   const std::size_t equals = text.find('=');
+   const std::string address = trim(text.substr(0, equals));
+   if (equals == std::string::npos || address.empty()) {
+      deck.complain(origin, address.empty() ? "key" : address, "write table.key=value");
       return;
    }
-   Section *section = find_section(deck, origin, address, *spec, middle);
+   const auto [section, key] = find_key(deck, origin, address);
    if (!section)
       return;
-   Value value = read_value(trim(text.substr(equals + 1)), *key_spec);
+   Value value = read_value(trim(text.substr(equals + 1)), *key);
    value.origin = origin;
-   section->values[key] = value;
+   section->values[key->name] = value;
 }
 
 void apply_overrides(Deck &deck) {
    for (const std::string &text : deck.overrides)
       apply(deck, text);
+}
+
+std::string full_key(Deck &deck, const std::string &address) {
+   const auto [section, key] = find_key(deck, Origin{0, 0, deck.name}, trim(address));
+   return section ? deck.address(*section, key->name) : "";
 }
 
 } // namespace rk

@@ -213,19 +213,23 @@ static void check_geometry(Deck &deck, const Section &geometry, int dimension) {
 
 // A probe must have what an exact solution or a reference is compared with
 static void check_compared(Deck &deck) {
+   std::multimap<std::string, const Section *> probes;
+   for (const Section *probe : deck.entries("probe"))
+      probes.emplace(probe->text("name"), probe);
    for (const char *table : {"exact", "reference"}) {
       for (Section *section : deck.entries(table)) {
          const bool exact = section->spec->name == "exact";
          const Value *name = section->find("probe");
          if (!name)
             continue;
-         for (Section *probe : deck.entries("probe")) {
-            const std::string quantity = probe->text("quantity");
+         const auto [first, last] = probes.equal_range(name->text);
+         for (auto probe = first; probe != last; ++probe) {
+            const std::string quantity = probe->second->text("quantity");
             const bool vector =
                 quantity == "u" || quantity == "force" || quantity == "section_force";
             const bool local = quantity[0] != 'u' && quantity.find("force") == std::string::npos &&
                                quantity.compare(0, 6, "torque") != 0 && !of_whole_body(quantity);
-            if (probe->text("name") != name->text || quantity.empty() || (exact ? local : !vector))
+            if (quantity.empty() || (exact ? local : !vector))
                continue;
             deck.complain(name->origin, deck.address(*section, "probe"),
                           quoted(name->text) + " is of " + quantity + ", " +

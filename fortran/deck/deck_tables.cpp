@@ -61,10 +61,8 @@ static Value array_of(const std::vector<double> &numbers, const Origin &origin) 
 }
 
 // Places and values of a file; "" or what is wrong with it, its name and line first
-static std::string read_file(const std::string &text, const std::string &path, const Value &columns,
+static std::string read_file(const std::string &text, const std::string &path,
                              std::vector<double> &x, std::vector<double> &value) {
-   const auto first = static_cast<std::size_t>(columns.items[0].integer - 1);
-   const auto second = static_cast<std::size_t>(columns.items[1].integer - 1);
    std::istringstream stream(text);
    int number = 0;
    bool titles = true;
@@ -75,20 +73,18 @@ static std::string read_file(const std::string &text, const std::string &path, c
          continue;
       if (number > most_lines)
          return place + "more than " + std::to_string(most_lines) + " lines are no table of a deck";
-      const std::size_t wanted = std::max(first, second) + 1;
-      if (fields.size() < wanted)
-         return place + "has " + std::to_string(fields.size()) + " column" +
-                (fields.size() == 1 ? "" : "s") + ", " + std::to_string(wanted) + " are needed";
-      const std::optional<double> one = as_number(fields[first]), other = as_number(fields[second]);
+      if (fields.size() < 2)
+         return place + "has 1 column, 2 are needed";
+      const std::optional<double> one = as_number(fields[0]), other = as_number(fields[1]);
       if (titles && !one && !other) {
          titles = false;
          continue;
       }
       titles = false;
       if (!one || !other)
-         return place + quoted(one ? fields[second] : fields[first]) + " is not a finite number";
+         return place + quoted(one ? fields[1] : fields[0]) + " is not a finite number";
       if (!x.empty() && *one <= x.back())
-         return place + "places must ascend: " + fields[first] + " follows " +
+         return place + "places must ascend: " + fields[0] + " follows " +
                 array_of(x, {}).items.back().plain();
       x.push_back(*one);
       value.push_back(*other);
@@ -102,8 +98,11 @@ static std::optional<std::string> bytes_of(Deck &deck, const Section &section, c
    const Value &file = *section.find(key);
    const std::string path = (fs::path(deck.folder) / file.text).string();
    std::error_code ignored;
-   std::ifstream stream(path, std::ios::binary);
-   if (!fs::is_regular_file(path, ignored) || !stream) {
+   std::ifstream stream;
+   // opening a pipe would wait for its other end
+   if (fs::is_regular_file(path, ignored))
+      stream.open(path, std::ios::binary);
+   if (!stream.is_open()) {
       deck.complain(file.origin, deck.address(section, key),
                     quoted(file.text) + " cannot be read: " +
                        (fs::exists(path, ignored) ? "it is not a regular file"
@@ -121,11 +120,8 @@ static void fill_from_file(Deck &deck, Section &table, const Value &file, std::s
       return;
    contents += "\n--table " + *text;
    std::vector<double> x, value;
-   const Value *columns = table.find("columns");
-   if (!columns)
-      return;
    const std::string path = (std::filesystem::path(deck.folder) / file.text).string();
-   const std::string fault = read_file(*text, path, *columns, x, value);
+   const std::string fault = read_file(*text, path, x, value);
    if (!fault.empty()) {
       deck.complain(file.origin, deck.address(table, "file"), fault);
       return;

@@ -85,6 +85,11 @@ std::string suggest(const std::string &word, const std::vector<std::string> &kno
       return "; did you mean " + join(best, " or ") + "?";
    if (otherwise.empty() || known.empty())
       return "";
+   // names of a deck may be many
+   constexpr std::size_t most = 100;
+   if (known.size() > most)
+      return "; " + otherwise + " " + join({known.begin(), known.begin() + most}, ", ") + " and " +
+             std::to_string(known.size() - most) + " more";
    return "; " + otherwise + " " + join(known, ", ");
 }
 

@@ -71,7 +71,12 @@ static void read_table(Deck &deck, const TableSpec &spec, const toml::key &key,
    };
    if (tables != spec.many || !(tables || node.is_table()))
       deck.misshapen.insert(spec.name);
-   if (spec.many && tables) {
+   if (spec.many && tables && array->size() > spec.most) {
+      deck.misshapen.insert(spec.name);
+      deck.complain(origin_of(key), spec.name,
+                    "has " + std::to_string(array->size()) + " entries, but at most " +
+                       std::to_string(spec.most) + " are possible; join those that are alike");
+   } else if (spec.many && tables) {
       int index = 0;
       for (const toml::node &entry : *array)
          add(entry, ++index);

@@ -22,13 +22,15 @@ HERE = Path(__file__).resolve().parent
 TYPES = ("text", "integer", "number", "boolean", "texts", "integers", "numbers")
 TABLE_ATTRIBUTES = {
     "about", "example", "many", "named_by", "required", "needed_by", "not_beside", "at_least",
-    "at_most",
+    "at_most", "most",
 }  # fmt: skip
 KEY_ATTRIBUTES = {
     "type", "help", "unit", "default", "required", "choices", "min", "max", "above", "below",
     "length", "or_number", "scalar", "nonzero", "infinite", "refers_to", "unique", "required_if",
     "only_if", "default_if", "expression",
 }  # fmt: skip
+#: Entries of an array of tables, where it does not say itself
+MOST_ENTRIES = 1000
 #: Names that may stand in an expression beside pi
 EXPRESSIONS = {
     "place": "x, y, z, r, theta",
@@ -173,6 +175,11 @@ def cpp_key(name: str, spec: dict[str, Any]) -> str:
     return "         {" + ", ".join(members) + "},\n"
 
 
+def most(table: dict[str, Any]) -> int:
+    """How often a table may stand in a deck."""
+    return table.get("most", MOST_ENTRIES) if table.get("many") else 1
+
+
 def cpp_table(tables: dict[str, dict[str, Any]]) -> str:
     """Source of ``rk::schema()``."""
     lines = [
@@ -187,6 +194,7 @@ def cpp_table(tables: dict[str, dict[str, Any]]) -> str:
         head = [quoted(name), flag(table, "many"), flag(table, "required")]
         head.append(quoted(table.get("named_by", "")))
         head.append(quoted(table.get("not_beside", "")))
+        head.append(str(most(table)))
         head += [texts(table.get(word, [])) for word in ("needed_by", "at_least", "at_most")]
         keys = "".join(cpp_key(key, spec) for key, spec in table["keys"].items())
         lines.append(f"      {{{', '.join(head)}, {{\n{keys}      }}}},\n")
@@ -204,6 +212,7 @@ A deck is a TOML file that both `myork` and `myork-solve` read. Unknown keys, wr
 keys and impossible values are errors, all told at once, each as `file:line: table.key: what`.
 Paths are relative to the deck. Numbers are in the units that `[units]` declares; a number may be
 written as an integer, never as `nan`, and as `inf` only where the key allows it. A table that is absent takes its defaults.
+Arrays have at most 100,000 items; of more than 100 errors the first 100 found are listed.
 
 `--set table.key=value` replaces a value and is checked like the deck. It addresses a table, the
 first entry of an array of tables (`material.K`), or an entry by its name (`material.fat.K`,
@@ -307,6 +316,8 @@ def section(name: str, table: dict[str, Any]) -> str:
         sentences.append(f"It is not needed beside `[{table['not_beside']}]`.")
     if "named_by" in table:
         sentences.append(f"An entry is named by its `{table['named_by']}`.")
+    if table.get("many"):
+        sentences.append(f"There may be {most(table):,} at most.")
     some, one = table.get("at_least"), table.get("at_most")
     if some:
         sentences.append(f"{'Exactly' if some == one else 'At least'} one of {code(some)}.")

@@ -91,6 +91,13 @@ subroutine solve_static(problem, newton, planned, max_halvings, x, recorder, tim
          newton%done = done
          if (aside) newton%done = held_at(x, load)
          newton%impatient = halvings < min(early, max_halvings)
+         if (problem%at_rest(x, load)) then
+            ! iterations would work on roundings
+            done = load
+            record%load = load
+            if (load >= target_load) exit
+            cycle
+         end if
          before = x
          call solve_step(newton, problem, step, load, x, recorder, timer, error)
          record%iterations = record%iterations + newton%iterations

@@ -70,8 +70,6 @@ module rk_equation
       real(wp) :: end = 0.0_wp
       !> Time steps from one state that is written to the next
       integer :: every = 1
-      !> Masses of the source points alone
-      logical :: lumped = .false.
       !> Essential rows of collocation as published
       logical :: published = .false.
       !> Displacement and velocity at the start, and expressions in their place

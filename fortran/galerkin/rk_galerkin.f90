@@ -121,10 +121,8 @@ subroutine new_galerkin(self, scene, error)
    call new_gradient(self%gradient, self%cells, blocks, self%inside, facet, self%surface%shape, &
       & self%surface%essential, self%surface%plates%follows)
    call self%gradient%set_essential(self%cells, self%surface%essential, self%surface%value)
-   call share_bulk(self%mixture, self%cells, nc, scene%galerkin%stabilisation, self%local_bulk, &
-      & self%bulk, softness)
-   call new_pressure(self%pressure, self%cells, softness, scene%galerkin%pressure_degree, &
-      & scene%cloud%points, curved(self), error)
+   call share_bulk(self%mixture, self%cells, nc, self%local_bulk, self%bulk, softness)
+   call new_pressure(self%pressure, self%cells, softness, scene%cloud%points, curved(self), error)
    if (allocated(error)) return
    call new_multiplier(self%multiplier, self%cells, self%bulk, shear, blocks, self%gradient%member)
    self%n = nd*(blocks + self%multiplier%extra)
@@ -159,7 +157,7 @@ subroutine set_constants(self, shear)
    call self%surface%plates%add_tendons(self%scene, self%cells, self%surface%penalty, &
       & self%matrix%symmetric_matrix, self%constant, self%force)
    if (self%cells%smoothed) call self%matrix%stabilise(self%constant, self%cells, self%inside, &
-      & self%scene%galerkin%stabilisation*shear)
+      & shear)
    if (allocated(self%matrix%skew)) deallocate (self%matrix%skew)
    ! minimal residuals need a symmetric matrix
    if (self%matrix%formed .and. has_free_rim(self%scene)) &
@@ -199,10 +197,9 @@ subroutine renew(self, materials, error)
       if (allocated(error)) return
       call self%gradient%set_essential(self%cells, self%surface%essential, self%surface%value)
       if (materials) then
-         call share_bulk(self%mixture, self%cells, nc, scene%galerkin%stabilisation, &
-            & self%local_bulk, self%bulk, softness)
-         call new_pressure(self%pressure, self%cells, softness, scene%galerkin%pressure_degree, &
-            & scene%cloud%points, curved(self), error)
+         call share_bulk(self%mixture, self%cells, nc, self%local_bulk, self%bulk, softness)
+         call new_pressure(self%pressure, self%cells, softness, scene%cloud%points, curved(self), &
+            & error)
          if (allocated(error)) return
          call new_multiplier(self%multiplier, self%cells, self%bulk, shear, &
             & size(scene%cloud%source, 2) + self%surface%plates%count, self%gradient%member)
@@ -229,6 +226,7 @@ subroutine set_point_loads(self, body_force, displacement, stress)
 
    nd = self%scene%cloud%nd
    np = size(self%cells%weight)
+   self%scene%body_force = body_force
    call self%surface%set_varying(self%cells, displacement(:, np + 1:), stress(:, :, np + 1:))
    call self%gradient%set_essential(self%cells, self%surface%essential, self%surface%value)
    self%force = 0.0_wp

@@ -14,6 +14,7 @@ module rk_recovery
    use rk_precision, only : wp
    use rk_scene, only : scene_type
    use rk_shape, only : new_shape, shape_type
+   use rk_tensor, only : identity
    implicit none
    private
 
@@ -53,7 +54,7 @@ subroutine new_recovery(self, scene, cells, error)
       allocate (self%place(cloud%nd, n + size(scene%probe)))
       self%place(:, :n) = cloud%points
       do i = 1, size(scene%probe)
-         if (scene%probe(i)%set > 0) cycle
+         if (.not. scene%probe(i)%at_a_place()) cycle
          n = n + 1
          self%place(:, n) = scene%probe(i)%point(:cloud%nd)
       end do
@@ -79,10 +80,11 @@ function gradient_at(self, ip, x, cell) result(f)
    integer, pointer, contiguous :: nodes(:)
    integer :: i
 
-   f = 0.0_wp
+   ! the weights sum to one but for rounding
+   f = identity
    call self%row(ip, x, nodes, values)
    do i = 1, size(nodes)
-      f = f + values(1, i)*cell(:, :, nodes(i))
+      f = f + values(1, i)*(cell(:, :, nodes(i)) - identity)
    end do
 end function gradient_at
 

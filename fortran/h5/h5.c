@@ -6,12 +6,15 @@
  *
  * Reference: The HDF Group, HDF5 Reference Manual, https://docs.hdfgroup.org (API 1.10)
  */
-#include <errno.h>
 #include <hdf5.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <unistd.h>
+
+/* base/files.c: open a name for output that is neither a link nor a pipe */
+int rkf_output(const char *path, int keep, char *why, int nwhy);
 
 enum { KIND_REAL8 = 1, KIND_INT4 = 2, KIND_INT8 = 3, KIND_UINT1 = 4 };
 enum { MAX_RANK = 4 };
@@ -87,6 +90,11 @@ int rkh5_open(const char *path, int writing, int64_t *file, char *why, int nwhy)
       snprintf(why, (size_t)nwhy, "it is not a regular file");
       return -1;
    }
+   if (writing) {   /* HDF5 would follow a link */
+      int made = rkf_output(path, 0, why, nwhy);
+      if (made < 0) return -1;
+      close(made);
+   }
    H5dont_atexit();   /* a full disk would make the clean-up at exit fail again */
    listen(&reason);
    hid_t access = H5Pcreate(H5P_FILE_ACCESS);
@@ -110,13 +118,6 @@ int rkh5_close(int64_t file, char *why, int nwhy)
    struct reason reason;
    listen(&reason);
    return finish(H5Fclose(file) < 0, &reason, why, nwhy);
-}
-
-int rkh5_rename(const char *from, const char *to, char *why, int nwhy)
-{
-   if (rename(from, to) == 0) return 0;
-   snprintf(why, (size_t)nwhy, "%s", strerror(errno));
-   return -1;
 }
 
 int rkh5_exists(int64_t file, const char *path)

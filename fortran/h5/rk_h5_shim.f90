@@ -40,7 +40,7 @@ module rk_h5_shim
       end function rkh5_close
 
       !> Give a closed file another name, replacing the file that has it
-      integer(c_int) function rkh5_rename(from, to, why, nwhy) bind(c)
+      integer(c_int) function rkh5_rename(from, to, why, nwhy) bind(c, name='rkf_rename')
          use, intrinsic :: iso_c_binding, only : c_char, c_int
          implicit none
          character(kind=c_char), intent(in) :: from(*), to(*)

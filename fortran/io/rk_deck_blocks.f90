@@ -34,14 +34,9 @@ subroutine put_corners(cloud, deck)
    integer, allocatable :: blocks(:)
 
    call deck%get('scene.method', method)
-   if (.not. allocated(cloud%voxels%index)) return
+   if (method /= 'rkpm-gauss' .or. .not. allocated(cloud%voxels%index)) return
    call deck%get('geometry.blocks', blocks)
-   select case (method)
-   case ('rkpm-gauss')
-      call corner_sources(cloud, blocks, finer_directions(cloud, deck), owned=.false.)
-   case ('rkcm-subdomain')
-      call corner_sources(cloud, blocks, spread(.false., 1, 3), owned=.true.)
-   end select
+   call corner_sources(cloud, blocks, finer_directions(cloud, deck))
 end subroutine put_corners
 
 !> Directions in which blocks are single voxels, since layers are thin and nobody chose another

@@ -89,8 +89,6 @@ subroutine read_motion(scene, deck)
       call deck%get('dynamics.time_step', motion%step)
       call deck%get('dynamics.end_time', motion%end)
       call deck%get('dynamics.every', motion%every)
-      call deck%get('dynamics.mass', word)
-      motion%lumped = word == 'lumped'
       if (deck%is_text('solver.weight_essential')) then
          call deck%get('solver.weight_essential', word)
          motion%published = word == 'ns-c4'

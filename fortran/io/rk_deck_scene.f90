@@ -17,6 +17,7 @@ module rk_deck_scene
    use rk_lattice, only : jitter, lattice_frame, new_annulus, new_box
    use rk_memory, only : available_bytes
    use rk_precision, only : wp
+   use rk_options, only : displacement_weight
    use rk_scene, only : scene_type
    use rk_text, only : to_text
    use rk_volume_points, only : volume_patches
@@ -242,18 +243,12 @@ subroutine read_solver(scene, deck)
    call deck%get('solver.tolerance', scene%solver%tolerance)
    call deck%get('solver.max_iterations', scene%solver%max_iterations)
    call deck%get('mixed.volume_weight', scene%mixed%volume_weight)
-   call deck%get('mixed.displacement_weight', scene%mixed%displacement_weight)
    call deck%get('mixed.edge_exponent', scene%mixed%edge_exponent)
-   call deck%get('mixed.edge_length', scene%mixed%edge_length)
    call deck%get('galerkin.gauss', scene%galerkin%gauss)
    call deck%get('galerkin.essential', word)
    scene%galerkin%transformation = word == 'transformation'
    call deck%get('galerkin.penalty', scene%galerkin%penalty)
    call deck%get('galerkin.direct_limit', scene%galerkin%direct_limit)
-   call deck%get('galerkin.stabilisation', scene%galerkin%stabilisation)
-   call deck%get('galerkin.pressure_degree', scene%galerkin%pressure_degree)
-   call deck%get('subdomain.pressure_spacing', scene%subdomain%pressure_spacing)
-   call deck%get('subdomain.local_bulk', scene%subdomain%local_bulk)
 end subroutine read_solver
 
 !> Weights of boundary rows beside equilibrium rows of weight 1. The residuals are stress over
@@ -284,7 +279,7 @@ subroutine read_weights(scene, deck)
       end if
       call deck%get('solver.weight_essential', weight)
       if (weight == 'c4') solver%weight_c4 = 1.0_wp
-      if (weight == 'balanced') solver%weight_c4 = scene%mixed%displacement_weight/h**2
+      if (weight == 'balanced') solver%weight_c4 = displacement_weight/h**2
    end associate
 end subroutine read_weights
 

@@ -85,10 +85,6 @@ function estimate_cost(deck, model) result(self)
    call deck%get('scene.method', method)
    call deck%get('solver.newton', newton)
    call deck%get('linear.problem', problem)
-   if (method == 'rkcm-subdomain') then
-      call estimate_subdomain(self, deck, support, layers)
-      return
-   end if
    if (method(:min(4, len(method))) == 'rkpm') then
       call estimate_galerkin(self, deck, method, support, layers)
       return
@@ -133,42 +129,6 @@ function estimate_cost(deck, model) result(self)
       self%flops = normal + self%unknowns**3*reach**2*(1.0_wp - 2.0_wp/3.0_wp*reach)
    end select
 end function estimate_cost
-
-!> Sizes, memory and operations of balances of nodal cells
-subroutine estimate_subdomain(self, deck, support, layers)
-   !> Estimate with dimension, points and neighbours
-   type(estimate_type), intent(inout) :: self
-   !> Deck
-   type(deck_type), intent(in) :: deck
-   !> Support in spacings
-   real(wp), intent(in) :: support(:)
-   !> Source points along each direction
-   real(wp), intent(in) :: layers(:)
-   real(wp) :: coupled, band, entries, width, pressures, reach
-   integer :: d, spacing
-
-   call deck%get('subdomain.pressure_spacing', spacing)
-   self%solver = 'lu'
-   coupled = 1.0_wp
-   pressures = 1.0_wp
-   reach = 1.0_wp
-   do d = 1, self%nd
-      ! a cell sees as far as the points of its facets do
-      width = min(2.0_wp*support(min(d, size(support))) + 1.0_wp, layers(d))
-      coupled = coupled*width
-      reach = min(reach, width/layers(d))
-      pressures = pressures*max(2.0_wp, (layers(d) - 1.0_wp)/spacing + 1.0_wp)
-   end do
-   self%unknowns = self%nd*self%ns + pressures
-   self%equations = self%unknowns
-   entries = self%unknowns*(self%nd + 0.5_wp**self%nd)*coupled
-   band = self%unknowns*reach
-   ! rows twice, with their columns; neighbours of the points of facets and patches; values where
-   ! each point has a stencil of its own; the factor as a band at worst
-   self%bytes = 40.0_wp*entries + 40.0_wp*2.0_wp**self%nd*self%ns*self%neighbours &
-      & + 16.0_wp*self%unknowns*band
-   self%flops = 2.0_wp*self%unknowns*band**2
-end subroutine estimate_subdomain
 
 !> Sizes, memory and operations of the Galerkin form
 subroutine estimate_galerkin(self, deck, method, support, layers)

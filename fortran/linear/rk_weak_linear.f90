@@ -119,8 +119,7 @@ subroutine new_weak_linear(self, scene, error)
    if (allocated(error)) return
    call self%surface%set_penalty(scene, self%cells, stiffness)
    call set_gradient(self, ns, facet)
-   call new_pressure(self%pressure, self%cells, softness(self), &
-      & scene%galerkin%pressure_degree, scene%cloud%points, .false., error)
+   call new_pressure(self%pressure, self%cells, softness(self), scene%cloud%points, .false., error)
    if (allocated(error)) return
    if (scene%galerkin%transformation) then
       call hold_points(self, stiffness, error)

@@ -3,6 +3,7 @@ module rk_cloud
    use rk_csr, only : csr_type
    use rk_error, only : error_type, fatal_error, err_input
    use rk_kernel, only : window_product
+   use rk_memory, only : available_bytes
    use rk_neighbours, only : find_neighbours, nearest_points
    use rk_precision, only : i8, wp
    use rk_region, only : region_type
@@ -10,10 +11,18 @@ module rk_cloud
    implicit none
    private
 
-   public :: cloud_type, voxels_type, check_cloud
+   public :: cloud_type, voxels_type, check_arrays, check_cloud
 
+   !> Greatest index of a voxel; no image has more voxels along an edge
+   integer, parameter, public :: max_index = 1000000
    !> Part of the spacing of source points within which points are the same [-]
    real(wp), parameter :: alike = 1.0e-6_wp
+   !> Edges of a voxel that its point may be off its centre: those on the surface were moved there,
+   !> at shallow ends by three edges [-]
+   real(wp), parameter :: moved = 10.0_wp
+   !> Memory that arrays on the grid of the voxels take at the most: eight octants of 4 bytes, a
+   !> distance and a number [byte]
+   real(wp), parameter :: voxel_bytes = 44.0_wp
 
    !> Regular grid of the voxels that a model was made of
    type :: voxels_type
@@ -228,6 +237,171 @@ function nearest_source(self) result(owner)
       & at/spread(step, 2, size(at, 2)))
 end function nearest_source
 
+!> Refuse arrays from a file or from Python that do not fit together, or that point to what is not
+!> there
+subroutine check_arrays(self, error)
+   !> Model with nd = 3, whose indices count from 0 still: one more may be no integer
+   type(cloud_type), intent(in) :: self
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   integer :: nb, np
+
+   np = size(self%points, 2)
+   nb = size(self%boundary_point)
+   if (size(self%source, 2) == 0) call complain('it has no source points')
+   if (np == 0) call complain('it has no collocation points')
+   call check_columns('source', self%source, size(self%source, 2))
+   call check_columns('spacing', self%spacing, size(self%source, 2))
+   call check_columns('points', self%points, np)
+   call need_shape('label', shape(self%label), [np])
+   call check_columns('fiber', self%fiber, np)
+   call check_numbers('volume', self%volume, np, huge(1.0_wp))
+   if (.not. any(self%volume > 0.0_wp)) call complain("'volume' must not be 0 everywhere")
+   call check_indices('boundary_point', self%boundary_point, nb, np)
+   call check_indices('boundary_set', self%boundary_set, nb, size(self%set_names))
+   call check_columns('normal', self%normal, nb)
+   call check_numbers('area', self%area, nb, huge(1.0_wp))
+   if (allocated(self%activation)) call check_numbers('activation', self%activation, np, 1.0_wp)
+   if (allocated(self%fraction)) then
+      call need_shape('fraction', shape(self%fraction), [size(self%fraction_label), np])
+      call need_finite('fraction', any(.not. abs(self%fraction) <= huge(1.0_wp), dim=1))
+   end if
+   if (allocated(self%voxels%index)) call check_voxels(self%voxels)
+
+contains
+
+   !> Three finite numbers for each of n entries
+   subroutine check_columns(name, values, n)
+      !> Component
+      character(len=*), intent(in) :: name
+      !> Numbers
+      real(wp), intent(in) :: values(:, :)
+      !> Entries there must be
+      integer, intent(in) :: n
+
+      call need_shape(name, shape(values), [3, n])
+      call need_finite(name, any(.not. abs(values) <= huge(1.0_wp), dim=1))
+   end subroutine check_columns
+
+   !> One number from 0 to a greatest one for each of n entries
+   subroutine check_numbers(name, values, n, most)
+      !> Component
+      character(len=*), intent(in) :: name
+      !> Numbers
+      real(wp), intent(in) :: values(:)
+      !> Entries there must be
+      integer, intent(in) :: n
+      !> Greatest number
+      real(wp), intent(in) :: most
+      character(len=:), allocatable :: range
+      integer :: at
+
+      call need_shape(name, shape(values), [n])
+      if (allocated(error)) return
+      at = findloc(values >= 0.0_wp .and. values <= most, .false., dim=1)
+      if (at == 0) return
+      range = 'finite numbers not below 0'
+      if (most < huge(1.0_wp)) range = 'numbers from 0 to '//to_text(most)
+      call complain("'"//name//"' must hold "//range//', but entry '//to_text(at - 1)//' is ' &
+         & //to_text(values(at)))
+   end subroutine check_numbers
+
+   !> One index from 0 to below a count for each of n entries
+   subroutine check_indices(name, indices, n, count)
+      !> Component
+      character(len=*), intent(in) :: name
+      !> Indices
+      integer, intent(in) :: indices(:)
+      !> Entries there must be, and the count
+      integer, intent(in) :: n, count
+      integer :: at
+
+      call need_shape(name, shape(indices), [n])
+      if (allocated(error)) return
+      at = findloc(indices >= 0 .and. indices < count, .false., dim=1)
+      if (at > 0) call complain("'"//name//"' must hold indices from 0 to "//to_text(count - 1) &
+         & //', but entry '//to_text(at - 1)//' is '//to_text(indices(at)))
+   end subroutine check_indices
+
+   !> A voxel about each collocation point, in a grid that fits into memory
+   subroutine check_voxels(voxels)
+      !> Grid
+      type(voxels_type), intent(in) :: voxels
+      real(wp) :: far, n(3)
+      integer :: at
+
+      call need_shape('voxels/index', shape(voxels%index), [3, np])
+      if (allocated(error)) return
+      at = findloc(all(voxels%index >= -max_index .and. voxels%index <= max_index, dim=1), &
+         & .false., dim=1)
+      if (at > 0) then
+         call complain("'voxels/index' has an index beyond any image in entry "//to_text(at - 1))
+         return
+      end if
+      if (.not. all(voxels%size > 0.0_wp .and. voxels%size <= huge(1.0_wp) &
+         & .and. abs(voxels%origin) <= huge(1.0_wp))) &
+         & call complain("'voxels/size' must be positive and finite, 'voxels/origin' finite")
+      do at = 1, np
+         far = maxval(abs(self%points(:, at) - voxels%centre(at)))
+         if (far <= moved*maxval(voxels%size)) cycle
+         call complain("'voxels/index', 'voxels/size' and 'voxels/origin' put the voxel of point " &
+            & //to_text(at - 1)//' at a distance of '//to_text(far)//' from it')
+         return
+      end do
+      n = maxval(voxels%index, dim=2) - minval(voxels%index, dim=2) + 1
+      if (voxel_bytes*product(n) > available_bytes()) call complain("'voxels/index' spans a grid " &
+         & //'of '//to_text(nint(n(1)))//' x '//to_text(nint(n(2)))//' x '//to_text(nint(n(3))) &
+         & //' voxels, more than there is memory for')
+   end subroutine check_voxels
+
+   !> An array must have a shape
+   subroutine need_shape(name, found, wanted)
+      !> Component
+      character(len=*), intent(in) :: name
+      !> Its shape, and the one that is needed
+      integer, intent(in) :: found(:), wanted(:)
+
+      if (any(found /= wanted)) call complain("'"//name//"' has shape "//in_words(found) &
+         & //', but '//in_words(wanted)//' is needed')
+   end subroutine need_shape
+
+   !> Shape in the order of files and of Python
+   function in_words(sizes) result(text)
+      !> Shape
+      integer, intent(in) :: sizes(:)
+      character(len=:), allocatable :: text
+      integer :: i
+
+      text = '('//to_text(sizes(size(sizes)))
+      do i = size(sizes) - 1, 1, -1
+         text = text//', '//to_text(sizes(i))
+      end do
+      text = text//')'
+   end function in_words
+
+   !> All entries must be finite
+   subroutine need_finite(name, bad)
+      !> Component
+      character(len=*), intent(in) :: name
+      !> Whether an entry is not finite
+      logical, intent(in) :: bad(:)
+      integer :: at
+
+      at = findloc(bad, .true., dim=1)
+      if (at > 0) call complain("'"//name//"' must hold finite numbers, but entry " &
+         & //to_text(at - 1)//' does not')
+   end subroutine need_finite
+
+   !> The first complaint is kept
+   subroutine complain(what)
+      !> What is wrong
+      character(len=*), intent(in) :: what
+
+      if (.not. allocated(error)) call fatal_error(error, err_input, what)
+   end subroutine complain
+
+end subroutine check_arrays
+
 !> Refuse what no later station could make sense of
 subroutine check_cloud(self, error)
    !> Cloud
@@ -249,15 +423,6 @@ subroutine check_cloud(self, error)
          return
       end if
    end do
-   if (allocated(self%volume)) then
-      i = findloc(self%volume >= 0.0_wp .and. self%volume <= huge(1.0_wp), .false., dim=1)
-      if (i > 0) then
-         call fatal_error(error, err_input, 'volume of collocation point '//to_text(i)//' at ' &
-            & //to_text(self%points(:, i))//' is '//to_text(self%volume(i)) &
-            & //': it must be finite and not negative')
-         return
-      end if
-   end if
    if (allocated(self%fraction)) then
       i = findloc(all(self%fraction >= 0.0_wp, dim=1) .and. &
          & abs(sum(self%fraction, dim=1) - 1.0_wp) < 1.0e-6_wp, .false., dim=1)
@@ -269,23 +434,9 @@ subroutine check_cloud(self, error)
       end if
    end if
    do i = 1, size(self%boundary_point)
-      associate (point => self%boundary_point(i), set => self%boundary_set(i))
-         if (point < 1 .or. point > size(self%points, 2) .or. set < 1 &
-            & .or. set > size(self%set_names)) then
-            call fatal_error(error, err_input, 'boundary entry '//to_text(i)//' names point ' &
-               & //to_text(point)//' and set '//to_text(set)//', which do not exist')
-            return
-         end if
-      end associate
       if (.not. abs(norm2(self%normal(:, i)) - 1.0_wp) < 1.0e-6_wp) then
          call fatal_error(error, err_input, 'normal of boundary entry '//to_text(i)//' at ' &
             & //to_text(self%points(:, self%boundary_point(i)))//' is not a unit vector')
-         return
-      end if
-      if (.not. (self%area(i) >= 0.0_wp .and. self%area(i) <= huge(1.0_wp))) then
-         call fatal_error(error, err_input, 'area of boundary entry '//to_text(i)//' at ' &
-            & //to_text(self%points(:, self%boundary_point(i)))//' is '//to_text(self%area(i)) &
-            & //': it must be finite and not negative')
          return
       end if
    end do

@@ -16,6 +16,9 @@ module rk_conditions
 
    public :: boundary_type, new_boundary, conditions_at, contradiction, overlaps
 
+   !> Pairs of sets that are named where they overlap
+   integer, parameter :: most_overlaps = 20
+
    !> Boundary points with what holds there
    type :: boundary_type
       !> Collocation point, ascending, shape (nb)
@@ -236,25 +239,35 @@ function overlaps(cloud, condition) result(lines)
    !> Conditions on sets
    type(condition_type), intent(in) :: condition(:)
    character(len=:), allocatable :: lines
-   integer :: b, c, e, shared
-   integer :: entries(size(condition))
-   logical :: inside(size(cloud%boundary_set), size(condition))
+   integer :: b, c, e, found
+   integer :: shared(size(condition))
+   logical :: inside(size(condition), size(cloud%boundary_set)), acts(3, size(condition))
 
    lines = ''
+   found = 0
+   do e = 1, size(inside, 2)
+      inside(:, e) = cloud%in_set(e, condition%set)
+   end do
    do c = 1, size(condition)
-      inside(:, c) = [(cloud%in_set(e, condition(c)%set), e=1, size(inside, 1))]
-      entries(c) = count(inside(:, c))
+      acts(:, c) = loaded(condition(c))
+      shared(:c) = 0
+      do e = 1, size(inside, 2)
+         if (inside(c, e)) shared(:c) = shared(:c) + merge(1, 0, inside(:c, e))
+      end do
       do b = 1, c - 1
-         shared = count(inside(:, b) .and. inside(:, c))
-         if (shared == 0 .or. .not. any(loaded(condition(b)) .and. loaded(condition(c)))) cycle
+         if (shared(b) == 0 .or. .not. any(acts(:, b) .and. acts(:, c))) cycle
+         found = found + 1
+         if (found > most_overlaps) cycle
          lines = lines//'sets '//trim(cloud%set_names(condition(b)%set))//' and ' &
-            & //trim(cloud%set_names(condition(c)%set))//' share '//to_text(shared) &
-            & //' boundary points (of '//to_text(entries(b))//' and '//to_text(entries(c)) &
-            & //'), where the conditions of both hold: loads add, and a component that one of ' &
-            & //'them prescribes takes none; keep them apart by `where` if that is not meant' &
-            & //new_line('a')
+            & //trim(cloud%set_names(condition(c)%set))//' share '//to_text(shared(b)) &
+            & //' boundary points (of '//to_text(count(inside(b, :)))//' and ' &
+            & //to_text(shared(c))//'), where the conditions of both hold: loads add, and a ' &
+            & //'component that one of them prescribes takes none; keep them apart by `where` if ' &
+            & //'that is not meant'//new_line('a')
       end do
    end do
+   if (found > most_overlaps) lines = lines//to_text(found - most_overlaps)//' more pairs of ' &
+      & //'sets share boundary points'//new_line('a')
 end function overlaps
 
 !> Components on which a condition acts

@@ -109,8 +109,8 @@ subroutine extent_of(cloud, set, area, middle, error)
    !> Error handling: an expression that is not finite somewhere
    type(error_type), allocatable, intent(out) :: error
    real(wp), allocatable :: place(:, :), outward(:, :)
-   integer, allocatable :: side(:)
-   logical, allocatable :: within(:, :)
+   integer, allocatable :: side(:), near(:)
+   logical :: met(size(criteria))
    real(wp) :: low(3), step(3), share
    integer :: e, s
 
@@ -121,13 +121,15 @@ subroutine extent_of(cloud, set, area, middle, error)
    end if
    call lattice_frame(cloud, low, step)
    call sample_sides(cloud, low, step, place, outward, side)
-   call sets_of(cloud, place, outward, side, nearest_points(cloud%points, place), within, error)
-   if (allocated(error)) return
+   near = nearest_points(cloud%points, place)
    area = 0.0_wp
    middle = 0.0_wp
    do s = 1, size(side)
-      if (.not. within(set, s)) cycle
       share = norm2(outward(:, s))
+      call cloud%region(set - cloud%sides())%look(place(:, s), outward(:, s)/share, side(s), &
+         & cloud%label(near(s)), met, error)
+      if (allocated(error)) return
+      if (.not. all(met)) cycle
       area = area + share
       middle = middle + share*place(:, s)
    end do

@@ -6,7 +6,11 @@ module rk_options
    private
 
    public :: load_options, solver_options, mixed_options, galerkin_options, interface_options
-   public :: subdomain_options
+   public :: displacement_weight
+
+   !> Weight of the displacement rows of the mixed form, and of balanced ones of collocation, in
+   !> shear moduli over spacing [-]
+   real(wp), parameter :: displacement_weight = 15.0_wp
 
    !> How the load is applied
    type :: load_options
@@ -42,13 +46,8 @@ module rk_options
    type :: mixed_options
       !> Weight of the volume rows in shear moduli [-]
       real(wp) :: volume_weight
-      !> Weight of the displacement rows in shear moduli over spacing [-]
-      real(wp) :: displacement_weight
       !> Power of the distance to singular edges in the row weights [-]
       real(wp) :: edge_exponent
-      !> Distance from singular edges at which rows have their full weight; 0 means half the
-      !> smallest extent of the body [length]
-      real(wp) :: edge_length
    end type mixed_options
 
    !> Galerkin form
@@ -59,21 +58,9 @@ module rk_options
       logical :: transformation
       !> Penalty of prescribed displacements in shear moduli over spacing [-]
       real(wp) :: penalty
-      !> Resistance of nodal cells to gradients that vary, in shear moduli [-]
-      real(wp) :: stabilisation
       !> Unknowns up to which the tangent is factorised
       integer :: direct_limit
-      !> Degree of the pressure in a group of cells
-      integer :: pressure_degree
    end type galerkin_options
-
-   !> Balances of nodal cells
-   type :: subdomain_options
-      !> Spacings of source points from one pressure to the next
-      integer :: pressure_spacing
-      !> Part of the bulk modulus that acts at each point itself, in shear moduli [-]
-      real(wp) :: local_bulk
-   end type subdomain_options
 
    !> Interfaces between materials
    type :: interface_options

@@ -6,7 +6,7 @@ module rk_scene
    use rk_expression, only : expression_type
    use rk_material, only : material_type
    use rk_options, only : galerkin_options, interface_options, load_options, mixed_options, &
-      & solver_options, subdomain_options
+      & solver_options
    use rk_precision, only : wp
    use rk_programme, only : plan_type, programme_type, ramp
    use rk_shape, only : approximation_type, new_shape, shape_type
@@ -91,6 +91,11 @@ module rk_scene
       real(wp) :: normal(3) = 0.0_wp
       !> Point about which a torque turns [length]
       real(wp) :: about(3) = 0.0_wp
+   contains
+      !> Whether it is of a body or a tissue as a whole
+      procedure :: of_body
+      !> Whether it is of a place in the body
+      procedure :: at_a_place
    end type probe_type
 
    !> A homogeneous exact solution for a probe
@@ -148,8 +153,8 @@ module rk_scene
       type(load_options) :: load
       !> How they grow
       type(programme_type) :: programme
-      !> Body force at full load per undeformed volume, none unless allocated, shape (3, nc)
-      !> [force/length^3]
+      !> Body force at full load per undeformed volume, none unless allocated, shape (3, points
+      !> where the form wants it) [force/length^3]
       real(wp), allocatable :: body_force(:, :)
       !> Iteration, linear solver, weights of boundary rows
       type(solver_options) :: solver
@@ -157,8 +162,6 @@ module rk_scene
       type(mixed_options) :: mixed
       !> Galerkin form
       type(galerkin_options) :: galerkin
-      !> Balances of nodal cells
-      type(subdomain_options) :: subdomain
       !> Probes
       type(probe_type), allocatable :: probe(:)
       !> Exact solutions
@@ -176,6 +179,8 @@ module rk_scene
       procedure :: common_activation
       !> Whether some muscle has one of its own
       procedure :: has_own_activations
+      !> Whether a muscle is active or a condition acts at a load
+      procedure :: is_loaded
       !> Shape functions at places
       procedure :: shape_at
       !> Largest ratio of a bulk modulus to its shear modulus
@@ -251,6 +256,18 @@ pure logical function has_own_activations(self) result(own)
    end do
 end function has_own_activations
 
+!> Whether a muscle is active or a condition acts at a load
+pure logical function is_loaded(self, load)
+   !> Scene
+   class(scene_type), intent(in) :: self
+   !> Load [-]
+   real(wp), intent(in) :: load
+   integer :: k
+
+   is_loaded = any([(self%activation_at(k, load) > 0.0_wp, k=1, size(self%tissue))]) &
+      & .or. any([(self%condition(k)%acts(self%factors(load)), k=1, size(self%condition))])
+end function is_loaded
+
 !> Whether displacements are prescribed that are not the same everywhere
 pure logical function moves_unevenly(self)
    !> Condition
@@ -259,6 +276,22 @@ pure logical function moves_unevenly(self)
 
    moves_unevenly = self%is_radial .or. self%sine > 0 .or. any([(self%value_of(i)%given(), i=1, 3)])
 end function moves_unevenly
+
+!> Whether a probe is of a body or a tissue as a whole
+pure logical function of_body(self)
+   !> Probe
+   class(probe_type), intent(in) :: self
+
+   of_body = any(self%quantity == [character(len=13) :: 'energy', 'fiber_stretch', 'pennation'])
+end function of_body
+
+!> Whether a probe is of a place in the body: not of a set, a plane or the body as a whole
+pure logical function at_a_place(self)
+   !> Probe
+   class(probe_type), intent(in) :: self
+
+   at_a_place = self%set == 0 .and. .not. self%of_body() .and. index(self%quantity, 'section') /= 1
+end function at_a_place
 
 !> Whether a displacement or a traction is prescribed that need not be zero
 pure logical function acts(self, factor)

@@ -6,14 +6,13 @@
 !> a large penalty makes no step small.
 module rk_weak_motion
    use rk_equation, only : motion_type
-   use rk_error, only : error_type, fatal_error, err_input
+   use rk_error, only : error_type
    use rk_gradient, only : gradient_type
    use rk_motion, only : loads_vary, moving_type
    use rk_operator, only : square_report
    use rk_precision, only : wp
    use rk_sparse, only : factor_upper, sparse_factor
    use rk_spectrum, only : largest_eigenvalue
-   use rk_text, only : to_text
    use rk_weak_conditions, only : add_body_force
    use rk_weak_linear, only : add_given, lift_at, surface_at, weak_linear_problem
    use rk_weak_loads, only : body_force
@@ -28,8 +27,8 @@ module rk_weak_motion
       type(weak_linear_problem), pointer :: problem => null()
       !> What moves it
       type(motion_type) :: motion
-      !> Entries of the mass matrix in the places of the stiffness, consistent and as it is used
-      real(wp), allocatable :: consistent(:), mass(:)
+      !> Entries of the mass matrix in the places of the stiffness
+      real(wp), allocatable :: mass(:)
       !> Entries of the stiffness without the penalty
       real(wp), allocatable :: stiffness(:)
       !> Loads inside and on the surface, and those of the penalty, at the last two times, shape (n)
@@ -58,9 +57,8 @@ subroutine new_weak_motion(self, problem, error)
    type(weak_motion), intent(out) :: self
    !> Problem
    type(weak_linear_problem), target, intent(inout) :: problem
-   !> Error handling: a mass that is not positive
+   !> Error handling: a density that is not positive
    type(error_type), allocatable, intent(out) :: error
-   real(wp), allocatable :: ones(:), sums(:)
    real(wp), pointer, contiguous :: psi(:, :)
    integer, pointer, contiguous :: nodes(:)
    real(wp), allocatable :: part(:, :)
@@ -73,7 +71,7 @@ subroutine new_weak_motion(self, problem, error)
    self%m = problem%n
    self%symmetric = .true.
    nf = problem%fields
-   allocate (self%consistent(size(problem%matrix%value)), source=0.0_wp)
+   allocate (self%mass(size(problem%matrix%value)), source=0.0_wp)
    do q = 1, size(problem%cells%weight)
       call self%motion%density_at(problem%cells%point(:, q), density, error)
       if (allocated(error)) return
@@ -87,25 +85,9 @@ subroutine new_weak_motion(self, problem, error)
             end do
          end do
       end do
-      call problem%matrix%add(self%consistent, nodes, part)
+      call problem%matrix%add(self%mass, nodes, part)
       deallocate (part)
    end do
-   self%mass = self%consistent
-   if (self%motion%lumped) then
-      allocate (ones(self%n), source=1.0_wp)
-      allocate (sums(self%n))
-      call problem%matrix%product(self%consistent, ones, sums)
-      self%mass = 0.0_wp
-      do k = 1, self%n
-         self%mass(problem%matrix%start(k + 1)) = sums(k)
-      end do
-      if (.not. all(sums > 0.0_wp)) then
-         call fatal_error(error, err_input, 'dynamics.mass: lumped masses are not all positive ' &
-            & //'with a basis of order '//to_text(problem%scene%approximation%order) &
-            & //': take mass = "consistent", or approximation.order = 1')
-         return
-      end if
-   end if
    self%stiffness = problem%matrix%value - problem%penalty
    self%varies = loads_vary(problem%scene)
    call loads_at(problem, 0.0_wp, self%force, self%held, error)
@@ -326,7 +308,7 @@ subroutine project(self, displacement, x, error)
       end do
    end do
    x = 0.0_wp
-   if (any(abs(side) > 0.0_wp)) call self%problem%matrix%solve_with(self%consistent, side, x, &
+   if (any(abs(side) > 0.0_wp)) call self%problem%matrix%solve_with(self%mass, side, x, &
       & report, error)
 end subroutine project
 

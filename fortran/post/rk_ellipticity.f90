@@ -1,5 +1,6 @@
 !> Where a state is nearest to losing its ellipticity, at the collocation points.
 module rk_ellipticity
+   use, intrinsic :: ieee_arithmetic, only : ieee_is_finite
    use rk_acoustic, only : least_acoustic
    use rk_discretisation, only : discretisation_type
    use rk_precision, only : wp
@@ -18,6 +19,8 @@ module rk_ellipticity
       integer :: point = 0
       !> Where it is lost, shape (nc)
       logical, allocatable :: lost(:)
+      !> Where J is not positive or the Cauchy stress not finite, shape (nc)
+      logical, allocatable :: broken(:)
       !> Smallest and largest volume ratio J = det F there, as fields and probes have it [-]
       real(wp) :: min_j = 1.0_wp
       real(wp) :: max_j = 1.0_wp
@@ -42,12 +45,14 @@ subroutine find_ellipticity(problem, state, worst)
 
    nd = problem%scene%cloud%nd
    mixed = problem%has_pressure()
-   allocate (least(size(problem%scene%cloud%points, 2)), j(size(problem%scene%cloud%points, 2)))
+   allocate (least(size(problem%scene%cloud%points, 2)), j(size(problem%scene%cloud%points, 2)), &
+      & worst%broken(size(problem%scene%cloud%points, 2)))
    !$omp parallel do default(none) schedule(static) private(ip, local, p, c4, fixed) &
-   !$omp shared(problem, state, least, j, nd, mixed)
+   !$omp shared(problem, state, worst, least, j, nd, mixed)
    do ip = 1, size(least)
       call problem%at_point(state, ip, local)
       j(ip) = local%j
+      worst%broken(ip) = .not. (local%j > 0.0_wp .and. all(ieee_is_finite(local%cauchy)))
       fixed = mixed .or. problem%mixture%bulk(ip) > huge(1.0_wp)
       call problem%mixture%tangent(ip, local%f, state%load, p, c4, volumetric=.not. fixed)
       least(ip) = least_acoustic(nd, c4, 0.5_wp*cross(local%f, local%f), fixed) &

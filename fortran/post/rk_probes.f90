@@ -38,7 +38,7 @@ subroutine new_probes(self, scene, error)
    do i = 1, size(scene%probe)
       self%nearest(i) = 1
       place(:, i) = scene%cloud%points(:, 1)
-      if (scene%probe(i)%set > 0 .or. of_body(scene%probe(i)%quantity)) cycle
+      if (.not. scene%probe(i)%at_a_place()) cycle
       place(:, i) = scene%probe(i)%point(:nd)
       self%nearest(i) = minloc(sum((scene%cloud%points - spread(place(:, i), 2, &
          & size(scene%cloud%points, 2)))**2, dim=1), dim=1)
@@ -65,7 +65,7 @@ subroutine probe_value(problem, probes, i, state, value)
    real(wp) :: u(problem%fields, problem%shape%nq)
 
    associate (probe => problem%scene%probe(i), nd => problem%scene%cloud%nd)
-      if (of_body(probe%quantity)) then
+      if (probe%of_body()) then
          value = 0.0_wp
          value(1) = muscle_value(problem, probe, state)
          return
@@ -113,14 +113,6 @@ function force_of(problem, probe, state) result(value)
       end if
    end associate
 end function force_of
-
-!> Whether a quantity is one of a body or a tissue as a whole, at no place
-pure logical function of_body(name)
-   !> Quantity
-   character(len=*), intent(in) :: name
-
-   of_body = any(name == [character(len=13) :: 'energy', 'fiber_stretch', 'pennation'])
-end function of_body
 
 !> Energy, or mean over the volume of a muscle: of the stretch of its fibers, or of their angle
 !> against a direction [degree]

@@ -68,15 +68,13 @@ module rk_pressure
 contains
 
 !> Set up the polynomials
-subroutine new_pressure(self, cells, softness, degree, place, curved, error)
+subroutine new_pressure(self, cells, softness, place, curved, error)
    !> Pressure
    type(pressure_type), intent(out) :: self
    !> Integration points
    type(cells_type), intent(in) :: cells
    !> Bulk modulus of the group over that of each integration point, shape (np) [-]
    real(wp), intent(in) :: softness(:)
-   !> Degree of the polynomials, 0 or 1
-   integer, intent(in) :: degree
    !> Collocation points, shape (nd, nc) [length]
    real(wp), intent(in) :: place(:, :)
    !> Write pressures with their curvature, in the plane
@@ -85,11 +83,10 @@ subroutine new_pressure(self, cells, softness, degree, place, curved, error)
    type(error_type), allocatable, intent(out) :: error
    real(wp), allocatable :: m(:, :)
    real(wp) :: before, c(1 + size(place, 1)), factor
-   integer :: d, g, i, j, n, nd, groups, most, trial
+   integer :: d, g, i, j, n, nd, groups, trial
 
    nd = size(place, 1)
    groups = size(cells%first) - 1
-   most = 1 + degree*nd
    allocate (self%count(groups), self%centre(nd, groups), self%reach(nd, groups))
    allocate (self%basis(1 + nd, size(cells%weight)), source=0.0_wp)
    allocate (self%total(1 + nd, groups), source=0.0_wp)
@@ -108,7 +105,7 @@ subroutine new_pressure(self, cells, softness, degree, place, curved, error)
          if (allocated(m)) deallocate (m)
          allocate (m(size(w), 1 + nd))
          n = 0
-         do i = 1, most
+         do i = 1, 1 + nd
             if (i > 1 .and. allocated(cells%thin)) then
                if (cells%thin(i - 1, g)) cycle
             end if

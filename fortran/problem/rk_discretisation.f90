@@ -16,7 +16,10 @@ module rk_discretisation
    implicit none
    private
 
-   public :: discretisation_type, free_discretisation, deformation, entry_displacement
+   public :: discretisation_type, free_discretisation, deformation, entry_displacement, rounding
+
+   !> Stresses below this share of a modulus are roundings [-]
+   real(wp), parameter :: rounding = 1.0e4_wp*epsilon(1.0_wp)
 
    !> A discretised scene
    type, abstract, extends(problem_type) :: discretisation_type
@@ -37,6 +40,10 @@ module rk_discretisation
       procedure :: has_pressure
       !> Whether a step turns material by a right angle
       procedure :: turns_over
+      !> Whether unknowns are those of a body at rest, which nothing moves at a load
+      procedure :: at_rest
+      !> Largest stress of a state, and the stiffness of which it may be a rounding
+      procedure :: largest_stress
       !> The same problem in terms of the amplitudes of modes
       procedure :: reduce
       !> What a user can do where steps vanish but the gradient does not
@@ -408,6 +415,54 @@ function turns_over(self, before, after) result(found)
    end do
    found = places > few_places*size(self%scene%cloud%points, 2)
 end function turns_over
+
+!> Whether unknowns are those of a body at rest, which nothing moves at a load
+logical function at_rest(self, x, load)
+   !> Problem
+   class(discretisation_type), intent(in) :: self
+   !> Unknowns, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   type(field_state) :: state
+   real(wp) :: stress, stiffness
+
+   at_rest = .false.
+   if (any(abs(x) > 0.0_wp) .or. allocated(self%scene%body_force)) return
+   if (self%scene%is_loaded(load)) return
+   ! fibers of lambda_o < 1 pull without activation
+   call self%state(x, load, state)
+   call self%largest_stress(state, stress, stiffness)
+   at_rest = stress <= rounding*stiffness
+end function at_rest
+
+!> Largest stress of a state at the collocation points, and the stiffness of which it may be a
+!> rounding
+subroutine largest_stress(self, state, stress, stiffness)
+   !> Problem
+   class(discretisation_type), intent(in) :: self
+   !> State
+   type(field_state), intent(in) :: state
+   !> Largest component of P [stress]
+   real(wp), intent(out) :: stress
+   !> Largest modulus of the materials [stress]
+   real(wp), intent(out) :: stiffness
+   type(point_state) :: local
+   integer :: ip, k
+
+   stiffness = 0.0_wp
+   do k = 1, size(self%scene%tissue)
+      associate (material => self%scene%tissue(k)%material)
+         stiffness = max(stiffness, material%shear)
+         if (.not. material%incompressible()) stiffness = max(stiffness, material%bulk)
+      end associate
+   end do
+   stress = 0.0_wp
+   do ip = 1, size(self%scene%cloud%points, 2)
+      call self%at_point(state, ip, local)
+      stress = max(stress, maxval(abs(local%p)))
+   end do
+end subroutine largest_stress
 
 !> Deformation gradient (5.28), (5.29) and its derivatives from the displacement's derivatives
 pure subroutine deformation(nd, u, f, h)

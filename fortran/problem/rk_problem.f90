@@ -74,6 +74,8 @@ module rk_problem
       procedure :: rejection
       !> Whether a step turns material by a right angle
       procedure :: turns_over
+      !> Whether unknowns are those of a body at rest, which nothing moves at a load
+      procedure :: at_rest
       !> What a user can do where steps vanish but the gradient does not
       procedure :: advice
       !> What may keep the iteration from converging
@@ -255,6 +257,20 @@ function turns_over(self, before, after) result(found)
    end associate
    found = .false.
 end function turns_over
+
+!> Whether unknowns are those of a body at rest, which nothing moves at a load
+logical function at_rest(self, x, load)
+   !> Problem
+   class(problem_type), intent(in) :: self
+   !> Unknowns, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Load [-]
+   real(wp), intent(in) :: load
+
+   associate (unused => self, unused_x => x, unused_load => load)
+   end associate
+   at_rest = .false.
+end function at_rest
 
 !> Second derivatives of r.r/2: A^T A plus the sum of r_i times the second derivatives of r_i
 !> (5.59). Where residuals are linear, or Newton's step needs no more than A, there is no such sum.

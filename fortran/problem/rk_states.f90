@@ -16,8 +16,7 @@ module rk_states
       real(wp) :: load = 0.0_wp
       !> Load factors, in which what is prescribed is linear, shape (factors) [-]
       real(wp), allocatable :: factor(:)
-      !> Weak forms at their integration points, the subdomain form at its points of
-      !> facets: deformation gradient F(i, A), shape (3, 3, np) [-]
+      !> Weak forms at their integration points: deformation gradient F(i, A), shape (3, 3, np) [-]
       real(wp), allocatable :: f(:, :, :)
       !> Volume ratio, shape (np) [-]
       real(wp), allocatable :: j(:)
@@ -33,8 +32,6 @@ module rk_states
       real(wp), allocatable :: pressure(:, :)
       !> Weak forms: projected J - 1 of each group, shape (1 + nd, groups) [length^(nd/2)]
       real(wp), allocatable :: volume(:, :)
-      !> Subdomain form, at its points of facets: flux P N of momentum, shape (nd, np) [force]
-      real(wp), allocatable :: flux(:, :)
    end type field_state
 
    !> State of the material at one place

@@ -9,6 +9,7 @@
 !> theta about a fixed axis n, since (R - I)d = sin(theta) n x d + (1 - cos(theta)) n x (n x d).
 module rk_programme
    use rk_precision, only : wp
+   use rk_sort, only : sort
    implicit none
    private
 
@@ -142,7 +143,7 @@ pure real(wp) function value_at(self, amplitude, load) result(value)
    value = max(load, 0.0_wp)
    if (amplitude == no_amplitude) return
    associate (time => self%amplitude(amplitude)%time, values => self%amplitude(amplitude)%value)
-      k = count(time <= load)
+      k = last_until(time, load)
       value = values(max(k, 1))
       ! from rest to where the programme begins
       if (load < 0.0_wp) value = (1.0_wp + load)*value
@@ -161,12 +162,17 @@ pure function plan(self, steps) result(planned)
    !> Equal steps, where no load times were asked for
    integer, intent(in) :: steps
    type(plan_type) :: planned
+   real(wp), allocatable :: output(:)
    real(wp) :: before
+   integer, allocatable :: place(:)
    integer :: a, k
 
    if (allocated(self%output)) then
+      call sort(self%output, place)
+      allocate (output(size(place)))
+      output(place) = self%output
       planned%load = [1.0_wp]
-      call merge_loads(planned%load, self%output)
+      call merge_loads(planned%load, output)
    else
       planned%load = [(real(k, wp)/real(steps, wp), k=1, steps)]
    end if
@@ -201,20 +207,54 @@ pure logical function begins_loaded(self) result(loaded)
    end do
 end function begins_loaded
 
-!> Add loads to ascending ones; 0 is rest and no step
+!> Add loads to others, both ascending; 0 is rest and no step
 pure subroutine merge_loads(load, more)
-   !> Loads, ascending [-]
+   !> Loads [-]
    real(wp), allocatable, intent(inout) :: load(:)
    !> Further ones [-]
    real(wp), intent(in) :: more(:)
-   integer :: k, n
+   real(wp) :: merged(0:size(load) + size(more))
+   integer :: i, k, n
 
+   merged(0) = 0.0_wp
+   i = 0
+   n = 0
    do k = 1, size(more)
-      if (more(k) < same .or. any(abs(load - more(k)) < same)) cycle
-      n = count(load < more(k))
-      load = [load(:n), more(k), load(n + 1:)]
+      do while (i < size(load))
+         if (.not. load(i + 1) < more(k)) exit
+         i = i + 1
+         n = n + 1
+         merged(n) = load(i)
+      end do
+      if (more(k) - merged(n) < same) cycle
+      if (i < size(load)) then
+         if (load(i + 1) - more(k) < same) cycle
+      end if
+      n = n + 1
+      merged(n) = more(k)
    end do
+   load = [merged(1:n), load(i + 1:)]
 end subroutine merge_loads
+
+!> Number of times up to a load, by bisection
+pure integer function last_until(time, load) result(last)
+   !> Load times, ascending [-]
+   real(wp), intent(in) :: time(:)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   integer :: behind, middle
+
+   last = 0
+   behind = size(time) + 1
+   do while (behind - last > 1)
+      middle = last + (behind - last)/2
+      if (time(middle) <= load) then
+         last = middle
+      else
+         behind = middle
+      end if
+   end do
+end function last_until
 
 !> Whether the rate of an amplitude may jump at a load
 pure logical function is_knot(self, load)
@@ -222,12 +262,15 @@ pure logical function is_knot(self, load)
    class(programme_type), intent(in) :: self
    !> Load [-]
    real(wp), intent(in) :: load
-   integer :: a
+   integer :: a, k
 
    is_knot = .false.
    if (.not. allocated(self%amplitude)) return
    do a = 1, size(self%amplitude)
-      is_knot = is_knot .or. any(abs(self%amplitude(a)%time - load) < same)
+      associate (time => self%amplitude(a)%time)
+         k = last_until(time, load)
+         is_knot = is_knot .or. any(abs(time(max(k, 1):min(k + 1, size(time))) - load) < same)
+      end associate
    end do
 end function is_knot
 

@@ -131,8 +131,6 @@ module rk_online
 
    !> Cells whose stresses are summed at a time: they stay in the cache
    integer, parameter :: block = 8
-   !> Fibers of a cell at most: one a tissue
-   integer, parameter :: most = 16
    !> A step may take this share of the smallest J, and it stays above a floor [-]
    real(wp), parameter :: j_share = 0.2_wp, j_floor = 0.02_wp
 
@@ -209,8 +207,10 @@ subroutine assemble_cells(model, work, z, condition, tangent)
    type(prescribed_type), intent(in) :: condition
    !> Derivatives as well
    logical, intent(in) :: tangent
-   real(wp) :: p(9), j, passive(most), active(most), a(9), bulk, fiber(3, most)
-   real(wp) :: turned(3, 3, size(condition%turn))
+   real(wp) :: p(9), j, a(9), bulk, turned(3, 3, size(condition%turn))
+   ! a cell has one fiber a tissue at the most
+   real(wp) :: fiber(3, size(condition%turn))
+   real(wp) :: passive(size(condition%turn)), active(size(condition%turn))
    integer :: e, l, n, o, q, wide
 
    do e = 1, size(condition%turn)

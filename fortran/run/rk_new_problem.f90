@@ -8,7 +8,6 @@ module rk_new_problem
    use rk_linear, only : linear_problem, new_linear
    use rk_mixed, only : mixed_problem, new_mixed
    use rk_scene, only : scene_type
-   use rk_subdomain, only : new_subdomain, subdomain_problem
    use rk_weak_linear, only : new_weak_linear, weak_linear_problem
    implicit none
    private
@@ -28,7 +27,6 @@ subroutine new_problem(problem, scene, error)
    type(displacement_problem), allocatable :: plain
    type(mixed_problem), allocatable :: mixed
    type(galerkin_problem), allocatable :: galerkin
-   type(subdomain_problem), allocatable :: subdomain
    type(linear_problem), allocatable :: linear
    type(weak_linear_problem), allocatable :: weak
 
@@ -56,10 +54,6 @@ subroutine new_problem(problem, scene, error)
       allocate (galerkin)
       call new_galerkin(galerkin, scene, error)
       call move_alloc(galerkin, problem)
-   case ('rkcm-subdomain')
-      allocate (subdomain)
-      call new_subdomain(subdomain, scene, error)
-      call move_alloc(subdomain, problem)
    case default
       call fatal_error(error, err_input, "unknown method '"//scene%method//"'")
    end select
@@ -68,9 +62,6 @@ subroutine new_problem(problem, scene, error)
    type is (galerkin_problem)
       ! its collocation points are places of output, and may be few
       call check_islands(problem%shape, problem%inside, scene%cloud%points, &
-         & problem%boundary%point, problem%boundary%essential, error)
-   type is (subdomain_problem)
-      call check_islands(problem%shape, problem%points%shape, scene%cloud%points, &
          & problem%boundary%point, problem%boundary%essential, error)
    class default
       call check_islands(problem%shape, problem%shape, scene%cloud%points, &

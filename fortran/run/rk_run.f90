@@ -3,7 +3,7 @@
 module rk_run
    use rk_clock, only : tick, timer_type
    use rk_conditions, only : overlaps
-   use rk_discretisation, only : discretisation_type
+   use rk_discretisation, only : discretisation_type, rounding
    use rk_ellipticity, only : ellipticity_type, find_ellipticity
    use rk_error, only : error_type, fatal_error, err_convergence
    use rk_error_norms, only : error_norms, norms_type
@@ -17,7 +17,7 @@ module rk_run
    use rk_recorder, only : iteration_type, recorder_type, start_type, step_type
    use rk_reduced_motion, only : moving_problem, prepare
    use rk_scene, only : scene_type
-   use rk_states, only : field_state, point_state
+   use rk_states, only : field_state
    use rk_static, only : solve_static
    use rk_text, only : to_text
    implicit none
@@ -25,8 +25,8 @@ module rk_run
 
    public :: outcome_type, solve_scene, solve_problem
 
-   !> Displacements below this share of the body are roundings, stresses below that of a modulus [-]
-   real(wp), parameter :: rounding = 1.0e-13_wp, drowned = 1.0e4_wp*epsilon(1.0_wp)
+   !> Displacements below this share of the body are roundings [-]
+   real(wp), parameter :: unmoved = 1.0e-13_wp
 
    !> What a run found out beside its states
    type :: outcome_type
@@ -37,6 +37,8 @@ module rk_run
       !> Work of the stress less that of the forces in the peak, not allocated where they are not
       !> compared [-]
       real(wp), allocatable :: work_mismatch
+      !> Places of output where some state has J <= 0 or a stress that is not finite, shape (nc)
+      logical, allocatable :: broken(:)
       !> Where the material lost its ellipticity, in words; not allocated where it did not
       character(len=:), allocatable :: lost
       !> Why the run ended early; not allocated where it did not
@@ -60,7 +62,7 @@ module rk_run
       real(wp) :: seconds = 0.0_wp
    contains
       !> Keep a warning and tell it
-      procedure, private :: warn
+      procedure :: warn
    end type outcome_type
 
    !> Receiver between the solver and that of a caller: looks at each state before it is handed on
@@ -282,29 +284,14 @@ subroutine check_response(problem, state, error)
    type(field_state), intent(in) :: state
    !> Error handling: no answer to the load
    type(error_type), allocatable, intent(out) :: error
-   type(point_state) :: local
    real(wp) :: stress, modulus
-   integer :: ip, k
 
-   associate (scene => problem%scene)
-      if (.not. (any([(scene%activation_at(k, state%load) > 0.0_wp, k=1, size(scene%tissue))]) &
-         & .or. any([(scene%condition(k)%acts(state%factor), k=1, size(scene%condition))]))) return
-      associate (size_of => problem%scaled_norms(state%x))
-         if (size_of(1) > rounding) return
-      end associate
-      modulus = 0.0_wp
-      do k = 1, size(scene%tissue)
-         modulus = max(modulus, scene%tissue(k)%material%shear)
-         if (.not. scene%tissue(k)%material%incompressible()) &
-            & modulus = max(modulus, scene%tissue(k)%material%bulk)
-      end do
-      stress = 0.0_wp
-      do ip = 1, size(scene%cloud%points, 2)
-         call problem%at_point(state, ip, local)
-         stress = max(stress, maxval(abs(local%p)))
-      end do
+   if (.not. problem%scene%is_loaded(state%load)) return
+   associate (size_of => problem%scaled_norms(state%x))
+      if (size_of(1) > unmoved) return
    end associate
-   if (.not. stress > 0.0_wp .or. stress > drowned*modulus) return
+   call problem%largest_stress(state, stress, modulus)
+   if (.not. stress > 0.0_wp .or. stress > rounding*modulus) return
    call fatal_error(error, err_convergence, 'the load moves the body by less than the rounding ' &
       & //'of its size, and its stresses, up to '//to_text(stress, 2)//', are roundings of a ' &
       & //'stiffness of '//to_text(modulus, 2)//': nothing can be said of the answer; compare ' &
@@ -343,6 +330,9 @@ subroutine step(self, st, x)
    end if
    call find_ellipticity(self%problem, self%outcome%last, worst)
    self%outcome%seconds = self%outcome%seconds + tick(clock)
+   if (.not. allocated(self%outcome%broken)) &
+      & allocate (self%outcome%broken(size(worst%broken)), source=.false.)
+   self%outcome%broken(:) = self%outcome%broken .or. worst%broken
    seen%min_acoustic = worst%value
    seen%acoustic_point = worst%point
    ! J is that of the F that is written, also where a form integrates elsewhere

@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <iomanip>
+#include <numeric>
 #include <sstream>
 
 namespace {
@@ -20,6 +21,7 @@ struct Entry {
 struct Flat {
    rk::Deck deck;
    std::vector<Entry> entries;
+   std::vector<int> sorted; // entries by their keys
 };
 
 // Expressions among numbers
@@ -101,7 +103,7 @@ void add_section(Flat &flat, const rk::Section &section) {
 }
 
 Flat *open(rk::Deck deck) {
-   Flat *flat = new Flat{std::move(deck), {}};
+   Flat *flat = new Flat{std::move(deck), {}, {}};
    if (flat->deck.status != rk::Status::good)
       return flat;
    for (const rk::TableSpec &spec : rk::schema()) {
@@ -117,6 +119,12 @@ Flat *open(rk::Deck deck) {
       for (const rk::Section *section : sections)
          add_section(*flat, *section);
    }
+   flat->sorted.resize(flat->entries.size());
+   std::iota(flat->sorted.begin(), flat->sorted.end(), 0);
+   std::sort(flat->sorted.begin(), flat->sorted.end(), [flat](int one, int other) {
+      return flat->entries[static_cast<std::size_t>(one)].key <
+             flat->entries[static_cast<std::size_t>(other)].key;
+   });
    return flat;
 }
 
@@ -172,10 +180,13 @@ int rk_deck_size(const void *handle) {
    return static_cast<int>(static_cast<const Flat *>(handle)->entries.size());
 }
 
-// Entry number `index` (from 0); returns its kind
+// Entry number `index` (from 0); returns its kind. `sorted`: the entry that has this place by its key
 int rk_deck_entry(const void *handle, int index, const char **key, const char **where,
-                  const char **address, const char **text, int *count, const double **numbers) {
-   const Entry &entry = static_cast<const Flat *>(handle)->entries[static_cast<std::size_t>(index)];
+                  const char **address, const char **text, int *count, const double **numbers,
+                  int *sorted) {
+   const Flat &flat = *static_cast<const Flat *>(handle);
+   const Entry &entry = flat.entries[static_cast<std::size_t>(index)];
+   *sorted = flat.sorted[static_cast<std::size_t>(index)];
    *key = entry.key.c_str();
    *where = entry.where.c_str();
    *address = entry.address.c_str();
@@ -183,6 +194,13 @@ int rk_deck_entry(const void *handle, int index, const char **key, const char **
    *count = static_cast<int>(entry.numbers.size());
    *numbers = entry.numbers.data();
    return entry.kind;
+}
+
+// The full name of a key as an override would take it; "" where the status and message say why not
+const char *rk_deck_resolve(void *handle, const char *key) {
+   thread_local std::string found;
+   found = static_cast<Flat *>(handle)->deck.resolve(key);
+   return found.c_str();
 }
 
 void rk_deck_close(void *handle) {

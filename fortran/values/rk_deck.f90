@@ -8,7 +8,8 @@ module rk_deck
    use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
    use rk_cstring, only : to_fortran
    use rk_deck_c, only : rk_deck_close, rk_deck_defaults, rk_deck_entry, &
-      & rk_deck_needed, rk_deck_parse, rk_deck_property, rk_deck_read, rk_deck_size, rk_deck_status
+      & rk_deck_needed, rk_deck_parse, rk_deck_property, rk_deck_read, rk_deck_resolve, &
+      & rk_deck_size, rk_deck_status
    use rk_error, only : err_input, error_type, fatal_error
    use rk_json, only : json_type
    use rk_precision, only : wp
@@ -16,7 +17,7 @@ module rk_deck
    implicit none
    private
 
-   public :: deck_type, open_deck, parse_deck, take_deck, table_defaults, word_length
+   public :: deck_type, open_deck, parse_deck, take_deck, resolve_key, table_defaults, word_length
 
    !> Longest key, and longest word of an array of texts
    integer, parameter :: word_length = 32
@@ -52,6 +53,8 @@ module rk_deck
       !> SHA-256 of the text; overrides are added as lines "--set key=value"
       character(len=:), allocatable :: sha256
       type(entry_type), allocatable, private :: entry(:)
+      !> Numbers of the entries in the order of their keys
+      integer, allocatable, private :: sorted(:)
       !> Overrides, a line each
       character(len=:), allocatable :: overrides
    contains
@@ -143,6 +146,36 @@ subroutine take_deck(deck, path, text, overrides, error)
    end if
 end subroutine take_deck
 
+!> The key that an override would set, with the name of its entry: material.fat.K for material.K.
+!> The deck may have other faults
+subroutine resolve_key(path, text, overrides, key, full, error)
+   !> File, or the name for messages
+   character(len=*), intent(in) :: path
+   !> The deck; blank for that of the file
+   character(len=*), intent(in) :: text
+   !> "table.key=value" each; blank ones are ignored
+   character(len=*), intent(in) :: overrides(:)
+   !> Key as in an override
+   character(len=*), intent(in) :: key
+   !> Its full name
+   character(len=:), allocatable, intent(out) :: full
+   !> Error handling: no such key, entry or file
+   type(error_type), allocatable, intent(out) :: error
+   type(c_ptr) :: handle
+   integer :: status
+
+   if (text == '') then
+      handle = rk_deck_read(trim(path)//c_null_char, joined(overrides)//c_null_char)
+   else
+      handle = rk_deck_parse(text//c_null_char, trim(path)//c_null_char, &
+         & joined(overrides)//c_null_char)
+   end if
+   full = to_fortran(rk_deck_resolve(handle, key//c_null_char))
+   status = rk_deck_status(handle)
+   if (full == '') call fatal_error(error, status, to_fortran(rk_deck_property(handle, 1)))
+   call rk_deck_close(handle)
+end subroutine resolve_key
+
 !> Values that the schema gives to keys of a table, as an entry of a deck with nothing but a key of
 !> this value would have them
 subroutine table_defaults(deck, table, key, value, error)
@@ -200,7 +233,7 @@ subroutine take(deck, handle, error)
    type(error_type), allocatable, intent(out) :: error
    type(c_ptr) :: key, where, address, text, numbers
    real(c_double), pointer :: values(:)
-   integer(c_int) :: n
+   integer(c_int) :: n, place
    integer :: i, status
 
    status = rk_deck_status(handle)
@@ -209,9 +242,11 @@ subroutine take(deck, handle, error)
    deck%sha256 = to_fortran(rk_deck_property(handle, 4))
    deck%folder = to_fortran(rk_deck_property(handle, 5))
    allocate (deck%entry(rk_deck_size(handle)))
+   allocate (deck%sorted(size(deck%entry)))
    do i = 1, size(deck%entry)
       deck%entry(i)%kind = rk_deck_entry(handle, i - 1, key, where, address, text, n, &
-         & numbers)
+         & numbers, place)
+      deck%sorted(i) = place + 1
       deck%entry(i)%key = to_fortran(key)
       deck%entry(i)%where = to_fortran(where)
       deck%entry(i)%address = to_fortran(address)
@@ -232,11 +267,21 @@ pure function find(self, key) result(number)
    !> Full key
    character(len=*), intent(in) :: key
    integer :: number
+   integer :: first, last, middle
 
-   do number = 1, size(self%entry)
-      if (self%entry(number)%key == key) return
+   first = 1
+   last = size(self%sorted)
+   do while (first < last)
+      middle = (first + last)/2
+      if (llt(self%entry(self%sorted(middle))%key, key)) then
+         first = middle + 1
+      else
+         last = middle
+      end if
    end do
    number = 0
+   if (first > last) return
+   if (self%entry(self%sorted(first))%key == key) number = self%sorted(first)
 end function find
 
 !> Is there a value for a key, or a table?
@@ -291,10 +336,13 @@ subroutine keys_of_table(self, table, keys)
    integer :: i
 
    keys = [character(len=word_length) ::]
-   do i = 1, size(self%entry)
+   i = self%find(table)
+   if (i == 0) return
+   ! they follow their table
+   do i = i + 1, size(self%entry)
       associate (key => self%entry(i)%key)
-         if (index(key, table//'.') == 1) &
-            & keys = [character(len=word_length) :: keys, key(len(table) + 2:)]
+         if (index(key, table//'.') /= 1) exit
+         keys = [character(len=word_length) :: keys, key(len(table) + 2:)]
       end associate
    end do
 end subroutine keys_of_table

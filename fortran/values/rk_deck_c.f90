@@ -5,7 +5,7 @@ module rk_deck_c
    private
 
    public :: rk_deck_read, rk_deck_parse, rk_deck_defaults, rk_deck_status, rk_deck_property
-   public :: rk_deck_size, rk_deck_entry, rk_deck_close, rk_deck_needed
+   public :: rk_deck_size, rk_deck_entry, rk_deck_close, rk_deck_needed, rk_deck_resolve
 
    interface
       function rk_deck_read(path, overrides) result(handle) bind(c)
@@ -51,16 +51,24 @@ module rk_deck_c
          integer(c_int) :: size
       end function rk_deck_size
 
-      function rk_deck_entry(handle, index, key, where, address, text, count, numbers) &
+      function rk_deck_entry(handle, index, key, where, address, text, count, numbers, sorted) &
          & result(kind) bind(c)
          import :: c_int, c_ptr
          implicit none
          type(c_ptr), value :: handle
          integer(c_int), value :: index
          type(c_ptr), intent(out) :: key, where, address, text, numbers
-         integer(c_int), intent(out) :: count
+         integer(c_int), intent(out) :: count, sorted
          integer(c_int) :: kind
       end function rk_deck_entry
+
+      function rk_deck_resolve(handle, key) result(full) bind(c)
+         import :: c_char, c_ptr
+         implicit none
+         type(c_ptr), value :: handle
+         character(kind=c_char), intent(in) :: key(*)
+         type(c_ptr) :: full
+      end function rk_deck_resolve
 
       subroutine rk_deck_close(handle) bind(c)
          import :: c_ptr

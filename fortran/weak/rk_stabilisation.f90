@@ -76,15 +76,13 @@ end subroutine stabilise
 !> Share the bulk modulus among the volume ratio at each point and its projection in each group. At
 !> one pressure the changes of volume of soft and stiff points add up: the modulus of a group is the
 !> harmonic mean, or the stiff points would take the others' change of volume away.
-subroutine share_bulk(mixture, cells, nc, stabilisation, local, projected, softness)
+subroutine share_bulk(mixture, cells, nc, local, projected, softness)
    !> Materials of the collocation points and, after them, of the integration points
    type(mixture_type), intent(in) :: mixture
    !> Integration points
    type(cells_type), intent(in) :: cells
    !> Number of collocation points
    integer, intent(in) :: nc
-   !> Stabilisation in shear moduli [-]
-   real(wp), intent(in) :: stabilisation
    !> Part that acts at each collocation and integration point, shape (nc + np) [stress]
    real(wp), allocatable, intent(out) :: local(:)
    !> Part that acts on the projection in each group, shape (groups) [stress]
@@ -99,7 +97,7 @@ subroutine share_bulk(mixture, cells, nc, stabilisation, local, projected, softn
       do i = 1, size(local)
          ! pressures need a modulus of their own
          local(i) = min(0.5_wp*mixture%bulk_at_one_pressure(i), &
-            & local_share*stabilisation*mixture%shear_modulus(i, identity))
+            & local_share*mixture%shear_modulus(i, identity))
       end do
    end if
    bulk = [(mixture%bulk_at_one_pressure(nc + i) - local(nc + i), i=1, size(bulk))]

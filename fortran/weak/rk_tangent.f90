@@ -508,8 +508,8 @@ subroutine solve_saddle(self, shift, share, right, both, report, error)
       & //'displacements and pressures, the tangent is not formed'
    if (.not. report%backward_error <= max(acceptable, share)) call fatal_error(error, err_linalg, &
       & 'minimal residuals reached '//to_text(report%backward_error, 2)//' in ' &
-      & //to_text(report%iterations)//' iterations: take galerkin.stabilisation = 1, ' &
-      & //'galerkin.penalty = 10, smaller load steps, or a galerkin.direct_limit of ' &
+      & //to_text(report%iterations)//' iterations: take galerkin.penalty = 10, ' &
+      & //'smaller load steps, or a galerkin.direct_limit of ' &
       & //to_text(self%n)//' where memory allows')
 end subroutine solve_saddle
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 from myork.console import ProgressCallback, silent
 from myork.core.deck import load_deck
 from myork.errors import ConvergenceError, RefusedError
+from myork.summary import asked
 
 __all__ = ["run_chain", "stations_of"]
 
@@ -74,15 +76,18 @@ def run_chain(
     from myork.stations.solve import run_deck
 
     station: dict[str, Callable[..., Any]] = {"segment": segment, "build": build, "solve": run_deck}
-    names = stations_of(load_deck(deck, overrides))
+    with asked(Path(out)):
+        names = stations_of(load_deck(deck, overrides))
     ended = None
     for number, name in enumerate(names, start=1):
         progress(f"station {number}/{len(names) + 1}  {name}")
         more = {"verbosity": verbosity, "error": error} if name == "solve" else {}
         try:
-            station[name](
-                deck, out, overrides=overrides, threads=threads, progress=progress, **more
-            )
+            # a solve writes itself why it ended
+            with nullcontext() if name == "solve" else asked(Path(out)):
+                station[name](
+                    deck, out, overrides=overrides, threads=threads, progress=progress, **more
+                )
         except (RefusedError, ConvergenceError) as reason:
             ended = reason
     progress(f"station {len(names) + 1}/{len(names) + 1}  report")

@@ -7,16 +7,14 @@ is refused; 2 bad input; 3 a missing or broken part of the installation.
 from __future__ import annotations
 
 import argparse
+import importlib
 import os
 import resource
-import shutil
 import signal
 import sys
-import threading
 import traceback
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from importlib.machinery import ExtensionFileLoader
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -31,9 +29,11 @@ from myork.commands import (
     overrides_of,
     positive,
 )
-from myork.console import Console
+from myork.console import Console, Unheard
 from myork.errors import ConvergenceError, MyorkError
+from myork.files import write_text
 from myork.libraries import cure_of
+from myork.summary import asked
 
 __all__ = ["main"]
 
@@ -79,14 +79,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
             f"{_LEAST_BYTES / 1e6:.0f} MB are needed",
             2,
         )
+    if sys.stdout is sys.__stdout__:
+        sys.stdout, sys.stderr = Unheard(sys.stdout), Unheard(sys.stderr)
     # SIGTERM (time limits, schedulers) ends a run as cleanly as Ctrl-C does.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     if options.threads is not None:
         # Before numpy and the core are loaded: their thread pools read this once.
         os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = str(options.threads)
     try:
-        with _whole_extensions(), _heard_interrupts():
-            options.run(options)
+        # interrupted while it loads, numpy calls itself a broken installation: signals wait
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
+        try:
+            importlib.import_module("numpy")
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        options.run(options)
     except KeyboardInterrupt:
         return _complain("stopped; what was finished is written", 1)
     except Exception as error:
@@ -94,58 +101,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
             traceback.print_exc()
         return _complain(*_explanation(error))
     return 0
-
-
-@contextmanager
-def _whole_extensions() -> Iterator[None]:
-    """Let signals wait while an extension is loaded.
-
-    Extensions take half of an import for a broken installation, and some end the process then.
-    """
-    plain = {name: getattr(ExtensionFileLoader, name) for name in ("create_module", "exec_module")}
-
-    def waiting(load: Callable[..., Any]) -> Callable[..., Any]:
-        def loaded(*given: Any) -> Any:
-            before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
-            try:
-                return load(*given)
-            finally:
-                signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-        return loaded
-
-    try:
-        for name, load in plain.items():
-            setattr(ExtensionFileLoader, name, waiting(load))
-        yield
-    finally:
-        for name, load in plain.items():
-            setattr(ExtensionFileLoader, name, load)
-
-
-@contextmanager
-def _heard_interrupts() -> Iterator[None]:
-    """Send an interrupt again that Python drops, as it does in callbacks and finalizers."""
-    plain = sys.unraisablehook
-
-    def again() -> None:
-        if sys.unraisablehook is hook:
-            signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
-
-    def hook(dropped: Any) -> None:
-        if dropped.exc_type is KeyboardInterrupt:
-            # after the end of this hook, where it would be dropped as well
-            sender = threading.Timer(0.01, again)
-            sender.daemon = True
-            sender.start()
-        else:
-            plain(dropped)
-
-    sys.unraisablehook = hook
-    try:
-        yield
-    finally:
-        sys.unraisablehook = plain
 
 
 def _complain(message: str, status: int) -> int:
@@ -221,11 +176,14 @@ def _run(station: Callable[..., Any], options: argparse.Namespace, **more: Any) 
     # All commands of one deck share it.
     out: Path = options.out or Path("out", options.deck.stem)
     out.mkdir(parents=True, exist_ok=True)
+    solves = options.run in (_solve, _chain)
+    with asked(out) if solves else nullcontext():
+        overrides = overrides_of(options)
     with Console(options.verbosity) as console:
         station(
             options.deck,
             out,
-            overrides=overrides_of(options),
+            overrides=overrides,
             threads=options.threads,
             progress=console,
             **more,
@@ -271,7 +229,8 @@ def _report(options: argparse.Namespace) -> None:
     page = make_report(folder)
     if options.out is not None:
         options.out.mkdir(parents=True, exist_ok=True)
-        page = Path(shutil.copy(page, options.out))
+        text, page = page.read_text(encoding="utf-8"), options.out / page.name
+        write_text(page, text)
     print(f"report: {page}")
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import signal
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -153,6 +154,9 @@ def _sweep(options: argparse.Namespace) -> None:
 def _view(options: argparse.Namespace) -> None:
     from myork.view import serve
 
+    # a closed terminal ends the page as Ctrl-C does; under nohup it stays
+    if signal.getsignal(signal.SIGHUP) is signal.SIG_DFL:
+        signal.signal(signal.SIGHUP, signal.default_int_handler)
     serve(
         options.file,
         port=options.port,

@@ -6,6 +6,7 @@ that starts with ``name n/total`` (``step  3/10  load 0.3``) moves the bar.
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 from collections.abc import Callable
@@ -16,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
-__all__ = ["Console", "ProgressCallback", "silent"]
+__all__ = ["Console", "ProgressCallback", "Unheard", "silent"]
 
 ProgressCallback = Callable[[str], None]
 
@@ -25,6 +26,42 @@ _COUNTED = re.compile(r"\s*(?P<name>\w+)\s+(?P<done>\d+)\s*/\s*(?P<total>\d+)\s*
 
 def silent(line: str) -> None:
     """Progress callback that shows nothing."""
+
+
+class Unheard:
+    """Stream of the process whose reader may go away, as `head` does: what follows goes nowhere.
+
+    Parameters
+    ----------
+    stream : TextIO
+        Standard output or standard error.
+    """
+
+    def __init__(self, stream: Any) -> None:
+        self._stream = stream
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def write(self, text: str) -> int:
+        """Write a text, if somebody reads it."""
+        try:
+            return int(self._stream.write(text))
+        except BrokenPipeError:
+            self._close()
+            return len(text)
+
+    def flush(self) -> None:
+        """Hand over what was written, if somebody reads it."""
+        try:
+            self._stream.flush()
+        except BrokenPipeError:
+            self._close()
+
+    def _close(self) -> None:
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, self._stream.fileno())
+        os.close(nowhere)
 
 
 class Console:

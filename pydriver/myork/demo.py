@@ -8,6 +8,7 @@ from typing import Any
 
 from myork.console import ProgressCallback, silent
 from myork.errors import RefusedError
+from myork.summary import printed
 
 __all__ = ["run_demo"]
 
@@ -79,8 +80,8 @@ def _forces(deck: dict[str, Any], summary: dict[str, Any]) -> list[str]:
     last = summary["steps"][-1]
     names = [probe["name"] for probe in deck["probe"] if probe["quantity"].startswith("force")]
     return [
-        f"{name} at load {last['load']:g}: {_numbers(last['probes'][name])}"
-        f"{_bar(last['probe_errors'].get(name))} {summary['units']['force']}"
+        f"{name} at load {last['load']:g}: {_numbers(printed(last)[name])}"
+        f"{_bar(last['probe_errors'].get(name))} {summary['probe_units'][name]}"
         for name in names
     ]
 

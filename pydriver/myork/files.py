@@ -6,14 +6,57 @@ import fcntl
 import json
 import math
 import os
+import stat
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from myork.errors import FileError
 
-__all__ = ["claimed", "read_json", "whole_file", "write_json", "write_text"]
+__all__ = ["claimed", "open_output", "read_json", "whole_file", "write_json", "write_text"]
+
+
+def open_output(path: Path, *, new: bool) -> int:
+    """Open a name for output: all output of the driver is opened here, or below a name made here.
+
+    Whoever can write to the folder may have put a link or a pipe there; what it leads to is not
+    ours to write.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    new : bool
+        Whether it shall be empty; else it is opened as it is, and made where it is missing.
+
+    Returns
+    -------
+    int
+        Descriptor for reading and writing.
+
+    Raises
+    ------
+    FileError
+        The name is that of a link, a pipe or a folder.
+    OSError
+        It cannot be opened for another reason.
+    """
+    with suppress(FileNotFoundError):
+        found = path.lstat()
+        what = ""
+        if stat.S_ISLNK(found.st_mode):
+            what = "a symbolic link"
+        elif not stat.S_ISREG(found.st_mode):
+            what = "not a regular file"
+        elif not new and found.st_nlink > 1:
+            what = "a second name of another file"
+        if what:
+            raise FileError(f"{path}: it is {what}; remove it or choose another folder")
+        if new:
+            path.unlink()
+    flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW
+    return os.open(path, flags | (os.O_EXCL if new else 0), 0o666)
 
 
 @contextmanager
@@ -30,7 +73,7 @@ def claimed(folder: Path) -> Iterator[None]:
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        file = os.open(folder / ".lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        file = open_output(folder / ".lock", new=False)
     except OSError as reason:
         raise FileError(
             f"folder {folder} cannot be used for output: {reason.strerror or reason}"
@@ -73,6 +116,7 @@ def whole_file(path: Path, *, by_suffix: bool = False) -> Iterator[Path]:
     """
     unfinished = path.with_name(f"part.{path.name}" if by_suffix else f"{path.name}.part")
     try:
+        os.close(open_output(unfinished, new=True))
         yield unfinished
         os.replace(unfinished, path)
     except OSError as reason:

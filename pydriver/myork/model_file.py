@@ -6,202 +6,196 @@ Datasets have the names of the record's arrays.
 from __future__ import annotations
 
 import io
+import re
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
+from myork.arrays import UNREADABLE, attribute, dataset, fitted, holds, index, real, whole
 from myork.errors import FileError, InputError
 from myork.files import whole_file
 from myork.records import PointCloud, Voxels
 
-__all__ = ["read_model", "write_model"]
+__all__ = ["checked_cloud", "model_bytes", "model_of_bytes", "read_model", "write_model"]
 
 FORMAT = "myork-model 3"
-#: The format before, which is read as well, and the names that it has for the arrays
-FORMAT_2 = "myork-model 2"
-_NAMES_2 = {
-    "source": "source/points",
-    "spacing": "source/spacing",
-    "points": "collocation/points",
-    "label": "collocation/label",
-    "fiber": "collocation/fiber",
-    "volume": "collocation/volume",
-    "boundary_point": "boundary/point",
-    "boundary_set": "boundary/set",
-    "normal": "boundary/normal",
-    "area": "boundary/area",
-    "set_names": "boundary/names",
-    "label_names": "labels/names",
+#: Edges of a voxel that its point may be off its centre: `build` moves points onto the surface, at
+#: shallow ends by three edges
+_MOVED = 10.0
+#: Arrays of every cloud; fortran/model/rk_cloud.f90 asks for the same of what it is given
+_ARRAYS = {
+    "source": real("source points", 3),
+    "spacing": real("source points", 3),
+    "points": real("points", 3),
+    "label": whole("points"),
+    "fiber": real("points", 3),
+    "volume": real("points", least=0.0),
+    "boundary_point": index("boundary points", of="points"),
+    "boundary_set": index("boundary points", of="sets"),
+    "normal": real("boundary points", 3),
+    "area": real("boundary points", least=0.0),
 }
-_INTEGERS = ("label", "boundary_point", "boundary_set")
-_REALS = ("source", "points", "fiber", "volume", "normal", "area")
+#: Arrays that a cloud may have, those of voxels all or none
+_GRID = ("voxels/index", "voxels/size", "voxels/origin")
+_OTHERS = {
+    "fraction": real("points", "labels"),
+    "fraction_label": whole("labels"),
+    "activation": real("points", least=0.0, most=1.0),
+    "voxels/index": whole("points", 3, least=-(10**6), most=10**6),
+    "voxels/size": real(3, least=np.nextafter(0.0, 1.0)),
+    "voxels/origin": real(3),
+}
 
 
 def write_model(path: Path, cloud: PointCloud) -> None:
     """Write a model."""
+    with whole_file(path) as unfinished:
+        unfinished.write_bytes(model_bytes(cloud))
+
+
+def model_bytes(cloud: PointCloud) -> bytes:
+    """What the file of a model holds."""
     labels = "\n".join(f"{label} {name}" for label, name in sorted(cloud.label_names.items()))
-    arrays = {
-        "spacing": np.broadcast_to(cloud.spacing, cloud.source.shape),
-        **{name: np.asarray(getattr(cloud, name), float) for name in _REALS},
-        **{name: np.asarray(getattr(cloud, name), np.int32) for name in _INTEGERS},
-        "set_names": _bytes("\n".join(cloud.set_names)),
-        "label_names": _bytes(labels),
-    }
-    if cloud.voxels is not None:
-        arrays["voxels/index"] = np.asarray(cloud.voxels.index, np.int32)
-        arrays["voxels/size"] = cloud.voxels.size
-        arrays["voxels/origin"] = cloud.voxels.origin
-    if cloud.fraction is not None:
-        arrays["fraction"] = cloud.fraction
-        arrays["fraction_label"] = np.array(sorted(cloud.label_names), np.int32)
-    if cloud.activation is not None:
-        arrays["activation"] = cloud.activation
+    texts = {"set_names": "\n".join(cloud.set_names), "label_names": labels}
     # HDF5 does not survive a full disk: it makes the file in memory
     content = io.BytesIO()
     with h5py.File(content, "w") as file:
         file.attrs["format"] = np.bytes_(FORMAT)
         file.attrs["length_unit"] = np.bytes_(cloud.length_unit)
         file.attrs["source_images"] = np.bytes_(cloud.source_images.encode())
-        for name, array in arrays.items():
+        for name, array in _arrays_of(cloud).items():
             file[name] = array
-    with whole_file(path) as unfinished:
-        unfinished.write_bytes(content.getvalue())
+        for name, text in texts.items():
+            file[name] = np.frombuffer(text.encode(), dtype=np.uint8)
+    return content.getvalue()
 
 
 def read_model(path: Path) -> PointCloud:
-    """Read a model, of this format or the one before."""
+    """Read a model.
+
+    Raises
+    ------
+    FileError
+        There is no such file, or it cannot be read.
+    InputError
+        It is of another format, or what it holds is no model.
+    """
     if not path.is_file():
         raise FileError(f"{path}: there is no such model; `myork build` writes one")
+    return _read(path, f"{path}")
+
+
+def model_of_bytes(content: bytes, name: str) -> PointCloud:
+    """As `read_model`, of what a file holds; errors have the name."""
+    return _read(io.BytesIO(content), name)
+
+
+def _read(source: Path | io.BytesIO, name: str) -> PointCloud:
     try:
-        with h5py.File(path, "r") as file:
-            stamp = _text(file.attrs.get("format", b""))
-            if stamp not in (FORMAT, FORMAT_2):
-                raise InputError(
-                    f"{path}: its format is '{stamp}', '{FORMAT}' is wanted; build it again"
-                )
-            names = {name: name for name in _NAMES_2} if stamp == FORMAT else _NAMES_2
-            labels = _text(file[names["label_names"]]).splitlines()
-            reals = ("spacing", *_REALS)
-            arrays = {name: _numbers(file, names[name]) for name in reals}
-            arrays |= {name: _indices(file, names[name]) for name in _INTEGERS}
-            _check(path, arrays)
-            cloud = PointCloud(
-                **arrays,
-                set_names=tuple(_text(file[names["set_names"]]).splitlines()),
-                label_names={int(line.split(" ", 1)[0]): line.split(" ", 1)[1] for line in labels},
-                length_unit=_text(file.attrs["length_unit"]),
-                source_images=_text(file.attrs["source_images"]),
-                voxels=_voxels(file) if stamp == FORMAT else _recovered(file, arrays),
-                fraction=_numbers(file, "fraction") if "fraction" in file else None,
-                activation=_numbers(file, "activation") if "activation" in file else None,
-            )
-    except (OSError, KeyError, ValueError, TypeError, IndexError, RuntimeError) as reason:
-        # what h5py raises on damaged files is any of these
+        with h5py.File(source, "r") as file:
+            return _cloud_of(file)
+    except InputError as reason:
+        raise InputError(f"{name}: {reason}; run `myork build` again") from None
+    except UNREADABLE as reason:
         raise FileError(
-            f"{path}: is not a readable model: {reason}; run `myork build` again"
+            f"{name}: is not a readable model: {reason}; run `myork build` again"
         ) from None
-    wanted = (len(cloud.points), len(cloud.label_names))
-    if cloud.fraction is not None and cloud.fraction.shape != wanted:
-        raise InputError(
-            f"{path}: 'fraction' has shape {cloud.fraction.shape}, but {wanted} is needed; "
-            "run `myork build` again"
-        )
-    if cloud.activation is not None and (
-        cloud.activation.shape != (len(cloud.points),)
-        or not ((cloud.activation >= 0) & (cloud.activation <= 1)).all()
-    ):
-        raise InputError(
-            f"{path}: 'activation' must hold {len(cloud.points)} numbers from 0 to 1; "
-            "run `myork build` again"
-        )
-    for name, index, count in (
-        ("boundary_point", cloud.boundary_point, len(cloud.points)),
-        ("boundary_set", cloud.boundary_set, len(cloud.set_names)),
-    ):
-        if not ((index >= 0) & (index < count)).all():
-            raise InputError(
-                f"{path}: '{name}' must hold indices from 0 to {count - 1}; run `myork build` again"
-            )
-    return cloud
 
 
-def _check(path: Path, arrays: dict[str, NDArray[Any]]) -> None:
-    """Refuse arrays that do not fit together, as the Fortran core does."""
-    counts = {"source": len(arrays["source"]), "spacing": len(arrays["source"])}
-    entries = len(arrays["boundary_point"])
-    counts |= dict.fromkeys(("boundary_point", "boundary_set", "normal", "area"), entries)
-    what = "" if len(arrays["label"]) and len(arrays["source"]) else "it has no points"
-    for name, values in arrays.items():
-        length = counts.get(name, len(arrays["label"]))
-        flat = name in ("label", "volume", "boundary_point", "boundary_set", "area")
-        wanted = (length,) if flat else (length, 3)
-        if what:
-            break
-        if values.shape != wanted:
-            what = f"'{name}' has shape {values.shape}, but {wanted} is needed"
-        elif not np.isfinite(values).all():
-            what = f"'{name}' has a number that is not finite"
-        elif name in ("volume", "area") and (values < 0).any():
-            what = f"'{name}' has a negative number"
-    if what:
-        raise InputError(f"{path}: {what}; run `myork build` again")
+def _cloud_of(file: h5py.File) -> PointCloud:
+    stamp = attribute(file, "format")
+    if stamp != FORMAT:
+        raise InputError(f"its format is '{stamp[:40]}', '{FORMAT}' is wanted")
+    sets = _lines(file, "set_names")
+    labels = dict(_label(line) for line in _lines(file, "label_names"))
+    names = [*_ARRAYS, *(name for name in _OTHERS if holds(file, name.split("/")[0]))]
+    found = {name: dataset(file, name) for name in names}
+    arrays = _fitted(found, {"sets": len(sets), "labels": len(labels)})
+    columns = arrays.pop("fraction_label", np.zeros(0, np.int32))
+    if "fraction" in arrays and columns.tolist() != sorted(labels):
+        raise InputError("'fraction_label' must hold the labels of 'label_names', ascending")
+    return PointCloud(
+        **_with_voxels(arrays),
+        set_names=tuple(sets),
+        label_names=labels,
+        length_unit=attribute(file, "length_unit"),
+        source_images=attribute(file, "source_images"),
+    )
 
 
-def _numbers(file: h5py.Group, name: str, kinds: str = "iuf") -> NDArray[Any]:
-    """Dataset of numbers; TypeError where it holds others, ValueError where it claims too much."""
-    found = file[name]
-    if not isinstance(found, h5py.Dataset) or found.dtype.kind not in kinds or not found.ndim:
-        raise TypeError(f"'{name}' must hold {'numbers' if 'f' in kinds else 'integers'}")
-    # Deflate shrinks by a factor of 1032 at the most; a damaged header may claim any shape
-    if found.nbytes > 1100 * found.id.get_storage_size():
-        raise ValueError(f"the shape of '{name}' claims far more numbers than the file holds")
-    return np.asarray(found[()], dtype=float)
+def checked_cloud(cloud: PointCloud) -> PointCloud:
+    """A cloud with arrays of the types that the core takes.
 
-
-def _indices(file: h5py.Group, name: str) -> NDArray[Any]:
-    """Dataset of whole numbers; those beyond 32 bits become the last ones, which nothing has."""
-    return _numbers(file, name, "iu").clip(-(2**31), 2**31 - 1).astype(np.int32)
-
-
-def _voxels(file: h5py.File) -> Voxels | None:
-    """Grid of the voxels, where the model has one."""
-    if "voxels" not in file:
-        return None
-    return Voxels(*(file[f"voxels/{name}"][:] for name in ("index", "size", "origin")))
-
-
-def _recovered(file: h5py.File, arrays: dict[str, NDArray[Any]]) -> Voxels | None:
-    """Grid of a model of format 2, which has centres only; None where they are no grid.
-
-    The smallest distance along each direction is the size of a voxel; points with other volumes
-    are no voxels. The core's reader, fortran/h5/rk_model_file.f90, does the same.
+    Raises
+    ------
+    InputError
+        They do not fit together, or point to what is not there.
     """
-    centre, spacing, volume = file["collocation/centre"][:], arrays["spacing"], arrays["volume"]
-    size = spacing.min(axis=0)
-    for axis in range(3):
-        gaps = np.diff(np.unique(centre[:, axis]))
-        gaps = gaps[gaps > 1e-6 * size[axis]]
-        if len(gaps):
-            size[axis] = gaps.min()
-    if not np.allclose(volume, size.prod(), rtol=1e-6, atol=0.0):
-        return None
-    origin = centre.min(axis=0)
-    return Voxels(np.rint((centre - origin) / size).astype(np.int32), size, origin)
+    arrays = _arrays_of(cloud)
+    arrays.pop("fraction_label", None)
+    return replace(cloud, **_with_voxels(arrays))
 
 
-def _bytes(text: str) -> np.ndarray:
-    """Text as bytes, shape `(n,)`: needs no string type in HDF5."""
-    return np.frombuffer(text.encode(), dtype=np.uint8)
+def _arrays_of(cloud: PointCloud) -> dict[str, Any]:
+    """Arrays of a cloud by their names in the file, checked."""
+    found = {name: getattr(cloud, name) for name in _ARRAYS}
+    if np.shape(cloud.spacing) == (3,):
+        found["spacing"] = np.broadcast_to(cloud.spacing, (len(cloud.source), 3))
+    if cloud.fraction is not None:
+        found |= {"fraction": cloud.fraction, "fraction_label": sorted(cloud.label_names)}
+    if cloud.activation is not None:
+        found["activation"] = cloud.activation
+    if cloud.voxels is not None:
+        found |= {name: getattr(cloud.voxels, name.split("/")[1]) for name in _GRID}
+    found = {name: np.asarray(value) for name, value in found.items()}
+    try:
+        return _fitted(found, {"sets": len(cloud.set_names), "labels": len(cloud.label_names)})
+    except InputError as reason:
+        raise InputError(f"cloud: {reason}") from None
 
 
-def _text(value: bytes | str | h5py.Dataset) -> str:
-    if isinstance(value, str):
-        return value
-    if isinstance(value, bytes):
-        return value.decode()
-    if not isinstance(value, h5py.Dataset) or value.dtype != np.uint8:
-        raise TypeError("a text is of another type")
-    return _numbers(value.parent, value.name).astype(np.uint8).tobytes().decode()
+def _with_voxels(arrays: dict[str, Any]) -> dict[str, Any]:
+    """Arrays with those of the grid as one record, which may be missing."""
+    grid = [arrays.pop(name) for name in _GRID if name in arrays]
+    return {**arrays, "voxels": Voxels(*grid) if grid else None}
+
+
+def _fitted(found: Mapping[str, Any], sizes: Mapping[str, int]) -> dict[str, Any]:
+    """Arrays as the rules want them, of a body that has volume and lies in its voxels."""
+    rules = _ARRAYS | {name: rule for name, rule in _OTHERS.items() if name in found}
+    arrays = fitted(rules, found, sizes)
+    if not arrays["volume"].any():
+        raise InputError("'volume' must not be 0 everywhere")
+    if _GRID[0] in arrays:
+        place, size, origin = (arrays[name] for name in _GRID)
+        with np.errstate(all="ignore"):
+            far = np.abs(arrays["points"] - (origin + place * size)).max(axis=1)
+            near = far <= _MOVED * size.max()
+        if not near.all():
+            entry = int(np.argmin(near))
+            raise InputError(
+                f"'voxels/index', 'voxels/size' and 'voxels/origin' put the voxel of point {entry} "
+                f"at a distance of {far[entry]:g} from it"
+            )
+    return arrays
+
+
+def _label(line: str) -> tuple[int, str]:
+    """Label and name of a line of `label_names`."""
+    number, _, name = line.partition(" ")
+    if not re.fullmatch(r"-?\d{1,10}", number) or abs(int(number)) >= 2**31:
+        raise InputError(f"'label_names' has the line {line[:40]!r}: a label and a name are needed")
+    return int(number), name
+
+
+def _lines(file: h5py.File, name: str) -> list[str]:
+    """Lines of a text, which is stored as bytes: that needs no string type in HDF5."""
+    found = dataset(file, name)
+    if found.dtype.kind not in "iu" or found.ndim != 1:
+        raise InputError(f"'{name}' is not a text")
+    text = bytes(found[()].astype(np.uint8)).decode()
+    return [line for line in text.split("\n") if line]

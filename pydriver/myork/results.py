@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from myork.errors import FileError, InputError, InstallationError
-from myork.summary import read_summary
+from myork.summary import printed, read_summary
 
 __all__ = ["RestartState", "Results", "restart_of"]
 
@@ -56,7 +56,7 @@ class RestartState:
     points : NDArray
         Undeformed collocation points, shape `(np, 3)` [length].
     approximation : str
-        Shape functions they belong to, in words; empty in files of earlier versions.
+        Shape functions they belong to, in words; empty where none were given.
     deck : str
         Text of the deck that was solved.
     version : str
@@ -145,9 +145,10 @@ class Results:
         steps = summary.get("steps", [])
         names = list(dict.fromkeys(name for step in steps for name in step.get("probes", {})))
         head = "".join(f"<th>{escape(name)}</th>" for name in ["load", *names])
+        units = summary.get("probe_units", {})
         rows = "".join(
             f"<tr><td>{step['load']:.4g}</td>"
-            + "".join(f"<td>{_with_bar(step, name)}</td>" for name in names)
+            + "".join(f"<td>{_with_bar(step, name, units)}</td>" for name in names)
             + "</tr>"
             for step in steps
         )
@@ -176,12 +177,22 @@ class Results:
     @cached_property
     def loads(self) -> F64:
         """Load of each step as a fraction of the full load, shape `(nstep,)` [-]."""
-        return self._read("MyoRK/load")[: self.nstep]
+        return self._series("MyoRK/load")
 
     @cached_property
     def activations(self) -> F64:
         """Activation of the muscle fibers in each step, shape `(nstep,)` [-]."""
-        return self._read("MyoRK/activation")[: self.nstep]
+        return self._series("MyoRK/activation")
+
+    def _series(self, name: str) -> F64:
+        """A number for each step."""
+        values = self._read(name)
+        if values.ndim != 1 or len(values) < self.nstep:
+            raise FileError(
+                f"{self.path}: damaged: {name} has shape {values.shape} for {self.nstep} steps; "
+                "solve again"
+            )
+        return values[: self.nstep]
 
     def field(self, name: str, step: int = -1) -> NDArray[Any]:
         """Read a field at all points.
@@ -270,7 +281,8 @@ class Results:
         pandas.DataFrame
             A row a load step, by its number: `load`, `activation`, `iterations`, `min_J`, `max_J`,
             and a column for each probe (`force_x`, `force_y`, `force_z` for a probe `force` of
-            three numbers) with its error bar, `force_x_error`, where there is one.
+            three numbers) with its error bar, `force_x_error`, where there is one. Its
+            `attrs["units"]` holds the units of these columns by name.
 
         Raises
         ------
@@ -280,19 +292,25 @@ class Results:
             There is no `summary.json` beside the file.
         """
         pandas = _optional("pandas", "pandas")
-        rows = []
+        rows: list[dict[str, Any]] = []
+        units: dict[str, str] = {}
+        known = self.summary.get("probe_units", {})
         for step in self.summary.get("steps", []):
             names = ("load", "activation", "iterations", "min_J", "max_J")
             row = {name: step[name] for name in names if name in step}
             for ending, part in (("", "probes"), ("_error", "probe_errors")):
                 for name, value in step.get(part, {}).items():
-                    parts = zip("xyz", value, strict=False) if isinstance(value, list) else None
-                    if parts is None:
-                        row[f"{name}{ending}"] = value
+                    if isinstance(value, list):
+                        parts = zip("xyz", value, strict=False)
+                        found = {f"{name}_{axis}{ending}": one for axis, one in parts}
                     else:
-                        row.update({f"{name}_{axis}{ending}": one for axis, one in parts})
+                        found = {f"{name}{ending}": value}
+                    row |= found
+                    units |= dict.fromkeys(found, known.get(name, ""))
             rows.append(row)
-        return pandas.DataFrame(rows, index=pandas.RangeIndex(1, len(rows) + 1, name="step"))
+        table = pandas.DataFrame(rows, index=pandas.RangeIndex(1, len(rows) + 1, name="step"))
+        table.attrs["units"] = units
+        return table
 
     def restart(self, step: int = -1) -> RestartState:
         """State from which a solve can go on.
@@ -396,15 +414,15 @@ def _optional(name: str, extra: str) -> Any:
         ) from None
 
 
-def _with_bar(step: dict[str, Any], name: str) -> str:
-    """Value of a probe in a step of the summary with its error bar."""
+def _with_bar(step: dict[str, Any], name: str, units: dict[str, str]) -> str:
+    """Value of a probe in a step of the summary with its error bar and its unit."""
     told = []
-    for part, digits in (("probes", 5), ("probe_errors", 2)):
-        value = step.get(part, {}).get(name)
+    for values, digits in ((printed(step), 5), (step.get("probe_errors", {}), 2)):
+        value = values.get(name)
         if value is not None:
             several = value if isinstance(value, list) else [value]
             told.append(", ".join("-" if v is None else f"{v:.{digits}g}" for v in several))
-    return " &plusmn; ".join(told)
+    return f"{' &plusmn; '.join(told)} {escape(units.get(name, ''))}".rstrip()
 
 
 def restart_of(words: str | Path) -> RestartState:

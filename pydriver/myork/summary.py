@@ -10,14 +10,89 @@ from typing import Any
 from myork.errors import FileError
 from myork.files import claimed, read_json, write_json
 
-__all__ = ["failures", "read_summary", "renewing", "update_summary"]
+__all__ = [
+    "SOLUTION",
+    "WAITING",
+    "asked",
+    "failures",
+    "printed",
+    "read_summary",
+    "renewing",
+    "update_summary",
+]
+
+#: Entries of stations before a solve; others are about a solution (`rk_summary` has the same)
+_BEFORE = ("segmentation", "tissue", "model", "tensors")
+#: Files of a solution beside its summary (`system.c` has the same)
+SOLUTION = ("results.vtkhdf", "history.csv", "run.log", "report.html", "compare.html",
+            "reduced_fields.npz")  # fmt: skip
+#: Summary of these files while `summary.json` is that of a run that has none
+WAITING = "summary.json.previous"
+
+
+@contextmanager
+def asked(folder: Path) -> Iterator[None]:
+    """Let the summary in a folder say why a run ended before its solve wrote it.
+
+    Parameters
+    ----------
+    folder : Path
+        Output folder; what another process has is left alone.
+    """
+    try:
+        yield
+    except BaseException as reason:
+        with suppress(FileError):
+            if folder.is_dir():
+                with claimed(folder):
+                    _write_refusal(folder, str(reason) or type(reason).__name__)
+        raise
+
+
+def _write_refusal(folder: Path, message: str) -> None:
+    _set_aside(folder)
+    summary = _read(folder)
+    waiting = folder / WAITING
+    if (folder / SOLUTION[0]).exists() and "converged" in summary and not waiting.exists():
+        (folder / "summary.json").rename(waiting)
+    verdict = {"state": "refused", "reasons": [message]}
+    refusal = {"converged": False, "message": message, "verdict": verdict, "steps": []}
+    write_json(folder / "summary.json", {**_before(summary), **refusal})
+
+
+def _set_aside(folder: Path) -> None:
+    """Move a finished solution to `previous`: what is asked now makes it that of another model."""
+    summary = _read(folder)
+    verdict = summary.get("verdict") or {}
+    if not summary.get("converged") or verdict.get("state") == "refused":
+        return
+    previous = folder / "previous"
+    try:
+        if previous.is_symlink():
+            raise FileError(f"{previous}: it is a symbolic link; remove it")
+        previous.mkdir(exist_ok=True)
+        for name in SOLUTION:
+            (previous / name).unlink(missing_ok=True)
+        (folder / "summary.json").rename(folder / WAITING)
+        for name in SOLUTION:
+            with suppress(FileNotFoundError):
+                (folder / name).rename(previous / name)
+        (folder / WAITING).rename(previous / "summary.json")
+    except OSError as reason:
+        raise FileError(f"{folder}: its results cannot be set aside: {reason}") from None
+    write_json(folder / "summary.json", _before(summary))
+
+
+def _before(summary: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: summary[name] for name in _BEFORE if name in summary}
 
 
 @contextmanager
 def renewing(folder: Path, *parts: str) -> Iterator[None]:
     """Have a folder alone while a station renews its parts of the summary.
 
-    If the station fails, parts of an earlier run stay and say so in an entry `failed`.
+    A finished solution of what such a part was before is set aside. If the station fails, parts of
+    an earlier run stay and say so in an entry `failed`.
 
     Parameters
     ----------
@@ -27,6 +102,8 @@ def renewing(folder: Path, *parts: str) -> Iterator[None]:
         Entries of `summary.json` that the station writes.
     """
     with claimed(folder):
+        if {"segmentation", "model"}.intersection(parts):
+            _set_aside(folder)
         try:
             yield
         except BaseException as reason:
@@ -46,12 +123,15 @@ def renewing(folder: Path, *parts: str) -> Iterator[None]:
 def failures(summary: Mapping[str, Any]) -> list[str]:
     """What a folder holds of earlier runs because a later one failed, a sentence each."""
     found = []
-    if isinstance(summary.get("failed"), str):
-        found.append(f"The solution is that of an earlier run; the last one: {summary['failed']}")
     for name, part in summary.items():
         if isinstance(part, Mapping) and isinstance(part.get("failed"), str):
             found.append(f"The {name} is that of an earlier run; the last one: {part['failed']}")
     return found
+
+
+def printed(step: Mapping[str, Any]) -> dict[str, Any]:
+    """Probes of a step of the summary as the solver prints them: 0 far below an error bar."""
+    return {**(step.get("probes") or {}), **(step.get("printed") or {})}
 
 
 def update_summary(folder: Path, part: Mapping[str, Any]) -> None:

@@ -8,7 +8,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -213,25 +212,7 @@ def test_quiet_shows_no_progress(
     assert (captured.out, captured.err) == ("", "myork: refused\n")
 
 
-def test_interrupt_in_a_finalizer_is_heard(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], deck: Path
-) -> None:
-    """Python drops what a finalizer raises; the command would go on to its end."""
-
-    class Last:
-        def __del__(self) -> None:
-            signal.raise_signal(signal.SIGINT)
-
-    def command(options: object) -> None:
-        last = Last()
-        del last
-        time.sleep(60.0)
-
-    monkeypatch.setattr("myork.cli._solve", command)
-    assert status_of("solve", deck) == 1
-    assert capsys.readouterr().err == "myork: stopped; what was finished is written\n"
-
-
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_interrupt_waits_for_the_clean_end(
     solver: Install, deck: Path, tmp_path: Path, number: signal.Signals

@@ -1,5 +1,6 @@
 """Output folders: one run at a time, earlier results stay whole, no solve without its command."""
 
+import html
 import json
 import os
 import signal
@@ -11,8 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from myork.cli import main
 from myork.errors import FileError
 from myork.files import claimed
+from myork.report import make_report
 from myork.results import Results
 from myork.stations.solve import find_executable
 from myork.summary import failures, renewing, update_summary
@@ -112,6 +115,7 @@ def wait_for(condition) -> None:
         time.sleep(0.05)
 
 
+@pytest.mark.slow
 def test_a_folder_is_one_run_s(deck: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     assert solve(deck, out).returncode == 0
@@ -124,7 +128,7 @@ def test_a_folder_is_one_run_s(deck: Path, tmp_path: Path) -> None:
         pass
     run.send_signal(signal.SIGINT)
     assert run.wait(PATIENCE) == 1
-    assert files_of(out) == before
+    assert files_of(out / "previous") == before
     assert solve(deck, out).returncode == 0, "the claim ends with the run"
 
 
@@ -137,25 +141,151 @@ def test_python_claims_a_folder_against_the_executable(deck: Path, tmp_path: Pat
     assert not files_of(out)
 
 
-def test_a_stopped_run_leaves_a_whole_one(deck: Path, tmp_path: Path) -> None:
+def told(out: Path) -> tuple[bool, str, str]:
+    """What a script reads first of a folder."""
+    return told_of(out / "summary.json")
+
+
+def told_of(path: Path) -> tuple[bool, str, str]:
+    summary = json.loads(path.read_text())
+    return summary["converged"], summary["verdict"]["state"], summary.get("message", "")
+
+
+#: What is asked behind a good solve, and what it says of itself
+FAILURES = {
+    "not converged": (("solver.max_iterations=1", "load.max_halvings=0"), 1, "did not converge"),
+    "misspelt": (("load.stps=3",), 2, "load.stps: unknown key"),
+    "impossible": (("geometry.source=[2,2]",), 2, "singular moment matrix"),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FAILURES)
+def test_the_summary_is_that_of_the_run_that_was_asked_last(
+    deck: Path, tmp_path: Path, name: str
+) -> None:
+    out = tmp_path / "out"
+    assert solve(deck, out).returncode == 0
+    update_summary(out, {"model": {"volume": {"rubber": 4.0}}})
+    good = {**files_of(out), "summary.json": (out / "summary.json").read_bytes()}
+    (out / "report.html").write_text("of the good one")
+    settings, status, message = FAILURES[name]
+    for _ in range(2):
+        ended = solve(deck, out, *(word for item in settings for word in ("--set", item)))
+        assert ended.returncode == status
+        converged, state, why = told(out)
+        assert not converged and state == "refused"
+        assert message in why and why in ended.stderr
+        assert summary_of(out)["model"] == {"volume": {"rubber": 4.0}}, "stations before it stay"
+        assert {key: (out / "previous" / key).read_bytes() for key in good} == good
+        assert (out / "previous" / "report.html").exists() and not (out / "report.html").exists()
+        assert status == 1 or not files_of(out), "no results but those that are set aside"
+    page = html.unescape(make_report(out).read_text())
+    assert "✗ no solution" in page and f"No solution: {why}" in page
+    assert solve(deck, out).returncode == 0
+    assert told(out)[0] and not (out / "previous").exists()
+    assert summary_of(out)["model"] == {"volume": {"rubber": 4.0}}
+
+
+@pytest.mark.slow
+def test_a_killed_run_leaves_no_summary_of_another(deck: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     assert solve(deck, out).returncode == 0
     before = files_of(out)
-    probes = summary_of(out)["steps"]
+    run = start(deck, out)
+    assert told(out) == (
+        False,
+        "refused",
+        f"the run of process {run.pid} has not ended, or was killed",
+    )
+    run.kill()
+    run.wait()
+    assert told(out)[:2] == (False, "refused")
+    assert files_of(out / "previous") == before
+    # nor does a deck that is refused, which leaves the journal
+    assert solve(deck, out, "--set", "load.stps=3").returncode == 2
+    assert (out / "results.journal").exists() and files_of(out / "previous") == before
+    assert solve(deck, out).returncode == 0
+    assert told(out)[0] and not (out / "previous").exists()
+
+
+@pytest.mark.slow
+def test_a_resume_that_is_refused_leaves_what_the_right_one_needs(
+    deck: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
     run = start(deck, out)
     run.send_signal(signal.SIGINT)
     assert run.wait(PATIENCE) == 1
-    assert run.stderr is not None
-    assert "the results of an earlier run" in run.stderr.read()
-    assert files_of(out) == before
-    summary = summary_of(out)
-    assert summary["steps"] == probes and summary["converged"] is True
-    assert "topped" in summary["failed"]
-    assert failures(summary)[0].startswith("The solution is that of an earlier run")
-    with Results(out / "results.vtkhdf.part") as unfinished:
-        assert unfinished.loads[-1] > 0.0, "what the stopped run reached can be read"
+    unfinished = files_of(out)
+    assert solve(deck, out, "--resume").returncode == 2
+    assert told(out)[:2] == (False, "refused") and files_of(out) == unfinished
+    assert not any("Deformation" in line for line in make_report(out).read_text().splitlines())
     assert solve(deck, out).returncode == 0
-    assert "failed" not in summary_of(out)
+    finished = files_of(out)
+    for _ in range(2):
+        refused = solve(deck, out, "--resume", *LONG)
+        assert refused.returncode == 2 and "a run of another deck" in refused.stderr
+        assert told(out)[:2] == (False, "refused") and "another deck" in told(out)[2]
+        assert files_of(out) == finished
+    assert solve(deck, out, "--resume").returncode == 0
+    assert told(out)[0] and not list(out.glob("*previous*"))
+    # a run that begins anew sets aside what a refused resume has left
+    assert solve(deck, out, "--resume", *LONG).returncode == 2
+    finished = files_of(out)
+    assert solve(deck, out, "--set", "load.stps=3").returncode == 2
+    assert files_of(out / "previous") == finished and not files_of(out)
+    assert told(out / "previous")[0]
+
+
+def test_a_start_from_the_same_folder_is_read_first(deck: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert solve(deck, out).returncode == 0
+    assert solve(deck, out, "--start-from", f"{out}:9").returncode == 2
+    assert told(out)[:2] == (False, "refused") and files_of(out)
+    assert solve(deck, out, "--start-from", f"{out}:2").returncode == 0
+    assert told(out)[0] and not list(out.glob("*previous*"))
+
+
+def test_stations_before_a_solve_set_it_aside(deck: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert solve(deck, out).returncode == 0
+    before = files_of(out)
+    with renewing(out, "rom"):
+        pass
+    assert files_of(out) == before
+    with renewing(out, "model"):
+        update_summary(out, {"model": {"volume": 1.0}})
+    assert files_of(out / "previous") == before and not files_of(out)
+    assert summary_of(out) == {"model": {"volume": 1.0}} and told(out / "previous")[0]
+
+
+@pytest.mark.parametrize(
+    "words", ["run --data nowhere", "run --set load.stps=3", "solve --set load.stps=3"]
+)
+def test_commands_that_end_before_the_solve_say_so(deck: Path, tmp_path: Path, words: str) -> None:
+    out = tmp_path / "out"
+    assert solve(deck, out).returncode == 0
+    command, *rest = words.split()
+    assert main([command, str(deck), "--out", str(out), "-q", *rest]) == 2
+    assert told(out)[:2] == (False, "refused") and told(out / "previous")[0]
+    assert not files_of(out)
+
+
+def test_a_link_in_place_of_the_folder_is_refused(deck: Path, tmp_path: Path) -> None:
+    out, theirs = tmp_path / "out", tmp_path / "theirs"
+    assert solve(deck, out).returncode == 0
+    theirs.mkdir()
+    (theirs / "run.log").write_text("theirs")
+    (out / "previous").symlink_to(theirs)
+    before = files_of(out)
+    with pytest.raises(FileError, match="previous: it is a symbolic link"), renewing(out, "model"):
+        pass
+    assert told(out)[0]
+    refused = solve(deck, out)
+    assert refused.returncode == 2 and "previous in it is not a folder" in refused.stderr
+    assert told(out)[:2] == (False, "refused") and told_of(out / "summary.json.previous")[0]
+    assert files_of(out) == before and files_of(theirs) == {"run.log": b"theirs"}
 
 
 def test_a_stopped_run_without_an_earlier_one_is_written(deck: Path, tmp_path: Path) -> None:
@@ -170,6 +300,7 @@ def test_a_stopped_run_without_an_earlier_one_is_written(deck: Path, tmp_path: P
         assert results.loads[-1] == pytest.approx(summary["steps"][-1]["load"], rel=1e-15)
 
 
+@pytest.mark.slow
 def test_a_run_that_fails_at_once_does_not_replace_states(deck: Path, tmp_path: Path) -> None:
     """The earlier run is unfinished as well, but it has states under load."""
     out = tmp_path / "out"
@@ -179,24 +310,30 @@ def test_a_run_that_fails_at_once_does_not_replace_states(deck: Path, tmp_path: 
     before = files_of(out)
     failed = solve(deck, out, "--set", "solver.max_iterations=1", "--set", "load.max_halvings=0")
     assert failed.returncode == 1, failed.stderr
-    assert files_of(out) == before
+    assert files_of(out / "previous") == before
+    assert summary_of(out / "previous")["steps"] and not summary_of(out)["steps"]
 
 
-def test_no_reader_no_matter(deck: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("command", ["myork-solve", "myork solve", "myork run -q"])
+def test_no_reader_no_matter(deck: Path, tmp_path: Path, command: str) -> None:
     """Output into a pipe whose reader has gone: the run goes on and its results are written."""
     out = tmp_path / "out"
+    words = {
+        "myork-solve": [find_executable(), deck, "-o", out, "-t", "1", "-v"],
+        "myork solve": [sys.executable, "-m", "myork", "solve", deck, "--out", out],
+        "myork run -q": [sys.executable, "-m", "myork", "run", deck, "--out", out, "-q"],
+    }
     run = subprocess.Popen(
-        [find_executable(), deck, "-o", out, "-t", "1", "-v"],
-        env=environment(),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
+        words[command], env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE
     )
-    assert run.stdout is not None
+    assert run.stdout is not None and run.stderr is not None
     run.stdout.close()
+    assert run.stderr.read() == b""
     assert run.wait(PATIENCE) == 0
     assert summary_of(out)["converged"] is True
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loudness", ["-q", "-v"])
 def test_a_solve_ends_with_the_command_that_started_it(
     deck: Path, tmp_path: Path, loudness: str
@@ -215,10 +352,53 @@ def test_a_solve_ends_with_the_command_that_started_it(
     assert solver != parent.pid
     parent.kill()
     parent.wait()
-    wait_for(lambda: (out / "summary.json").is_file())
+    wait_for(lambda: (out / "run.log").is_file())
     summary = summary_of(out)
     assert summary["converged"] is False and summary["steps"][-1]["load"] > 0.0
     wait_for(lambda: not Path(f"/proc/{solver}").exists())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("how", ["link", "pipe", "second name"])
+def test_output_does_not_follow_names(deck: Path, tmp_path: Path, how: str) -> None:
+    """A link in place of an output would have its target written over by whoever runs."""
+    out, theirs = tmp_path / "out", tmp_path / "theirs"
+    out.mkdir()
+    theirs.write_text("theirs")
+    names = ("results.vtkhdf", "history.csv", "run.log", "summary.json")
+    for name in (".lock", *(f"{name}.part" for name in names), "results.journal"):
+        place = out / name
+        place.unlink(missing_ok=True)
+        if how == "link":
+            place.symlink_to(theirs)
+        elif how == "pipe":
+            os.mkfifo(place)
+        else:
+            place.hardlink_to(theirs)
+        ended = solve(deck, out)
+        assert theirs.read_text() == "theirs", name
+        if how == "second name" and name != ".lock":
+            assert ended.returncode == 0, "what is there is removed, and its other name stays"
+            continue
+        assert ended.returncode == 2 and f"{name}: " in ended.stderr, name
+        assert "it is" in ended.stderr and "remove it" in ended.stderr
+        place.unlink()
+    assert solve(deck, out).returncode == 0
+
+
+@pytest.mark.slow
+def test_a_journal_that_is_another_name_is_not_resumed(deck: Path, tmp_path: Path) -> None:
+    out, theirs = tmp_path / "out", tmp_path / "theirs"
+    run = start(deck, out)
+    run.kill()
+    run.wait()
+    journal = out / "results.journal"
+    journal.rename(theirs)
+    before = theirs.read_bytes()
+    journal.symlink_to(theirs)
+    ended = solve(deck, out, *LONG, "--resume")
+    assert ended.returncode == 2 and "results.journal: cannot be written: it is" in ended.stderr
+    assert theirs.read_bytes() == before
 
 
 def test_a_station_that_fails_marks_what_it_leaves(tmp_path: Path) -> None:
@@ -237,6 +417,7 @@ def test_a_station_that_fails_marks_what_it_leaves(tmp_path: Path) -> None:
     assert not failures(summary_of(tmp_path))
 
 
+@pytest.mark.slow
 def test_a_full_disk_loses_nothing(deck: Path, tmp_path: Path) -> None:
     """Limits on the size of files stand for full disks, from none of the files to most of them."""
     import resource
@@ -265,8 +446,7 @@ def test_a_full_disk_loses_nothing(deck: Path, tmp_path: Path) -> None:
         failed += 1
         assert done.returncode == 2, done.stderr
         assert "too large" in done.stderr
-        kept = summary_of(out)
-        kept.pop("failed", None)
-        assert kept == summary
-        assert files_of(out) == before
+        assert summary_of(out / "previous") == summary
+        assert files_of(out / "previous") == before
+        assert not (out / "summary.json").exists() or not told(out)[0]
     assert failed >= 6

@@ -192,6 +192,7 @@ def test_a_damaged_summary_is_dropped_with_a_word(
     assert "model" not in summary and len(summary["steps"]) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("program", OUT)
 def test_interrupt_keeps_the_last_converged_state(
     program: str, inputs: Path, tmp_path: Path

@@ -3,6 +3,7 @@
 import json
 import os
 import random
+import shutil
 import signal
 import subprocess
 import time
@@ -108,6 +109,7 @@ def interrupt(deck: Path, out: Path, number: int, wait: float, *options: str) ->
     child.communicate()
 
 
+@pytest.mark.slow
 def test_killed_at_random_moments_and_resumed_it_is_the_same_run(tmp_path, write_deck):
     deck = write_deck(MUSCLE)
     begun = time.monotonic()
@@ -126,6 +128,7 @@ def test_killed_at_random_moments_and_resumed_it_is_the_same_run(tmp_path, write
     assert resumed > 0, f"seed {seed}"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "changes",
     [
@@ -164,6 +167,76 @@ def test_what_an_iteration_carries_is_resumed(tmp_path, write_deck, changes):
         said = run(deck, out, "--resume")
         assert "resumed behind load step" in said
         assert_equal(out, tmp_path / "whole")
+
+
+@pytest.mark.slow
+def test_a_changed_journal_is_cut_or_refused(tmp_path, write_deck):
+    """A bit of a journal is changed: never is a state resumed that nobody has solved.
+
+    The journal ends behind its fifth step. What stands before the change is gone on with, so that
+    all end in the same numbers.
+    """
+    box = {**RUBBER["geometry"], "source": [3] * 3, "collocation": [4] * 3}
+    deck = write_deck({**RUBBER, "geometry": box, "load": {"steps": 10}})
+    whole, killed, out = (tmp_path / name for name in ("whole", "killed", "out"))
+    run(deck, whole, "--no-error")
+    expected = datasets(whole / "results.vtkhdf")
+    del expected["MyoRK/step"]
+    while not (killed / "results.journal").exists():
+        # a quick run may have ended before it is killed
+        child = start(deck, killed, "--no-error")
+        assert child.stdout is not None
+        for line in child.stdout:
+            if line.startswith("step   5"):
+                child.kill()
+                break
+        child.communicate()
+    journal = (killed / "results.journal").read_bytes()
+    records = records_of(journal)
+    # in head, check, body and check of each kind of record, and anywhere
+    places = {first + k for first in records.values() for k in (0, 9, 17, 25, 33, 60)}
+    draw = random.Random(7)
+    places |= {draw.randrange(len(journal)) for _ in range(52 - len(places))}
+    places |= {end - 1 for end in (len(journal), records["step"])}
+    cut = refused = 0
+    for place in sorted(places):
+        shutil.rmtree(out, ignore_errors=True)
+        shutil.copytree(killed, out)
+        changed = bytearray(journal)
+        changed[place] ^= 1 << draw.randrange(8)
+        (out / "results.journal").write_bytes(changed)
+        child = start(deck, out, "--no-error", "--resume")
+        said = child.communicate()[0]
+        assert "damaged" in said, place
+        if child.returncode == 2:
+            refused += 1
+            assert "without --resume the run begins anew" in said
+            continue
+        cut += 1
+        assert child.returncode == 0, said
+        assert "goes on behind load step" in said
+        found = datasets(out / "results.vtkhdf")
+        del found["MyoRK/step"]
+        assert found == expected, place
+    assert cut > 10 and refused > 10 and cut + refused >= 50
+
+
+def records_of(journal: bytes) -> dict[str, int]:
+    """Where the last record of each kind begins."""
+    kinds = ("deck", "overrides", "approximation", "source", "points", "line", "step")
+    found, at = {}, 0
+    while at < len(journal):
+        kind, length = np.frombuffer(journal[at : at + 16], np.int64)
+        found[kinds[kind - 1]] = at
+        at += 40 + int(length)
+    return found
+
+
+def test_a_journal_of_another_version_is_refused(tmp_path, write_deck):
+    (tmp_path / "results.journal").write_bytes(np.arange(1000).tobytes())
+    child = start(write_deck(RUBBER), tmp_path, "--resume")
+    assert "at byte 0 is damaged, or another version wrote it" in child.communicate()[0]
+    assert child.returncode == 2
 
 
 def test_a_finished_run_is_read_again(tmp_path, write_deck):
@@ -273,6 +346,7 @@ def test_a_programme_begins_at_equilibrium_with_what_it_prescribes():
             np.testing.assert_allclose(scene.solve(error=False, start=begin).x, rest, atol=1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
 def test_a_run_that_began_loaded_is_resumed(tmp_path, write_deck, number):
     """Its first state is neither that at rest nor found twice; the start need not be named."""
@@ -328,6 +402,7 @@ def test_both_commands_know_the_options(tmp_path):
     assert main([*options, "--start-from", str(tmp_path / "none.vtkhdf")]) == 2
 
 
+@pytest.mark.slow
 def test_points_that_were_refined_are_not_searched_again(tmp_path, write_deck):
     """A killed run goes on with the points it had found, whatever a search would find now."""
     wanted = {"error": 0.01, "probe": "force", "cost": 60.0}

@@ -10,6 +10,7 @@ from myork.cli import main
 from myork.errors import FileError
 
 
+@pytest.mark.slow
 def test_this_installation_passes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["selftest", "--out", str(tmp_path / "out")]) == 0
     said = capsys.readouterr().out
@@ -22,6 +23,7 @@ def test_this_installation_passes(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert said.splitlines()[-1].endswith("the installation works")
 
 
+@pytest.mark.slow
 def test_what_fails_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -147,7 +147,7 @@ subroutine test_json_text
    call json%put([1.0_wp])
    call json%end_array()
    call json%end_object()
-   call check('nested text', json%text == '{'//nl// &
+   call check('nested text', json%text() == '{'//nl// &
       & '  "text": "a \"b\" \\ c\n\u0009",'//nl// &
       & '  "yes": true,'//nl//'  "whole": -7,'//nl//'  "long": 12345678901,'//nl// &
       & '  "list": [1, 2],'//nl//'  "reals": [0.5, -2.0],'//nl//'  "none": [],'//nl// &
@@ -160,16 +160,15 @@ subroutine test_json_numbers
       & 1.0e8_wp, 123456789012345680.0_wp, 1.0e15_wp, 9.999999999999999e15_wp, 1.0e16_wp, &
       & 1.2e-5_wp, 1.0e-4_wp, 1.7e308_wp, &
       & 2.2250738585072014e-308_wp, 0.30000000000000004_wp, -4.5e-7_wp]
-   type(json_type) :: json
    real(wp) :: back
+   character(len=:), allocatable :: text
    logical :: same
    integer :: i, stat
 
    same = .true.
    do i = 1, size(numbers)
-      json = json_type()
-      call json%put(numbers(i))
-      read (json%text, *, iostat=stat) back
+      text = written(numbers(i))
+      read (text, *, iostat=stat) back
       if (stat /= 0 .or. abs(back - numbers(i)) > 0.0_wp) same = .false.
    end do
    call check('numbers read back the same', same)
@@ -187,7 +186,7 @@ function written(number) result(text)
    type(json_type) :: json
 
    call json%put(number)
-   text = json%text
+   text = json%text()
 end function written
 
 !> Files
@@ -213,9 +212,10 @@ subroutine test_json_file
    call json%save('no/such/folder/test_deck.json', error)
    call check('no folder', allocated(error))
    if (.not. allocated(error)) return
-   ! the rest is the compiler's
+   ! the rest is the system's
    call check('and it says so', error%code == err_file .and. &
-      & index(error%message, 'no/such/folder/test_deck.json: cannot be written: ') == 1)
+      & index(error%message, 'no/such/folder/test_deck.json') == 1 .and. &
+      & index(error%message, 'cannot be written: ') > 0)
 end subroutine test_json_file
 
 !> The last call must have failed in this way

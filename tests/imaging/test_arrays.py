@@ -20,6 +20,7 @@ def test_functions_are_found_by_name():
         _ = imaging.nothing
 
 
+@pytest.mark.slow
 def test_from_images_to_points(calf):
     affine = calf.anatomy.affine
     even, field, doubt = imaging.correct_bias(calf.anatomy.data, affine)

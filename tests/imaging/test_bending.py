@@ -46,6 +46,7 @@ def means(found, truth):
     return np.array([dice(found == number, truth == number) for number in NUMBERS])
 
 
+@pytest.mark.slow
 def test_every_muscle_of_a_slice_follows_its_own_bend():
     today, then, drawn = visits()
     image, then, drawn, truth = map(one_slice, (today.anatomy, then, drawn, today.truth))
@@ -57,6 +58,7 @@ def test_every_muscle_of_a_slice_follows_its_own_bend():
     np.testing.assert_array_equal(found.affine, image.affine)
 
 
+@pytest.mark.slow
 def test_the_earlier_grid_may_be_another_one():
     """Finer, turned about, and begun elsewhere."""
     today, then, drawn = visits()
@@ -80,6 +82,7 @@ def test_the_earlier_grid_may_be_another_one():
     assert means(other.data, truth.data).mean() > 0.96
 
 
+@pytest.mark.slow
 def test_stacks_are_bent():
     today, then, drawn = visits(5.0, (48, 48, 6), (2.5, 2.5, 6.0))
     found, moved = bend_labels(drawn, then, today.anatomy, body_mask(today.anatomy))
@@ -101,6 +104,7 @@ def segmented(folder, **keys):
     return segment(folder / "deck.toml", folder / "out")["segmentation"]
 
 
+@pytest.mark.slow
 def test_segment_bends_the_reference(tmp_path):
     today, then, drawn = visits()
     write_image(tmp_path / "now.nii.gz", one_slice(today.anatomy))

@@ -17,6 +17,7 @@ def shaded(bias, size):
     return phantom.anatomy, body_mask(phantom.anatomy), phantom.bias.data
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bias", [0.3, 0.9])
 def test_field_of_the_phantom(bias):
     image, mask, truth = shaded(bias, (96, 96, 15))
@@ -36,6 +37,7 @@ def test_field_of_the_phantom(bias):
     assert left < 0.5 * before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "other", [{"bias": 0.5}, {"imat": 0.05, "imct": 0.1}, {"scale": 0.85}, {"snr": 10.0}]
 )
@@ -47,6 +49,7 @@ def test_three_regions_on_phantoms_full_of_muscle(other):
     assert np.corrcoef(found.field[mask], phantom.bias.data[mask])[0, 1] >= 0.98
 
 
+@pytest.mark.slow
 def test_field_of_a_shrunken_image_is_almost_the_same():
     image, mask, _ = shaded(0.6, (160, 160, 3))
     fine, coarse = (
@@ -58,6 +61,7 @@ def test_field_of_a_shrunken_image_is_almost_the_same():
     assert np.corrcoef(fine.field[mask], coarse.field[mask])[0, 1] > 0.97
 
 
+@pytest.mark.slow
 def test_brightness_and_values_outside_do_not_matter():
     image, mask, _ = shaded(0.3, (96, 96, 3))
     again = np.where(mask, 7.0 * image.data, np.nan)
@@ -68,6 +72,7 @@ def test_brightness_and_values_outside_do_not_matter():
     np.testing.assert_allclose(a.field, b.field, rtol=1e-10)
 
 
+@pytest.mark.slow
 def test_n4_of_simpleitk():
     image, mask, truth = shaded(0.6, (96, 96, 3))
     found = n4_bias(image.data, mask, spacing=image.spacing, shrink=3)

@@ -1,6 +1,6 @@
 """`myork run`: from the files of a deck to a force and a report, on bodies like the real ones.
 
-The decks of inputs/images are run whole by tests/bench/real_images.py, for whoever has the data;
+The decks of inputs/images are run whole by benchmarks/real_images.py, for whoever has the data;
 here synthetic bodies take the place of their files.
 """
 
@@ -47,6 +47,7 @@ def lines(starts, way, length):
     return [s + np.arange(0, length, 2.0)[:, None] * np.asarray(way) for s in starts]
 
 
+@pytest.mark.slow
 def test_a_pennate_muscle_between_two_aponeuroses(tmp_path):
     """A slab whose fibers go from one face to the other, as mg_tracts.toml wants it."""
     lean = np.radians(20.0)
@@ -66,6 +67,7 @@ def test_a_pennate_muscle_between_two_aponeuroses(tmp_path):
     assert 0 < bar["force"] < 0.25 * abs(force["force"])
 
 
+@pytest.mark.slow
 def test_muscles_of_a_slice_by_a_reference(tmp_path):
     """Two dark muscles in a bright limb, one slice, as calf_reference.toml wants them."""
     x, y = np.meshgrid(np.arange(64) - 31.5, np.arange(64) - 31.5, indexing="ij")
@@ -82,6 +84,7 @@ def test_muscles_of_a_slice_by_a_reference(tmp_path):
     assert 0 < bar["force"] < 0.1 * force["force"]
 
 
+@pytest.mark.slow
 def test_muscles_around_a_bone_that_grow_wider(tmp_path):
     """Two cones with a hole, as the walks leave them to thighs.toml."""
     x, y = np.meshgrid(np.arange(40) * 3.0, np.arange(24) * 3.0, indexing="ij")
@@ -104,6 +107,7 @@ def test_muscles_around_a_bone_that_grow_wider(tmp_path):
     assert 0 < bar["force"] < 0.25 * -force["force"]
 
 
+@pytest.mark.slow
 def test_a_grid_of_fibers_is_its_own_surface(tmp_path):
     """A spindle of lines, as biceps.toml wants it."""
     side = np.linspace(-1.0, 1.0, 7)

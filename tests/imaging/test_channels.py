@@ -123,6 +123,7 @@ def echoes(folder):
 DIXON = {"magnitude": ["m0.nii.gz", "m1.nii.gz"], "phase": ["p0.nii.gz", "p1.nii.gz"]}
 
 
+@pytest.mark.slow
 def test_echoes_become_water_fat_and_tissue(tmp_path):
     kind, truth = echoes(tmp_path)
     tables = {
@@ -166,6 +167,7 @@ def test_echoes_become_water_fat_and_tissue(tmp_path):
     assert membership[ring].mean() > 0.9 and membership[kind == 1].mean() < 0.1
 
 
+@pytest.mark.slow
 def test_water_and_fat_of_the_scanner_are_as_good(tmp_path):
     kind, _ = echoes(tmp_path)
     water, fat = (np.isin(kind, numbers) * 400.0 + 10.0 for numbers in ((1,), (2, 4)))

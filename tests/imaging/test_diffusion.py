@@ -105,6 +105,7 @@ def turned_grid(image, affine):
     return Image(np.ascontiguousarray(data), affine, image.name)
 
 
+@pytest.mark.slow
 def test_axes_of_the_file_do_not_change_the_fibers(phantom, series, tmp_path):
     dwi, table = series
     keys = {"dwi": "a.nii.gz", "tensor_frame": "world", "gradient_axes": "x y z"}

@@ -180,6 +180,7 @@ def bent(snr, radius=60.0, **keys):
     return wrong, inside
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("snr", "mean"), [(25.0, 2.5), (50.0, 2.0)])
 def test_width_by_itself_is_right_up_to_the_edge(snr, mean):
     """Fat and connective tissue among the fibers, and voxels of fat in a mask that is too large."""
@@ -193,6 +194,7 @@ def test_width_by_itself_is_right_up_to_the_edge(snr, mean):
     assert 1.25 < width < 5.0
 
 
+@pytest.mark.slow
 def test_noise_asks_for_a_wider_average_than_bends():
     noisy, calm = bent(15.0)[0](None)[1], bent(60.0, radius=30.0)[0](None)[1]
     assert noisy > calm

@@ -1,6 +1,8 @@
 """NRRD, MetaImage and DICOM series: geometry and values as in NIfTI, errors that name the file."""
 
 import importlib
+from itertools import product
+from pathlib import Path
 
 import numpy as np
 import pydicom
@@ -185,6 +187,28 @@ def test_images_of_a_dicom_folder_are_listed_and_chosen(tmp_path):
         read_image(tmp_path / "scan:series=7")
     with pytest.raises(InputError, match=r"scan:serie=5: 'serie=5' chooses nothing; write DIR:"):
         read_image(tmp_path / "scan:serie=5")
+
+
+def test_the_list_of_images_is_that_of_the_page(tmp_path):
+    folder, uid = tmp_path / "scan", generate_uid()
+    plain = {"rows": 320, "Columns": 320, "PixelData": bytes(2 * 320**2)}
+    plain["PixelSpacing"] = [1.5, 1.5]
+    kinds = {word: ["ORIGINAL", "PRIMARY", word] for word in "MP"}
+    series(
+        folder, heights=[0.0], first=120, SeriesNumber=1, SeriesDescription="localiser",
+        SliceThickness=8, ImageType=kinds["M"], **plain,
+    )  # fmt: skip
+    for k, (time, word) in enumerate(product((1.23, 2.46), kinds)):
+        series(
+            folder, heights=np.arange(30.0) * 4, uid=uid, first=30 * k, SeriesNumber=5,
+            SeriesDescription="dixon", SliceThickness=4, EchoTime=time, ImageType=kinds[word],
+            **plain,
+        )  # fmt: skip
+    with pytest.raises(InputError) as listed:
+        read_image(folder)
+    shown = str(listed.value).replace(f"{folder}", folder.name)
+    page = Path(__file__).parents[2] / "docs/imaging.md"
+    assert f"```text\n{shown}\n```" in page.read_text(encoding="utf-8")
 
 
 def test_series_of_one_uid_are_told_by_their_numbers(tmp_path):

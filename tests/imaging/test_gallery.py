@@ -2,7 +2,11 @@
 
 import json
 
+import pytest
+
 from myork.bench import run_benches
+
+pytestmark = pytest.mark.nightly
 
 
 def test_examples_of_the_gallery(tmp_path):

@@ -15,7 +15,10 @@ from myork.segmentation.scores import dice
 from myork.segmentation.starts import kmeans, level_sets_of, regions_of
 
 DEFAULTS = table_defaults("image")
-STEERING = {key: DEFAULTS[key] for key in ("mu", "nu", "epsilon", "dt", "tolerance", "iterations")}
+STEERING = {key: DEFAULTS[key] for key in ("mu", "nu", "tolerance", "iterations")} | {
+    "epsilon": 0.5,
+    "dt": 500.0,
+}
 
 
 def choice(**changes):
@@ -328,7 +331,7 @@ def test_otsu_parts_two_heaps():
         ({"lambdas": [1.0, 1.0, 1.0]}, "image.lambda has 3 weights; give one for all or 2"),
         ({"iterations": 0}, "iterations must be at least 1"),
         ({"regions": 3, "start": "otsu"}, "'otsu' makes two regions"),
-        ({"start": "labels"}, "needs a label map in image.start_labels"),
+        ({"start": "labels"}, "a start from labels needs them"),
     ],
 )
 def test_impossible_choices(change, message):

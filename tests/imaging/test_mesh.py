@@ -22,6 +22,7 @@ def cylinder(tmp_path):
     return tmp_path / "a.stl"
 
 
+@pytest.mark.slow
 def test_volume_and_place_of_a_cylinder(cylinder):
     labels = voxelise(cylinder, 1.0, (2.0, 2.0, 4.0), "muscle")
     volume = labels.data.sum() * 16.0
@@ -33,6 +34,7 @@ def test_volume_and_place_of_a_cylinder(cylinder):
     assert np.array_equal(metres.data, labels.data)
 
 
+@pytest.mark.slow
 def test_lines_give_fibers_whatever_their_sign(cylinder, tmp_path):
     labels = voxelise(cylinder, 1.0, (2.0, 2.0, 4.0), "muscle")
     direction = np.array([0.3, 0.0, 0.9]) / np.hypot(0.3, 0.9)
@@ -52,6 +54,7 @@ def test_lines_give_fibers_whatever_their_sign(cylinder, tmp_path):
     assert np.abs(cloud.fiber @ direction).min() > 1 - 1e-9
 
 
+@pytest.mark.slow
 def test_a_structured_grid_is_a_surface_and_its_fibers(tmp_path):
     x, y, z = np.meshgrid(np.linspace(0, 2, 5), np.linspace(0, 2, 5), np.linspace(0, 6, 30),
                           indexing="ij")  # fmt: skip
@@ -65,6 +68,7 @@ def test_a_structured_grid_is_a_surface_and_its_fibers(tmp_path):
     assert np.abs(fibers.data[labels.data > 0] @ direction).min() > 1 - 1e-9
 
 
+@pytest.mark.slow
 def test_bad_surfaces_and_tracts_are_named(cylinder, tmp_path):
     open_ = pyvista.read(cylinder).extract_cells(range(40)).extract_surface(
         algorithm="dataset_surface")  # fmt: skip

@@ -38,6 +38,7 @@ def test_anatomy_tells_which_axes_are_wrong(phantom, spoilt, mended):
     assert f'image.gradient_axes = "{mended}"' in doubt
 
 
+@pytest.mark.slow
 def test_without_names_walls_tell_the_long_axis_but_not_flips(phantom):
     muscles = Labels((phantom.truth.data > 0) * phantom.truth.data, phantom.truth.affine)
     for axes in ("x y z", "x -y z", "y x z"):
@@ -52,6 +53,7 @@ def test_without_names_walls_tell_the_long_axis_but_not_flips(phantom):
         assert said.replace("-", "") in (mended, "z x y", "y z x")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pennation", [0.5, 1.0, 1.4])
 @pytest.mark.parametrize("slices", [(4, 8.0), (9, 10.0)])
 def test_right_tables_of_short_and_pennate_muscles_raise_no_doubt(pennation, slices):

@@ -39,6 +39,7 @@ def seen(fine, snr, seed=1, channels=(0, 1, 2)):
     return np.hypot(clean * (1 + 0.15 * x) + noise[0], noise[1]), truth
 
 
+@pytest.mark.slow
 def test_tissues_of_a_leg_have_their_volumes():
     """Muscle with streaks of fat and septa of 1.8 mm in pixels of 1.4 mm, as nothing was tuned on.
 
@@ -172,6 +173,7 @@ def test_labels_changed_by_hand_do_not_take_the_parts_of_before(where, becomes, 
     assert f"first ({first}, 0, 0)" in str(told.value) and "in drawn hold none" in str(told.value)
 
 
+@pytest.mark.slow
 def test_a_bar_of_two_tissues_pulls_with_their_parts(tmp_path):
     """`myork run` on a bar whose tissues meet within voxels: labels alone are 3.6 % too stiff."""
     stiff = np.clip(np.arange(18) - 8.35, 0.0, 1.0)[:, None, None] * np.ones((18, 12, 8))
@@ -238,6 +240,7 @@ def test_a_bar_of_two_tissues_pulls_with_their_parts(tmp_path):
     assert not (out / "fractions.nii.gz").exists()
 
 
+@pytest.mark.slow
 def test_materials_of_a_leg_have_their_volumes(tmp_path):
     """Sheets of one or two pixels, found by `[tissue]`: labels lose muscle to them."""
     deck = Path(__file__).parents[2] / "inputs" / "leg_section.toml"

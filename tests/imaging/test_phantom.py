@@ -14,6 +14,7 @@ def phantom():
     return make_phantom()
 
 
+@pytest.mark.slow
 def test_same_seed_same_images_other_seed_other_noise(phantom):
     again, other = make_phantom(), make_phantom(seed=2)
     assert np.array_equal(phantom.anatomy.data, again.anatomy.data)
@@ -129,6 +130,7 @@ def test_more_fat_and_connective_tissue_than_muscle():
         make_phantom(imat=0.5, imct=0.5)
 
 
+@pytest.mark.slow
 def test_diffusion_images_decay_as_the_tensor_says(phantom):
     dwi, table = phantom_dwi(phantom, snr=1e9, directions=12)
     assert dwi.data.shape[-1] == len(table.b) == 13

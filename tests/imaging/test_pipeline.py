@@ -28,6 +28,7 @@ def mg(tmp_path_factory, inputs):
     return out, lines
 
 
+@pytest.mark.slow
 def test_files_and_summary_of_the_phantom(mg):
     out, lines = mg
     image, labels = read_image(out / "anatomy.nii.gz"), read_labels(out / "segmentation.nii.gz")
@@ -48,7 +49,8 @@ def test_files_and_summary_of_the_phantom(mg):
     model = read_model(out / "model.h5")
     assert summary["model"]["source_points"] == len(model.source)
     assert summary["model"]["points_without_fiber"] == 0
-    assert summary["units"] == {"force": "N", "length": "cm"}
+    units = {"force": "N", "length": "cm", "stress": "N/cm^2", "volume": "cm^3"}
+    assert summary["units"] == units
     assert [line.split()[0] for line in model.source_images.splitlines()] == [
         "segmentation.nii.gz",
         "fibers.nii.gz",
@@ -101,6 +103,7 @@ def own(tmp_path):
     return run, tmp_path
 
 
+@pytest.mark.slow
 def test_images_of_files_like_those_of_the_phantom(own):
     run, folder = own
     summary = run()
@@ -111,6 +114,7 @@ def test_images_of_files_like_those_of_the_phantom(own):
     assert model["points_without_fiber"] == model["collocation_points"]
 
 
+@pytest.mark.slow
 def test_tensor_gives_fibers_and_a_run_without_takes_them_away(own):
     run, folder = own
     run(names=("anatomy=t1", "tensor=dti"))
@@ -121,6 +125,7 @@ def test_tensor_gives_fibers_and_a_run_without_takes_them_away(own):
     assert not (folder / "out" / "fibers.nii.gz").exists()
 
 
+@pytest.mark.slow
 def test_diffusion_images_give_fibers_and_a_wrong_table_is_told(own):
     run, folder = own
     phantom = make_phantom()
@@ -155,6 +160,7 @@ def test_diffusion_images_give_fibers_and_a_wrong_table_is_told(own):
         run(names=names)
 
 
+@pytest.mark.slow
 def test_leg_section_has_three_materials_and_a_bone(tmp_path, inputs):
     overrides = ["phantom.size=[90, 90, 5]", "phantom.spacing=[1.25, 1.25, 12]"]
     deck = inputs / "leg_section.toml"
@@ -176,6 +182,7 @@ def test_leg_section_has_three_materials_and_a_bone(tmp_path, inputs):
     assert away.max() < 5.0 and np.median(away) < 2.5  # blocks of 5 mm
 
 
+@pytest.mark.slow
 def test_region_of_a_label_map(own):
     run, folder = own
     labels = read_labels(folder / "truth.nii.gz")
@@ -189,6 +196,7 @@ def test_region_of_a_label_map(own):
     assert summary["segmentation"]["scores"]["muscle"]["dice"] > 0.95
 
 
+@pytest.mark.slow
 def test_a_region_and_a_body_of_the_user_are_kept_whole(own):
     run, folder = own
     labels = read_labels(folder / "truth.nii.gz")
@@ -215,6 +223,7 @@ def test_a_region_and_a_body_of_the_user_are_kept_whole(own):
         run(names=("anatomy=t1", "body=mine", "region=truth"))
 
 
+@pytest.mark.slow
 def test_bias_corrected_image_and_grouping_by_a_reference(own):
     run, folder = own
     summary = run(
@@ -243,6 +252,7 @@ def moved(folder, name, labels):
     write_labels(folder / name, Labels(labels.data, affine))
 
 
+@pytest.mark.slow
 def test_errors_name_file_or_key_and_what_to_do(own):
     run, folder = own
     truth = read_labels(folder / "truth.nii.gz")
@@ -267,6 +277,7 @@ def test_errors_name_file_or_key_and_what_to_do(own):
         run(station=build)
 
 
+@pytest.mark.slow
 def test_bad_tensors_in_the_file_are_counted(own):
     run, folder = own
     tensor = read_image(folder / "dti.nii.gz", 6)
@@ -276,6 +287,7 @@ def test_bad_tensors_in_the_file_are_counted(own):
     assert any("nan.nii.gz" in text and "neighbours were used" in text for text in warnings)
 
 
+@pytest.mark.slow
 def test_build_from_a_label_map_and_fibers_of_ones_own(own):
     run, folder = own
     phantom = make_phantom()
@@ -292,6 +304,7 @@ def test_build_from_a_label_map_and_fibers_of_ones_own(own):
         run(*options, station=build)
 
 
+@pytest.mark.slow
 def test_same_run_same_files(mg, tmp_path, inputs):
     out, _ = mg
     segment(inputs / "mg_muscle.toml", tmp_path)

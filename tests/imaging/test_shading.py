@@ -32,6 +32,7 @@ def likeness(found, truth, mask):
     return np.corrcoef(found[mask], truth[mask])[0, 1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ends", [(0.4, 2.0), (0.75, 1.3)])
 def test_one_slice_under_a_coil(ends):
     image, mask, truth = shaded(ends, (0.1, 0.2, 0.5))
@@ -42,6 +43,7 @@ def test_one_slice_under_a_coil(ends):
     assert likeness(again.field, truth, mask) >= 0.98
 
 
+@pytest.mark.slow
 def test_stack_under_a_strong_coil():
     image, mask, truth = shaded(
         (0.27, 2.4), (0.0, 0.2, 0.3), slices=slice(None), size=(96, 96, 9), spacing=(1.25, 1.25, 10)
@@ -50,6 +52,7 @@ def test_stack_under_a_strong_coil():
     assert likeness(found.field, truth, mask) >= 0.985
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("axis", "slices"), [(0, slice(None)), (1, slice(None)), (0, slice(1, 2))])
 def test_slices_along_another_axis_are_no_other_image(axis, slices):
     """Sagittal arrays: one limb's width, one field, wherever the array has its slices."""
@@ -78,6 +81,7 @@ def two_limbs(darker):
     return *parts, image.spacing
 
 
+@pytest.mark.slow
 def test_limbs_that_do_not_touch():
     """Slopes do not know how bright one leg is against the other."""
     values, mask, truth, spacing = two_limbs(0.5)
@@ -85,6 +89,7 @@ def test_limbs_that_do_not_touch():
     assert likeness(found.field, truth, mask) >= 0.98
 
 
+@pytest.mark.slow
 def test_starts_that_end_elsewhere_are_told_where_entropies_do_not_decide(monkeypatch):
     values, mask, _, spacing = two_limbs(0.2)
     monkeypatch.setattr(module, "_CLOSE", np.inf)
@@ -96,6 +101,7 @@ def test_starts_that_end_elsewhere_are_told_where_entropies_do_not_decide(monkey
     assert entropies == sorted(entropies)
 
 
+@pytest.mark.slow
 def test_voxels_that_do_not_touch_have_no_slopes():
     mask = np.zeros((40, 40, 1), bool)
     mask[::4, ::4] = True
@@ -104,6 +110,7 @@ def test_voxels_that_do_not_touch_have_no_slopes():
     assert not found.doubt
 
 
+@pytest.mark.slow
 def test_n4_of_one_slice():
     image, mask, truth = shaded((0.4, 2.0), (0.1, 0.2, 0.5))
     found = n4_bias(image.data, mask, spacing=image.spacing, shrink=2)

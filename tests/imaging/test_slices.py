@@ -90,6 +90,7 @@ def test_a_muscle_that_begins_beside_another_does_not_bend_it():
     assert heights[0] == pytest.approx(5.5 * PARTS, abs=4) and heights[-1] == 12 * PARTS - 1
 
 
+@pytest.mark.slow
 def test_fibers_go_to_every_voxel_of_their_own_muscle(stacks):
     fine, way, thick, fibers = stacks
     labels = finer_labels(thick, 2, PARTS)
@@ -102,6 +103,7 @@ def test_fibers_go_to_every_voxel_of_their_own_muscle(stacks):
     assert wrong.mean() < 0.5 and wrong.max() < 2.0  # they turn by 1.8 degrees from slice to slice
 
 
+@pytest.mark.slow
 def test_any_axis_may_be_the_thick_one(stacks):
     thick, fibers = stacks[2:]
     turned = Labels(np.moveaxis(thick.data, 2, 0), np.diag([8.0, 1.0, 1.0, 1.0]))

@@ -5,13 +5,10 @@ import numpy as np
 import pytest
 
 from myork.cli import main
-from myork.errors import InputError, InstallationError
-from myork.imaging.denoise import denoised
-from myork.imaging.diffusion import fit_tensors, full_tensors
+from myork.errors import InputError
 from myork.imaging.gradients import write_gradients
 from myork.imaging.io import write_image, write_labels
 from myork.imaging.phantom import make_phantom, phantom_dwi
-from myork.model.fibers import lead_vector
 from myork.records import Image, Labels
 from myork.stations.tensors import tensor_maps, write_tensors
 from myork.summary import read_summary
@@ -37,6 +34,7 @@ def series(calf):
     return phantom_dwi(calf, snr=25.0)
 
 
+@pytest.mark.slow
 def test_command_needs_no_anatomy(calf, series, tmp_path):
     images, table = series
     (tmp_path / "leg.toml").write_text(DECK)
@@ -100,32 +98,3 @@ def test_maps_of_known_tensors():
     assert maps["md"].data[0, 0, 0] == pytest.approx(2e-3)
     assert maps["fa"].data[0, 0, 0] == pytest.approx(np.sqrt(1.5 * 2 / 14))
     assert not any(image.data[1].any() for image in maps.values())
-
-
-def test_denoised_images_have_better_fibers(calf, series):
-    images, table = series
-    inside = calf.truth.data > 0
-    errors = []
-    for one in (images, denoised(images)):
-        tensor = fit_tensors(one, table).data[inside]
-        assert np.isfinite(full_tensors(tensor)).all()
-        cosine = np.abs((lead_vector(tensor) * calf.fiber.data[inside]).sum(axis=-1))
-        errors.append(np.degrees(np.arccos(np.clip(cosine, 0, 1))).mean())
-    assert errors[1] < 0.8 * errors[0]
-
-
-def test_images_that_cannot_be_denoised(monkeypatch):
-    with pytest.raises(InputError, match="3 volumes are too few"):
-        denoised(Image(np.ones((4, 4, 4, 3)), np.eye(4)))
-
-    def missing(name):
-        raise ImportError(name)
-
-    monkeypatch.setattr("myork.imaging.denoise.import_module", missing)
-    with pytest.raises(InstallationError, match=r"pip install 'myork\[dti\]'"):
-        denoised(Image(np.ones((4, 4, 4, 9)), np.eye(4)))
-
-
-def test_images_too_small_to_be_denoised():
-    with pytest.raises(InputError, match=r"\(2, 2, 1\) voxels are too few"):
-        denoised(Image(np.ones((2, 2, 1, 9)), np.eye(4)))

@@ -35,6 +35,7 @@ def test_there_are_references():
     assert len(DECKS) >= 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("deck", DECKS)
 def test_deck(deck, inputs, pytestconfig):
     file = REFERENCES / f"{deck}.json"

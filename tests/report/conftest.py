@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 STEPS = 10
-UNITS = {"force": "N", "length": "cm", "stress": "N/cm^2"}
+UNITS = {"force": "N", "length": "cm", "stress": "N/cm^2", "volume": "cm^3"}
 
 
 @pytest.fixture
@@ -49,6 +49,7 @@ def summary() -> dict[str, Any]:
         "verdict": {"state": "accepted", "reasons": ["no error estimate: none was wanted"]},
         "force_imbalance": 2e-13,
         "overrides": ["load.steps=10"],
+        "probe_units": {"reaction": "N", "stress_zz": "N/cm^2", "tip": "cm"},
         "steps": [
             {
                 "load": load,

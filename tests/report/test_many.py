@@ -59,6 +59,7 @@ def swept(tmp_path: Path) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_sweep_page(swept: Path, open_page: Callable[[str], Any]) -> None:
     path = make_report(swept)
     page = Page(path)
@@ -127,6 +128,7 @@ def copy_of(folder: Path, name: str, change: Callable[[dict[str, Any]], object])
     return other
 
 
+@pytest.mark.slow
 def test_runs_side_by_side(folder: Path, open_page: Callable[[str], Any]) -> None:
     near = copy_of(folder, "near", lambda s: s["steps"][-1]["probes"].update(reaction=-3.0 * 1.008))
     far = copy_of(folder, "far", lambda s: s["steps"][-1]["probes"].update(reaction=-3.3))
@@ -182,6 +184,7 @@ def solved(folder: Path, move: float, size: list[float]) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_bodies_stand_side_by_side(tmp_path: Path) -> None:
     """Plane or in space, in one scale; a plane body is not put beside one in space."""
     cubes = [solved(tmp_path / name, move, [1, 1, 1]) for name, move in (("a", 0.1), ("b", 0.4))]

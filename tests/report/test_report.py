@@ -28,13 +28,14 @@ from myork.report.figures import (
     rom_probe_figure,
 )
 from myork.report.image_figures import area_figure, slice_figure
-from myork.report.numbers import fraction, number, unit_of, with_error
+from myork.report.numbers import fraction, labelled, number, probe_units, with_error
 from myork.report.pictures import plane_figure, slices_figure
-from myork.report.sketch import limits_of
+from myork.report.sketch import NO_VALUE, limits_of
 from myork.report.sources import Deformation, read_folder
-from myork.report.tables import orientation_table, rom_table
+from myork.report.tables import orientation_table, probe_table, rom_table
+from myork.summary import printed
 
-UNITS = {"force": "N", "length": "cm"}
+UNITS = {"length": "cm", "stress": "N/cm^2"}
 SECTIONS = ("images", "deformation", "planes", "probes", "rom", "convergence", "run")
 VOID = {"meta", "img", "br"}
 
@@ -89,6 +90,7 @@ def keep(folder: Path, *names: str) -> None:
         change_summary(folder, lambda summary: [summary.pop("rom"), summary.pop("timings_s")])
 
 
+@pytest.mark.slow
 def test_page_is_complete_and_self_contained(folder: Path) -> None:
     path = make_report(folder)
     assert path == folder / "report.html"
@@ -131,6 +133,7 @@ def test_segmentation_alone(folder: Path) -> None:
     assert len(page.images) == 2
 
 
+@pytest.mark.slow
 def test_results_alone(folder: Path) -> None:
     keep(folder, "results.vtkhdf")
     assert Page(make_report(folder)).sections == ["deformation", "planes"]
@@ -138,8 +141,10 @@ def test_results_alone(folder: Path) -> None:
 
 def test_unfinished_run_is_told(folder: Path) -> None:
     keep(folder, "summary.json")
-    change_summary(folder, lambda summary: summary.update(converged=False, steps=[]))
-    assert "✗ not converged, last state at load 0" in Page(make_report(folder)).text
+    change_summary(folder, lambda summary: summary.update(converged=False))
+    assert "✗ not converged, last state at load 1" in Page(make_report(folder)).text
+    change_summary(folder, lambda summary: summary.update(steps=[]))
+    assert "✗ no solution" in Page(make_report(folder)).text
 
 
 @pytest.mark.parametrize(
@@ -156,6 +161,7 @@ def test_only_an_accepted_answer_is_green(folder: Path, state: str | None, badge
     assert ("it is off" in page.text) is (state is not None)
 
 
+@pytest.mark.slow
 def test_gaps_in_the_summary(folder: Path) -> None:
     """What the Fortran side could not compute is null; the page shows a dash."""
 
@@ -184,6 +190,7 @@ def test_damaged_files_are_refused_by_name(folder: Path, name: str) -> None:
     assert not (folder / "report.html").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("where", "value", "message"),
     [
@@ -233,9 +240,12 @@ def test_history_columns(folder: Path) -> None:
     assert_array_equal(read_folder(folder).history["gradient"], [np.nan, 1e-3])
 
 
-def test_rounding_below_an_error_bar_is_zero() -> None:
-    assert with_error([1e-17, 0.1885], [9e-4, 3.1e-3]) == "(0, 0.1885) ± (0.00090, 0.0031)"
-    assert with_error(1e-7, 1e-4) == "1.000·10<sup>−7</sup> ± 0.00010"
+def test_values_are_those_that_the_solver_prints() -> None:
+    assert with_error([0.0, 0.1885], [9e-4, 3.1e-3]) == "(0, 0.1885) ± (0.00090, 0.0031)"
+    step = {"probes": {"u": [1e-17, 0.2], "j": 1.0}, "printed": {"u": [0.0, 0.2]}}
+    assert printed(step) == {"u": [0.0, 0.2], "j": 1.0}
+    shown = probe_table([step], {"u": "cm", "j": ""})
+    assert "<td>(0, 0.2000)</td>" in shown and "u [cm]" in shown and ">j</th>" in shown
 
 
 @pytest.mark.parametrize(
@@ -248,7 +258,7 @@ def test_rounding_below_an_error_bar_is_zero() -> None:
         (-7309.0, 4, "−7\u202f309"),
         (2e-6, 2, "2.0·10<sup>−6</sup>"),
         (1e8, 2, "1.0·10<sup>8</sup>"),
-        (0.0, 3, "0.00"),
+        (0.0, 3, "0"),
         (36411, 4, "36\u202f411"),
         ([1.0, -2.5], 2, "(1.0, −2.5)"),
         (None, 4, "–"),
@@ -264,26 +274,19 @@ def test_loads_are_given_numbers() -> None:
     assert [fraction(load) for load in (0.1, 1.0, 1 / 3, None)] == ["0.1", "1", "0.3333", "–"]
 
 
-@pytest.mark.parametrize(
-    ("quantity", "dimension", "unit"),
-    [
-        ("u_x", 3, "cm"),
-        ("J", 3, "-"),
-        ("cauchy_rr", 2, "N/cm²"),
-        ("principal_max", 3, "N/cm²"),
-        ("force_z", 3, "N"),
-        ("force", 2, "N/cm"),
-        ("unheard", 3, "?"),
-    ],
-)
-def test_units(quantity: str, dimension: int, unit: str) -> None:
-    assert unit_of(quantity, {"force": "N", "length": "cm"}, dimension) == unit
+def test_units_are_read_and_typeset() -> None:
+    summary = {"probe_units": {"f": "N/cm^2", "j": ""}, "steps": [{"probes": {"old": 1.0}}]}
+    assert probe_units(summary) == {"f": "N/cm²", "j": "", "old": ""}
+    assert [labelled("f", "N/cm²"), labelled("j", "")] == ["f [N/cm²]", "j"]
 
 
 def test_rom_table_in_milliseconds() -> None:
     html = rom_table([{"kind": "galerkin", "r": 2, "online_s_per_state": 0.0125}])
     assert "<td>12.5</td>" in html
     assert "DGELS" not in html, "what no model reports has no column"
+
+
+MM = {"length": "mm", "stress": "N/mm^2"}
 
 
 def block(plane: bool = False) -> Deformation:
@@ -301,7 +304,7 @@ def block(plane: bool = False) -> Deformation:
 
 
 def test_cloud_is_to_scale() -> None:
-    figure = cloud_figure(block(), {"force": "N", "length": "mm"})
+    figure = cloud_figure(block(), MM)
     axes = figure.axes[0]
     assert "N/mm²" in axes.get_title()
     dots = axes.collections[0]
@@ -317,7 +320,7 @@ def test_cloud_is_to_scale() -> None:
 
 def test_plane_body_is_drawn_where_it_is() -> None:
     body = block(plane=True)
-    figure = plane_figure(body, {"force": "N", "length": "mm"})
+    figure = plane_figure(body, MM)
     displacement, stress = figure.axes[:2]
     assert displacement.get_aspect() == 1.0 and "N/mm²" in stress.get_title()
     corners = np.unique(np.concatenate([p.vertices for p in _outlines(displacement)]), axis=0)
@@ -338,11 +341,32 @@ def test_planes_show_what_lies_in_them() -> None:
     """Fibers up, moves to the right: strokes and arrows of the coronal plane."""
     body = block()
     body = replace(body, fiber=np.tile([0.0, 0.0, 1.0], (len(body.points), 1)))
-    figure = slices_figure(body, {"force": "N", "length": "mm"})
+    figure = slices_figure(body, MM)
     assert "plane z = 1 mm" in figure.axes[0].get_ylabel()
     coronal = [axes for axes in figure.axes if axes.get_ylabel().startswith("plane y")][0]
     arrows = coronal.collections[-1]
     assert np.all(np.asarray(arrows.U) == 0.5) and np.all(np.asarray(arrows.V) == 0.0)
+
+
+@pytest.mark.parametrize(
+    ("draw", "plane"), [(plane_figure, True), (cloud_figure, False), (slices_figure, False)]
+)
+def test_places_without_stress_are_marked(draw: Any, plane: bool) -> None:
+    """Where J <= 0: a cross in place of a colour, and all others keep theirs."""
+    body = block(plane=plane)
+    lacking = np.arange(len(body.points)) % 3 == 0
+    stress = np.where(lacking, np.nan, body.stress)
+    cauchy = np.full((len(body.points), 3, 3), np.eye(3)) * stress[:, None, None]
+    figure = draw(replace(body, stress=stress, cauchy=cauchy), MM)
+    crosses = [
+        line
+        for axes in figure.axes
+        for line in axes.lines
+        if line.get_marker() == "x" and len(line.get_xdata())
+    ]
+    assert crosses and all(line.get_color() == NO_VALUE for line in crosses)
+    bars = [axes for axes in figure.axes if axes.get_label() == "<colorbar>"]
+    assert np.isfinite([axes.get_ylim() for axes in bars]).all()
 
 
 def test_stresses_are_crosses() -> None:
@@ -365,6 +389,7 @@ def test_colours_reach_the_largest_value_but_for_one_far_out() -> None:
     assert high < 1.1 and ends == "max" and low < 1e-2
 
 
+@pytest.mark.slow
 def test_without_pyvista_points_are_drawn_and_the_page_says_so(
     folder: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -409,6 +434,7 @@ def test_the_first_screen_answers_what_a_reader_asks(folder: Path) -> None:
         assert wanted in text, wanted
 
 
+@pytest.mark.slow
 def test_page_in_a_browser(folder: Path, open_page: Callable[[str], Any]) -> None:
     """Nothing on the console, every picture loaded, no scrolling sideways on a narrow screen."""
     page = open_page(make_report(folder).as_uri())
@@ -490,6 +516,7 @@ def test_reduced_fields_stand_beside_the_full_one() -> None:
     assert "difference [cm]\nat most 0 of the largest" in same
 
 
+@pytest.mark.slow
 def test_reduced_models_alone_say_what_was_asked_and_what_they_are_off(tmp_path: Path) -> None:
     write_reduced(tmp_path, reduced_fields(1e-6))
     models = [{"kind": "reduced", "r": r, "e1": e, "e2": 2 * e} for r, e in ((1, 1e-3), (3, 1e-9))]

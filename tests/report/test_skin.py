@@ -82,6 +82,7 @@ def test_spacing_of_a_grid_whose_surface_was_moved() -> None:
     assert spacing_of(np.random.default_rng(1).random((50, 3))).tolist() == [1.0, 1.0, 1.0]
 
 
+@pytest.mark.slow
 def test_no_third_colour_between_two_tissues() -> None:
     """Numbers of labels have no values between them."""
     points = lattice(9, 9, 1)

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from myork.core import deck as core_deck
-from myork.core.deck import load_deck
+from myork.core.deck import deck_key, load_deck
 from myork.errors import FileError, InputError
 
 if sys.version_info >= (3, 11):
@@ -230,6 +230,41 @@ def test_override(write: Write, override: str, place: tuple[Any, ...], value: ob
     for step in place:
         item = item[step]
     assert item == value
+
+
+@pytest.mark.parametrize(
+    ("key", "full"),
+    [
+        ("load.steps", "load.steps"),
+        ("title", "title"),
+        ("material.K", "material.muscle.K"),
+        (" material.2.K ", "material.fat.K"),
+        ("material.fat.K", "material.fat.K"),
+        ("boundary.u_z", "boundary.z0.u_z"),
+        ("probe.point", "probe.mid.point"),
+        # tables and keys that the deck does not have yet
+        ("galerkin.gauss", "galerkin.gauss"),
+        ("material.fat.activation", "material.fat.activation"),
+    ],
+)
+def test_full_name_of_a_key(write: Write, key: str, full: str) -> None:
+    # what else is wrong with the deck is said elsewhere
+    assert deck_key(write(BLOCK.replace("steps = 4", "steps = -4")), key) == full
+    assert deck_key("text", key, ["load.steps=2"], BLOCK) == full
+
+
+@pytest.mark.parametrize(
+    ("key", "message"),
+    [
+        ("load.stepz", "case.toml: load.stepz: unknown key; did you mean 'steps'"),
+        ("laod.steps", "case.toml: laod: unknown table; did you mean 'load'"),
+        ("material.fatt.K", r"case.toml: material.fatt.K: no \[\[material\]\] is called 'fatt'"),
+        ("activation", "case.toml: activation: unknown key; 'activation' belongs to"),
+    ],
+)
+def test_keys_that_are_not_there(write: Write, key: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        deck_key(write(BLOCK), key)
 
 
 def test_overrides_come_after_the_deck_and_in_order(write: Write) -> None:
@@ -467,6 +502,56 @@ def test_many_complaints_are_not_cut_off(write: Write) -> None:
     """Beyond the 2048 characters that a message of the core has."""
     lines = complaints(write(BLOCK + "".join(f"key_{i} = 1\n" for i in range(100))))
     assert len(lines) == 100 and ": reference.key_99: unknown key" in lines[-1]
+    lines = complaints(write(BLOCK + "".join(f"key_{i} = 1\n" for i in range(1000))))
+    assert len(lines) == 101 and lines[-1] == "case.toml: and 900 more"
+    # a name that is wrong is compared with those that are there, of which some are listed
+    probes = "".join(f'[[probe]]\nname = "p{i}"\nquantity = "energy"\n' for i in range(200))
+    wrong = BLOCK.replace('[[exact]]\nprobe = "mid"', '[[exact]]\nprobe = "nowhere"')
+    (line,) = complaints(write(wrong + probes))
+    assert "there are: mid, pull, p0, " in line and line.endswith("p97 and 102 more")
+
+
+#: An entry that may stand in a deck any number of times, by its table
+ENTRY = {
+    "boundary": 'set = "s{}"\nu_x = 0\n',
+    "set": 'name = "s{}"\nwhere = "x > 0"\n',
+    "amplitude": 'name = "a{}"\ntime = [0]\nvalue = [1]\n',
+    "table": 'name = "t{}"\nx = [0]\nvalue = [1]\n',
+    "probe": 'name = "p{}"\nquantity = "energy"\n',
+    "reference": 'probe = "mid"\nload = [1]\nvalue = [2]\nsource = "{}"\n',
+}
+
+
+@pytest.mark.parametrize("table", ENTRY)
+def test_counts_have_limits(write: Write, table: str) -> None:
+    """As many entries as are allowed are read in time that grows as their number; no more are."""
+    most = 10_000 if table in ("probe", "reference") else 1000
+    there = BLOCK.count(f"[[{table}]]")
+
+    def deck_of(count: int) -> Path:
+        more = (f"[[{table}]]\n" + ENTRY[table].format(i) for i in range(there, count))
+        return write(BLOCK + "".join(more))
+
+    found = load_deck(deck_of(most))[table]
+    last = tomllib.loads(ENTRY[table].format(most - 1))
+    assert len(found) == most and all(found[-1][key] == value for key, value in last.items())
+    address = f"{table}.{last.get('name', last.get('set', most))}"
+    with deck_of(most).open("a") as file:
+        file.write("no = 1\n")
+    assert f": {address}.no: unknown key" in complaints(Path("case.toml"))[0]
+    lines = complaints(deck_of(most + 1))
+    assert f": {table}: has {most + 1} entries, but at most {most} are possible" in lines[0]
+
+
+def test_arrays_have_limits(write: Write) -> None:
+    for count in (100_000, 100_001):
+        numbers = ", ".join(map(str, range(count)))
+        path = write(BLOCK + f'[[table]]\nname = "push"\nx = [{numbers}]\nvalue = [{numbers}]\n')
+        if count == 100_000:
+            assert load_deck(path)["table"][0]["value"][-1] == count - 1
+            continue
+        for line, key in zip(complaints(path), ("x", "value"), strict=True):
+            assert line.endswith(f"table.push.{key}: must have at most 100000 items, not 100001")
 
 
 @pytest.mark.parametrize(

@@ -1,11 +1,21 @@
 """Files that are there whole or not at all."""
 
 import json
+import os
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
 
 from myork.errors import FileError
-from myork.files import whole_file, write_json
+from myork.files import claimed, whole_file, write_json
+from myork.imaging.io import write_image
+from myork.model_file import write_model
+from myork.records import Image
+from myork.sweeps.store import Store
+from tests.unit.test_scene_from_tables import cloud
 
 
 @pytest.mark.parametrize("by_suffix", [False, True])
@@ -34,3 +44,65 @@ def test_numbers_that_are_not_finite_become_null(tmp_path):
     text = (tmp_path / "a.json").read_text(encoding="utf-8")
     assert json.loads(text) == {"a": [None, 1.5], "b": {"c": None}, "d": "é"}
     assert "é" in text
+
+
+def lay(path: Path, how: str) -> Path:
+    """Put a name of another file, or a pipe, in place of an output; the file behind it."""
+    theirs = path.parent / "theirs"
+    theirs.write_text("theirs")
+    if how == "link":
+        path.symlink_to(theirs)
+    elif how == "second name":
+        path.hardlink_to(theirs)
+    else:
+        os.mkfifo(path)
+    return theirs
+
+
+def _store(folder: Path) -> Store:
+    """Store of a sweep of two points that nothing reads back."""
+    inputs: Any = SimpleNamespace(head={"points": [[0], [1]]}, columns=set(), check=lambda: None)
+    return Store(folder, inputs, {"units": {}})
+
+
+WRITERS = {
+    "summary.json.part": lambda out: write_json(out / "summary.json", {}),
+    "part.a.nii.gz": lambda out: write_image(
+        out / "a.nii.gz", Image(np.zeros((2, 2, 2)), np.eye(4))
+    ),
+    "model.h5.part": lambda out: write_model(out / "model.h5", cloud()),
+    "sweep.csv.part": lambda out: _store(out).write_table([], []),
+    "sweep.parquet.part": lambda out: _store(out).write_table([], []),
+}
+
+
+@pytest.mark.parametrize("how", ["link", "second name", "pipe"])
+@pytest.mark.parametrize("name", WRITERS)
+def test_output_does_not_follow_names(tmp_path: Path, name: str, how: str) -> None:
+    """A link or a pipe is refused by name; a second name goes, and the file behind it stays."""
+    theirs = lay(tmp_path / name, how)
+    if how == "second name":
+        WRITERS[name](tmp_path)
+    else:
+        what = "a symbolic link" if how == "link" else "not a regular file"
+        with pytest.raises(FileError, match=f"{name}: it is {what}; remove it"):
+            WRITERS[name](tmp_path)
+    assert theirs.read_text() == "theirs"
+
+
+@pytest.mark.parametrize("how", ["link", "second name", "pipe"])
+@pytest.mark.parametrize("name", [".lock", "points.jsonl"])
+def test_files_that_stay_are_not_followed(tmp_path: Path, name: str, how: str) -> None:
+    sweep = None
+    if name == "points.jsonl":
+        sweep = _store(tmp_path)
+        sweep.add({"point": 0})
+        (tmp_path / name).unlink()
+    theirs = lay(tmp_path / name, how)
+    with pytest.raises(FileError, match=rf"{name}: it is .*; remove it"):
+        if sweep is not None:
+            sweep.add({"point": 1})
+        else:
+            with claimed(tmp_path):
+                pass
+    assert theirs.read_text() == "theirs"

@@ -37,6 +37,7 @@ def whole():
         return states, time.perf_counter() - started
 
 
+@pytest.mark.slow
 def test_ctrl_c_at_any_time_leaves_what_had_converged(whole):
     """A signal at 50 places of a solve.
 
@@ -83,6 +84,7 @@ def test_what_a_call_raises_is_raised():
         call_in_thread(work, lambda: None, lambda: None)
 
 
+@pytest.mark.slow
 def test_an_interrupted_scene_solves_again(whole):
     with long_scene() as scene:
         threading.Timer(0.05, os.kill, (os.getpid(), signal.SIGINT)).start()
@@ -101,6 +103,7 @@ def test_progress_that_raises_ends_the_solve():
         assert scene.states is not None and 1 <= len(scene.states.load) <= 40
 
 
+@pytest.mark.slow
 def test_a_scene_solves_in_one_thread_at_a_time(whole):
     refused, answers = [], []
 
@@ -121,6 +124,7 @@ def test_a_scene_solves_in_one_thread_at_a_time(whole):
     assert all("is being solved" in text for text in refused)
 
 
+@pytest.mark.slow
 def test_a_busy_scene_refuses_questions_and_answers_after(whole):
     asked = []
 
@@ -158,6 +162,7 @@ def test_closing_a_scene_ends_its_solve():
         scene.solve()
 
 
+@pytest.mark.slow
 def test_states_are_those_of_the_last_solve(whole):
     with long_scene() as scene:
         assert scene.states is None
@@ -168,6 +173,7 @@ def test_states_are_those_of_the_last_solve(whole):
         assert scene.states is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", ["", "sys.exit(0)", "raise SystemExit"])
 def test_the_interpreter_ends_while_another_thread_solves(ending):
     """Daemon threads run on while Python ends: the scene is closed under them."""
@@ -184,6 +190,7 @@ time.sleep(0.2)
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
 def test_a_signal_amid_the_import_of_numpy(name):
     """It waits until numpy is whole: half of it had been a broken installation, and a traceback."""

@@ -38,6 +38,7 @@ def condition(scene, x):
     return np.linalg.cond(a / np.linalg.norm(a, axis=0))
 
 
+@pytest.mark.slow
 def test_all_methods_give_the_same_answer(solved):
     """Each step errs by rounding times the condition, squared for the normal equations; the
     iteration corrects that, and ends below its tolerance.

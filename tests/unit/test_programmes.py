@@ -64,6 +64,17 @@ def test_a_plate_follows_its_amplitude_and_all_knots_are_steps(method: str) -> N
     assert 0 < probes[3, 1] < probes[0, 1]
 
 
+def test_load_times_of_all_kinds_are_merged() -> None:
+    """Those of any order, those that are there twice but for rounding, and 0, which is rest."""
+    twice = {"name": "other", "time": [0, 0.25, 0.4 + 1e-12, 0.9], "value": [0, 1, 0, 1]}
+    deck = block(load={"at": [0.9, 0.3, 0.4 - 1e-12, 0.3, 0.95]})
+    deck["amplitude"] = [*deck["amplitude"], twice]
+    wanted = [0.25, 0.3, 0.4, 0.7, 0.9, 0.95, 1.0]
+    with Scene.from_tables(deck) as scene:
+        assert scene.steps == len(wanted)
+        assert scene.solve(error=False).load == pytest.approx(wanted, abs=1e-9)
+
+
 def test_a_smooth_amplitude_has_no_slope_at_its_knots() -> None:
     deck = block(load={"at": [0.01, 0.25, 0.5, 0.99]})
     deck["amplitude"] = [{"name": "pull", "time": [0, 1], "value": [0, 1], "curve": "smooth"}]

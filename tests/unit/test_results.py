@@ -67,6 +67,7 @@ def cauchy(load: float, point: int) -> np.ndarray:
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
+@pytest.mark.slow
 def test_reads_what_was_written(sample: Path) -> None:
     with Results(sample.parent) as results:
         assert (results.nstep, results.npoint) == (4, 3)
@@ -313,26 +314,6 @@ def model(tmp_path: Path) -> Path:
     return path
 
 
-def write_format_2(path: Path, centre: np.ndarray) -> None:
-    """The same cloud as it was written before: groups, centres of voxels, no grid."""
-    with h5py.File(path, "w") as file:
-        texts = {"format": "myork-model 2", "length_unit": "mm", "source_images": "phantom"}
-        file.attrs.update({name: np.bytes_(text) for name, text in texts.items()})
-        file["source/points"] = CLOUD.source
-        file["source/spacing"] = CLOUD.spacing
-        file["collocation/points"] = CLOUD.points
-        file["collocation/centre"] = centre
-        file["collocation/label"] = CLOUD.label
-        file["collocation/fiber"] = CLOUD.fiber
-        file["collocation/volume"] = CLOUD.volume
-        file["boundary/point"] = CLOUD.boundary_point
-        file["boundary/set"] = CLOUD.boundary_set
-        file["boundary/normal"] = CLOUD.normal
-        file["boundary/area"] = CLOUD.area
-        file["boundary/names"] = np.frombuffer(b"bottom\ntop", dtype=np.uint8)
-        file["labels/names"] = np.frombuffer(b"1 muscle\n2 fat", dtype=np.uint8)
-
-
 def read_model(test_h5: Path, path: Path) -> tuple[dict[str, list[str]], str]:
     """What the Fortran reader prints: its values, and its error."""
     done = subprocess.run([test_h5, "model", path], capture_output=True, text=True)
@@ -375,48 +356,15 @@ def test_model_without_voxels(test_h5: Path, tmp_path: Path) -> None:
     assert model_file.read_model(tmp_path / "model.h5").voxels is None
 
 
-def test_model_of_format_2(test_h5: Path, tmp_path: Path) -> None:
-    """The grid of the voxels is found again, counted from its own corner."""
-    path = tmp_path / "model.h5"
-    assert CLOUD.voxels is not None
-    centre = CLOUD.voxels.centre
-    write_format_2(path, centre)
-    values, error = read_model(test_h5, path)
-    assert not error
-    again = model_file.read_model(path)
-    for name in REALS:
-        assert_array_equal(np.array(values[name], dtype=float), getattr(CLOUD, name).ravel())
-        assert_array_equal(getattr(again, name), getattr(CLOUD, name))
-    assert again.set_names == ("bottom", "top") and values["set_names"] == ["bottom", "top"]
-    assert again.label_names == CLOUD.label_names
-    wanted = CLOUD.voxels.index - CLOUD.voxels.index.min(axis=0)
-    assert again.voxels is not None
-    assert_array_equal(again.voxels.index, wanted)
-    assert_array_equal(np.array(values["voxels/index"], dtype=int), wanted.ravel())
-    # a difference of numbers up to 13
-    assert_allclose(again.voxels.size, CLOUD.voxels.size, rtol=0, atol=13 * np.finfo(float).eps)
-    assert_array_equal(np.array(values["voxels/size"], dtype=float), again.voxels.size)
-    assert_array_equal(np.array(values["voxels/origin"], dtype=float), again.voxels.origin)
-    assert_allclose(again.voxels.centre, centre, rtol=1e-14)
-
-
-def test_points_of_format_2_that_are_no_voxels(test_h5: Path, tmp_path: Path) -> None:
-    path = tmp_path / "model.h5"
-    write_format_2(path, np.array([[0.0, 0, 0], [0.3, 1, 1], [1, 2, 0.1]]))
-    values, error = read_model(test_h5, path)
-    assert not error and "voxels/index" not in values
-    assert model_file.read_model(path).voxels is None
-
-
 @pytest.mark.parametrize(
     ("dataset", "value", "message"),
     [
         ("volume", None, "dataset 'volume' is missing"),
         ("fiber", np.ones((2, 3)), "'fiber' has shape (2, 3), but (3, 3)"),
-        ("points", np.full((3, 3), np.nan), "not finite, first in entry 0"),
+        ("points", np.full((3, 3), np.nan), "'points' must hold finite numbers, but entry 0"),
         ("boundary_point", np.array([0, 3, 1]), "indices from 0 to 2, but entry 1 is 3"),
         ("boundary_set", np.array([0, 0, -1]), "indices from 0 to 1, but entry 2 is -1"),
-        ("area", np.ones(2), "'area' has 2 entries, but 3 are needed"),
+        ("area", np.ones(2), "'area' has shape (2), but (3) is needed"),
         ("source", np.ones(6), "'source' has 1 dimension(s), but 2 are needed"),
         ("voxels/index", np.ones((2, 3), int), "'voxels/index' has shape (2, 3), but (3, 3)"),
         ("voxels/index", np.full((3, 3), -(2**30)), "an index beyond any image in entry 0"),

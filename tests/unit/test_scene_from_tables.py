@@ -34,6 +34,8 @@ CUBE = {
 BOX = [("kind", "box"), ("size", [1] * 3), ("source", [3] * 3), ("collocation", [4] * 3)]
 #: The points of a body need no geometry
 PULLED = {key: CUBE[key] for key in ("scene", "material", "boundary", "load", "probe")}
+#: The same points from a file
+BLOCK = {**PULLED, "geometry": {"kind": "model", "file": "model.h5"}}
 
 
 def cloud() -> PointCloud:
@@ -291,24 +293,23 @@ def test_a_cloud_and_a_geometry_contradict(geometry, overrides, message) -> None
 @pytest.mark.parametrize(
     ("name", "value", "message"),
     [
-        ("points", np.zeros((5, 2)), "points must have shape (5, 3), not (5, 2)"),
-        ("fiber", np.zeros((3, 3)), "fiber must have shape (441, 3), not (3, 3)"),
-        ("label", np.ones(440), "label must have shape (441,), not (440,)"),
-        ("area", np.ones(3), "area must have shape (98,), not (3,)"),
-        ("spacing", 0.3, "spacing must have shape (3,) or (80, 3), not ()"),
+        ("points", np.zeros((5, 2)), "'points' has shape (5, 2), but (5, 3) is needed"),
+        ("fiber", np.zeros((3, 3)), "'fiber' has shape (3, 3), but (441, 3) is needed"),
+        ("label", np.ones(440, int), "'label' has shape (440,), but (441,) is needed"),
+        ("label", np.ones(441), "'label' must hold whole numbers, not float64"),
+        ("area", np.ones(3), "'area' has shape (3,), but (98,) is needed"),
+        ("spacing", 0.3, "'spacing' has shape (), but (80, 3) is needed"),
+        (
+            "boundary_point",
+            np.full(98, 441),
+            "'boundary_point' must hold indices from 0 to 440, but entry 0 is 441",
+        ),
     ],
 )
 def test_arrays_that_do_not_fit_are_named(name, value, message) -> None:
     with pytest.raises(InputError) as caught:
         Scene.from_tables(PULLED, replace(cloud(), **{name: value}))
     assert str(caught.value) == f"cloud: {message}"
-
-
-def test_points_that_do_not_exist_are_named() -> None:
-    points = cloud()
-    wrong = replace(points, boundary_point=points.boundary_point + len(points.points))
-    with pytest.raises(InputError, match=r"tables: .*boundary entry 1 names point"):
-        Scene.from_tables(PULLED, wrong)
 
 
 def test_what_notebooks_show() -> None:

@@ -94,6 +94,7 @@ STIFF = {
 }
 
 
+@pytest.mark.slow
 def test_collocation_rows_of_a_stiff_block(open_scene):
     """Plain normal equations are 11 % wrong here at a backward error of 1e-13; no solver may be.
 
@@ -183,6 +184,7 @@ with Scene(sys.argv[1], [*small, "load.activation=0.1"], threads=int(sys.argv[2]
 """
 
 
+@pytest.mark.slow
 def test_the_same_bits_with_one_and_two_threads(inputs: Path):
     """Rows, normal matrix, factor and refinement sum in an order that does not know of threads."""
     answers = {

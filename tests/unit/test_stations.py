@@ -66,6 +66,7 @@ def test_reduced_models_of_tables(tmp_path) -> None:
     assert any(line.startswith("model 2/2") for line in lines)
 
 
+@pytest.mark.slow
 def test_labels_and_points_of_tables(tmp_path) -> None:
     """A phantom needs nothing but sizes; the stations leave their files in one folder."""
     tables = {

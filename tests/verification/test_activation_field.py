@@ -55,6 +55,7 @@ def unknowns(tables: dict[str, Any], cloud: PointCloud | None = None) -> NDArray
         return np.asarray(scene.solve(error=False).x)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["rkpm-gauss", "rkpm-scni"])
 def test_a_constant_field_is_a_number(method: str) -> None:
     """To the last bit: a half of 1 and all of a half."""
@@ -63,6 +64,7 @@ def test_a_constant_field_is_a_number(method: str) -> None:
     assert np.array_equal(unknowns(field), unknowns(number))
 
 
+@pytest.mark.slow
 def test_halves_that_are_active_are_two_muscles() -> None:
     """A step of the field on a lattice plane against two materials with numbers of their own.
 
@@ -114,6 +116,7 @@ def model_tables(**material: Any) -> dict[str, Any]:
     }
 
 
+@pytest.mark.slow
 def test_points_of_a_model_have_activations(tmp_path: Path) -> None:
     """From an image over the model file to the solve; a constant one keeps the bits of a number."""
     labels = voxels()
@@ -183,8 +186,11 @@ def test_fields_that_cannot_be(tables: dict[str, Any], what: str) -> None:
 
 def test_activations_of_points_that_cannot_be() -> None:
     plain = build_cloud(voxels(), None, table_defaults("build"), "cm")[0]
-    for values in (np.full(3, 0.5), np.full(len(plain.points), 1.5)):
-        with pytest.raises(InputError, match="activation must have shape"):
+    for values, message in (
+        (np.full(3, 0.5), r"'activation' has shape \(3,\), but \(768,\) is needed"),
+        (np.full(len(plain.points), 1.5), "'activation' must hold numbers from 0 to 1"),
+    ):
+        with pytest.raises(InputError, match=message):
             Scene.from_tables(model_tables(), replace(plain, activation=values))
     half = replace(plain, activation=np.full(len(plain.points), 0.5))
     for method in ("rkcm", "rkcm-mixed"):

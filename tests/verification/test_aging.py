@@ -9,6 +9,8 @@ import pytest
 from myork.bench import run_benches
 from myork.bench.studies.aging import OLD, YOUNG, labelled
 
+pytestmark = pytest.mark.nightly
+
 
 @pytest.mark.parametrize(
     "muscle, published", [(YOUNG, (98.93, 2.83, 20.86 + 37.3)), (OLD, (61.89, 6.15, 29.15 + 31.2))]

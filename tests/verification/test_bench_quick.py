@@ -5,9 +5,11 @@ from typing import Any
 
 import pytest
 
+from benchmarks import stability
+from benchmarks.hard.case import DOUBTED, EXPLAINED, RIGHT
 from myork.bench import BENCHES, run_benches
-from myork.bench.hard.case import DOUBTED, EXPLAINED, RIGHT
-from myork.bench.studies import stability
+
+pytestmark = pytest.mark.nightly
 
 
 def quick(name: str, folder: Path) -> dict[str, Any]:
@@ -26,7 +28,7 @@ def test_every_benchmark_is_run_by_a_test() -> None:
     )
     for name in BENCHES:
         called = (f'quick("{name}"', f'run_benches(["{name}"]', f'run_limited("{name}"')
-        own = f"bench.studies.{name} import" in text or f"studies import {name}" in text
+        own = f"bench.studies.{name} import" in text or f"import {name}" in text
         assert own or any(call in text for call in called), name
 
 

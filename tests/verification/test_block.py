@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from myork.bench.studies import mixed
+from benchmarks import mixed
 from myork.core.deck import load_deck
 from myork.reference.finite_elements import solve_half_block
 from myork.reference.materials import along_fibers
@@ -15,6 +15,7 @@ from myork.stations.solve import run_deck
 SIZE = ("geometry.source=[5,5,9]", "geometry.collocation=[9,9,17]")
 
 
+@pytest.mark.slow
 def test_inclined_fibers_meet_finite_elements(inputs: Path, tmp_path: Path) -> None:
     """Within 1.5 % of the deck's references to activation 0.15 in all six quantities.
 
@@ -29,6 +30,7 @@ def test_inclined_fibers_meet_finite_elements(inputs: Path, tmp_path: Path) -> N
         assert max(entry["relative_error"]) < 0.015, probe
 
 
+@pytest.mark.slow
 def test_straight_fibers_keep_their_length_and_volume(inputs: Path, tmp_path: Path) -> None:
     """Nearly uniform: the middle as the exact state far from the ends, J within 1e-3 everywhere.
 
@@ -47,6 +49,7 @@ def test_straight_fibers_keep_their_length_and_volume(inputs: Path, tmp_path: Pa
     assert step["min_J"] > 0.999 and step["max_J"] < 1.001
 
 
+@pytest.mark.slow
 def test_rival_block_agrees_with_the_references(inputs: Path) -> None:
     """Another code and another element give the same block, 4 x 2 x 8 elements on its half.
 
@@ -61,6 +64,7 @@ def test_rival_block_agrees_with_the_references(inputs: Path) -> None:
         assert found[entry["probe"]][0] == pytest.approx(wanted, rel=rel), entry["probe"]
 
 
+@pytest.mark.slow
 def test_study_has_all_its_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Tables have as many columns as heads, and the maps the points of the middle plane."""
     monkeypatch.setattr(mixed, "_CHOICES", mixed._CHOICES[3:4])

@@ -18,6 +18,7 @@ def test_new_decks_are_right(kind: str, tmp_path: Path) -> None:
     assert "#" in path.read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["box", "annulus", "muscle"])
 def test_new_decks_are_accepted(kind: str, tmp_path: Path) -> None:
     """What has a geometry of its own is solved, with an answer that can be trusted."""
@@ -34,6 +35,7 @@ def test_new_overwrites_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert "there are box, annulus" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_check(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     deck = new_deck("muscle", tmp_path / "deck.toml")
     assert main(["check", str(deck), "--out", str(tmp_path / "out")]) == 0

@@ -127,6 +127,7 @@ def in_units(method: str, length: float, stress: float) -> dict[str, Any]:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["rkcm", "rkcm-mixed"])
 def test_units_do_not_matter(method: str, open_scene: Any) -> None:
     """In mm and MPa, and in m and kPa, the block moves as in cm and N/cm^2. Rounding of 1e-16 is

@@ -3,7 +3,10 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 
+from benchmarks.newcomer import DECKS
+from benchmarks.voxel_bodies import body_cloud
 from myork import Scene
 from myork.bench.runs import solve_case
 from myork.core.deck import table_defaults
@@ -11,8 +14,6 @@ from myork.model_file import write_model
 from myork.records import Labels, PointCloud
 from myork.reference.deck_parts import deck, held
 from myork.reference.materials import RUBBER
-from myork.reference.newcomer import DECKS
-from myork.reference.voxel_bodies import body_cloud
 from myork.stations.build import build_cloud
 from myork.stations.explain import explain_deck
 
@@ -51,6 +52,7 @@ def corners(*blocks: int) -> int:
     return int(np.prod(np.array(blocks) + 1))
 
 
+@pytest.mark.slow
 def test_layers_of_fewer_than_four_blocks_take_single_voxels() -> None:
     assert points(built(np.ones((8, 16, 16)))) == corners(4, 8, 8)
     assert points(built(np.ones((6, 16, 16)))) == corners(6, 8, 8)
@@ -59,6 +61,7 @@ def test_layers_of_fewer_than_four_blocks_take_single_voxels() -> None:
     assert points(built(layered(16, 16, 16, thick=4)), 2) == corners(16, 8, 16)
 
 
+@pytest.mark.slow
 def test_a_little_of_a_tissue_does_not_count() -> None:
     filled = np.ones((16, 16, 16), int)
     filled[:1] = 2
@@ -67,6 +70,7 @@ def test_a_little_of_a_tissue_does_not_count() -> None:
     assert points(built(filled), 2) == corners(8, 8, 8)
 
 
+@pytest.mark.slow
 def test_what_somebody_chose_stays() -> None:
     cloud = built(np.ones((6, 16, 16)))
     assert points(cloud, build={"source_stride": [2, 2, 2]}) == corners(3, 8, 8)
@@ -82,6 +86,7 @@ def test_what_somebody_chose_stays() -> None:
     assert points(built(np.ones((6, 16, 16)), stride=1)) == corners(6, 16, 16)
 
 
+@pytest.mark.slow
 def test_blocks_become_finer_as_far_as_they_do_not_become_many() -> None:
     # along z the rows of a tissue are longer than across its layers: z gives way first
     assert points(built(layered(16, 32, 12, thick=4)), 2) == corners(16, 16, 12)
@@ -125,6 +130,7 @@ u_z = 0
     assert not any("single voxels" in line for line in told["set"])
 
 
+@pytest.mark.slow
 def test_thin_tissues_are_accepted() -> None:
     """Two blocks across the fat were right and doubtful: their side had a bar of 10 %."""
     body = BY_NAME["three tissues of voxels"]

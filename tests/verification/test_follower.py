@@ -238,6 +238,7 @@ def tendon(end: dict, **tables) -> dict:
     return {**TENDON, **tables, "boundary": [FOOT, end]}
 
 
+@pytest.mark.slow
 def test_a_tendon_is_between_a_held_and_a_free_end(inputs):
     """Force rises with the stiffness and is the spring's; both limits are met.
 

@@ -30,6 +30,7 @@ TUBE = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["rkcm-mixed", "rkpm-gauss"])
 def test_a_symmetry_plane_beside_a_held_wall_carries_its_force(method):
     """A quarter tube with doubled inner radius pushes the symmetry plane with p r.

@@ -146,6 +146,7 @@ def test_dilation_and_its_plane_form(open_scene, ndim):
     assert_allclose(fields.cauchy[:, :3], np.tile(wanted, (len(fields.u), 1)), rtol=1e-8)
 
 
+@pytest.mark.slow
 def test_near_simple_shear(open_scene):
     """A wide block: at its middle the free ends are felt by some per mille only."""
     gamma, bulk = 1.0, 1e3

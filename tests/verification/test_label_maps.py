@@ -90,6 +90,7 @@ def states_of(tables: dict[str, Any], *overrides: str) -> np.ndarray:
 WHERE = [SOFT | {"where": "x < 0.5"}, STIFF | {"where": "x >= 0.5"}]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["rkpm-gauss", "rkpm-scni", "rkcm-mixed"])
 def test_halves_by_a_map_are_halves_by_an_expression(method: str, tmp_path: Path) -> None:
     path = save(tmp_path / "half.nii.gz", halves(), spaced(1, 0.5, 0.5))

@@ -156,6 +156,7 @@ def test_cantilever_is_reproduced_by_a_cubic_basis(tmp_path, inputs):
     assert probes["shear_stress"] == pytest.approx(75.0, rel=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dimension", [1, 2, 3])
 @pytest.mark.parametrize("order", [2, 3])
 def test_polynomials_are_reproduced(write_linear, tmp_path, dimension, order):
@@ -298,6 +299,7 @@ def test_explain_says_linear(inputs, tmp_path):
     assert "load steps" not in text
 
 
+@pytest.mark.slow
 def test_benchmark_returns_what_is_drawn(tmp_path):
     """The small benchmark: rates of every study, tables and curves of the same studies."""
     result = linear.run(tmp_path, lambda line: None, True)

@@ -105,6 +105,7 @@ def test_rows_of_mixed_tissues_are_the_derivative_of_their_residuals(open_bar, m
     assert np.linalg.norm(difference - product) < 1e-7 * np.linalg.norm(product)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["rkcm", "rkcm-mixed"])
 def test_layers_in_series_carry_the_same_force(open_bar, method):
     """Confined sides make the bar one-dimensional: P_xx is the same everywhere. Without the
@@ -247,6 +248,7 @@ def squeezed(open_scene, bulk, layers):
     return scene.probes(scene.solve().x[-1:], np.ones(1))[0, 0, 0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("layers", [True, False], ids=["above", "beside"])
 def test_bulk_moduli_of_a_thousandfold_difference(open_scene, layers):
     """The softer half keeps its change of volume: the force lies half way between those of

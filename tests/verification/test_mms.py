@@ -17,6 +17,7 @@ def problem(name: str) -> manufactured.Problem:
     return next(entry for entry in manufactured.PROBLEMS if entry.name == name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MIXED)
 def test_mixed_form_converges(name: str) -> None:
     least_u, least_stress, bound = MIXED[name]
@@ -27,6 +28,7 @@ def test_mixed_form_converges(name: str) -> None:
     assert cases[-1]["u_error"] < bound
 
 
+@pytest.mark.slow
 def test_displacement_form_converges() -> None:
     """At order 4; with the published weights lower orders converge too slowly to be tested."""
     cases = [manufactured.solve(problem("2-D, order 4"), "rkcm", n) for n in (9, 13)]
@@ -36,6 +38,7 @@ def test_displacement_form_converges() -> None:
     assert cases[-1]["u_error"] < 3e-4
 
 
+@pytest.mark.slow
 def test_mixed_form_in_space() -> None:
     cases = [manufactured.solve(problem("3-D, order 2"), "rkcm-mixed", n) for n in (5, 6)]
     assert [case["outcome"] for case in cases] == ["converged"] * 2, cases
@@ -43,6 +46,7 @@ def test_mixed_form_in_space() -> None:
     assert cases[-1]["u_error"] < 1e-2
 
 
+@pytest.mark.slow
 def test_modulus_that_varies() -> None:
     """K along X from 500 to 2500: its gradient makes a body force of its own. Without that the
     errors stay above 0.1."""
@@ -53,6 +57,7 @@ def test_modulus_that_varies() -> None:
     assert cases[-1]["u_error"] < 5e-2
 
 
+@pytest.mark.slow
 def test_wrong_stationary_point_is_no_answer() -> None:
     """At 11 points one load step ends where all rows balance, 27 % off, with J up to 4.0. That is
     told by J away from rims; halved steps end right, as far off as between sizes 9 and 17."""

@@ -327,6 +327,19 @@ def test_sets_that_cannot_be(
     assert what in str(caught.value)
 
 
+def test_many_sets_that_overlap_are_counted() -> None:
+    sets = [{**SIDE, "name": f"pad{i}"} for i in range(8)]
+    boundary = [{"set": own["name"], "traction": [0, PULL / 8]} for own in sets]
+    probes = [
+        {"name": own["name"], "quantity": "force_y", "set": own["name"]} for own in sets
+    ]  # fmt: skip
+    with Scene.from_tables(column("rkpm-gauss", sets, boundary, probe=probes)) as scene:
+        lines = [line for line in scene.solve(error=False).warnings if " share " in line]
+    assert len(lines) == 21 and lines[0].startswith("sets pad0 and pad1 share 9 boundary points")
+    # 28 pairs in all
+    assert lines[-1] == "8 more pairs of sets share boundary points"
+
+
 def test_overlaps_are_told() -> None:
     sets = [SIDE, {"name": "half", "side": "y1", "where": "x > 0.5"}]
     boundary = [{"set": "pad", "traction": [0, PULL]}, {"set": "half", "traction": [0, PULL]}]

@@ -122,6 +122,7 @@ def history(out: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
+@pytest.mark.slow
 def test_newton_converges_quadratically(inputs: Path, tmp_path: Path) -> None:
     """Steps of the last load step: quadratic with second derivatives, linear without.
 
@@ -146,6 +147,7 @@ def test_newton_converges_quadratically(inputs: Path, tmp_path: Path) -> None:
     assert 0.7 < order["gauss-newton"] < 1.3
 
 
+@pytest.mark.slow
 def test_methods_agree(inputs: Path) -> None:
     """One minimum, whatever the way: Gauss-Newton ends within its tolerance times 1/(1 - rate)."""
     states = {}
@@ -161,6 +163,7 @@ def test_methods_agree(inputs: Path) -> None:
     assert iterations["full"] < iterations["gauss-newton"]
 
 
+@pytest.mark.slow
 def test_newton_passes_where_gauss_newton_crawls(inputs: Path, tmp_path: Path) -> None:
     """The last steps to an activation of 0.3 at order 3, where J falls to 0.5 beside the edges."""
     overrides = [
@@ -187,6 +190,7 @@ def least_curvature(scene: Scene, x: np.ndarray, load: float, start: np.ndarray)
     return float(np.linalg.eigvalsh(second / np.outer(size, size))[0])
 
 
+@pytest.mark.slow
 def test_no_solver_ends_at_a_saddle(inputs: Path) -> None:
     """Second derivatives of a minimum are positive definite, and the way there does not matter.
 
@@ -212,6 +216,7 @@ def test_no_solver_ends_at_a_saddle(inputs: Path) -> None:
     np.testing.assert_allclose(values, values[0], rtol=1e-6, err_msg=str(middle))
 
 
+@pytest.mark.slow
 def test_minima_are_not_taken_for_saddles(inputs: Path) -> None:
     """The same block with points enough; and rubber whose residuals are rounding."""
     for deck, overrides in {
@@ -222,6 +227,7 @@ def test_minima_are_not_taken_for_saddles(inputs: Path) -> None:
             assert not [line for line in scene.solve().warnings if "saddle" in line]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["gauss-newton", "full", "auto"])
 def test_kinks_end_the_iteration(method: str, inputs: Path) -> None:
     """At rest every fiber sits on the kink of the published passive curve: Gauss-Newton runs into

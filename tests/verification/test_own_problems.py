@@ -102,6 +102,7 @@ def relative_errors(tables: dict[str, Any]) -> tuple[float, float]:
     return errors["relative_L2"], errors["relative_H1"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dimension", [1, 2, 3])
 @pytest.mark.parametrize(
     ("method", "bound", "rate"), [("rkpm-gauss", 3e-3, 2.5), ("rkcm", 0.1, 1.4)]

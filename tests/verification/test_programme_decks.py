@@ -24,6 +24,7 @@ def steps(deck: Path, out: Path, *overrides: str) -> dict[str, np.ndarray]:
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 
+@pytest.mark.slow
 def test_twisted_bar_agrees_with_finite_elements(inputs: Path, tmp_path: Path) -> None:
     deck = inputs / "twist.toml"
     coarse = ("geometry.source=[5,5,13]", "geometry.collocation=[9,9,25]")
@@ -49,6 +50,7 @@ def test_finite_elements_follow_motions_and_amplitudes(inputs: Path) -> None:
     assert torque[1] == pytest.approx(TWISTED["torque"] / 4, rel=0.15)
 
 
+@pytest.mark.slow
 def test_stretch_and_activation_commute(inputs: Path, tmp_path: Path) -> None:
     deck = inputs / "stretch_then_activate.toml"
     forth = steps(deck, tmp_path / "forth", *SMALL)
@@ -68,6 +70,7 @@ def test_stretch_and_activation_commute(inputs: Path, tmp_path: Path) -> None:
     assert back["force"][2] > 0.7 * back["force"][-1]
 
 
+@pytest.mark.slow
 def test_a_shortening_muscle_loses_force_and_gives_off_energy(inputs: Path, tmp_path: Path) -> None:
     found = steps(inputs / "shortening.toml", tmp_path, *SMALL)
     active = found["load"] >= 0.2 - 1e-9
@@ -79,6 +82,7 @@ def test_a_shortening_muscle_loses_force_and_gives_off_energy(inputs: Path, tmp_
     assert np.ptp(found["energy"][active]) == pytest.approx(-work, rel=2e-3)
 
 
+@pytest.mark.slow
 def test_two_muscles_share_the_force_of_a_joint(inputs: Path, tmp_path: Path) -> None:
     coarse = (
         "build.collocation_stride=[2,2,2]",

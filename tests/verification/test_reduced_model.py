@@ -1,6 +1,7 @@
 """Reduced models that outlive their training: exact parts exact, errors known, files safe."""
 
 import json
+import shutil
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -162,6 +163,7 @@ def test_all_cells_are_the_full_model(deck: Path, change: list[str]) -> None:
             assert difference < 1e-7 * np.abs(tangent).max()
 
 
+@pytest.mark.slow
 def test_a_set_that_turns_and_moves(deck: Path, tmp_path: Path) -> None:
     """Rotation and translation of one end, each a parameter: as the full model at unseen states."""
     turning = "u_z = 0.1\nrotation = 5\naxis = [1, 0, 0]\nabout = [0.5, 0.5, 2]\n"
@@ -203,6 +205,7 @@ def test_several_muscles_are_the_full_model(deck: Path) -> None:
     assert np.abs(residual[:3] - basis.T @ full).max() < 1e-12 * scale
 
 
+@pytest.mark.slow
 def test_unseen_states(rom: ReducedModel) -> None:
     """Errors that the certificate tells are those of states solved here."""
     with rom.full_model().open(
@@ -224,8 +227,12 @@ def test_unseen_states(rom: ReducedModel) -> None:
     # a stress has the error of the strain, some times that of the displacement
     assert state.probes["stress"] == pytest.approx(stress[0], rel=10 * worst[1])
     assert rom.head["probes_left_out"] == []
+    units = {"reaction": "N", "pull": "N", "middle": "cm", "stress": "N/cm^2"}
+    assert rom.probe_units == state.probe_units == units
+    assert rom.units == {"force": "N", "length": "cm", "stress": "N/cm^2", "volume": "cm^3"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "change", [[], ["scene.method=rkpm-gauss", "approximation.order=1"]], ids=["cells", "gauss"]
 )
@@ -257,12 +264,17 @@ def test_stresses_are_those_of_the_full_scene(tmp_path: Path, change: list[str])
                 assert value == pytest.approx(of[f"{name}{k}"], abs=1e-8 * size, rel=1e-8)
 
 
+@pytest.mark.slow
 def test_stresses_where_a_modulus_varies_are_left_out(deck: Path) -> None:
-    ranges = {"material.muscle.A10": (5.0, 9.0)}
+    # as in --set: the first material
+    ranges = {"material.A10": (5.0, 9.0)}
     rom = ReducedModel.train(deck, ranges, full_solves=4, tests=0, threads=1)
     assert rom.head["probes_left_out"] == ["stress"]
+    assert rom.parameters[0].key == "material.muscle.A10"
+    assert rom.solve(**{"material.1.A10": 7.0}).force == rom.solve(A10=7.0).force
 
 
+@pytest.mark.slow
 def test_parameters_of_the_material(deck: Path) -> None:
     """Bulk modulus, a coefficient of the polynomial, the fibers' angle, apart from each other."""
     ranges = {
@@ -279,6 +291,7 @@ def test_parameters_of_the_material(deck: Path) -> None:
     assert np.unique(np.round(forces, 2)).size == 4
 
 
+@pytest.mark.slow
 def test_solutions_in_folders_are_snapshots(deck: Path, tmp_path: Path) -> None:
     """States of solves that were made are taken, once each, and nothing is solved again."""
     folders = [tmp_path / name for name in ("corner", "again", "other")]
@@ -305,6 +318,7 @@ def test_solutions_in_folders_are_snapshots(deck: Path, tmp_path: Path) -> None:
         ReducedModel.train(deck, RANGES, snapshots=[tmp_path], threads=1)
 
 
+@pytest.mark.slow
 def test_training_ends_at_the_tolerance(deck: Path) -> None:
     """A test that is met ends the training before its last solve."""
     rom = ReducedModel.train(
@@ -328,6 +342,7 @@ def true_error(rom: ReducedModel, values: list[float]) -> tuple[float, float, fl
     return wrong / size, force, float(state.indicator[0]), bool(state.converged[0])
 
 
+@pytest.mark.slow
 def test_half_the_range_of_activation(deck: Path) -> None:
     """Trained to half the activation, asked for all of it: told as outside, with its error."""
     ranges = {"load.activation": (0.0, 0.5), "boundary.z1.u_z": (-0.2, 0.3)}
@@ -352,6 +367,7 @@ def test_no_more_modes_than_states(deck: Path) -> None:
     assert rom.certificate["force"]["max"] < 1e-2
 
 
+@pytest.mark.slow
 def test_states_far_from_those_of_the_training_are_followed(deck: Path) -> None:
     """Sixteen states of the training: the regression is poor, all states are found."""
     ranges = {**RANGES, "material.muscle.sigma_max": (20.0, 40.0)}
@@ -436,6 +452,8 @@ def test_corrections(rom: ReducedModel) -> None:
     [
         ({"activation": 0.1}, "a value is missing of boundary.z1.u_z"),
         ({"activation": 0.1, "u_z": 0.0, "K": 3.0}, "K: not a parameter of this reduced model"),
+        ({"material.K": 3.0}, "material.muscle.K: not a parameter of this reduced model"),
+        ({"boundary.z7.u_z": 3.0}, r"no \[\[boundary\]\] is called 'z7'"),
     ],
 )
 def test_wrong_values(rom: ReducedModel, given: dict[str, float], message: str) -> None:
@@ -448,12 +466,16 @@ def test_wrong_values(rom: ReducedModel, given: dict[str, float], message: str) 
     [
         ({}, "needs parameters"),
         ({"material.muscle.lambda_o": (0.9, 1.1)}, "cannot vary it"),
-        ({"material.tendon.K": (1e3, 1e4)}, "name one material that has it"),
-        ({"boundary.z1.u_q": (0, 1)}, "cannot vary it"),
-        ({"boundary.x0.u_x": (0, 1)}, "prescribes no such value"),
+        ({"material.tendon.K": (1e3, 1e4)}, r"no \[\[material\]\] is called 'tendon'"),
+        ({"material.mu": (1.0, 2.0)}, "name one material that has it"),
+        ({"boundary.z1.u_q": (0, 1)}, "unknown key; did you mean 'u_x'"),
+        ({"load.steps": (1, 2)}, "cannot vary it"),
+        ({"boundary.x0.u_x": (0, 1)}, r"no \[\[boundary\]\] is called 'x0'"),
+        ({"boundary.z0.radial": (0, 1)}, "prescribes no such value"),
         ({"load.activation": (0.0, 1.5)}, "between 0 and 1"),
         ({"load.activation": (1.0, 0.0)}, "a range from 1.0 to 0.0 is none"),
         ({"activation": (0, 1), "load.activation": (0, 1)}, "named twice"),
+        ({"material.K": (1e3, 1e4), "material.muscle.K": (1e3, 1e4)}, "named twice"),
     ],
 )
 def test_wrong_parameters(deck: Path, ranges: dict[str, tuple[float, float]], message: str) -> None:
@@ -496,7 +518,7 @@ def test_damaged_files(trained: Path, tmp_path: Path) -> None:
     damaged.write_bytes(content)
     with h5py.File(damaged, "r+") as file:
         file.attrs["format"] = np.bytes_("myork-rom 2")
-    with pytest.raises(InputError, match="'myork-rom 2', 'myork-rom 3' is wanted; train it again"):
+    with pytest.raises(InputError, match="'myork-rom 2', 'myork-rom 5' is wanted; train it again"):
         ReducedModel.load(damaged)
 
 
@@ -509,6 +531,15 @@ def test_sweep_by_the_model(deck: Path, trained: Path, tmp_path: Path) -> None:
     expected = rom.solve(activation=0.9, u_z=0.15)
     row = dict(zip(lines[0].split(","), lines[2].split(","), strict=True))
     assert float(row["reaction"]) == pytest.approx(expected.force, rel=1e-10)
+    own = shutil.copy(trained, tmp_path / "own.rom.h5")
+    given = ["boundary.z1.u_z=0.15"]
+    for _ in range(2):
+        sweep(deck, vary, tmp_path / "own", model=own, overrides=given)
+    # HDF5 reads the same from it
+    with own.open("ab") as file:
+        file.write(b"\0")
+    with pytest.raises(InputError, match=r"from before .*own\.rom\.h5 \(--model\) changed"):
+        sweep(deck, vary, tmp_path / "own", model=own, overrides=given)
     for overrides, message in (
         ([], "needs a value: vary boundary.z1.u_z"),
         (["boundary.z1.u_z=0.1", "material.muscle.K=100"], "not a parameter of this reduced"),
@@ -531,12 +562,13 @@ def test_commands(trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert set(found) >= {"probes", "indicator", "converged", "iterations", "parameters"}
     assert main(["rom", "solve", str(trained), *values]) == 0
     told = capsys.readouterr().out
-    assert "at load.activation = 0.4, " in told and f"reaction {found['force']:.6g}" in told
+    assert "at load.activation = 0.4, " in told and f"reaction {found['force']:.6g} N\n" in told
     assert "converged, inside the range of the training" in told
     grid = ["--vary", "activation=0:1:5", "--vary", "u_z=-0.2:0.3:4", "--out", str(tmp_path)]
     assert main(["rom", "map", str(trained), *grid, "-q"]) == 0
     lines = (tmp_path / "map.csv").read_text().splitlines()
     assert len(lines) == 21 and lines[0].startswith("load.activation,boundary.z1.u_z,reaction")
+    assert json.loads((tmp_path / "map.json").read_text())["probe_units"]["middle"] == "cm"
     assert (tmp_path / "map.png").stat().st_size > 5000
     assert main(["rom", "check", str(trained), "--points", "2", "--out", str(tmp_path), "-q"]) == 0
     check = json.loads((tmp_path / "check.json").read_text())

@@ -62,6 +62,7 @@ def test_all_probes_are_wanted_by_default_and_cost_ends_the_search() -> None:
     )
 
 
+@pytest.mark.slow
 def test_the_summary_tells_each_lattice(tmp_path: Path) -> None:
     summary = run_deck(cantilever(error=0.02, probe="tip"), tmp_path)
     told = summary["refine"]
@@ -95,6 +96,7 @@ def bar(**refine: Any) -> Scene:
     return Scene.from_tables(tables, cloud)
 
 
+@pytest.mark.slow
 def test_models_are_refined_up_to_their_voxels() -> None:
     with bar(error=0.002) as scene:
         states = scene.solve()

@@ -16,7 +16,7 @@ from myork.core.scene import Scene
 from myork.errors import InputError, RefusedError
 from myork.reduced_fields import REDUCED_FILE, read_reduced
 from myork.rom.basis import modes_for_energy, proper_orthogonal_basis
-from myork.rom.errors import displacement_error, gradient_error
+from myork.rom.errors import displacement_error, gradient_error, largest_error
 
 BLOCK = {
     "scene": {"dimension": 3, "method": "rkcm"},
@@ -475,3 +475,9 @@ def test_linear_problems_are_not_reduced(inputs: Path, tmp_path) -> None:
         modes = np.linalg.qr(np.ones((scene.dofs, 1)))[0]
         with pytest.raises(InputError, match="made of nonlinear problems"):
             scene.reduce(modes)
+
+
+def test_an_error_that_is_not_a_number_is_not_zero() -> None:
+    """Where the material is turned inside out there is no stress to compare."""
+    assert largest_error(np.zeros(2), np.ones(2)) == 0.0
+    assert np.isnan(largest_error(np.array([1.0, np.nan]), np.ones(2)))

@@ -157,6 +157,7 @@ def test_labels_keep_their_volumes_when_voxels_merge() -> None:
         assert filled.min() >= 1 / 3 and filled.max() < 1.5
 
 
+@pytest.mark.slow
 def test_muscle_in_points_of_other_tissues_asks_for_no_fiber(open_scene) -> None:
     """A block whose voxels are of fat and tendon, most of both muscle, has no direction at all.
 
@@ -196,6 +197,7 @@ def test_muscle_in_points_of_other_tissues_asks_for_no_fiber(open_scene) -> None
     assert np.isfinite(states.probe_errors[-1, 0, 0])
 
 
+@pytest.mark.slow
 def test_a_label_without_fractions_leaves_no_error_bar(open_scene) -> None:
     """Points may have a label that no fraction is told for. The coarser cloud of the error bar,
     which merges them, has no such point: there is no bar, but an answer.

@@ -5,9 +5,11 @@ from typing import Any
 
 import pytest
 
-from myork.bench.hard import case as hard
-from myork.bench.hard.case import DOUBTED, EXPLAINED, RIGHT, WARNED, Case, judge
-from myork.bench.studies import stability
+from benchmarks import stability
+from benchmarks.hard import case as hard
+from benchmarks.hard.case import DOUBTED, EXPLAINED, RIGHT, WARNED, Case, judge
+
+pytestmark = pytest.mark.nightly
 
 #: A hang, not a measurement [s]
 PATIENCE = 120.0

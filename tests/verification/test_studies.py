@@ -92,6 +92,9 @@ class Formula(Forward):
     def close(self) -> None:
         """Nothing is open."""
 
+    def key_of(self, name: str) -> str:
+        return name
+
     def _answer(self, keys: Sequence[str], values: np.ndarray) -> Values:
         a, b, _ = (2.0 * values - 1.0).T
         good = np.ones(len(values), bool) if self._broken is None else ~self._broken(values)
@@ -141,6 +144,7 @@ def test_states_that_fail(formula: Callable[..., None], tmp_path: Path) -> None:
         sensitivity("x.rom.h5", tmp_path, vary=VARY, samples=64)
 
 
+@pytest.mark.slow
 def test_sensitivity_of_a_reduced_model(trained: Path, tmp_path: Path) -> None:
     """What is fixed does not vary; reduced and full answers agree."""
     fixed = ["boundary.z1.u_z=0.05"]
@@ -176,6 +180,7 @@ def test_sigma_max_by_a_reduced_model(deck: Path, trained: Path, tmp_path: Path)
     assert len(rows) == 6 and np.abs(off).max() < 0.05 * max(float(r["reaction"]) for r in rows)
 
 
+@pytest.mark.slow
 def test_muscle_matrix_and_fibers_by_full_solves(deck: Path, tmp_path: Path) -> None:
     """Largest stress, a modulus of the matrix and the angle of the fibers."""
     true = {"sigma_max": 36.0, "A10": 5.8, "fiber_angle": 14.0}
@@ -203,6 +208,7 @@ def test_data_that_do_not_tell(trained: Path, deck: Path, tmp_path: Path) -> Non
     assert any("are not told apart" in line for line in found["warnings"])
 
 
+@pytest.mark.slow
 def test_measurements_with_errors(deck: Path, trained: Path, tmp_path: Path) -> None:
     """Wider errors, wider intervals; errors that are too small are told."""
     plain = measured(deck, tmp_path / "data.csv", ["material.muscle.sigma_max=36"], 0.0)
@@ -247,14 +253,19 @@ def test_wrong_data(
         identify(trained, data, free, tmp_path / "out", threads=1)
 
 
-def test_ranges(trained: Path) -> None:
+def test_ranges(trained: Path, deck: Path) -> None:
     forward = open_forward(trained)
-    found = ranges_of(forward, ["activation", "u_z=0:0.1"], "--vary")
+    found = ranges_of(forward, ["activation", "boundary.2.u_z=0:0.1"], "--vary")
     assert found == {"load.activation": (0.0, 0.8), "boundary.z1.u_z": (0.0, 0.1)}
     with pytest.raises(InputError, match="named twice"):
         ranges_of(forward, ["activation", "load.activation=0:1"], "--vary")
     with pytest.raises(InputError, match="a number is needed"):
         open_forward(trained, ["activation=much"])
+    full = open_forward(deck)
+    assert list(ranges_of(full, ["material.K=1:2"], "--vary")) == ["material.muscle.K"]
+    with pytest.raises(InputError, match="named twice"):
+        ranges_of(full, ["material.K=1:2", "material.1.K=1:2"], "--vary")
+    full.close()
 
 
 def cylinder(shape: tuple[int, int, int] = (40, 40, 12)) -> Labels:
@@ -321,6 +332,7 @@ def spindle(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_segmentation_carried_to_force(
     spindle: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

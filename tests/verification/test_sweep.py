@@ -1,5 +1,6 @@
 """Sweeps: plans, tables, resumption after a kill, failures that end nothing, other workers."""
 
+import contextlib
 import csv
 import json
 import math
@@ -9,16 +10,23 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor, wait
 from pathlib import Path
 
+import nibabel
 import numpy as np
 import pytest
 from pyarrow import parquet
 
 from myork import Scene, sweep
 from myork.cli import main
-from myork.errors import InputError
+from myork.core.deck import text_of_tables
+from myork.errors import InputError, InstallationError
+from myork.model_file import write_model
+from myork.sweeps import run
 from myork.sweeps.plan import make_plan
+from tests.unit.test_scene_from_tables import BLOCK, cloud
 
 #: A strip that is pulled; quick to solve
 STRIP = """
@@ -81,6 +89,13 @@ def test_plans() -> None:
     assert make_plan(["a=lhs(-1,1)"], 4, 5) == make_plan(["a=lhs(-1,1)"], 4, 5)
 
 
+def test_keys_are_those_of_set(deck: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="material.mu and material.rubber.mu are both material"):
+        sweep(deck, ["material.mu=5", "material.rubber.mu=6"], tmp_path / "out")
+    with pytest.raises(InputError, match=r"strip.toml: material.mv: unknown key; did you mean"):
+        sweep(deck, ["material.mv=5"], tmp_path / "out")
+
+
 @pytest.mark.parametrize(
     ("vary", "message"),
     [
@@ -100,6 +115,7 @@ def test_wrong_plans(vary: list[str], message: str) -> None:
         make_plan(vary)
 
 
+@pytest.mark.slow
 def test_table(deck: Path, tmp_path: Path) -> None:
     """The numbers are those of scenes solved one by one; a wrong point keeps its message."""
     out = tmp_path / "out"
@@ -121,10 +137,14 @@ def test_table(deck: Path, tmp_path: Path) -> None:
         assert float(row["middle_y"]) == pytest.approx(middle[1], abs=1e-12)
         assert float(row["pull_error"]) > 0 and float(row["cpu_s"]) > 0
     table = parquet.read_table(out / "sweep.parquet")
-    assert table.num_rows == 6 and table.schema.metadata[b"unit_force"] == b"N"
+    units = {"pull": "N/cm", "middle_x": "cm", "middle_y": "cm"}
+    assert json.loads((out / "sweep.json").read_text())["units"] == units
+    kept = {f"unit_{name}".encode(): unit.encode() for name, unit in units.items()}
+    assert table.num_rows == 6 and table.schema.metadata == kept
     assert table["material.rubber.mu"].to_pylist() == [5, 5, 10, 10, 20, 20]
 
 
+@pytest.mark.slow
 def test_csv_without_pyarrow(deck: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Parquet is one of the optional packages: the table is written, and the lack told."""
     monkeypatch.setattr("myork.sweeps.store.find_spec", lambda name: None)
@@ -135,6 +155,7 @@ def test_csv_without_pyarrow(deck: Path, tmp_path: Path, monkeypatch: pytest.Mon
     assert "pip install 'myork[parquet]'" in said[-1]
 
 
+@pytest.mark.slow
 def test_resumed_after_a_kill(deck: Path, tmp_path: Path) -> None:
     """A killed sweep loses no finished point; the table is that of a whole one."""
     out, whole = tmp_path / "out", tmp_path / "whole"
@@ -165,12 +186,226 @@ def test_resumed_after_a_kill(deck: Path, tmp_path: Path) -> None:
         assert one["pull"] == other["pull"]
 
 
-def test_another_sweep_in_the_folder(deck: Path, tmp_path: Path) -> None:
+def processes_below(pid: int) -> list[int]:
+    """Processes that the threads of a process have started, and those that they have."""
+    lists = Path("/proc", str(pid), "task").glob("*/children")
+    own = [int(child) for path in lists for child in path.read_text().split()]
+    return [*own, *(other for child in own for other in processes_below(child))]
+
+
+@pytest.mark.slow
+def test_workers_end_with_their_sweep(deck: Path, tmp_path: Path) -> None:
+    """A SIGKILL of the sweep alone, in the middle of solves, leaves no process behind."""
     out = tmp_path / "out"
-    sweep(deck, ["material.rubber.mu=5,10"], out, workers=1)
-    with pytest.raises(InputError, match="is of another sweep"):
-        sweep(deck, ["material.rubber.mu=5,11"], out, workers=1)
+    words = [
+        "sweep", str(deck), "--vary", "material.rubber.mu=5:20:200", "--workers", "2",
+        "--set", "geometry.source=[17,9]", "-q", "--out", str(out),
+    ]  # fmt: skip
+    sweeping = subprocess.Popen([sys.executable, "-m", "myork", *words], start_new_session=True)
+    try:
+        wait_for(lambda: (out / "points.jsonl").exists() or sweeping.poll() is not None, 120)
+        workers = processes_below(sweeping.pid)
+        assert len(workers) >= 2
+        sweeping.kill()
+        sweeping.wait()
+        wait_for(lambda: not any((Path("/proc") / str(pid)).exists() for pid in workers), 60)
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(sweeping.pid, signal.SIGKILL)
+
+
+def wait_for(met: Callable[[], bool], seconds: float) -> None:
+    limit = time.monotonic() + seconds
+    while not met():
+        assert time.monotonic() < limit
+        time.sleep(0.02)
+
+
+@pytest.fixture
+def here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Points are solved in this process, without the seconds in which others start."""
+
+    @contextlib.contextmanager
+    def one_thread(dask: str | None, workers: int) -> Iterator[run._Pool]:
+        pool = run._Pool(
+            lambda: ThreadPoolExecutor(1),
+            1,
+            lambda calls: wait(calls, None, "FIRST_COMPLETED").done,
+        )
+        yield pool
+        pool.close()
+
+    monkeypatch.setattr(run, "_executor", one_thread)
+
+
+def test_another_sweep_in_the_folder(deck: Path, tmp_path: Path, here: None) -> None:
+    out = tmp_path / "out"
+    sweep(deck, ["material.rubber.mu=5,10"], out)
+    with pytest.raises(InputError, match=r"is of another sweep, with other keys, points or --set"):
+        sweep(deck, ["material.rubber.mu=5,11"], out)
+    with pytest.raises(InputError, match=r"is of another sweep, with other keys, points or --set"):
+        sweep(deck, ["material.rubber.mu=5,10"], out, overrides=["material.rubber.K=900"])
     assert [row["material.rubber.mu"] for row in rows_of(out)] == ["5", "10"]
+
+
+def write_inputs(folder: Path) -> None:
+    """A strip that is pulled by a table, with a label map, and a block from a model file."""
+    folder.mkdir()
+    pulled = STRIP.replace("u_x = 0.2", 'u_x = "push(y)"')
+    pulled = pulled.replace("[[material]]", 'labels = "labels.nii"\n[[material]]\nlabel = 1')
+    table = '[[table]]\nname = "push"\nfile = "push.csv"\n'
+    (folder / "deck.toml").write_text(pulled + table)
+    (folder / "push.csv").write_text("0, 0.2\n1, 0.2\n")
+    map_ = nibabel.Nifti1Image(np.ones((4, 2, 1), np.uint8), np.diag([5.0, 5.0, 5.0, 1.0]))
+    nibabel.save(map_, folder / "labels.nii")
+    (folder / "block.toml").write_text(text_of_tables(BLOCK))
+    write_model(folder / "model.h5", cloud())
+
+
+@pytest.mark.parametrize(
+    ("deck", "file"),
+    [
+        ("deck.toml", "deck.toml"),
+        ("deck.toml", "push.csv"),
+        ("deck.toml", "labels.nii"),
+        ("block.toml", "block.toml"),
+        ("block.toml", "model.h5"),
+    ],
+)
+def test_a_sweep_is_of_the_contents_of_its_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, here: None, deck: str, file: str
+) -> None:
+    """What a file held at the start it holds at the end, or the sweep says that it does not."""
+    made, out, more = tmp_path / "made", tmp_path / "out", {"push.csv": "#", "labels.nii": "\0"}
+    write_inputs(made)
+    solved = {"verdict": "failed", "message": "", "probes": {}, "errors": {}, "cpu_s": 1.0}
+    monkeypatch.setattr(run, "solve_point", lambda *call: solved)
+    vary = ["load.steps=1,2,3"]
+    before = (made / file).read_bytes()
+    changed = before + more.get(file, "\n").encode()
+
+    def change_after_one(line: str) -> None:
+        if line.startswith("point 1/"):
+            (made / file).write_bytes(changed)
+
+    with pytest.raises(InputError, match=rf"{file}.* has changed while the sweep ran") as while_it:
+        sweep(made / deck, vary, out, progress=change_after_one)
+    assert "put the earlier file back" in str(while_it.value) and len(rows_of(out)) == 1
+    with pytest.raises(InputError, match=rf"from before .*{file}.* changed: put the earlier file"):
+        sweep(made / deck, vary, out)
+    assert len(rows_of(out)) == 1
+    # the same contents in another place
+    (made / file).write_bytes(before)
+    sweep(made.rename(tmp_path / "moved") / deck, vary, out)
+    assert len(rows_of(out)) == 3
+
+
+def test_files_that_are_varied_are_known_by_their_contents(tmp_path: Path, here: None) -> None:
+    made, out = tmp_path / "made", tmp_path / "out"
+    write_inputs(made)
+    (made / "pull.csv").write_text("0, 0.1\n1, 0.1\n")
+    vary = ["table.push.file=push.csv,pull.csv"]
+    sweep(made / "deck.toml", vary, out)
+    pulls = [float(row["pull"]) for row in rows_of(out)]
+    assert pulls[0] > 1.5 * pulls[1] > 0.0
+    (made / "pull.csv").write_text("0, 0.15\n1, 0.15\n")
+    with pytest.raises(InputError, match=r"pull\.csv \(table\.push\.file = pull\.csv\) changed"):
+        sweep(made / "deck.toml", vary, out)
+
+
+def test_a_refused_gather_leaves_nothing_behind(deck: Path, tmp_path: Path, here: None) -> None:
+    vary, out = ["material.rubber.mu=5,10"], tmp_path / "out"
+    for part in ("1/2", "2/2"):
+        sweep(deck, vary, out, part=part)
+    there = {path for path in out.rglob("*") if path.name != ".lock"}
+    with pytest.raises(InputError, match=r"part_1_of_2/points\.jsonl: is of another sweep"):
+        sweep(deck, ["material.rubber.mu=5,11"], out)
+    assert {path for path in out.rglob("*") if path.name != ".lock"} == there
+    sweep(deck, vary, out)
+    assert len(rows_of(out)) == 2
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("point", 7, "point 7, but the points are 0 to 1"),
+        ("point", -1, "point -1, but the points are 0 to 1"),
+        ("point", "1", "point '1', but"),
+        ("point", 0, "the point is there twice"),
+        ("verdict", "fine", "verdict 'fine', but only accepted, doubtful, refused, failed"),
+        ("verdict", "accepted", "probes are missing"),
+        ("message", None, "message None, which is not a text"),
+        ("cpu_s", "3", "cpu_s '3', which is not a number"),
+        ("probes", {"pull": "3"}, "pull '3', which is not a number"),
+        ("probes", {"push": 3.0}, "probes push, which are not those of the deck"),
+        ("probes", [3.0], "probes or errors are not by name"),
+        ("errors", {"pull": 0.1}, "error bars of other probes"),
+        ("errors", ..., "no errors"),
+    ],
+)  # fmt: skip
+def test_points_that_are_read_back_are_checked(
+    deck: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, here: None,
+    key: str, value: object, message: str,
+) -> None:  # fmt: skip
+    solved = {"verdict": "failed", "message": "", "probes": {}, "errors": {}, "cpu_s": 1.0}
+    monkeypatch.setattr(run, "solve_point", lambda *call: solved)
+    sweep(deck, ["material.rubber.mu=5,10"], tmp_path)
+    path = tmp_path / "points.jsonl"
+    *before, last = path.read_text().splitlines()
+    row = {**json.loads(last), key: value}
+    row = {name: entry for name, entry in row.items() if entry is not ...}
+    for line, wanted in (
+        (json.dumps(row), message),
+        ('{"point": 1, "pro', "not an object of JSON"),
+    ):
+        path.write_text("\n".join([*before, line]) + "\n")
+        with pytest.raises(
+            InputError, match=r"points\.jsonl:3: is not what a sweep writes: "
+        ) as ended:
+            sweep(deck, ["material.rubber.mu=5,10"], tmp_path)
+        assert wanted in str(ended.value) and "remove the line" in str(ended.value)
+    path.write_text("\n".join(before) + "\n")
+    sweep(deck, ["material.rubber.mu=5,10"], tmp_path)
+    assert path.read_text().splitlines() == [*before, last]
+
+
+@pytest.mark.parametrize(
+    ("name", "owner"),
+    [
+        ("verdict", "every sweep"),
+        ("cpu_s", "every sweep"),
+        ("middle_x", "the probe middle_x"),
+        ("middle_y_error", "the probe middle_y_error"),
+        ("material.rubber.mu", "the varied key material.rubber.mu"),
+    ],
+)  # fmt: skip
+def test_columns_cannot_overwrite_each_other(
+    deck: Path, tmp_path: Path, name: str, owner: str
+) -> None:
+    """Refused before anything is solved or written, in a dry run as well."""
+    deck.write_text(STRIP.replace('"pull"', f'"{name}"'))
+    for dry in (True, False):
+        with pytest.raises(InputError, match=r"rename the probe") as ended:
+            sweep(deck, ["material.rubber.mu=5,10"], tmp_path / "out", dry_run=dry)
+        assert f"its column {name} of sweep.csv is also a column of {owner}" in str(ended.value)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_spreadsheet_runs_no_cell(
+    deck: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, here: None
+) -> None:
+    name, bad = "=1+1", "@SUM(1)"
+    deck.write_text(STRIP.replace('"pull"', f'"{name}"'))
+    probes = {name: -1.5, "middle_x": -0.1, "middle_y": 0.0}
+    solved = {"verdict": "accepted", "message": bad, "probes": probes, "errors": {}, "cpu_s": 1.0}
+    monkeypatch.setattr(run, "solve_point", lambda *call: solved)
+    sweep(deck, ["boundary.x1.u_x=-0.1", "title=+x"], tmp_path / "out")
+    with (tmp_path / "out" / "sweep.csv").open() as file:
+        head, row = csv.reader(file)
+    assert head[:3] == ["boundary.x1.u_x", "title", "'=1+1"]
+    assert row[:3] == ["-0.1", "'+x", "-1.5"] and row[-2] == "'@SUM(1)"
+    # types tell text from formulas there
+    assert parquet.read_table(tmp_path / "out" / "sweep.parquet")[name].to_pylist() == [-1.5]
 
 
 def test_wrong_keys_before_anything_runs(deck: Path, tmp_path: Path) -> None:
@@ -188,6 +423,7 @@ def test_dry_run(deck: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert not out.exists()
 
 
+@pytest.mark.slow
 def test_dask(deck: Path, tmp_path: Path) -> None:
     """Workers of Dask give the same table."""
     vary = ["material.rubber.mu=5,10,20"]
@@ -197,12 +433,40 @@ def test_dask(deck: Path, tmp_path: Path) -> None:
     assert pulls[0] == pulls[1] and not any(math.isnan(float(pull)) for pull in pulls[0])
 
 
+@pytest.mark.slow
+def test_a_scheduler_that_is_killed(deck: Path, tmp_path: Path) -> None:
+    """What was finished is kept, the message says what to do, and a second call does the rest."""
+    out, vary = tmp_path / "out", ["material.rubber.mu=5,10,20,30"]
+    serve = (
+        "import distributed; cluster = distributed.LocalCluster(n_workers=1, processes=False, "
+        "threads_per_worker=1, host='127.0.0.1', protocol='tcp', dashboard_address=None); "
+        "print(cluster.scheduler_address, flush=True); input()"
+    )
+    pipe = subprocess.PIPE
+    with subprocess.Popen([sys.executable, "-c", serve], stdin=pipe, stdout=pipe) as scheduler:
+        address = scheduler.stdout.readline().decode().strip()
+
+        def after_the_first(line: str) -> None:
+            if line.startswith("point 1/"):
+                scheduler.kill()
+
+        with pytest.raises(InstallationError, match=r"scheduler has ended .* the same line again"):
+            sweep(deck, vary, out, dask=address, progress=after_the_first)
+    before = (out / "points.jsonl").read_text()
+    assert 1 <= len(rows_of(out)) < 4
+    sweep(deck, vary, out, workers=1)
+    assert (out / "points.jsonl").read_text().startswith(before)
+    assert {row["verdict"] for row in rows_of(out)} == {"accepted"} and len(rows_of(out)) == 4
+
+
+@pytest.mark.slow
 def test_head_is_plain(deck: Path, tmp_path: Path) -> None:
     sweep(deck, ["material.rubber.mu=5"], tmp_path / "out", workers=1)
     head = json.loads((tmp_path / "out" / "points.jsonl").read_text().splitlines()[0])["sweep"]
     assert head["keys"] == ["material.rubber.mu"] and head["points"] == [[5]]
 
 
+@pytest.mark.slow
 def test_an_array_of_jobs_finds_what_one_process_finds(
     deck: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

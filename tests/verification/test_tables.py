@@ -1,6 +1,8 @@
 """Tables as functions in expressions: loads, coefficients and starts by their values at places."""
 
 import math
+import os
+import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +11,7 @@ import pytest
 from myork import Scene
 from myork.core.deck import load_deck, load_tables
 from myork.errors import InputError
+from myork.stations.solve import find_executable
 
 
 def heat(**tables: Any) -> dict[str, Any]:
@@ -104,11 +107,11 @@ def test_tables_of_two_scenes_with_one_name() -> None:
     assert found[0] == pytest.approx(4 * found[1], rel=1e-9)
 
 
-def deck_with(folder: Path, lines: str, key: str = "", name: str = "k.csv") -> Path:
+def deck_with(folder: Path, lines: str, name: str = "k.csv") -> Path:
     (folder / name).write_text(lines)
     deck = folder / "rod.toml"
     deck.write_text(
-        f"""title = "rod"
+        """title = "rod"
 [units]
 force = "N"
 length = "cm"
@@ -135,22 +138,21 @@ point = [1]
 [[table]]
 name = "k"
 file = "k.csv"
-{key}
 """
     )
     return deck
 
 
 @pytest.mark.parametrize(
-    ("lines", "key"),
+    "lines",
     [
-        ("x,k\n0,1\n0.5,1\n1,3\n", ""),
-        ("# of a paper\n0 1\n0.5 1\n\n1 3\n", ""),
-        ("temp; k; x\r\n7; 1; 0\r\n8; 1; 0.5\r\n9; 3; 1\r\n", "columns = [3, 2]"),
+        "x,k\n0,1\n0.5,1\n1,3\n",
+        "# of a paper\n0 1\n0.5 1\n\n1 3\n",
+        "x; k; temp\r\n0; 1; 7\r\n0.5; 1; 8\r\n1; 3; 9\r\n",
     ],
 )
-def test_tables_in_files(lines: str, key: str, tmp_path: Path) -> None:
-    deck = deck_with(tmp_path, lines, key)
+def test_tables_in_files(lines: str, tmp_path: Path) -> None:
+    deck = deck_with(tmp_path, lines)
     with Scene(deck) as scene:
         states = scene.solve(error=False)
         found = float(scene.probes(states.x, states.load)[-1, 0, 0])
@@ -159,7 +161,7 @@ def test_tables_in_files(lines: str, key: str, tmp_path: Path) -> None:
     own = heat(linear={"problem": "poisson", "conductivity": "k(x)"}, table=[STEP])
     assert found == value_of(own)
     first = load_deck(deck)["sha256"]
-    (tmp_path / "k.csv").write_text(lines.replace("3", "4") if not key else lines + "10; 1; 2\n")
+    (tmp_path / "k.csv").write_text(lines.replace("3", "4"))
     assert load_deck(deck)["sha256"] != first
 
 
@@ -184,6 +186,16 @@ def test_files_that_are_no_tables(lines: str, what: str, tmp_path: Path) -> None
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"'k.csv' cannot be read: there is no such file"):
         load_deck(deck_with(tmp_path, "0,1\n", name="other.csv"))
+
+
+def test_a_pipe_is_not_a_table(tmp_path: Path) -> None:
+    """It was opened, which waits for whoever writes into it."""
+    deck = deck_with(tmp_path, "0,1\n", name="other.csv")
+    os.mkfifo(tmp_path / "k.csv")
+    done = subprocess.run(
+        [find_executable(), deck, "--explain"], capture_output=True, text=True, timeout=60
+    )
+    assert done.returncode == 2 and "'k.csv' cannot be read: it is not a regular" in done.stderr
 
 
 @pytest.mark.parametrize(

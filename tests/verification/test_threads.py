@@ -45,10 +45,6 @@ CASES: dict[str, tuple[str, tuple[str, ...]]] = {
         "uniaxial_tension",
         ("scene.method=rkpm-gauss", "material.K=inf", "load.steps=1", *_ORDERS),
     ),
-    "balances of nodal cells": (
-        "muscle_fibers",
-        ("scene.method=rkcm-subdomain", "approximation.order=2", *_BLOCK),
-    ),
     "nodal cells": ("muscle_fibers", ("scene.method=rkpm-scni", *_LINEAR)),
     "nodal cells, not formed": (
         "muscle_fibers",
@@ -147,6 +143,7 @@ def solved(deck: Path, overrides: tuple[str, ...], out: Path, threads: int) -> d
     return {**found, "steps": json.dumps(summary["steps"])}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_executable(case: str, inputs: Path, tmp_path: Path) -> None:
     deck, overrides = CASES[case]
@@ -158,6 +155,7 @@ def test_executable(case: str, inputs: Path, tmp_path: Path) -> None:
     assert [name for name in one if one[name] != two[name]] == []
 
 
+@pytest.mark.slow
 def test_python(inputs: Path, tmp_path: Path) -> None:
     """Scenes, reduced models, least squares of a matrix and level sets in one process."""
     cases = {name: (str(inputs / f"{deck}.toml"), more) for name, (deck, more) in CASES.items()}
@@ -172,3 +170,59 @@ def test_python(inputs: Path, tmp_path: Path) -> None:
     one, two = (json.loads(line) for line in done.stdout.splitlines())
     assert len(one) == len(CASES) + 9
     assert [name for name in one if one[name] != two[name]] == []
+
+
+#: Scenes and a reduced model in children of a process that has used its threads
+FORKS = """
+import multiprocessing, os, signal, sys
+import numpy as np
+from myork import ReducedModel, Scene
+
+n = [5, 5, 5]
+tables = {
+    "scene": {"dimension": 3, "method": "rkpm-scni"},
+    "geometry": {"kind": "box", "size": [1, 1, 1], "source": n, "collocation": n},
+    "material": [{"name": "rubber", "model": "polynomial", "A10": 10, "K": 500}],
+    "boundary": [{"set": "x0", "u_x": 0, "u_y": 0, "u_z": 0}, {"set": "x1", "u_x": 0.2}],
+    "load": {"steps": 1},
+}
+scene = Scene.from_tables(tables)
+rom = ReducedModel.load(sys.argv[1], threads=2)
+rows = np.linspace([0.0, -0.1], [0.5, 0.1], 40)
+
+def answers():
+    with Scene.from_tables(tables) as own:
+        x = [each.solve(error=False).x[-1] for each in (scene, own)]
+        u = scene.fields(x[0], 1.0).u
+    force = [rom.batch(rows).force, rom.solve(activation=0.3, u_z=0.05).force]
+    return b"".join(np.ascontiguousarray(a).tobytes() for a in (*x, u, *force))
+
+here = answers()
+
+def child():
+    signal.alarm(60)  # a child that waits for threads that are not there ends by this
+    os._exit(0 if answers() == here else 1)
+
+first = multiprocessing.get_context("fork").Process(target=child)
+first.start()
+first.join()
+pid = os.fork()
+if pid == 0:
+    child()
+second = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+assert answers() == here
+print(first.exitcode, second)
+"""
+
+
+@pytest.mark.slow
+def test_children_of_a_fork(voxel_rom: Path) -> None:
+    """None of their parent's threads come along: the first parallel region waited for them."""
+    done = subprocess.run(
+        [sys.executable, "-c", FORKS, voxel_rom],
+        env=clean_environment() | {"OMP_NUM_THREADS": "2"},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == ["0", "0"]

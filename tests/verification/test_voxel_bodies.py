@@ -2,9 +2,9 @@
 
 import pytest
 
+from benchmarks.voxel_bodies import BODIES, body_cloud, box_tables
 from myork.bench.runs import read_deck, solve_case
 from myork.reference.finite_elements import solve_deck
-from myork.reference.voxel_bodies import BODIES, body_cloud, box_tables
 
 #: Largest error of each probe with 4 to 8 source points across [-]: measured times 1.2 or so; with
 #: twice as many the errors are less than half of these
@@ -17,6 +17,7 @@ BOUNDS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("body", BODIES, ids=lambda body: body.name)
 def test_coarse_voxels_against_elements_of_the_true_shape(body) -> None:
     deck = read_deck(box_tables(body))

@@ -63,6 +63,7 @@ def truths(inner: float, outer: float, moved: float, bulk: float) -> dict[str, f
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("inner", "outer", "moved", "bulk", "source"),
     [

@@ -117,6 +117,7 @@ def by_executable(deck: Path, overrides: tuple[str, ...], out: Path) -> dict[str
     return summary
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_all_ways_give_the_same_list(case: str, inputs: Path, tmp_path: Path) -> None:
     name, overrides, verdict, parts, error = CASES[case]
@@ -211,6 +212,7 @@ def test_a_weak_form_keeps_work() -> None:
     assert states.verdict == "accepted" and not states.reasons
 
 
+@pytest.mark.slow
 def test_homogeneous_states_balance_their_work(inputs: Path) -> None:
     """The rows vanish at the solution and Simpson's rule is exact.
 

@@ -1,7 +1,9 @@
 """The page of a reduced model: what it shows is what the model says, in a real browser."""
 
+import contextlib
 import io
 import json
+import os
 import re
 import shutil
 import signal
@@ -9,11 +11,14 @@ import socket
 import struct
 import subprocess
 import sys
+import threading
+import time
 import urllib.error
 import urllib.request
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
@@ -25,7 +30,11 @@ from myork.core.deck import text_of_tables
 from myork.errors import FileError
 from myork.report import make_report
 from myork.stations.solve import run_deck
+from myork.view import server as server_module
 from myork.view.answers import FIELDS, Answers, verdict_of
+from myork.view.server import _Server
+
+pytestmark = pytest.mark.nightly
 
 N = [3, 3, 5]
 DECK = {
@@ -69,13 +78,18 @@ def answers(trained: Path) -> Iterator[Answers]:
         yield found
 
 
-def start(trained: Path, *words: str) -> tuple[subprocess.Popen[str], str]:
+def start(trained: Path, **variables: str) -> tuple[subprocess.Popen[str], str]:
     """The command and the address that it prints."""
-    command = [sys.executable, "-m", "myork", "view", str(trained), "--no-browser", *words]
-    server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    server = subprocess.Popen(
+        [sys.executable, "-m", "myork", "view", str(trained), "--no-browser"],
+        env={**os.environ, **variables},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
     assert server.stdout is not None
     line = server.stdout.readline()
-    found = re.search(r"http://127\.0\.0\.1:\d+/", line)
+    found = re.search(r"http://127\.0\.0\.1:\d+/\S*", line)
     assert found, (line, server.stderr.read() if server.stderr else "")
     return server, found[0]
 
@@ -94,6 +108,18 @@ def asked(address: str) -> tuple[dict[str, Any], np.ndarray]:
         content = answer.read()
     size = struct.unpack("<I", content[:4])[0]
     return json.loads(content[4 : 4 + size]), np.frombuffer(content[4 + size :], "<f4")
+
+
+def answer(
+    address: str, path: str, method: str = "GET", body: bytes | None = None
+) -> tuple[int, str]:
+    """Status and text of an answer."""
+    question = urllib.request.Request(address + path, body, method=method)
+    try:
+        with urllib.request.urlopen(question, timeout=60) as found:
+            return found.status, found.read().decode("latin-1")
+    except urllib.error.HTTPError as refused:
+        return refused.code, refused.read().decode()
 
 
 def slide(page: Any, number: int, value: float) -> None:
@@ -264,19 +290,166 @@ def test_curves_pass_through_the_state(answers: Answers) -> None:
 @pytest.mark.parametrize(
     ("path", "status", "message"),
     [
-        ("state?p=0.1,0&field=J", 400, "3 finite numbers are needed"),
-        ("state?p=0.1,0,nan&field=J", 400, "3 finite numbers are needed"),
+        ("state?p=0.1,0&field=J", 400, "p: 3 finite numbers are needed, not 2"),
+        ("state?p=0.1,0,nan&field=J", 400, "sigma_max = 'nan' is not a finite number"),
+        ("state?p=0.1,1e999,30&field=J", 400, "u_z = '1e999' is not a finite number"),
+        ("state?p=0.1,0,much&field=J", 400, "sigma_max = 'much' is not a finite number"),
+        # powers of it overflow
+        ("state?p=0.1,1e300,30&field=J", 400, "u_z = 1e+300 is far from the trained range -0.2"),
+        ("curves?p=0.1,-1e300,30&probe=0", 400, "u_z = -1e+300 is far from the trained range"),
         ("state?p=0.1,0,30&field=heat", 400, "heat: no field; there are von_mises"),
-        ("state?field=J", 400, "'p'"),
+        ("state?field=J", 400, "p: is missing"),
+        ("state?p=0.1,0,30&field=J&p=1", 400, "p: is given 2 times"),
         ("curves?p=0.1,0,30&probe=9", 400, "probe 9: there are 4"),
+        ("curves?p=0.1,0,30&probe=1e999", 400, "probe: '1e999' is not a number from 0 on"),
+        ("curves?p=0.1,0,30&probe=0,1", 400, "probe: one number is needed"),
         ("curves?p=0.1,0,30&probe=0&of=3", 400, "numbers from 0 to 2"),
+        ("curves?p=0.1,0,30&probe=0&of=", 400, "of: '' is not a number from 0 on"),
+        ("curves?p=0.1,0,30&probe=0&of=" + "1," * 1999 + "1", 400, "name each parameter once"),
+        ("state?p=" + "0," * 40000, 414, "Too Long"),
         ("../etc/passwd", 404, "no such page"),
     ],
 )
 def test_wrong_questions(address: str, path: str, status: int, message: str) -> None:
-    with pytest.raises(urllib.error.HTTPError) as told:
-        urllib.request.urlopen(address + path, timeout=60)
-    assert told.value.code == status and message in told.value.read().decode()
+    found, text = answer(address, path)
+    assert found == status and message in text
+
+
+@pytest.mark.parametrize("body", [b'{"p": [NaN', b"x" * 20_000_000])
+def test_a_body_is_not_read(address: str, body: bytes) -> None:
+    for method in ("POST", "GET"):
+        found, text = answer(address, "state?p=0.1,0,30&field=J", method, body)
+        assert found == 400 and f"{method} state: ask by GET, without a body" in text
+
+
+@pytest.mark.parametrize(
+    ("path", "host", "status", "message"),
+    [
+        ("TOKEN/surface", "127.0.0.1:PORT", 200, ""),
+        ("TOKEN", "LOCALHOST:PORT", 200, "<title>block"),
+        ("TOKEN/", "[::1]:PORT", 200, "<title>block"),
+        ("", "127.0.0.1:PORT", 403, "lacks the token"),
+        ("surface", "127.0.0.1:PORT", 403, "lacks the token"),
+        ("TOKE/surface", "127.0.0.1:PORT", 403, "lacks the token"),
+        ("\xe9/surface", "127.0.0.1:PORT", 403, "lacks the token"),
+        ("TOKEN/", "example.org", 403, "Host: example.org; this page answers as 127.0.0.1:"),
+        ("TOKEN/", "127.0.0.1", 403, "the same port at both ends"),
+        ("TOKEN/", "127.0.0.1.example.org:PORT", 403, "Host: "),
+        ("TOKEN/", "", 403, "Host: missing"),
+    ],
+)
+def test_who_is_answered(address: str, path: str, host: str, status: int, message: str) -> None:
+    url = urlsplit(address)
+    words = {"TOKEN": url.path.strip("/"), "PORT": str(url.port)}
+    for word, value in words.items():
+        path, host = path.replace(word, value), host.replace(word, value)
+    lines = [f"GET /{path} HTTP/1.1", f"Host: {host}" if host else "X: y", "Connection: close"]
+    with socket.create_connection((url.hostname, url.port), timeout=60) as connection:
+        connection.sendall("\r\n".join([*lines, "", ""]).encode("latin-1"))
+        content = connection.makefile("rb").read()
+    assert content.startswith(f"HTTP/1.1 {status} ".encode())
+    assert message in content.decode("utf-8", "replace")
+
+
+@pytest.fixture
+def near(answers: Answers) -> Iterator[_Server]:
+    """A server in this process."""
+    with _Server(0) as server:
+        server.answers = answers
+        thread = threading.Thread(target=server.serve_forever, args=(0.05,))
+        thread.start()
+        yield server
+        server.shutdown()
+        thread.join()
+        server.turn.shutdown()
+
+
+def until(state: Callable[[], bool]) -> None:
+    end = time.monotonic() + 30.0
+    while not state():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def connected(server: _Server, content: bytes = b"") -> socket.socket:
+    found = socket.create_connection(server.server_address[:2], timeout=30)
+    found.sendall(content)
+    return found
+
+
+def test_connections_that_wait_are_ended(near: _Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Idle ones, halves of questions that trickle, and those that do not read their answer."""
+    monkeypatch.setattr(server_module, "_IDLE", 0.3)
+    silent, half = connected(near), connected(near, b"GET / HTTP/1.1\r\n")
+    half.settimeout(0.05)
+    with pytest.raises((BrokenPipeError, ConnectionResetError)):
+        while True:
+            half.sendall(b"X")
+            with contextlib.suppress(TimeoutError):
+                if half.recv(1) == b"":
+                    raise BrokenPipeError
+    assert silent.recv(1) == b""
+    deaf = socket.socket()
+    deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    deaf.connect(near.server_address[:2])
+    one = f"GET /{near.token}/ HTTP/1.1\r\nHost: localhost:{near.server_port}\r\n\r\n".encode()
+    # answers of 50 MB: more than buffers take
+    deaf.sendall(2000 * one)
+    until(lambda: not near._since)
+    assert answer(near.address, "surface")[0] == 200
+    for each in (silent, half, deaf):
+        each.close()
+
+
+def test_the_longest_idle_of_many_are_ended(near: _Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(server_module, "_CONNECTIONS", 4)
+    crowd = [connected(near) for _ in range(10)]
+    for one in crowd[:6]:
+        assert one.recv(1) == b""
+    assert answer(near.address, "surface")[0] == 200
+    for one in crowd:
+        one.close()
+
+
+def test_who_has_left_gets_nothing_computed(near: _Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    begun: list[list[int]] = []
+    curves = near.answers.curves
+
+    def counted(*given: Any, **more: Any) -> Any:
+        begun.append(given[2])
+        return curves(*given, **more)
+
+    monkeypatch.setattr(near.answers, "curves", counted)
+    goes_on = threading.Event()
+    near.turn.submit(goes_on.wait)
+    question = f"GET /{near.token}/curves?p=0.4,0.1,30&probe=0 HTTP/1.1\r\n"
+    question += f"Host: localhost:{near.server_port}\r\n\r\n"
+    leaving, staying = (connected(near, question.encode()) for _ in range(2))
+    until(lambda: list(near._since.values()) == [np.inf, np.inf])
+    leaving.close()
+    goes_on.set()
+    assert staying.recv(12) == b"HTTP/1.1 200" and begun == [[0], [1], [2]]
+    staying.close()
+
+
+def test_an_honest_client_beside_a_crowd(trained: Path) -> None:
+    """`python tests/view/crowd.py` prints the times, for crowds ten times as large."""
+    program = [sys.executable, str(Path(__file__).with_name("crowd.py")), str(trained), "--json"]
+    counts = ["--clients", "50", "--questions", "2", "--idle", "300", "--seconds", "0.5"]
+    record = json.loads(subprocess.run([*program, *counts], capture_output=True, check=True).stdout)
+    got = {name: one["got"] for name, one in record.items()}
+    # those that stay are of the hundred connections that may be open
+    assert got.pop("idle")["ended"] >= 200
+    assert got == {
+        "nobody": {},
+        "no token": {"403": 100},
+        "foreign Host": {"403": 100},
+        "2,000-fold questions": {"400": 100},
+        "not a number": {"400": 100},
+        "states": {"200": 100},
+        "curves, leaving": {"left": 100},
+    }
+    assert all(one["answers"] >= 50 for one in record.values())
 
 
 @pytest.mark.parametrize(
@@ -332,21 +505,25 @@ def test_report_with_states(
         make_report(folder)
 
 
-@pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGTERM])
-def test_it_ends_cleanly(trained: Path, sign: signal.Signals) -> None:
-    server, address = start(trained)
+@pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_it_ends_cleanly(trained: Path, tmp_path: Path, sign: signal.Signals) -> None:
+    server, address = start(trained, TMPDIR=str(tmp_path))
+    assert any(tmp_path.iterdir())
     assert asked(f"{address}surface")[0]["corners"] == 42
     server.send_signal(sign)
     out, error = server.communicate(timeout=20)
     assert server.returncode == 0 and out == "view ended\n" and error == ""
+    assert not any(tmp_path.iterdir())
 
 
-def test_a_port_in_use(trained: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_port_in_use(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It is found before the model is read: there is none."""
+    absent = str(tmp_path / "absent.rom.h5")
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
         other.listen()
         port = other.getsockname()[1]
-        assert main(["view", str(trained), "--no-browser", "--port", str(port)]) == 2
+        assert main(["view", absent, "--no-browser", "--port", str(port)]) == 2
     assert f"--port {port}: is in use; name another" in capsys.readouterr().err
 
 

@@ -1,7 +1,9 @@
 """Benchmarks: tables and curves of the reference problems, solved anew in every run.
 
-Each module of `studies` has one function ``run(out, progress, quick) -> dict`` (folder for
-files, callable for lines of progress, whether small cases are enough). Its result is written to
+The tables and curves of the reference belong to the package, one module of `studies` each; what
+compares answers, bars and costs with finite elements stands in the folder `benchmarks` of a
+checkout. Each is a function ``run(out, progress, quick) -> dict`` (folder for files, callable for
+lines of progress, whether small cases are enough). Its result is written to
 `bench.json` as it is and drawn on `bench.html` from these keys, all optional:
 
 - ``title``, ``about``: text;
@@ -17,6 +19,8 @@ files, callable for lines of progress, whether small cases are enough). Its resu
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -25,30 +29,65 @@ from myork.console import ProgressCallback, silent
 from myork.errors import InputError
 from myork.files import claimed, read_json, write_json
 
-__all__ = ["BENCHES", "run_benches"]
+__all__ = ["BENCHES", "find_study", "run_benches"]
 
-#: Modules of `studies`
-BENCHES = (
+#: Benchmarks of the package: modules of `studies`
+_PACKAGED = (
     "linear",
     "nonlinear",
-    "stability",
     "curves",
     "methods",
-    "mixed",
     "mms",
-    "clouds",
     "gallery",
     "aging",
     "isometric",
-    "faults",
-    "trust",
-    "newcomer",
-    "certify",
     "rom",
-    "essential",
-    "subdomain",
-    "race",
 )
+#: Benchmarks of a checkout: module of its folder `benchmarks`, and function
+_CHECKOUT = {
+    "trust": "views.trust",
+    "newcomer": "views.newcomer",
+    "certify": "views.certify",
+    "essential": "views.essential",
+    "race": "views.race",
+    "stability": "stability.run",
+    "mixed": "mixed.run",
+    "clouds": "clouds.run",
+}
+BENCHES = (*_PACKAGED, *_CHECKOUT)
+
+#: What a benchmark is
+Study = Callable[[Path, ProgressCallback, bool], dict[str, Any]]
+
+
+def find_study(name: str) -> Study:
+    """Function of a benchmark.
+
+    Raises
+    ------
+    InputError
+        Its name is unknown, or it belongs to a checkout and the working directory is none.
+    """
+    if name not in BENCHES:
+        raise InputError(
+            f"there is no benchmark {name!r}; there are {', '.join([*BENCHES, 'all'])}"
+        )
+    if name in _PACKAGED:
+        study: Study = import_module(f"myork.bench.studies.{name}").run
+        return study
+    folder = Path.cwd()
+    if (folder / "benchmarks" / "runner.py").is_file() and str(folder) not in sys.path:
+        sys.path.insert(0, str(folder))
+    try:
+        import_module("benchmarks.runner")
+    except ModuleNotFoundError as error:
+        raise InputError(
+            f"benchmark {name!r} ({error}): it stands in the folder benchmarks/ of a checkout of "
+            "MyoRK; call it in the folder that holds this one"
+        ) from None
+    module, function = _CHECKOUT[name].split(".")
+    found: Study = getattr(import_module(f"benchmarks.{module}"), function)
+    return found
 
 
 def run_benches(
@@ -88,13 +127,11 @@ def run_benches(
     InputError
         A name is unknown, or what is to be kept is of another version, machine or size.
     """
-    for name in names:
-        if name not in (*BENCHES, "all"):
-            known = ", ".join([*BENCHES, "all"])
-            raise InputError(f"there is no benchmark {name!r}; there are {known}")
     if "all" in names:
         names = list(BENCHES)
         limit = limit or (600.0 if quick else 3600.0)
+    for name in names:
+        find_study(name)
     with claimed(out):
         record = _begun(out, quick, resume)
         return _run_all(names, out, record, limit, progress)
@@ -138,8 +175,7 @@ def _run_all(
         if known:
             continue
         if limit is None:
-            study = import_module(f"myork.bench.studies.{name}")
-            record["benches"][name] = study.run(out, progress, quick)
+            record["benches"][name] = find_study(name)(out, progress, quick)
         else:
             record["benches"][name] = run_limited(name, out, progress, quick, limit)
             if ended := record["benches"][name].get("ended"):

@@ -7,11 +7,11 @@ import os
 import signal
 import time
 from contextlib import suppress
-from importlib import import_module
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+from myork.bench import find_study
 from myork.console import ProgressCallback
 
 __all__ = ["run_limited"]
@@ -25,7 +25,7 @@ def run_limited(
     Parameters
     ----------
     name : str
-        Module of `studies`.
+        From `BENCHES`.
     out : Path
         Folder of its files.
     progress : callable
@@ -69,8 +69,7 @@ def _run(name: str, out: str, quick: bool, pipe: Connection) -> None:
     """The process: lines of progress, then the result, through a pipe."""
     os.setpgrp()
     try:
-        study = import_module(f"myork.bench.studies.{name}")
-        result = study.run(Path(out), lambda line: pipe.send(("line", line)), quick)
+        result = find_study(name)(Path(out), lambda line: pipe.send(("line", line)), quick)
     except Exception as reason:
         result = {"title": name, "ended": f"{type(reason).__name__}: {reason}"}
     pipe.send(("result", result))

@@ -202,14 +202,13 @@ def solve_case(
             path.write_text(text_of_tables(tables), encoding="utf-8")
         else:
             path = _path_of(deck)
-        if cloud is not None:
-            write_model(Path(folder) / "model.h5", cloud)
+        refusal = _refusal(Path(folder) / "model.h5", cloud)
         words: list[str | Path] = [find_executable(), path, "-o", folder, "-t", "1", "-q"]
         if not error:
             words.append("--no-error")
         for override in overrides:
             words += ["--set", override]
-        ending = run_command(words, limit)
+        ending = refusal or run_command(words, limit)
         summary = _summary(Path(folder))
         converged = summary.get("converged", False)
         seen = look(Path(folder)) if look and summary.get("steps") else {}
@@ -236,6 +235,16 @@ def solve_case(
         kept = ("load", "activation", "iterations", "probes", "min_J", "max_J")
         case["history"] = [{key: step[key] for key in kept} for step in steps]
     return case
+
+
+def _refusal(path: Path, cloud: PointCloud | None) -> Ending | None:
+    """Write the points of a body; the ending of the run where they are refused already."""
+    if cloud is not None:
+        try:
+            write_model(path, cloud)
+        except InputError as error:
+            return Ending("refused", str(error), 0.0)
+    return None
 
 
 def outcome_text(case: Mapping[str, Any]) -> str:

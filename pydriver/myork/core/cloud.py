@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from myork import errors
-from myork.model_file import read_model
+from myork.model_file import checked_cloud, read_model
 from myork.records import PointCloud
 
 __all__ = ["NO_CLOUD", "check_cloud", "model_of", "model_path", "with_cloud"]
@@ -17,11 +17,11 @@ __all__ = ["NO_CLOUD", "check_cloud", "model_of", "model_path", "with_cloud"]
 # One unused point: the wrapper cannot tell the shape of nothing.
 NO_CLOUD = PointCloud(
     source=np.zeros((1, 3)),
-    spacing=np.ones(3),
+    spacing=np.ones((1, 3)),
     points=np.zeros((1, 3)),
     label=np.zeros(1, np.int32),
     fiber=np.zeros((1, 3)),
-    volume=np.zeros(1),
+    volume=np.ones(1),
     boundary_point=np.zeros(1, np.int32),
     boundary_set=np.zeros(1, np.int32),
     normal=np.zeros((1, 3)),
@@ -67,44 +67,11 @@ def with_cloud(tables: Mapping[str, Any], cloud: PointCloud) -> dict[str, Any]:
     return {"units": units, **tables, "geometry": {"kind": "model"}}
 
 
-def check_cloud(deck: Mapping[str, Any], cloud: PointCloud) -> None:
-    """Refuse arrays that do not fit together, and a cloud that the deck contradicts."""
+def check_cloud(deck: Mapping[str, Any], cloud: PointCloud) -> PointCloud:
+    """The cloud as the core takes it, with an error where it does not fit, or not to the deck."""
     if deck["geometry"]["kind"] != "model":
         raise errors.InputError(
             f"--set geometry.kind={deck['geometry']['kind']}: a cloud was given, whose points are "
             "the geometry"
         )
-    ns, nc, nb = len(cloud.source), len(cloud.points), len(cloud.boundary_point)
-    wanted: dict[str, tuple[int, ...]] = {
-        "source": (ns, 3),
-        "points": (nc, 3),
-        "fiber": (nc, 3),
-        "label": (nc,),
-        "volume": (nc,),
-        "boundary_point": (nb,),
-        "boundary_set": (nb,),
-        "normal": (nb, 3),
-        "area": (nb,),
-    }
-    for name, shape in wanted.items():
-        found = np.shape(getattr(cloud, name))
-        if found != shape:
-            raise errors.InputError(f"cloud: {name} must have shape {shape}, not {found}")
-    if cloud.voxels is not None and (
-        np.shape(cloud.voxels.index) != (nc, 3)
-        or any(np.shape(edge) != (3,) for edge in (cloud.voxels.size, cloud.voxels.origin))
-        or not np.all(np.asarray(cloud.voxels.size) > 0)
-    ):
-        raise errors.InputError(
-            f"cloud: voxels must have an index of shape ({nc}, 3), a positive size and an origin "
-            "of shape (3,)"
-        )
-    if cloud.activation is not None and (
-        np.shape(cloud.activation) != (nc,)
-        or not np.all((np.asarray(cloud.activation) >= 0) & (np.asarray(cloud.activation) <= 1))
-    ):
-        raise errors.InputError(f"cloud: activation must have shape ({nc},) and lie in 0 to 1")
-    if np.shape(cloud.spacing) not in ((3,), (ns, 3)):
-        raise errors.InputError(
-            f"cloud: spacing must have shape (3,) or ({ns}, 3), not {np.shape(cloud.spacing)}"
-        )
+    return checked_cloud(cloud)

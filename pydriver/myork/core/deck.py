@@ -21,6 +21,7 @@ __all__ = [
     "NAME_OF_TABLES",
     "as_texts",
     "check_deck",
+    "deck_key",
     "deck_values",
     "load_deck",
     "load_tables",
@@ -54,8 +55,9 @@ def load_deck(path: str | Path, overrides: Sequence[str] = (), command: str = ""
         Tables by name with their defaults filled in: `deck["load"]["steps"]`, arrays of tables as
         lists: `deck["material"][0]["K"]` (an empty list where the deck has none). A key without
         a value and without a default is absent. Beside the tables `path`, `folder` (where
-        relative paths of the deck start) and `sha256` (of the text of the deck, followed by a
-        line `--set key=value` for each override).
+        relative paths of the deck start), `sha256` (of the text of the deck, followed by a
+        line `--set key=value` for each override), `probe_units` (unit of each probe by its name,
+        empty for ratios) and `result_units` (those of force, length, stress and volume).
 
     Raises
     ------
@@ -135,6 +137,35 @@ def table_defaults(table: str, key: str = "", value: str = "") -> Mapping[str, A
     errors.check(stat, message)
     found = json.loads(answer[:length])[table]
     return MappingProxyType(found[0] if isinstance(found, list) else found)
+
+
+def deck_key(path: str | Path, key: str, overrides: Sequence[str] = (), text: str = "") -> str:
+    """The key that `--set` would set, with the name of its entry.
+
+    Parameters
+    ----------
+    path : str or Path
+        Deck file, or its name for messages.
+    key : str
+        Key as in `--set`: `material.K` is that of the first material, `material.2.K` and
+        `material.fat.K` that of the second.
+    overrides : sequence of str
+        `table.key=value` each.
+    text : str
+        Text of the deck; empty for that of the file. It may have other faults.
+
+    Raises
+    ------
+    InputError
+        The deck has no such key or entry.
+    FileError
+        The deck cannot be read.
+    """
+    full, stat, message = _core.deck_key(
+        os.fsencode(path), text.encode() or b" ", as_texts(overrides), key.encode() or b" "
+    )
+    check_deck(stat, message, text)
+    return str(full.decode().rstrip())
 
 
 def as_texts(words: Sequence[str]) -> NDArray[np.bytes_]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import warnings
 import weakref
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -151,7 +152,7 @@ class Scene:
         if cloud is None:
             cloud = model_of(deck, Path(), out)
         else:
-            check_cloud(deck, cloud)
+            cloud = check_cloud(deck, cloud)
         scene = cls.__new__(cls)
         scene._open(deck, text_of_tables(tables), overrides, cloud, threads)
         return scene
@@ -177,7 +178,7 @@ class Scene:
             text.encode() or b" ",
             as_texts(overrides),
             cloud.source.T,
-            np.broadcast_to(cloud.spacing, cloud.source.shape).T,
+            cloud.spacing.T,
             cloud.points.T,
             voxels.index.T,
             voxels.size,
@@ -288,6 +289,11 @@ class Scene:
             self._read_sizes()
             self._unknowns = 0
             self._states = None
+
+    @property
+    def probe_units(self) -> dict[str, str]:
+        """Unit of each probe by its name, empty for ratios."""
+        return dict(self.deck["probe_units"])
 
     @property
     def states(self) -> States | None:
@@ -490,7 +496,13 @@ class Scene:
         return gradient, np.triu(second) + np.triu(second, 1).T
 
     def fields(self, x: F64Array, load: float) -> Fields:
-        """Fields of a state of the full model, coefficients of shape `(dofs,)`."""
+        """Fields of a state of the full model, coefficients of shape `(dofs,)`.
+
+        Warns
+        -----
+        RuntimeWarning
+            Of places without a finite value: where J <= 0 there is no stress.
+        """
         x = shaped("x", x, (self.dofs,))
         with self._turn.short():
             values, stat, message = _core.scene_fields(
@@ -499,6 +511,16 @@ class Scene:
         errors.check(stat, message)
         cuts = np.cumsum(list(field_sizes().values()))[:-1]
         named = dict(zip(field_sizes(), np.split(values.T, cuts, axis=1), strict=True))
+        bad = np.flatnonzero(~np.isfinite(values).all(axis=0))
+        if len(bad):
+            warnings.warn(
+                f"{len(bad)} of {self.collocation_points} points have fields that are not finite, "
+                f"the first at {self.points()[bad[0]].tolist()}: J falls to "
+                f"{named['J'].min():.3g}, and where it is not positive the material is turned "
+                "inside out and has no stress; take more points there or less load",
+                RuntimeWarning,
+                stacklevel=2,
+            )
         f = named["F"].reshape(-1, 3, 3)
         return Fields(named["u"], f, named["cauchy"], named)
 

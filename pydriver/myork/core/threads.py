@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -13,6 +14,9 @@ __all__ = ["MOST_THREADS", "core_threads", "thread_count"]
 #: More than any machine that shares memory has: the system would refuse to start them, and the
 #: process would end
 MOST_THREADS = 1024
+
+# the threads of a parallel region do not outlive a fork
+os.register_at_fork(after_in_child=_core.work_alone)
 
 
 @contextmanager

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from myork.errors import FileError, InputError
 from myork.imaging.dicom_choice import DicomFile, chosen_files
 from myork.imaging.formats import FLIP, library
-from myork.imaging.promises import check_memory
 
 __all__ = ["load_dicom"]
 
@@ -59,7 +58,6 @@ def load_dicom(folder: Path, choice: str = "") -> tuple[np.ndarray, np.ndarray]:
     slices = [_slice(*file) for file in chosen_files(folder, files, choice)]
     _check_series(folder, slices)
     first = slices[0]
-    check_memory(str(folder), first.rows * first.columns * len(slices))
     along_row, along_column = first.axes
     normal = np.cross(along_row, along_column)
     height = [float(np.dot(normal, slice_.place)) for slice_ in slices]
@@ -112,9 +110,10 @@ def _read(dicom: Any, path: Path) -> DicomFile | None:
             "folder"
         ) from None
     if not pixels:
-        if not any("Image Storage" in str(kind) for kind in kinds):
+        if len(data) and not any("Image Storage" in str(kind) for kind in kinds):
             return None
-        raise FileError(f"{path}: is an image without pixels; the file was cut off, copy it again")
+        what = "is an image without pixels" if len(data) else "has no data behind its header"
+        raise FileError(f"{path}: {what}; the file was cut off, copy it again")
     return DicomFile(path, data)
 
 

@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from myork.errors import InputError
-from myork.imaging.denoise import denoised
 from myork.imaging.geometry import frame
 from myork.imaging.gradients import GradientTable, read_gradients
 from myork.imaging.io import read_image
@@ -148,7 +147,7 @@ def read_tensors(table: Mapping[str, Any], folder: Path) -> Image | None:
     ----------
     table : mapping
         Table `image` of the deck: `tensor` with `tensor_frame`, or `dwi` with `bval` and `bvec`
-        (by default beside it under the same name) and `denoise`; `gradient_axes`.
+        (by default beside it under the same name); `gradient_axes`.
     folder : Path
         Where the deck's relative paths start.
 
@@ -178,8 +177,6 @@ def read_tensors(table: Mapping[str, Any], folder: Path) -> Image | None:
         for key in ("bval", "bvec")
     ]
     gradients = read_gradients(files[0], files[1], dwi.affine, dwi.data.shape[3])
-    if table.get("denoise") == "mppca":
-        dwi = denoised(dwi)
     return _turned(fit_tensors(dwi, gradients), table["gradient_axes"], "world")
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from myork.errors import FileError, InputError
 from myork.imaging.geometry import frame
-from myork.imaging.promises import read_text
+from myork.imaging.plain import read_text
 
 __all__ = ["GradientTable", "even_directions", "read_gradients", "write_gradients"]
 

@@ -20,7 +20,7 @@ from myork.imaging.dicom_choice import split_choice
 from myork.imaging.formats import ITK_SUFFIXES, load_itk, save_itk
 from myork.imaging.geometry import check_affine
 from myork.imaging.nifti import load_nifti, save_nifti
-from myork.imaging.promises import check_kind, read_text
+from myork.imaging.plain import check_kind, read_text
 from myork.records import Image, Labels
 
 __all__ = ["read_image", "read_labels", "read_reference", "write_image", "write_labels"]

@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from myork.errors import InputError
 from myork.imaging.diffusion import tensor_components
-from myork.imaging.promises import read_arrays
+from myork.imaging.plain import read_arrays
 from myork.model.fibers import lead_vector
 from myork.model.mesh_file import read_mesh
 from myork.records import Image, Labels

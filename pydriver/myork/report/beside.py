@@ -12,8 +12,17 @@ from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 
 from myork.reduced_fields import ReducedFields
+from myork.report.numbers import unit_of
 from myork.report.off_screen import Panel, draw
-from myork.report.sketch import draw_bar, draw_ruler, draw_triad, limits_of, rim_of, views_of
+from myork.report.sketch import (
+    draw_bar,
+    draw_ruler,
+    draw_triad,
+    limits_of,
+    mark_missing,
+    rim_of,
+    views_of,
+)
 from myork.report.skin import outer_triangles, spacing_of
 from myork.report.sources import Deformation
 
@@ -53,7 +62,7 @@ def compared_figure(
     names : sequence of str
         Of the runs.
     units : Mapping
-        Units of the decks, keys `force` and `length`.
+        Units of the summaries, keys `length` and `stress`.
 
     Returns
     -------
@@ -93,7 +102,7 @@ def reduced_figure(fields: ReducedFields, model: int, units: Mapping[str, str]) 
     model : int
         Which of the reduced models, from 0.
     units : Mapping
-        Units of the deck, keys `force` and `length`.
+        Units of the summary, keys `length` and `stress`.
 
     Returns
     -------
@@ -114,7 +123,7 @@ def reduced_figure(fields: ReducedFields, model: int, units: Mapping[str, str]) 
     sizes = [np.linalg.norm(fields.displacement[at], axis=1) for at in both]
     stresses = [fields.stress[at] for at in both]
     off, wrong = np.linalg.norm(change, axis=1), stresses[1] - stresses[0]
-    most = max(float(np.abs(wrong[np.unique(surface)]).max()), 1e-300)
+    most = max(float(np.nanmax(np.abs(wrong[np.unique(surface)]), initial=0.0)), 1e-300)
     rows = [
         [
             *(_Shade(values, _common(sizes, bodies)) for values in sizes),
@@ -141,7 +150,7 @@ def reduced_figure(fields: ReducedFields, model: int, units: Mapping[str, str]) 
 
 def _share(wrong: F64, of: F64) -> str:
     """The largest difference as a share of the largest value."""
-    share = float(np.abs(wrong).max()) / max(float(np.abs(of).max()), 1e-300)
+    share = float(np.nanmax(np.abs(wrong))) / max(float(np.nanmax(np.abs(of))), 1e-300)
     if share >= 1e-4:
         return f"{100.0 * share:.2g} %"
     digits, power = f"{share:.1e}".split("e")
@@ -149,8 +158,8 @@ def _share(wrong: F64, of: F64) -> str:
 
 
 def _titles(units: Mapping[str, str]) -> tuple[str, str]:
-    force, length = units.get("force", "?"), units.get("length", "?")
-    return f"displacement |u| [{length}]", f"largest principal stress [{force}/{length}²]"
+    length, stress = units.get("length", "?"), unit_of(units, "stress")
+    return f"displacement |u| [{length}]", f"largest principal stress [{stress}]"
 
 
 def _surface(points: F64) -> NDArray[np.int32]:
@@ -224,5 +233,6 @@ def _draw_plane(axes: Axes, body: _Body, shade: _Shade, middle: F64) -> None:
     shape = Triangulation(place[:, 0], place[:, 1], body.triangles)
     low, high, _ = shade.limits
     axes.tripcolor(shape, shade.values, shading="gouraud", vmin=low, vmax=high, cmap=shade.colours)
+    mark_missing(axes, place, shade.values)
     rest = (body.rest[:, :2] - middle[:2])[rim_of(body.triangles)]
     axes.plot(*rest.transpose(2, 1, 0), color="#999999", linewidth=0.8)

@@ -13,11 +13,11 @@ from myork.errors import FileError
 from myork.report.beside import compared_figure
 from myork.report.figures import COLOURS, DASHES, MARKERS
 from myork.report.frame import Section, figure, render, table
-from myork.report.numbers import DASH, fraction, number, unit_of, with_error
+from myork.report.numbers import DASH, fraction, labelled, number, probe_units, with_error
 from myork.report.off_screen import NoPictureError
 from myork.report.sources import RunFolder
 from myork.report.story import Answer
-from myork.summary import read_summary
+from myork.summary import printed, read_summary
 
 __all__ = ["compare_page"]
 
@@ -70,12 +70,8 @@ def _probes(runs: Sequence[RunFolder]) -> dict[str, str]:
     """Units of the probes of any run, by name."""
     found: dict[str, str] = {}
     for run in runs:
-        summary = run.summary
-        for probe in summary.get("deck", {}).get("probe", []):
-            quantity, units = str(probe.get("quantity")), summary.get("units", {})
-            found.setdefault(
-                str(probe.get("name")), unit_of(quantity, units, summary.get("dimension", 3))
-            )
+        for name, unit in probe_units(run.summary).items():
+            found.setdefault(name, unit)
     return dict(list(found.items())[:_MOST_PROBES])
 
 
@@ -146,10 +142,12 @@ def _answers(runs: Sequence[RunFolder], names: Sequence[str]) -> Iterator[Markup
     ]
     for name, unit in _probes(runs).items():
         first = _last(runs[0]).get("probes", {}).get(name)
-        row: list[str | Markup] = [f"{name} [{unit}]"]
+        row: list[str | Markup] = [labelled(name, unit)]
         for run in runs:
             value = _last(run).get("probes", {}).get(name)
-            cell = with_error(value, _last(run).get("probe_errors", {}).get(name))
+            cell = with_error(
+                printed(_last(run)).get(name), _last(run).get("probe_errors", {}).get(name)
+            )
             if run is not runs[0] and isinstance(value, int | float) and first:
                 change = 100.0 * (value - first) / abs(first)
                 cell = Markup("{}<br><small>{}{} %</small>").format(
@@ -220,7 +218,7 @@ def _curves(runs: Sequence[RunFolder], names: Sequence[str]) -> Iterator[Markup]
                 linestyle=DASHES[k % len(DASHES)], markersize=4, elinewidth=0.8, capsize=2,
                 label=names[k],
             )  # fmt: skip
-        axes.set(xlabel=f"{across} [-]", ylabel=f"{name} [{unit}]")
+        axes.set(xlabel=f"{across} [-]", ylabel=labelled(name, unit))
         axes.grid(color="#E5E5E5")
     for axes in panels[len(units) :]:
         axes.set_visible(False)

@@ -15,6 +15,8 @@ from matplotlib.ticker import FixedLocator, FormatStrFormatter, LogLocator, MaxN
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
+from myork.report.numbers import labelled, unit_of
+from myork.report.sketch import mark_missing
 from myork.report.sources import Deformation
 from myork.report.tables import MODEL_KINDS
 
@@ -50,19 +52,19 @@ def cloud_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure:
     deformation : Deformation
         Last state.
     units : Mapping
-        Units of the deck, keys `force` and `length`.
+        Units of the summary, keys `length` and `stress`.
 
     Returns
     -------
     Figure
         Two panels with equal scales on all axes; the undeformed outline is grey.
     """
-    force, length = units.get("force", "?"), units.get("length", "?")
+    length = units.get("length", "?")
     sides = np.ptp(np.vstack([deformation.points, _deformed(deformation)]), axis=0)
     flat = sides[2] < _SHORT * sides.max()
     figure = Figure(figsize=(11.0, 4.0 if flat else 5.2), layout="constrained")
     panels = (
-        (f"largest principal Cauchy stress [{force}/{length}²]", deformation.stress),
+        (f"largest principal Cauchy stress [{unit_of(units, 'stress')}]", deformation.stress),
         ("volume ratio J [-]", deformation.volume_ratio),
     )
     for number, (title, values) in enumerate(panels, start=1):
@@ -99,6 +101,7 @@ def _draw_space(axes: Any, deformation: Deformation, values: F64) -> Any:
         depthshade=False,
         clip_on=False,
     )
+    mark_missing(axes, deformed, values)
     both = np.vstack([deformation.points, deformed])
     low_corner, high_corner = both.min(axis=0), both.max(axis=0)
     sides = np.maximum(high_corner - low_corner, 1e-6 * np.ptp(both))
@@ -206,7 +209,7 @@ def probe_figure(
                 places[-1:], [answer], "*", markersize=14, markerfacecolor="none",
                 color=COLOURS[1], label="exact",
             )  # fmt: skip
-        axes.set(xlabel=f"{across} [-]", ylabel=f"{name} [{unit}]")
+        axes.set(xlabel=f"{across} [-]", ylabel=labelled(name, unit))
         axes.grid(color="#E5E5E5")
         if len(axes.lines) > 1:
             axes.legend(frameon=False, fontsize="small")
@@ -369,7 +372,7 @@ def rom_probe_figure(
                     markersize=6 + 2 * (number % 3),
                     label=f"{MODEL_KINDS.get(model['kind'], model['kind'])}, r = {model['r']}",
                 )  # fmt: skip
-        axes.set(xlabel="load [-]", ylabel=f"{name} [{units[name]}]")
+        axes.set(xlabel="load [-]", ylabel=labelled(name, units[name]))
         axes.grid(color="#E5E5E5")
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=5, frameon=False)

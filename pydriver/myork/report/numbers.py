@@ -8,7 +8,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-__all__ = ["DASH", "fraction", "number", "unit_of", "with_error"]
+__all__ = ["DASH", "fraction", "labelled", "number", "probe_units", "unit_of", "with_error"]
 
 DASH = "–"
 _MINUS = "\u2212"
@@ -33,7 +33,8 @@ def number(value: Any, digits: int = 4) -> Markup:
         return Markup("({})").format(Markup(", ").join(number(part, digits) for part in value))
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
         return Markup(DASH)
-    if isinstance(value, int):
+    if isinstance(value, int) or value == 0.0:
+        value = int(value)
         return Markup(f"{value:,}".replace(",", "\u202f").replace("-", _MINUS))
     if 10 ** (digits - 1) <= abs(value) < 1e6:
         rounded = round(value, digits - 1 - math.floor(math.log10(abs(value))))
@@ -47,19 +48,10 @@ def number(value: Any, digits: int = 4) -> Markup:
 
 
 def with_error(value: Any, error: Any) -> Markup:
-    """A value with its estimated error behind it, where there is one; rounding below it is 0."""
+    """A value with its estimated error behind it, where there is one."""
     if error is None:
         return number(value)
-    return Markup("{} ± {}").format(number(_resolved(value, error)), number(error, 2))
-
-
-def _resolved(value: Any, error: Any) -> Any:
-    """The value, 0 for each part that is far below its error."""
-    if isinstance(value, (list, tuple)) and isinstance(error, (list, tuple)):
-        return [_resolved(*pair) for pair in zip(value, error, strict=False)]
-    if isinstance(value, float) and isinstance(error, float) and abs(value) < 1e-6 * error:
-        return 0
-    return value
+    return Markup("{} ± {}").format(number(value), number(error, 2))
 
 
 def fraction(value: Any) -> str:
@@ -67,32 +59,19 @@ def fraction(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, (int, float)) else DASH
 
 
-def unit_of(quantity: str, units: Mapping[str, str], dimension: int = 3) -> str:
-    """Unit of a probed quantity as plain text.
+def unit_of(units: Mapping[str, str], name: str, missing: str = "?") -> str:
+    """A unit that the solver has written, by its name, with raised powers."""
+    return units.get(name, missing).replace("^2", "²").replace("^3", "³")
 
-    Parameters
-    ----------
-    quantity : str
-        As in the deck: `u_x`, `J`, `cauchy_xy`, `pressure`, `force_z`, `torque_z`, ...
-    units : Mapping
-        Units of the deck, keys `force` and `length`.
-    dimension : int
-        2 (plane strain: forces are per unit of thickness) or 3.
 
-    Returns
-    -------
-    str
-        Unit; `?` for a quantity or unit that is not known.
-    """
-    force, length = units.get("force", "?"), units.get("length", "?")
-    if quantity == "u" or quantity.startswith("u_"):
-        return length
-    if quantity == "J":
-        return "-"
-    if quantity == "pressure" or quantity.startswith(("cauchy", "principal")):
-        return f"{force}/{length}²"
-    if quantity.startswith("torque"):
-        return f"{force} {length}" if dimension == 3 else force
-    if quantity.startswith(("force", "section_force")):
-        return force if dimension == 3 else f"{force}/{length}"
-    return "?"
+def probe_units(summary: Mapping[str, Any]) -> dict[str, str]:
+    """Unit of each probe of a summary by its name; empty for ratios."""
+    units = summary.get("probe_units") or {}
+    # folders of earlier versions have none
+    names = [name for step in summary.get("steps") or [] for name in step.get("probes") or {}]
+    return {name: unit_of(units, name, "") for name in [*units, *names]}
+
+
+def labelled(name: str, unit: str) -> str:
+    """Name of a column or an axis with its unit, where it has one."""
+    return f"{name} [{unit}]" if unit else name

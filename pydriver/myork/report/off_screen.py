@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from myork.report.sketch import NO_VALUE
+
 __all__ = ["NoPictureError", "Panel", "draw"]
 
 F64 = NDArray[np.float64]
@@ -160,7 +162,7 @@ def _main(job: str, found: str) -> int:
                 plotter.add_mesh(
                     body, scalars="value", clim=own["limits"].tolist(), cmap=colours,
                     smooth_shading=True, split_sharp_edges=True, show_scalar_bar=False,
-                    ambient=0.35, diffuse=0.7, specular=0.0,
+                    ambient=0.35, diffuse=0.7, specular=0.0, nan_color=NO_VALUE,
                 )  # fmt: skip
                 if len(ends):
                     edges = pyvista.line_segments_from_points(ends.reshape(-1, 3))

@@ -18,8 +18,9 @@ from myork.report import figures, image_figures, pictures, tables
 from myork.report.beside import reduced_figure
 from myork.report.compare import compare_page
 from myork.report.frame import Section, figure, render
-from myork.report.numbers import fraction, number, unit_of
+from myork.report.numbers import fraction, number, probe_units
 from myork.report.off_screen import NoPictureError
+from myork.report.sketch import NO_VALUE
 from myork.report.sources import RunFolder, read_folder
 from myork.report.story import is_phantom, story
 from myork.report.sweep_page import SWEEP_FILE, read_sweep, sweep_page
@@ -89,14 +90,14 @@ def _page(folder: RunFolder) -> str:
         Section("convergence", "Convergence", _convergence(folder)),
         Section("run", "The run", _run(folder)),
     ]
-    steps = summary.get("steps") or [{"load": 0.0}]
+    steps = summary.get("steps")
     return render(
         "report.html",
         title=summary.get("title") or folder.path.resolve().name,
         sections=[section for section in sections if section.parts],
         converged=summary.get("converged"),
         verdict=(summary.get("verdict") or {}).get("state"),
-        reached=fraction(steps[-1].get("load")),
+        reached=fraction(steps[-1].get("load")) if steps else None,
         about=_about(summary),
         phantom=is_phantom(summary),
         story=story(folder),
@@ -189,6 +190,12 @@ def _deformation(folder: RunFolder) -> list[Markup]:
         number(float(np.linalg.norm(deformation.displacement, axis=1).max())),
         units.get("length", "?"),
     )
+    missing = int(np.count_nonzero(np.isnan(deformation.stress)))
+    if missing:
+        caption = Markup(
+            "{} <b>{} of {} points have no stress</b>, for the material is turned inside out there "
+            '(J ≤ 0): <span style="color:{}">this colour, or crosses in it</span>.'
+        ).format(caption, missing, len(deformation.stress), NO_VALUE)
     if not np.ptp(deformation.points[:, 2]):
         return [figure(pictures.plane_figure(deformation, units), Markup("{} {}").format(
             caption, _STROKES))]  # fmt: skip
@@ -216,7 +223,7 @@ def _planes(folder: RunFolder) -> list[Markup]:
 def _probes(folder: RunFolder) -> list[Markup]:
     """Curves and numbers of the probes, with what they are compared to."""
     summary = folder.summary
-    units = _probe_units(summary)
+    units = probe_units(summary)
     steps = summary.get("steps", [])
     reference, exact = summary.get("reference", {}), summary.get("exact", {})
     parts = []
@@ -255,7 +262,7 @@ def _rom(folder: RunFolder) -> list[Markup]:
         ),
         tables.rom_table(models),
     ]
-    full, units = rom.get("full", {}), _probe_units(summary)
+    full, units = rom.get("full", {}), probe_units(summary)
     if units.keys() & full.get("probes", {}).keys():
         parts.append(
             figure(
@@ -341,15 +348,3 @@ def _run(folder: RunFolder) -> list[Markup]:
             tables.timing_table(timings, summary.get("memory_peak_bytes")),
         ]
     return parts
-
-
-def _probe_units(summary: Mapping[str, Any]) -> dict[str, str]:
-    """Unit of each probe by its name, from the quantity that the deck asks for."""
-    quantities = {
-        str(probe.get("name")): str(probe.get("quantity"))
-        for probe in summary.get("deck", {}).get("probe", [])
-    }
-    return {
-        name: unit_of(quantity, summary.get("units", {}), summary.get("dimension", 3))
-        for name, quantity in quantities.items()
-    }

@@ -13,12 +13,14 @@ from matplotlib.patches import Patch
 from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 
+from myork.report.numbers import unit_of
 from myork.report.off_screen import Panel, draw
 from myork.report.sketch import (
     draw_bar,
     draw_ruler,
     draw_triad,
     limits_of,
+    mark_missing,
     rim_of,
     views_of,
 )
@@ -56,7 +58,7 @@ def surface_figure(
     deformation : Deformation
         Last state.
     units : Mapping
-        Units of the deck, keys `force` and `length`.
+        Units of the summary, keys `length` and `stress`.
     tissues : sequence of str
         Names of the labels of the points, in their order.
 
@@ -70,14 +72,17 @@ def surface_figure(
     NoPictureError
         VTK cannot draw here.
     """
-    force, length = units.get("force", "?"), units.get("length", "?")
+    length = units.get("length", "?")
     points, moved = deformation.points, deformation.points + deformation.displacement
     spacing = spacing_of(points)
     triangles = outer_triangles(points, spacing)
     seen = np.unique(triangles)
     size = np.linalg.norm(deformation.displacement, axis=1)
     none = np.empty((0, 2, 3))
-    titles = ["displacement |u| " + f"[{length}]", f"largest principal stress [{force}/{length}²]"]
+    titles = [
+        "displacement |u| " + f"[{length}]",
+        f"largest principal stress [{unit_of(units, 'stress')}]",
+    ]
     limits = [limits_of(values[seen]) for values in (size, deformation.stress)]
     panels = [
         Panel(moved, values, own[:2], "viridis", none)
@@ -188,14 +193,14 @@ def plane_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure:
     deformation : Deformation
         Last state.
     units : Mapping
-        Units of the deck, keys `force` and `length`.
+        Units of the summary, keys `length` and `stress`.
 
     Returns
     -------
     Figure
         Three panels with equal scales; the undeformed outline is grey.
     """
-    force, length = units.get("force", "?"), units.get("length", "?")
+    length = units.get("length", "?")
     points = deformation.points[:, :2]
     moved = points + deformation.displacement[:, :2]
     triangles = outer_triangles(points, spacing_of(points))
@@ -209,7 +214,7 @@ def plane_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure:
     panels = figure.subplots(*shape)
     titles = (
         f"displacement [{length}]",
-        f"largest principal stress [{force}/{length}²]",
+        f"largest principal stress [{unit_of(units, 'stress')}]",
         "volume ratio J [-]",
     )
     fields = (size, deformation.stress, deformation.volume_ratio)
@@ -235,14 +240,14 @@ def slices_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure:
     deformation : Deformation
         Last state.
     units : Mapping
-        Units of the deck, keys `force` and `length`.
+        Units of the summary, keys `length` and `stress`.
 
     Returns
     -------
     Figure
         A row a plane, on the undeformed body.
     """
-    force, length = units.get("force", "?"), units.get("length", "?")
+    length = units.get("length", "?")
     fibers = deformation.fiber is not None and bool(np.any(deformation.fiber))
     columns = 3 if fibers else 2
     sides = np.ptp(deformation.points, axis=0)
@@ -272,7 +277,7 @@ def slices_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure:
         for axes in row:
             axes.set_xlabel(f"{'xyz'[a]} [{length}]")
         row[0].set_ylabel(f"plane {'xyz'[normal]} = {level:.4g} {length}\n{'xyz'[b]} [{length}]")
-    titles = [f"displacement [{length}]", f"largest principal stress [{force}/{length}²]"]
+    titles = [f"displacement [{length}]", f"largest principal stress [{unit_of(units, 'stress')}]"]
     if fibers:
         titles.insert(1, "fibers and tissue")
     for axes, title in zip(grid[0], titles, strict=True):
@@ -305,6 +310,7 @@ def _map(
         shade: Any = axes.tripcolor(shape, values, shading="gouraud", vmin=low, vmax=high)
     else:
         shade = axes.scatter(places[:, 0], places[:, 1], c=values, s=12, vmin=low, vmax=high)
+    mark_missing(axes, places, values)
     axes.set_aspect("equal")
     # beside the picture however wide it is
     place = axes.inset_axes((1.03, 0.0, 0.05, 1.0))
@@ -352,6 +358,8 @@ def _headless(axes: Axes, places: F64, fibers: F64) -> None:
 
 def _crosses(axes: Axes, places: F64, stress: F64) -> None:
     """Principal stresses in the plane: white pulls, black presses, as long as they are large."""
+    known = np.isfinite(stress).all(axis=(1, 2))
+    places, stress = places[known], stress[known]
     values, vectors = np.linalg.eigh(0.5 * (stress + stress.transpose(0, 2, 1)))
     most = float(np.percentile(np.abs(values), 98.0)) if values.size else 0.0
     if not most > 0.0:

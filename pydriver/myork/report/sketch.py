@@ -13,10 +13,21 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-__all__ = ["draw_bar", "draw_ruler", "draw_triad", "limits_of", "rim_of", "views_of"]
+__all__ = [
+    "NO_VALUE",
+    "draw_bar",
+    "draw_ruler",
+    "draw_triad",
+    "limits_of",
+    "mark_missing",
+    "rim_of",
+    "views_of",
+]
 
 F64 = NDArray[np.float64]
 
+#: Colour of places without a value, which no map of colours in use has
+NO_VALUE = "#FF00C8"
 #: Colours reach the largest value unless it lies this many spans of the middle 99 % beyond them
 _BEYOND = 1.0
 #: The reader looks from this much to the side and from above [degree]
@@ -42,6 +53,13 @@ def limits_of(values: F64) -> tuple[float, float, str]:
     margin = 1e-6 * max(abs(low), abs(high), 1e-12)
     ends = {(0, 0): "neither", (1, 0): "min", (0, 1): "max", (1, 1): "both"}
     return low - margin, high + margin, ends[below, above]
+
+
+def mark_missing(axes: Any, places: F64, values: F64) -> None:
+    """Crosses at the places, shape `(n, 2)` or `(n, 3)`, whose values are not finite."""
+    missing = places[~np.isfinite(values)]
+    if len(missing):
+        axes.plot(*missing.T, "x", color=NO_VALUE, markersize=6, clip_on=False)
 
 
 def views_of(sides: F64) -> list[F64]:

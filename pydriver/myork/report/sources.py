@@ -17,7 +17,7 @@ from myork.records import Image, Labels
 from myork.reduced_fields import REDUCED_FILE, ReducedFields, read_reduced
 from myork.report.structure import check_summary
 from myork.results import Results
-from myork.summary import read_summary
+from myork.summary import SOLUTION, WAITING, read_summary
 
 __all__ = ["Deformation", "RunFolder", "read_folder"]
 
@@ -28,6 +28,8 @@ T = TypeVar("T")
 _TEXTS = ("solver",)
 # Fields of a deformation that not every result file has
 _OTHERS = ("cauchy", "fiber", "label")
+# Those that have no value where the material is turned inside out
+_STRESSES = ("stress", "cauchy")
 # Beyond this a number is damage, or of no use in a picture
 _LARGEST = 1e150
 
@@ -43,7 +45,8 @@ class Deformation:
     displacement : NDArray
         Displacement in the last step, shape `(np, 3)` [length].
     stress : NDArray
-        Largest principal Cauchy stress in the last step, shape `(np,)` [force/length^2].
+        Largest principal Cauchy stress in the last step, not a number where there is none: where
+        J <= 0, shape `(np,)` [force/length^2].
     volume_ratio : NDArray
         J in the last step, shape `(np,)` [-].
     loads, activations : NDArray
@@ -121,9 +124,11 @@ def read_folder(path: Path) -> RunFolder:
     if not path.is_dir():
         raise FileError(f"{path}: no such folder; give the output folder of a command")
     problems: list[str] = []
+    # of an earlier run than the one that the summary is about
+    others = SOLUTION if (path / WAITING).exists() else ()
 
     def read(name: str, reader: Callable[[Path], T]) -> T | None:
-        if not (path / name).exists():
+        if name in others or not (path / name).exists():
             return None
         try:
             return reader(path / name)
@@ -220,7 +225,10 @@ def _read_deformation(path: Path) -> Deformation | None:
     for (name, values), shape in zip(vars(found).items(), shapes, strict=True):
         if values is None:
             continue
-        if values.shape != shape or not (np.abs(values) <= _LARGEST).all():
+        sound = np.abs(values) <= _LARGEST
+        if name in _STRESSES:
+            sound |= np.isnan(values)
+        if values.shape != shape or not sound.all():
             raise FileError(
                 f"{path}: {name}: finite numbers of shape {shape} are needed; the file is damaged"
             )

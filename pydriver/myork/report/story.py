@@ -8,8 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from markupsafe import Markup
 
-from myork.report.numbers import fraction, number, unit_of, with_error
+from myork.report.numbers import fraction, number, probe_units, unit_of, with_error
 from myork.report.sources import Deformation, RunFolder
+from myork.summary import printed
 
 __all__ = ["Answer", "is_phantom", "story"]
 
@@ -105,12 +106,11 @@ def _body(deck: Mapping[str, Any], summary: Mapping[str, Any], length: str) -> s
         total = sum(volumes.values())
         if not total:
             return f"The body of {geometry.get('file', 'a model file')}"
+        unit = unit_of(summary.get("units") or {}, "volume")
         if len(volumes) == 1:
-            return Markup("A body of {} {}³").format(number(total, 3), length)
+            return Markup("A body of {} {}").format(number(total, 3), unit)
         shares = ", ".join(f"{name} {100 * own / total:.0f} %" for name, own in volumes.items())
-        return Markup("A body of {} {}³ ({} of the volume)").format(
-            number(total, 3), length, shares
-        )
+        return Markup("A body of {} {} ({} of the volume)").format(number(total, 3), unit, shares)
     return ""
 
 
@@ -135,17 +135,12 @@ def _came_out(
     steps = summary.get("steps") or []
     if steps:
         last = steps[-1]
-        quantities = {
-            str(probe.get("name")): str(probe.get("quantity"))
-            for probe in (summary.get("deck") or {}).get("probe") or []
-        }
+        known = probe_units(summary)
         values = [
             Markup("<b>{} {}</b> {}").format(
-                name,
-                with_error(value, (last.get("probe_errors") or {}).get(name)),
-                unit_of(quantities.get(name, ""), units, summary.get("dimension", 3)),
+                name, with_error(value, (last.get("probe_errors") or {}).get(name)), known[name]
             )
-            for name, value in (last.get("probes") or {}).items()
+            for name, value in printed(last).items()
             if value is not None
         ]
         if values:
@@ -154,12 +149,12 @@ def _came_out(
             )
     if deformation is not None:
         size = np.linalg.norm(deformation.displacement, axis=1)
-        most, tense = int(np.argmax(size)), int(np.argmax(deformation.stress))
-        force, length = units.get("force", "?"), units.get("length", "?")
-        told = "Largest displacement {} {} at {}, largest principal stress {} {}/{}² at {}"
+        stress = np.nan_to_num(deformation.stress, nan=-np.inf)
+        most, tense = int(np.argmax(size)), int(np.argmax(stress))
+        told = "Largest displacement {} {} at {}, largest principal stress {} {} at {}"
         yield Markup(told).format(
-            number(float(size[most]), 3), length, _place(deformation, most),
-            number(float(deformation.stress[tense]), 3), force, length,
+            number(float(size[most]), 3), unit_of(units, "length"), _place(deformation, most),
+            number(float(deformation.stress[tense]), 3), unit_of(units, "stress"),
             _place(deformation, tense),
         )  # fmt: skip
     models = [m for m in (summary.get("rom") or {}).get("models", []) if m.get("e1")]
@@ -188,7 +183,9 @@ def _trust(summary: Mapping[str, Any], deformation: Deformation | None) -> Itera
     steps = summary.get("steps") or []
     last = steps[-1] if steps else {}
     verdict = summary.get("verdict") or {}
-    if not summary["converged"]:
+    if not summary["converged"] and not steps:
+        yield f"No solution: {'; '.join(verdict.get('reasons') or ['no load step converged'])}"
+    elif not summary["converged"]:
         yield f"Not converged: the last state is at load {fraction(last.get('load', 0.0))}"
     elif verdict.get("state") in _VERDICTS:
         reasons = "; ".join(verdict.get("reasons") or [])

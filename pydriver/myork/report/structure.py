@@ -37,6 +37,7 @@ _STEP = {
     **dict.fromkeys(("load", "activation", "iterations", "min_J", "max_J"), _NUMBER),
     "probes": _Each(each=_VALUE),
     "probe_errors": _Each(each=_VALUE),
+    "printed": _Each(each=_VALUE),
 }
 _MODEL = {
     "kind!": _TEXT,
@@ -57,7 +58,7 @@ _SEGMENTATION = {
     "maps": _Each(each=_TEXT),
     "channels": [{"name!": _TEXT, "weight!": _NUMBER}],
     "warnings": [_TEXT],
-    "sets": [{"name!": _TEXT, "boundary_points!": _NUMBER, "area!": _NUMBER}],
+    "sets": [{"name!": _TEXT, "boundary_points!": _NUMBER, "area!": _NUMBER, "unit": _TEXT}],
     "orientation": [{"axes!": _TEXT, "crossing": _NUMBER, "agreement": _NUMBER}],
 }
 _DECK = {
@@ -73,7 +74,7 @@ _DECK = {
     "build": {"labels": _TEXT, "surface": _TEXT},
 }
 _SUMMARY = {
-    **dict.fromkeys(("title", "version", "method", "deck_sha256", "failed"), _TEXT),
+    **dict.fromkeys(("title", "version", "method", "deck_sha256"), _TEXT),
     **dict.fromkeys(
         ("dimension", "source_points", "collocation_points", "dofs", "rows", "threads",
          "memory_peak_bytes", "force_imbalance", "work_mismatch"),
@@ -83,13 +84,14 @@ _SUMMARY = {
     "verdict": {"state!": _TEXT, "reasons": [_TEXT]},
     "refine": {"met!": _FLAG, "reason!": _TEXT, "error!": _NUMBER, "levels": [_TEXT]},
     "units": _Each(each=_TEXT),
+    "probe_units": _Each(each=_TEXT),
     "solver": {
         **dict.fromkeys(("asked", "used", "why"), _TEXT),
         **dict.fromkeys(("backward_error", "reciprocal_condition"), _NUMBER),
     },
     "overrides": [_TEXT],
     "warnings": [_TEXT],
-    "sets": [{"name!": _TEXT, "boundary_points!": _NUMBER, "area!": _NUMBER}],
+    "sets": [{"name!": _TEXT, "boundary_points!": _NUMBER, "area!": _NUMBER, "unit": _TEXT}],
     "steps": [_STEP],
     "deck": _DECK,
     "companion": {

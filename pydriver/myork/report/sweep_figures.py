@@ -11,6 +11,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from myork.report.numbers import labelled
+
 __all__ = ["VERDICTS", "Column", "Fit", "response_figure", "tornado_figure", "trend_figure"]
 
 F64 = NDArray[np.float64]
@@ -188,9 +190,8 @@ def trend_figure(keys: Sequence[Column], probe: Column, verdicts: Sequence[str])
         axes.grid(color="#E5E5E5")
     for axes in panels[len(keys) :]:
         axes.set_visible(False)
-    unit = f" [{probe.unit}]" if probe.unit else ""
     for axes in panels[::columns]:
-        axes.set_ylabel(f"{probe.name}{unit}")
+        axes.set_ylabel(labelled(probe.name, probe.unit))
     handles, names = panels[0].get_legend_handles_labels()
     figure.legend(handles, names, loc="outside upper right", ncols=4, frameon=False)
     return figure
@@ -225,8 +226,8 @@ def tornado_figure(fits: Sequence[Fit]) -> Figure:
         axes.set_yticks(range(len(order)), [fit.keys[j].name for j in order])
         axes.margins(x=0.12)
         axes.ticklabel_format(axis="x", useOffset=False)
-        unit = f" [{fit.probe.unit}]" if fit.probe.unit else ""
-        axes.set_xlabel(f"{fit.probe.name}{unit} (↓ key at its lowest, ↑ at its highest)")
+        label = labelled(fit.probe.name, fit.probe.unit)
+        axes.set_xlabel(f"{label} (↓ key at its lowest, ↑ at its highest)")
         axes.set_title(f"degree {fit.degree}, Q² = {fit.foretold:.3f}", fontsize=10)
         for side in ("top", "right", "left"):
             axes.spines[side].set_visible(False)
@@ -270,6 +271,5 @@ def response_figure(fit: Fit, verdicts: Sequence[str]) -> Figure:
         )  # fmt: skip
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, frameon=False)
     axes.set(xlabel=fit.keys[across].name, ylabel=fit.keys[up].name)
-    unit = f" [{fit.probe.unit}]" if fit.probe.unit else ""
-    figure.colorbar(drawn, ax=axes, label=f"{fit.probe.name}{unit}")
+    figure.colorbar(drawn, ax=axes, label=labelled(fit.probe.name, fit.probe.unit))
     return figure

@@ -16,7 +16,7 @@ from markupsafe import Markup
 from myork.errors import FileError
 from myork.report import sweep_figures
 from myork.report.frame import Section, figure, render, table
-from myork.report.numbers import DASH, fraction, number
+from myork.report.numbers import DASH, fraction, labelled, number, unit_of
 from myork.report.story import Answer
 from myork.report.sweep_figures import VERDICTS, Column, Fit
 
@@ -39,7 +39,7 @@ class SweepFolder:
     total : int
         Number of points that were asked for.
     model : str or None
-        Reduced model that answered.
+        File name of the reduced model that answered.
     keys, probes : list of Column
         What was varied and what came out, a value a finished point.
     verdicts, messages : list of str
@@ -47,7 +47,7 @@ class SweepFolder:
     cpu : list of float
         CPU time of each finished point [s].
     about : dict
-        `sweep.json`: title of the deck; empty in folders of earlier versions.
+        `sweep.json`: title of the deck, units of the columns, name of the reduced model.
     """
 
     path: Path
@@ -94,14 +94,14 @@ def read_sweep(path: Path) -> SweepFolder:
         probes = [
             Column(
                 name,
-                str(units.get(name, "")),
+                unit_of(units, name, ""),
                 [row["probes"].get(name, np.nan) for row in rows],
                 [row["errors"].get(name, np.nan) for row in rows],
             )
             for name in asked
         ]
         sweep = SweepFolder(
-            path, len(points), head.get("model"), keys, probes,
+            path, len(points), about.get("model"), keys, probes,
             [str(row["verdict"]) for row in rows], [str(row["message"]) for row in rows],
             [float(row["cpu_s"]) for row in rows], about,
         )  # fmt: skip
@@ -152,7 +152,7 @@ def _story(sweep: SweepFolder) -> Iterator[Answer]:
             told.append(f"{key.name}: {', '.join(dict.fromkeys(map(str, key.values)))}")
         else:
             told.append(f"{key.name} from {fraction(values.min())} to {fraction(values.max())}")
-    who = f"the reduced model {Path(sweep.model).name}" if sweep.model else "full solutions"
+    who = f"the reduced model {sweep.model}" if sweep.model else "full solutions"
     yield Answer("Problem", [f"{sweep.total} points by {who}", "; ".join(told)])
     ranges: list[Markup] = []
     for probe in sweep.probes[:_MOST_PROBES]:
@@ -245,7 +245,7 @@ def _kind(message: str) -> str:
 
 def _points(sweep: SweepFolder) -> Iterator[Markup]:
     head = [key.name for key in sweep.keys]
-    head += [f"{probe.name} [{probe.unit}]" if probe.unit else probe.name for probe in sweep.probes]
+    head += [labelled(probe.name, probe.unit) for probe in sweep.probes]
     rows = [
         [
             *(_plain(key.values[k]) for key in sweep.keys),

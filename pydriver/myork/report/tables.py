@@ -8,7 +8,8 @@ from typing import Any
 from markupsafe import Markup
 
 from myork.report.frame import table
-from myork.report.numbers import DASH, fraction, number, with_error
+from myork.report.numbers import DASH, fraction, labelled, number, unit_of, with_error
+from myork.summary import printed
 
 __all__ = [
     "MODEL_KINDS",
@@ -56,11 +57,9 @@ def run_table(summary: Mapping[str, Any]) -> Markup:
         ("units", ", ".join(f"{key} {unit}" for key, unit in units.items()) or DASH),
     ]
     if summary.get("sets"):
-        length = units.get("length", "?")
-        unit = f"{length}²" if summary.get("dimension") == 3 else length
         lines = [
             f"{own.get('name')}: {own.get('boundary_points')} boundary points, "
-            + Markup("{} {}").format(number(own.get("area")), unit)
+            + Markup("{} {}").format(number(own.get("area")), unit_of(own, "unit"))
             for own in summary["sets"]
         ]
         rows.append(("sets of the deck", Markup("<br>").join(lines)))
@@ -88,12 +87,12 @@ def probe_table(steps: Sequence[Mapping[str, Any]], units: Mapping[str, str]) ->
     Markup
         HTML.
     """
-    head = ["load [-]", *(f"{name} [{unit}]" for name, unit in units.items())]
+    head = ["load [-]", *(labelled(name, unit) for name, unit in units.items())]
     rows = [
         [
             fraction(step.get("load")),
             *(
-                with_error(step.get("probes", {}).get(name), step.get("probe_errors", {}).get(name))
+                with_error(printed(step).get(name), step.get("probe_errors", {}).get(name))
                 for name in units
             ),
         ]
@@ -106,7 +105,7 @@ def exact_table(exact: Mapping[str, Any], units: Mapping[str, str]) -> Markup:
     """Values beside their exact solutions, both at full load."""
     rows = [
         (
-            f"{name} [{units.get(name, '?')}]",
+            labelled(name, units.get(name, "")),
             number(entry.get("value"), 6),
             number(entry.get("reference"), 6),
             number(entry.get("relative_error"), 2),
@@ -125,7 +124,7 @@ def reference_table(reference: Mapping[str, Any], units: Mapping[str, str]) -> M
         errors = _numbers(entry.get("relative_error"))
         rows.append(
             (
-                f"{name} [{units.get(name, '?')}]",
+                labelled(name, units.get(name, "")),
                 number(len(theirs)),
                 number(values[-1] if values else None),
                 number(theirs[-1] if theirs else None),
@@ -210,8 +209,8 @@ def label_table(segmentation: Mapping[str, Any], units: Mapping[str, str]) -> Ma
                 number(score.get("pcc"), 3),
             )
         )
-    length = units.get("length", "?")
-    head: tuple[str, ...] = ("label", "voxels", f"volume [{length}³]", "Dice [-]", "PCC [-]")
+    unit = unit_of(units, "volume")
+    head: tuple[str, ...] = ("label", "voxels", f"volume [{unit}]", "Dice [-]", "PCC [-]")
     labels = segmentation.get("labels", {})
     if any(label.get("fat_fraction") is not None for label in labels.values()):
         head = (*head, "fraction of fat [-]")
@@ -220,7 +219,7 @@ def label_table(segmentation: Mapping[str, Any], units: Mapping[str, str]) -> Ma
             for name, row in zip(names, rows, strict=True)
         ]
     if any(label.get("volume_of_parts") is not None for label in labels.values()):
-        head = (*head, f"volume of parts [{length}³]")
+        head = (*head, f"volume of parts [{unit}]")
         rows = [
             (*row, number(labels.get(name, {}).get("volume_of_parts")))
             for name, row in zip(names, rows, strict=True)

@@ -10,7 +10,7 @@ import numpy as np
 __all__ = ["NOT_TABLES", "differing_keys", "in_words"]
 
 #: Entries of a checked deck that are no tables
-NOT_TABLES = {"path", "folder", "sha256"}
+NOT_TABLES = {"path", "folder", "sha256", "probe_units", "result_units"}
 #: Differences that are named
 _MOST = 4
 

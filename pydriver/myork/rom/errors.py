@@ -27,9 +27,9 @@ def gradient_error(full: list[Fields], reduced: list[Fields]) -> float:
 
 
 def largest_error(full: F64Array, reduced: F64Array) -> float:
-    """Largest difference over the largest value of the full model [-]."""
+    """Largest difference over the largest value of the full model, NaN if one of them is [-]."""
     scale = float(np.abs(full).max())
-    return float(np.abs(full - reduced).max()) / scale if scale > 0.0 else 0.0
+    return float(np.abs(full - reduced).max()) / scale if scale != 0.0 else 0.0
 
 
 def _relative(full: list[F64Array], reduced: list[F64Array]) -> float:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from myork.core.galerkin import LoadParts, load_parts, modal_products, stored_unknowns
 from myork.core.scene import Scene
 from myork.errors import ConvergenceError, InputError
-from myork.model_file import read_model, write_model
+from myork.model_file import model_bytes, model_of_bytes, write_model
 from myork.records import PointCloud
 from myork.results import Results
 from myork.rom.decks import differing_keys, in_words
@@ -270,18 +270,12 @@ def _less(one: LoadParts, other: LoadParts) -> LoadParts:
 
 def cloud_arrays(cloud: PointCloud) -> dict[str, Any]:
     """The points of a model as one array: the bytes of its file."""
-    with tempfile.TemporaryDirectory(prefix="myork-") as folder:
-        path = Path(folder, "model.h5")
-        write_model(path, cloud)
-        return {"cloud": np.frombuffer(path.read_bytes(), np.uint8)}
+    return {"cloud": np.frombuffer(model_bytes(cloud), np.uint8)}
 
 
 def full_model_of(arrays: Mapping[str, Any], head: Mapping[str, Any], threads: int) -> FullModel:
     """The full model that a reduced one was made of."""
     cloud = None
     if "cloud" in arrays:
-        with tempfile.TemporaryDirectory(prefix="myork-") as folder:
-            path = Path(folder, "model.h5")
-            path.write_bytes(np.asarray(arrays["cloud"]).tobytes())
-            cloud = read_model(path)
+        cloud = model_of_bytes(np.asarray(arrays["cloud"]).tobytes(), "the reduced model's 'cloud'")
     return FullModel(head["deck"], head["overrides"], cloud, threads or None)

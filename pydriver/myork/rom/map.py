@@ -75,6 +75,7 @@ def map_model(
         "vary": {key: [float(a[0]), float(a[-1]), len(a)] for key, a in axes.items()},
         "fixed": {key: values[key] for key in keys if key not in axes},
         "units": rom.units,
+        "probe_units": rom.probe_units,
     }
     out.mkdir(parents=True, exist_ok=True)
     write_text(out / "map.csv", _table(keys, grid, joined))
@@ -127,7 +128,8 @@ def _draw(rom: ReducedModel, axes: list[str], grid: F64Array, batch: Batch, path
     force = batch.force if batch.force.ndim == 1 else np.linalg.norm(batch.force, axis=1)
     force = np.where(batch.converged, force, np.nan)
     figure = Figure(figsize=(10, 4.2), layout="constrained")
-    label = f"force [{rom.units['force']}]"
+    named = next((q for q in rom.head["probes"] if q["quantity"].startswith("force")), None)
+    label = "no force probe" if named is None else f"{named['name']} [{named['unit']}]"
     x = grid[on][:, keys.index(shown[0])]
     for axis, value, title in zip(
         figure.subplots(1, 2),

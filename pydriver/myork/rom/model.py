@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from myork.core.deck import deck_key
 from myork.core.online import Cells, Model
 from myork.errors import InputError
 from myork.rom.full import FullModel, full_model_of
@@ -65,8 +66,8 @@ class ReducedState:
         Values by key.
     force : float or list
         The first force probe of the deck.
-    probes : dict
-        Values of all probes that the model knows by name.
+    probes, probe_units : dict
+        Values of all probes that the model knows by name, and their units, empty for ratios.
     indicator : float
         Estimated relative error of the displacement.
     inside, converged : bool
@@ -75,13 +76,20 @@ class ReducedState:
         Newton's iterations.
     """
 
-    def __init__(self, parameters: dict[str, float], batch: Batch, shapes: F64Array) -> None:
+    def __init__(
+        self,
+        parameters: dict[str, float],
+        batch: Batch,
+        shapes: F64Array,
+        probe_units: dict[str, str],
+    ) -> None:
         def plain(value: Any) -> Any:
             return value.tolist() if np.ndim(value) else float(value)
 
         self.parameters = parameters
         self.force = plain(batch.force[0])
         self.probes = {name: plain(value[0]) for name, value in batch.probes.items()}
+        self.probe_units = probe_units
         self.indicator = float(batch.indicator[0])
         self.inside = bool(batch.inside[0])
         self.converged = bool(batch.converged[0])
@@ -95,13 +103,19 @@ class ReducedState:
 
     def as_dict(self) -> dict[str, Any]:
         """What `myork rom solve --json` prints."""
-        names = ("parameters", "force", "probes", "indicator", "inside", "converged", "iterations")
+        names = (
+            "parameters", "force", "probes", "probe_units", "indicator", "inside", "converged",
+            "iterations",
+        )  # fmt: skip
         return {name: getattr(self, name) for name in names}
 
     def describe(self) -> str:
         """Parameters, probes and how far they hold, in lines."""
         given = ", ".join(f"{key} = {_six_digits(x)}" for key, x in self.parameters.items())
-        found = (f"  {name} {_six_digits(value)}" for name, value in self.probes.items())
+        units = self.probe_units
+        found = (
+            f"  {name} {_six_digits(v)} {units[name]}".rstrip() for name, v in self.probes.items()
+        )
         return "\n".join([f"at {given}", *found, self._quality()])
 
     def _quality(self) -> str:
@@ -113,7 +127,8 @@ class ReducedState:
     def _repr_html_(self) -> str:
         """Probes, and how far they hold, as notebooks show them."""
         rows = "".join(
-            f"<tr><td>{escape(name)}</td><td>{_six_digits(value)}</td></tr>"
+            f"<tr><td>{escape(name)}</td><td>{_six_digits(value)} "
+            f"{escape(self.probe_units.get(name, ''))}</td></tr>"
             for name, value in {**self.parameters, **self.probes}.items()
         )
         return f"<table>{rows}</table><p>{self._quality()}</p>"
@@ -134,8 +149,8 @@ class ReducedModel:
         Keys that may be chosen, with the ranges of the training.
     certificate : dict
         What was measured on states that the training did not see.
-    units : dict
-        Units of force and length.
+    units, probe_units : dict
+        Units of force, length, stress and volume; of each probe by its name, empty for ratios.
 
     Examples
     --------
@@ -152,6 +167,7 @@ class ReducedModel:
             Parameter(p[0], p[1], p[2], p[3], tuple(p[4])) for p in head["parameters"]
         )
         self.units: dict[str, str] = head["units"]
+        self.probe_units: dict[str, str] = {p["name"]: p["unit"] for p in head["probes"]}
         self.certificate: dict[str, Any] = head.get("certificate", {})
         self._laws = Laws(*(np.asarray(arrays[f"laws/{name}"]) for name in Laws._fields))
         loads = sum(p.columns for p in self.parameters)
@@ -212,8 +228,14 @@ class ReducedModel:
         ------
         FileError
             There is no such file, or it is damaged.
+        InputError
+            What it holds is no reduced model of this version.
         """
-        return cls(read_arrays(Path(path)), threads)
+        arrays = read_arrays(Path(path))
+        try:
+            return cls(arrays, threads)
+        except InputError as reason:
+            raise InputError(f"{path}: {reason}; train it again") from None
 
     def save(self, path: str | Path) -> Path:
         """Write the model to a file."""
@@ -317,7 +339,7 @@ class ReducedModel:
         named = self.values_of(values)
         row = np.array([[named[p.key] for p in self.parameters]])
         batch = self.batch(row, corrections=corrections, indicator=indicator)
-        return ReducedState(named, batch, np.asarray(self._arrays["shapes"]))
+        return ReducedState(named, batch, np.asarray(self._arrays["shapes"]), self.probe_units)
 
     def batch(
         self, values: F64Array, corrections: int | str = "converged", *, indicator: bool = False
@@ -338,8 +360,9 @@ class ReducedModel:
             raise InputError(
                 f"values must have shape (n, {len(self.parameters)}), not {values.shape}"
             )
-        if not np.isfinite(values).all():
-            raise InputError("values must be finite numbers")
+        with np.errstate(over="ignore"):
+            if not np.isfinite(values / self._scale).all():
+                raise InputError("values must be finite numbers, also in ranges of the training")
         most = _iterations(corrections)
         guess = self._regression(values)
         start, forces = guess[:, : self.modes], guess[:, self._amplitudes.shape[1] :]
@@ -373,8 +396,10 @@ class ReducedModel:
         )
 
     def key_of(self, name: str) -> str:
-        """Key of a parameter by its key or short name."""
+        """Key of a parameter by a key of the deck, as in `--set`, or its short name."""
         names = short_names(self.parameters)
+        if name not in names and "." in name:
+            name = deck_key("deck", name, self.head["overrides"], self.head["deck"])
         if name not in names:
             keys = ", ".join(p.key for p in self.parameters)
             raise InputError(f"{name}: not a parameter of this reduced model; it has {keys}")

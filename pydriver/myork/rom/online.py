@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from myork.core.online import Cells, Model, Wish, online_states, padded, triples
+from myork.errors import InputError
 from myork.rom.projection import Laws
 
 __all__ = ["Answer", "Regression", "Solver"]
@@ -57,6 +58,8 @@ class Regression:
 
         n, p = points.shape
         self._scale = scale
+        if not np.isfinite(points / scale).all():
+            raise InputError("states of the training lie too far from its range")
         # a polynomial below that the points determine: those of rays lie in few planes
         degree = 2 if n > (p + 1) * (p + 2) else 1 if n > p + 1 else 0
         while True:
@@ -68,7 +71,7 @@ class Regression:
                 break
             except np.linalg.LinAlgError:
                 if degree == 0:
-                    raise
+                    raise InputError("states of the training are the same") from None
                 degree -= 1
 
     def __call__(self, points: F64Array) -> F64Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from myork.errors import InputError
 
 __all__ = [
+    "KINDS",
     "Parameter",
     "as_parameters",
     "override",
@@ -27,6 +28,8 @@ _POSSIBLE = (
     "load.activation, material.NAME.KEY with activation, sigma_max, fiber_angle, K and the other "
     "moduli, and prescribed values such as boundary.SET.u_z or boundary.SET.rotation are possible"
 )
+#: What a parameter may be
+KINDS = ("activation", "sigma_max", "fiber_angle", "modulus", "load", "rotation")
 #: Displacements that a condition prescribes
 _PRESCRIBED = ("u_x", "u_y", "u_z", "radial", "rotation")
 #: Constants of the materials on which the energy depends linearly, beside K
@@ -45,7 +48,7 @@ class Parameter(NamedTuple):
     low, high : float
         Range of the training.
     kind : str
-        "activation", "sigma_max", "fiber_angle", "modulus", "load" or "rotation".
+        One of `KINDS`.
     tissues : tuple of int
         Materials that it changes, from 0; none for a load or a rotation.
     """
@@ -83,9 +86,20 @@ def parse_vary(items: Sequence[str]) -> dict[str, tuple[float, float]]:
 
 
 def as_parameters(
-    ranges: Mapping[str, Sequence[float]], deck: Mapping[str, Any]
+    ranges: Mapping[str, Sequence[float]],
+    deck: Mapping[str, Any],
+    key_of: Callable[[str], str],
 ) -> tuple[Parameter, ...]:
     """Parameters of a deck by their ranges; short names become keys.
+
+    Parameters
+    ----------
+    ranges : mapping
+        Lowest and highest value by key as in `--set`, or by the last word of one.
+    deck : mapping
+        Values of the deck.
+    key_of : callable
+        Full name of a key, as `deck_key` has it.
 
     Raises
     ------
@@ -98,7 +112,8 @@ def as_parameters(
     for name, (low, high) in ranges.items():
         if not (np.isfinite([low, high]).all() and low < high):
             raise InputError(f"{name}: a range from {low} to {high} is none")
-        found.append(_resolved(name, float(low), float(high), deck))
+        key = key_of(name) if "." in name else name
+        found.append(_resolved(key, float(low), float(high), deck))
     keys = [parameter.key for parameter in found]
     if len(set(keys)) < len(keys):
         raise InputError(f"a parameter is named twice: {', '.join(keys)}")
@@ -146,8 +161,7 @@ def _resolved(name: str, low: float, high: float, deck: Mapping[str, Any]) -> Pa
         return _activation(name, low, high, deck)
     if words[0] == "boundary" and words[-1] in _PRESCRIBED:
         entries = deck.get("boundary", [])
-        own = [b for i, b in enumerate(entries) if words[1] in (b["set"], str(i + 1))]
-        if len(words) != 3 or len(own) != 1 or words[-1] not in own[0]:
+        if not any(b["set"] == words[1] and words[-1] in b for b in entries):
             raise InputError(
                 f"{name}: the deck prescribes no such value; it has "
                 + ", ".join(
@@ -155,7 +169,7 @@ def _resolved(name: str, low: float, high: float, deck: Mapping[str, Any]) -> Pa
                 )
             )
         kind = "rotation" if words[-1] == "rotation" else "load"
-        return Parameter(f"boundary.{own[0]['set']}.{words[-1]}", low, high, kind, ())
+        return Parameter(name, low, high, kind, ())
     if (words[0] == "material" and len(words) == 3) or len(words) == 1:
         return _of_material(name, low, high, deck)
     raise InputError(f"{name}: a reduced model cannot vary it; {_POSSIBLE}")
@@ -173,11 +187,10 @@ def _activation(name: str, low: float, high: float, deck: Mapping[str, Any]) -> 
         if not common:
             raise InputError(f"{name}: no muscle of the deck takes the common activation")
         return Parameter("load.activation", low, high, "activation", common)
-    named = [i for i in muscles if words[1] in (materials[i]["name"], str(i + 1))]
-    if words[0] != "material" or len(words) != 3 or len(named) != 1:
+    named = [i for i in muscles if words[1] == materials[i]["name"]]
+    if words[0] != "material" or not named:
         raise InputError(f"{name}: the deck has no such muscle")
-    key = f"material.{materials[named[0]]['name']}.activation"
-    return Parameter(key, low, high, "activation", (named[0],))
+    return Parameter(name, low, high, "activation", (named[0],))
 
 
 def _of_material(name: str, low: float, high: float, deck: Mapping[str, Any]) -> Parameter:
@@ -190,7 +203,7 @@ def _of_material(name: str, low: float, high: float, deck: Mapping[str, Any]) ->
     named = [
         i
         for i, m in enumerate(materials)
-        if m.get(key) is not None and (len(words) == 1 or words[1] in (m["name"], str(i + 1)))
+        if m.get(key) is not None and (len(words) == 1 or words[1] == m["name"])
     ]
     if len(named) != 1:
         raise InputError(

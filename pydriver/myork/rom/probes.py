@@ -7,10 +7,18 @@ from typing import Any
 
 from myork.core.scene import F64Array, Scene
 
-__all__ = ["force_names", "is_stress", "named_probes", "unit_of"]
+__all__ = ["force_names", "is_stress", "named_probes", "probe_columns"]
 
 #: Quantities of a point that follow from its deformation and pressure
 _STRESSES = {f"cauchy_{a}{b}" for a in "xyz" for b in "xyz"} | {"J", "pressure", "principal_max"}
+#: Quantities of several components
+_VECTORS = ("u", "force", "section_force")
+
+
+def probe_columns(probe: Mapping[str, Any], dimension: int) -> list[str]:
+    """Names of the numbers of a probe: its own, or one for each component of a vector."""
+    ends = [f"_{axis}" for axis in "xyz"[:dimension]] if probe["quantity"] in _VECTORS else [""]
+    return [probe["name"] + end for end in ends]
 
 
 def named_probes(scene: Scene, x: F64Array, load: F64Array) -> dict[str, Any]:
@@ -18,7 +26,7 @@ def named_probes(scene: Scene, x: F64Array, load: F64Array) -> dict[str, Any]:
     values = scene.probes(x, load)
     named = {}
     for i, probe in enumerate(scene.deck["probe"]):
-        vector = probe["quantity"] in ("u", "force")
+        vector = probe["quantity"] in _VECTORS
         named[probe["name"]] = (
             values[:, i, : scene.dimension] if vector else values[:, i, 0]
         ).tolist()
@@ -33,14 +41,3 @@ def force_names(scene: Scene) -> list[str]:
 def is_stress(quantity: str) -> bool:
     """Whether a quantity follows from the deformation and the pressure at a point."""
     return quantity in _STRESSES
-
-
-def unit_of(quantity: str, units: Mapping[str, str]) -> str:
-    """Unit of what a reduced model knows of a probe; none of a ratio."""
-    if quantity.startswith("force"):
-        return units["force"]
-    if quantity == "J":
-        return ""
-    if is_stress(quantity):
-        return units.get("stress") or f"{units['force']}/{units['length']}^2"
-    return units["length"]

@@ -154,7 +154,11 @@ def make_setting(
             pass
         elif quantity not in ("u", "u_x", "u_y", "u_z") or of_set > 0:
             continue
-        told.append({"name": probe["name"], "quantity": quantity, "rows": rows, "index": index})
+        name = probe["name"]
+        told.append(
+            {"name": name, "quantity": quantity, "unit": deck["probe_units"][name],
+             "rows": rows, "index": index}
+        )  # fmt: skip
     push = np.zeros((len(wanted), len(loads)))
     for i, row in enumerate(pushes):
         push[i, : len(row)] = row
@@ -177,7 +181,8 @@ def make_setting(
     )  # fmt: skip
     head = {
         "title": deck["title"],
-        "units": deck["units"],
+        "units": deck["result_units"],
+        "dimension": scene.dimension,
         "parameters": [list(p) for p in kinds],
         "force_amplitudes": setting.extra,
         "probes": told,

@@ -85,7 +85,12 @@ def run_rom(
             (out / REDUCED_FILE).unlink(missing_ok=True)
         else:
             write_reduced(out, fields)
-        named = {"title": scene.deck["title"], "units": scene.deck["units"], "rom": study}
+        named = {
+            "title": scene.deck["title"],
+            "units": scene.deck["result_units"],
+            "probe_units": scene.probe_units,
+            "rom": study,
+        }
         if "converged" not in read_summary(out):
             # no solve has said what was asked
             tables = {key: table for key, table in scene.deck.items() if key not in NOT_TABLES}

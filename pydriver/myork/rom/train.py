@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from myork.console import ProgressCallback, silent
 from myork.core.cloud import model_path
-from myork.core.deck import load_deck
+from myork.core.deck import deck_key, load_deck
 from myork.core.scene import Scene
 from myork.core.threads import thread_count
 from myork.errors import ConvergenceError, InputError
@@ -114,7 +114,7 @@ def train(
     deck = Path(deck)
     ranges = parameters if isinstance(parameters, Mapping) else parse_vary(parameters)
     values = load_deck(deck, overrides, "solve")
-    kinds = as_parameters(ranges, values)
+    kinds = as_parameters(ranges, values, lambda key: deck_key(deck, key, overrides))
     for key in ("pressure", "spring", "tendon"):
         if any(key in entry for entry in values.get("boundary", [])):
             raise InputError(f"{deck}: boundary.{key}: a reduced model does not know it")

@@ -4,8 +4,6 @@ References
 ----------
 1. Bezdek, Ehrlich, Full, Comput. Geosci. 10 (1984), doi:10.1016/0098-3004(84)90020-7
 2. Arthur, Vassilvitskii, SODA (2007): the start (k-means++)
-3. Chuang et al., Comput. Med. Imaging Graph. 30 (2006), doi:10.1016/j.compmedimag.2005.10.001:
-   the spatial term
 """
 
 from __future__ import annotations
@@ -14,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from myork.errors import InputError
 
@@ -61,7 +58,6 @@ def fuzzy_c_means(
     clusters: int,
     *,
     exponent: float = 2.0,
-    spatial: float = 0.0,
     seed: int = 1,
     tolerance: float = 1e-4,
     iterations: int = 100,
@@ -78,9 +74,6 @@ def fuzzy_c_means(
         Number of clusters, 2 at least.
     exponent : float
         Fuzziness above 1; 2 is usual.
-    spatial : float
-        Power with which the memberships of the eight neighbours in the slice count; 0 leaves
-        them out, 1 removes single voxels of noise (and thins sheets).
     seed : int
         Start of the random numbers that pick the first centres, of six starts; the one with the
         smallest misfit is the result.
@@ -108,8 +101,6 @@ def fuzzy_c_means(
         converged, done = False, 0
         while not converged and done < iterations:
             membership = _membership(values, centre, exponent)
-            if spatial > 0:
-                membership = _with_neighbours(membership, region, spatial)
             weight = membership**exponent
             moved = weight.T @ values / weight.sum(axis=0)[:, np.newaxis]
             converged = bool(np.abs(moved - centre).max() < tolerance)
@@ -142,14 +133,3 @@ def _membership(values: F64, centre: F64, exponent: float) -> F64:
     """Memberships that minimise the objective for given centres."""
     closeness = np.maximum(_squared_distances(values, centre), 1e-30) ** (-1.0 / (exponent - 1.0))
     return closeness / closeness.sum(axis=1, keepdims=True)
-
-
-def _with_neighbours(membership: F64, region: NDArray[np.bool_], power: float) -> F64:
-    """Memberships times a power of those around, in the slice [3]."""
-    around = np.empty_like(membership)
-    grid = np.zeros(region.shape)
-    for cluster in range(membership.shape[1]):
-        grid[region] = membership[:, cluster]
-        around[:, cluster] = ndimage.uniform_filter(grid, (3, 3, 1), mode="constant")[region]
-    both = membership * around**power
-    return both / both.sum(axis=1, keepdims=True)

@@ -1,4 +1,4 @@
-"""From regions to muscles: by numbers of regions, by seeds, or by a reference label map."""
+"""From regions to muscles: by seeds, or by a reference label map."""
 
 from __future__ import annotations
 
@@ -35,29 +35,21 @@ class Muscle:
     ----------
     name : str
         Name of the label.
-    regions : tuple of int
-        Numbers of the regions that are parts of it; empty: those the seeds lie in.
     seeds : NDArray
-        World coordinates inside of it, shape `(nseed, 3)` [mm]; without one whole regions are
-        taken, with some the connected pieces that hold a seed.
+        World coordinates inside of it, shape `(nseed, 3)` [mm]: the connected pieces of regions
+        that hold one are taken.
     rim : float
         Thickness of the band along the edge of the segmented region that belongs to it, for
         walks [mm].
     """
 
     name: str
-    regions: tuple[int, ...]
     seeds: F64
     rim: float = 0.0
 
     def __post_init__(self) -> None:
-        if not self.regions and not self.has_place:
-            raise InputError(f"muscle.{self.name}: needs regions, seeds or a rim")
-
-    @property
-    def has_place(self) -> bool:
-        """Whether seeds or a rim tell where some of it lies."""
-        return len(self.seeds) > 0 or self.rim > 0
+        if not (len(self.seeds) or self.rim > 0):
+            raise InputError(f"muscle.{self.name}: needs seeds or a rim")
 
 
 def check_seeds(inside: NDArray[np.bool_], image: Image, muscles: Sequence[Muscle]) -> None:
@@ -113,12 +105,6 @@ def group_by_rules(region: I32, image: Image, muscles: Sequence[Muscle]) -> tupl
         for seed in muscle.seeds:
             distance = np.where(mine, np.linalg.norm(world - seed, axis=1), np.inf)
             nearest[number] = np.minimum(nearest[number], distance)
-    seedless = [m.name for m, claim in zip(muscles, claims, strict=True)
-                if not len(m.seeds) and (claim & shared).any()]  # fmt: skip
-    if seedless:
-        raise InputError(
-            f"muscle.{seedless[0]}: its regions are also those of another muscle; give both seeds"
-        )
     label[shared] = 1 + nearest.argmin(axis=0)
     names = [m.name for m, claim in zip(muscles, claims, strict=True) if (claim & shared).any()]
     return label, [
@@ -165,7 +151,7 @@ def rule_seeds(
     image : Image
         Gives the grid.
     muscles : sequence
-        Rules; the regions of all together take part, or every region where one names none.
+        Rules.
     radius : float
         Of the disc around a seed that belongs to its muscle, in the slice [mm].
 
@@ -177,8 +163,6 @@ def rule_seeds(
     """
     where = region >= 0
     check_seeds(where, image, muscles)
-    if all(muscle.regions for muscle in muscles):
-        where &= np.isin(region, [number for muscle in muscles for number in muscle.regions])
     known = np.full(region.shape, -1, np.int32)
     depth = np.zeros(region.shape)
     for k in range(region.shape[2]):
@@ -189,12 +173,6 @@ def rule_seeds(
         known[where & (depth <= muscle.rim)] = number
     for number, muscle in enumerate(muscles, start=1):
         for place in _places(image, muscle):
-            if not where[place]:
-                raise InputError(
-                    f"muscle.{muscle.name}: the seed at voxel {place} lies in region "
-                    f"{region[place]}, which is not among the `regions` of any muscle; move it, "
-                    "or add that region (see regions.nii.gz)"
-                )
             across = (rows - place[0]) * image.spacing[0], (columns - place[1]) * image.spacing[1]
             disc = (np.hypot(*across) <= radius) & where[..., place[2]]
             known[..., place[2]][disc] = number
@@ -276,22 +254,8 @@ def _places(image: Image, muscle: Muscle) -> list[tuple[int, ...]]:
 
 def _claim(region: I32, image: Image, muscle: Muscle) -> NDArray[np.bool_]:
     """Voxels that the rule of a muscle gives to it."""
-    unknown = [p for p in muscle.regions if p > region.max()]
-    if unknown:
-        raise InputError(
-            f"muscle.{muscle.name}: there is no region {unknown[0]}; the regions are 0 to "
-            f"{region.max()} (see regions.nii.gz)"
-        )
-    if not len(muscle.seeds):
-        return np.isin(region, muscle.regions)
     claim = np.zeros(region.shape, bool)
-    for seed, place in zip(muscle.seeds, _places(image, muscle), strict=True):
-        here = int(region[place])
-        if muscle.regions and here not in muscle.regions:
-            raise InputError(
-                f"muscle.{muscle.name}: the seed {seed.tolist()} mm (voxel {place}) lies in region "
-                f"{here}, not in one of its regions; move it, or look at regions.nii.gz"
-            )
-        pieces, _ = ndimage.label(np.isin(region, muscle.regions or (here,)))
+    for place in _places(image, muscle):
+        pieces, _ = ndimage.label(region == region[place])
         claim |= pieces == pieces[place]
     return claim

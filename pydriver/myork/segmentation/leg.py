@@ -41,8 +41,8 @@ _STANDS_OUT = 2.5
 _SKIN = 3.0
 # Two phases of a slice. The choice is this method's own: a leg has no keys for it.
 _PHASES = LevelSets(
-    regions=2, volume=False, start="otsu", mu=0.01, nu=0.0, lambdas=(1.0,), epsilon=0.5, dt=500.0,
-    tolerance=1e-4, iterations=300,
+    regions=2, volume=False, start="otsu", mu=0.01, nu=0.0, lambdas=(1.0,), tolerance=1e-4,
+    iterations=300,
 )  # fmt: skip
 
 
@@ -83,7 +83,7 @@ def leg_tissues(
     evolve : callable
         Evolution of the level sets, as `myork.core.level_sets.evolve_level_sets`.
     table : mapping
-        Table `tissue` of the deck: `least_diffusivity`, `spatial` and `seed`.
+        Table `tissue` of the deck: `least_diffusivity`.
     body : NDArray, optional
         Voxels to label, shape `(ni, nj, nk)`; without it those inside the skin.
     memberships : dict, optional
@@ -103,9 +103,7 @@ def leg_tissues(
     soft = body & ~bone
 
     def clustered(name: str, image: Image, clusters: int, contrast: float = 0.0) -> Mask:
-        found = fuzzy_c_means(
-            image.data, soft, clusters, spatial=table["spatial"], seed=table["seed"]
-        )
+        found = fuzzy_c_means(image.data, soft, clusters)
         if found.centre[-1, 0] < contrast * found.centre[-2, 0]:
             return np.zeros(soft.shape, dtype=bool)
         if memberships is not None:

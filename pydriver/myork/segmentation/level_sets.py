@@ -38,7 +38,7 @@ Evolve = Callable[..., dict[str, NDArray[Any]]]
 
 @dataclass(frozen=True)
 class LevelSets:
-    """What to segment with; the schema of decks has the defaults of all these.
+    """What to segment with; decks have the defaults of all but `epsilon` and `dt`.
 
     Attributes
     ----------
@@ -52,14 +52,14 @@ class LevelSets:
         Weights of the contours' length and of the areas inside [-].
     lambdas : sequence of float
         Weight of the misfit of each region, or one for all [-].
-    epsilon : float
-        Width of the step function (3.16) [-].
-    dt : float
-        Largest time step [-].
     tolerance : float
         At rest, this part of the voxels changes its region in ten iterations at most.
     iterations : int
         Largest number of iterations.
+    epsilon : float
+        Width of the step function (3.16) [-].
+    dt : float
+        Largest time step; halved where the energy would increase [-].
     """
 
     regions: int
@@ -68,10 +68,10 @@ class LevelSets:
     mu: float
     nu: float
     lambdas: Sequence[float]
-    epsilon: float
-    dt: float
     tolerance: float
     iterations: int
+    epsilon: float = 0.5
+    dt: float = 500.0
 
     @classmethod
     def of_table(cls, table: Mapping[str, Any], **changes: Any) -> LevelSets:
@@ -79,7 +79,8 @@ class LevelSets:
         named = {
             field.name: "lambda" if field.name == "lambdas" else field.name for field in fields(cls)
         }
-        return cls(**{name: table[key] for name, key in named.items()} | changes)
+        own = {name: table[key] for name, key in named.items() if key in table}
+        return cls(**own | changes)
 
 
 @dataclass(frozen=True)
@@ -233,7 +234,7 @@ def _first_level_sets(
         first = np.zeros(region.shape, np.int32)
         first[region] = kmeans(channels[region] * np.sqrt(weights), choice.regions)[0]
     elif labels is None:
-        raise InputError("image.start = 'labels' needs a label map in image.start_labels")
+        raise InputError("a start from labels needs them")
     else:
         first = np.unique(labels, return_inverse=True)[1].reshape(labels.shape).astype(np.int32)
     return level_sets_of(first, choice.regions, choice.volume)

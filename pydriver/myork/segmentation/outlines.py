@@ -19,7 +19,7 @@ F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]
 Mask = NDArray[np.bool_]
 
-# Chosen on `tests/bench/outlines.py tuned`: rate of a walk's end where outlines foretell a label,
+# Chosen on `benchmarks/outlines.py tuned`: rate of a walk's end where outlines foretell a label,
 # against steps of rate 1 where there is no edge [-],
 _RATE = 3e-4
 # and how far foretold outlines are off: at drawn slices [mm], and more by this part of the way [-]

@@ -357,7 +357,7 @@ def _summary(deck: Mapping[str, Any], cloud: PointCloud, warnings: list[str]) ->
         "title": deck["title"],
         "deck_sha256": deck["sha256"],
         "version": myork.__version__,
-        "units": dict(deck["units"]),
+        "units": dict(deck["result_units"]),
         "model": {
             "source_points": len(cloud.source),
             "collocation_points": len(cloud.points),

@@ -27,7 +27,6 @@ PATHS = (
     "image.reference",
     "image.reference_anatomy",
     "image.seeds",
-    "image.start_labels",
     "dixon.magnitude",
     "dixon.phase",
     "build.labels",

@@ -63,6 +63,10 @@ __all__ = ["segment"]
 
 # Kind of voxels without a label that take no part in the segmentation
 _BEYOND = (0,)
+# Width of the Gaussian over the tensors before the fiber channels are taken [mm]
+_SMOOTHING = 1.0
+# Regions in which the true image is even, for a bias field by level sets
+_EVEN = 3
 
 
 def segment(
@@ -140,11 +144,11 @@ def _segment(
     if table["fiber_channels"] != "none":
         if tensor is None:
             raise InputError("image.fiber_channels needs image.tensor or image.dwi")
-        smooth = smoothed_tensor(tensor, region, table["channel_smoothing"])
+        smooth = smoothed_tensor(tensor, region, _SMOOTHING)
         channels.append(fiber_channels(smooth, region, table["fiber_channels"]))
         weights += [table["fiber_weight"]] * channels[1].shape[3]
     values = np.concatenate(channels, axis=3)
-    start = _start_labels(table, folder, image, region, muscles, values * np.sqrt(weights))
+    start = _start_labels(table, image, region, muscles, values * np.sqrt(weights))
     choice = LevelSets.of_table(
         table, start="labels" if table["start"] == "seeds" else table["start"]
     )
@@ -220,7 +224,7 @@ def _segment(
     fat = {} if fraction is None else fat_of_labels(labels, fraction, seen)
     if table["regions"] == 2 and reference is None and seeds is None and not muscles:
         warnings += _fat_doubts(fat, table["phase"])
-    scores = {} if truth is None else _scores(deck, table, labels, truth)
+    scores = {} if truth is None else _scores(table, labels, truth)
     summary = _summary(deck, labels, result, scores, warnings)
     summary["segmentation"]["bias"] = bias
     summary["segmentation"]["source"] = (
@@ -332,23 +336,17 @@ def _region(
 
 def _start_labels(
     table: Mapping[str, Any],
-    folder: Path,
     image: Image,
     region: NDArray[np.bool_],
     muscles: list[Muscle],
     values: NDArray[np.float64],
 ) -> NDArray[np.int32] | None:
-    """Label map to start from, if the deck names one or has seeds to make it of."""
-    if table["start"] == "seeds":
-        everywhere = np.where(region, 0, -1).astype(np.int32)
-        plain = [replace(muscle, regions=()) for muscle in muscles if muscle.has_place]
-        known = rule_seeds(everywhere, image, plain, table["seed_radius"])[1]
-        return seeded_regions(values, region, known, table["regions"])
-    if "start_labels" not in table:
+    """Regions to start from, where seeds tell them."""
+    if table["start"] != "seeds":
         return None
-    labels = read_labels(folder / table["start_labels"])
-    check_same_grid(labels, image)
-    return labels.data
+    everywhere = np.where(region, 0, -1).astype(np.int32)
+    known = rule_seeds(everywhere, image, muscles, table["seed_radius"])[1]
+    return seeded_regions(values, region, known, table["regions"])
 
 
 def _fat_doubts(fat: Mapping[str, float], phase: str) -> list[str]:
@@ -397,7 +395,8 @@ def _shading(
                 mask,
                 evolve_level_sets,
                 spacing=image.spacing,
-                **{key: keys[key] for key in ("regions", "sigma", "mu", "shrink")},
+                regions=_EVEN,
+                shrink=keys["shrink"],
             )
     except InputError as reason:
         raise InputError(f"{image.name}: {reason}") from None
@@ -416,7 +415,7 @@ def _shading(
 def _check_rules(table: Mapping[str, Any], muscles: list[Muscle]) -> None:
     """Refuse rules that contradict each other before anything is computed."""
     split, rims = table["split"], [muscle.name for muscle in muscles if muscle.rim]
-    if table["start"] == "seeds" and not any(muscle.has_place for muscle in muscles):
+    if table["start"] == "seeds" and not muscles:
         raise InputError("image.start = 'seeds' needs [[muscle]] with seeds or a rim")
     if "reference" not in table:
         for key in ("reference_reach", "reference_anatomy"):
@@ -474,10 +473,7 @@ def _lost(drawn: Labels, bent: Labels, image: Image) -> str:
 
 def _muscles(deck: Mapping[str, Any]) -> list[Muscle]:
     """Rules of the deck."""
-    return [
-        Muscle(rule["name"], tuple(rule["regions"]), _points(rule), rule["rim"])
-        for rule in deck.get("muscle", [])
-    ]
+    return [Muscle(rule["name"], _points(rule), rule["rim"]) for rule in deck.get("muscle", [])]
 
 
 def _points(rule: Mapping[str, Any]) -> NDArray[np.float64]:
@@ -499,9 +495,7 @@ def _check_truth(truth: Labels, numbers: list[int]) -> None:
         )
 
 
-def _scores(
-    deck: Mapping[str, Any], table: Mapping[str, Any], labels: Labels, truth: Labels
-) -> dict[str, Any]:
+def _scores(table: Mapping[str, Any], labels: Labels, truth: Labels) -> dict[str, Any]:
     """Scores of the labels that the truth has as well."""
     there = np.unique(truth.data[truth.data > 0]).tolist()
     by_name = {truth.label_name(number): [number] for number in there}
@@ -509,11 +503,7 @@ def _scores(
     if set(labels.names.values()) == {table["label"]}:
         pairs[table["label"]] = (1, table["truth_labels"] or there)
     else:
-        rules = {rule["name"]: rule["truth_labels"] for rule in deck.get("muscle", [])}
-        for number, name in labels.names.items():
-            wanted = rules.get(name) or by_name.get(name, [])
-            if wanted:
-                pairs[name] = (number, wanted)
+        pairs = {name: (n, by_name[name]) for n, name in labels.names.items() if name in by_name}
     return label_scores(labels.data, truth.data, pairs)
 
 
@@ -531,7 +521,7 @@ def _summary(
         "title": deck["title"],
         "deck_sha256": deck["sha256"],
         "version": myork.__version__,
-        "units": dict(deck["units"]),
+        "units": dict(deck["result_units"]),
         "segmentation": {
             "labels": {name: {"pixels": n, "volume": n * voxel} for name, n in pixels.items()},
             "scores": dict(scores),
@@ -546,9 +536,9 @@ def _summary(
 def _lines(summary: Mapping[str, Any]) -> list[str]:
     """What to tell at the end."""
     found = summary["segmentation"]
-    unit = summary["units"]["length"]
+    unit = summary["units"]["volume"]
     lines = [
-        f"{name}: {entry['pixels']} pixels, {entry['volume']:.4g} {unit}^3"
+        f"{name}: {entry['pixels']} pixels, {entry['volume']:.4g} {unit}"
         for name, entry in found["labels"].items()
     ]
     lines += [

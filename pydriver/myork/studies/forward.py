@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 
 from myork.console import ProgressCallback, silent
 from myork.core.changing import scene_at
+from myork.core.deck import deck_key
 from myork.core.scene import Scene
 from myork.errors import ConvergenceError, InputError
 from myork.rom.model import ReducedModel
-from myork.rom.probes import unit_of
+from myork.rom.probes import probe_columns
 
 __all__ = ["Forward", "Values", "open_forward", "probe_of", "ranges_of"]
 
@@ -61,9 +62,9 @@ class Forward(ABC):
         self.units: dict[str, str] = {}
         self.forces: list[str] = []
 
+    @abstractmethod
     def key_of(self, name: str) -> str:
-        """Key of the deck by its name."""
-        return name
+        """Full name of a key of the deck."""
 
     def range_of(self, key: str) -> tuple[float, float] | None:
         """Range of the training; none of a full model."""
@@ -93,12 +94,6 @@ class Forward(ABC):
     def _answer(self, keys: Sequence[str], values: F64Array) -> Values:
         """What `ask` gives, without its count."""
 
-    def _name(self, probe: Mapping[str, Any], dimension: int) -> list[str]:
-        """Names of the scalars of a probe; their units are kept."""
-        vector = probe["quantity"] in ("u", "force", "section_force")
-        ends = [f"_{axis}" for axis in "xyz"[:dimension]] if vector else [""]
-        return [probe["name"] + end for end in ends]
-
 
 class _Reduced(Forward):
     is_reduced = True
@@ -114,8 +109,8 @@ class _Reduced(Forward):
                 raise InputError(f"--set {name}={text}: a number is needed") from None
         for probe in self._rom.head["probes"]:
             force = probe["quantity"].startswith("force")
-            for name in self._name(probe, 3):
-                self.units[name] = unit_of(probe["quantity"], self._rom.units)
+            for name in probe_columns(probe, self._rom.head["dimension"]):
+                self.units[name] = probe["unit"]
                 if force:
                     self.forces.append(name)
 
@@ -150,7 +145,7 @@ class _Reduced(Forward):
         for probe in self._rom.head["probes"]:
             value = batch.probes[probe["name"]]
             value = value[:, None] if value.ndim == 1 else value
-            for k, name in enumerate(self._name(probe, value.shape[1])):
+            for k, name in enumerate(probe_columns(probe, value.shape[1])):
                 found[name] = value[:, k]
         return Values(found, batch.converged)
 
@@ -166,23 +161,22 @@ class _Full(Forward):
     ) -> None:
         super().__init__()
         self._open = lambda more: Scene(deck, [*overrides, *more], out, threads=threads)
+        self._key_of = lambda name: deck_key(deck, name, overrides)
         self._progress = progress
         self._scene = self._open([])
         self._has: dict[str, float] = {}
         self._steps = self._scene.deck["load"]["steps"]
         self._known: list[tuple[F64Array, F64Array]] = []
         self._keys: tuple[str, ...] = ()
-        units = self._scene.deck["units"]
         for probe in self._scene.deck.get("probe", []):
             force = "force" in probe["quantity"]
-            length = probe["quantity"].split("_")[0] == "u"
-            stress = f"{units['force']}/{units['length']}^2"
-            for name in self._name(probe, self._scene.dimension):
-                self.units[name] = (
-                    units["force"] if force else units["length"] if length else stress
-                )
+            for name in probe_columns(probe, self._scene.dimension):
+                self.units[name] = self._scene.probe_units[probe["name"]]
                 if force:
                     self.forces.append(name)
+
+    def key_of(self, name: str) -> str:
+        return self._key_of(name)
 
     def close(self) -> None:
         self._scene.close()
@@ -206,7 +200,7 @@ class _Full(Forward):
             good[i] = True
             value = self._scene.probes(x[None], np.ones(1))[0]
             for j, probe in enumerate(self._scene.deck["probe"]):
-                for k, name in enumerate(self._name(probe, self._scene.dimension)):
+                for k, name in enumerate(probe_columns(probe, self._scene.dimension)):
                     found[name][i] = value[j, k]
             self._progress(f"solve {i + 1}/{len(values)}")
         return Values(found, good)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from myork.console import ProgressCallback, silent
 from myork.errors import ConvergenceError, FileError, InputError
 from myork.files import whole_file, write_json, write_text
+from myork.report.numbers import labelled
 from myork.studies.forward import Forward, open_forward, ranges_of
 
 __all__ = ["identify"]
@@ -298,8 +299,8 @@ def _draw(forward: Forward, data: _Data, fitted: F64Array, path: Path) -> None:
         ends = [np.nanmin(measured), np.nanmax(measured)]
         axes.plot(ends, ends, color="#5b6875", lw=1)
         unit = forward.units[data.names[k]]
-        axes.set_xlabel(f"{data.names[k]} measured [{unit}]")
-        axes.set_ylabel(f"fitted [{unit}]")
+        axes.set_xlabel(labelled(f"{data.names[k]} measured", unit))
+        axes.set_ylabel(labelled("fitted", unit))
         axes.spines[["top", "right"]].set_visible(False)
     with whole_file(path) as unfinished:
         figure.savefig(unfinished, dpi=110, format="png")

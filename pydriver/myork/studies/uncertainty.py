@@ -22,6 +22,7 @@ from myork.files import whole_file, write_json, write_text
 from myork.imaging.io import read_labels, write_labels
 from myork.model_file import read_model
 from myork.records import Labels
+from myork.report.numbers import labelled
 from myork.stations.build import build
 from myork.studies.forward import open_forward, probe_of
 from myork.tables import override_text
@@ -120,7 +121,7 @@ def uncertainty(
     fibers = deck.parent / table["fibers"] if "fibers" in table else own
     rng = np.random.default_rng(seed)
     rows: list[dict[str, Any]] = []
-    name = probe
+    name, unit = probe, ""
     for number in range(samples + 1):
         start = time.process_time()
         shift = doubt.bias + doubt.shift * rng.standard_normal()
@@ -148,6 +149,7 @@ def uncertainty(
             finally:
                 forward.close()
             name = probe_of(forward, name)
+            unit = forward.units[name]
             row["value"] = float(answer.probes[name][0])
             row["message"] = "" if answer.good[0] else "no state was found"
         except ConvergenceError as reason:
@@ -157,7 +159,8 @@ def uncertainty(
         shutil.rmtree(folder)
         found = row["message"] or f"{name} {row['value']:.4g}"
         progress(f"map {number}/{samples}: {found}")
-    summary = _summary(rows, doubt, name or "", values["units"], seed)
+    summary = _summary(rows, doubt, name or "", seed)
+    summary |= {"unit": unit, "units": dict(values["result_units"])}
     write_text(out / "uncertainty.csv", _table(rows))
     _draw(rows, summary, out / "uncertainty.png")
     write_json(out / "uncertainty.json", summary)
@@ -217,9 +220,7 @@ def _field(shape: tuple[int, ...], length: F64Array, rng: np.random.Generator) -
     return np.asarray(field / max(float(field.std()), 1e-300))
 
 
-def _summary(
-    rows: Sequence[dict[str, Any]], doubt: Doubt, name: str, units: Any, seed: int
-) -> dict[str, Any]:
+def _summary(rows: Sequence[dict[str, Any]], doubt: Doubt, name: str, seed: int) -> dict[str, Any]:
     value = np.array([row["value"] for row in rows])
     good = np.isfinite(value)
     good[0] = False
@@ -232,7 +233,6 @@ def _summary(
     total = float(np.var(spread / spread.mean()))
     return {
         "probe": name,
-        "units": dict(units),
         "doubt_mm": doubt._asdict(),
         "seed": seed,
         "maps": len(rows) - 1,
@@ -270,15 +270,14 @@ def _draw(rows: Sequence[dict[str, Any]], summary: dict[str, Any], path: Path) -
     left, right = figure.subplots(1, 2)
     left.hist(value[1:][np.isfinite(value[1:])], bins="auto", color="#0b5c96")
     left.axvline(value[0], color="#d55e00", label="the map as it is")
-    units = summary["units"]
-    label = f"{summary['probe']} [{units['force']}]"
+    label = labelled(summary["probe"], summary["unit"])
     left.set_xlabel(label)
     left.set_ylabel("maps")
     left.margins(y=0.2)
     left.legend(frameon=False, loc="upper right")
     right.plot(volume[1:], value[1:], "o", color="#0b5c96")
     right.plot(volume[0], value[0], "o", color="#d55e00")
-    right.set_xlabel(f"volume [{units['length']}^3]")
+    right.set_xlabel(labelled("volume", summary["units"]["volume"]))
     right.set_ylabel(label)
     for axes in (left, right):
         axes.spines[["top", "right"]].set_visible(False)

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import json
 import re
 import shlex
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from myork.errors import InputError
 from myork.files import write_text
+from myork.sweeps.inputs import Inputs
+from myork.sweeps.store import read_points
 
 __all__ = ["gathered", "part_folder", "share_of", "write_script"]
 
@@ -36,24 +37,12 @@ def part_folder(out: Path, part: str) -> Path:
     return out / f"part_{part.replace('/', '_of_')}"
 
 
-def gathered(out: Path, head: dict[str, Any]) -> Iterator[dict[str, Any]]:
+def gathered(out: Path, inputs: Inputs) -> list[dict[str, Any]]:
     """Finished points of all parts of this very sweep."""
-    line = json.dumps({"sweep": head}, sort_keys=True)
+    found: dict[int, dict[str, Any]] = {}
     for path in sorted(out.glob("part_*_of_*/points.jsonl")):
-        first, *rest = path.read_text(encoding="utf-8", errors="replace").splitlines() or [""]
-        if first != line:
-            raise InputError(
-                f"{path}: is of another sweep than that of {out}; remove its folder, or take "
-                "another one"
-            )
-        for text in rest:
-            try:
-                row = json.loads(text)
-                int(row["point"])
-            except (ValueError, KeyError, TypeError):
-                # a killed job may leave half a line
-                continue
-            yield row
+        found |= read_points(path, inputs)
+    return list(found.values())
 
 
 def write_script(path: Path, line: Sequence[str], points: int, jobs: int | None, out: Path) -> str:

@@ -33,6 +33,10 @@ class Plan(NamedTuple):
     keys: tuple[str, ...]
     points: list[tuple[Any, ...]]
 
+    def settings(self, point: tuple[Any, ...]) -> list[str]:
+        """Overrides that make a point of the deck."""
+        return [f"{key}={value}" for key, value in zip(self.keys, point, strict=True)]
+
 
 def make_plan(vary: Sequence[str], samples: int = 32, seed: int = 0) -> Plan:
     """All points: the product of grids and lists with the common samples of the sampled keys.

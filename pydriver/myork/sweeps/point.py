@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from myork.errors import ConvergenceError, MyorkError
+from myork.rom.probes import probe_columns
 
-__all__ = ["probe_columns", "solve_point"]
+__all__ = ["solve_point"]
 
 
 def solve_point(deck: str, overrides: Sequence[str], out: str | None) -> dict[str, Any]:
@@ -43,10 +44,3 @@ def solve_point(deck: str, overrides: Sequence[str], out: str | None) -> dict[st
         row["message"] = str(wrong)
     row["cpu_s"] = time.process_time() - start
     return row
-
-
-def probe_columns(probe: Any, dimension: int) -> list[str]:
-    """Column of a probe, or one for each component of a vector."""
-    if probe["quantity"] in ("u", "force", "section_force"):
-        return [f"{probe['name']}_{axis}" for axis in "xyz"[:dimension]]
-    return [probe["name"]]

@@ -3,14 +3,23 @@
 from __future__ import annotations
 
 import json
+import logging
 import multiprocessing
 import os
 import re
+import signal
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, ProcessPoolExecutor, wait
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    CancelledError,
+    Executor,
+    ProcessPoolExecutor,
+    wait,
+)
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -18,15 +27,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from myork.console import ProgressCallback, silent
-from myork.core.deck import load_deck
+from myork.core.deck import deck_key, load_deck
 from myork.errors import InputError, InstallationError
-from myork.files import claimed, write_json
-from myork.report.numbers import unit_of
+from myork.files import claimed
 from myork.rom.model import ReducedModel
+from myork.rom.probes import probe_columns
 from myork.stations.explain import explain_deck
 from myork.sweeps.array import gathered, part_folder, share_of, write_script
+from myork.sweeps.inputs import Inputs
 from myork.sweeps.plan import Plan, make_plan
-from myork.sweeps.point import probe_columns, solve_point
+from myork.sweeps.point import solve_point
 from myork.sweeps.store import Store, has_parquet
 
 __all__ = ["sweep"]
@@ -105,10 +115,15 @@ def sweep(
     """
     plan = make_plan(vary, samples, seed)
     deck, out = Path(deck), Path(out)
-    one = load_deck(deck, [*overrides, *_settings(plan, plan.points[0])], "solve")
-    units = one["units"]
+    full = [deck_key(deck, key, overrides) for key in plan.keys]
+    for k, key in enumerate(full):
+        if key in full[:k]:
+            raise InputError(
+                f"--vary: {plan.keys[full.index(key)]} and {plan.keys[k]} are both {key}"
+            )
+    one = load_deck(deck, [*overrides, *plan.settings(plan.points[0])], "solve")
     for point in (plan.points[-1], plan.points[len(plan.points) // 2]):
-        load_deck(deck, [*overrides, *_settings(plan, point)], "solve")
+        load_deck(deck, [*overrides, *plan.settings(point)], "solve")
     if model is not None and dask is not None:
         raise InputError("a reduced model needs no workers of Dask")
     jobs, workers = workers, workers or os.cpu_count() or 1
@@ -117,6 +132,14 @@ def sweep(
     if (part or slurm) and (model or dask):
         raise InputError("parts of a sweep are solved by full models, without Dask")
     share = range(len(plan.points)) if part is None else share_of(part, len(plan.points))
+    rom = None if model is None else ReducedModel.load(model)
+    if rom is not None:
+        values = _model_values(plan, rom, Path(model or ""), deck, overrides)
+    inputs = Inputs(
+        plan, deck, overrides, out,
+        None if model is None else Path(model),
+        () if rom is None else [probe["name"] for probe in rom.head["probes"]],
+    )  # fmt: skip
     if dry_run:
         for line in (*_preview(plan), *_cost(plan, deck, out, overrides)):
             progress(line)
@@ -125,24 +148,17 @@ def sweep(
         words = _line(deck, vary, samples, seed, overrides, out)
         progress(write_script(Path(slurm), words, len(plan.points), jobs, out))
         return Path(slurm)
-    rom = None if model is None else ReducedModel.load(model)
-    if rom is not None:
-        values = _model_values(plan, rom, Path(model or ""), deck, overrides)
-    out.mkdir(parents=True, exist_ok=True)
-    head = {
-        "deck": load_deck(deck, overrides, "solve")["sha256"],
-        "keys": list(plan.keys),
-        "points": [list(point) for point in plan.points],
-        "model": None if model is None else str(Path(model).resolve()),
-    }
     folder = out if part is None else part_folder(out, part)
-    folder.mkdir(parents=True, exist_ok=True)
+    about = {
+        "title": one["title"],
+        "units": _units(one),
+        "model": None if model is None else Path(model).name,
+    }
     with claimed(folder):
-        store = Store(folder, head)
-        for row in gathered(out, head) if part is None else ():
+        store = Store(folder, inputs, about)
+        for row in gathered(out, inputs) if part is None else ():
             if row["point"] not in store.rows:
                 store.add(row)
-        write_json(folder / "sweep.json", {"title": one["title"], "units": _units(one)})
         left = [number for number in share if number not in store.rows]
         if len(left) < len(share):
             progress(f"{len(share) - len(left)} points are done already")
@@ -153,7 +169,9 @@ def sweep(
                 with _executor(dask, min(workers, len(left))) as pool:
                     _full(plan, left, deck, out, overrides, pool, store, progress)
         finally:
-            table = store.write_table(plan.keys, plan.points, units)
+            # a run that found nothing leaves nothing
+            if store.rows or not left:
+                table = store.write_table(plan.keys, plan.points)
     counts: dict[str, int] = {}
     for row in store.rows.values():
         counts[row["verdict"]] = counts.get(row["verdict"], 0) + 1
@@ -163,17 +181,12 @@ def sweep(
     return table
 
 
-def _settings(plan: Plan, point: tuple[Any, ...]) -> list[str]:
-    return [f"{key}={value}" for key, value in zip(plan.keys, point, strict=True)]
-
-
 def _units(deck: Mapping[str, Any]) -> dict[str, str]:
-    """Unit of each column of the probes, for the page of the sweep."""
-    dimension = deck["scene"]["dimension"]
+    """Unit of each column of the probes."""
     return {
-        name: unit_of(probe["quantity"], deck["units"], dimension)
+        column: deck["probe_units"][probe["name"]]
         for probe in deck["probe"]
-        for name in probe_columns(probe, dimension)
+        for column in probe_columns(probe, deck["scene"]["dimension"])
     }
 
 
@@ -201,7 +214,7 @@ def _cost(plan: Plan, deck: Path, out: Path, overrides: Sequence[str]) -> list[s
                 f"{count * np.mean(seconds) / 3600.0:.3g} CPU hours for all"
             ]
     told: list[str] = []
-    middle = _settings(plan, plan.points[count // 2])
+    middle = plan.settings(plan.points[count // 2])
     explain_deck(deck, out=out, overrides=[*overrides, *middle], progress=told.append)
     once = next((m for line in told if (m := re.search(_ONCE, line))), None)
     if once is None:
@@ -228,7 +241,7 @@ def _finished(path: Path) -> Iterator[dict[str, Any]]:
 def _preview(plan: Plan) -> Iterator[str]:
     shown = plan.points[:5]
     for point in shown:
-        yield "  " + ", ".join(_settings(plan, point))
+        yield "  " + ", ".join(plan.settings(point))
     if len(plan.points) > len(shown):
         yield f"  and {len(plan.points) - len(shown)} more"
 
@@ -252,13 +265,13 @@ def _full(
     while waiting or running:
         while waiting and len(running) < pool.size:
             number = waiting.pop()
-            items = [*overrides, *_settings(plan, plan.points[number])]
+            items = [*overrides, *plan.settings(plan.points[number])]
             running[pool.submit(solve_point, str(deck.resolve()), items, str(out))] = number
         for future in pool.first(running):
             number = running.pop(future)
             try:
-                row = future.result()
-            except (BrokenProcessPool, OSError, RuntimeError) as died:
+                row = pool.result(future)
+            except pool.deaths as died:
                 # of several points that ran, the one that killed the worker is not known
                 tries[number] = tries.get(number, 0) + 1
                 if tries[number] < 2:
@@ -275,7 +288,7 @@ def _full(
             rest = (time.monotonic() - begin) / done * (total - done)
             progress(
                 f"point {done}/{total}  {row['verdict']}  {rest:.0f} s left  "
-                + ", ".join(_settings(plan, plan.points[number]))
+                + ", ".join(plan.settings(plan.points[number]))
             )
 
 
@@ -337,19 +350,37 @@ def _reduced(
 class _Pool:
     """Workers that take a function and its arguments."""
 
-    def __init__(self, make: Callable[[], Any], size: int, first: Callable[[Any], Any]) -> None:
+    def __init__(
+        self,
+        make: Callable[[], Any],
+        size: int,
+        first: Callable[[Any], Any],
+        deaths: tuple[type[Exception], ...] = (OSError, RuntimeError),
+        guard: Callable[[], AbstractContextManager[None]] = nullcontext,
+    ) -> None:
         self._make = make
         self._pool = make()
         self.size = size
         self._first = first
+        #: What the result of a call raises whose worker died
+        self.deaths = deaths
+        #: Around all that reaches for the workers
+        self._guard = guard
 
     def submit(self, *call: Any) -> Any:
         """Hand a call to a worker."""
-        return self._pool.submit(*call)
+        with self._guard():
+            return self._pool.submit(*call)
 
     def first(self, running: Mapping[Any, int]) -> list[Any]:
         """Calls that are done, at least one."""
-        return list(self._first(list(running)))
+        with self._guard():
+            return list(self._first(list(running)))
+
+    def result(self, done: Any) -> Any:
+        """What a call returned."""
+        with self._guard():
+            return done.result()
 
     def renew(self, died: Exception) -> None:
         """Start the processes again where one that died took the pool with it."""
@@ -377,7 +408,7 @@ def _executor(dask: str | None, workers: int) -> Iterator[_Pool]:
         if dask is None:
             context = multiprocessing.get_context("spawn")
             pool = _Pool(
-                lambda: ProcessPoolExecutor(workers, mp_context=context, initializer=_quiet),
+                lambda: ProcessPoolExecutor(workers, mp_context=context, initializer=_begin),
                 workers,
                 lambda running: wait(running, return_when=FIRST_COMPLETED).done,
             )
@@ -397,11 +428,18 @@ def _executor(dask: str | None, workers: int) -> Iterator[_Pool]:
                 os.environ[name] = value
 
 
-def _quiet() -> None:
-    """Ctrl-C is the business of the process that shares out the points."""
-    import signal
-
+def _begin() -> None:
+    """Leave Ctrl-C to the process that shares out the points, and end when that one ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """Wait for the end of the parent, be it a SIGKILL, and end in the middle of a solve."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os.kill(os.getpid(), signal.SIGKILL)
 
 
 def _dask_pool(address: str, workers: int) -> tuple[_Pool, Any]:
@@ -415,7 +453,7 @@ def _dask_pool(address: str, workers: int) -> tuple[_Pool, Any]:
     cluster = None
     if address == "local":
         cluster = distributed.LocalCluster(
-            n_workers=workers, threads_per_worker=1, dashboard_address=None
+            n_workers=workers, threads_per_worker=1, dashboard_address=None, host="127.0.0.1"
         )
         client = distributed.Client(cluster)
     else:
@@ -429,4 +467,18 @@ def _dask_pool(address: str, workers: int) -> tuple[_Pool, Any]:
         distributed.wait(running, return_when="FIRST_COMPLETED")
         return [future for future in running if future.done()]
 
-    return _Pool(lambda: client, size, first), cluster
+    @contextmanager
+    def guard() -> Iterator[None]:
+        try:
+            yield
+        except (CancelledError, distributed.comm.CommClosedError):
+            # that it gives up connecting when it is closed is no news by then
+            logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
+            raise InstallationError(
+                f"--dask {address}: the scheduler has ended or cannot be reached any more; points "
+                "that were finished are kept: start it and its workers again, and run the same "
+                "line again"
+            ) from None
+
+    deaths = (OSError, RuntimeError, distributed.KilledWorker)
+    return _Pool(lambda: client, size, first, deaths, guard), cluster

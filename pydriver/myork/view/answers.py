@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import tempfile
-import threading
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,13 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from myork.core.changing import scene_at
-from myork.core.scene import Scene
 from myork.core.states import Fields
 from myork.errors import InputError
-from myork.model_file import write_model
 from myork.report.skin import outer_triangles, point_distances
 from myork.rom.model import Batch, ReducedModel
-from myork.rom.probes import unit_of
+from myork.rom.probes import probe_columns
 
 __all__ = ["FIELDS", "Answers", "Shown", "verdict_of"]
 
@@ -79,17 +75,9 @@ class Answers:
 
     def __init__(self, path: Path, threads: int = 1) -> None:
         self.rom = rom = ReducedModel.load(path, threads=threads)
-        self._lock = threading.Lock()
-        self._folder = tempfile.TemporaryDirectory(prefix="myork-")
         self._has: dict[str, float] = {}
         full = rom.full_model()
-        own = [*full.overrides, "load.steps=1"]
-        deck = Path(self._folder.name, "deck.toml")
-        deck.write_text(full.text, encoding="utf-8")
-        if full.cloud is not None:
-            write_model(deck.with_name("model.h5"), full.cloud)
-            own.append("geometry.file=model.h5")
-        self._open = lambda more: Scene(deck, [*own, *more], threads=threads)
+        self._open = lambda more: full.open(["load.steps=1", *more])
         self._scene = self._open([])
         points = self._scene.points()
         triangles = outer_triangles(points, point_distances(points, self._scene.deck, full.cloud))
@@ -110,7 +98,6 @@ class Answers:
         trace: TracebackType | None,
     ) -> None:
         self._scene.close()
-        self._folder.cleanup()
 
     @property
     def rest(self) -> F64Array:
@@ -120,8 +107,7 @@ class Answers:
     def about(self) -> dict[str, Any]:
         """What the page is built from."""
         rom, units = self.rom, self.rom.units
-        stress = units.get("stress") or f"{units['force']}/{units['length']}^2"
-        named = {"stress": stress, "length": units["length"], "": "-"}
+        named = {**units, "": "-"}
         parameters = []
         for p in rom.parameters:
             more = _BEYOND * (p.high - p.low)
@@ -136,7 +122,7 @@ class Answers:
                 "activation": "",
                 "fiber_angle": "°",
                 "rotation": "°",
-            }.get(p.kind, stress)
+            }.get(p.kind, units["stress"])
             parameters.append(
                 {"key": p.key, "low": p.low, "high": p.high, "least": low, "most": high,
                  "unit": unit}
@@ -174,11 +160,10 @@ class Answers:
         if field not in FIELDS:
             raise InputError(f"{field}: no field; there are {', '.join(FIELDS)}")
         row = np.array([values], float)
-        with self._lock:
-            start = time.perf_counter()
-            batch = self.rom.batch(row, indicator=True)
-            took = time.perf_counter() - start
-            fields = self._fields(row[0], batch.amplitudes[0])
+        start = time.perf_counter()
+        batch = self.rom.batch(row, indicator=True)
+        took = time.perf_counter() - start
+        fields = self._fields(row[0], batch.amplitudes[0])
         value = _field(fields, field)[self._corners]
         j = fields.named["J"][:, 0]
         verdict, reasons = self._verdict(row[0], batch, float(j.min()))
@@ -253,8 +238,7 @@ class Answers:
 
     def along(self, rows: F64Array, probe: int) -> list[float | None]:
         """A probe at rows of parameters; None where no state is."""
-        with self._lock:
-            batch = self.rom.batch(rows)
+        batch = self.rom.batch(rows)
         y = np.where(batch.converged, self._values(batch)[:, probe], np.nan)
         return [_number(v) for v in y]
 
@@ -277,12 +261,10 @@ class Answers:
         """Names and units of the scalars that probes give, forces first."""
         found = []
         for probe in self.rom.head["probes"]:
-            unit = unit_of(probe["quantity"], self.rom.units)
-            vector = probe["quantity"] in ("force", "u")
-            ends = [f" {axis}" for axis in "xyz"[: self._scene.dimension]] if vector else [""]
+            names = probe_columns(probe, self._scene.dimension)
             found += [
-                {"name": probe["name"] + end, "unit": unit, "of": probe["name"], "axis": str(k)}
-                for k, end in enumerate(ends)
+                {"name": name, "unit": probe["unit"], "of": probe["name"], "axis": str(k)}
+                for k, name in enumerate(names)
             ]
         if not found:
             raise InputError("the reduced model has no probe that could be shown")

@@ -220,7 +220,7 @@ def _path_cases(
     for case in cases:
         if case["cpu"] is not None:
             case["saved"] = 100.0 * (1.0 - case["cpu"] / dense)
-    return _Path(cases, plain.values, drawn, dict(scene.deck["units"]))
+    return _Path(cases, plain.values, drawn, dict(scene.deck["result_units"]))
 
 
 def _full_case(path: LoadPath, form: str, scene: Scene, full: _Full) -> dict[str, Any]:

@@ -30,7 +30,7 @@ function touch() {
   const lines = about.curves.map((y, k) => ({x: about.x, y, colour: shades[k], width: 1}));
   lines.push({x: about.x, y: about.curves[own], colour: "#0b5c96", width: 2.2});
   chart($("curve"), axis.unit ? `${axis.key} [${axis.unit}]` : axis.key,
-    `${about.probes[0].name} [${about.probes[0].unit}]`, lines,
+    `${about.probes[0].name}${about.probes[0].unit ? ` [${about.probes[0].unit}]` : ""}`, lines,
     told.converged ? [state.values[0], told.probes[0]] : null);
 }
 

@@ -59,8 +59,9 @@ function makeSliders() {
   });
 }
 
-async function fetched(path) {
-  const answer = await fetch(path, {cache: "no-store"});
+async function fetched(question) {
+  // the page's address holds the token
+  const answer = await fetch(location.pathname.replace(/\/?$/, "/") + question, {cache: "no-store"});
   if (!answer.ok) throw new Error(await answer.text());
   return answer;
 }
@@ -80,7 +81,7 @@ async function ask() {
       wanted = false;
       const asked = [...values];
       const query = `p=${asked.join(",")}`;
-      const state = await fetched(`/state?${query}&field=${$("field").value}`);
+      const state = await fetched(`state?${query}&field=${$("field").value}`);
       const buffer = await state.arrayBuffer();
       await new Promise(requestAnimationFrame);
       tell(buffer, asked);
@@ -101,7 +102,7 @@ async function askCurves(asked) {
   const marks = asked.map((_, k) => [probe, ...asked.map((x, i) => i === k ? 0 : x)].join());
   const of = asked.map((_, k) => k).filter((k) => !own[k] || own[k].mark !== marks[k]);
   if (of.length) {
-    const found = await fetched(`/curves?p=${asked.join(",")}&probe=${probe}&of=${of.join(",")}`);
+    const found = await fetched(`curves?p=${asked.join(",")}&probe=${probe}&of=${of.join(",")}`);
     for (const one of await found.json()) own[one.parameter] = {...one, mark: marks[one.parameter]};
   }
   // a fifth of the time at most
@@ -116,7 +117,7 @@ async function askFamilies() {
     const query = `p=${values.join(",")}&probe=${$("probe").value}&family=1`;
     // one by one: a slider that moves comes first
     for (let k = 0; k < about.parameters.length && !wanted; k++) {
-      const found = await (await fetched(`/curves?${query}&of=${k}`)).json();
+      const found = await (await fetched(`curves?${query}&of=${k}`)).json();
       for (const one of found) families[one.parameter] = one;
       draw();
     }
@@ -172,7 +173,7 @@ function draw() {
       ? `; thin: ${short(family.of)} ${family.at[0].toPrecision(2)} to ${family.at.at(-1).toPrecision(2)}`
       : "";
     const label = `${short(p.key)}${p.unit ? ` [${p.unit}]` : ""}${of}`;
-    chart(charts[one.parameter], label, `${probe.name} [${probe.unit}]`, lines, marker);
+    chart(charts[one.parameter], label, `${probe.name}${probe.unit ? ` [${probe.unit}]` : ""}`, lines, marker);
   });
 }
 
@@ -192,7 +193,7 @@ async function begin() {
     ask();
   });
   try {
-    const buffer = await (await fetched("/surface")).arrayBuffer();
+    const buffer = await (await fetched("surface")).arrayBuffer();
     const [told, start] = unpacked(buffer);
     body.rest_corners = told.corners;
     body.surface(new Float32Array(buffer, start, 3 * told.corners),

@@ -1,0 +1,259 @@
+"""Small tables of docs/: how settings of a method change its error, its iterations or its cost.
+
+    python benchmarks/choices.py [NAME...]
+
+NAME is one of the functions below, all of them without one. Each prints one table of a page as
+Markdown, with the version above it. One thread; processor times include the set-up of the scene.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import myork
+from myork import Scene
+from myork.errors import MyorkError
+from myork.reference import exact, manufactured
+from myork.reference.materials import RUBBER
+from myork.reference.measures import observed_order
+
+INPUTS = Path(__file__).parents[1] / "inputs"
+Row = list[str]
+
+
+def show(head: Sequence[str], rows: Iterator[Row]) -> None:
+    """Print a table row by row."""
+    print(f"| {' | '.join(head)} |\n|{'---|' * len(head)}")
+    for row in rows:
+        print(f"| {' | '.join(row)} |", flush=True)
+    print()
+
+
+def solved(deck: Any, *overrides: str) -> tuple[Any, dict[str, Any], float]:
+    """States, probes of the last one by name, and processor time of a scene [s]."""
+    before = time.process_time()
+    opened = Scene.from_tables if isinstance(deck, dict) else Scene
+    with opened(deck, overrides=list(overrides), threads=1) as scene:
+        states = scene.solve(error=False)
+        values = scene.probes(states.x, states.load)[-1]
+        names = [probe["name"] for probe in scene.deck["probe"]]
+    spent = time.process_time() - before
+    return states, dict(zip(names, values[:, 0], strict=True)), spent
+
+
+def walls() -> None:
+    """Stresses on the walls of a tube, and its force, by settings of the Galerkin form."""
+    radii, half = (6.0, 8.0), 2**-0.5
+    deck: dict[str, Any] = {
+        "scene": {"dimension": 2, "method": "rkpm-gauss"},
+        "geometry": {"kind": "annulus", "inner_radius": radii[0], "outer_radius": radii[1]},
+        "material": [{**RUBBER, "K": 1e3}],
+        "boundary": [
+            {"set": "x0", "u_x": 0.0},
+            {"set": "y0", "u_y": 0.0},
+            {"set": "inner", "radial": 6.0},
+        ],
+        "probe": [
+            {"name": f"{stress} {angle}", "quantity": f"cauchy_{stress}", "point": place}
+            for stress, radius in zip(("rr", "tt"), radii, strict=True)
+            for angle, place in (
+                ("at", [radius, 0.0]),
+                ("between", [half * radius, half * radius]),
+            )
+        ]
+        + [{"name": "force", "quantity": "force_x", "set": "x0"}],
+    }
+    found = exact.tube(exact.Polynomial.from_deck(RUBBER, 1e3), *radii, 6.0, list(radii))
+    hoop = found.radius[1] / radii[1]
+    material = exact.Polynomial.from_deck(RUBBER, 1e3)
+    stretch, pressure = 1.0 / hoop, 0.0
+    for _ in range(50):  # nothing pulls at the outer wall
+        stress = material.isochoric(np.array([stretch, hoop, 1.0]))
+        pressure = -stress[0] / hoop
+        stretch = (1.0 + pressure / 1e3) / hoop
+    truth = {"rr": float(found.radial[0]), "tt": float(stress[1] / stretch + pressure)}
+
+    def rows() -> Iterator[Row]:
+        for order, support, kernel, window, gauss, penalty in (
+            (1, 2, "cubic", "product", 2, 100),
+            (2, 2.5, "cubic", "product", 2, 100),
+            (2, 3, "cubic", "product", 3, 100),
+            (2, 3, "quintic", "product", 2, 100),
+            (2, 3, "quintic", "product", 3, 100),
+            (2, 3, "quintic", "product", 3, 10),
+            (2, 3, "quintic", "polar", 2, 10),
+            (2, 3, "quintic", "polar", 3, 30),
+            (2, 3, "quintic", "polar", 3, 10),
+        ):
+            cells = []
+            for source in ([5, 26], [9, 51], [17, 101]):
+                deck["geometry"] |= {"source": source, "collocation": [2 * n - 1 for n in source]}
+                deck["approximation"] = {
+                    "order": order, "support": support, "kernel": kernel, "window": window,
+                }  # fmt: skip
+                deck["galerkin"] = {"gauss": gauss, "penalty": float(penalty)}
+                _, values, spent = solved(deck)
+                off = {
+                    name: 100 * abs(value / truth[name[:2]] - 1)
+                    for name, value in values.items()
+                    if name != "force"
+                }
+                at, between = (
+                    ", ".join(f"{off[f'{stress} {angle}']:.2g}" for stress in ("rr", "tt"))
+                    for angle in ("at", "between")
+                )
+                cut = 100 * abs(values["force"] / (truth["rr"] * 12.0) - 1)
+                cells.append(f"{at}; {between}; {cut:.1g}; {spent:.2f}")
+            yield [f"{order}, {support}, {kernel}, {window}, {gauss}, {penalty}", *cells]
+
+    head = "order, support, kernel, window, Gauss points, penalty"
+    show((head, "5x26", "9x51", "17x101"), rows())
+
+
+def bulk() -> None:
+    """Inner stress of the tube and iterations for large and infinite K."""
+
+    def rows() -> Iterator[Row]:
+        for k in ("1e3", "1e5", "1e8", "inf"):
+            cells = []
+            for method in ("rkpm-gauss", "rkpm-scni"):
+                words = f"scene.method={method}", f"material.K={k}", "load.steps=12"
+                free = "approximation.order=1", "approximation.support=2"
+                kernel = "approximation.kernel=cubic", "galerkin.gauss=2"
+                states, values, spent = solved(INPUTS / "tube.toml", *words, *free, *kernel)
+                cells += [f"{values['radial_stress']:.5f}", f"{iterations(states)}, {spent:.1f}"]
+            yield [k, *cells]
+
+    print(f"quadrature at infinite K: {quadrature():.5f}\n")
+    head = ("K", "Gauss points", "iterations, CPU [s]", "nodal cells", "iterations, CPU [s]")
+    show(head, rows())
+
+
+def quadrature() -> float:
+    """Radial stress on the inner wall of the deck's tube where the volume is kept."""
+    with Scene(INPUTS / "tube.toml") as scene:
+        return float(exact.inner_stress(scene.deck, float("inf")))
+
+
+def iterations(states: Any) -> int:
+    """Iterations of all steps."""
+    return int(np.sum(states.iterations))
+
+
+def orders() -> None:
+    """Orders of the Galerkin form on a manufactured solution in the plane."""
+
+    def rows() -> Iterator[Row]:
+        for method, order, support in (
+            ("rkpm-gauss", 1, 2.0),
+            ("rkpm-gauss", 2, 3.0),
+            ("rkpm-scni", 1, 2.0),
+            ("rkpm-scni", 2, 3.0),
+        ):
+            problem = manufactured.Problem("muscle", 2, (50.0, 50.0), order, support, ())
+            cases = [manufactured.solve(problem, method, n) for n in (9, 17, 33)]
+            rates = [observed_order(cases, f"{what}_error") for what in ("u", "stress")]
+            last = cases[-1]
+            yield [
+                f"`{method}`",
+                f"{order}, {support:g}",
+                f"{last['u_error']:.1e}",
+                f"{rates[0]:.2f}",
+                f"{last['stress_error']:.1e}",
+                f"{rates[1]:.2f}",
+            ]
+
+    head = ("method", "order, support", "displacement, 33 points", "order", "stress", "order")
+    show(head, rows())
+
+
+def newton() -> None:
+    """Iterations of all load steps by Gauss-Newton, Newton and what `auto` makes of them."""
+    block = (
+        "geometry.source=[4,4,7]",
+        "geometry.collocation=[7,7,13]",
+        "approximation.order=3",
+        "approximation.support=4",
+    )
+    cases = (
+        ("uniaxial tension to 6, `rkcm`", "uniaxial_tension", ("scene.method=rkcm",)),
+        ("shear in the plane, `rkcm`", "shear_2d", ("scene.method=rkcm",)),
+        ("tube, `rkcm`", "tube", ()),
+        ("tube, `rkcm-mixed`", "tube", ("scene.method=rkcm-mixed",)),
+        ("inclined block, order 3, 4x4x7, `rkcm-mixed`", "muscle_fibers", block),
+    )
+
+    def rows() -> Iterator[Row]:
+        for name, deck, words in cases:
+            row = [name]
+            for kind in ("gauss-newton", "full", "auto"):
+                try:
+                    states, *_ = solved(INPUTS / f"{deck}.toml", *words, f"solver.newton={kind}")
+                    row.append(str(iterations(states)))
+                except MyorkError:
+                    row.append("no convergence")
+            yield row
+
+    show(("problem", "`gauss-newton`", "`full`", "`auto`"), rows())
+
+
+def error_of(deck: str, *overrides: str) -> str:
+    """Relative error of a linear problem in L2 at its end."""
+    with Scene(INPUTS / f"{deck}.toml", overrides=list(overrides), threads=1) as scene:
+        return f"{scene.solve(error=False).errors['relative_L2']:.1e}"
+
+
+def own_loads() -> None:
+    """Error of inputs/poisson_own.toml by the number of points."""
+
+    def rows() -> Iterator[Row]:
+        for n in (9, 17, 33):
+            size = f"geometry.source=[{n},{n}]", f"geometry.collocation=[{2 * n - 1},{2 * n - 1}]"
+            words = "approximation.order=2", *size
+            found = (
+                error_of("poisson_own", f"scene.method={method}", *words)
+                for method in ("rkpm-gauss", "rkcm")
+            )
+            yield [f"{n} x {n}", *found]
+
+    show(("source points", "`rkpm-gauss`", "`rkcm`"), rows())
+
+
+def wave() -> None:
+    """Error of inputs/wave_1d.toml at its end by the time step."""
+
+    def rows() -> Iterator[Row]:
+        for step in (0.2, 0.1, 0.05):
+            words = [f"dynamics.time_step={step}"]
+            found = (
+                error_of("wave_1d", f"scene.method={method}", *words)
+                for method in ("rkcm", "rkpm-gauss")
+            )
+            yield [f"{step:g}", *found]
+
+    show(("time step", "`rkcm`", "`rkpm-gauss`"), rows())
+
+
+TABLES: dict[str, Callable[[], None]] = {
+    make.__name__: make for make in (walls, bulk, orders, newton, own_loads, wave)
+}
+
+
+def main() -> None:
+    """Print the tables that are named."""
+    print(f"MyoRK {myork.__version__}\n")
+    for name in sys.argv[1:] or TABLES:
+        if name not in TABLES:
+            sys.exit(f"no table {name!r}; there are {', '.join(TABLES)}")
+        print(f"## {name}: {TABLES[name].__doc__}\n")
+        TABLES[name]()
+
+
+if __name__ == "__main__":
+    main()

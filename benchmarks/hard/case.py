@@ -1,0 +1,170 @@
+"""A hard case and its verdict.
+
+What counts as wrong is an answer that is off and does not say so, a crash, and a run without an
+end. The volume ratio is judged beside the probes: a stress may be right where volumes are not.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from myork.bench.runs import METHODS, Deck
+from myork.records import PointCloud
+
+__all__ = ["DOUBTED", "EXPLAINED", "FORMS", "RIGHT", "WARNED", "Case", "bound", "judge"]
+
+#: Verdicts: the answer is right and accepted; it is refused or not reached, and the message says
+#: why; it is right and the run doubts it; it is off and the run says so
+RIGHT, EXPLAINED, DOUBTED, WARNED = "right", "explained", "right, doubted", "off, told"
+
+#: All forms, the collocations first
+FORMS = (*METHODS, "rkpm-gauss", "rkpm-scni")
+
+#: What is written down of earlier runs: errors of probes and of J by case
+_MEASURED = Path(__file__).parent / "measured.json"
+#: Errors below are what iterations leave [-]
+_ROUNDED = 1e-6
+
+
+class Case(NamedTuple):
+    """A hard case.
+
+    Attributes
+    ----------
+    name : str
+        What is hard.
+    deck : Deck
+        Name of an installed deck, or tables.
+    overrides : tuple of str
+        Overrides of the deck.
+    cloud : PointCloud or None
+        Points of the body, where it has no deck of its own.
+    right : mapping
+        Right values of probes; empty where there is none.
+    rival : str
+        Problem of `myork.reference` whose right values finite elements give.
+    tolerance : float
+        Largest relative error of a right answer [-].
+    volume : tuple of float
+        Smallest and largest volume ratio of the right answer at full load [-].
+    stray : float
+        By how much J of a right answer may leave that range at full load: places at singular
+        corners do [-].
+    words : tuple of str
+        Texts that the message of a refusal or the reasons of a doubt contain.
+    expected : str
+        Verdict; by itself `RIGHT` where there are right values and `EXPLAINED` elsewhere.
+    why : str
+        Why the verdict is neither of these two.
+    fast : bool
+        Takes a second or two.
+    station : str
+        What is run: `solve`, or a function of `benchmarks.hard.stations`.
+    subject : str
+        What is wrong with its input, or which of its ways is taken.
+    """
+
+    name: str
+    deck: Deck = ""
+    overrides: tuple[str, ...] = ()
+    cloud: PointCloud | None = None
+    right: Mapping[str, float] = {}
+    rival: str = ""
+    tolerance: float = 1e-3
+    volume: tuple[float, float] = (1.0, 1.0)
+    stray: float = 0.02
+    words: tuple[str, ...] = ()
+    expected: str = ""
+    why: str = ""
+    fast: bool = True
+    station: str = "solve"
+    subject: str = ""
+
+    @property
+    def wanted(self) -> str:
+        """Verdict that is expected."""
+        return self.expected or (RIGHT if self.right or self.rival else EXPLAINED)
+
+
+def bound(case: Case, what: str) -> float:
+    """Twice the `error`, `stray` or `way` that `measured.json` has of a case; not below rounding.
+
+    Of a case that it does not hold anything will do.
+    """
+    known = _measured().get(case.name, {})
+    return max(2.0 * float(known.get(what, 0.0)), _ROUNDED) if known else float("inf")
+
+
+def judge(case: Case, record: dict[str, Any]) -> str:
+    """Verdict on a run.
+
+    Parameters
+    ----------
+    case : Case
+        The case.
+    record : dict
+        Its run. Where it converged it gets `error`, the largest of its probes, with that probe's
+        name as `worst`, and, where J is known, `stray` and `way`: by how much J leaves its range at
+        full load, and on the way there that of the range and of rest.
+
+    Returns
+    -------
+    str
+        One of the four good verdicts; `wrong`, an answer that is off and accepted; `worse`, one
+        whose error is more than twice what it was; `unexplained`, an end without what it must
+        name; or the outcome of a run that crashed, failed or has no end.
+    """
+    outcome = record["outcome"]
+    told = " ".join([record["message"], *(record.get("verdict") or {}).get("reasons", [])])
+    named = bool(told) and all(word in told for word in case.words)
+    if outcome in ("refused", "not converged"):
+        return EXPLAINED if named else "unexplained"
+    if outcome not in ("converged", "done"):
+        return str(outcome)
+    accepted = (record.get("verdict") or {}).get("state", "accepted") == "accepted"
+    if "error" not in record:
+        errors = _errors(case, record)
+        if not errors:
+            # an answer to what has none
+            return "wrong" if accepted else EXPLAINED if named else "unexplained"
+        # what is not a number is no right answer
+        errors = {name: e if math.isfinite(e) else math.inf for name, e in errors.items()}
+        record["worst"] = max(errors, key=lambda name: errors[name])
+        record["error"] = errors[record["worst"]]
+    _note_volume(case, record)
+    if record["error"] > case.tolerance or record.get("stray", 0.0) > case.stray:
+        return "wrong" if accepted else WARNED if named else "unexplained"
+    if any(record.get(what, 0.0) > bound(case, what) for what in ("error", "stray", "way")):
+        return "worse"
+    return RIGHT if accepted else DOUBTED if named else "unexplained"
+
+
+def _errors(case: Case, record: Mapping[str, Any]) -> dict[str, float]:
+    """Relative errors of the probes whose values are known, by name."""
+    probes = record.get("probes", {})
+    if case.rival:
+        from benchmarks.hard.stations import truths_of
+
+        return dict(truths_of(case.rival).errors(probes, {})["error"])
+    return {name: abs(probes[name] / value - 1.0) for name, value in case.right.items()}
+
+
+def _note_volume(case: Case, record: dict[str, Any]) -> None:
+    """How far J is off at full load and before."""
+    if "max_J" not in record:
+        return
+    low, high = case.volume
+    last = (record.get("history") or [record])[-1]
+    record["stray"] = max(low - last["min_J"], last["max_J"] - high, 0.0)
+    record["way"] = max(min(low, 1.0) - record["min_J"], record["max_J"] - max(high, 1.0), 0.0)
+
+
+@cache
+def _measured() -> dict[str, dict[str, float]]:
+    known: dict[str, dict[str, float]] = json.loads(_MEASURED.read_text(encoding="utf-8"))
+    return known

@@ -1,0 +1,105 @@
+"""Hard cases: each ends in the right answer or in an error that says what to do.
+
+A case is one run of a program in a process of its own, under a time limit, or one answer of a
+reduced model. What counts as wrong is an answer that is off and does not say so, a crash, and a
+run without an end. An error of more than twice what it was before counts as worse.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+from benchmarks.hard.again import again_cases
+from benchmarks.hard.bent import bent_cases
+from benchmarks.hard.case import EXPLAINED, Case, judge
+from benchmarks.hard.inputs import input_cases
+from benchmarks.hard.known import known_cases
+from benchmarks.hard.stations import run_station
+from myork.bench.runs import outcome_text
+from myork.bench.tables import Columns, table
+from myork.console import ProgressCallback
+
+__all__ = ["cases", "run", "run_case"]
+
+_COLUMNS: Columns = (
+    ("case", "name"),
+    ("end", "end"),
+    ("error", "error"),
+    ("of", "worst"),
+    ("J at full load is off by", "stray"),
+    ("on the way", "way"),
+    ("iterations", "iterations"),
+    ("s", "seconds"),
+    ("the run says", "told"),
+    ("because", "why"),
+)
+#: Letters of what a run says of itself
+_LONGEST = 400
+_NO_ANSWER = "this input has no answer: it is refused, and the message says what to change"
+_COUNTS: Columns = (("end", "end"), ("cases", "cases"))
+
+
+def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
+    """Run all hard cases, the fast ones where `quick`; see `myork.bench` for the result."""
+    chosen = [case for case in cases() if case.fast or not quick]
+    records = []
+    for number, case in enumerate(chosen):
+        progress(f"case {number + 1}/{len(chosen)}  {case.name}")
+        records.append(run_case(case, 60.0 if quick else 300.0))
+    counts = Counter(record["end"] for record in records)
+    other = [record for record in records if record["end"] != record["wanted"]]
+    shown = [table("How they end.", _COUNTS, [{"end": e, "cases": n} for e, n in counts.items()])]
+    if other:
+        shown.append(table("Those that should end otherwise.", _COLUMNS, other))
+    caption = (
+        "Hard cases, with what the run says of itself and why it ends so. The error is relative, "
+        "that of the quantity which is furthest off. J is off by how much it leaves the range of "
+        "the right answer, at full load and at any load before. Right, doubted: the answer is "
+        "right, and its verdict does not trust it. Off, told: it is wrong, and its verdict says "
+        "so. Explained: there is none, and the message says why."
+    )
+    return {
+        "title": "Stability",
+        "about": f"{__doc__}\n{len(records)} cases; {len(other)} of them end in another way than "
+        "known.",
+        "cases": records,
+        "tables": [*shown, table(caption, _COLUMNS, records)],
+    }
+
+
+def run_case(case: Case, limit: float) -> dict[str, Any]:
+    """Run a case and judge it.
+
+    Parameters
+    ----------
+    case : Case
+        Case.
+    limit : float
+        Wall time after which it is ended [s].
+
+    Returns
+    -------
+    dict
+        The record with `name`, `end` (see `judge`), `wanted`, `told` (what the run says of itself)
+        and `why`.
+    """
+    record = run_station(case, limit)
+    record |= {"name": case.name, "wanted": case.wanted, "why": case.why}
+    record["end"] = judge(case, record)
+    if record["end"] == EXPLAINED and record["outcome"] == "refused":
+        record["why"] = case.why or _NO_ANSWER
+    verdict = record.get("verdict") or {}
+    told = "; ".join(verdict.get("reasons", [])) or record["message"]
+    state = verdict.get("state")
+    if state != "accepted" or told:
+        told = told or outcome_text(record)
+        told = f"{state}: {told}" if state and state not in told else told
+    record["told"] = told if len(told) <= _LONGEST else told[:_LONGEST] + " ..."
+    return record
+
+
+def cases() -> list[Case]:
+    """All hard cases."""
+    return [*known_cases(), *bent_cases(), *again_cases(), *input_cases()]

@@ -1,0 +1,228 @@
+"""Arrays by a table that says what each must be; it holds for what is written and what is read."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from itertools import accumulate
+from typing import Any, NamedTuple
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from myork.errors import InputError
+
+__all__ = [
+    "UNREADABLE",
+    "Rule",
+    "attribute",
+    "dataset",
+    "fitted",
+    "holds",
+    "index",
+    "offsets",
+    "raw",
+    "real",
+    "whole",
+]
+
+#: What h5py raises on damaged files, and json on damaged texts
+UNREADABLE = (
+    OSError, LookupError, ArithmeticError, ValueError, TypeError, RuntimeError, AttributeError,
+    MemoryError,
+)  # fmt: skip
+
+_LEAST, _MOST = np.iinfo(np.int32).min, np.iinfo(np.int32).max
+#: A size in a shape: "points", "cells + 1", "8 pieces"
+_SIZE = re.compile(r"(?:(\d+) )?(\D+?)(?: \+ (\d+))?")
+
+
+class Rule(NamedTuple):
+    """What an array must be.
+
+    Attributes
+    ----------
+    kinds : str
+        Kinds of numbers that it may have, as in `numpy.dtype.kind`.
+    dtype : type
+        Type that it is given.
+    shape : tuple
+        Numbers, or names of sizes, `"points"`, `"cells + 1"`, `"8 pieces"`: a size that is not
+        known is that of the first array that has it, and at least one.
+    least, most : float or str
+        Range of its numbers; a size: that of an index into as many.
+    step : str
+        Name of the size by which numbers that rise from zero may rise at most.
+    """
+
+    kinds: str
+    dtype: type
+    shape: tuple[int | str, ...]
+    least: float = -np.inf
+    most: float | str = np.inf
+    step: str = ""
+
+
+def real(*shape: int | str, least: float = -np.inf, most: float = np.inf) -> Rule:
+    """Finite numbers."""
+    return Rule("iuf", np.float64, shape, least, most)
+
+
+def whole(*shape: int | str, least: float = _LEAST, most: float = _MOST) -> Rule:
+    """Whole numbers of 32 bits."""
+    return Rule("iu", np.int32, shape, least, most)
+
+
+def index(*shape: int | str, of: str, first: int = 0) -> Rule:
+    """Indices into as many as a size says, from zero or one."""
+    return Rule("iu", np.int32, shape, first, f"{of} + {first}")
+
+
+def offsets(count: str, into: str, step: str) -> Rule:
+    """Where the entries of each begin, and where the last ones end."""
+    return Rule("iu", np.int32, (f"{count} + 1",), 0, f"{into} + 1", step)
+
+
+def raw(kinds: str, dtype: type, *shape: int | str) -> Rule:
+    """Values of a kind of which none is wrong."""
+    return Rule(kinds, dtype, shape)
+
+
+def attribute(file: h5py.File, name: str) -> str:
+    """Text that a file has as an attribute."""
+    found = file.attrs.get(name)
+    if not isinstance(found, bytes | str):
+        raise InputError(f"the attribute '{name}' is missing or not a text")
+    return found if isinstance(found, str) else found.decode()
+
+
+def holds(file: h5py.Group, name: str) -> bool:
+    """Whether a file has something by this name."""
+    return bool(file.id.links.exists(name.encode()))
+
+
+def dataset(file: h5py.Group, name: str) -> h5py.Dataset:
+    """Dataset of a file, whose numbers have not been read yet.
+
+    Raises
+    ------
+    InputError
+        There is none; it is not an array of numbers, they are in another file, or its shape
+        claims more of them than this one holds.
+    """
+    for part in accumulate(name.split("/"), "{}/{}".format):
+        if not holds(file, part):
+            raise InputError(f"'{name}' is missing")
+        # opening another file may wait for its other end
+        if file.id.links.get_info(part.encode()).type != h5py.h5l.TYPE_HARD:
+            raise InputError(f"'{name}' is a link, which may lead to another file")
+    found = file[name]
+    if (
+        not isinstance(found, h5py.Dataset)
+        or found.shape is None
+        or found.dtype.kind not in "biufcS"
+    ):
+        raise InputError(f"'{name}' is not an array of numbers")
+    if found.is_virtual or found.external:
+        raise InputError(f"'{name}' has its numbers in another file")
+    # Deflate shrinks by a factor of 1032 at the most; a damaged header may claim any shape
+    if found.nbytes > 1100 * found.id.get_storage_size():
+        raise InputError(f"the shape of '{name}' claims far more numbers than the file holds")
+    return found
+
+
+def fitted(
+    table: Mapping[str, Rule], found: Mapping[str, Any], sizes: Mapping[str, int]
+) -> dict[str, NDArray[Any]]:
+    """Arrays as their table wants them.
+
+    Parameters
+    ----------
+    table : mapping
+        Rules by name.
+    found : mapping
+        Arrays by name, or datasets of a file, which are read when all shapes are right.
+    sizes : mapping
+        Sizes that are known.
+
+    Raises
+    ------
+    InputError
+        An array is missing or wrong: which, and what is wrong.
+    """
+    known = dict(sizes)
+    for name, rule in table.items():
+        if name not in found:
+            raise InputError(f"'{name}' is missing")
+        _check_shape(name, found[name], rule, known)
+    return {name: _checked(name, found[name][()], rule, known) for name, rule in table.items()}
+
+
+def _check_shape(name: str, found: Any, rule: Rule, known: dict[str, int]) -> None:
+    """Refuse another shape or kind of numbers, and note sizes that were not known."""
+    if found.dtype.kind not in rule.kinds:
+        words = {"iuf": "numbers", "iu": "whole numbers"}.get(rule.kinds, np.dtype(rule.dtype).name)
+        raise InputError(f"'{name}' must hold {words}, not {found.dtype.name}")
+    wanted = [_size(item, known) for item in rule.shape]
+    if len(found.shape) == len(wanted):
+        for k, item in enumerate(rule.shape):
+            if wanted[k] is None and found.shape[k] > 0:
+                known[str(item)] = wanted[k] = found.shape[k]
+    if found.shape != tuple(wanted):
+        words = ", ".join(str(n if n is not None else item) for n, item in
+                          zip(wanted, rule.shape, strict=True))  # fmt: skip
+        raise InputError(
+            f"'{name}' has shape {found.shape}, but ({words}{',' * (len(wanted) == 1)}) is needed"
+        )
+
+
+def _size(item: int | str, known: Mapping[str, int]) -> int | None:
+    """A size of a shape; None where it is not known."""
+    if isinstance(item, int):
+        return item
+    match = _SIZE.fullmatch(item)
+    assert match is not None
+    times, name, more = match.groups()
+    return int(times or 1) * known[name] + int(more or 0) if name in known else None
+
+
+def _checked(name: str, found: Any, rule: Rule, known: Mapping[str, int]) -> NDArray[Any]:
+    """Numbers of the wanted type, with an error where one is out of range."""
+    values = np.asarray(found)
+    if rule.dtype is np.float64:
+        with np.errstate(over="ignore"):
+            values = values.astype(float, copy=False)
+        good = np.isfinite(values) & (values >= rule.least)
+    elif rule.dtype is np.int32:
+        good = values >= rule.least
+    else:
+        return values.astype(rule.dtype, copy=False)
+    count = _size(rule.most, known) if isinstance(rule.most, str) else None
+    most = rule.most if count is None else count - 1
+    good &= values <= most
+    if rule.step:
+        steps = np.diff(values.astype(float), prepend=0.0)
+        good &= (steps >= 0) & (steps <= known[rule.step] * (np.arange(len(steps)) > 0))
+    if not good.all():
+        at = np.unravel_index(int(np.argmin(good)), good.shape)
+        entry = ", ".join(str(int(k)) for k in at)
+        raise InputError(
+            f"'{name}' must hold {_words(rule, most, known)}, but entry "
+            f"{entry if len(at) == 1 else f'({entry})'} is {values[at]:.10g}"
+        )
+    return values.astype(rule.dtype, copy=False)
+
+
+def _words(rule: Rule, most: Any, known: Mapping[str, int]) -> str:
+    if rule.step:
+        return f"numbers that rise from 0 to at most {most} by at most {known[rule.step]}"
+    if isinstance(rule.most, str):
+        return f"indices from {rule.least} to {most}"
+    if rule.dtype is np.int32:
+        return f"whole numbers from {rule.least} to {most}"
+    if np.isfinite(most):
+        return f"numbers from {rule.least:g} to {most:g}"
+    if rule.least > 0:
+        return "finite numbers above 0"
+    return "finite numbers" + " not below 0" * (rule.least == 0)

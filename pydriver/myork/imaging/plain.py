@@ -1,0 +1,95 @@
+"""Plain numbers and texts from files, and what the libraries that read them let pass."""
+
+from __future__ import annotations
+
+import gzip
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from myork.errors import FileError, InputError
+
+__all__ = ["check_kind", "read_arrays", "read_text", "unpacked_length"]
+
+# No list of names and no table of gradients is longer [bytes].
+_LONGEST_TEXT = 1 << 24
+# Read at a time [bytes]
+_CHUNK = 1 << 20
+
+
+def check_kind(name: str, kind: np.dtype) -> None:
+    """Refuse values that are not one plain number each."""
+    if kind.kind == "c":
+        raise InputError(
+            f"{name}: the values are complex ({kind}); save their magnitude (or the part that is "
+            "wanted) as an image of its own"
+        )
+    if kind.kind not in "biuf":
+        raise InputError(
+            f"{name}: the values are {'colours' if kind.names else 'no numbers'} ({kind}); save "
+            "one grey value a voxel"
+        )
+
+
+def unpacked_length(path: Path, needed: int) -> int:
+    """Length of what a gzip file holds, whose check sums must agree [bytes].
+
+    Parameters
+    ----------
+    path : Path
+        The file; it is not kept in memory.
+    needed : int
+        Length that the header promises; reading ends at twice of it [bytes].
+    """
+    total = 0
+    try:
+        with gzip.open(path) as file:
+            while total <= 2 * needed and (block := file.read(_CHUNK)):
+                total += len(block)
+    except Exception as reason:  # zlib has an error of its own
+        raise FileError(
+            f"{path}: cannot be read: the compressed data are damaged after {total} bytes: "
+            f"{reason}; copy the file again"
+        ) from None
+    return total
+
+
+def read_arrays(path: Path, names: Sequence[str]) -> list[np.ndarray]:
+    """Arrays of numbers from a NumPy archive."""
+    if not path.is_file():
+        raise FileError(f"{path}: there is no such file")
+    try:
+        if not zipfile.is_zipfile(path):
+            raise ValueError("it is no NumPy archive")
+        with np.load(path) as archive:
+            found = [np.asarray(archive[name]) for name in names]
+    except Exception as reason:  # zip, zlib and NumPy each have errors of their own
+        raise InputError(
+            f"{path}: needs the arrays {' and '.join(names)} of numbers: "
+            f"{' '.join(str(reason).split())}; write it again"
+        ) from None
+    for name, values in zip(names, found, strict=True):
+        check_kind(f"{path}: {name}", values.dtype)
+    return found
+
+
+def read_text(path: Path) -> str:
+    """Text of a small file."""
+    try:
+        with path.open("rb") as file:
+            content = file.read(_LONGEST_TEXT + 1)
+    except FileNotFoundError:
+        raise FileError(f"{path}: there is no such file") from None
+    except OSError as reason:
+        raise FileError(f"{path}: cannot be read: {reason.strerror}") from None
+    if len(content) > _LONGEST_TEXT:
+        raise InputError(f"{path}: is longer than {_LONGEST_TEXT} bytes; give a small table")
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as reason:
+        raise InputError(f"{path}: is not text: {reason}") from None
+    if "\0" in text:
+        raise InputError(f"{path}: is not text, it holds a zero byte")
+    return text

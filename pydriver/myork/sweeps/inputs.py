@@ -1,0 +1,180 @@
+"""What a sweep is of: the contents of all files that its points read, and the columns they fill."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from myork.core.cloud import model_path
+from myork.core.deck import load_deck
+from myork.errors import FileError, InputError, MyorkError
+from myork.rom.probes import probe_columns
+from myork.sweeps.plan import Plan
+
+__all__ = ["LAST_COLUMNS", "Inputs"]
+
+#: Columns of a table behind keys, probes and error bars
+LAST_COLUMNS = ("verdict", "message", "cpu_s")
+
+
+class Inputs:
+    """Identity of a sweep: two sweeps of the same contents are the same, wherever the files are.
+
+    Parameters
+    ----------
+    plan : Plan
+        Points.
+    deck : Path
+        Deck file.
+    overrides : sequence of str
+        Overrides for all points.
+    out : Path
+        Folder of the sweep, in which the model file of the deck is looked for first.
+    model : Path, optional
+        Reduced model that answers.
+    model_probes : sequence of str, optional
+        Names of the probes that it knows.
+
+    Attributes
+    ----------
+    head : dict
+        Digests of the files by what they are, overrides, keys and points.
+    columns : set of tuple of str
+        Columns of the probes of a point, as the words of its keys choose them.
+
+    Raises
+    ------
+    InputError
+        Two columns of the table would have one name.
+    FileError
+        A file cannot be read.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        deck: Path,
+        overrides: Sequence[str],
+        out: Path,
+        model: Path | None = None,
+        model_probes: Sequence[str] = (),
+    ) -> None:
+        self._paths = {"deck": deck} if model is None else {"deck": deck, "--model": model}
+        self.columns: set[tuple[str, ...]] = set()
+        # what is read and found depends on words and whole numbers: files, methods, names
+        chosen = {
+            tuple(value for value in point if not isinstance(value, float)): point
+            for point in reversed(plan.points)
+        }
+        for point in chosen.values():
+            try:
+                one = load_deck(deck, [*overrides, *plan.settings(point)], "solve")
+            except MyorkError:
+                # words that do not go together: these points fail with the message
+                continue
+            probes = one["probe"]
+            if model is None:
+                self._paths |= _files(one, out)
+            else:
+                probes = [probe for probe in probes if probe["name"] in model_probes]
+            self.columns.add(_columns(plan.keys, probes, one["scene"]["dimension"], deck))
+        self._marks = {name: _mark(path) for name, path in self._paths.items()}
+        self._digests = {name: _digest(path) for name, path in self._paths.items()}
+        self.head = {
+            "inputs": self._digests,
+            "overrides": list(overrides),
+            "keys": list(plan.keys),
+            "points": [list(point) for point in plan.points],
+        }
+
+    def check(self) -> None:
+        """Refuse to go on where a file is not what it was at the start.
+
+        Raises
+        ------
+        InputError
+            Another content.
+        FileError
+            The file is gone.
+        """
+        for name, path in self._paths.items():
+            mark = _mark(path)
+            if mark == self._marks[name]:
+                continue
+            if _digest(path) != self._digests[name]:
+                raise InputError(
+                    f"{path} ({name}) has changed while the sweep ran; the points that were "
+                    "finished before are kept: put the earlier file back and run the same line "
+                    "again, or sweep into another folder"
+                )
+            self._marks[name] = mark
+
+    def refusal(self, path: Path, other: Any) -> str:
+        """Why the points in a file are not of this sweep, by its first line; "" where they are."""
+        if other == self.head:
+            return ""
+        anew = f"or sweep into another folder than {path.parent}"
+        kinds = ("overrides", "keys", "points")
+        if not isinstance(other, dict) or not isinstance(other.get("inputs"), dict):
+            return f"{path}: is not what this version writes: remove it, {anew}"
+        if any(other.get(kind) != self.head[kind] for kind in kinds):
+            return (
+                f"{path}: is of another sweep, with other keys, points or --set: remove it, {anew}"
+            )
+        changed = [n for n in self._digests if other["inputs"].get(n) != self._digests[n]]
+        names = ", ".join(f"{self._paths[name]} ({name})" for name in changed)
+        return (
+            f"{path}: is of another sweep, from before {names or 'its files'} changed: put the "
+            f"earlier file back, {anew}"
+        )
+
+
+def _files(deck: Mapping[str, Any], out: Path) -> dict[str, Path]:
+    """Files that a scene is read from, by the key that names them and its value."""
+    folder = Path(deck["folder"])
+    named = [("geometry.labels", deck["geometry"].get("labels"))]
+    named += [(f"table.{table['name']}.file", table.get("file")) for table in deck["table"]]
+    found = {f"{key} = {name}": folder / name for key, name in named if name is not None}
+    model = model_path(deck, folder, out)
+    if model is not None:
+        found[f"geometry.file = {deck['geometry']['file']}"] = model
+    return found
+
+
+def _columns(
+    keys: Sequence[str], probes: Sequence[Mapping[str, Any]], dimension: int, deck: Path
+) -> tuple[str, ...]:
+    """Columns of the probes; refuse those that another column of the table overwrites."""
+    taken = {key: f"the varied key {key}" for key in keys}
+    taken |= dict.fromkeys(LAST_COLUMNS, "every sweep")
+    found: list[str] = []
+    for probe in probes:
+        own = probe_columns(probe, dimension)
+        for column in (*own, *(f"{name}_error" for name in own)):
+            if column in taken:
+                raise InputError(
+                    f"{deck}: probe.{probe['name']}: its column {column} of sweep.csv is also a "
+                    f"column of {taken[column]}: rename the probe"
+                )
+            taken[column] = f"the probe {probe['name']}"
+        found += own
+    return tuple(found)
+
+
+def _mark(path: Path) -> tuple[int, ...]:
+    """What changes with the content of a file, for a look that costs nothing."""
+    try:
+        found = path.stat()
+    except OSError as reason:
+        raise FileError(f"{path}: cannot be read: {reason.strerror or reason}") from None
+    return (found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns)
+
+
+def _digest(path: Path) -> str:
+    """SHA-256 of a file."""
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as reason:
+        raise FileError(f"{path}: cannot be read: {reason.strerror or reason}") from None

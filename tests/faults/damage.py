@@ -1,0 +1,212 @@
+"""Damage to the bytes of any file, as small edits that hypothesis finds, prints and shrinks.
+
+An edit is (what is done, where, with what). Places beyond the end count on from the beginning.
+"""
+
+import io
+import re
+import warnings
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import h5py
+import numpy as np
+import pydicom
+from hypothesis import HealthCheck, Phase, reject, settings
+from hypothesis import strategies as st
+from nibabel.nifti1 import header_dtype
+
+Edit = tuple[str, int, Any]
+Way = Callable[[bytes, int, Any], bytes]
+
+#: Texts in the place of others, and how often they stand there
+ODD = [
+    *((text, 1) for text in (
+        b"nan", b"inf", b"-inf", b"1e300", b"-1e300", b"1e-300", b"1e999", b"0", b"-0.0", b"-1",
+        b"3", b"1000", b"2147483647", b"-2147483648", b"9223372036854775807", b"1_0", b"0x7fffffff",
+        b"99999999999999999999", b"", b'""', rb'"\u0000"', rb'"\u0007\u001b[2J"', b"true", b"null",
+        b"[]", b"[[]]", b"{}", b"[1,2,3,4,5]", b'["x",1]', b"1979-05-27", b"/dev/zero", b"[[", b'"',
+        b"=", b"\xff\xfe")),
+    (b"\0", 8), (b"\xc3\xa9", 50), (b"x", 5_000), (b"x", 500_000), (b"[", 300), (b"[", 100_000),
+    (b'{"a":', 50_000), (b"{a=", 5_000),
+]  # fmt: skip
+REALS = (np.nan, np.inf, -np.inf, -1.0, 0.0, 0.5, 1e6, 1e19, 1e300, -1e300, 1e-300)
+WHOLES = (-1, 0, 1, 2, 7, 64, 1000, 2**15 - 1, -(2**31), 2**31 - 1)
+#: What stands in the place of an array; None where nothing does
+ARRAYS: dict[str, Callable[[np.ndarray], Any]] = {
+    "missing": lambda v: None,
+    "empty": lambda v: v[:0],
+    "scalar": lambda v: v.ravel()[0],
+    "one less": lambda v: v[:-1],
+    "one more": lambda v: np.concatenate([v, v[:1]]),
+    "flat": np.ravel,
+    "deep": lambda v: v.reshape((1,) * 6 + v.shape),
+    "transposed": np.transpose,
+    "falling": lambda v: v[::-1],
+    "texts": lambda v: np.array([b"a"] * len(v)),
+    "complex": lambda v: np.ones(v.shape, complex),
+    "compound": lambda v: np.zeros(v.shape, [("a", "f8"), ("b", "i4")]),
+    "single": lambda v: np.ones(v.shape, "f4"),
+    "beyond": lambda v: np.full(v.shape, 2**33),
+}
+ELEMENTS = (
+    "ImagePositionPatient", "ImageOrientationPatient", "PixelSpacing", "Rows", "Columns",
+    "SamplesPerPixel", "NumberOfFrames", "BitsAllocated", "PixelData", "RescaleSlope",
+    "SeriesInstanceUID",
+)  # fmt: skip
+VALUES = (None, "", 0, -1, 3, 13, 65535, 1e300, "nan", [0] * 6, [1, 2], "1.2.3", bytes(100))
+_TEXT_ENDS = re.compile(rb"[^\t-\r -~\x80-\xff]")
+
+
+def damaged(content: bytes, edits: Sequence[Edit]) -> bytes:
+    """The same bytes after some edits."""
+    for how, place, what in edits:
+        content = _WAYS[how](content, place, what) if content else content
+    return content
+
+
+def _at(new: Callable[[bytes, Any], bytes], length: Callable[[Any], int]) -> Way:
+    """Other bytes in the place of so many that stand there."""
+
+    def put(content: bytes, place: int, what: Any) -> bytes:
+        at = place % len(content)
+        end = at + length(what)
+        return content[:at] + new(content[at:end], what) + content[end:]
+
+    return put
+
+
+def _odd(pattern: bytes) -> Way:
+    """Put something odd in the place of what is found in the text before any other bytes."""
+
+    def put(content: bytes, place: int, what: tuple[bytes, int]) -> bytes:
+        text = _TEXT_ENDS.split(content, maxsplit=1)[0]
+        spans = [found.span() for found in re.finditer(pattern, text)]
+        at, end = spans[place % len(spans)] if spans else (0, 0)
+        return content[:at] + what[0] * what[1] + content[end:]
+
+    return put
+
+
+def _lines(content: bytes, place: int, what: tuple[int, int]) -> bytes:
+    """Move some lines to another place; to none, if it is far away."""
+    lines, (number, to) = content.splitlines(keepends=True), what
+    at = place % len(lines)
+    moved, lines[at : at + number] = lines[at : at + number], []
+    return b"".join([*lines[:to], *moved, *lines[to:]] if to < 2 * len(lines) else lines)
+
+
+def _field(content: bytes, place: int, what: tuple[str, float]) -> bytes:
+    """Another number in the header of a NIfTI file."""
+    if len(content) < header_dtype.itemsize:
+        return content
+    header = np.frombuffer(content, header_dtype, 1).copy()
+    field, value = header[what[0]].reshape(-1), np.float64(what[1])
+    if field.dtype.kind in "iu":
+        value = np.nan_to_num(value).clip(-(2**31), 2**31 - 1).astype(int)
+    with np.errstate(all="ignore"):
+        field[place % field.size] = value.astype(field.dtype)
+    return header.tobytes() + content[header_dtype.itemsize :]
+
+
+def _element(content: bytes, place: int, what: tuple[str, Any]) -> bytes:
+    """Another value of an element of a DICOM file, or none."""
+    changed = io.BytesIO()
+    try:
+        with pydicom.config.disable_value_validation(), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            data = pydicom.dcmread(io.BytesIO(content))
+            if what[1] is None:
+                delattr(data, what[0])
+            else:
+                setattr(data, *what)
+            data.save_as(changed, enforce_file_format=True)
+    except Exception:  # pydicom writes no such thing
+        reject()
+    return changed.getvalue()
+
+
+def _array(content: bytes, place: int, what: str | tuple[int, float]) -> bytes:
+    """Another array in a file of HDF5 or an archive of NumPy, another number in one, or none."""
+    stream, changed = io.BytesIO(content), io.BytesIO()
+    try:
+        if content.startswith(b"PK"):
+            with np.load(stream) as archive:
+                arrays = dict(archive)
+            name = sorted(arrays)[place % len(arrays)]
+            arrays[name] = _other(arrays[name], what)
+            np.savez(changed, **{key: v for key, v in arrays.items() if v is not None})
+            return changed.getvalue()
+        with h5py.File(stream, "r+") as file:
+            names: list[str] = []
+            file.visit(names.append)
+            name = names[place % len(names)]
+            values = file[name][()] if isinstance(file[name], h5py.Dataset) else np.zeros(0)
+            del file[name]
+            if what == "beyond" and values.ndim > 1:  # more than there is on any disk
+                file.create_dataset(name, (2**40, 8), chunks=(1000, 8), dtype=float)
+            elif (new := _other(values, what)) is not None:
+                file[name] = new
+        return stream.getvalue()
+    except Exception:  # other edits left no such file, or there is no such array
+        reject()
+
+
+def _other(values: np.ndarray, what: str | tuple[int, float]) -> Any:
+    values = np.atleast_1d(values)
+    if isinstance(what, str):
+        return ARRAYS[what](values)
+    values, (place, number) = values.copy(), what
+    if values.dtype.kind != "f":
+        number = WHOLES[place % len(WHOLES)]
+    values.flat[place % values.size] = np.array(number).astype(values.dtype)
+    return values
+
+
+_WAYS: dict[str, Way] = {
+    "cut": lambda content, place, _: content[: place % len(content)],
+    "again": lambda content, place, _: content + content[place % len(content) :],
+    "flip": _at(lambda old, bits: bytes([old[0] ^ bits]), lambda _: 1),
+    "zeros": _at(lambda _, length: bytes(length), lambda length: length),
+    "insert": _at(lambda _, odd: odd[0] * odd[1], lambda _: 0),
+    "word": _odd(rb"[\w.+-]+"),
+    "value": _odd(rb"(?<=[=:])[^\n]+"),
+    "lines": _lines,
+    "field": _field,
+    "element": _element,
+    "array": _array,
+    # what a table of known damage names
+    "put": lambda content, _, what: content.replace(*what),
+    "all": lambda content, _, what: what,
+}
+
+#: The same damage in every run; what is found is made as small as possible and not kept
+SETTINGS = settings(
+    derandomize=True,
+    database=None,
+    deadline=None,
+    report_multiple_bugs=False,
+    suppress_health_check=list(HealthCheck),
+    phases=[Phase.generate, Phase.shrink],
+)
+
+
+def _edits(how: str, what: st.SearchStrategy[Any]) -> st.SearchStrategy[Edit]:
+    return st.tuples(st.just(how), st.integers(0, 400) | st.integers(0, 1 << 24), what)
+
+
+_ODD, _BITS = st.sampled_from(ODD), st.integers(1, 255)
+BYTES = st.one_of(
+    _edits("cut", st.none()), _edits("again", st.none()), _edits("flip", _BITS),
+    _edits("zeros", _BITS), _edits("insert", _ODD),
+)  # fmt: skip
+TEXT = st.one_of(
+    _edits("word", _ODD), _edits("value", _ODD),
+    _edits("lines", st.tuples(st.integers(1, 8), st.integers(0, 100))),
+)  # fmt: skip
+FIELDS = _edits("field", st.tuples(st.sampled_from(header_dtype.names), st.sampled_from(REALS)))
+ELEMENT = _edits("element", st.tuples(st.sampled_from(ELEMENTS), st.sampled_from(VALUES)))
+ARRAY = _edits(
+    "array",
+    st.sampled_from(sorted(ARRAYS)) | st.tuples(st.integers(0, 1 << 16), st.sampled_from(REALS)),
+)

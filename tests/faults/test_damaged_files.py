@@ -1,0 +1,398 @@
+"""Damaged files of every kind: refused by name or read, without a crash, a hang or a traceback."""
+
+import gzip
+import io
+import os
+import re
+import shutil
+import subprocess
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import nibabel
+import numpy as np
+import pytest
+import pyvista
+import SimpleITK
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from myork import make_report, run_deck, run_rom
+from myork.bench.runs import INPUTS
+from myork.core.deck import load_deck, text_of_tables
+from myork.errors import InputError, MyorkError
+from myork.imaging.gradients import read_gradients
+from myork.imaging.io import read_image, read_labels
+from myork.model.mesh import read_tracts, voxelise
+from myork.model_file import read_model, write_model
+from myork.results import Results
+from myork.stations.segment import segment
+from myork.stations.solve import find_executable
+from tests.faults.damage import (
+    ARRAY,
+    BYTES,
+    ELEMENT,
+    FIELDS,
+    SETTINGS,
+    TEXT,
+    Edit,
+    damaged,
+)
+from tests.faults.isolated import Verdict, Worker, isolated
+from tests.imaging.test_formats import series
+from tests.unit.test_scene_from_tables import BLOCK, cloud
+from tests.unit.test_stations import BAR
+
+AFFINE = np.diag([2.0, 2.0, 5.0, 1.0])
+BAR = {**BAR, "scene": {"dimension": 2, "method": "rkpm-gauss"}}
+
+
+def disc() -> np.ndarray:
+    """A bright disc with a dark one in it, in air, with a little noise."""
+    i, j, _ = np.indices((32, 32, 2)) - 15.5
+    image = np.where(np.hypot(i, j) < 14, 300.0, 2.0)
+    image[np.hypot(i, j - 6.4) < 6.2] = 120.0
+    noise = np.random.default_rng(3).normal(0.0, 4.0, image.shape)
+    return np.abs(image + noise).astype(np.float32)
+
+
+def segmented(**files: Path) -> dict[str, Any]:
+    """Deck of two regions, which take some tenths of a second."""
+    image = {"iterations": 20, **{key: str(path) for key, path in files.items()}}
+    return {"scene": {"dimension": 3}, "image": image, "bias": {"method": "none"}}
+
+
+# ---- what reads the files ------------------------------------------------------------------------
+
+
+def explain(deck: Path) -> None:
+    """The executable ends well as well."""
+    done = subprocess.run(
+        [find_executable(), deck, "--explain", "-o", deck.parent],
+        capture_output=True, text=True, errors="replace", timeout=50,
+    )  # fmt: skip
+    wrong = re.search("internal error|runtime error|ERROR STOP", done.stderr)
+    assert done.returncode in (0, 2) and not wrong, (done.returncode, done.stderr)
+    assert done.returncode == 0 or str(deck.parent) in done.stderr, done.stderr
+
+
+def read_deck(path: Path) -> None:
+    explain(path)
+    load_deck(path)
+
+
+def read_cloud(path: Path) -> None:
+    explain(path.with_name("deck.toml"))
+    read_model(path)
+
+
+def read_grey(path: Path) -> None:
+    image = read_image(path)
+    assert np.isfinite(image.data).all()
+    if path.suffix == ".gz":  # check sums have seen any other change
+        assert np.array_equal(image.data, disc())
+
+
+def read_names(path: Path) -> None:
+    labels = read_labels(path.with_suffix(".nii"))
+    assert all(isinstance(name, str) for name in labels.names.values())
+
+
+def read_table(path: Path) -> None:
+    files = [path.with_name(f"sound.{kind}") for kind in ("bval", "bvec")]
+    table = read_gradients(*files, AFFINE, 8)
+    assert np.isfinite(table.b).all() and np.isfinite(table.direction).all()
+
+
+def read_states(path: Path) -> None:
+    with Results(path) as results:
+        for number in range(results.nstep):
+            results.restart(number)
+            for name in results.fields:
+                results.field(name, number)
+
+
+read_lines = partial(read_tracts, to_mm=1.0)
+read_surface = partial(voxelise, to_mm=1.0, spacing=(8.0, 8.0, 8.0), name="muscle")
+
+#: Folder of each kind: what reads its files, and damage to them
+KINDS: dict[str, tuple[Callable[[Path], Any], st.SearchStrategy[Edit]]] = {
+    "deck": (read_deck, BYTES | TEXT),
+    "model": (read_cloud, BYTES),
+    "nifti": (read_grey, BYTES | FIELDS),
+    "gzip": (read_grey, BYTES),
+    "itk": (read_grey, BYTES | TEXT),
+    "dicom": (read_image, BYTES | ELEMENT),
+    "names": (read_names, BYTES | TEXT),
+    "gradients": (read_table, BYTES | TEXT),
+    "tracts": (read_lines, BYTES | ARRAY),
+    "surface": (read_surface, BYTES | TEXT),
+    "states": (read_states, BYTES | ARRAY),
+    "summary": (make_report, BYTES | TEXT),
+    "history": (make_report, BYTES | TEXT),
+    "results": (make_report, BYTES | ARRAY),
+    "labels": (make_report, BYTES),
+}
+#: Kinds that are read as a folder; kinds that take a second; files that stand beside the damaged
+FOLDERS = ("dicom", "summary", "history", "results", "labels")
+SLOW = ("surface", *FOLDERS[1:])
+PAGE = "report.html"  # written into the folder that is read
+BESIDE = ("model/deck.toml", "names/sound.nii", "history/summary.json", "labels/anatomy.nii.gz")
+#: Kinds of which no part may be missing without notice
+WHOLE = ("model", "nifti", "gzip", "itk", "dicom", "tracts", "states", "results", "labels")
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of each kind with sound files."""
+    top = tmp_path_factory.mktemp("files")
+    for kind in KINDS:
+        (top / kind).mkdir()
+    for deck in INPUTS.glob("*.toml"):
+        if not re.search('"model"|.nii', deck.read_text()):
+            shutil.copy(deck, top / "deck")
+    write_model(top / "model" / "model.h5", cloud())
+    (top / "model" / "deck.toml").write_text(text_of_tables(BLOCK))
+    for name in ("nifti/sound.nii", "gzip/sound.nii.gz"):
+        nibabel.save(nibabel.Nifti1Image(disc(), AFFINE), top / name)
+    image = SimpleITK.GetImageFromArray(np.ascontiguousarray(disc().T))
+    for suffix in ("nrrd", "mha"):
+        SimpleITK.WriteImage(image, str(top / f"itk/sound.{suffix}"), False)
+        SimpleITK.WriteImage(image, str(top / f"itk/packed.{suffix}"), True)
+    series(top / "dicom")
+    nibabel.save(nibabel.Nifti1Image(np.ones((2, 2, 2), "u1"), AFFINE), top / "names/sound.nii")
+    (top / "names/sound.json").write_text('{"soleus": 1, "tibialis": 2}')
+    np.savetxt(top / "gradients/sound.bval", [[0] + [500] * 7], fmt="%g")
+    np.savetxt(top / "gradients/sound.bvec", np.eye(3)[:, np.arange(8) % 3], fmt="%.3f")
+    np.savez_compressed(top / "tracts/sound.npz", points=np.tile(LINES, (3, 1)), offsets=[0, 7, 14])
+    body = pyvista.PlatonicSolid("octahedron", radius=20.0).triangulate()
+    for suffix in ("stl", "ply", "vtk", "vtp"):
+        body.save(top / f"surface/sound.{suffix}", binary=False)
+    rows = [("v", *point) for point in body.points] + [("f", *f) for f in body.regular_faces + 1]
+    (top / "surface/sound.obj").write_text("".join("{} {} {} {}\n".format(*row) for row in rows))
+    segment(segmented(anatomy=top / "nifti/sound.nii"), top)
+    for run in (run_deck, run_rom):
+        run(BAR, top, threads=1)
+    for kind, name in (("states", "results.vtkhdf"), ("summary", "summary.json"),
+                       ("history", "history.csv"), ("history", "summary.json"),
+                       ("results", "results.vtkhdf"), ("labels", "segmentation.nii.gz"),
+                       ("labels", "anatomy.nii.gz")):  # fmt: skip
+        shutil.copy(top / name, top / kind)
+    return top
+
+
+@pytest.fixture(scope="module")
+def worker() -> Iterator[Worker]:
+    worker = Worker()
+    yield worker
+    worker.close()
+
+
+def end_of(worker: Worker, path: Path, edits: Sequence[Edit]) -> Verdict:
+    """How a damaged file is read; the sound one is there again afterwards."""
+    content, kind = path.read_bytes(), path.parent.name
+    path.write_bytes(damaged(content, edits))
+    try:
+        end = worker.ask(KINDS[kind][0], path.parent if kind in FOLDERS else path)
+    finally:
+        path.write_bytes(content)
+    assert end.outcome in ("right", "refused"), end
+    assert end.outcome == "right" or str(path.parent) in end.said, end
+    return end
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    "count",
+    [pytest.param(20, marks=pytest.mark.slow), pytest.param(400, marks=pytest.mark.nightly)],
+)
+def test_any_damage(sound: Path, worker: Worker, kind: str, count: int) -> None:
+    files = sorted((sound / kind).iterdir())
+    paths = [p for p in files if p.name != PAGE and f"{kind}/{p.name}" not in BESIDE]
+    refused = []
+
+    @settings(SETTINGS, max_examples=count // 10 if kind in SLOW else count)
+    @given(st.sampled_from(paths), st.lists(KINDS[kind][1], min_size=1, max_size=3))
+    def ends_well(path: Path, edits: list[Edit]) -> None:
+        end = end_of(worker, path, edits)
+        refused.append(end.outcome == "refused")
+        assert refused[-1] or kind not in WHOLE or [how for how, *_ in edits] != ["cut"], end
+
+    for path in paths:
+        assert end_of(worker, path, []).outcome == "right"
+    ends_well()
+    assert any(refused)
+
+
+# ---- what ended badly once and random damage hardly finds ----------------------------------------
+
+
+def put(old: str, new: str) -> list[Edit]:
+    return [("put", 0, (old.encode(), new.encode()))]
+
+
+def text(new: str) -> list[Edit]:
+    return [("all", 0, new.encode())]
+
+
+def fields(**values: Any) -> list[Edit]:
+    """Other numbers in the header of a NIfTI file, from the first of a field on."""
+    return [
+        ("field", place, (name, number))
+        for name, numbers in values.items()
+        for place, number in enumerate(np.atleast_1d(numbers).tolist())
+    ]
+
+
+def lines(points: np.ndarray, offsets: list[float]) -> list[Edit]:
+    np.savez(stream := io.BytesIO(), points=points, offsets=offsets)
+    return [("all", 0, stream.getvalue())]
+
+
+def bomb() -> list[Edit]:
+    """A hundred megabytes in a small file, whose header says that there are ninety gigabytes."""
+    plain = nibabel.Nifti1Image(disc(), AFFINE).to_bytes()
+    header = damaged(plain, fields(dim=[3, 10000, 10000, 224]))
+    return [("all", 0, gzip.compress(header + bytes(10**8), 1))]
+
+
+LINES = np.column_stack([np.zeros((7, 2)), np.linspace(-30.0, 30.0, 7)])
+#: Damage to the file of a kind, and what is said of it
+ONCE: list[tuple[str, list[Edit], str]] = [
+    *(("itk/sound.mha", put("NDims = 3", f"NDims = {n}"), "NDims") for n in (1000, 99, -3)),
+    ("itk/sound.mha", put("DimSize = 32 32 2", "DimSize = 100000 100000 9"), "cannot be read"),
+    ("itk/sound.mha", put("MET_FLOAT", "MET_UCHAR_ARRAY"), "more than its header"),
+    ("itk/sound.mha", put("ElementSpacing = 1", "ElementSpacing = -1"), "ElementSpacing = '-1"),
+    ("itk/sound.mha", put("= LOCAL", "= /dev/zero"), "is no file of data"),
+    ("itk/sound.mha", put("= LOCAL", "= sound.mha"), "is no file of data"),
+    ("itk/packed.mha", [("flip", -9, 255)], "compressed data are damaged"),
+    ("itk/sound.nrrd", put("float", "x" * 1000), "'type' has 1004 characters"),
+    ("itk/sound.nrrd", put("float", "short"), "more than its header"),
+    ("itk/sound.nrrd", put("32 32 2", "4294967296 4294967296 2"), "cannot be read"),
+    ("itk/sound.nrrd", put("raw", "raw\ndata file: sound.nrrd"), "is no file of data"),
+    ("itk/sound.nrrd", put("raw", 'raw\nspace units: "ell" "ell" "ell"'), "not understood"),
+    ("dicom/1.dcm", [("cut", 140, None)], "has no data behind its header"),
+    ("nifti/sound.nii", fields(dim=[7] + [32767] * 7), "cannot be read|3-D image"),
+    ("nifti/sound.nii", fields(dim=[3, -32, -32]), "cannot be read"),
+    ("nifti/sound.nii", fields(dim=[3, 32, 32, 1]), "more than its header"),
+    ("nifti/sound.nii", fields(datatype=32, bitpix=64), "values are complex"),
+    ("nifti/sound.nii", fields(datatype=128, bitpix=24), "values are colours"),
+    ("nifti/sound.nii", fields(sform_code=0, pixdim=[1, 0]), "affine is singular"),
+    ("nifti/sound.nii", fields(srow_x=[2, 0, 0, 1e20]), "affine is implausible"),
+    ("nifti/sound.nii", fields(xyzt_units=7), "unit of length 7"),
+    ("nifti/sound.nii", fields(scl_slope=np.inf), "scale of the values is inf"),
+    ("nifti/sound.nii", fields(scl_slope=3e38), r"beyond 1e\+30|not finite"),
+    ("gzip/sound.nii.gz", [("again", 0, None)], "more than its header"),
+    ("gzip/sound.nii.gz", bomb(), "cannot be read|damaged"),
+    *(("names/sound.json", text(names), "must hold|twice") for names in (
+        '{"a": 1.5}', '{"a": -1}', '{"a": 1e999}', '{"a": NaN}', '{"a": true}', '{"a": 1, "b": 1}',
+        '{"a": 1, "a": 2}', '{"a": {"b": 1}}', '{"a": ' + "9" * 5000 + "}")),
+    ("gradients/sound.bval", text("0" + " 500" * 6), "has 7 values"),
+    ("gradients/sound.bval", text("0" + " 5e8" * 7), "is implausible"),
+    ("gradients/sound.bval", text("0 " * (1 << 24)), "is longer than"),
+    ("gradients/sound.bvec", text("1 " * 24), "three rows of components"),
+    ("gradients/sound.bvec", text("1e300 1 1 1 1 1 1 1\n" * 3), "must be unit vectors"),
+    ("tracts/sound.npz", lines(LINES * 1j, [0, 7]), "values are complex"),
+    ("tracts/sound.npz", lines(LINES, [0, 3.5, 7]), "must be integers"),
+    ("tracts/sound.npz", lines(LINES, [0, 70]), "offsets must rise"),
+    ("tracts/sound.npz", lines(LINES[:0], [0]), "holds no line"),
+    ("tracts/sound.npz", lines(LINES * 1e12, [0, 7]), "km away"),
+    ("tracts/sound.npz", lines(LINES * 0, [0, 7]), "no line has a length"),
+    ("surface/sound.vtk", put("POINTS 6", "POINTS 4000000000"), "cannot be read|no surface"),
+    ("surface/sound.ply", put("vertex 6", "vertex 2000000000"), "cannot be read|no surface"),
+    ("surface/sound.vtp", put('Points="6"', 'Points="6000000000000"'), "cannot be read|no surface"),
+]  # fmt: skip
+
+
+@pytest.mark.slow
+def test_damage_that_ended_badly_once(sound: Path, worker: Worker) -> None:
+    wrong = []
+    for name, edits, said in ONCE:
+        end = end_of(worker, sound / name, edits)
+        if end.outcome == "right" or not re.search(said, end.said):
+            wrong.append((name, str(edits)[:100], said, end))
+    assert not wrong
+
+
+@pytest.mark.parametrize("name", ["missing", "folder", "pipe", "loop"])
+def test_places_without_a_file(tmp_path: Path, name: str) -> None:
+    (tmp_path / "folder").mkdir()
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "loop").symlink_to("loop")
+    for read in (read_image, load_deck, read_model, read_lines, read_surface):
+        with pytest.raises(MyorkError, match=str(tmp_path / name)):
+            read(tmp_path / name)
+
+
+# ---- sound files of values that are none, or that do not belong to the image ---------------------
+
+
+def with_one(value: float) -> np.ndarray:
+    image = disc().astype(float)
+    image[4, 5, 1] = value
+    return image
+
+
+DARK = ((disc() > 60) & (disc() < 200)).astype(np.int16)
+CORNER = np.pad([[[1, 1]]], ((0, 31), (0, 31), (0, 0)))
+COLOURS = np.zeros(DARK.shape, [("R", "u1"), ("G", "u1"), ("B", "u1")])
+
+
+@pytest.mark.parametrize(
+    ("key", "values", "message"),
+    [
+        ("anatomy", with_one(np.nan), r"1 voxels are not finite, the first at voxel \(4, 5, 1\)"),
+        ("anatomy", with_one(1e300), "1 values are beyond"),
+        ("anatomy", with_one(1e20), "the file is damaged there"),
+        ("anatomy", -disc(), "no value is above zero"),
+        ("anatomy", np.ones_like(disc()), "contrast"),
+        ("anatomy", disc() * 1j, "values are complex"),
+        ("anatomy", COLOURS, "values are colours"),
+        ("anatomy", np.stack([disc()] * 2, -1)[:, :, :, None], "3-D image is needed"),
+        ("anatomy", disc()[:1, :1, :1], "no body found"),
+        ("reference", 0 * DARK, "the reference is empty"),
+        ("reference", CORNER, "the segmentation is empty"),
+        ("reference", DARK / 3.0, "must hold integers, not float64"),
+        ("reference", -DARK, "must not be negative"),
+        ("reference", DARK.astype(np.int64) * 2**40, "must not exceed"),
+        ("reference", DARK[:, :, :1], "resample one to the grid"),
+        ("truth", 0 * DARK, "no voxel has one of image.truth_labels"),
+        ("truth", DARK * 1j, "values are complex"),
+        ("region", 0 * DARK, "the region is empty"),
+        *(
+            ("tensor", np.full((32, 32, 2, 6), value), "no usable diffusion tensor")
+            for value in (np.nan, np.inf, 0.0, -1.0)
+        ),
+        ("tensor", disc(), "4-D image with 6"),
+    ],
+)
+def test_impossible_values(tmp_path: Path, key: str, values: np.ndarray, message: str) -> None:
+    images = {"anatomy": disc(), key: values}
+    for name, data in images.items():
+        nibabel.save(nibabel.Nifti1Image(data, AFFINE, dtype=data.dtype), tmp_path / f"{name}.nii")
+    with pytest.raises(MyorkError, match=message) as caught:
+        segment(segmented(**{name: tmp_path / f"{name}.nii" for name in images}), tmp_path / "out")
+    assert caught.value.exit_code == 2 and str(tmp_path) in str(caught.value)
+
+
+# ---- the process in which files are read ---------------------------------------------------------
+
+
+def ending(how: str) -> Verdict | None:
+    if how == "crash":
+        os.abort()
+    while how == "hang":
+        pass
+    if how == "internal":
+        raise ValueError(how)
+    if how == "refused":
+        raise InputError(how)
+    return Verdict(how) if how == "lost" else None
+
+
+@pytest.mark.slow
+def test_an_isolated_call_may_do_anything() -> None:
+    hows = ["right", "crash", "refused", "hang", "internal", "crash", "lost"]
+    assert [end.outcome for end in isolated(ending, hows, 2.0)] == hows

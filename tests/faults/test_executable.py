@@ -1,0 +1,177 @@
+"""Models, words, memories and environments on which the executable ended badly once."""
+
+import os
+import re
+import resource
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from myork.cli import main
+from myork.core.deck import load_tables, text_of_tables
+from myork.core.scene import Scene
+from myork.errors import InputError
+from myork.model_file import read_model, write_model
+from myork.stations.solve import find_executable
+from tests.unit.test_scene_from_tables import BLOCK, PULLED, cloud
+
+PATIENCE = 60
+
+
+def run(*words: str | Path, **more) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [find_executable(), *words], capture_output=True, text=True, timeout=PATIENCE, **more
+    )
+
+
+def explain(folder: Path, *words: str, **more) -> subprocess.CompletedProcess[str]:
+    (folder / "deck.toml").write_text(text_of_tables(BLOCK), encoding="utf-8")
+    return run(folder / "deck.toml", "--explain", "-o", folder, *words, **more)
+
+
+def limited(size: int) -> dict[str, Callable[[], None]]:
+    """Words of a process that has so much address space [bytes]."""
+    return {"preexec_fn": lambda: resource.setrlimit(resource.RLIMIT_AS, (size, size))}
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("volume", -1.0, "'volume' must hold finite numbers not below 0, but entry 5 is -1"),
+        ("area", -1.0, "'area' must hold finite numbers not below 0, but entry 5 is -1"),
+        (
+            "boundary_point",
+            2**31 - 1,
+            "'boundary_point' must hold indices from 0 to 440, but entry 5 is 2147483647",
+        ),
+        ("boundary_set", 3, "'boundary_set' must hold indices from 0 to 1, but entry 5 is 3"),
+    ],
+)
+def test_impossible_numbers_of_a_model(
+    tmp_path: Path, name: str, value: float, message: str
+) -> None:
+    path = tmp_path / "model.h5"
+    write_model(path, cloud())
+    assert explain(tmp_path).returncode == 0
+    with h5py.File(path, "r+") as file:
+        file[name][5] = value
+    done = explain(tmp_path)
+    assert done.returncode == 2 and message in done.stderr
+    with pytest.raises(InputError, match=message):
+        read_model(path)
+
+
+def test_many_names_take_little_memory(tmp_path: Path) -> None:
+    """20,000 names, each of which took the room of all of them: 4 GB."""
+    write_model(tmp_path / "model.h5", cloud())
+    names = "z0\nz1\n" + "\n".join(f"set {i}" for i in range(20_000))
+    with h5py.File(tmp_path / "model.h5", "r+") as file:
+        del file["set_names"]
+        file["set_names"] = np.frombuffer(names.encode(), np.uint8)
+    done = explain(tmp_path, **limited(1_500_000_000))
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("name", ["model.h5", "deck.toml"])
+def test_a_pipe_is_no_file(tmp_path: Path, name: str) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "deck.toml").write_text(text_of_tables(BLOCK), encoding="utf-8")
+    (tmp_path / name).unlink(missing_ok=True)
+    (tmp_path / name).symlink_to("pipe")
+    done = run(tmp_path / "deck.toml", "--explain")
+    said = "not a regular file" if name == "model.h5" else f"{tmp_path / name}: the deck cannot be"
+    assert done.returncode == 2 and said in done.stderr
+
+
+@pytest.mark.parametrize("kind", ["source", "points"])
+def test_two_points_in_one_place(tmp_path: Path, kind: str) -> None:
+    """Refused by number and place, from a file and from arrays."""
+    points = getattr(cloud(), kind).copy()
+    points[9] = points[3] + 1e-9
+    body = replace(cloud(), **{kind: points})
+    what = f"{'source' if kind == 'source' else 'collocation'} points 4 and 10 at (0, "
+    write_model(tmp_path / "model.h5", body)
+    done = explain(tmp_path)
+    assert done.returncode == 2 and what in done.stderr and "are the same" in done.stderr
+    with pytest.raises(InputError, match=re.escape(what)):
+        Scene.from_tables(PULLED, cloud=body)
+
+
+def test_exponents_of_three_digits_keep_their_letter(tmp_path: Path) -> None:
+    spacing = np.tile(cloud().spacing, (80, 1))
+    spacing[0, 1] = -1e-123
+    write_model(tmp_path / "model.h5", replace(cloud(), spacing=spacing))
+    done = explain(tmp_path)
+    assert done.returncode == 2 and "(0.333333, -1.00000E-123, 0.375)" in done.stderr
+    write_model(tmp_path / "model.h5", cloud())
+    words = ["-v", "-o", tmp_path, "--set", "material.A10=1e115", "--set", "material.K=1e117"]
+    done = run(tmp_path / "deck.toml", *words)
+    assert re.search(r"iteration 1  \|r\|  \d\.\dE\+10\d  \|A'r\|  \d\.\dE\+2\d\d  ", done.stdout)
+
+
+def test_threads_of_the_environment(tmp_path: Path) -> None:
+    write_model(tmp_path / "model.h5", cloud())
+    many = {**os.environ, "OMP_NUM_THREADS": "100000", "PYTHONPATH": os.pathsep.join(sys.path)}
+    for words in ([], ["-t", "2"]):
+        done = explain(tmp_path, *words, env=many)
+        assert done.returncode == (0 if words else 2), done.stderr
+        assert words or "OMP_NUM_THREADS is 100000" in done.stderr
+    done = subprocess.run(
+        [sys.executable, "-c", "import myork; myork.Scene"],
+        env=many, capture_output=True, text=True, timeout=PATIENCE,
+    )  # fmt: skip
+    assert "InputError: OMP_NUM_THREADS is 100000" in done.stderr
+
+
+@pytest.mark.parametrize("word", ["--help", "--version"])
+def test_little_memory_answers_questions(word: str) -> None:
+    ends = [run(word), run(word, **limited(300_000_000))]
+    assert ends[0].returncode == ends[1].returncode == 0
+    assert ends[0].stdout == ends[1].stdout and "myork-solve" in ends[0].stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["-t", "100000"], "from 1 to 1024"),
+        (["--set", "load.steps=2\nload.activation=1"], "an override is a single line"),
+    ],
+)
+def test_words_of_the_executable(tmp_path: Path, words: list[str], message: str) -> None:
+    write_model(tmp_path / "model.h5", cloud())
+    done = explain(tmp_path, *words)
+    assert done.returncode == 2 and message in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [(["--out", ""], "the name of a folder"), (["--threads", "100000"], "at most 1024")],
+)
+def test_words_of_the_command(
+    words: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as end:
+        main(["explain", "deck.toml", *words])
+    assert end.value.code == 2 and message in capsys.readouterr().err
+
+
+def test_texts_of_a_deck() -> None:
+    """A null character cut a text; half a megabyte took 15 s."""
+    with pytest.raises(InputError, match=r"title: must not contain the character .u0000"):
+        load_tables({"title": "a\0b"})
+    with pytest.raises(InputError, match="title: must not be longer than 4096 bytes, not 500000"):
+        load_tables({"title": "x" * 500_000})
+    with pytest.raises(InputError, match=r"tables: x{100,200}\.\.\.: unknown"):
+        load_tables({"x" * 500_000: 1})
+
+
+def test_little_memory_is_refused_at_once(tmp_path: Path) -> None:
+    write_model(tmp_path / "model.h5", cloud())
+    done = explain(tmp_path, **limited(300_000_000))
+    assert done.returncode == 2 and "ulimit -v" in done.stderr

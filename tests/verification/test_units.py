@@ -1,0 +1,193 @@
+"""Units of probes: the core writes them once, and they tell how numbers change with the deck's.
+
+Each scene is solved in N and cm and again in mN and mm. The ratio of a probe's two numbers must be
+that of the powers of 1000 and 10 which its unit names, in space, in the plane and on a line.
+"""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from myork import Results, Scene, load_deck
+from myork.core.deck import load_tables
+from myork.stations.solve import run_deck
+from myork.summary import printed
+
+ROOT = Path(__file__).parents[2]
+FORCE, LENGTH = 1000.0, 10.0
+#: All quantities of the schema
+QUANTITIES = set(
+    re.findall(
+        r'"(\w+)"',
+        re.search(
+            r"\[probe\.quantity\].*?choices = \[(.*?)\]",
+            (ROOT / "fortran/deck/schema.toml").read_text(encoding="utf-8"),
+            re.DOTALL,
+        )[1],
+    )
+)
+RUBBER = {"name": "rubber", "model": "neo-hookean", "mu": 10, "K": 50}
+PULL = (("x", 0.1), ("y", 0.05), ("z", 0.05))
+PLANE = {q for q in QUANTITIES if not re.search(r"z|torque_[xy]", q)} | {"torque_z", "cauchy_zz"}
+
+
+def body(dimension: int, quantities: set[str], force: float = 1.0, length: float = 1.0) -> dict:
+    """A muscle that is pulled askew, with all probes, its numbers times powers of two units."""
+    stress = force / length**2
+    axes = "xyz"[:dimension]
+    probes = []
+    for quantity in sorted(quantities):
+        probe = {"name": quantity, "quantity": quantity}
+        if quantity.startswith(("force", "torque")):
+            probe["set"] = "x1"
+        elif quantity in ("fiber_stretch", "pennation"):
+            probe["material"] = "muscle"
+        elif quantity != "energy":
+            probe["point"] = [length * x for x in (0.4, 0.3, 0.6)[:dimension]]
+        if quantity == "pennation" or quantity.startswith("section"):
+            probe["normal"] = [1, 0, 0][:dimension]
+        probes.append(probe)
+    return {
+        "units": {"force": "N", "length": "cm"},
+        "scene": {"dimension": dimension, "method": "rkpm-gauss"},
+        "geometry": {
+            "kind": "box",
+            "size": [length] * dimension,
+            "source": [4] * dimension,
+            "collocation": [5] * dimension,
+        },
+        "material": [
+            {"name": "muscle", "model": "muscle", "A10": 5 * stress, "K": 50 * stress,
+             "sigma_max": 30 * stress, "fiber_angle": 60, "activation": 0.1}
+        ],
+        "boundary": [
+            {"set": "x0", **{f"u_{axis}": 0 for axis in axes}},
+            {"set": "x1", **{f"u_{axis}": move * length for axis, move in PULL[:dimension]}},
+        ],
+        "probe": probes,
+    }  # fmt: skip
+
+
+def bar(dimension: int, force: float = 1.0, length: float = 1.0) -> dict:
+    """An elastic body that is pulled, linear; on a line its forces are stresses."""
+    axes = "xyz"[:dimension]
+    ratio = {"nu": 0.3} if dimension > 1 else {}
+    return {
+        "units": {"force": "N", "length": "cm"},
+        "scene": {"dimension": dimension, "method": "rkpm-gauss"},
+        "geometry": {
+            "kind": "box",
+            "size": [length] * dimension,
+            "source": [5] * dimension,
+            "collocation": [5] * dimension,
+        },
+        "linear": {"problem": "elasticity", "E": 100 * force / length**2, **ratio},
+        "boundary": [
+            {"set": "x0", **{f"u_{axis}": 0 for axis in axes}},
+            {"set": "x1", "u_x": 0.1 * length},
+        ],
+        "probe": [
+            {"name": "pull", "quantity": "force_x", "set": "x1"},
+            {"name": "half", "quantity": "u_x", "point": [0.5 * length] * dimension},
+            {"name": "stress", "quantity": "cauchy_xx", "point": [0.5 * length] * dimension},
+        ],
+    }
+
+
+def numbers(tables: dict) -> tuple[dict[str, np.ndarray], dict[str, str]]:
+    with Scene.from_tables(tables) as scene:
+        states = scene.solve(error=False)
+        found = scene.probes(states.x[-1:], states.load[-1:])[0]
+        units = scene.probe_units
+    return dict(zip([p["name"] for p in tables["probe"]], found, strict=True)), units
+
+
+def factor(unit: str) -> float:
+    """What a number is multiplied by when N and cm become mN and mm."""
+    above, _, below = unit.partition("/")
+    value = 1.0
+    for words, sign in ((above, 1), (below, -1)):
+        for word in words.split():
+            name, _, power = word.partition("^")
+            size = {"N": FORCE, "cm": LENGTH, "degree": 1.0}[name]
+            value *= size ** (sign * int(power or 1))
+    return value
+
+
+@pytest.mark.parametrize(
+    ("make", "dimension"),
+    [
+        (lambda *units: body(3, QUANTITIES, *units), 3),
+        (lambda *units: body(2, PLANE, *units), 2),
+        (lambda *units: bar(1, *units), 1),
+        (lambda *units: bar(2, *units), 2),
+    ],
+    ids=["space", "plane", "line", "linear"],
+)
+def test_units_tell_how_numbers_change(make, dimension: int) -> None:
+    one, units = numbers(make())
+    other, _ = numbers(make(FORCE, LENGTH))
+    for name, value in one.items():
+        value = value[:dimension]
+        assert np.abs(value).max() > 1e-3, name
+        assert_allclose(other[name][:dimension], factor(units[name]) * value, rtol=1e-6,
+                        atol=1e-6 * np.abs(other[name]).max(), err_msg=name)  # fmt: skip
+
+
+def test_units_of_all_quantities() -> None:
+    def units(dimension: int, quantities: set[str]) -> dict[str, str]:
+        return load_tables(body(dimension, quantities))["probe_units"]
+
+    space = units(3, QUANTITIES)
+    assert set(space.values()) == {"", "N", "N cm", "cm", "N/cm^2", "degree"}
+    assert [q for q, unit in space.items() if not unit] == ["J", "fiber_stretch"]
+    plane = units(2, PLANE)
+    assert {q for q, unit in plane.items() if unit != space[q]} == {
+        q for q in PLANE if "force" in q
+    } | {"torque_z", "energy"}
+    assert (plane["section_force_x"], plane["torque_z"], plane["energy"]) == ("N/cm", "N", "N")
+    assert load_tables(bar(1))["probe_units"] == {
+        "pull": "N/cm^2", "half": "cm", "stress": "N/cm^2",
+    }  # fmt: skip
+    assert load_deck(ROOT / "inputs/poisson_2d.toml")["probe_units"] == {"centre": ""}
+
+
+def test_log_summary_and_tables_show_one_unit(tmp_path: Path) -> None:
+    """Of a plane body the force was N on the terminal and N/cm in the report."""
+    tables = body(2, {"force_x", "energy", "J", "u", "cauchy_xx"})
+    tables["material"] = [RUBBER]
+    run_deck(tables, tmp_path, threads=1)
+    told = dict(
+        re.findall(
+            r"^  (\w+) .*\+- (?:\([^)]*\)|\S+)(.*?)(?:  not resolved)?$",
+            (tmp_path / "run.log").read_text(),
+            re.M,
+        )
+    )
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["probe_units"] == {name: unit.strip() for name, unit in told.items()}
+    assert summary["probe_units"]["force_x"] == "N/cm" and summary["probe_units"]["energy"] == "N"
+    with Results(tmp_path) as results:
+        units = results.history().attrs["units"]
+        assert units["u_x"] == units["u_y_error"] == "cm" and units["J"] == ""
+        assert "N/cm^2" in results._repr_html_()
+
+
+def test_rounding_below_a_bar_is_printed_as_zero(tmp_path: Path) -> None:
+    """By symmetry the middle of a pulled plate does not move sideways."""
+    tables = body(2, set())
+    tables["material"] = [RUBBER]
+    tables["boundary"] = [
+        {"set": "x0", "u_x": 0, "u_y": 0}, {"set": "x1", "u_x": 0.1, "u_y": 0},
+    ]  # fmt: skip
+    tables["probe"] = [{"name": "middle", "quantity": "u", "point": [0.5, 0.5]}]
+    run_deck(tables, tmp_path, threads=1)
+    step = json.loads((tmp_path / "summary.json").read_text())["steps"][-1]
+    found, shown = step["probes"]["middle"], printed(step)["middle"]
+    assert 0 < abs(found[1]) < 1e-6 * step["probe_errors"]["middle"][1]
+    assert shown == [found[0], 0.0]
+    assert re.search(r"middle \(0\.05\d*, 0\) \+-", (tmp_path / "run.log").read_text())
