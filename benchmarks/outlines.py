@@ -16,7 +16,6 @@ import sys
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 from walks import WEIGHT, seeds  # type: ignore[import-not-found]
 
@@ -27,9 +26,7 @@ from myork.segmentation.regions import body_mask
 from myork.segmentation.scores import dice
 from myork.segmentation.shading import shading
 from myork.segmentation.walk import edge_strength, heights_of, random_walk
-
-F64 = NDArray[np.float64]
-I32 = NDArray[np.int32]
+from myork.types import F64, I32
 
 SIZE = (96, 96, 17)
 SPACING = np.array([1.25, 1.25, 6.0])

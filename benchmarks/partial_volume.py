@@ -17,15 +17,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from myork.imaging.io import read_image, read_labels, write_image
 from myork.imaging.phantom import make_phantom
 from myork.records import Image
 from myork.segmentation.partial import label_parts
 from myork.stations.segment import segment
+from myork.types import F64, I32
 
-F64 = NDArray[np.float64]
 HALVES: dict[str, list[dict[str, Any]]] = {
     "tuned": [
         {"imat": 0.03, "imct": 0.1, "seed": 1},
@@ -66,19 +65,19 @@ def told(found: F64, truth: F64) -> str:
     return "  ".join(f"{one:6.1f}" for one in off) + f"  {error:.4f}"
 
 
-def all_of(parts: F64, labels: NDArray[np.int32]) -> F64:
+def all_of(parts: F64, labels: I32) -> F64:
     """Parts of all tissues, those without a voxel among them."""
     whole = np.zeros((*labels.shape, TISSUES))
     whole[..., np.unique(labels[labels > 0]) - 1] = parts
     return whole
 
 
-def whole_voxels(labels: NDArray[np.int32]) -> F64:
+def whole_voxels(labels: I32) -> F64:
     """Labels as parts."""
     return (labels[..., np.newaxis] == np.arange(1, TISSUES + 1)).astype(float)
 
 
-def by_truth(fine: NDArray[np.int32], truth: F64, snr: float) -> None:
+def by_truth(fine: I32, truth: F64, snr: float) -> None:
     """Labels are right, tissues have one value each."""
     x = np.linspace(-1.0, 1.0, truth.shape[0])
     shade = (1.0 + 0.15 * x)[:, None, None, None] * (1.0 - 0.1 * x)[None, :, None, None]

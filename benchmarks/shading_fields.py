@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
 from myork.core.level_sets import evolve_level_sets
@@ -28,9 +27,7 @@ from myork.records import Image
 from myork.segmentation.bias import clustered_bias, n4_bias
 from myork.segmentation.regions import body_mask
 from myork.segmentation.shading import shading
-
-F64 = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from myork.types import F64, I32, Mask
 
 PHANTOMS: dict[str, list[dict[str, Any]]] = {
     "tuned": [
@@ -80,7 +77,7 @@ def field(
     return ends[0] + (ends[1] - ends[0]) * (raw - least) / (most - least)
 
 
-def even_calves(image: Image, muscles: NDArray[np.int32]) -> Image:
+def even_calves(image: Image, muscles: I32) -> Image:
     """Both legs without what shading a quadratic field tells of their labelled muscle."""
     legs, n = ndimage.label(body_mask(image))
     x = np.indices(image.data.shape)[:2] / 100.0

@@ -15,14 +15,11 @@ import sys
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
 from myork.model.slices import finer_labels
 from myork.records import Labels
-
-F64 = NDArray[np.float64]
-I32 = NDArray[np.int32]
+from myork.types import F64, I32
 
 PARTS = 8
 HEIGHTS = np.arange(0.5, 96.0)

@@ -17,10 +17,9 @@ from myork.records import Labels, PointCloud
 from myork.reference.deck_parts import deck, force, held, probe
 from myork.reference.materials import MUSCLE, RUBBER
 from myork.stations.build import build_cloud
+from myork.types import F64
 
 __all__ = ["BODIES", "Body", "body_cloud", "box_tables"]
-
-F64 = NDArray[np.float64]
 
 
 class Body(NamedTuple):

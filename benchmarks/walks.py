@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 from skimage.segmentation import random_walker
 
@@ -31,10 +30,7 @@ from myork.segmentation.regions import body_mask
 from myork.segmentation.scores import dice
 from myork.segmentation.shading import shading
 from myork.segmentation.walk import edge_strength, heights_of, random_walk
-
-F64 = NDArray[np.float64]
-I32 = NDArray[np.int32]
-Mask = NDArray[np.bool_]
+from myork.types import F64, I32, Mask
 
 HALVES: dict[str, list[dict[str, Any]]] = {
     "tuned": [

@@ -19,15 +19,14 @@ from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from myork.imaging.dixon import echo, fat_factors, separate
 from myork.imaging.phantom import make_phantom
 from myork.records import Image
 from myork.segmentation.regions import body_mask
 from myork.segmentation.scores import dice
+from myork.types import F64, Mask
 
-F64 = NDArray[np.float64]
 HALVES: dict[str, list[dict[str, Any]]] = {
     "tuned": [
         {},
@@ -52,7 +51,7 @@ class Echoes(NamedTuple):
     phases: list[F64]  # of water in both echoes, without noise [radian]
     water: F64
     fat: F64
-    body: NDArray[np.bool_]
+    body: Mask
     spacing: F64
 
 
@@ -113,7 +112,7 @@ def told_phases(case: Echoes, strength: float) -> F64:
     return np.divide(fat, whole, out=np.zeros_like(fat), where=whole > 0)
 
 
-def score(fraction: F64, inside: NDArray[np.bool_], case: Echoes) -> tuple[list[float], F64]:
+def score(fraction: F64, inside: Mask, case: Echoes) -> tuple[list[float], F64]:
     """Dice of water and of fat, correlation of the fraction; and its truth."""
     true = np.divide(case.fat, case.water + case.fat, out=np.zeros_like(case.fat), where=case.body)
     is_fat = fraction > 0.5

@@ -40,6 +40,7 @@ FORTRAN_LAYERS = [
 ]
 #: Modules and folders of the package, lowest first
 PYTHON_LAYERS = [
+    {"types"},
     {"errors", "records", "console", "libraries"},
     {"arrays", "files"},
     {"model_file", "reduced_fields", "summary", "tables"},

@@ -8,12 +8,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
+
+from myork.types import F64, I32
 
 __all__ = ["Image", "Labels", "PointCloud", "Voxels"]
-
-F64 = NDArray[np.float64]
-I32 = NDArray[np.int32]
 
 
 @dataclass(frozen=True)

@@ -8,14 +8,13 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from myork.errors import FileError
 from myork.files import whole_file
+from myork.types import F64, I64
 
 __all__ = ["REDUCED_FILE", "ReducedFields", "read_reduced", "write_reduced"]
 
-F64 = NDArray[np.float64]
 
 REDUCED_FILE = "reduced_fields.npz"
 _DAMAGES = (OSError, ValueError, KeyError, EOFError, TypeError, MemoryError, OverflowError,
@@ -41,7 +40,7 @@ class ReducedFields(NamedTuple):
     """
 
     points: F64
-    modes: NDArray[np.int64]
+    modes: I64
     displacement: F64
     stress: F64
 

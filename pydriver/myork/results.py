@@ -22,11 +22,10 @@ from numpy.typing import NDArray
 
 from myork.errors import FileError, InputError, InstallationError
 from myork.summary import printed, read_summary
+from myork.types import F64, I32
 
 __all__ = ["RestartState", "Results", "restart_of"]
 
-F64 = NDArray[np.float64]
-I32 = NDArray[np.int32]
 
 _FILE = "results.vtkhdf"
 _DAMAGES = (KeyError, AttributeError, OSError, ValueError, TypeError, IndexError, RuntimeError,

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from myork import _core, errors
 from myork.core.states import States
 from myork.results import RestartState, restart_of
+from myork.types import F64
 
 __all__ = [
     "check_changeable",
@@ -24,7 +24,6 @@ __all__ = [
     "unknowns_of",
 ]
 
-F64Array = NDArray[np.float64]
 
 #: Tables that an open scene can change, and keys of theirs that it cannot
 _CHANGEABLE = {"load", "material", "boundary", "amplitude", "solver", "probe"}
@@ -63,7 +62,7 @@ def field_sizes() -> dict[str, int]:
     return {name: int(size) for name, size in (line.split() for line in lines if line.strip())}
 
 
-def shaped(name: str, array: F64Array, shape: tuple[int, ...]) -> F64Array:
+def shaped(name: str, array: F64, shape: tuple[int, ...]) -> F64:
     """An array of the wanted shape: the wrapper would flatten another one silently."""
     array = np.asarray(array, float)
     if array.shape != shape:
@@ -71,13 +70,13 @@ def shaped(name: str, array: F64Array, shape: tuple[int, ...]) -> F64Array:
     return array
 
 
-def finite(name: str, array: F64Array, shape: tuple[int, ...]) -> None:
+def finite(name: str, array: F64, shape: tuple[int, ...]) -> None:
     """Refuse an array of another shape, or with numbers that are not finite."""
     if array.shape != shape or not np.all(np.isfinite(array)):
         raise errors.InputError(f"{name} must be finite and have shape {shape}, not {array.shape}")
 
 
-def modes_of(modes: F64Array, dofs: int) -> F64Array:
+def modes_of(modes: F64, dofs: int) -> F64:
     """Modes of a model with as many unknowns, shape `(dofs, r)`, as finite numbers."""
     modes = np.asarray(modes, float)
     if modes.ndim != 2 or modes.shape[0] != dofs or modes.shape[1] == 0:
@@ -88,17 +87,17 @@ def modes_of(modes: F64Array, dofs: int) -> F64Array:
 
 
 def unknowns_of(
-    start: F64Array | States | RestartState | str | Path, handle: int, points: F64Array, dofs: int
-) -> F64Array:
+    start: F64 | States | RestartState | str | Path, handle: int, points: F64, dofs: int
+) -> F64:
     """Unknowns of a state at which the iteration of a scene begins.
 
     Parameters
     ----------
-    start : F64Array, States, RestartState, str or Path
+    start : F64, States, RestartState, str or Path
         Unknowns, or a state that holds them.
     handle : int
         Handle of the scene.
-    points : F64Array
+    points : F64
         Its collocation points, shape `(np, dimension)` [length].
     dofs : int
         Its unknowns.

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from myork import _core, errors
 from myork.core.checks import modes_of, unknowns_of
 from myork.core.scene import Scene
 from myork.results import RestartState
+from myork.types import F64, I32, Mask
 
 __all__ = [
     "GalerkinParts",
@@ -25,51 +25,48 @@ __all__ = [
     "stored_unknowns",
 ]
 
-F64Array = NDArray[np.float64]
-IntArray = NDArray[np.int32]
-
 
 class GalerkinParts(NamedTuple):
     """What the Galerkin form integrates.
 
     Attributes
     ----------
-    weight, local_bulk : F64Array
+    weight, local_bulk : F64
         Volume of the integration points and their own part of the bulk modulus, shape `(np,)`.
-    group : IntArray
+    group : I32
         Points before each group, shape `(groups + 1,)`.
-    bulk : F64Array
+    bulk : F64
         Bulk modulus on the projected volume of each group, shape `(groups,)` [stress].
-    polynomials : IntArray
+    polynomials : I32
         Polynomials of each group.
-    basis, total : F64Array
+    basis, total : F64
         Their values at the points and their integrals, shapes `(np, 1 + nd)`, `(groups, 1 + nd)`.
-    set : IntArray
+    set : I32
         Boundary set of the surface points, from 1.
     essential : NDArray
         Whether a component is prescribed there, shape `(ms, nd)`.
-    penalty : F64Array
+    penalty : F64
         Penalty times area of the surface points, shape `(ms,)` [force/length].
-    first, tissue : IntArray
+    first, tissue : I32
         Entries before each point, shape `(np + 1,)`, and the tissue of each, from 0.
-    fraction, fiber : F64Array
+    fraction, fiber : F64
         Fraction and fiber of the entries, shapes `(ne,)`, `(ne, 3)`.
     """
 
-    weight: F64Array
-    local_bulk: F64Array
-    group: IntArray
-    bulk: F64Array
-    polynomials: IntArray
-    basis: F64Array
-    total: F64Array
-    set: IntArray
-    essential: NDArray[np.bool_]
-    penalty: F64Array
-    first: IntArray
-    tissue: IntArray
-    fraction: F64Array
-    fiber: F64Array
+    weight: F64
+    local_bulk: F64
+    group: I32
+    bulk: F64
+    polynomials: I32
+    basis: F64
+    total: F64
+    set: I32
+    essential: Mask
+    penalty: F64
+    first: I32
+    tissue: I32
+    fraction: F64
+    fiber: F64
 
 
 class LoadParts(NamedTuple):
@@ -77,19 +74,19 @@ class LoadParts(NamedTuple):
 
     Attributes
     ----------
-    value, push : F64Array
+    value, push : F64
         Prescribed displacements of the surface points and forces of their tractions, shape
         `(ms, nd)`.
-    given : F64Array
+    given : F64
         Displacement gradients that the values make, index 3 i + A, shape `(np, 9)`.
-    force : F64Array
+    force : F64
         Forces on the unknowns, shape `(n,)`.
     """
 
-    value: F64Array
-    push: F64Array
-    given: F64Array
-    force: F64Array
+    value: F64
+    push: F64
+    given: F64
+    force: F64
 
 
 class PlaceParts(NamedTuple):
@@ -97,27 +94,27 @@ class PlaceParts(NamedTuple):
 
     Attributes
     ----------
-    gradient : F64Array
+    gradient : F64
         Displacement gradients of modes there, shape `(9, r)`; zero where gradients are smoothed.
-    weight : F64Array
+    weight : F64
         Weights of the gradients of the integration points; zero where they are not smoothed.
-    pressure : F64Array
+    pressure : F64
         Weights of the coefficients of the groups' pressures, shape `(groups, 1 + nd)`.
     local_bulk : float
         Part of the bulk modulus that acts there.
-    tissue : IntArray
+    tissue : I32
         Its tissues, from 0.
-    fraction, fiber : F64Array
+    fraction, fiber : F64
         Their fractions and fibers, shapes `(k,)`, `(k, 3)`.
     """
 
-    gradient: F64Array
-    weight: F64Array
-    pressure: F64Array
+    gradient: F64
+    weight: F64
+    pressure: F64
     local_bulk: float
-    tissue: IntArray
-    fraction: F64Array
-    fiber: F64Array
+    tissue: I32
+    fraction: F64
+    fiber: F64
 
 
 def galerkin_parts(scene: Scene) -> GalerkinParts:
@@ -155,7 +152,7 @@ def load_parts(scene: Scene) -> LoadParts:
     return LoadParts(value.T, push.T, given.T, force)
 
 
-def probe_sets(scene: Scene, probes: int) -> IntArray:
+def probe_sets(scene: Scene, probes: int) -> I32:
     """Boundary sets of the probes, from 1; 0 of those at points."""
     with scene._turn.short():
         sets, stat, message = _core.galerkin_probe_sets(scene._handle, max(probes, 1))
@@ -163,7 +160,7 @@ def probe_sets(scene: Scene, probes: int) -> IntArray:
     return np.asarray(sets[:probes])
 
 
-def place_parts(scene: Scene, probe: int, modes: F64Array) -> PlaceParts:
+def place_parts(scene: Scene, probe: int, modes: F64) -> PlaceParts:
     """The place of a probe, from 0, and gradients of modes, shape `(n, r)`, there."""
     modes = modes_of(modes, scene.dofs)
     points, groups, _, _, tissues = _sizes(scene)
@@ -179,7 +176,7 @@ def place_parts(scene: Scene, probe: int, modes: F64Array) -> PlaceParts:
     )  # fmt: skip
 
 
-def stored_unknowns(scene: Scene, state: RestartState) -> F64Array:
+def stored_unknowns(scene: Scene, state: RestartState) -> F64:
     """Unknowns of a state of a result file.
 
     Raises
@@ -192,7 +189,7 @@ def stored_unknowns(scene: Scene, state: RestartState) -> F64Array:
         return unknowns_of(state, scene._handle, points, scene.dofs)
 
 
-def modal_gradients(scene: Scene, modes: F64Array) -> F64Array:
+def modal_gradients(scene: Scene, modes: F64) -> F64:
     """Displacement gradients of modes, shape `(n, r)`, at the points: `(np, 9, r)`."""
     modes = modes_of(modes, scene.dofs)
     with scene._turn.short():
@@ -201,7 +198,7 @@ def modal_gradients(scene: Scene, modes: F64Array) -> F64Array:
     return np.moveaxis(gradient, (0, 1, 2), (1, 0, 2))
 
 
-def modal_products(scene: Scene, modes: F64Array) -> tuple[F64Array, F64Array]:
+def modal_products(scene: Scene, modes: F64) -> tuple[F64, F64]:
     """Products of modes, shape `(n, r)`, with penalty and stabilisation, and with the mass."""
     modes = modes_of(modes, scene.dofs)
     with scene._turn.short():

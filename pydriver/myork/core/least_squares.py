@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from myork import _core, errors
-
-F64Array = NDArray[np.float64]
+from myork.types import F64
 
 #: Names that a deck's `solver.linear` and `solve` take
 SOLVERS = ("auto", "dgels", "dgelsy", "normal", "refined", "spqr", "sparse-normal")
@@ -20,7 +19,7 @@ class Fit(NamedTuple):
 
     Attributes
     ----------
-    x : F64Array
+    x : F64
         Solution, shape `(n,)`.
     backward_error : float
         Upper bound of the smallest relative change of the column-scaled matrix that makes `x`
@@ -35,7 +34,7 @@ class Fit(NamedTuple):
         Solver that gave the solution, and the reason.
     """
 
-    x: F64Array
+    x: F64
     backward_error: float
     misfit: float
     rcond: float

@@ -6,12 +6,11 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from myork import _core, errors
 from myork.core.deck import as_texts, table_defaults
-
-F64Array = NDArray[np.float64]
+from myork.types import F64
 
 #: Keys of a `[[material]]` table that place the material in a body
 _PLACING = {"label", "fiber", "fiber_angle", "activation", "amplitude"}
@@ -69,17 +68,17 @@ class Tangents(NamedTuple):
 
     Attributes
     ----------
-    stress : F64Array
+    stress : F64
         First Piola-Kirchhoff stress `P[p, i, A]` [stress].
-    tangent : F64Array
+    tangent : F64
         `C4[p, i, A, j, B] = dP_iA/dF_jB` [stress].
-    contracted : F64Array
+    contracted : F64
         `T[p, i, k, C]`, the sum of `C6[i, A, j, B, k, C] H[j, B, A]` [stress/length].
     """
 
-    stress: F64Array
-    tangent: F64Array
-    contracted: F64Array
+    stress: F64
+    tangent: F64
+    contracted: F64
 
 
 class FiberCurves(NamedTuple):
@@ -87,13 +86,13 @@ class FiberCurves(NamedTuple):
 
     Attributes
     ----------
-    active, passive : F64Array
+    active, passive : F64
         Integral of the force from stretch 1, the force and its first three derivatives, shape
         `(5, n)` [-].
     """
 
-    active: F64Array
-    passive: F64Array
+    active: F64
+    passive: F64
 
 
 def energy(
@@ -103,7 +102,7 @@ def energy(
     fiber: ArrayLike = (0.0, 0.0, 0.0),
     activation: float = 0.0,
     volumetric: bool = True,
-) -> F64Array:
+) -> F64:
     """Energy per reference volume at points.
 
     Parameters
@@ -121,7 +120,7 @@ def energy(
 
     Returns
     -------
-    F64Array
+    F64
         Energies, shape `(n,)` [stress].
 
     Raises
@@ -144,12 +143,12 @@ def stress(
     fiber: ArrayLike = (0.0, 0.0, 0.0),
     activation: float = 0.0,
     volumetric: bool = True,
-) -> F64Array:
+) -> F64:
     """First Piola-Kirchhoff stress at points; parameters as for `energy`.
 
     Returns
     -------
-    F64Array
+    F64
         Stresses `P[p, i, A]`, shape `(n, 3, 3)` [stress].
     """
     f, n = _points(gradient, fiber)
@@ -228,7 +227,7 @@ def _parameters(material: Material, volumetric: bool) -> tuple[object, ...]:
     return (material.name, keys, as_texts(texts), numbers, int(volumetric))
 
 
-def _points(gradient: ArrayLike, fiber: ArrayLike) -> tuple[F64Array, F64Array]:
+def _points(gradient: ArrayLike, fiber: ArrayLike) -> tuple[F64, F64]:
     """Deformation gradients and fibers with the point as last axis, or an InputError."""
     f = np.asarray(gradient, float)
     if f.ndim != 3 or f.shape[1:] != (3, 3) or len(f) == 0:
@@ -242,6 +241,6 @@ def _points(gradient: ArrayLike, fiber: ArrayLike) -> tuple[F64Array, F64Array]:
     return _last(f), _last(n)
 
 
-def _last(array: F64Array) -> F64Array:
+def _last(array: F64) -> F64:
     """Move the point to the last axis, in Fortran order, without transposing tensors."""
     return np.asfortranarray(np.moveaxis(array, 0, -1))

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from myork import _core
+from myork.types import F64, I32, I64
 
 __all__ = [
     "Cells",
@@ -20,42 +20,39 @@ __all__ = [
     "triples",
 ]
 
-F64Array = NDArray[np.float64]
-IntArray = NDArray[np.int32]
-
 
 class Cells(NamedTuple):
     """Cells of a reduced model, all of them or a sample; arrays as the core takes them.
 
     Attributes
     ----------
-    h : F64Array
+    h : F64
         Displacement gradients of the amplitudes, shape `(9, nc, s)`.
-    weight, local_bulk : F64Array
+    weight, local_bulk : F64
         Volume times weight, bulk modulus of the cell itself.
-    a : F64Array
+    a : F64
         Coefficients of the polynomial, shape `(9, nc)`.
-    first, tissue : IntArray
+    first, tissue : I32
         Fibers before each cell, and the tissue of each, from 1.
-    fraction, fiber : F64Array
+    fraction, fiber : F64
         Their fraction and direction, shapes `(ne,)`, `(3, ne)`.
-    a_slope, bulk_slope : F64Array
+    a_slope, bulk_slope : F64
         Derivatives of `a` and `local_bulk` by parameters of materials, shapes `(9, nc, nm)`,
         `(nc, nm)`.
     """
 
-    h: F64Array
-    weight: F64Array
-    local_bulk: F64Array
-    a: F64Array
-    first: IntArray
-    tissue: IntArray
-    fraction: F64Array
-    fiber: F64Array
-    a_slope: F64Array
-    bulk_slope: F64Array
+    h: F64
+    weight: F64
+    local_bulk: F64
+    a: F64
+    first: I32
+    tissue: I32
+    fraction: F64
+    fiber: F64
+    a_slope: F64
+    bulk_slope: F64
 
-    def sample(self, kept: NDArray[np.int64], factor: F64Array) -> Cells:
+    def sample(self, kept: I64, factor: F64) -> Cells:
         """Some of the cells, their weights times factors."""
         counts = np.diff(self.first)[kept]
         entries = np.concatenate(
@@ -76,7 +73,7 @@ class Cells(NamedTuple):
             np.asfortranarray(self.bulk_slope[kept]),
         )
 
-    def modes(self, kept: NDArray[np.int64]) -> Cells:
+    def modes(self, kept: I64) -> Cells:
         """The same cells with some of the amplitudes."""
         return self._replace(h=np.asfortranarray(self.h[:, :, kept]))
 
@@ -90,27 +87,27 @@ class Model(NamedTuple):
         Number of modes; the other amplitudes are prescribed.
     cells : Cells
         Cells that are evaluated.
-    constant : F64Array
+    constant : F64
         Penalty and stabilisation, shape `(s, s)`.
-    constant_slope : F64Array
+    constant_slope : F64
         Its derivatives by parameters of materials, shape `(s, s, nm)`.
-    volume : F64Array
+    volume : F64
         Changes of volume as a cubic form, shape `(s + 1, s + 1, s + 1, kept)`; entries whose
         indices rise count.
-    volume_slope : F64Array
+    volume_slope : F64
         Derivatives of the factor on the energy of each change, shape `(kept, nm)`, those of eight
         in a row equal.
-    fibers : F64Array
+    fibers : F64
         As in `Laws`, shape `(7, nt)`.
     """
 
     r: int
     cells: Cells
-    constant: F64Array
-    constant_slope: F64Array
-    volume: F64Array
-    volume_slope: F64Array
-    fibers: F64Array
+    constant: F64
+    constant_slope: F64
+    volume: F64
+    volume_slope: F64
+    fibers: F64
 
 
 class Wish(NamedTuple):
@@ -118,21 +115,21 @@ class Wish(NamedTuple):
 
     Attributes
     ----------
-    state : F64Array
+    state : F64
         Activation, largest isometric stress and angle of the fibers [rad] of each tissue, shape
         `(nt, 3, n)`.
-    modulus : F64Array
+    modulus : F64
         Parameters of materials less their values in the model, shape `(nm, n)`.
-    given : F64Array
+    given : F64
         Prescribed amplitudes, shape `(s - r, n)`.
     """
 
-    state: F64Array
-    modulus: F64Array
-    given: F64Array
+    state: F64
+    modulus: F64
+    given: F64
 
 
-def assemble(model: Model, wish: Wish, z: F64Array) -> tuple[F64Array, F64Array, F64Array, float]:
+def assemble(model: Model, wish: Wish, z: F64) -> tuple[F64, F64, F64, float]:
     """Residual and tangent by all amplitudes, stresses times weights `(nc, 9)`, and smallest J.
 
     `wish` holds one state; its prescribed amplitudes are those of `z`.
@@ -144,7 +141,7 @@ def assemble(model: Model, wish: Wish, z: F64Array) -> tuple[F64Array, F64Array,
     return residual, tangent, stress.T, float(min_j)
 
 
-def cell_stresses(cells: Cells, fibers: F64Array, wish: Wish, gradient: F64Array) -> F64Array:
+def cell_stresses(cells: Cells, fibers: F64, wish: Wish, gradient: F64) -> F64:
     """Stresses times weights of states, shape `(n, nc, 9)`, of displacement gradients like that.
 
     The gradients of `cells` are not looked at; `fibers` are those of a `Model`.
@@ -167,18 +164,18 @@ def cell_stresses(cells: Cells, fibers: F64Array, wish: Wish, gradient: F64Array
 def online_states(
     model: Model,
     cells: Cells,
-    volume: F64Array,
+    volume: F64,
     whole: Cells,
     wish: Wish,
-    start: F64Array,
-    parts: IntArray,
+    start: F64,
+    parts: I32,
     known: Wish,
     least: float,
     tolerance: float,
     most: int,
     threads: int,
-    wanted: IntArray,
-    lift: F64Array,
+    wanted: I32,
+    lift: F64,
 ) -> tuple[Any, ...]:
     """States by Newton's iteration, each with the forces on the amplitudes wanted, from 1.
 
@@ -209,7 +206,7 @@ def padded(cells: Cells) -> Cells:
     return cells._replace(h=wide)
 
 
-def triples(volume: F64Array) -> F64Array:
+def triples(volume: F64) -> F64:
     """Entries of the cubic form as the core takes them, shape `(8, triples, pieces)`."""
     n, m, k = np.array(
         [(n, m, k) for n in range(len(volume)) for m in range(n + 1) for k in range(m + 1)]
@@ -220,6 +217,6 @@ def triples(volume: F64Array) -> F64Array:
     return np.asfortranarray(np.moveaxis(wide.reshape(len(n), -1, 8), (0, 1, 2), (1, 2, 0)))
 
 
-def _of_pieces(slope: F64Array) -> F64Array:
+def _of_pieces(slope: F64) -> F64:
     """Factors of pieces of eight changes from those of each."""
     return np.asfortranarray(slope[::8] if len(slope) else np.zeros((1, slope.shape[1])))

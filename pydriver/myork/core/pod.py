@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from myork import _core, errors
+from myork.types import F64
 
 __all__ = ["BASES", "pod_basis"]
 
-F64Array = NDArray[np.float64]
 
 #: Where modes may come from
 BASES = ("svd", "eigen", "snapshots")
 
 
-def pod_basis(snapshots: ArrayLike, way: str = "svd") -> tuple[F64Array, F64Array]:
+def pod_basis(snapshots: ArrayLike, way: str = "svd") -> tuple[F64, F64]:
     """Proper orthogonal modes and values of snapshots (6.13)-(6.26).
 
     Parameters
@@ -29,7 +29,7 @@ def pod_basis(snapshots: ArrayLike, way: str = "svd") -> tuple[F64Array, F64Arra
 
     Returns
     -------
-    modes, values : F64Array
+    modes, values : F64
         Orthonormal modes in columns, shape `(n, k)`, `k = min(n, s)` or fewer where some are lost,
         and proper orthogonal values.
     """

@@ -12,7 +12,6 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from myork import _core, errors
 from myork.core.calls import Turn, call_in_thread
@@ -38,11 +37,10 @@ from myork.core.states import VERDICTS, Fields, States, states_of
 from myork.records import PointCloud, Voxels
 from myork.results import RestartState
 from myork.tables import override_text, read_only
+from myork.types import F64
 
 if TYPE_CHECKING:
     from typing_extensions import Self
-
-F64Array = NDArray[np.float64]
 
 
 class Scene:
@@ -306,7 +304,7 @@ class Scene:
         progress: Callable[[str], None] | None = None,
         *,
         error: bool = True,
-        start: F64Array | States | RestartState | str | Path | None = None,
+        start: F64 | States | RestartState | str | Path | None = None,
     ) -> States:
         """Solve the full model through all load steps, and judge the answer.
 
@@ -320,7 +318,7 @@ class Scene:
             Called with a line after each load step.
         error : bool
             Compute a second solution, which gives the probes their error bars.
-        start : F64Array, States, RestartState, str or Path, optional
+        start : F64, States, RestartState, str or Path, optional
             State at which the iteration begins instead of at rest: unknowns of shape `(dofs,)`, the
             last of some states, or a state of a result file, also as `"FILE"` or `"FILE:STEP"`.
             It must belong to the same points and approximation. A programme whose amplitudes begin
@@ -344,7 +342,7 @@ class Scene:
                 x = unknowns_of(start, self._handle, points, self.dofs)
         return self._run(linear, 0, x, progress, error)
 
-    def points(self) -> F64Array:
+    def points(self) -> F64:
         """Collocation points, shape `(collocation_points, dimension)` [length]."""
         with self._turn.short():
             x, stat, message = _core.scene_points(
@@ -353,7 +351,7 @@ class Scene:
         errors.check(stat, message)
         return np.asarray(x.T)
 
-    def field_points(self) -> F64Array:
+    def field_points(self) -> F64:
         """Points where `set_fields` wants values, shape `(field_points, dimension)` [length].
 
         Collocation points; in weak forms the integration points, then those of the surface.
@@ -365,16 +363,16 @@ class Scene:
         errors.check(stat, message)
         return np.asarray(x.T)
 
-    def set_fields(self, body_force: F64Array, displacement: F64Array, stress: F64Array) -> None:
+    def set_fields(self, body_force: F64, displacement: F64, stress: F64) -> None:
         """Set what varies from point to point, at full load; it grows in proportion to the load.
 
         Parameters
         ----------
-        body_force : F64Array
+        body_force : F64
             Force per undeformed volume, shape `(field_points, 3)` [force/length^3].
-        displacement : F64Array
+        displacement : F64
             Taken at essential components of boundary points, same shape [length].
-        stress : F64Array
+        stress : F64
             First Piola-Kirchhoff stress `P[point, i, A]` whose traction the other components of
             boundary points carry, shape `(field_points, 3, 3)` [stress].
         """
@@ -392,12 +390,12 @@ class Scene:
         errors.check(stat, message)
         self._has_fields = True
 
-    def reduce(self, modes: F64Array, projection: str = "auto", *, assembled: bool = False) -> None:
+    def reduce(self, modes: F64, projection: str = "auto", *, assembled: bool = False) -> None:
         """Project the model on modes.
 
         Parameters
         ----------
-        modes : F64Array
+        modes : F64
             Orthonormal columns, shape `(dofs, r)`.
         projection : str
             `galerkin`, `least-squares`, or `auto`: least squares for collocation.
@@ -419,29 +417,29 @@ class Scene:
 
     def linearise(
         self,
-        x: F64Array,
+        x: F64,
         load: float,
-        direction: F64Array,
+        direction: F64,
         *,
-        start: F64Array | None = None,
+        start: F64 | None = None,
         reduced: bool = False,
-    ) -> tuple[F64Array, F64Array]:
+    ) -> tuple[F64, F64]:
         """Residual of a state, and the linearised rows times a direction.
 
         Parameters
         ----------
-        x, direction : F64Array
+        x, direction : F64
             Unknowns and a change of them, shape `(dofs,)`, or `(r,)` of the reduced model.
         load : float
             Fraction of the full load.
-        start : F64Array, optional
+        start : F64, optional
             State at the start of the load step, which fixes the row weights; default `x`.
         reduced : bool
             Of the reduced model; `reduce` comes first.
 
         Returns
         -------
-        residual, product : F64Array
+        residual, product : F64
             Shape `(rows,)` each; of a reduced Galerkin form `(r,)`.
 
         Raises
@@ -461,24 +459,24 @@ class Scene:
         return r, y
 
     def hessian(
-        self, x: F64Array, load: float, *, start: F64Array | None = None, reduced: bool = False
-    ) -> tuple[F64Array, F64Array]:
+        self, x: F64, load: float, *, start: F64 | None = None, reduced: bool = False
+    ) -> tuple[F64, F64]:
         """First and second derivatives of half the sum of squared residuals.
 
         Parameters
         ----------
-        x : F64Array
+        x : F64
             Unknowns, shape `(dofs,)`, or `(r,)` of the reduced model.
         load : float
             Fraction of the full load.
-        start : F64Array, optional
+        start : F64, optional
             State at the start of the load step, which fixes the row weights; default `x`.
         reduced : bool
             Of the reduced model; `reduce` comes first.
 
         Returns
         -------
-        gradient, second : F64Array
+        gradient, second : F64
             Shapes `(n,)` and `(n, n)`.
 
         Raises
@@ -495,7 +493,7 @@ class Scene:
         errors.check(stat, message)
         return gradient, np.triu(second) + np.triu(second, 1).T
 
-    def fields(self, x: F64Array, load: float) -> Fields:
+    def fields(self, x: F64, load: float) -> Fields:
         """Fields of a state of the full model, coefficients of shape `(dofs,)`.
 
         Warns
@@ -524,7 +522,7 @@ class Scene:
         f = named["F"].reshape(-1, 3, 3)
         return Fields(named["u"], f, named["cauchy"], named)
 
-    def probes(self, x: F64Array, load: F64Array) -> F64Array:
+    def probes(self, x: F64, load: F64) -> F64:
         """Probe values of states of the full model, shape `(nstep, nprobe, 3)`."""
         load = np.atleast_1d(np.asarray(load, float))
         x = shaped("x", x, (len(load), self.dofs))
@@ -537,7 +535,7 @@ class Scene:
         self,
         linear: str,
         reduced: int,
-        start: F64Array,
+        start: F64,
         progress: Callable[[str], None] | None,
         estimate: bool,
     ) -> States:
@@ -590,9 +588,7 @@ class Scene:
         verdict = self._verdict(x, info[0], reduced)
         return states_of(x, info, (seconds, worst, norms), places, self._warnings(), verdict)
 
-    def _verdict(
-        self, x: F64Array, load: F64Array, reduced: int
-    ) -> tuple[str, list[str], F64Array]:
+    def _verdict(self, x: F64, load: F64, reduced: int) -> tuple[str, list[str], F64]:
         """Verdict on the core's last solve, its reasons and the error bars of the probes."""
         steps = len(load)
         # the wrapper takes no empty arrays

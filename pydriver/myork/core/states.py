@@ -6,11 +6,11 @@ from html import escape
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+
+from myork.types import F64, I64
 
 __all__ = ["VERDICTS", "Fields", "States", "states_of"]
 
-F64Array = NDArray[np.float64]
 
 #: In the order of the core
 VERDICTS = ("", "accepted", "doubtful", "refused")
@@ -21,13 +21,13 @@ class States(NamedTuple):
 
     Attributes
     ----------
-    x : F64Array
+    x : F64
         Unknowns: coefficients, or amplitudes of the modes, shape `(nstep, n)`.
-    load : F64Array
+    load : F64
         Fraction of the full load, shape `(nstep,)`.
     iterations : NDArray
         Iterations of each step, shape `(nstep,)`.
-    min_j, max_j : F64Array
+    min_j, max_j : F64
         Smallest and largest volume ratio, shape `(nstep,)`.
     assemble_s, solve_s : float
         Wall times of assembly and least squares [s].
@@ -35,11 +35,11 @@ class States(NamedTuple):
         Wall time of what follows `backward_error` [s].
     backward_error : float
         Largest backward error of a least squares solution.
-    min_acoustic : F64Array
+    min_acoustic : F64
         Smallest eigenvalue of the acoustic tensor, of the shear modulus at rest; where it is not
         positive the state is no longer unique, shape `(nstep,)` [-]. Not a number in linear
         problems and reduced models, as what follows is zero or empty there.
-    min_acoustic_point : F64Array
+    min_acoustic_point : F64
         Where it was found, shape `(nstep, dimension)` [length].
     force_imbalance : float
         Sum of the forces on all boundary sets in the last state, of the largest of them [-].
@@ -56,29 +56,29 @@ class States(NamedTuple):
         "accepted", "doubtful" or "refused"; empty for reduced models, of which nothing is judged.
     reasons : list of str
         What speaks against the answer, and what was not checked.
-    probe_errors : F64Array
+    probe_errors : F64
         Estimated absolute error of each value of `Scene.probes`, shape `(nstep, nprobe, 3)`; not a
         number where there is no estimate.
     """
 
-    x: F64Array
-    load: F64Array
-    iterations: NDArray[np.int64]
-    min_j: F64Array
-    max_j: F64Array
+    x: F64
+    load: F64
+    iterations: I64
+    min_j: F64
+    max_j: F64
     assemble_s: float
     solve_s: float
     checks_s: float
     backward_error: float
-    min_acoustic: F64Array
-    min_acoustic_point: F64Array
+    min_acoustic: F64
+    min_acoustic_point: F64
     force_imbalance: float
     work_mismatch: float
     errors: dict[str, float]
     warnings: list[str]
     verdict: str
     reasons: list[str]
-    probe_errors: F64Array
+    probe_errors: F64
 
     def __repr__(self) -> str:
         lines = [
@@ -109,21 +109,21 @@ class Fields(NamedTuple):
 
     Attributes
     ----------
-    u : F64Array
+    u : F64
         Displacement, shape `(npoint, 3)` [length].
-    f : F64Array
+    f : F64
         Deformation gradient `F[point, i, A]`, shape `(npoint, 3, 3)`.
-    cauchy : F64Array
+    cauchy : F64
         Cauchy stress xx, yy, zz, xy, yz, xz, shape `(npoint, 6)` [stress].
     named : dict
         These and all others by the names they have in result files, shape
         `(npoint, components)`; tensors row by row.
     """
 
-    u: F64Array
-    f: F64Array
-    cauchy: F64Array
-    named: dict[str, F64Array]
+    u: F64
+    f: F64
+    cauchy: F64
+    named: dict[str, F64]
 
 
 def _count(number: int, thing: str) -> str:
@@ -144,25 +144,25 @@ def _error_norms(l2: float, h1: float, l2_solution: float, h1_solution: float) -
 
 
 def states_of(
-    x: F64Array,
-    info: F64Array,
-    numbers: tuple[F64Array, F64Array, F64Array],
-    places: F64Array,
+    x: F64,
+    info: F64,
+    numbers: tuple[F64, F64, F64],
+    places: F64,
     warnings: list[str],
-    judged: tuple[str, list[str], F64Array],
+    judged: tuple[str, list[str], F64],
 ) -> States:
     """States from the arrays of the core.
 
     Parameters
     ----------
-    x : F64Array
+    x : F64
         Unknowns, shape `(n, nstep)`.
-    info : F64Array
+    info : F64
         Load, iterations, extremes of J, acoustic eigenvalue and the number of its point, 0 for
         none, shape `(6, nstep)`.
-    numbers : tuple of F64Array
+    numbers : tuple of F64
         Wall times; backward error, imbalance and mismatch of work; norms of errors.
-    places : F64Array
+    places : F64
         Collocation points, shape `(dimension, npoint)` [length].
     warnings : list of str
         Warnings of the solve.

@@ -7,15 +7,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from myork.errors import FileError, InputError
 from myork.imaging.dicom_choice import DicomFile, chosen_files
 from myork.imaging.formats import FLIP, library
+from myork.types import F64
 
 __all__ = ["load_dicom"]
 
-F64 = NDArray[np.float64]
 
 # Names that promise a DICOM file
 _SUFFIXES = (".dcm", ".dicom", ".ima")

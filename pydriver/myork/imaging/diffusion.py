@@ -15,13 +15,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from myork.errors import InputError
 from myork.imaging.geometry import frame
 from myork.imaging.gradients import GradientTable, read_gradients
 from myork.imaging.io import read_image
 from myork.records import Image
+from myork.types import F64
 
 __all__ = [
     "fit_tensors",
@@ -34,7 +34,6 @@ __all__ = [
     "turn_tensors",
 ]
 
-F64 = NDArray[np.float64]
 
 # Order of the components
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))

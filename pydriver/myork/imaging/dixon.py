@@ -21,18 +21,16 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import ndimage
 
 from myork.errors import InputError
 from myork.imaging.geometry import slice_axis
 from myork.records import Image
+from myork.types import C128, F64, I64, Mask
 
 __all__ = ["WaterFat", "echo", "fat_factors", "separate", "separate_images"]
 
-F64 = NDArray[np.float64]
-C128 = NDArray[np.complex128]
-Mask = NDArray[np.bool_]
 
 # Peaks of fat: shift from water [ppm] and part of the signal
 _SHIFT = (-3.80, -3.40, -2.60, -1.94, -0.39, 0.60)
@@ -235,7 +233,7 @@ def _phasor(one: C128, two: C128, fraction: F64, factors: tuple[complex, complex
     return np.divide(product, size, out=np.zeros_like(product), where=size > 0)
 
 
-def _states(difference: C128, body: Mask, size: F64) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _states(difference: C128, body: Mask, size: F64) -> tuple[I64, I64]:
     """Which candidate voxels take, 1 or -1, alike within a group, and the number of the group.
 
     Two voxels vote by Re(d conj(d')), where d is the difference of the candidates: positive where
@@ -274,13 +272,11 @@ def _states(difference: C128, body: Mask, size: F64) -> tuple[NDArray[np.int64],
     return state, group
 
 
-def _pairs(
-    difference: C128, body: Mask, size: F64
-) -> tuple[NDArray[np.int64], NDArray[np.int64], F64]:
+def _pairs(difference: C128, body: Mask, size: F64) -> tuple[I64, I64, F64]:
     """Pairs of voxels along the axes with their votes: low and high number, vote."""
     number = np.full(body.shape, -1)
     number[body] = np.arange(len(difference))
-    ends: list[tuple[NDArray[np.int64], NDArray[np.int64], F64]] = []
+    ends: list[tuple[I64, I64, F64]] = []
     for axis in range(3):
         step = 1
         while step == 1 or step * size[axis] <= _REACH:
@@ -298,14 +294,14 @@ def _pairs(
 
 
 def _rim_decides(
-    state: NDArray[np.int64],
-    group: NDArray[np.int64],
+    state: I64,
+    group: I64,
     fractions: tuple[F64, F64],
     trust: F64,
     body: Mask,
     size: F64,
     rim: str,
-) -> tuple[NDArray[np.int64], str]:
+) -> tuple[I64, str]:
     """States of all large groups such that fat (or water) lies under the skin; doubts."""
     axis = slice_axis(size, body.shape)
     depth = np.zeros(body.shape)

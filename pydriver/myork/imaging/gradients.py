@@ -12,15 +12,14 @@ from io import StringIO
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from myork.errors import FileError, InputError
 from myork.imaging.geometry import frame
 from myork.imaging.plain import read_text
+from myork.types import F64, Mask
 
 __all__ = ["GradientTable", "even_directions", "read_gradients", "write_gradients"]
 
-F64 = NDArray[np.float64]
 
 # Below this an image counts as one without gradient, whose direction may be zero [s/mm^2]
 STILL = 50.0
@@ -45,7 +44,7 @@ class GradientTable:
     direction: F64
 
     @property
-    def still(self) -> NDArray[np.bool_]:
+    def still(self) -> Mask:
         """Which images have no gradient, shape `(n,)`."""
         return self.b <= STILL
 

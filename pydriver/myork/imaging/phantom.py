@@ -16,17 +16,15 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from myork.errors import InputError
 from myork.imaging.gradients import GradientTable, even_directions
 from myork.imaging.io import write_image, write_labels
 from myork.records import Image, Labels
+from myork.types import F64, I32, Mask
 
 __all__ = ["TISSUES", "Phantom", "make_phantom", "mg_area", "phantom_dwi", "write_phantom"]
 
-F64 = NDArray[np.float64]
-I32 = NDArray[np.int32]
 
 #: Labels of the materials a leg is made of
 TISSUES = {1: "muscle", 2: "fat", 3: "connective_tissue", 4: "bone"}
@@ -375,7 +373,7 @@ class _Calf(NamedTuple):
         body = 1.0 - 0.1 * (t - 0.6) ** 2
         return _depth(x, y, _CALF[0] * body, _CALF[1] * body)
 
-    def _sorted(self, x: F64, y: F64, t: F64) -> tuple[I32, NDArray[np.bool_], F64]:
+    def _sorted(self, x: F64, y: F64, t: F64) -> tuple[I32, Mask, F64]:
         """Muscle at places, whether they lie between two, distance from the first muscle [mm]."""
         bone = np.max([r - np.hypot(x - c[0], y - c[1]) for c, r, _ in _BONES], axis=0)
         inside = np.empty((len(_MUSCLES), *x.shape))
@@ -415,7 +413,7 @@ def _shading(x: F64, y: F64, t: F64) -> F64:
     return 0.5 * x / r - 0.8 * y / r + 0.35 * np.cos(2.0 * x / r + 1.5 * t) + 0.3 * (t - 0.5)
 
 
-def _fibers(label: NDArray[np.int32], x: F64, y: F64, t: F64, pennation: float) -> F64:
+def _fibers(label: I32, x: F64, y: F64, t: F64, pennation: float) -> F64:
     """Fiber directions: pennate, a little fanned across the muscle, flatter towards the top."""
     fiber = np.zeros((*label.shape, 3))
     for number, muscle in enumerate(_MUSCLES, start=1):
@@ -429,7 +427,7 @@ def _fibers(label: NDArray[np.int32], x: F64, y: F64, t: F64, pennation: float) 
     return fiber
 
 
-def _tensors(muscle: NDArray[np.bool_], fiber: F64, body: NDArray[np.bool_]) -> F64:
+def _tensors(muscle: Mask, fiber: F64, body: Mask) -> F64:
     """Diffusion tensors without noise, xx, yy, zz, xy, xz, yz [mm^2/s]."""
     # Second direction: perpendicular to the fiber, in the section.
     second = np.stack([-fiber[..., 1], fiber[..., 0], np.zeros(muscle.shape)], -1)

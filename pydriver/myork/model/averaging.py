@@ -30,12 +30,10 @@ from scipy import ndimage
 
 from myork.imaging.diffusion import full_tensors, tensor_components
 from myork.records import Image
+from myork.types import F64, I32, Mask
 
 __all__ = ["average_width", "gathered", "tensor_logarithms", "tensor_trust"]
 
-F64 = NDArray[np.float64]
-I32 = NDArray[np.int32]
-Mask = NDArray[np.bool_]
 
 _TRUNCATE = 3.0  # standard deviations at which Gaussians end
 # Traces this many times the scatter away from the median have a fourth of the trust; the scatter

@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 from myork.model.normals import surface_normals
 from myork.model.points import BONE
 from myork.records import Labels
+from myork.types import F64, I32, Mask
 
 __all__ = ["Boundary", "bone_beside", "boundary_sets"]
 
-F64 = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Voxels = NDArray[np.intp]
 
 
@@ -44,9 +43,7 @@ class Boundary:
     area: F64
 
 
-def boundary_sets(
-    labels: Labels, normals: str = "distance", around: NDArray[np.int32] | None = None
-) -> Boundary:
+def boundary_sets(labels: Labels, normals: str = "distance", around: I32 | None = None) -> Boundary:
     """Boundary points of a body: `bottom` and `top` (end slices), `bone` and `surface` (the rest).
 
     A voxel at the rim of an end slice belongs to its end and to the surface, one between bone and
@@ -113,7 +110,7 @@ def _wall_normals(body: Mask, spacing: F64, voxels: Voxels, facets: F64, method:
     return normal
 
 
-def bone_beside(labels: Labels, merged: Labels, block: Sequence[int]) -> NDArray[np.int32]:
+def bone_beside(labels: Labels, merged: Labels, block: Sequence[int]) -> I32:
     """Labels of merged voxels with one layer more on all four sides, where bone may lie.
 
     The body is cut to the box of its own voxels; bone beyond the box bounds it all the same. A

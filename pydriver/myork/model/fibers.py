@@ -19,6 +19,7 @@ from myork.imaging.diffusion import full_tensors, tensor_components
 from myork.imaging.geometry import frame
 from myork.model.averaging import average_width, gathered, tensor_logarithms, tensor_trust
 from myork.records import Image, Labels
+from myork.types import F64, I32, Mask
 
 __all__ = [
     "activation_at_points",
@@ -29,8 +30,6 @@ __all__ = [
     "lead_vector",
 ]
 
-F64 = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 # Gaussian weight below which a place counts as having no usable neighbour [-]
 LEAST_WEIGHT = 1e-8
@@ -143,7 +142,7 @@ def fiber_field(
     )
 
 
-def fill_from_own(values: F64, known: Mask, label: NDArray[np.int32], spacing: F64) -> F64:
+def fill_from_own(values: F64, known: Mask, label: I32, spacing: F64) -> F64:
     """Give voxels without a value that of the nearest voxel of their own label, in place.
 
     Parameters
@@ -179,7 +178,7 @@ def fill_from_own(values: F64, known: Mask, label: NDArray[np.int32], spacing: F
 
 
 def fibers_at_points(
-    fibers: Image, labels: Labels, place: F64, label: NDArray[np.int32], block: Sequence[int]
+    fibers: Image, labels: Labels, place: F64, label: I32, block: Sequence[int]
 ) -> F64:
     """Fiber vectors at points, in the frame of the voxel axes.
 
@@ -235,7 +234,7 @@ def fibers_at_points(
 
 
 def activation_at_points(
-    image: Image, labels: Labels, place: F64, label: NDArray[np.int32], block: Sequence[int]
+    image: Image, labels: Labels, place: F64, label: I32, block: Sequence[int]
 ) -> F64:
     """Part of their muscle's activation that points have.
 

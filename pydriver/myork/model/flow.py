@@ -12,18 +12,16 @@ Choi, Blemker, PLoS ONE 8 (2013), doi:10.1371/journal.pone.0077576
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage, sparse
 from scipy.sparse.linalg import cg
 
 from myork.errors import ConvergenceError
 from myork.imaging.geometry import canonical, frame
 from myork.records import Image, Labels
+from myork.types import F64, Mask
 
 __all__ = ["flow_fibers"]
 
-F64 = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _TOLERANCE = 1e-5  # residual of the potential, relative; directions are then known to a degree
 _LEAST = 1e-12  # smallest flow that has a direction, of the largest

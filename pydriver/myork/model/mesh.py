@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from myork.errors import InputError
@@ -19,10 +18,10 @@ from myork.imaging.plain import read_arrays
 from myork.model.fibers import lead_vector
 from myork.model.mesh_file import read_mesh
 from myork.records import Image, Labels
+from myork.types import F64
 
 __all__ = ["read_tracts", "tract_fibers", "voxelise"]
 
-F64 = NDArray[np.float64]
 
 # Segments of tracts that make the direction of a voxel: about ten tracts at their usual density
 _NEAREST = 24

@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from myork.errors import FileError, InputError, InstallationError
+from myork.types import I64
 
 __all__ = ["Mesh", "main", "read_mesh"]
 
-F64 = NDArray[np.float64]
 
 # What the reader may take beside the file's size [bytes]: most is its libraries' address space.
 _MEMORY = 4 << 30
@@ -53,7 +53,7 @@ class Mesh:
     """
 
     points: NDArray[np.floating]
-    triangles: NDArray[np.int64]
+    triangles: I64
     open_edges: int
     grid: NDArray[np.floating]
     dimensions: tuple[int, int, int]

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from myork.types import F64, Mask
+
 __all__ = ["signed_distance", "surface_normals"]
 
-F64 = NDArray[np.float64]
 
 # Standard deviation of the smoothing, across [voxel]: less leaves the stairs of the voxels in the
 # normals, more rounds off thin bodies (see tests/imaging/test_normals.py).
@@ -31,7 +32,7 @@ _CHUNK = 4000
 _LAYERS = 10
 
 
-def signed_distance(body: NDArray[np.bool_], spacing: F64) -> F64:
+def signed_distance(body: Mask, spacing: F64) -> F64:
     """Distance to the surface between voxels, positive inside, shape of `body` [length].
 
     Parameters
@@ -47,7 +48,7 @@ def signed_distance(body: NDArray[np.bool_], spacing: F64) -> F64:
 
 
 def surface_normals(
-    body: NDArray[np.bool_], spacing: F64, voxels: NDArray[np.intp], method: str = "distance"
+    body: Mask, spacing: F64, voxels: NDArray[np.intp], method: str = "distance"
 ) -> F64:
     """Outward unit normals at voxels of the lateral surface.
 
@@ -92,7 +93,7 @@ def surface_normals(
     return np.where(length > 1e-6, normal / np.maximum(length, 1e-6), 0.0)
 
 
-def _round_metric(body: NDArray[np.bool_], spacing: F64) -> F64:
+def _round_metric(body: Mask, spacing: F64) -> F64:
     """Sizes of voxels, from one to their length ratios, in which the body is nearly round."""
     pieces, _ = ndimage.label(body)
     piece, voxels = pieces[body], np.argwhere(body)

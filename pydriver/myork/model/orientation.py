@@ -21,17 +21,16 @@ from itertools import permutations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
 from myork.imaging.diffusion import parse_axes
 from myork.imaging.geometry import frame
 from myork.model.normals import surface_normals
 from myork.records import Image, Labels
+from myork.types import F64, Mask
 
 __all__ = ["Finding", "Orientation", "check_orientation"]
 
-F64 = NDArray[np.float64]
 
 # How much more fibers may cross walls as the files say than with the best candidate. Right tables
 # come to 0.20 at most on phantoms and real muscles (benchmarks/gradient_axes.py).
@@ -134,7 +133,7 @@ def _candidates() -> list[str]:
     ]
 
 
-def _rules(fibers: Image, muscles: Labels) -> list[tuple[NDArray[np.bool_], F64]]:
+def _rules(fibers: Image, muscles: Labels) -> list[tuple[Mask, F64]]:
     """Voxels of a muscle and the direction in which its fibers lean going up."""
     usable = fibers.data.any(axis=-1)
     where = {}
@@ -163,7 +162,7 @@ def _rules(fibers: Image, muscles: Labels) -> list[tuple[NDArray[np.bool_], F64]
     return rules
 
 
-def _agreement(fibers: Image, rules: list[tuple[NDArray[np.bool_], F64]]) -> float | None:
+def _agreement(fibers: Image, rules: list[tuple[Mask, F64]]) -> float | None:
     """Mean over the rules of how far fibers lean the right way, -1 to 1."""
     scores = []
     for mask, direction in rules:

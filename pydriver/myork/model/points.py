@@ -16,6 +16,7 @@ from scipy import ndimage
 from myork.errors import InputError
 from myork.imaging.geometry import frame
 from myork.records import Labels
+from myork.types import F64, I32, Mask
 
 __all__ = [
     "BONE",
@@ -30,8 +31,6 @@ __all__ = [
     "trimmed",
 ]
 
-F64 = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Voxels = NDArray[np.intp]
 
 # Label of voxels outside the model that are bone
@@ -124,7 +123,7 @@ def coarsen(labels: Labels, block: Sequence[int], merge: str = "majority") -> La
     return trimmed(_moved(labels, best.astype(np.int32), -before + 0.5 * (size - 1), size))
 
 
-def _majority(data: NDArray[np.int32], size: NDArray[np.intp]) -> NDArray[np.int32]:
+def _majority(data: I32, size: NDArray[np.intp]) -> I32:
     """Label of each block: of what is no body, or where the body fills enough, of the body."""
     n = np.array(data.shape) // size
     blocks = (n[0], size[0], n[1], size[1], n[2], size[2])
@@ -306,7 +305,7 @@ def trimmed(labels: Labels) -> Labels:
     return _moved(labels, data, np.array([b[0] for b in box]), np.ones(3))
 
 
-def _moved(labels: Labels, data: NDArray[np.int32], first: F64, scale: F64) -> Labels:
+def _moved(labels: Labels, data: I32, first: F64, scale: F64) -> Labels:
     """Labels on a grid that starts at a voxel of the old one, with voxels `scale` times as big."""
     affine = labels.affine.copy()
     affine[:3, 3] += affine[:3, :3] @ first

@@ -13,16 +13,14 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
 from myork.imaging.geometry import to_voxels
 from myork.records import Image, Labels
+from myork.types import F64, I32, I64, Mask
 
 __all__ = ["LabelParts", "label_shares"]
 
-F64 = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 # No voxel of a body is emptier than this [-]: it would be nearly free to move.
 _LEAST = 0.1
@@ -40,9 +38,9 @@ class LabelParts(NamedTuple):
     """
 
     image: Image
-    labels: NDArray[np.int32]
+    labels: I32
 
-    def first(self, fine: Labels) -> NDArray[np.int64]:
+    def first(self, fine: Labels) -> I64:
         """Voxel in which a label map cut out of the image's grid begins, shape `(3,)`."""
         return np.rint(to_voxels(self.image.affine, fine.affine[:3, 3])).astype(np.int64)
 
@@ -53,7 +51,7 @@ class LabelParts(NamedTuple):
         sums = slices.sum(axis=(0, 1, 2)) * fine.spacing.prod()
         return dict(zip(self.labels.tolist(), sums.tolist(), strict=True))
 
-    def of(self, label: int, fine: Labels, places: Sequence[NDArray[np.int64]]) -> F64:
+    def of(self, label: int, fine: Labels, places: Sequence[I64]) -> F64:
         """Part of a label in voxels counted from the first one of a label map along each axis.
 
         Parts in slices beyond those of the map do not count.
@@ -71,7 +69,7 @@ def label_shares(
     block: Sequence[int],
     left_out: Mask,
     parts: LabelParts | None = None,
-) -> tuple[F64, NDArray[np.int32]]:
+) -> tuple[F64, I32]:
     """Volume of each label in each merged voxel of a body, over that of the voxel.
 
     What lies in blocks that are no part of the body goes to the blocks beside it, evenly: to those

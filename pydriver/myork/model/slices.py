@@ -17,7 +17,6 @@ from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage, sparse
 from scipy.interpolate import make_interp_spline
 from scipy.sparse.csgraph import connected_components
@@ -28,11 +27,10 @@ from myork.imaging.geometry import canonical, slice_axis
 from myork.model.fibers import fill_from_own, lead_vector
 from myork.records import Image, Labels
 from myork.segmentation.outlines import signed_distances
+from myork.types import F64, I32, I64, Mask
 
 __all__ = ["extruded", "finer_fibers", "finer_labels", "finer_values", "slice_parts"]
 
-F64 = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _ROOM = 8  # pixels around a label that it may move into
 # Gaussian over the distances, which know the steps of pixels only [pixel]
@@ -179,7 +177,7 @@ def finer_values(image: Image, labels: Labels, finer: Labels, axis: int, parts: 
     return Image(data, finer.affine, image.name)
 
 
-def _touching(data: NDArray[np.int32]) -> list[list[int]]:
+def _touching(data: I32) -> list[list[int]]:
     """Labels in groups of those that touch each other in a slice."""
     numbers, where = np.unique(data, return_inverse=True)
     where = where.reshape(data.shape)
@@ -259,7 +257,7 @@ def _moved(here: Mask, size: F64, parts: int, centres: F64) -> F64:
     return result
 
 
-def _centres(data: NDArray[np.int32], group: list[int]) -> F64:
+def _centres(data: I32, group: list[int]) -> F64:
     """Middle of labels in each slice, counted from the first one [pixel].
 
     From slice to slice it moves as the middle of the labels that are in both.
@@ -276,7 +274,7 @@ def _centres(data: NDArray[np.int32], group: list[int]) -> F64:
     return steps.cumsum(axis=0)
 
 
-def _neighbours(count: int, parts: int) -> tuple[NDArray[np.int64], F64]:
+def _neighbours(count: int, parts: int) -> tuple[I64, F64]:
     """Slice below each part, and how far it lies towards the next."""
     place = (np.arange(count * parts) + 0.5) / parts - 0.5
     low = np.clip(np.floor(place).astype(np.int64), 0, max(count - 2, 0))

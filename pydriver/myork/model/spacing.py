@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from myork.errors import InputError
+from myork.types import F64
 
 __all__ = ["source_spacing"]
-
-F64 = NDArray[np.float64]
 
 
 def source_spacing(source: F64, aspect: F64 | None = None) -> F64:

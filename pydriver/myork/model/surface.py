@@ -15,9 +15,10 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 from scipy.special import ndtri
 
+from myork.types import F64, Mask
+
 __all__ = ["end_offsets", "surface_offsets"]
 
-F64 = NDArray[np.float64]
 
 # Standard deviation of the blur [voxel]: as far as a stair of the voxels reaches.
 _BLUR = 1.0
@@ -30,7 +31,7 @@ _FLAT = 0.3
 _APART = 0.2
 
 
-def end_offsets(body: NDArray[np.bool_], spacing: F64, voxels: NDArray[np.intp]) -> F64:
+def end_offsets(body: Mask, spacing: F64, voxels: NDArray[np.intp]) -> F64:
     """Moves that bring the voxels' centres of the end slices onto the ends of the body.
 
     Parameters
@@ -55,9 +56,7 @@ def end_offsets(body: NDArray[np.bool_], spacing: F64, voxels: NDArray[np.intp])
     return move
 
 
-def surface_offsets(
-    body: NDArray[np.bool_], spacing: F64, voxels: NDArray[np.intp], normal: F64
-) -> F64:
+def surface_offsets(body: Mask, spacing: F64, voxels: NDArray[np.intp], normal: F64) -> F64:
     """Moves that bring surface voxels' centres onto the surface.
 
     The body is taken to go on beyond its first and last slice, whose points stay in their plane.

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from myork.model.spacing import source_spacing
 from myork.records import PointCloud
 from myork.reference.materials import MUSCLE, RUBBER
+from myork.types import F64, I64
 
 __all__ = ["box", "graded", "jittered", "stretched"]
 
-F64Array = NDArray[np.float64]
 
 _FACES = ("x0", "x1", "y0", "y1", "z0", "z1")
 
@@ -68,7 +68,7 @@ def jittered(cloud: PointCloud, share: float, seed: int = 7) -> PointCloud:
     random = np.random.default_rng(seed)
     low, high = cloud.source.min(axis=0), cloud.source.max(axis=0)
 
-    def shaken(x: F64Array, spacing: F64Array) -> F64Array:
+    def shaken(x: F64, spacing: F64) -> F64:
         step = share * spacing * random.uniform(-1.0, 1.0, x.shape)
         return x + np.where((x > low + 1e-9) & (x < high - 1e-9), step, 0.0)
 
@@ -88,7 +88,7 @@ def graded(cloud: PointCloud, power: float) -> PointCloud:
     return replace(moved, volume=width.prod(axis=1), area=area)
 
 
-def _moved(cloud: PointCloud, source: F64Array, points: F64Array) -> PointCloud:
+def _moved(cloud: PointCloud, source: F64, points: F64) -> PointCloud:
     spacing = source_spacing(source, cloud.spacing)
     return replace(cloud, source=source, spacing=spacing, points=points)
 
@@ -128,7 +128,7 @@ def stretched(
     }
 
 
-def _grid(size: Sequence[float], n: Sequence[int]) -> tuple[F64Array, NDArray[np.int64]]:
+def _grid(size: Sequence[float], n: Sequence[int]) -> tuple[F64, I64]:
     """Points of a grid and their indices, last direction fastest."""
     index = np.stack(np.meshgrid(*(np.arange(k) for k in n), indexing="ij"), axis=-1).reshape(-1, 3)
     last = np.maximum(np.array(n) - 1, 1)
@@ -136,7 +136,7 @@ def _grid(size: Sequence[float], n: Sequence[int]) -> tuple[F64Array, NDArray[np
     return np.array(size) * share, index
 
 
-def _widths(points: F64Array, size: Sequence[float]) -> F64Array:
+def _widths(points: F64, size: Sequence[float]) -> F64:
     """What each point of a lattice stands for along each axis: half the way to its neighbours.
 
     Sums over points are then exact for linear functions, so that forces are those of the stress.
@@ -149,14 +149,14 @@ def _widths(points: F64Array, size: Sequence[float]) -> F64Array:
     return width
 
 
-def _areas(width: F64Array, point: NDArray[Any], face: NDArray[Any]) -> F64Array:
+def _areas(width: F64, point: NDArray[Any], face: NDArray[Any]) -> F64:
     """Area of each boundary point on its face."""
     across = width[point]
     across[np.arange(len(face)), face // 2] = 1.0
     return across.prod(axis=1)
 
 
-def _on_face(index: NDArray[np.int64], n: Sequence[int], face: int) -> NDArray[np.int64]:
+def _on_face(index: I64, n: Sequence[int], face: int) -> I64:
     """Numbers of the points on a face."""
     axis, side = divmod(face, 2)
     return np.flatnonzero(index[:, axis] == side * (n[axis] - 1))

@@ -12,11 +12,11 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_bvp
 from scipy.optimize import brentq
 
 from myork.errors import ConvergenceError
+from myork.types import F64
 
 __all__ = [
     "Polynomial",
@@ -29,7 +29,6 @@ __all__ = [
     "uniaxial",
 ]
 
-F64Array = NDArray[np.float64]
 
 # solve_bvp takes no stricter tolerance without a warning of its own
 _TOLERANCE = 1e-9
@@ -99,17 +98,17 @@ class Tube(NamedTuple):
 
     Attributes
     ----------
-    place : F64Array
+    place : F64
         Undeformed radii, shape `(n,)` [length].
-    radius : F64Array
+    radius : F64
         Deformed radii, shape `(n,)` [length].
-    radial : F64Array
+    radial : F64
         Radial Cauchy stress, shape `(n,)` [stress].
     """
 
-    place: F64Array
-    radius: F64Array
-    radial: F64Array
+    place: F64
+    radius: F64
+    radial: F64
 
 
 def tube(
@@ -138,7 +137,7 @@ def tube(
     """
     compliance = 1.0 / material.bulk
 
-    def state(big_r: F64Array, y: F64Array) -> tuple[F64Array, F64Array, F64Array]:
+    def state(big_r: F64, y: F64) -> tuple[F64, F64, F64]:
         """Radial stretch, pressure and hoop stress P_tt."""
         hoop, wanted = y[0] / big_r, y[1]
         p = np.zeros_like(hoop)
@@ -157,11 +156,11 @@ def tube(
         p_tt = material.isochoric(np.array([stretch, hoop, np.ones_like(hoop)]))[1] + p * stretch
         return stretch, p, p_tt
 
-    def slope(big_r: F64Array, y: F64Array) -> F64Array:
+    def slope(big_r: F64, y: F64) -> F64:
         stretch, _, p_tt = state(big_r, y)
         return np.vstack([stretch, (p_tt - y[1]) / big_r])
 
-    def ends(ya: F64Array, yb: F64Array) -> F64Array:
+    def ends(ya: F64, yb: F64) -> F64:
         return np.array([ya[0] - inner - radial, yb[1]])
 
     mesh = np.linspace(inner, outer, 41)
@@ -220,7 +219,7 @@ def _free_stretch(material: Polynomial, held: tuple[float, ...]) -> float:
     free_axes = 3 - len(held)
     held_product = float(np.prod(held))
 
-    def state(log_volume: float) -> tuple[F64Array, float]:
+    def state(log_volume: float) -> tuple[F64, float]:
         """Isochoric Cauchy stresses and the pressure that makes the free axes free of stress."""
         volume = np.exp(log_volume)
         free = (volume / held_product) ** (1.0 / free_axes)

@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 
 from myork.core.material import Material, strong
 from myork.errors import ConvergenceError, InputError, InstallationError
+from myork.types import F64, Mask
 
 __all__ = ["solve_deck", "solve_half_block"]
 
-F64Array = NDArray[np.float64]
 #: Label of the material at a place, shape `(dim,)`; zero where there is none
-Labels = Callable[[F64Array], int]
+Labels = Callable[[F64], int]
 #: Nodes of a box, shape `(n, dim)`, to those of the body
-Warp = Callable[[F64Array], F64Array]
+Warp = Callable[[F64], F64]
 
 _AXES = "xyz"
 #: Halvings of a load step that does not converge
@@ -231,7 +231,7 @@ class _Body:
         points = self.points[found // (material.max() + 1)]
         return self.fem.Mesh(points, number.reshape(cells.shape), self.mesh.cell_type)
 
-    def on(self, name: str) -> NDArray[np.bool_]:
+    def on(self, name: str) -> Mask:
         """Nodes of a set of the deck."""
         low, high = self.place.min(axis=0), self.place.max(axis=0)
         if self.geometry["kind"] == "annulus":
@@ -270,7 +270,7 @@ class _Body:
             self.items.append(load)
             self.pulls.append((load, _in_proportion(amplitude, force)))
 
-    def _areas(self, name: str, mask: NDArray[np.bool_]) -> F64Array:
+    def _areas(self, name: str, mask: Mask) -> F64:
         """Area of each node of a box's face, warped or not: what it weighs in integrals over it."""
         if self.geometry["kind"] != "box":
             raise InputError("finite elements take tractions on boxes only")
@@ -333,7 +333,7 @@ class _Body:
             )
         return int(found.iterations)
 
-    def forces(self) -> F64Array:
+    def forces(self) -> F64:
         """Forces at the nodes that the stress balances, shape `(nnode, dim)` [force]."""
         vector = self.solid.assemble.vector(self.field).toarray().ravel()
         return np.asarray(vector[: self.points.size].reshape(self.points.shape))
@@ -367,7 +367,7 @@ class _Body:
             return float(np.linalg.det(f))
         raise InputError(f"finite elements do not know the quantity {quantity!r}")
 
-    def _torque(self, probe: Mapping[str, Any]) -> F64Array:
+    def _torque(self, probe: Mapping[str, Any]) -> F64:
         """Moment of the forces on a set about a point, shape `(3,)` [force length]."""
         on = self.on(probe["set"])
         arm, force = np.zeros((2, int(on.sum()), 3))
@@ -376,7 +376,7 @@ class _Body:
         force[:, : self.dim] = self.forces()[on]
         return np.asarray(np.cross(arm, force).sum(axis=0))
 
-    def _stress(self, node: int) -> tuple[F64Array, F64Array, float]:
+    def _stress(self, node: int) -> tuple[F64, F64, float]:
         """Cauchy stress, deformation gradient and pressure at a corner: means of its elements.
 
         The slopes are extended from the Gauss points of second order, where those of quadratic
@@ -401,7 +401,7 @@ class _Body:
             pressure.append(p)
         return np.mean(stress, axis=0), np.mean(gradient, axis=0), float(np.mean(pressure))
 
-    def _gauss_points(self) -> F64Array:
+    def _gauss_points(self) -> F64:
         """Signs of the coordinates of the Gauss points of second order."""
         signs = np.meshgrid(*[[-1.0, 1.0]] * self.dim, indexing="ij")
         return np.stack(signs, axis=-1).reshape(-1, self.dim)
@@ -431,8 +431,8 @@ def _in_proportion(amplitude: Callable[[float], float], full: Any) -> Callable[[
 
 
 def _moved(
-    entry: Mapping[str, Any], points: F64Array, axis: int, amplitude: Callable[[float], float]
-) -> Callable[[float], F64Array]:
+    entry: Mapping[str, Any], points: F64, axis: int, amplitude: Callable[[float], float]
+) -> Callable[[float], F64]:
     """A component of a rigid motion's displacement over the load."""
     normal = np.asarray(entry.get("axis") or (0.0, 0.0, 1.0), float)
     normal /= np.linalg.norm(normal)
@@ -442,7 +442,7 @@ def _moved(
     inward = np.cross(normal, across)
     shift = float(entry.get(f"u_{_AXES[axis]}") or 0.0)
 
-    def at(load: float) -> F64Array:
+    def at(load: float) -> F64:
         factor = amplitude(load)
         angle = np.radians(float(entry["rotation"])) * factor
         turned = np.sin(angle) * across + (1.0 - np.cos(angle)) * inward
@@ -466,7 +466,7 @@ class _Law:
         # felupe reads the shapes of the arguments and of the state variables from here
         self.x = [np.zeros((3, 3)), np.zeros(0)]
 
-    def at(self, gradient: F64Array, cell: int) -> F64Array:
+    def at(self, gradient: F64, cell: int) -> F64:
         """First Piola-Kirchhoff stress of one F[i, A] in an element."""
         return self._evaluate(gradient[:, :, None, None], [cell])[0][:, :, 0, 0]
 
@@ -479,8 +479,8 @@ class _Law:
         return [self._evaluate(x[0])[1]]
 
     def _evaluate(
-        self, gradient: F64Array, cells: Sequence[int] | slice = slice(None)
-    ) -> tuple[F64Array, F64Array]:
+        self, gradient: F64, cells: Sequence[int] | slice = slice(None)
+    ) -> tuple[F64, F64]:
         stress = np.empty_like(gradient)
         tangent = np.empty((3, 3, *gradient.shape))
         here = self.material[cells]

@@ -21,6 +21,7 @@ from myork.core.shape import shape_functions
 from myork.errors import MyorkError
 from myork.records import PointCloud
 from myork.reference.bodies import box
+from myork.types import F64
 
 __all__ = [
     "PROBLEMS",
@@ -30,7 +31,6 @@ __all__ = [
     "solve",
 ]
 
-F64Array = NDArray[np.float64]
 
 _ACTIVATION = 0.3
 # Convex, unlike table 4.1 with its negative A01: the exact solution must be the only one
@@ -80,10 +80,10 @@ PROBLEMS = (
 class _Exact(NamedTuple):
     """The chosen solution at points."""
 
-    u: F64Array
-    f: F64Array
-    p: F64Array
-    body_force: F64Array
+    u: F64
+    f: F64
+    p: F64
+    body_force: F64
 
 
 def solve(problem: Problem, method: str, n: int, overrides: Sequence[str] = ()) -> dict[str, Any]:
@@ -169,7 +169,7 @@ def _deformation(problem: Problem) -> Callable[[Any], Any]:
     return deform
 
 
-def deformation_gradient(deform: Callable[[Any], Any], x: F64Array) -> F64Array:
+def deformation_gradient(deform: Callable[[Any], Any], x: F64) -> F64:
     """Deformation gradient by complex steps, exact to rounding, shape `(n, 3, 3)`."""
     f = np.empty((len(x), 3, 3))
     for a in range(3):
@@ -179,7 +179,7 @@ def deformation_gradient(deform: Callable[[Any], Any], x: F64Array) -> F64Array:
     return f
 
 
-def _right_share(points: F64Array, n: int) -> tuple[F64Array, F64Array]:
+def _right_share(points: F64, n: int) -> tuple[F64, F64]:
     """Fraction of the right material and its gradient, as the program mixes materials.
 
     A source point has the material of its place, on the border of both the left one, that of the
@@ -196,7 +196,7 @@ def _right_share(points: F64Array, n: int) -> tuple[F64Array, F64Array]:
     return share[:, 0], slope
 
 
-def _bulk(points: F64Array, problem: Problem, n: int) -> tuple[F64Array, F64Array]:
+def _bulk(points: F64, problem: Problem, n: int) -> tuple[F64, F64]:
     """Bulk modulus and its gradient."""
     left, right = problem.bulk
     if left == right:
@@ -205,7 +205,7 @@ def _bulk(points: F64Array, problem: Problem, n: int) -> tuple[F64Array, F64Arra
     return left + share * (right - left), (right - left) * slope
 
 
-def _exact(points: F64Array, problem: Problem, n: int) -> _Exact:
+def _exact(points: F64, problem: Problem, n: int) -> _Exact:
     """Solution, stress and body force at points."""
     deform = _deformation(problem)
     x = np.zeros((len(points), 3))
@@ -215,10 +215,10 @@ def _exact(points: F64Array, problem: Problem, n: int) -> _Exact:
     )
     bulk, slope = _bulk(x, problem, n)
 
-    def cofactor(f: F64Array) -> F64Array:
+    def cofactor(f: F64) -> F64:
         return np.linalg.det(f)[:, None, None] * np.swapaxes(np.linalg.inv(f), 1, 2)
 
-    def stress(at: F64Array) -> F64Array:
+    def stress(at: F64) -> F64:
         """Stress near the points, with their moduli."""
         f = deformation_gradient(deform, at)
         p = core_material.stress(
@@ -280,7 +280,7 @@ def _tables(problem: Problem, method: str, n: int) -> tuple[dict[str, Any], Poin
     return tables, cloud
 
 
-def _beside(dofs: int, problem: Problem, n: int) -> F64Array:
+def _beside(dofs: int, problem: Problem, n: int) -> F64:
     """Chosen displacement at the points of the lattice, and no pressures."""
     nd = problem.dimension
     axis = np.linspace(0.0, 1.0, n)
@@ -291,5 +291,5 @@ def _beside(dofs: int, problem: Problem, n: int) -> F64Array:
     return start
 
 
-def _relative(value: F64Array, exact: F64Array) -> float:
+def _relative(value: F64, exact: F64) -> float:
     return float(np.linalg.norm(value - exact) / np.linalg.norm(exact))

@@ -25,10 +25,10 @@ from myork.report.sketch import (
 )
 from myork.report.skin import outer_triangles, spacing_of
 from myork.report.sources import Deformation
+from myork.types import F64, I32
 
 __all__ = ["compared_figure", "reduced_figure"]
 
-F64 = NDArray[np.float64]
 
 #: Colours of values, of sizes of differences and of differences with a sign
 _VALUES, _SIZES, _SIGNED = "viridis", "magma", "coolwarm"
@@ -39,7 +39,7 @@ class _Body(NamedTuple):
 
     rest: F64
     moved: F64
-    triangles: NDArray[np.int32]
+    triangles: I32
 
 
 class _Shade(NamedTuple):
@@ -162,7 +162,7 @@ def _titles(units: Mapping[str, str]) -> tuple[str, str]:
     return f"displacement |u| [{length}]", f"largest principal stress [{stress}]"
 
 
-def _surface(points: F64) -> NDArray[np.int32]:
+def _surface(points: F64) -> I32:
     """Triangles of the surface; of a plane body, those that fill it."""
     places = points if np.ptp(points[:, 2]) else points[:, :2]
     return outer_triangles(places, spacing_of(places))

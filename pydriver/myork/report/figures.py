@@ -19,6 +19,7 @@ from myork.report.numbers import labelled, unit_of
 from myork.report.sketch import mark_missing
 from myork.report.sources import Deformation
 from myork.report.tables import MODEL_KINDS
+from myork.types import F64
 
 __all__ = [
     "cloud_figure",
@@ -29,7 +30,6 @@ __all__ = [
     "timing_figure",
 ]
 
-F64 = NDArray[np.float64]
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")

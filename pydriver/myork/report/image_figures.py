@@ -18,10 +18,10 @@ from scipy import ndimage
 
 from myork.records import Image, Labels
 from myork.report.figures import COLOURS, DASHES, MARKERS
+from myork.types import F64, I32, Mask
 
 __all__ = ["area_figure", "slice_figure"]
 
-F64 = NDArray[np.float64]
 
 # What is shown around the labels [mm]
 _AROUND = 10.0
@@ -161,7 +161,7 @@ class _Frame:
         """Array of shape `(ni, nj, nk, ...)` with its axes turned."""
         return apply_orientation(data, self._turn)
 
-    def around(self, data: NDArray[np.int32]) -> tuple[slice, slice, slice]:
+    def around(self, data: I32) -> tuple[slice, slice, slice]:
         """The part of the turned array in which labels lie, and what is around them."""
         found = ndimage.find_objects((self.canonical(data) > 0).astype(np.int8))
         parts = found[0] if found else (slice(0, n) for n in self.canonical(data).shape)
@@ -181,7 +181,7 @@ def _draw_slice(
     axes: Axes,
     sizes: F64,
     corner: F64,
-    labels: NDArray[np.int32],
+    labels: I32,
     grey: F64 | None,
     cut: tuple,
     vectors: F64 | None,
@@ -212,7 +212,7 @@ def _draw_slice(
 
 
 def _draw_fibers(
-    axes: Axes, spacing: F64, places: tuple[F64, F64], vectors: F64, inside: NDArray[np.bool_]
+    axes: Axes, spacing: F64, places: tuple[F64, F64], vectors: F64, inside: Mask
 ) -> None:
     """Strokes without heads: a fiber has no sign."""
     length = float(np.max(inside.shape * spacing)) / _FIBERS_ACROSS

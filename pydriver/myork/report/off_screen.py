@@ -19,10 +19,10 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from myork.report.sketch import NO_VALUE
+from myork.types import F64, I32
 
 __all__ = ["NoPictureError", "Panel", "draw"]
 
-F64 = NDArray[np.float64]
 
 #: Seconds after which a picture is given up
 _PATIENCE = 180.0
@@ -63,7 +63,7 @@ class Panel(NamedTuple):
 
 def draw(
     panels: list[Panel],
-    triangles: NDArray[np.int32],
+    triangles: I32,
     rest: F64,
     views: list[F64],
     middle: F64,

@@ -26,6 +26,7 @@ from myork.report.sketch import (
 )
 from myork.report.skin import outer_triangles, spacing_of
 from myork.report.sources import Deformation
+from myork.types import F64, I32
 
 __all__ = [
     "plane_figure",
@@ -33,7 +34,6 @@ __all__ = [
     "surface_figure",
 ]
 
-F64 = NDArray[np.float64]
 
 #: Colours of tissues: those of Okabe and Ito, then darker ones and a light one
 _TISSUES = (
@@ -300,9 +300,7 @@ def _plane(points: F64, normal: int) -> tuple[NDArray[np.intp], float]:
     return np.flatnonzero(np.abs(places - level) < 0.5 * spacing), level
 
 
-def _map(
-    figure: Figure, axes: Axes, places: F64, triangles: NDArray[np.int32], values: F64
-) -> None:
+def _map(figure: Figure, axes: Axes, places: F64, triangles: I32, values: F64) -> None:
     """Values on triangles, their bar beside them."""
     low, high, ends = limits_of(values)
     if len(triangles):
@@ -319,7 +317,7 @@ def _map(
     bar.ax.locator_params(nbins=6)
 
 
-def _tissue(axes: Axes, places: F64, triangles: NDArray[np.int32], tissues: F64) -> None:
+def _tissue(axes: Axes, places: F64, triangles: I32, tissues: F64) -> None:
     """Triangles in the colour of their tissue."""
     if len(triangles):
         count = len(_TISSUES)

@@ -11,7 +11,8 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colorbar import Colorbar
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
+
+from myork.types import F64, I32
 
 __all__ = [
     "NO_VALUE",
@@ -24,7 +25,6 @@ __all__ = [
     "views_of",
 ]
 
-F64 = NDArray[np.float64]
 
 #: Colour of places without a value, which no map of colours in use has
 NO_VALUE = "#FF00C8"
@@ -107,7 +107,7 @@ def draw_ruler(axes: Axes, half: F64, length: str) -> None:
     )  # fmt: skip
 
 
-def rim_of(triangles: NDArray[np.int32]) -> NDArray[np.int32]:
+def rim_of(triangles: I32) -> I32:
     """Edges of one triangle only, shape `(m, 2)`."""
     edges = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]],
                                     triangles[:, [2, 0]]]), axis=1)  # fmt: skip

@@ -6,14 +6,13 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
 from myork.records import PointCloud
+from myork.types import F64, I32
 
 __all__ = ["outer_triangles", "point_distances", "spacing_of"]
 
-F64Array = NDArray[np.float64]
 
 #: Simplices with an edge this many times as long as that of the median one bridge a gap
 _BRIDGE = 1.5
@@ -25,14 +24,12 @@ _FLAT = 1e-2
 _FACES = ((1, 2, 3, 0), (0, 2, 3, 1), (0, 1, 3, 2), (0, 1, 2, 3))
 
 
-def point_distances(
-    points: F64Array, deck: Mapping[str, Any], cloud: PointCloud | None
-) -> F64Array:
+def point_distances(points: F64, deck: Mapping[str, Any], cloud: PointCloud | None) -> F64:
     """Distances of neighbouring points in each direction, ones where they are not known.
 
     Parameters
     ----------
-    points : F64Array
+    points : F64
         Points of the body, shape `(n, dimension)` [length].
     deck : mapping
         Deck of the body.
@@ -49,7 +46,7 @@ def point_distances(
     return np.ones(dimension)
 
 
-def spacing_of(points: F64Array) -> F64Array:
+def spacing_of(points: F64) -> F64:
     """Distances of neighbours along each axis, from places that many points share.
 
     On a grid whose surface points were moved the others keep their planes; where there are no
@@ -57,7 +54,7 @@ def spacing_of(points: F64Array) -> F64Array:
 
     Parameters
     ----------
-    points : F64Array
+    points : F64
         Points, shape `(n, dimension)` [length].
     """
     distance = np.ones(points.shape[1])
@@ -71,7 +68,7 @@ def spacing_of(points: F64Array) -> F64Array:
     return distance
 
 
-def outer_triangles(points: F64Array, distance: F64Array) -> NDArray[np.int32]:
+def outer_triangles(points: F64, distance: F64) -> I32:
     """Triangles of the surface, or of the plane body itself.
 
     The body is what the simplices of Delaunay fill but for those that bridge a gap; a
@@ -79,9 +76,9 @@ def outer_triangles(points: F64Array, distance: F64Array) -> NDArray[np.int32]:
 
     Parameters
     ----------
-    points : F64Array
+    points : F64
         Points, shape `(n, 2)` or `(n, 3)` [length].
-    distance : F64Array
+    distance : F64
         Their distances in each direction, shape `(2,)` or `(3,)` [length].
 
     Returns

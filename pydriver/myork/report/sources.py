@@ -18,10 +18,10 @@ from myork.reduced_fields import REDUCED_FILE, ReducedFields, read_reduced
 from myork.report.structure import check_summary
 from myork.results import Results
 from myork.summary import SOLUTION, WAITING, read_summary
+from myork.types import F64, I32
 
 __all__ = ["Deformation", "RunFolder", "read_folder"]
 
-F64 = NDArray[np.float64]
 T = TypeVar("T")
 
 # Columns of history.csv that are no numbers
@@ -67,7 +67,7 @@ class Deformation:
     activations: F64
     cauchy: F64 | None = None
     fiber: F64 | None = None
-    label: NDArray[np.int32] | None = None
+    label: I32 | None = None
 
 
 @dataclass(frozen=True)

@@ -9,13 +9,12 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from myork.report.numbers import labelled
+from myork.types import F64
 
 __all__ = ["VERDICTS", "Column", "Fit", "response_figure", "tornado_figure", "trend_figure"]
 
-F64 = NDArray[np.float64]
 
 #: Colour and mark of the points of each verdict
 VERDICTS = {

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from myork.core.pod import pod_basis
-from myork.core.scene import F64Array
+from myork.types import F64
 
 __all__ = ["Basis", "modes_for_energy", "proper_orthogonal_basis"]
 
@@ -18,25 +18,25 @@ class Basis(NamedTuple):
 
     Attributes
     ----------
-    modes : F64Array
+    modes : F64
         Orthonormal columns, shape `(dofs, n)`.
-    values : F64Array
+    values : F64
         Proper orthogonal values (6.22), shape `(n,)`, falling.
     seconds : float
         Wall time of the decomposition [s].
     """
 
-    modes: F64Array
-    values: F64Array
+    modes: F64
+    values: F64
     seconds: float
 
 
-def proper_orthogonal_basis(snapshots: F64Array, way: str = "svd", *, unit: bool = False) -> Basis:
+def proper_orthogonal_basis(snapshots: F64, way: str = "svd", *, unit: bool = False) -> Basis:
     """Proper orthogonal modes of snapshots.
 
     Parameters
     ----------
-    snapshots : F64Array
+    snapshots : F64
         One state a row, shape `(s, dofs)`.
     way : str
         `svd`, `eigen` or `snapshots`, see `pod_basis`.
@@ -52,6 +52,6 @@ def proper_orthogonal_basis(snapshots: F64Array, way: str = "svd", *, unit: bool
     return Basis(modes, values, time.perf_counter() - started)
 
 
-def modes_for_energy(values: F64Array, share: float) -> int:
+def modes_for_energy(values: F64, share: float) -> int:
     """Number of modes that hold a share of the sum of all proper orthogonal values (6.32)."""
     return int(np.searchsorted(np.cumsum(values), share * values.sum())) + 1

@@ -5,16 +5,15 @@ from __future__ import annotations
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from myork.core.scene import Scene
 from myork.rom.modes import LARGE, make_draft
 from myork.rom.parameters import spread_points
 from myork.rom.setting import Setting, Snapshots
+from myork.types import F64
 
 __all__ = ["states_beyond", "values_beyond"]
 
-F64Array = NDArray[np.float64]
 
 #: How far modes are to hold: this times the largest sigma_max of the range
 REACH = 1.75
@@ -26,7 +25,7 @@ _ENDS, _MOST_COMBINED = 5, 4
 _MODES, _MODES_OF_LARGE = 80, 60
 
 
-def values_beyond(setting: Setting, seed: int) -> F64Array:
+def values_beyond(setting: Setting, seed: int) -> F64:
     """Values of parameters with sigma_max beyond its range, shape `(n, p)`; none if it is given."""
     kinds = setting.parameters
     if not any(p.kind == "sigma_max" for p in kinds):
@@ -46,8 +45,8 @@ def values_beyond(setting: Setting, seed: int) -> F64Array:
 
 
 def states_beyond(
-    scene: Scene, setting: Setting, snapshots: Snapshots, lifts: F64Array, seed: int
-) -> F64Array:
+    scene: Scene, setting: Setting, snapshots: Snapshots, lifts: F64, seed: int
+) -> F64:
     """States at these values, shape `(n, dofs)`.
 
     A constant of the muscle that nobody measures is asked for outside of the range sooner than a

@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from myork.console import ProgressCallback
 from myork.errors import ConvergenceError, InputError
@@ -16,6 +15,7 @@ from myork.rom.model import ReducedModel
 from myork.rom.online import Answer
 from myork.rom.parameters import spread_points
 from myork.rom.setting import Setting, force_values
+from myork.types import F64, Mask
 
 __all__ = [
     "CellErrors",
@@ -29,7 +29,6 @@ __all__ = [
     "started",
 ]
 
-F64Array = NDArray[np.float64]
 
 #: Forces are compared with their own size, but not with less than this share of the largest
 LEAST_FORCE = 0.05
@@ -40,7 +39,7 @@ class Tests(NamedTuple):
 
     Attributes
     ----------
-    values : F64Array
+    values : F64
         Values of the parameters, shape `(n, p)`.
     states : list of FullState
         The states there.
@@ -50,7 +49,7 @@ class Tests(NamedTuple):
         Start of the random numbers that chose the values.
     """
 
-    values: F64Array
+    values: F64
     states: list[FullState]
     failed: int
     seed: int
@@ -86,7 +85,7 @@ def compare(
     own = {p.key: (p.low, p.high) for p in rom.parameters} | other
     parameters = [p._replace(low=own[p.key][0], high=own[p.key][1]) for p in rom.parameters]
 
-    def guess(values: F64Array) -> list[F64Array | None]:
+    def guess(values: F64) -> list[F64 | None]:
         found = rom.batch(values)
         return started(found.amplitudes, found.converged, rom.basis)
 
@@ -97,9 +96,7 @@ def compare(
     return found
 
 
-def started(
-    amplitudes: F64Array, converged: NDArray[np.bool_], basis: F64Array
-) -> list[F64Array | None]:
+def started(amplitudes: F64, converged: Mask, basis: F64) -> list[F64 | None]:
     """Unknowns at which full solves may begin; none where the reduced model has no state."""
     return [basis @ a if good else None for a, good in zip(amplitudes, converged, strict=True)]
 
@@ -107,9 +104,9 @@ def started(
 def solve_tests(
     full: FullModel,
     parameters: Any,
-    values: F64Array,
+    values: F64,
     seed: int,
-    guess: Callable[[F64Array], list[F64Array | None]],
+    guess: Callable[[F64], list[F64 | None]],
     progress: ProgressCallback,
 ) -> Tests:
     """Full states of a test, each from the state that a reduced model guesses.
@@ -134,8 +131,8 @@ def solve_tests(
 
 
 def errors_of(
-    tests: Tests, amplitudes: F64Array, basis: F64Array, force: F64Array, truth: F64Array
-) -> tuple[F64Array, F64Array, F64Array]:
+    tests: Tests, amplitudes: F64, basis: F64, force: F64, truth: F64
+) -> tuple[F64, F64, F64]:
     """Errors of displacement, absolute in L2 over the body and relative, and of the force."""
     size = np.sqrt([state.x[-1] @ state.mass for state in tests.states])
     overlap = np.array([basis.T @ state.mass for state in tests.states])
@@ -146,7 +143,7 @@ def errors_of(
 
 
 def largest_errors(
-    tests: Tests, setting: Setting, answer: Answer, basis: F64Array, force: F64Array
+    tests: Tests, setting: Setting, answer: Answer, basis: F64, force: F64
 ) -> tuple[float, float]:
     """Largest errors of a model in training: of displacement, in the largest, and of forces."""
     truth = np.array([force_values(setting, state.probes[-1:])[0] for state in tests.states])
@@ -179,7 +176,7 @@ class CellErrors(NamedTuple):
 
 
 def cell_errors(
-    rom: ReducedModel, setting: Setting, values: F64Array, answer: Answer, force: F64Array
+    rom: ReducedModel, setting: Setting, values: F64, answer: Answer, force: F64
 ) -> CellErrors:
     """Errors of a model with few cells against one of the same modes with all.
 
@@ -189,7 +186,7 @@ def cell_errors(
         Model with few cells.
     setting : Setting
         What it was trained in.
-    values : F64Array
+    values : F64
         Values of the parameters, shape `(n, p)`.
     answer, force
         Converged states with all cells, and their forces without tractions, shape `(n, nf)`.
@@ -214,13 +211,13 @@ def _first_probe(setting: Setting) -> list[int]:
     return [k for k, place in enumerate(setting.places) if place[0] == setting.places[0][0]]
 
 
-def _first_force(setting: Setting, values: F64Array, force: F64Array) -> F64Array:
+def _first_force(setting: Setting, values: F64, force: F64) -> F64:
     """The first force of states, tractions added, of all those wanted without them."""
     push = setting.conditions(values).given @ setting.pushes.T
     return np.asarray((force + push)[:, _first_probe(setting)])
 
 
-def _force_errors(force: F64Array, truth: F64Array) -> F64Array:
+def _force_errors(force: F64, truth: F64) -> F64:
     """Errors of forces, shape `(n, axes)`, in their own size or a share of the largest."""
     magnitude = np.linalg.norm(truth, axis=1)
     least = LEAST_FORCE * magnitude.max(initial=0.0)
@@ -260,7 +257,7 @@ def measure(
     }
 
 
-def _force(rom: ReducedModel, probes: F64Array) -> F64Array:
+def _force(rom: ReducedModel, probes: F64) -> F64:
     """The first force probe of a full state."""
     for probe in rom.head["probes"]:
         if probe["rows"]:
@@ -268,7 +265,7 @@ def _force(rom: ReducedModel, probes: F64Array) -> F64Array:
     return np.zeros(1)
 
 
-def _spread(values: F64Array) -> dict[str, float]:
+def _spread(values: F64) -> dict[str, float]:
     return {
         "median": float(np.median(values)),
         "p95": float(np.quantile(values, 0.95)),

@@ -6,11 +6,10 @@ Reference: Farhat, Chapman, Avery, Int. J. Numer. Meth. Engng 102 (2015), doi:10
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+
+from myork.types import F64, I64
 
 __all__ = ["Sketch", "few_cells"]
-
-F64Array = NDArray[np.float64]
 
 
 class Sketch:
@@ -33,20 +32,18 @@ class Sketch:
         self._random = np.random.default_rng(seed)
         self.rows = np.zeros((rows, cells))
 
-    def add(self, contribution: F64Array) -> None:
+    def add(self, contribution: F64) -> None:
         """Add equations, shape `(equations, cells)`, whose targets are their sums."""
         mixed = self._random.standard_normal((len(self.rows), len(contribution)))
         self.rows += mixed @ contribution / np.sqrt(len(self.rows))
 
 
-def few_cells(
-    rows: F64Array, tolerance: float, most: int
-) -> tuple[NDArray[np.int64], F64Array, float]:
+def few_cells(rows: F64, tolerance: float, most: int) -> tuple[I64, F64, float]:
     """Cells and positive weights that keep the sums of rows.
 
     Parameters
     ----------
-    rows : F64Array
+    rows : F64
         Contributions of the cells, shape `(equations, cells)`.
     tolerance : float
         Relative residual at which no cell is added any more.
@@ -57,7 +54,7 @@ def few_cells(
     -------
     cells : NDArray
         Numbers of the cells, ascending.
-    weights : F64Array
+    weights : F64
         Their weights, above zero, in the same order.
     residual : float
         Relative residual that is left.
@@ -104,7 +101,7 @@ def few_cells(
     return cells, weight[cells], float(np.linalg.norm(left) / size)
 
 
-def _weights(columns: F64Array, target: F64Array) -> F64Array:
+def _weights(columns: F64, target: F64) -> F64:
     """Weights of least squares: by QR, ten times as fast as singular values, where it is safe."""
     q, r = np.linalg.qr(columns)
     size = np.abs(r.diagonal())

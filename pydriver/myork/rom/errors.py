@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from myork.core.scene import F64Array
 from myork.core.states import Fields
+from myork.types import F64
 
 __all__ = ["displacement_error", "gradient_error", "largest_error"]
 
@@ -26,13 +26,13 @@ def gradient_error(full: list[Fields], reduced: list[Fields]) -> float:
     )
 
 
-def largest_error(full: F64Array, reduced: F64Array) -> float:
+def largest_error(full: F64, reduced: F64) -> float:
     """Largest difference over the largest value of the full model, NaN if one of them is [-]."""
     scale = float(np.abs(full).max())
     return float(np.abs(full - reduced).max()) / scale if scale != 0.0 else 0.0
 
 
-def _relative(full: list[F64Array], reduced: list[F64Array]) -> float:
+def _relative(full: list[F64], reduced: list[F64]) -> float:
     """Sum over the steps of |full - reduced| / |full|."""
     return float(
         sum(

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from myork.console import ProgressCallback
 from myork.core.online import triples
@@ -17,10 +16,10 @@ from myork.rom.parameters import spread_points
 from myork.rom.places import place_arrays
 from myork.rom.sampling import force_lifts, sample_cells, sample_forces
 from myork.rom.setting import Setting, force_values
+from myork.types import F64, I64
 
 __all__ = ["finish"]
 
-F64Array = NDArray[np.float64]
 
 #: Solutions of the model with all cells that the cubature is trained on beside the full ones
 VIRTUAL = 96
@@ -100,9 +99,7 @@ def finish(
     return arrays | place_arrays(scene, setting, basis.modes[:, :r], model, setting.stresses)
 
 
-def _by_others(
-    setting: Setting, at: F64Array, lifts: F64Array, order: NDArray[np.int64]
-) -> F64Array:
+def _by_others(setting: Setting, at: F64, lifts: F64, order: I64) -> F64:
     """Lifts as a regression through half of the others tells them."""
     scale = np.array([p.high - p.low for p in setting.parameters])
     found = lifts.copy()
@@ -112,7 +109,7 @@ def _by_others(
     return found
 
 
-def _shapes(scene: Scene, modes: F64Array, r: int) -> dict[str, F64Array]:
+def _shapes(scene: Scene, modes: F64, r: int) -> dict[str, F64]:
     """Displacements of modes at the collocation points and at the probes of displacements."""
     small = 1e-6 / np.abs(modes).max()
     fields = [scene.fields(small * mode, 0.0).u / small for mode in modes.T[:r]]

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from myork.core.galerkin import LoadParts, load_parts, modal_products, stored_unknowns
 from myork.core.scene import Scene
@@ -22,10 +21,10 @@ from myork.results import Results
 from myork.rom.decks import differing_keys, in_words
 from myork.rom.parameters import Parameter, override, value_of
 from myork.summary import read_summary
+from myork.types import F64
 
 __all__ = ["FullModel", "FullState", "cloud_arrays", "full_model_of"]
 
-F64Array = NDArray[np.float64]
 
 #: Relative change of the unknowns up to which a solution is the one that was guessed
 _NEAR = 0.2
@@ -39,13 +38,13 @@ class FullState(NamedTuple):
 
     Attributes
     ----------
-    x : F64Array
+    x : F64
         Unknowns, shape `(steps, n)`.
-    load : F64Array
+    load : F64
         Part of the way, shape `(steps,)`.
-    probes : F64Array
+    probes : F64
         Values of the probes, shape `(steps, probes, 3)`.
-    mass : F64Array
+    mass : F64
         The last unknowns times the mass of density one, shape `(n,)`: their product is the square
         of the displacement over the body.
     cpu_s : float
@@ -54,10 +53,10 @@ class FullState(NamedTuple):
         Whether the iteration began at a guess of the state and not at rest.
     """
 
-    x: F64Array
-    load: F64Array
-    probes: F64Array
-    mass: F64Array
+    x: F64
+    load: F64
+    probes: F64
+    mass: F64
     cpu_s: float
     started: bool = False
 
@@ -133,9 +132,9 @@ class FullModel:
     def solve(
         self,
         parameters: Sequence[Parameter],
-        values: F64Array,
+        values: F64,
         steps: int | None = None,
-        start: F64Array | None = None,
+        start: F64 | None = None,
     ) -> FullState:
         """Solve at values of the parameters, in as many steps as the deck says or in `steps`.
 
@@ -173,7 +172,7 @@ class FullModel:
             raise ConvergenceError("the full model ended before its full load")
         return self._state(scene, states.x, states.load, cpu, started)
 
-    def read(self, parameters: Sequence[Parameter], folder: Path) -> tuple[F64Array, FullState]:
+    def read(self, parameters: Sequence[Parameter], folder: Path) -> tuple[F64, FullState]:
         """States of the results in a folder, with the values of their parameters.
 
         Raises
@@ -203,7 +202,7 @@ class FullModel:
         load = np.array([state.load for state in states])
         return values, self._state(scene, x, load, float(summary["cpu_s"]), False)
 
-    def _at(self, parameters: Sequence[Parameter], values: F64Array) -> Scene:
+    def _at(self, parameters: Sequence[Parameter], values: F64) -> Scene:
         """The scene at values; it is opened once for all that an open scene can change."""
         pairs = list(zip(parameters, values, strict=True))
         fixed = [override(p, v) for p, v in pairs if p.kind == "fiber_angle"]
@@ -221,9 +220,7 @@ class FullModel:
         self._load = {f"load.{k}": own[k] for k in ("steps", "max_halvings")}
         return self._scene
 
-    def _state(
-        self, scene: Scene, x: F64Array, load: F64Array, cpu: float, started: bool
-    ) -> FullState:
+    def _state(self, scene: Scene, x: F64, load: F64, cpu: float, started: bool) -> FullState:
         probes = scene.probes(x, load)
         mass = modal_products(scene, np.asfortranarray(x[-1:].T))[1][:, 0]
         return FullState(x, load, probes, mass, cpu, started)
@@ -231,12 +228,12 @@ class FullModel:
     def lift(
         self,
         parameters: Sequence[Parameter],
-        values: F64Array,
-        x: F64Array,
+        values: F64,
+        x: F64,
         key: str,
         prescribed: float,
         step: float,
-    ) -> F64Array:
+    ) -> F64:
         """How unknowns at values follow a value that is prescribed, by a small step of it.
 
         Raises

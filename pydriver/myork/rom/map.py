@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from myork.errors import InputError
 from myork.files import whole_file, write_json, write_text
 from myork.rom.model import Batch, ReducedModel
+from myork.types import F64
 
 __all__ = ["map_model"]
 
-F64Array = NDArray[np.float64]
 
 #: States of one call: their arrays stay small
 _AT_ONCE = 20_000
@@ -84,7 +84,7 @@ def map_model(
     return summary
 
 
-def _axis(rom: ReducedModel, item: str) -> tuple[str, F64Array]:
+def _axis(rom: ReducedModel, item: str) -> tuple[str, F64]:
     match = re.fullmatch(r"\s*([^=\s]+)\s*=\s*([^:]+):([^:]+):(\d+)\s*", item)
     try:
         assert match is not None and int(match[4]) >= 1
@@ -95,7 +95,7 @@ def _axis(rom: ReducedModel, item: str) -> tuple[str, F64Array]:
         ) from None
 
 
-def _table(keys: Sequence[str], grid: F64Array, batch: Batch) -> str:
+def _table(keys: Sequence[str], grid: F64, batch: Batch) -> str:
     columns: dict[str, NDArray[Any]] = {key: grid[:, j] for j, key in enumerate(keys)}
     for name, value in batch.probes.items():
         if value.ndim == 1:
@@ -115,7 +115,7 @@ def _table(keys: Sequence[str], grid: F64Array, batch: Batch) -> str:
     return text.getvalue()
 
 
-def _draw(rom: ReducedModel, axes: list[str], grid: F64Array, batch: Batch, path: Path) -> None:
+def _draw(rom: ReducedModel, axes: list[str], grid: F64, batch: Batch, path: Path) -> None:
     """Force and estimated error over the first one or two keys, the others at their first value."""
     from matplotlib.figure import Figure
 

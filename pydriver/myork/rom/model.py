@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from myork.core.deck import deck_key
 from myork.core.online import Cells, Model
@@ -21,10 +20,9 @@ from myork.rom.places import Places
 from myork.rom.probes import is_stress
 from myork.rom.projection import Laws
 from myork.rom.store import read_arrays, write_arrays
+from myork.types import F64, I64, Mask
 
 __all__ = ["Batch", "ReducedModel", "ReducedState"]
-
-F64Array = NDArray[np.float64]
 
 
 class Batch(NamedTuple):
@@ -32,11 +30,11 @@ class Batch(NamedTuple):
 
     Attributes
     ----------
-    force : F64Array
+    force : F64
         The first force probe, shape `(n,)`, or `(n, 3)` where it is a vector.
     probes : dict
         Values of all probes that the model knows by name.
-    indicator : F64Array
+    indicator : F64
         Estimated relative error of the displacement; not a number where it was not asked for.
     inside : NDArray
         Whether the parameters lie in the range of the training.
@@ -44,17 +42,17 @@ class Batch(NamedTuple):
         Whether the state solves the equations; a fixed number of corrections may not be enough.
     iterations : NDArray
         Newton's iterations.
-    amplitudes : F64Array
+    amplitudes : F64
         Amplitudes of the modes, shape `(n, r)`.
     """
 
-    force: F64Array
-    probes: dict[str, F64Array]
-    indicator: F64Array
-    inside: NDArray[np.bool_]
-    converged: NDArray[np.bool_]
-    iterations: NDArray[np.int64]
-    amplitudes: F64Array
+    force: F64
+    probes: dict[str, F64]
+    indicator: F64
+    inside: Mask
+    converged: Mask
+    iterations: I64
+    amplitudes: F64
 
 
 class ReducedState:
@@ -80,7 +78,7 @@ class ReducedState:
         self,
         parameters: dict[str, float],
         batch: Batch,
-        shapes: F64Array,
+        shapes: F64,
         probe_units: dict[str, str],
     ) -> None:
         def plain(value: Any) -> Any:
@@ -97,7 +95,7 @@ class ReducedState:
         self._amplitudes = batch.amplitudes[0]
         self._shapes = shapes
 
-    def u(self) -> F64Array:
+    def u(self) -> F64:
         """Displacement at the collocation points, shape `(npoint, 3)` [length]."""
         return np.asarray(self._shapes @ self._amplitudes)
 
@@ -342,13 +340,13 @@ class ReducedModel:
         return ReducedState(named, batch, np.asarray(self._arrays["shapes"]), self.probe_units)
 
     def batch(
-        self, values: F64Array, corrections: int | str = "converged", *, indicator: bool = False
+        self, values: F64, corrections: int | str = "converged", *, indicator: bool = False
     ) -> Batch:
         """States of many sets of parameters.
 
         Parameters
         ----------
-        values : F64Array
+        values : F64
             Values in the order of `parameters`, shape `(n, p)`.
         corrections : int or "converged"
             Newton's iterations after the regression; 0 for the regression alone.
@@ -414,12 +412,12 @@ class ReducedModel:
             raise InputError(f"a value is missing of {', '.join(missing)}")
         return {key: named[key] for key in keys}
 
-    def conditions(self, values: F64Array) -> Conditions:
+    def conditions(self, values: F64) -> Conditions:
         """Conditions of states by their parameters."""
         return conditions_of(values, self.parameters, self._laws, self._loads, self._extra)
 
     @property
-    def basis(self) -> F64Array:
+    def basis(self) -> F64:
         """Modes, columns of unknowns of the full model, orthonormal by the mass."""
         return np.asarray(self._arrays["basis"])
 
@@ -427,12 +425,12 @@ class ReducedModel:
         """The full model that this one was made of."""
         return full_model_of(self._arrays, self.head, self._solver.threads)
 
-    def _nearest(self, values: F64Array) -> NDArray[np.int64]:
+    def _nearest(self, values: F64) -> I64:
         from scipy.spatial import cKDTree
 
         return np.asarray(cKDTree(self._points / self._scale).query(values / self._scale)[1])
 
-    def _indicate(self, conditions: Conditions, answer: Answer) -> F64Array:
+    def _indicate(self, conditions: Conditions, answer: Answer) -> F64:
         """Size of a Newton step in more modes, relative."""
         n, m = len(answer.amplitudes), self._finer.model.r
         start = np.zeros((n, m))
@@ -441,7 +439,7 @@ class ReducedModel:
         size = np.linalg.norm(finer, axis=1)
         return np.linalg.norm(finer - start, axis=1) / np.maximum(size, self._least)
 
-    def _probes(self, values: F64Array, answer: Answer) -> dict[str, F64Array]:
+    def _probes(self, values: F64, answer: Answer) -> dict[str, F64]:
         """Values of the probes: forces, with tractions added, and displacements."""
         given = self.conditions(values).given
         push = answer.force + given @ np.asarray(self._arrays["tractions"]).T
@@ -486,7 +484,7 @@ def _cells(arrays: Mapping[str, Any], name: str) -> Cells:
 
 
 def _model(arrays: Mapping[str, Any], name: str, r: int) -> Model:
-    def array(key: str) -> F64Array:
+    def array(key: str) -> F64:
         return np.asfortranarray(np.asarray(arrays[f"{name}/{key}"], float))
 
     return Model(

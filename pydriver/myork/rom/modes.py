@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from myork.core.galerkin import modal_products
 from myork.core.online import Model
@@ -17,10 +16,10 @@ from myork.rom.online import Answer, Regression, Solver
 from myork.rom.parameters import Parameter
 from myork.rom.sampling import force_lifts
 from myork.rom.setting import Setting, Snapshots
+from myork.types import F64
 
 __all__ = ["Draft", "joined", "make_draft"]
 
-F64Array = NDArray[np.float64]
 
 #: Modes at most; beyond, the volume and not the cells sets the time. Large bodies have more: with
 #: 30 the calf's force was off by 1.7e-3 even with all cells, with 34 by 8e-4
@@ -47,8 +46,8 @@ _SAME = 1e-9
 class Basis(NamedTuple):
     """Modes with the amplitudes of the snapshots."""
 
-    modes: F64Array
-    amplitudes: F64Array
+    modes: F64
+    amplitudes: F64
     r: int
     lost: float
 
@@ -64,7 +63,7 @@ class Draft(NamedTuple):
         Models of `r` and of all modes.
     known : Snapshots
         States of the range.
-    amplitudes : F64Array
+    amplitudes : F64
         Their amplitudes, shape `(n, modes)`.
     """
 
@@ -72,9 +71,9 @@ class Draft(NamedTuple):
     model: Model
     finer: Model
     known: Snapshots
-    amplitudes: F64Array
+    amplitudes: F64
 
-    def solve(self, setting: Setting, values: F64Array) -> Answer:
+    def solve(self, setting: Setting, values: F64) -> Answer:
         """States at values of the parameters."""
         from scipy.spatial import cKDTree
 
@@ -88,7 +87,7 @@ class Draft(NamedTuple):
             self.amplitudes[:, :r], nearest,
         )  # fmt: skip
 
-    def forces(self, setting: Setting, values: F64Array, answer: Answer) -> F64Array:
+    def forces(self, setting: Setting, values: F64, answer: Answer) -> F64:
         """Stationary forces of states, without those of tractions, shape `(n, nf)`."""
         conditions = setting.conditions(values)
         r, count = self.basis.r, len(setting.wanted)
@@ -98,7 +97,7 @@ class Draft(NamedTuple):
             conditions, answer.amplitudes, tolerance=np.inf, most=1, lift=lift.reshape(-1, r, count)
         )[0].force
 
-    def estimate(self, setting: Setting, values: F64Array, answer: Answer) -> F64Array:
+    def estimate(self, setting: Setting, values: F64, answer: Answer) -> F64:
         """Size of a Newton step in all modes."""
         begin = np.zeros((len(values), self.finer.r))
         begin[:, : self.basis.r] = answer.amplitudes
@@ -111,10 +110,10 @@ def make_draft(
     scene: Scene,
     setting: Setting,
     snapshots: Snapshots,
-    lifts: F64Array,
+    lifts: F64,
     tolerance: float,
     *,
-    beyond: F64Array | None = None,
+    beyond: F64 | None = None,
     most: int | None = None,
     more: int = MORE_MODES,
 ) -> Draft:
@@ -124,9 +123,9 @@ def make_draft(
     ----------
     scene, setting, snapshots, tolerance
         What it is made of, and the error that is wanted.
-    lifts : F64Array
+    lifts : F64
         Fields of forces, shape `(n, dofs)`.
-    beyond : F64Array, optional
+    beyond : F64, optional
         States outside of the range that have a say in the modes alone, shape `(n, dofs)`.
     most : int, optional
         Modes at most.
@@ -144,7 +143,7 @@ def make_draft(
 
 
 def joined(
-    before: Snapshots | None, kinds: Sequence[Parameter], state: FullState, row: F64Array
+    before: Snapshots | None, kinds: Sequence[Parameter], state: FullState, row: F64
 ) -> Snapshots:
     """Snapshots with those of one more solve; a state that is there already is dropped."""
     values = np.tile(row, (len(state.load), 1))
@@ -162,15 +161,15 @@ def joined(
     return Snapshots(*(np.concatenate([a, b[own]]) for a, b in zip(before, new, strict=True)))
 
 
-def _scale(setting: Setting) -> F64Array:
+def _scale(setting: Setting) -> F64:
     return np.array([p.high - p.low for p in setting.parameters])
 
 
 def _basis(
     scene: Scene,
     snapshots: Snapshots,
-    lifts: F64Array,
-    beyond: F64Array,
+    lifts: F64,
+    beyond: F64,
     tolerance: float,
     most: int,
     more: int,
@@ -199,7 +198,7 @@ def _basis(
     return Basis(modes, (modes.T @ mass).T, r, float(np.sqrt(max(rest[r - 1], 0.0))))
 
 
-def _sizes(scene: Scene, fields: F64Array) -> tuple[F64Array, F64Array]:
+def _sizes(scene: Scene, fields: F64) -> tuple[F64, F64]:
     """Fields, shape `(n, dofs)`, times the mass, shape `(dofs, n)`, and their norms."""
     product = modal_products(scene, np.asfortranarray(fields.T))[1]
     return product, np.sqrt((fields.T * product).sum(axis=0))
@@ -236,7 +235,7 @@ def _with_all_cells(
     return coarse, finer
 
 
-def _training(setting: Setting, snapshots: Snapshots, basis: Basis) -> tuple[Snapshots, F64Array]:
+def _training(setting: Setting, snapshots: Snapshots, basis: Basis) -> tuple[Snapshots, F64]:
     """Snapshots that are states of the range with their amplitudes, and rest where it is one."""
     fixed = np.abs(setting.columns.value[:, :, 0]).max(initial=0.0) > 0 or (
         np.abs(setting.columns.force[:, 0]).max() > 0

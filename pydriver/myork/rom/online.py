@@ -5,15 +5,14 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from myork.core.online import Cells, Model, Wish, online_states, padded, triples
 from myork.errors import InputError
 from myork.rom.projection import Laws
+from myork.types import F64, I64, Mask
 
 __all__ = ["Answer", "Regression", "Solver"]
 
-F64Array = NDArray[np.float64]
 
 #: Newton's iteration ends at a relative step of this size: the next one would be its square, and
 #: is below 3e-7
@@ -31,29 +30,29 @@ class Answer(NamedTuple):
 
     Attributes
     ----------
-    amplitudes : F64Array
+    amplitudes : F64
         Amplitudes of the modes, shape `(n, r)`.
-    force : F64Array
+    force : F64
         Forces that were asked for, shape `(n, nf)`.
     iterations : NDArray
         Newton's iterations, fallbacks included, shape `(n,)`.
     converged : NDArray
         Whether a state is a solution, shape `(n,)`.
-    min_j : F64Array
+    min_j : F64
         Smallest volume ratio of the cells that were evaluated, shape `(n,)`.
     """
 
-    amplitudes: F64Array
-    force: F64Array
-    iterations: NDArray[np.int64]
-    converged: NDArray[np.bool_]
-    min_j: F64Array
+    amplitudes: F64
+    force: F64
+    iterations: I64
+    converged: Mask
+    min_j: F64
 
 
 class Regression:
     """Cubic radial functions of scaled parameters through the states of the training."""
 
-    def __init__(self, points: F64Array, values: F64Array, scale: F64Array) -> None:
+    def __init__(self, points: F64, values: F64, scale: F64) -> None:
         from scipy.interpolate import RBFInterpolator
 
         n, p = points.shape
@@ -74,7 +73,7 @@ class Regression:
                     raise InputError("states of the training are the same") from None
                 degree -= 1
 
-    def __call__(self, points: F64Array) -> F64Array:
+    def __call__(self, points: F64) -> F64:
         """Values at points, shape `(n, p)`."""
         return np.asarray(self._function(np.atleast_2d(points) / self._scale))
 
@@ -84,19 +83,19 @@ class Conditions(NamedTuple):
 
     Attributes
     ----------
-    activation, sigma_max, turn : F64Array
+    activation, sigma_max, turn : F64
         Of the tissues; the last is the angle by which fibers are turned [rad], shape `(n, nt)`.
-    modulus : F64Array
+    modulus : F64
         Moduli that are parameters less their values in the model, shape `(n, nm)`.
-    given : F64Array
+    given : F64
         Prescribed amplitudes, shape `(n, s - r)`.
     """
 
-    activation: F64Array
-    sigma_max: F64Array
-    turn: F64Array
-    modulus: F64Array
-    given: F64Array
+    activation: F64
+    sigma_max: F64
+    turn: F64
+    modulus: F64
+    given: F64
 
     def one(self, i: int) -> Conditions:
         """Those of one state."""
@@ -129,7 +128,7 @@ class Solver:
         self,
         model: Model,
         whole: Cells,
-        wanted: NDArray[np.int64],
+        wanted: I64,
         threads: int,
         least: float = 1e-300,
     ) -> None:
@@ -147,13 +146,13 @@ class Solver:
     def newton(
         self,
         conditions: Conditions,
-        start: F64Array,
+        start: F64,
         known: Conditions | None = None,
         parts: int = 0,
         tolerance: float = TOLERANCE,
         most: int = MOST_STEPS,
-        lift: F64Array | None = None,
-    ) -> tuple[Answer, F64Array]:
+        lift: F64 | None = None,
+    ) -> tuple[Answer, F64]:
         """Newton's iteration from amplitudes, or on the way from known states in parts.
 
         `lift` tells how the modes follow the amplitudes whose forces are wanted, shape
@@ -163,7 +162,7 @@ class Solver:
         -------
         answer : Answer
             The states.
-        change : F64Array
+        change : F64
             Relative size of their last steps.
         """
         n, r = len(start), self.model.r
@@ -184,12 +183,12 @@ class Solver:
     def solve(
         self,
         conditions: Conditions,
-        start: F64Array,
+        start: F64,
         known: Conditions,
-        amplitudes: F64Array,
-        nearest: NDArray[np.int64],
+        amplitudes: F64,
+        nearest: I64,
         most: int = MOST_STEPS,
-        lift: F64Array | None = None,
+        lift: F64 | None = None,
     ) -> Answer:
         """States from a start; those that fail are followed from the nearest known ones."""
         if most < MOST_STEPS:
@@ -223,18 +222,18 @@ class Solver:
 
 
 def conditions_of(
-    values: F64Array,
+    values: F64,
     kinds: Any,
     laws: Laws,
     columns: int,
     extra: int,
-    share: F64Array | None = None,
+    share: F64 | None = None,
 ) -> Conditions:
     """Conditions of states by the values of the parameters.
 
     Parameters
     ----------
-    values : F64Array
+    values : F64
         Values, shape `(n, p)`.
     kinds : sequence of Parameter
         Parameters.
@@ -244,7 +243,7 @@ def conditions_of(
         Prescribed fields that parameters scale.
     extra : int
         Amplitudes of forces, which are zero.
-    share : F64Array, optional
+    share : F64, optional
         Part of what the deck prescribes beside the parameters; 1 by default.
     """
     n = len(values)

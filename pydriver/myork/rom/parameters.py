@@ -7,9 +7,9 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from myork.errors import InputError
+from myork.types import F64
 
 __all__ = [
     "KINDS",
@@ -22,7 +22,6 @@ __all__ = [
     "value_of",
 ]
 
-F64Array = NDArray[np.float64]
 
 _POSSIBLE = (
     "load.activation, material.NAME.KEY with activation, sigma_max, fiber_angle, K and the other "
@@ -130,7 +129,7 @@ def short_names(parameters: Sequence[Parameter]) -> dict[str, str]:
     return names
 
 
-def spread_points(parameters: Sequence[Parameter], count: int, seed: int) -> F64Array:
+def spread_points(parameters: Sequence[Parameter], count: int, seed: int) -> F64:
     """Points that fill the range evenly (Sobol), shape `(count, p)`."""
     from scipy.stats import qmc
 

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from myork.core.galerkin import place_parts
 from myork.core.online import Cells, Model, cell_stresses
@@ -14,14 +13,13 @@ from myork.core.scene import Scene
 from myork.rom import projection
 from myork.rom.online import Conditions
 from myork.rom.setting import Setting
+from myork.types import F64
 
 __all__ = ["Places", "place_arrays"]
 
-F64Array = NDArray[np.float64]
-
 
 def place_arrays(
-    scene: Scene, setting: Setting, modes: F64Array, model: Model, probes: Sequence[int]
+    scene: Scene, setting: Setting, modes: F64, model: Model, probes: Sequence[int]
 ) -> dict[str, Any]:
     """Arrays of the places of probes.
 
@@ -31,7 +29,7 @@ def place_arrays(
         Open scene.
     setting : Setting
         What is the same for all models.
-    modes : F64Array
+    modes : F64
         Modes, shape `(n, r)`.
     model : Model
         The reduced model with all cells.
@@ -100,18 +98,18 @@ class Places:
     ----------
     cells : Cells
         The places as cells of weight one.
-    pressure : F64Array
+    pressure : F64
         As in `place_arrays`.
-    fibers : F64Array
+    fibers : F64
         Of a `Model`.
     """
 
-    def __init__(self, cells: Cells, pressure: F64Array, fibers: F64Array) -> None:
+    def __init__(self, cells: Cells, pressure: F64, fibers: F64) -> None:
         self._cells, self._pressure, self._fibers = cells, pressure, fibers
 
     def values(
-        self, conditions: Conditions, amplitudes: F64Array, wanted: Mapping[int, str]
-    ) -> dict[int, F64Array]:
+        self, conditions: Conditions, amplitudes: F64, wanted: Mapping[int, str]
+    ) -> dict[int, F64]:
         """Quantities, by the number of the place, of states, each of shape `(n,)`."""
         z = np.hstack([amplitudes, conditions.given])
         one = np.hstack([np.ones((len(z), 1)), z])
@@ -132,7 +130,7 @@ class Places:
         return {k: _quantity(name, cauchy[:, k], j[:, k]) for k, name in wanted.items()}
 
 
-def _quantity(name: str, cauchy: F64Array, j: F64Array) -> F64Array:
+def _quantity(name: str, cauchy: F64, j: F64) -> F64:
     if name == "J":
         return j
     if name == "pressure":

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from myork.core.scene import F64Array, Scene
+from myork.core.scene import Scene
+from myork.types import F64
 
 __all__ = ["force_names", "is_stress", "named_probes", "probe_columns"]
 
@@ -21,7 +22,7 @@ def probe_columns(probe: Mapping[str, Any], dimension: int) -> list[str]:
     return [probe["name"] + end for end in ends]
 
 
-def named_probes(scene: Scene, x: F64Array, load: F64Array) -> dict[str, Any]:
+def named_probes(scene: Scene, x: F64, load: F64) -> dict[str, Any]:
     """Probe values by name: a list of numbers, or of vectors."""
     values = scene.probes(x, load)
     named = {}

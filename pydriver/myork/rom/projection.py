@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
 from myork.core.galerkin import GalerkinParts, LoadParts, modal_gradients, modal_products
 from myork.core.online import Cells, Model
 from myork.core.scene import Scene
+from myork.types import F64, I64, Mask
 
 __all__ = [
     "Columns",
@@ -26,8 +26,6 @@ __all__ = [
     "with_volume",
 ]
 
-F64Array = NDArray[np.float64]
-IntArray = NDArray[np.int32]
 
 #: Coefficients of the polynomial in the order of the core
 COEFFICIENTS = ("A10", "A01", "A20", "A11", "A02", "A30", "A21", "A12", "A03")
@@ -40,26 +38,26 @@ class Laws(NamedTuple):
 
     Attributes
     ----------
-    coefficients : F64Array
+    coefficients : F64
         `COEFFICIENTS` of each, shape `(nt, 9)` [stress].
-    fibers : F64Array
+    fibers : F64
         lambda_o, gamma1, gamma2, whether the curves are smooth, and the axis about which
         `fiber_angle` turns fibers, shape `(nt, 7)`.
     fibered : NDArray
         Whether a tissue has fibers, shape `(nt,)`.
-    sigma_max, activation, angle : F64Array
+    sigma_max, activation, angle : F64
         Largest isometric stress, activation and `fiber_angle` [degree] of the deck, shape `(nt,)`.
-    modulus : F64Array
+    modulus : F64
         Values of the deck of those parameters that are moduli, one zero where there is none.
     """
 
-    coefficients: F64Array
-    fibers: F64Array
-    fibered: NDArray[np.bool_]
-    sigma_max: F64Array
-    activation: F64Array
-    angle: F64Array
-    modulus: F64Array
+    coefficients: F64
+    fibers: F64
+    fibered: Mask
+    sigma_max: F64
+    activation: F64
+    angle: F64
+    modulus: F64
 
 
 class Variant(NamedTuple):
@@ -87,19 +85,19 @@ class Directions(NamedTuple):
 
     Attributes
     ----------
-    basis : F64Array
+    basis : F64
         Columns, of each block up to a multiple of eight, shape `(rows, kept)`.
-    slope : F64Array
+    slope : F64
         Derivatives of their factors by parameters of materials, shape `(kept, nm)`.
     blocks : tuple of int
         Columns of each block that are not zero.
     """
 
-    basis: F64Array
-    slope: F64Array
+    basis: F64
+    slope: F64
     blocks: tuple[int, ...]
 
-    def first(self, count: int) -> NDArray[np.int64]:
+    def first(self, count: int) -> I64:
         """Numbers of the first columns of each block, up to a multiple of eight."""
         found, start = [], 0
         for size in self.blocks:
@@ -113,17 +111,17 @@ class Columns(NamedTuple):
 
     Attributes
     ----------
-    given : F64Array
+    given : F64
         Displacement gradients at the integration points, shape `(np, 9, m)`.
-    force : F64Array
+    force : F64
         Forces on the unknowns, shape `(n, m)`.
-    value : F64Array
+    value : F64
         Prescribed displacements of the surface points, shape `(ms, nd, m)`.
     """
 
-    given: F64Array
-    force: F64Array
-    value: F64Array
+    given: F64
+    force: F64
+    value: F64
 
     @classmethod
     def of(cls, loads: Sequence[LoadParts]) -> Columns:
@@ -169,7 +167,7 @@ def tissue_laws(deck: Mapping[str, Any], moduli: Sequence[float] = ()) -> Laws:
     )
 
 
-def _all_cells(parts: GalerkinParts, laws: Laws, h: F64Array) -> Cells:
+def _all_cells(parts: GalerkinParts, laws: Laws, h: F64) -> Cells:
     """All integration points as cells."""
     points = len(parts.weight)
     owner = np.repeat(np.arange(points), np.diff(parts.first))
@@ -197,17 +195,17 @@ def project(
     scene: Scene,
     parts: GalerkinParts,
     laws: Laws,
-    modes: F64Array,
+    modes: F64,
     columns: Columns,
     variants: Sequence[Variant] = (),
-) -> tuple[Model, sparse.csr_matrix, F64Array]:
+) -> tuple[Model, sparse.csr_matrix, F64]:
     """The reduced model with all its cells, but without its volume.
 
     Returns
     -------
     model : Model
         With an empty `volume`.
-    rows, total : sparse matrix, F64Array
+    rows, total : sparse matrix, F64
         Change of volume of the groups from J at the points: `rows @ J - total`, in roots of energy.
     """
     r = modes.shape[1]
@@ -238,7 +236,7 @@ def project(
     return model, rows, total
 
 
-def _constant(scene: Scene, parts: GalerkinParts, modes: F64Array, columns: Columns) -> F64Array:
+def _constant(scene: Scene, parts: GalerkinParts, modes: F64, columns: Columns) -> F64:
     """Penalty and stabilisation of all amplitudes."""
     stiff = modal_products(scene, modes)[0]
     side = -(modes.T @ columns.force)
@@ -249,7 +247,7 @@ def _constant(scene: Scene, parts: GalerkinParts, modes: F64Array, columns: Colu
 
 
 def with_volume(
-    model: Model, rows: sparse.csr_matrix, total: F64Array, directions: Directions | None
+    model: Model, rows: sparse.csr_matrix, total: F64, directions: Directions | None
 ) -> Model:
     """Add the cubic form of the volume, of all groups or of some directions."""
     if directions is None:
@@ -279,9 +277,9 @@ def with_volume(
 def volume_directions(
     cells: Cells,
     rows: sparse.csr_matrix,
-    total: F64Array,
-    slopes: F64Array,
-    states: F64Array,
+    total: F64,
+    slopes: F64,
+    states: F64,
     kept: int,
 ) -> Directions:
     """Directions in which volume changes along states, shape `(s, n)`.
@@ -306,7 +304,7 @@ def volume_directions(
     return Directions(np.hstack(columns), np.vstack(factors), tuple(blocks))
 
 
-def _changes(cells: Cells, rows: sparse.csr_matrix, total: F64Array, states: F64Array) -> F64Array:
+def _changes(cells: Cells, rows: sparse.csr_matrix, total: F64, states: F64) -> F64:
     """Changes of volume along states and their derivatives by the amplitudes."""
     found = []
     h = cells.h.reshape(-1, cells.h.shape[2], order="F")
@@ -330,14 +328,14 @@ def _eights(count: int) -> int:
     return 8 * max(1, -(-count // 8))
 
 
-def volume_slopes(parts: GalerkinParts, variants: Sequence[Variant]) -> F64Array:
+def volume_slopes(parts: GalerkinParts, variants: Sequence[Variant]) -> F64:
     """Derivatives of the factors on the energy of the rows by moduli, shape `(rows, nm)`."""
     own = np.repeat(np.arange(len(parts.bulk)), parts.polynomials)
     slopes = [(v.parts.bulk / parts.bulk - 1.0) / v.step for v in variants]
     return np.stack([slope[own] for slope in slopes] or [np.zeros(len(own))], axis=1)
 
 
-def volume_rows(parts: GalerkinParts) -> tuple[sparse.csr_matrix, F64Array]:
+def volume_rows(parts: GalerkinParts) -> tuple[sparse.csr_matrix, F64]:
     """Change of volume of the groups from J at the points, `rows @ J - total`."""
     row, column, value = [], [], []
     total: list[float] = []
@@ -356,13 +354,13 @@ def volume_rows(parts: GalerkinParts) -> tuple[sparse.csr_matrix, F64Array]:
     return matrix, np.array(total)
 
 
-def _cofactor(f: F64Array) -> F64Array:
+def _cofactor(f: F64) -> F64:
     f = f.reshape(-1, 3, 3)
     rows = [np.cross(f[:, i - 2], f[:, i - 1]) for i in range(3)]
     return np.stack(rows, axis=1).reshape(-1, 9)
 
 
-def _cross(a: F64Array, b: F64Array) -> F64Array:
+def _cross(a: F64, b: F64) -> F64:
     """Tensor cross product: half of A x A is the cofactor."""
     product = np.empty_like(a)
     for i in range(3):

@@ -5,7 +5,8 @@ from __future__ import annotations
 import time
 from typing import NamedTuple
 
-from myork.core.scene import F64Array, Scene
+from myork.core.scene import Scene
+from myork.types import F64
 
 __all__ = ["ReducedStates", "solve_reduced"]
 
@@ -18,7 +19,7 @@ class ReducedStates(NamedTuple):
 
     Attributes
     ----------
-    x : F64Array
+    x : F64
         Unknowns of the full model that the amplitudes stand for, shape `(nstep, dofs)`.
     iterations : list of int
         Iterations of each step.
@@ -28,7 +29,7 @@ class ReducedStates(NamedTuple):
         Processor time of all load steps [s].
     """
 
-    x: F64Array
+    x: F64
     iterations: list[int]
     offline_s: float
     online_s: float
@@ -37,7 +38,7 @@ class ReducedStates(NamedTuple):
 
 def solve_reduced(
     scene: Scene,
-    modes: F64Array,
+    modes: F64,
     solver: str = "qr",
     projection: str = "auto",
     assembly: str = "reduced",
@@ -48,7 +49,7 @@ def solve_reduced(
     ----------
     scene : Scene
         The full model.
-    modes : F64Array
+    modes : F64
         Orthonormal columns, shape `(dofs, r)`.
     solver : str
         `qr` or `cholesky`.

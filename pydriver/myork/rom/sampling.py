@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from myork.core.online import Model, assemble
 from myork.rom.cubature import Sketch, few_cells
 from myork.rom.setting import Setting
+from myork.types import F64, I64
 
 __all__ = ["force_lifts", "sample_cells", "sample_forces"]
 
-F64Array = NDArray[np.float64]
 
 #: Equations that stand for all in the cubature
 SKETCH_ROWS = 900
@@ -24,8 +23,8 @@ _LEAST = 0.1
 
 
 def _contributions(
-    model: Model, setting: Setting, values: F64Array, amplitudes: F64Array
-) -> Iterator[tuple[F64Array, F64Array, F64Array]]:
+    model: Model, setting: Setting, values: F64, amplitudes: F64
+) -> Iterator[tuple[F64, F64, F64]]:
     """Work of each cell's stress on all amplitudes, tangent and state, one state at a time."""
     conditions = setting.conditions(values)
     h = np.ascontiguousarray(np.moveaxis(model.cells.h, (0, 1, 2), (2, 1, 0)))
@@ -39,12 +38,12 @@ def _contributions(
 def sample_cells(
     model: Model,
     setting: Setting,
-    values: F64Array,
-    amplitudes: F64Array,
+    values: F64,
+    amplitudes: F64,
     tolerance: float,
     seed: int,
     most: int,
-) -> tuple[NDArray[np.int64], F64Array, float]:
+) -> tuple[I64, F64, float]:
     """Cells with weights that keep the amplitudes, to `tolerance` of those of each state.
 
     A residual is measured by the step of the amplitudes that it makes: in L2 over the body, as
@@ -66,7 +65,7 @@ def sample_cells(
     return few_cells(np.vstack([sketch.rows, volume]), _CELL_SHARE * tolerance, most)
 
 
-def force_lifts(model: Model, setting: Setting, values: F64Array, amplitudes: F64Array) -> F64Array:
+def force_lifts(model: Model, setting: Setting, values: F64, amplitudes: F64) -> F64:
     """How the modes follow the amplitudes of forces, shape `(n, r nf)`.
 
     By the tangent of all cells: that of a sample is not made for amplitudes that stay zero.
@@ -85,11 +84,11 @@ def force_lifts(model: Model, setting: Setting, values: F64Array, amplitudes: F6
 def sample_forces(
     model: Model,
     setting: Setting,
-    values: F64Array,
-    amplitudes: F64Array,
-    lifts: F64Array,
+    values: F64,
+    amplitudes: F64,
+    lifts: F64,
     tolerance: float,
-) -> tuple[NDArray[np.int64], F64Array, float]:
+) -> tuple[I64, F64, float]:
     """Cells with weights that keep the stationary forces; `lifts` are those of `force_lifts`."""
     r = model.r
     wanted = setting.wanted + r

@@ -7,7 +7,6 @@ from contextlib import ExitStack
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from myork.core.galerkin import (
     GalerkinParts,
@@ -24,10 +23,9 @@ from myork.rom.online import Conditions, conditions_of
 from myork.rom.parameters import Parameter, override, value_of
 from myork.rom.probes import is_stress
 from myork.rom.projection import Columns, Laws, Variant, tissue_laws
+from myork.types import F64, I64
 
 __all__ = ["Setting", "Snapshots", "force_values", "make_setting"]
-
-F64Array = NDArray[np.float64]
 
 
 class Snapshots(NamedTuple):
@@ -35,20 +33,20 @@ class Snapshots(NamedTuple):
 
     Attributes
     ----------
-    values : F64Array
+    values : F64
         Values of the parameters, those of loads scaled with the way, shape `(n, p)`.
-    share : F64Array
+    share : F64
         Part of what is prescribed beside the parameters, shape `(n,)`.
-    x : F64Array
+    x : F64
         Unknowns, shape `(n, dofs)`.
-    probes : F64Array
+    probes : F64
         Values of the probes, shape `(n, probes, 3)`.
     """
 
-    values: F64Array
-    share: F64Array
-    x: F64Array
-    probes: F64Array
+    values: F64
+    share: F64
+    x: F64
+    probes: F64
 
 
 class Setting(NamedTuple):
@@ -73,7 +71,7 @@ class Setting(NamedTuple):
         Number of threads.
     still : tuple
         Keys of the values of those sets, with the values.
-    pushes : F64Array
+    pushes : F64
         Parts of the wanted forces that are tractions, by the columns, shape `(nf, columns)`.
     places : tuple
         Probe and component of each wanted force.
@@ -89,15 +87,15 @@ class Setting(NamedTuple):
     columns: Columns
     loads: int
     extra: int
-    wanted: NDArray[np.int64]
+    wanted: I64
     threads: int
     still: tuple[tuple[str, float], ...]
-    pushes: F64Array
+    pushes: F64
     places: tuple[tuple[int, int], ...]
     variants: tuple[Variant, ...]
     stresses: tuple[int, ...]
 
-    def conditions(self, values: F64Array, share: F64Array | None = None) -> Conditions:
+    def conditions(self, values: F64, share: F64 | None = None) -> Conditions:
         """Conditions of states by their parameters."""
         return conditions_of(values, self.parameters, self.laws, self.loads, self.extra, share)
 
@@ -126,8 +124,8 @@ def make_setting(
     loads = [base, *units]
     wanted: list[int] = []
     still: list[tuple[str, float]] = []
-    pushes: list[F64Array] = []
-    extra: list[F64Array] = []
+    pushes: list[F64] = []
+    extra: list[F64] = []
     places: list[tuple[int, int]] = []
     told: list[dict[str, Any]] = []
     for index, (probe, of_set) in enumerate(zip(probes, sets, strict=True)):
@@ -197,7 +195,7 @@ def _variant(
     parts: GalerkinParts,
     scenes: Sequence[Scene],
     loads: Sequence[LoadParts],
-    extra: Sequence[F64Array],
+    extra: Sequence[F64],
 ) -> Variant:
     """The full model at another value of a modulus, by scenes half-way there and there."""
     half, there = (galerkin_parts(scene) for scene in scenes)
@@ -218,7 +216,7 @@ def _variant(
     )  # fmt: skip
 
 
-def force_values(setting: Setting, probes: F64Array) -> F64Array:
+def force_values(setting: Setting, probes: F64) -> F64:
     """Wanted forces of states by the values of their probes, shape `(n, probes, 3)`."""
     columns = [probes[:, index, place] for index, place in setting.places]
     return np.stack(columns, axis=1) if columns else np.zeros((len(probes), 0))
@@ -233,7 +231,7 @@ def _prescribed(deck: Mapping[str, Any], of_set: str, axis: int) -> list[tuple[s
     return [(f"boundary.{of_set}.{name}", float(entries[0][name]))]
 
 
-def _unit_load(scene: Scene, points: int, value: F64Array) -> LoadParts:
+def _unit_load(scene: Scene, points: int, value: F64) -> LoadParts:
     """What displacements of surface points make; the scene's own loads are lost."""
     fields = np.zeros((len(scene.field_points()), 3))
     fields[points:, : value.shape[1]] = value

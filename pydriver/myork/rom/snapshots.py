@@ -12,12 +12,13 @@ import numpy as np
 import myork
 from myork.console import ProgressCallback
 from myork.core.cloud import model_path
-from myork.core.scene import F64Array, Scene
+from myork.core.scene import Scene
 from myork.errors import MyorkError
 from myork.results import Results
 from myork.rom.decks import differing_keys, in_words
 from myork.rom.probes import named_probes
 from myork.summary import read_summary
+from myork.types import F64
 
 __all__ = ["Snapshots", "full_states"]
 
@@ -30,9 +31,9 @@ class Snapshots(NamedTuple):
 
     Attributes
     ----------
-    x : F64Array
+    x : F64
         Unknowns, shape `(nstep, dofs)`.
-    load : F64Array
+    load : F64
         Fraction of the full load, shape `(nstep,)`.
     iterations : list of int
         Iterations of each step.
@@ -42,8 +43,8 @@ class Snapshots(NamedTuple):
         File that the states were read from; empty where they were solved for.
     """
 
-    x: F64Array
-    load: F64Array
+    x: F64
+    load: F64
     iterations: list[int]
     seconds: float
     origin: str

@@ -10,7 +10,7 @@ import numpy as np
 
 from myork.console import ProgressCallback, silent
 from myork.core.deck import read_deck
-from myork.core.scene import F64Array, Scene
+from myork.core.scene import Scene
 from myork.core.states import Fields
 from myork.core.threads import thread_count
 from myork.errors import InputError
@@ -22,6 +22,7 @@ from myork.rom.probes import force_names, named_probes
 from myork.rom.reductor import solve_reduced
 from myork.rom.snapshots import Snapshots, full_states
 from myork.summary import read_summary, renewing, update_summary
+from myork.types import F64
 
 __all__ = ["reduced_fields", "run_rom", "times_faster"]
 
@@ -228,7 +229,7 @@ def _numbers(table: Mapping[str, Any], basis: Basis) -> list[int]:
     return list(dict.fromkeys(wanted))
 
 
-def _fields(scene: Scene, x: F64Array, load: F64Array) -> list[Fields]:
+def _fields(scene: Scene, x: F64, load: F64) -> list[Fields]:
     """Fields of states of the full model."""
     return [scene.fields(state, at) for state, at in zip(x, load, strict=True)]
 
@@ -238,7 +239,7 @@ def _errors(
     full: Snapshots,
     full_fields: list[Fields],
     full_probes: Mapping[str, Any],
-    x: F64Array,
+    x: F64,
     fields: list[Fields],
 ) -> dict[str, Any]:
     """Errors of a reduced model's states, with their fields, and its probes."""

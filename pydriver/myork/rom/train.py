@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from myork.console import ProgressCallback, silent
 from myork.core.cloud import model_path
@@ -37,10 +36,10 @@ from myork.rom.modes import LARGE, Draft, joined, make_draft
 from myork.rom.online import Answer
 from myork.rom.parameters import Parameter, as_parameters, parse_vary, spread_points
 from myork.rom.setting import Setting, Snapshots, make_setting
+from myork.types import F64
 
 __all__ = ["train"]
 
-F64Array = NDArray[np.float64]
 
 #: Load steps of the first solves, from rest to the corners of the range
 RAY_STEPS = 8
@@ -259,7 +258,7 @@ class _Training:
         beyond = states_beyond(*parts, self.seed) if final else None
         return make_draft(*parts, self.tolerance, beyond=beyond)
 
-    def guess(self, values: F64Array) -> list[F64Array | None]:
+    def guess(self, values: F64) -> list[F64 | None]:
         """Unknowns at which full solves begin."""
         if self.draft is None:
             return [None] * len(values)
@@ -268,7 +267,7 @@ class _Training:
             found.amplitudes, found.converged, self.draft.basis.modes[:, : self.draft.basis.r]
         )
 
-    def solve(self, values: F64Array, steps: int | None) -> None:
+    def solve(self, values: F64, steps: int | None) -> None:
         """Full states at values, those that are there already left out."""
         kinds = self.setting.parameters
         values = self.unknown(values)
@@ -286,7 +285,7 @@ class _Training:
                 + (", from the reduced model" if state.started else "")
             )
 
-    def unknown(self, values: F64Array) -> F64Array:
+    def unknown(self, values: F64) -> F64:
         """Values at which no state is known yet."""
         if self.snapshots is None:
             return values
@@ -322,7 +321,7 @@ class _Training:
         )
         return max(u, wrong) <= self.tolerance
 
-    def choose(self, count: int) -> F64Array:
+    def choose(self, count: int) -> F64:
         """Values at which the reduced model so far estimates its largest errors, apart."""
         assert self.draft is not None
         kinds = self.setting.parameters
@@ -399,15 +398,15 @@ class _Training:
         arrays["head"] = json.dumps(head)
         return ReducedModel(arrays)
 
-    def named(self, row: F64Array) -> str:
+    def named(self, row: F64) -> str:
         """Values as text."""
         pairs = zip(self.setting.parameters, row, strict=True)
         return ", ".join(f"{p.key} = {v:.4g}" for p, v in pairs)
 
 
 def _lift_fields(
-    full: FullModel, setting: Setting, rows: F64Array, states: F64Array, progress: ProgressCallback
-) -> F64Array:
+    full: FullModel, setting: Setting, rows: F64, states: F64, progress: ProgressCallback
+) -> F64:
     """How the body follows sets whose forces are wanted but which nothing moves.
 
     Without such fields among the modes the force on a set that stands still is not stationary: it
@@ -425,7 +424,7 @@ def _lift_fields(
     return np.array(found).reshape(len(found), states.shape[1])
 
 
-def _corners(kinds: Sequence[Parameter], most: int, seed: int) -> F64Array:
+def _corners(kinds: Sequence[Parameter], most: int, seed: int) -> F64:
     """Corners of the range, all or some, those of the largest values first."""
     corners = np.array(list(product(*((p.high, p.low) for p in kinds))))
     count = min(MOST_RAYS, max(2, most // 2))

@@ -16,11 +16,10 @@ from scipy import ndimage
 from scipy.optimize import minimize
 
 from myork.records import Labels
+from myork.types import F64, I32, Mask
 
 __all__ = ["align_labels"]
 
-F64 = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 # Edges above this percentile count alike, or the strongest (skin, bone) would decide alone.
 _STRONG = 95.0
@@ -84,7 +83,7 @@ def align_labels(labels: Labels, edges: F64, tissue: Mask, body: Mask, reach: fl
     return replace(labels, data=data)
 
 
-def _fitted(label: NDArray[np.int32], maps: Sequence[tuple[F64, F64]], reach: float) -> NDArray:
+def _fitted(label: I32, maps: Sequence[tuple[F64, F64]], reach: float) -> NDArray:
     """Labels of a limb moved by the similarity that fits best, shape `(ni, nj)`."""
     inner = np.argwhere(label > 0).astype(float)
     border = _border(label)
@@ -123,7 +122,7 @@ def _fitted(label: NDArray[np.int32], maps: Sequence[tuple[F64, F64]], reach: fl
     return ndimage.affine_transform(label, back, offset=centre - back @ (centre + x[:2]), order=0)
 
 
-def _border(label: NDArray[np.int32]) -> F64:
+def _border(label: I32) -> F64:
     """Places between neighbouring pixels of different labels, shape `(n, 2)` [pixel]."""
     along = np.argwhere(label[1:] != label[:-1]) + [0.5, 0.0]
     across = np.argwhere(label[:, 1:] != label[:, :-1]) + [0.0, 0.5]

@@ -24,11 +24,10 @@ from myork.segmentation.level_sets import Regions, wanted_phase
 from myork.segmentation.outlines import pull_of_outlines
 from myork.segmentation.regions import piece_with_seed
 from myork.segmentation.walk import edge_strength, heights_of, random_walk
+from myork.types import F64, I32, Mask
 
 __all__ = ["BACKGROUND", "label_by_phase", "label_by_reference", "label_by_rules", "label_by_seeds"]
 
-F64 = NDArray[np.float64]
-I32 = NDArray[np.int32]
 
 #: Name of the label of seeds that is no tissue
 BACKGROUND = "background"
@@ -143,7 +142,7 @@ def label_by_reference(
 
 def _walk(
     heights: F64,
-    where: NDArray[np.bool_],
+    where: Mask,
     known: I32,
     image: Image,
     table: Mapping[str, Any],

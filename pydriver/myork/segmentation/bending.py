@@ -21,11 +21,10 @@ from scipy import ndimage
 
 from myork.errors import InputError, InstallationError
 from myork.records import Image, Labels
+from myork.types import F64, Mask
 
 __all__ = ["bend_labels"]
 
-F64 = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 # Mesh of the last B-splines, a quarter of the first [mm]
 _MESH = 30.0

@@ -18,18 +18,17 @@ from importlib import import_module
 from itertools import product
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import ndimage
 
 from myork.errors import InputError, InstallationError
 from myork.records import Image
 from myork.segmentation.level_sets import Evolve
 from myork.segmentation.starts import kmeans, level_sets_of, regions_of
+from myork.types import F64, Mask
 
 __all__ = ["BiasField", "check_positive", "clustered_bias", "n4_bias", "of_mean_one"]
 
-F64 = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 # Width of the step function (3.16). With the wide one of a segmentation every mean holds a part of
 # the other regions, and the field takes up the difference.

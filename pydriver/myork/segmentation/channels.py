@@ -5,16 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
 from myork.errors import InputError
 from myork.records import Image
 from myork.segmentation.regions import otsu
+from myork.types import F64, Mask
 
 __all__ = ["fiber_channels", "noise_level", "noise_weight", "scaled_values", "smoothed_tensor"]
 
-F64 = NDArray[np.float64]
 
 # The ratio of noises says little of how much regions differ: no channel counts more than this many
 # times as much as another one.
@@ -23,7 +22,7 @@ _WEIGHTS = 16.0
 _ROWS, _COLUMNS = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)
 
 
-def scaled_values(image: Image, region: NDArray[np.bool_]) -> F64:
+def scaled_values(image: Image, region: Mask) -> F64:
     """Grey values with the 1st and 99th percentile of a region at zero and one.
 
     Parameters
@@ -43,7 +42,7 @@ def scaled_values(image: Image, region: NDArray[np.bool_]) -> F64:
     return (image.data - low) / (high - low)
 
 
-def noise_level(values: F64, region: NDArray[np.bool_]) -> float:
+def noise_level(values: F64, region: Mask) -> float:
     """Standard deviation of the noise, by the median of second differences in the slices.
 
     Parameters
@@ -75,7 +74,7 @@ def noise_weight(first: float, other: float) -> float:
     return float(np.clip((first / other) ** 2, 1.0 / _WEIGHTS, _WEIGHTS))
 
 
-def smoothed_tensor(tensor: Image, region: NDArray[np.bool_], sigma: float) -> Image:
+def smoothed_tensor(tensor: Image, region: Mask, sigma: float) -> Image:
     """Components of tensors under a Gaussian inside of a region.
 
     Sums, not logarithms: tensors of noisy images need not be positive, and only the direction is
@@ -102,7 +101,7 @@ def smoothed_tensor(tensor: Image, region: NDArray[np.bool_], sigma: float) -> I
     return replace(tensor, data=np.stack(parts, axis=-1))
 
 
-def fiber_channels(tensor: Image, region: NDArray[np.bool_], kind: str) -> F64:
+def fiber_channels(tensor: Image, region: Mask, kind: str) -> F64:
     """Channels of the lead eigenvectors of diffusion tensors; v and -v are the same fiber.
 
     Where water moves alike in all directions (fat, bone) the lead eigenvector is noise; so

@@ -11,13 +11,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from myork.errors import InputError
+from myork.types import F64, Mask
 
 __all__ = ["Clusters", "fuzzy_c_means"]
 
-F64 = NDArray[np.float64]
 
 # The best of so many starts: where one cluster is small, a start may end with it in another.
 _STARTS = 6
@@ -44,7 +43,7 @@ class Clusters:
     iterations: int
     converged: bool
 
-    def place(self, region: NDArray[np.bool_], cluster: int) -> NDArray[np.bool_]:
+    def place(self, region: Mask, cluster: int) -> Mask:
         """Voxels of a region whose largest membership is that of a cluster."""
         mask = np.zeros(region.shape, dtype=bool)
         number = cluster % self.membership.shape[1]
@@ -54,7 +53,7 @@ class Clusters:
 
 def fuzzy_c_means(
     channels: F64,
-    region: NDArray[np.bool_],
+    region: Mask,
     clusters: int,
     *,
     exponent: float = 2.0,

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
 from myork.errors import InputError
 from myork.records import Image, Labels
+from myork.types import F64, I32, Mask
 
 __all__ = [
     "Muscle",
@@ -22,9 +22,6 @@ __all__ = [
     "reference_seeds",
     "rule_seeds",
 ]
-
-F64 = NDArray[np.float64]
-I32 = NDArray[np.int32]
 
 
 @dataclass(frozen=True)
@@ -52,7 +49,7 @@ class Muscle:
             raise InputError(f"muscle.{self.name}: needs seeds or a rim")
 
 
-def check_seeds(inside: NDArray[np.bool_], image: Image, muscles: Sequence[Muscle]) -> None:
+def check_seeds(inside: Mask, image: Image, muscles: Sequence[Muscle]) -> None:
     """Refuse seeds outside of what is segmented.
 
     Parameters
@@ -141,7 +138,7 @@ def group_by_reference(region: I32, reference: Labels) -> Labels:
 
 def rule_seeds(
     region: I32, image: Image, muscles: Sequence[Muscle], radius: float
-) -> tuple[NDArray[np.bool_], I32]:
+) -> tuple[Mask, I32]:
     """Voxels that the rules part among muscles, and those of which they tell the label.
 
     Parameters
@@ -211,7 +208,7 @@ def reference_seeds(reference: Labels, margin: float) -> I32:
     return known
 
 
-def nearest_labels(where: NDArray[np.bool_], known: I32, spacing: F64, margin: float) -> I32:
+def nearest_labels(where: Mask, known: I32, spacing: F64, margin: float) -> I32:
     """Label of the nearest voxel that has one, shape `(ni, nj, nk)`.
 
     Parameters
@@ -232,7 +229,7 @@ def nearest_labels(where: NDArray[np.bool_], known: I32, spacing: F64, margin: f
     return np.where(where & (away <= margin), known[tuple(nearest)], 0).astype(np.int32)
 
 
-def _depth(inside: NDArray[np.bool_], spacing: F64) -> F64:
+def _depth(inside: Mask, spacing: F64) -> F64:
     """Distance to the outside in a slice, shape `(ni, nj)` [mm]."""
     return np.asarray(ndimage.distance_transform_edt(inside, sampling=spacing[:2]))
 
@@ -252,7 +249,7 @@ def _places(image: Image, muscle: Muscle) -> list[tuple[int, ...]]:
     return places
 
 
-def _claim(region: I32, image: Image, muscle: Muscle) -> NDArray[np.bool_]:
+def _claim(region: I32, image: Image, muscle: Muscle) -> Mask:
     """Voxels that the rule of a muscle gives to it."""
     claim = np.zeros(region.shape, bool)
     for place in _places(image, muscle):

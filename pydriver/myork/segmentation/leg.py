@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
 from myork.errors import InputError
@@ -23,10 +22,10 @@ from myork.records import Image, Labels
 from myork.segmentation.channels import scaled_values
 from myork.segmentation.fuzzy import fuzzy_c_means
 from myork.segmentation.level_sets import Evolve, LevelSets, segment_regions, wanted_phase
+from myork.types import F64, Mask
 
 __all__ = ["LegImages", "check_disjoint", "find_bones", "leg_tissues", "outer_boundary"]
 
-Mask = NDArray[Any]
 
 # Pieces of the body smaller than a tenth of the largest are no leg.
 _LEAST_PIECE = 0.1
@@ -72,7 +71,7 @@ def leg_tissues(
     evolve: Evolve,
     table: Mapping[str, Any],
     body: Mask | None = None,
-    memberships: dict[str, NDArray[np.float64]] | None = None,
+    memberships: dict[str, F64] | None = None,
 ) -> Labels:
     """Label every voxel of a leg with its material.
 
@@ -182,7 +181,7 @@ def find_bones(anatomy: Image, body: Mask, evolve: Evolve) -> Mask:
     return bone
 
 
-def _wall(marrow: Mask, ring: Mask, pixel: NDArray[np.float64]) -> Mask:
+def _wall(marrow: Mask, ring: Mask, pixel: F64) -> Mask:
     """Cortex around marrow, shell by shell while most of a shell is dark.
 
     Fascia that touches the bone is as dark, but covers little of a shell.
@@ -216,7 +215,7 @@ def check_disjoint(masks: Mapping[str, Mask], body: Mask) -> None:
         )
 
 
-def _skin(body: Mask, pixel: NDArray[np.float64]) -> Mask:
+def _skin(body: Mask, pixel: F64) -> Mask:
     """Band of the body along the air in every slice; where the picture ends there is no air."""
     skin = np.zeros(body.shape, dtype=bool)
     for k in range(body.shape[2]):

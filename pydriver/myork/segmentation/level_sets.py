@@ -28,11 +28,10 @@ from myork.segmentation.starts import (
     regions_of,
     threshold_regions,
 )
+from myork.types import F64, I32, Mask
 
 __all__ = ["Evolve", "LevelSets", "Regions", "segment_regions", "wanted_phase"]
 
-F64 = NDArray[np.float64]
-I32 = NDArray[np.int32]
 Evolve = Callable[..., dict[str, NDArray[Any]]]
 
 
@@ -110,7 +109,7 @@ class Regions:
 
 def segment_regions(
     channels: F64,
-    region: NDArray[np.bool_],
+    region: Mask,
     evolve: Evolve,
     choice: LevelSets,
     *,
@@ -184,7 +183,7 @@ def segment_regions(
     )
 
 
-def wanted_phase(result: Regions, values: F64, phase: str) -> NDArray[np.bool_]:
+def wanted_phase(result: Regions, values: F64, phase: str) -> Mask:
     """Voxels of the darker or the brighter one of two regions.
 
     Parameters
@@ -215,7 +214,7 @@ def _one_for_each(choice: LevelSets) -> F64:
 
 def _first_level_sets(
     channels: F64,
-    region: NDArray[np.bool_],
+    region: Mask,
     choice: LevelSets,
     weights: F64,
     labels: I32 | None,

@@ -12,12 +12,10 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from myork.imaging.geometry import slice_axis
+from myork.types import F64, I32, Mask
 
 __all__ = ["pull_of_outlines", "signed_distances"]
 
-F64 = NDArray[np.float64]
-I32 = NDArray[np.int32]
-Mask = NDArray[np.bool_]
 
 # Chosen on `benchmarks/outlines.py tuned`: rate of a walk's end where outlines foretell a label,
 # against steps of rate 1 where there is no edge [-],

@@ -18,16 +18,14 @@ from collections.abc import Sequence
 from itertools import permutations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import ndimage
 from scipy.special import ndtr
 
+from myork.types import F64, I32, I64, Mask
+
 __all__ = ["label_parts"]
 
-F64 = NDArray[np.float64]
-I32 = NDArray[np.int32]
-I64 = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 _AROUND = 6.0  # standard deviation of the averages that make means [mm]
 _FAR = 1e-2  # weight of all voxels of a label in the mean at a place

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import ndimage
 
 from myork.errors import InputError
 from myork.records import Image, Labels
+from myork.types import Mask
 
 __all__ = ["body_mask", "box_mask", "grown_mask", "otsu", "piece_with_seed"]
 
-Mask = NDArray[np.bool_]
 
 # No bright spot of an image reaches this many times its 99th percentile.
 _OUTLIER = 1e6

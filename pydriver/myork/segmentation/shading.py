@@ -27,17 +27,16 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import ndimage
 
 from myork.errors import InputError
 from myork.imaging.geometry import slice_axis
 from myork.segmentation.bias import of_mean_one
+from myork.types import F64, I64, Mask
 
 __all__ = ["Candidate", "Shading", "shading"]
 
-F64 = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 # Lengths are parts of the width of a limb, so that a mouse is treated as a man is.
 _WAVE = 0.64  # shortest wave of the field
@@ -169,7 +168,7 @@ class _Waves:
         self.bending = ((np.pi * self.order / self.length) ** 2).sum(axis=1) ** 2
         self.bending /= np.median(self.bending)
 
-    def at(self, voxels: NDArray[np.int64]) -> F64:
+    def at(self, voxels: I64) -> F64:
         """Values at voxels, shape `(nvoxel, nwave)`."""
         result = np.ones((len(voxels), len(self.order)))
         for axis in range(3):
@@ -262,9 +261,7 @@ def _aligned(smooth: F64, mask: Mask, slow: F64) -> F64:
 class _Peaks:
     """Fields that draw the logarithms of voxels to the peaks of their histogram."""
 
-    def __init__(
-        self, smooth: F64, mask: Mask, voxels: NDArray[np.int64], waves: _Waves, size: F64
-    ) -> None:
+    def __init__(self, smooth: F64, mask: Mask, voxels: I64, waves: _Waves, size: F64) -> None:
         self.mask, self.waves = mask, waves
         here = smooth[tuple(voxels.T)]
         self.logarithm = np.log(np.maximum(here, _DARKEST))

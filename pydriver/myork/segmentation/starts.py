@@ -5,12 +5,12 @@ from __future__ import annotations
 import warnings
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.cluster.vq import kmeans2, vq
 
 from myork.errors import InputError
 from myork.segmentation.regions import otsu
+from myork.types import F64, I32, Mask
 
 __all__ = [
     "circle_regions",
@@ -22,8 +22,6 @@ __all__ = [
     "threshold_regions",
 ]
 
-F64 = NDArray[np.float64]
-I32 = NDArray[np.int32]
 
 # Level sets of a map of regions: a smoothed sign. Plain signs (or a plain threshold) start with
 # jumps at every noisy voxel, which curvature takes long to remove.
@@ -76,7 +74,7 @@ def kmeans(values: F64, count: int, seed: int = 0) -> tuple[I32, F64]:
     return vq(values, best)[0], best
 
 
-def seeded_regions(values: F64, region: NDArray[np.bool_], known: I32, count: int) -> I32:
+def seeded_regions(values: F64, region: Mask, known: I32, count: int) -> I32:
     """Regions around the mean values of seeds, and clusters of what is like none of them.
 
     Parameters
@@ -116,7 +114,7 @@ def seeded_regions(values: F64, region: NDArray[np.bool_], known: I32, count: in
     return result
 
 
-def threshold_regions(values: F64, region: NDArray[np.bool_]) -> I32:
+def threshold_regions(values: F64, region: Mask) -> I32:
     """Two regions by Otsu's threshold: 0 dark, 1 bright."""
     return (values > otsu(values[region])).astype(np.int32)
 

@@ -19,11 +19,10 @@ from scipy import ndimage, sparse
 from scipy.sparse.linalg import LinearOperator, cg, splu
 
 from myork.errors import InputError
+from myork.types import F64, I32, Mask
 
 __all__ = ["edge_strength", "heights_of", "random_walk"]
 
-F64 = NDArray[np.float64]
-I32 = NDArray[np.int32]
 
 # Standard deviation of the derivative of a Gaussian that finds edges [pixel]: lines of one or two
 # pixels must not be lost.
@@ -42,7 +41,7 @@ _LEAST = 1e-6
 _TOLERANCE = 1e-3
 
 
-def heights_of(values: F64, where: NDArray[np.bool_], others: F64 | None = None) -> F64:
+def heights_of(values: F64, where: Mask, others: F64 | None = None) -> F64:
     """Heights whose steps are edges: the logarithm of the grey values, then other channels.
 
     Parameters
@@ -87,7 +86,7 @@ def edge_strength(heights: F64) -> F64:
 
 def random_walk(
     edges: F64,
-    where: NDArray[np.bool_],
+    where: Mask,
     seeds: I32,
     spacing: F64,
     shyness: float,
@@ -153,7 +152,7 @@ def random_walk(
     return found
 
 
-def _reached(where: NDArray[np.bool_], seeds: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _reached(where: Mask, seeds: Mask) -> Mask:
     """Voxels of connected pieces that hold a seed."""
     pieces, count = ndimage.label(where)
     with_seed = np.zeros(count + 1, bool)
@@ -163,7 +162,7 @@ def _reached(where: NDArray[np.bool_], seeds: NDArray[np.bool_]) -> NDArray[np.b
 
 
 def _laplacian(
-    edges: F64, inside: NDArray[np.bool_], spacing: F64, shyness: float, heights: F64 | None
+    edges: F64, inside: Mask, spacing: F64, shyness: float, heights: F64 | None
 ) -> sparse.csr_matrix:
     """Graph Laplacian of voxels that share a face."""
     number = np.full(inside.shape, -1)

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from myork.core.deck import load_tables
 from myork.core.level_sets import evolve_level_sets
@@ -29,6 +29,7 @@ from myork.segmentation.regions import body_mask
 from myork.segmentation.shading import shading
 from myork.stations.build import build_cloud
 from myork.stations.partial import checked_parts
+from myork.types import F64, I32, Mask
 
 __all__ = [
     "build_points",
@@ -40,10 +41,6 @@ __all__ = [
     "segment",
     "water_and_fat",
 ]
-
-F64 = NDArray[np.float64]
-I32 = NDArray[np.int32]
-Mask = NDArray[np.bool_]
 
 
 def fit_tensors(dwi: ArrayLike, affine: ArrayLike, b: ArrayLike, directions: ArrayLike) -> F64:

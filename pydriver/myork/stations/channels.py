@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from myork.errors import InputError
 from myork.imaging.dixon import separate_images
@@ -21,11 +20,10 @@ from myork.imaging.io import read_image, read_labels, write_image
 from myork.records import Image, Labels
 from myork.segmentation.channels import noise_level, noise_weight, scaled_values
 from myork.segmentation.regions import body_mask
+from myork.types import F64, Mask
 
 __all__ = ["Beside", "fat_of_labels", "read_beside", "read_echoes"]
 
-F64 = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 FILES = ("fat.nii.gz", "fat_fraction.nii.gz")
 

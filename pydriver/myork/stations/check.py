@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from myork.console import ProgressCallback, silent
 from myork.core.cloud import model_of
@@ -16,10 +15,10 @@ from myork.core.material import Material, energy
 from myork.core.scene import Scene
 from myork.errors import ConvergenceError, InputError
 from myork.files import write_json
+from myork.types import F64
 
 __all__ = ["Check", "check_deck"]
 
-F64Array = NDArray[np.float64]
 
 #: Central differences with a step of 1e-6 of the state keep this many digits
 _TANGENT = 1e-5
@@ -190,7 +189,7 @@ def _balance(scene: Scene) -> tuple[bool | None, str]:
 
 
 def _restart(
-    deck: str | Path, overrides: Sequence[str], out: Path | None, last: F64Array
+    deck: str | Path, overrides: Sequence[str], out: Path | None, last: F64
 ) -> tuple[bool | None, str]:
     """A solve that starts at the answer must stay there."""
     if "linear" in load_deck(deck, overrides, "solve"):
@@ -202,7 +201,7 @@ def _restart(
 
 
 def _threads(
-    deck: str | Path, overrides: Sequence[str], out: Path | None, x: F64Array
+    deck: str | Path, overrides: Sequence[str], out: Path | None, x: F64
 ) -> tuple[bool | None, str]:
     with Scene(deck, overrides, out, threads=2) as scene:
         other = scene.solve(error=False).x

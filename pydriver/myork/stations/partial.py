@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
 from myork.errors import InputError
@@ -14,11 +13,10 @@ from myork.imaging.geometry import check_same_grid
 from myork.imaging.io import read_image, write_image
 from myork.records import Image, Labels
 from myork.segmentation.partial import label_parts
+from myork.types import F64, I32
 
 __all__ = ["checked_parts", "read_parts", "write_parts"]
 
-F64 = NDArray[np.float64]
-I32 = NDArray[np.int32]
 
 # Parts are written in single precision.
 _SLACK = 1e-3

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from myork.console import ProgressCallback, silent
 from myork.core.changing import scene_at
@@ -18,10 +17,9 @@ from myork.core.scene import Scene
 from myork.errors import ConvergenceError, InputError
 from myork.rom.model import ReducedModel
 from myork.rom.probes import probe_columns
+from myork.types import F64, Mask
 
 __all__ = ["Forward", "Values", "open_forward", "probe_of", "ranges_of"]
-
-F64Array = NDArray[np.float64]
 
 
 class Values(NamedTuple):
@@ -35,8 +33,8 @@ class Values(NamedTuple):
         Whether a state was found, shape `(n,)`.
     """
 
-    probes: dict[str, F64Array]
-    good: NDArray[np.bool_]
+    probes: dict[str, F64]
+    good: Mask
 
 
 class Forward(ABC):
@@ -70,7 +68,7 @@ class Forward(ABC):
         """Range of the training; none of a full model."""
         return None
 
-    def ask(self, keys: Sequence[str], values: F64Array) -> Values:
+    def ask(self, keys: Sequence[str], values: F64) -> Values:
         """Answers for rows of values of the keys, shape `(n, len(keys))`."""
         start = time.process_time()
         found = self._answer(keys, values)
@@ -91,7 +89,7 @@ class Forward(ABC):
         return {"states": self.states, "cpu_s": self.cpu_s, "by": "full solves"}
 
     @abstractmethod
-    def _answer(self, keys: Sequence[str], values: F64Array) -> Values:
+    def _answer(self, keys: Sequence[str], values: F64) -> Values:
         """What `ask` gives, without its count."""
 
 
@@ -132,7 +130,7 @@ class _Reduced(Forward):
         more = {"full_cpu_s_per_state": full, "full_cpu_s": full * self.states}
         return {**super().cost(), "by": "the reduced model", **more}
 
-    def _answer(self, keys: Sequence[str], values: F64Array) -> Values:
+    def _answer(self, keys: Sequence[str], values: F64) -> Values:
         missing = self.unknown(keys)
         if missing:
             raise InputError(f"a value is missing of {', '.join(missing)}; --set gives one")
@@ -166,7 +164,7 @@ class _Full(Forward):
         self._scene = self._open([])
         self._has: dict[str, float] = {}
         self._steps = self._scene.deck["load"]["steps"]
-        self._known: list[tuple[F64Array, F64Array]] = []
+        self._known: list[tuple[F64, F64]] = []
         self._keys: tuple[str, ...] = ()
         for probe in self._scene.deck.get("probe", []):
             force = "force" in probe["quantity"]
@@ -181,7 +179,7 @@ class _Full(Forward):
     def close(self) -> None:
         self._scene.close()
 
-    def _answer(self, keys: Sequence[str], values: F64Array) -> Values:
+    def _answer(self, keys: Sequence[str], values: F64) -> Values:
         if tuple(keys) != self._keys:
             if self._keys:
                 # values of keys that are not asked for any more are the deck's
@@ -205,10 +203,10 @@ class _Full(Forward):
             self._progress(f"solve {i + 1}/{len(values)}")
         return Values(found, good)
 
-    def _solve(self, row: F64Array) -> F64Array:
+    def _solve(self, row: F64) -> F64:
         """Unknowns of a state: from the nearest known one in one step, else from rest."""
         changes = dict(zip(self._keys, (float(v) for v in row), strict=True))
-        starts: list[F64Array | None] = [None]
+        starts: list[F64 | None] = [None]
         if self._known:
             rows = np.array([known for known, _ in self._known])
             scale = np.maximum(np.ptp(np.vstack([rows, row]), axis=0), 1e-300)

@@ -9,17 +9,16 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from myork.console import ProgressCallback, silent
 from myork.errors import ConvergenceError, FileError, InputError
 from myork.files import whole_file, write_json, write_text
 from myork.report.numbers import labelled
 from myork.studies.forward import Forward, open_forward, ranges_of
+from myork.types import F64
 
 __all__ = ["identify"]
 
-F64Array = NDArray[np.float64]
 
 #: Starts among which the best are tried, where a reduced model answers
 _STARTS, _BEST = 64, 3
@@ -34,10 +33,10 @@ class _Data(NamedTuple):
     """Measurements: conditions by keys, values and their standard errors by names of probes."""
 
     keys: list[str]
-    conditions: F64Array
+    conditions: F64
     names: list[str]
-    values: F64Array
-    errors: F64Array | None
+    values: F64
+    errors: F64 | None
 
 
 def identify(
@@ -155,7 +154,7 @@ def _fit(
     ranges: dict[str, tuple[float, float]],
     seed: int,
     progress: ProgressCallback,
-) -> tuple[dict[str, Any], F64Array]:
+) -> tuple[dict[str, Any], F64]:
     from scipy.optimize import least_squares
     from scipy.stats import qmc
     from scipy.stats import t as student
@@ -168,7 +167,7 @@ def _fit(
     scale = data.errors if data.errors is not None else np.where(size > 0, size, 1.0)
     scale = np.broadcast_to(scale, data.values.shape)
 
-    def model(shares: F64Array) -> F64Array:
+    def model(shares: F64) -> F64:
         """Values of all measurements at shares of the ranges, from one on, shape `(n, m, k)`."""
         place = low + (high - low) * (np.atleast_2d(shares) - 1.0)
         rows = [np.hstack([data.conditions, np.tile(p, (len(data.values), 1))]) for p in place]
@@ -177,9 +176,9 @@ def _fit(
         value[~found.good] = np.nan
         return value.reshape(len(place), *data.values.shape)
 
-    def residual(shares: F64Array) -> F64Array:
+    def residual(shares: F64) -> F64:
         value = model(shares)[0]
-        left: F64Array = ((value - data.values) / scale)[known]
+        left: F64 = ((value - data.values) / scale)[known]
         if not np.isfinite(left).all():
             told = low + (high - low) * (shares - 1.0)
             named = ", ".join(f"{k} = {v:.4g}" for k, v in zip(keys, told, strict=True))
@@ -251,7 +250,7 @@ def _warnings(
     keys: Sequence[str],
     best: Any,
     fits: Sequence[Any],
-    together: F64Array,
+    together: F64,
     freedom: int,
     determined: bool,
 ) -> list[str]:
@@ -276,7 +275,7 @@ def _warnings(
     return found
 
 
-def _table(data: _Data, fitted: F64Array) -> str:
+def _table(data: _Data, fitted: F64) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([*data.keys, *(c for n in data.names for c in (n, f"{n}_fitted"))])
@@ -286,7 +285,7 @@ def _table(data: _Data, fitted: F64Array) -> str:
     return text.getvalue()
 
 
-def _draw(forward: Forward, data: _Data, fitted: F64Array, path: Path) -> None:
+def _draw(forward: Forward, data: _Data, fitted: F64, path: Path) -> None:
     """Fitted against measured values of each probe."""
     from matplotlib.figure import Figure
 

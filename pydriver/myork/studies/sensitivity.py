@@ -10,16 +10,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from myork.console import ProgressCallback, silent
 from myork.errors import ConvergenceError, InputError
 from myork.files import whole_file, write_json, write_text
 from myork.studies.forward import Forward, Values, open_forward, probe_of, ranges_of
+from myork.types import F64
 
 __all__ = ["sensitivity"]
 
-F64Array = NDArray[np.float64]
 
 #: Part of the samples that may have no state; others take their places
 _MOST_FAILED = 0.1
@@ -125,7 +124,7 @@ def sensitivity(
     return summary
 
 
-def _index(values: F64Array, interval: Any, k: int) -> dict[str, float]:
+def _index(values: F64, interval: Any, k: int) -> dict[str, float]:
     """An index with the ends of its interval; both are the value where all samples agree."""
     value = float(values.ravel()[k])
     low, high = (float(np.ravel(end)[k]) for end in (interval.low, interval.high))
@@ -136,20 +135,20 @@ def _index(values: F64Array, interval: Any, k: int) -> dict[str, float]:
 def _states(
     forward: Forward,
     keys: Sequence[str],
-    low: F64Array,
-    high: F64Array,
+    low: F64,
+    high: F64,
     name: str,
     samples: int,
     seed: int,
     progress: ProgressCallback,
-) -> tuple[dict[str, F64Array], int]:
+) -> tuple[dict[str, F64], int]:
     """Values at two samples and at those with one column of the other, and how many failed."""
     from scipy.stats import qmc
 
     d = len(keys)
     most = samples + max(1, int(_MOST_FAILED * samples))
     points = qmc.Sobol(2 * d, seed=seed).random_base2(int(np.log2(samples)) + 1)[:most]
-    rows: list[F64Array] = []
+    rows: list[F64] = []
     failed = 0
     while len(rows) < samples:
         block = points[len(rows) + failed : samples + failed]

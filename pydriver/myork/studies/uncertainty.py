@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.special import ndtr
 
@@ -26,10 +25,9 @@ from myork.report.numbers import labelled
 from myork.stations.build import build
 from myork.studies.forward import open_forward, probe_of
 from myork.tables import override_text
+from myork.types import F64, Mask
 
 __all__ = ["Doubt", "perturbed", "uncertainty"]
-
-F64Array = NDArray[np.float64]
 
 
 class Doubt(NamedTuple):
@@ -190,7 +188,7 @@ def perturbed(
     """
     data, spacing = labels.data, labels.spacing
 
-    def moved(inside: NDArray[np.bool_]) -> F64Array:
+    def moved(inside: Mask) -> F64:
         """Distance to the moved boundary, positive inside [mm]."""
         # a map goes on beyond its first and last slice
         whole = np.pad(inside, 1)
@@ -214,7 +212,7 @@ def perturbed(
     return Labels(np.where(body, chosen, 0), labels.affine, labels.names, labels.name)
 
 
-def _field(shape: tuple[int, ...], length: F64Array, rng: np.random.Generator) -> F64Array:
+def _field(shape: tuple[int, ...], length: F64, rng: np.random.Generator) -> F64:
     """A smooth random field of standard deviation one."""
     field = ndimage.gaussian_filter(rng.standard_normal(shape), 0.5 * length, mode="wrap")
     return np.asarray(field / max(float(field.std()), 1e-300))

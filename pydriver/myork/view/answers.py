@@ -10,7 +10,6 @@ from types import TracebackType
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from myork.core.changing import scene_at
 from myork.core.states import Fields
@@ -18,10 +17,10 @@ from myork.errors import InputError
 from myork.report.skin import outer_triangles, point_distances
 from myork.rom.model import Batch, ReducedModel
 from myork.rom.probes import probe_columns
+from myork.types import F64
 
 __all__ = ["FIELDS", "Answers", "Shown", "verdict_of"]
 
-F64Array = NDArray[np.float64]
 
 #: Fields by name, with a title and the kind of their unit
 FIELDS = {
@@ -51,15 +50,15 @@ class Shown(NamedTuple):
     ----------
     told : dict
         Numbers beside the body: probes, indicator, verdict with reasons, range of the field.
-    positions : F64Array
+    positions : F64
         Where the corners of the surface are, shape `(n, 3)` [length].
-    values : F64Array
+    values : F64
         The field there, not a number where the body is inside out, shape `(n,)`.
     """
 
     told: dict[str, Any]
-    positions: F64Array
-    values: F64Array
+    positions: F64
+    values: F64
 
 
 class Answers:
@@ -100,7 +99,7 @@ class Answers:
         self._scene.close()
 
     @property
-    def rest(self) -> F64Array:
+    def rest(self) -> F64:
         """Undeformed corners of the surface, shape `(n, 3)` [length]."""
         return self._rest
 
@@ -236,7 +235,7 @@ class Answers:
             one["y"] = [next(lines) for _ in one["at"] or [0.0]]
         return found
 
-    def along(self, rows: F64Array, probe: int) -> list[float | None]:
+    def along(self, rows: F64, probe: int) -> list[float | None]:
         """A probe at rows of parameters; None where no state is."""
         batch = self.rom.batch(rows)
         y = np.where(batch.converged, self._values(batch)[:, probe], np.nan)
@@ -250,7 +249,7 @@ class Answers:
                     ("activation", "load") else 2)  # fmt: skip
         return others[0] if others else None
 
-    def _fields(self, row: F64Array, amplitudes: F64Array) -> Fields:
+    def _fields(self, row: F64, amplitudes: F64) -> Fields:
         """Fields of a state, by the full scene: materials and what is prescribed enter them."""
         wanted = {p.key: float(v) for p, v in zip(self.rom.parameters, row, strict=True)}
         self._scene = scene_at(self._scene, self._has, wanted, self._open)
@@ -271,7 +270,7 @@ class Answers:
         first = {p["name"] for p in self.rom.head["probes"] if p["quantity"].startswith("force")}
         return sorted(found, key=lambda p: p["of"] not in first)
 
-    def _values(self, batch: Batch) -> F64Array:
+    def _values(self, batch: Batch) -> F64:
         """Scalars of `probes`, shape `(n, probes)`."""
         columns = []
         for probe in self.probes:
@@ -279,7 +278,7 @@ class Answers:
             columns.append(value if value.ndim == 1 else value[:, int(probe["axis"])])
         return np.stack(columns, axis=1)
 
-    def _verdict(self, row: F64Array, batch: Batch, j: float) -> tuple[str, list[str]]:
+    def _verdict(self, row: F64, batch: Batch, j: float) -> tuple[str, list[str]]:
         outside = [
             f"{p.key} = {v:.4g} is outside the trained range {p.low:g} to {p.high:g}"
             for p, v in zip(self.rom.parameters, row, strict=True)
@@ -295,7 +294,7 @@ class Answers:
             for end in (p.low, p.high):
                 rows.append(np.where(np.arange(len(middle)) == k, end, middle))
         batch = self.rom.batch(np.array(rows))
-        found: dict[str, list[F64Array]] = {name: [] for name in FIELDS}
+        found: dict[str, list[F64]] = {name: [] for name in FIELDS}
         for row, a in zip(np.array(rows)[batch.converged], batch.amplitudes[batch.converged],
                           strict=True):  # fmt: skip
             fields = self._fields(row, a)
@@ -343,7 +342,7 @@ def verdict_of(
     return ("doubtful" if reasons else "accepted"), reasons
 
 
-def _field(fields: Fields, name: str) -> F64Array:
+def _field(fields: Fields, name: str) -> F64:
     """One number a point."""
     if name == "displacement":
         return np.linalg.norm(fields.u, axis=1)
@@ -359,7 +358,7 @@ def _field(fields: Fields, name: str) -> F64Array:
     return np.asarray(np.sqrt(0.5 * squares))
 
 
-def _range(values: F64Array) -> list[float | None]:
+def _range(values: F64) -> list[float | None]:
     """Smallest and largest of the values that are numbers."""
     real = values[np.isfinite(values)]
     return [float(real.min()), float(real.max())] if len(real) else [None, None]

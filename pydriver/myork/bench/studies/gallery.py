@@ -32,10 +32,10 @@ from myork.segmentation.level_sets import LevelSets, Regions, segment_regions
 from myork.segmentation.regions import body_mask
 from myork.segmentation.scores import dice
 from myork.segmentation.starts import level_sets_of, threshold_regions
+from myork.types import F64, I32, Mask
 
 __all__ = ["chan_vese_energy", "run"]
 
-F64 = NDArray[np.float64]
 
 #: Pixels of a piece that counts; smaller ones are noise
 _PIECE = 20
@@ -101,9 +101,7 @@ def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
     }
 
 
-def chan_vese_energy(
-    values: F64, inside: NDArray[np.bool_], mu: float, one_sided: bool = False
-) -> float:
+def chan_vese_energy(values: F64, inside: Mask, mu: float, one_sided: bool = False) -> float:
     """Energy (3.11) of labels: length as sum of |grad| of the mask, misfit to the two means.
 
     Parameters
@@ -157,7 +155,7 @@ def _segment(values: F64, choice: LevelSets, labels: NDArray[Any] | None = None)
     )
 
 
-def _score(name: str, result: Regions, truth: NDArray[np.int32]) -> dict[str, Any]:
+def _score(name: str, result: Regions, truth: I32) -> dict[str, Any]:
     """Mean Dice of the true regions, each with the region found in most of it."""
     label = result.region[..., 0]
     scores = []
@@ -190,7 +188,7 @@ def _panels(
     return figure
 
 
-def _blob(n: int) -> NDArray[np.int32]:
+def _blob(n: int) -> I32:
     x, y = _grid(n)
     angle = np.arctan2(y, x)
     return (np.hypot(x, y) < 0.55 + 0.15 * np.cos(3 * angle)).astype(np.int32)
@@ -364,7 +362,7 @@ def _misfit(n: int) -> tuple[list[dict[str, Any]], Figure, str]:
     return cases, _panels(panels), text
 
 
-def _grouped(label: NDArray[Any], truth: NDArray[Any]) -> tuple[int, NDArray[np.int32]]:
+def _grouped(label: NDArray[Any], truth: NDArray[Any]) -> tuple[int, I32]:
     """Number of connected parts that are no specks, and the true label of most of each part."""
     count, grouped = 0, np.zeros(label.shape, np.int32)
     for number in np.unique(label[label >= 0]):
@@ -391,7 +389,7 @@ def _timing(size: int) -> dict[str, Any]:
     values, mu = _noisy(clean, 0.1), 0.05
     runs: list[dict[str, Any]] = []
 
-    def note(name: str, found: tuple[float, NDArray[np.bool_]], iterations: int) -> None:
+    def note(name: str, found: tuple[float, Mask], iterations: int) -> None:
         seconds, inside = found
         if (inside & truth).sum() < (~inside & truth).sum():
             inside = ~inside

@@ -27,7 +27,7 @@ from myork.bench.chapter_6 import GALERKIN, MODES, MOTIONS, PATHS, LoadPath, Mot
 from myork.bench.runs import INPUTS, lattice
 from myork.bench.tables import Columns, table
 from myork.console import ProgressCallback
-from myork.core.scene import F64Array, Scene
+from myork.core.scene import Scene
 from myork.core.states import Fields
 from myork.errors import ConvergenceError
 from myork.reduced_fields import ReducedFields
@@ -43,6 +43,7 @@ from myork.rom.reductor import ReducedStates, solve_reduced
 from myork.rom.study import reduced_fields
 from myork.stations.build import build
 from myork.stations.segment import segment
+from myork.types import F64
 
 __all__ = ["run"]
 
@@ -66,8 +67,8 @@ _SEED = 7919
 class _Full(NamedTuple):
     """States of the full model, with what errors need of them."""
 
-    x: F64Array
-    load: F64Array
+    x: F64
+    load: F64
     fields: list[Fields]
     probes: Mapping[str, Any]
     cpu: float
@@ -79,7 +80,7 @@ class _Path(NamedTuple):
     """All models of a path, its proper orthogonal values, and states that are drawn by modes."""
 
     cases: list[dict[str, Any]]
-    values: F64Array
+    values: F64
     drawn: list[tuple[int, ReducedFields]]
     units: dict[str, str]
 
@@ -156,7 +157,7 @@ def _motion_cases(motion: Motion, progress: ProgressCallback) -> list[dict[str, 
     return cases
 
 
-def _displacement(scene: Scene, full: list[Fields], x: F64Array, load: F64Array) -> float:
+def _displacement(scene: Scene, full: list[Fields], x: F64, load: F64) -> float:
     """e1 of states against fields of full ones."""
     return displacement_error(full, [scene.fields(s, t) for s, t in zip(x, load, strict=True)])
 
@@ -387,10 +388,10 @@ def _trained_cases(progress: ProgressCallback, quick: bool) -> list[dict[str, An
     every = rom.with_all_cells()
     found = rom.batch(values)
 
-    def from_reduced(_: F64Array) -> list[F64Array | None]:
+    def from_reduced(_: F64) -> list[F64 | None]:
         return started(found.amplitudes, found.converged, rom.basis)
 
-    def from_rest(_: F64Array) -> list[F64Array | None]:
+    def from_rest(_: F64) -> list[F64 | None]:
         return [None] * len(values)
 
     cases: list[dict[str, Any]] = []
@@ -516,7 +517,7 @@ def _error_plots(cases: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     return plots
 
 
-def _decay_plot(decays: Sequence[tuple[str, F64Array]]) -> dict[str, Any]:
+def _decay_plot(decays: Sequence[tuple[str, F64]]) -> dict[str, Any]:
     """Figures 6.9, 6.11, 6.14 and 6.17."""
     series = []
     for name, values in decays:
