@@ -18,7 +18,7 @@ PICTURE = ROOT / "docs" / "rooms.svg"
 _HEAD = """\
 # Rooms of the core
 
-Each folder of `fortran/` is a room: a static library with one purpose. A room uses rooms below it,
+Each folder of sources in `fortran/` is a room: a static library with one purpose. A room uses rooms below it,
 never one above or beside it; `tests/test_layers.py` checks that. This page is
 written by `python tests/draw_rooms.py` from the `use` lines of the sources; nobody edits it, and a
 test compares it with them. A line goes down from a room to one that it uses; lines that follow from
@@ -43,7 +43,7 @@ def rooms() -> dict[str, set[str]]:
 
 def purpose(room: str) -> str:
     """What a room holds, by the first line of its meson.build."""
-    path = FORTRAN / room / "meson.build"
+    path = next(path for path in FORTRAN.rglob("meson.build") if path.parent.name == room)
     found = re.match(r"# Room: (.+)\.\n", path.read_text(encoding="utf-8"))
     if found is None:
         raise ValueError(f"{path}: the first line must say '# Room: what it holds.'")

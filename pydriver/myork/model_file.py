@@ -26,7 +26,7 @@ FORMAT = "myork-model 3"
 #: Edges of a voxel that its point may be off its centre: `build` moves points onto the surface, at
 #: shallow ends by three edges
 _MOVED = 10.0
-#: Arrays of every cloud; fortran/model/rk_cloud.f90 asks for the same of what it is given
+#: Arrays of every cloud; fortran/scene/rk_cloud.f90 asks for the same of what it is given
 _ARRAYS = {
     "source": real("source points", 3),
     "spacing": real("source points", 3),

@@ -123,7 +123,7 @@ def summary() -> dict[str, Any]:
 
 
 def write_results(path: Path, plane: bool = False) -> None:
-    """A twisted and shortened block, in the layout of fortran/h5/rk_results.f90."""
+    """A twisted and shortened block, in the layout of fortran/results/h5/rk_results.f90."""
     corners = np.meshgrid(
         np.linspace(0, 1, 13), np.linspace(0, 1, 13), [0.0] if plane else np.linspace(0, 2, 25)
     )
