@@ -17,11 +17,12 @@ from typing import Any
 import numpy as np
 
 import myork
+from benchmarks.truths import manufactured
+from benchmarks.truths.measures import observed_order
 from myork import Scene
+from myork.bench import exact
+from myork.bench.materials import RUBBER
 from myork.errors import MyorkError
-from myork.reference import exact, manufactured
-from myork.reference.materials import RUBBER
-from myork.reference.measures import observed_order
 
 INPUTS = Path(__file__).parents[1] / "inputs"
 Row = list[str]

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from myork.bench.materials import MUSCLE
 from myork.bench.runs import read_deck
 from myork.bench.tables import Columns, table
 from myork.console import ProgressCallback
@@ -21,7 +22,6 @@ from myork.core.deck import table_defaults
 from myork.core.scene import Scene
 from myork.imaging.phantom import make_phantom
 from myork.records import Image, Labels, PointCloud
-from myork.reference.materials import MUSCLE
 from myork.stations.build import build_cloud
 
 __all__ = ["bar", "run", "solve_bar"]

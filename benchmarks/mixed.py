@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.truths.finite_elements import solve_half_block
 from myork.bench.runs import lattice, outcome_text, read_deck, solve_case
 from myork.bench.tables import Columns, Shown, plane_map, table
 from myork.console import ProgressCallback
 from myork.errors import InstallationError
-from myork.reference.finite_elements import solve_half_block
 from myork.results import Results
 
 __all__ = ["run"]

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.problems import Problem
+from benchmarks.truths.deck_parts import deck, force, held, probe
 from benchmarks.voxel_bodies import BODIES, Body
-from myork.reference.deck_parts import deck, force, held, probe
-from myork.reference.materials import MUSCLE, RUBBER
+from myork.bench.materials import MUSCLE, RUBBER
 
 __all__ = ["DECKS"]
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from myork.reference.deck_parts import deck, force, held, probe
-from myork.reference.materials import MUSCLE, RUBBER
+from benchmarks.truths.deck_parts import deck, force, held, probe
+from myork.bench.materials import MUSCLE, RUBBER
 
 __all__ = ["PROBLEMS", "Problem", "probe_kind"]
 

@@ -13,14 +13,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from benchmarks.problems import Problem, probe_kind
+from benchmarks.truths.finite_elements import solve_deck
 from benchmarks.voxel_bodies import Body, body_cloud, box_tables
+from myork.bench.exact import inner_stress
 from myork.bench.runs import outcome_text, read_deck, solve_case
 from myork.console import ProgressCallback
 from myork.core.scene import Scene
 from myork.errors import ConvergenceError, MyorkError
 from myork.records import PointCloud
-from myork.reference.exact import inner_stress
-from myork.reference.finite_elements import solve_deck
 
 __all__ = [
     "KINDS",

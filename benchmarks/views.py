@@ -13,10 +13,10 @@ import numpy as np
 from benchmarks.newcomer import DECKS
 from benchmarks.problems import PROBLEMS, Problem
 from benchmarks.runner import KINDS, WRONG, Form, Truths, rows_of, solve_rivals
+from benchmarks.truths.deck_parts import deck, force, held, probe
 from benchmarks.voxel_bodies import BODIES, Body
 from myork.bench.tables import Columns, plot, table
 from myork.console import ProgressCallback, silent
-from myork.reference.deck_parts import deck, force, held, probe
 from myork.results import Results
 
 __all__ = ["certify", "cost", "essential", "newcomer", "race", "trust"]

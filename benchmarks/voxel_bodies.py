@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.truths.deck_parts import deck, force, held, probe
+from myork.bench.materials import MUSCLE, RUBBER
 from myork.core.deck import table_defaults
 from myork.records import Labels, PointCloud
-from myork.reference.deck_parts import deck, force, held, probe
-from myork.reference.materials import MUSCLE, RUBBER
 from myork.stations.build import build_cloud
 from myork.types import F64
 

@@ -40,7 +40,7 @@ PYTHON_LAYERS = [
     {"segmentation"},
     {"model"},
     {"stations"},
-    {"rom", "report", "reference"},
+    {"rom", "report"},
     {"bench", "chain", "demo", "selftest", "sweeps", "studies", "view"},
     {"commands"},
     {"cli"},

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from benchmarks.hard.case import EXPLAINED, WARNED, Case
-from myork.reference.deck_parts import deck, force, held, probe
-from myork.reference.materials import MUSCLE, RUBBER
+from benchmarks.truths.deck_parts import deck, force, held, probe
+from myork.bench.materials import MUSCLE, RUBBER
 
 __all__ = ["again_cases"]
 

@@ -34,7 +34,7 @@ def _beside(
     words: tuple[str, ...] = (),
     jitter: float = 0.0,
 ) -> Case:
-    """A problem of `myork.reference` with few points."""
+    """A problem of `truths` with few points."""
     problem = next(problem for problem in PROBLEMS if problem.name == name)
     tables = sized_tables(problem.tables, size)
     if jitter:

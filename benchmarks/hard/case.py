@@ -47,7 +47,7 @@ class Case(NamedTuple):
     right : mapping
         Right values of probes; empty where there is none.
     rival : str
-        Problem of `myork.reference` whose right values finite elements give.
+        Problem of `truths` whose right values finite elements give.
     tolerance : float
         Largest relative error of a right answer [-].
     volume : tuple of float

@@ -10,10 +10,10 @@ import numpy as np
 
 from benchmarks.hard.case import DOUBTED, Case
 from benchmarks.hard.known import tension
+from benchmarks.truths.bodies import box, stretched
+from myork.bench.materials import along_fibers
 from myork.bench.runs import METHODS, lattice
 from myork.records import PointCloud
-from myork.reference.bodies import box, stretched
-from myork.reference.materials import along_fibers
 
 __all__ = ["input_cases"]
 

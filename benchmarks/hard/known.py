@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from benchmarks.hard.case import DOUBTED, FORMS, WARNED, Case
+from benchmarks.truths.bodies import box, graded, jittered, stretched
+from benchmarks.truths.manufactured import PROBLEMS
+from myork.bench import exact
+from myork.bench.materials import RUBBER, along_fibers
 from myork.bench.runs import METHODS, PUBLISHED_BLOCK, lattice, read_deck
 from myork.records import PointCloud
-from myork.reference import exact
-from myork.reference.bodies import box, graded, jittered, stretched
-from myork.reference.manufactured import PROBLEMS
-from myork.reference.materials import RUBBER, along_fibers
 
 __all__ = ["known_cases", "tension"]
 

@@ -21,13 +21,13 @@ import numpy as np
 from benchmarks.hard.case import Case
 from benchmarks.problems import PROBLEMS
 from benchmarks.runner import Truths, solve_rivals
+from benchmarks.truths.manufactured import Problem as Manufactured
+from benchmarks.truths.manufactured import solve as solve_manufactured
 from benchmarks.voxel_bodies import BODIES
 from myork.bench.runs import Ending, run_command, solve_case
 from myork.console import silent
 from myork.core.deck import text_of_tables
 from myork.errors import ConvergenceError, MyorkError
-from myork.reference.manufactured import Problem as Manufactured
-from myork.reference.manufactured import solve as solve_manufactured
 from myork.rom.model import ReducedModel
 from myork.stations.solve import find_executable
 
@@ -56,7 +56,7 @@ def run_station(case: Case, limit: float) -> dict[str, Any]:
 
 @cache
 def truths_of(name: str) -> Truths:
-    """Right values of a problem of `myork.reference`, by two meshes of finite elements."""
+    """Right values of a problem of `benchmarks.truths`, by two meshes of finite elements."""
     problem: Any = next(problem for problem in (*PROBLEMS, *BODIES) if problem.name == name)
     return solve_rivals(problem._replace(elements=problem.elements[:2]), silent)[0]
 

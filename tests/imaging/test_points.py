@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from myork.bench.materials import RUBBER
 from myork.core.scene import Scene
 from myork.core.shape import shape_functions
 from myork.errors import InputError
@@ -10,7 +11,6 @@ from myork.imaging.phantom import make_phantom
 from myork.model import points
 from myork.model_file import read_model, write_model
 from myork.records import Image, Labels
-from myork.reference.materials import RUBBER
 from myork.stations.build import build_cloud
 
 TABLE = {

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.truths.measures import oscillation
 from benchmarks.views import cost
 from myork.bench import run_benches
 from myork.bench.limited import run_limited
@@ -16,7 +17,6 @@ from myork.bench.runs import METHODS
 from myork.bench.tables import Columns, plot, table
 from myork.errors import InputError
 from myork.files import write_json
-from myork.reference.measures import oscillation
 
 pytestmark = pytest.mark.nightly
 

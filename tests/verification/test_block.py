@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from benchmarks import mixed
+from benchmarks.truths.finite_elements import solve_half_block
+from myork.bench.materials import along_fibers
 from myork.core.deck import load_deck
-from myork.reference.finite_elements import solve_half_block
-from myork.reference.materials import along_fibers
 from myork.stations.solve import run_deck
 
 SIZE = ("geometry.source=[5,5,9]", "geometry.collocation=[9,9,17]")

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from benchmarks.truths.bodies import box, graded, jittered, stretched
 from myork import Scene
+from myork.bench import exact
+from myork.bench.materials import MUSCLE, RUBBER
 from myork.core import material as core_material
 from myork.errors import InputError
 from myork.model.spacing import source_spacing
 from myork.records import PointCloud
-from myork.reference import exact
-from myork.reference.bodies import box, graded, jittered, stretched
-from myork.reference.materials import MUSCLE, RUBBER
 
 LAW = core_material.Material(**MUSCLE, curve="smooth")
 

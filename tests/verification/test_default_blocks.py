@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from benchmarks.newcomer import DECKS
+from benchmarks.truths.deck_parts import deck, held
 from benchmarks.voxel_bodies import body_cloud
 from myork import Scene
+from myork.bench.materials import RUBBER
 from myork.bench.runs import solve_case
 from myork.core.deck import table_defaults
 from myork.model_file import write_model
 from myork.records import Labels, PointCloud
-from myork.reference.deck_parts import deck, held
-from myork.reference.materials import RUBBER
 from myork.stations.build import build_cloud
 from myork.stations.explain import explain_deck
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from myork.reference import exact
+from myork.bench import exact
 
 RUBBER = {(1, 0): 37.3, (2, 0): -3.1, (3, 0): 0.5}
 BOTH = {(1, 0): 6.43, (0, 1): -3.8, (2, 0): 0.94, (1, 1): -0.0043, (0, 2): 0.0005}

@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from benchmarks.truths import manufactured
+from benchmarks.truths.measures import observed_order, oscillation
+from myork.bench import materials
 from myork.core.deck import table_defaults
 from myork.core.scene import Scene
 from myork.errors import InputError
 from myork.records import Labels
-from myork.reference import manufactured, materials
-from myork.reference.measures import observed_order, oscillation
 from myork.stations.build import build_cloud
 
 RUBBER = {**materials.RUBBER, "K": 1e3}

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from myork.bench import exact, materials
 from myork.core.scene import Scene
-from myork.reference import exact, materials
 
 RUBBER = {**materials.RUBBER, "K": np.inf}
 LINEAR = ["approximation.order=1", "approximation.support=2", "approximation.kernel=cubic"]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from myork.reference import materials
+from myork.bench import materials
 
 MUSCLE = {**materials.MUSCLE, "K": 500.0, "curve": "smooth"}
 RUBBER = {**materials.RUBBER, "K": 1e3}

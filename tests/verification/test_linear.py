@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from myork.bench.studies import linear
+from myork.bench import linear
 from myork.core.scene import Scene
 from myork.errors import InputError
 from myork.results import Results

@@ -5,10 +5,10 @@ import itertools
 import numpy as np
 import pytest
 
+from myork.bench import materials
 from myork.core.deck import table_defaults
 from myork.errors import InputError
 from myork.records import Labels, PointCloud
-from myork.reference import materials
 from myork.stations.build import build_cloud
 
 SOFT = {"name": "soft", "label": 1, "model": "polynomial", "A10": 5.0, "K": 20.0}

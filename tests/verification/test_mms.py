@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from benchmarks.truths import manufactured
+from benchmarks.truths.measures import observed_order
 from myork.core.scene import Scene
 from myork.errors import InputError
-from myork.reference import manufactured
-from myork.reference.measures import observed_order
 
 #: Least order of displacement and stress between 11 and 17 points an edge, and a bound on the
 #: displacement's error at 17; a little below what was measured (2.4, 2.5; 4.4, 3.9)

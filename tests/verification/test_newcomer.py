@@ -5,12 +5,12 @@ import pytest
 
 from benchmarks.newcomer import DECKS
 from benchmarks.runner import WRONG, Truth, Truths, sized_tables
+from benchmarks.truths.deck_parts import deck, held, probe
+from benchmarks.truths.finite_elements import solve_deck
 from benchmarks.voxel_bodies import body_cloud
 from myork import Scene
+from myork.bench.materials import RUBBER
 from myork.bench.runs import read_deck, solve_case
-from myork.reference.deck_parts import deck, held, probe
-from myork.reference.finite_elements import solve_deck
-from myork.reference.materials import RUBBER
 
 pytestmark = pytest.mark.nightly
 

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.truths.finite_elements import solve_deck
 from myork import build, load_deck, run_deck
-from myork.reference.finite_elements import solve_deck
 
 #: felupe with 6 x 6 x 16 quadratic elements, 18397 unknowns; with 4 x 4 x 12 and 2 x 2 x 6 the
 #: torque is 0.1563 and 0.1578, the pull -0.0515 and -0.0546

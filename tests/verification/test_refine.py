@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from myork.bench.materials import RUBBER
 from myork.core.deck import table_defaults
 from myork.core.scene import Scene
 from myork.errors import InputError
 from myork.records import Labels
-from myork.reference.materials import RUBBER
 from myork.report import make_report
 from myork.stations.build import build_cloud
 from myork.stations.solve import run_deck

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from myork.bench import exact
+from myork.bench.materials import RUBBER
 from myork.core.deck import table_defaults
 from myork.errors import InputError
 from myork.model_file import read_model, write_model
 from myork.records import Labels, PointCloud, Voxels
-from myork.reference import exact
-from myork.reference.materials import RUBBER
 from myork.stations.build import build_cloud
 
 

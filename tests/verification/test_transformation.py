@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from myork.bench import materials
 from myork.core.deck import table_defaults
 from myork.errors import InputError
 from myork.records import Labels
-from myork.reference import materials
 from myork.stations.build import build_cloud
 
 RUBBER = {**materials.RUBBER, "K": 1e3}

@@ -8,10 +8,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from myork import Scene, run_deck
+from myork.bench import materials
 from myork.core.deck import load_tables, table_defaults
 from myork.core.material import Material, stress
 from myork.records import Labels
-from myork.reference import materials
 from myork.stations.build import build_cloud
 from myork.tables import deck_text
 

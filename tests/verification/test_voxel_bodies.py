@@ -2,9 +2,9 @@
 
 import pytest
 
+from benchmarks.truths.finite_elements import solve_deck
 from benchmarks.voxel_bodies import BODIES, body_cloud, box_tables
 from myork.bench.runs import read_deck, solve_case
-from myork.reference.finite_elements import solve_deck
 
 #: Largest error of each probe with 4 to 8 source points across [-]: measured times 1.2 or so; with
 #: twice as many the errors are less than half of these

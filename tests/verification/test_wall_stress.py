@@ -2,7 +2,7 @@
 forces that move them.
 
 The state is the same at every angle, so the boundary value problem of the radius
-(`myork.reference.exact`) is the truth everywhere. What a run says of its own error is the
+(`myork.bench.exact`) is the truth everywhere. What a run says of its own error is the
 tolerance.
 """
 
@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from myork import Scene
-from myork.reference.exact import Polynomial, tube
-from myork.reference.materials import RUBBER
+from myork.bench.exact import Polynomial, tube
+from myork.bench.materials import RUBBER
 
 #: Where walls are probed, in angles [rad]
 ANGLES = {"x": 0.0, "between": np.pi / 4, "y": np.pi / 2}

@@ -1,10 +1,10 @@
 """Benchmarks: tables and curves of the reference problems, solved anew in every run.
 
-The tables and curves of the reference belong to the package, one module of `studies` each; what
-compares answers, bars and costs with finite elements stands in the folder `benchmarks` of a
-checkout. Each is a function ``run(out, progress, quick) -> dict`` (folder for files, callable for
-lines of progress, whether small cases are enough). Its result is written to
-`bench.json` as it is and drawn on `bench.html` from these keys, all optional:
+The package has the problems of the dissertation, speed against error, and full against reduced
+models, a module each; all other comparisons stand in the folder `benchmarks` of a checkout. Each is
+a function ``run(out, progress, quick) -> dict`` (folder for files, callable for lines of progress,
+whether small cases are enough). Its result is written to `bench.json` as it is and drawn on
+`bench.html` from these keys, all optional:
 
 - ``title``, ``about``: text;
 - ``ended``: why there is nothing else, of a benchmark that failed or took too long;
@@ -23,26 +23,17 @@ import sys
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from myork.console import ProgressCallback, silent
 from myork.errors import InputError
 from myork.files import claimed, read_json, write_json
 
-__all__ = ["BENCHES", "find_study", "run_benches"]
+__all__ = ["BENCHES", "find_study", "of_checkout", "run_benches"]
 
-#: Benchmarks of the package: modules of `studies`
-_PACKAGED = (
-    "linear",
-    "nonlinear",
-    "curves",
-    "methods",
-    "mms",
-    "gallery",
-    "aging",
-    "isometric",
-    "rom",
-)
+#: Benchmarks of the package: its modules
+_PACKAGED = ("linear", "nonlinear", "curves", "rom")
 #: Benchmarks of a checkout: module of its folder `benchmarks`, and function
 _CHECKOUT = {
     "trust": "views.trust",
@@ -50,6 +41,11 @@ _CHECKOUT = {
     "certify": "views.certify",
     "essential": "views.essential",
     "race": "views.race",
+    "methods": "methods.run",
+    "mms": "mms.run",
+    "gallery": "gallery.run",
+    "aging": "aging.run",
+    "isometric": "isometric.run",
     "stability": "stability.run",
     "mixed": "mixed.run",
     "clouds": "clouds.run",
@@ -73,21 +69,37 @@ def find_study(name: str) -> Study:
             f"there is no benchmark {name!r}; there are {', '.join([*BENCHES, 'all'])}"
         )
     if name in _PACKAGED:
-        study: Study = import_module(f"myork.bench.studies.{name}").run
+        study: Study = import_module(f"myork.bench.{name}").run
         return study
-    folder = Path.cwd()
-    if (folder / "benchmarks" / "runner.py").is_file() and str(folder) not in sys.path:
+    module, function = _CHECKOUT[name].split(".")
+    found: Study = getattr(of_checkout(module), function)
+    return found
+
+
+def of_checkout(module: str) -> ModuleType:
+    """Module of the folder `benchmarks` of a checkout.
+
+    Raises
+    ------
+    InputError
+        The working directory is not a checkout.
+    """
+    folder = _checkout()
+    if folder and str(folder) not in sys.path:
         sys.path.insert(0, str(folder))
     try:
-        import_module("benchmarks.runner")
+        return import_module(f"benchmarks.{module}")
     except ModuleNotFoundError as error:
         raise InputError(
-            f"benchmark {name!r} ({error}): it stands in the folder benchmarks/ of a checkout of "
-            "MyoRK; call it in the folder that holds this one"
+            f"benchmarks.{module} ({error}) belongs to a checkout of MyoRK: call it in the folder "
+            "that holds benchmarks/"
         ) from None
-    module, function = _CHECKOUT[name].split(".")
-    found: Study = getattr(import_module(f"benchmarks.{module}"), function)
-    return found
+
+
+def _checkout() -> Path | None:
+    """The working directory where it is a checkout."""
+    folder = Path.cwd()
+    return folder if (folder / "benchmarks" / "runner.py").is_file() else None
 
 
 def run_benches(
@@ -104,7 +116,7 @@ def run_benches(
     Parameters
     ----------
     names : list of str
-        From `BENCHES`, or `all`.
+        From `BENCHES`, or `all`: those of the package and, in a checkout, of it.
     out : Path
         Folder of the results; made if it is missing.
     quick : bool
@@ -128,7 +140,7 @@ def run_benches(
         A name is unknown, or what is to be kept is of another version, machine or size.
     """
     if "all" in names:
-        names = list(BENCHES)
+        names = list(BENCHES if _checkout() else _PACKAGED)
         limit = limit or (600.0 if quick else 3600.0)
     for name in names:
         find_study(name)

@@ -10,6 +10,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from myork.bench import exact
+from myork.bench.materials import along_fibers
 from myork.bench.runs import (
     METHODS,
     PUBLISHED_BLOCK,
@@ -20,8 +22,6 @@ from myork.bench.runs import (
 )
 from myork.bench.tables import Columns, table
 from myork.console import ProgressCallback
-from myork.reference import exact
-from myork.reference.materials import along_fibers
 
 __all__ = ["run"]
 

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from myork.bench.materials import MUSCLE
 from myork.bench.runs import outcome_text, solve_case
 from myork.bench.tables import table
 from myork.console import ProgressCallback
@@ -27,7 +28,6 @@ from myork.core.deck import table_defaults
 from myork.core.scene import Scene
 from myork.imaging.phantom import make_phantom
 from myork.records import Image, Labels, PointCloud
-from myork.reference.materials import MUSCLE
 from myork.stations.build import build_cloud
 
 __all__ = ["OLD", "YOUNG", "Muscle", "labelled", "run", "solve_muscle"]

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from myork.bench.materials import MUSCLE, RUBBER
 from myork.model.spacing import source_spacing
 from myork.records import PointCloud
-from myork.reference.materials import MUSCLE, RUBBER
 from myork.types import F64, I64
 
 __all__ = ["box", "graded", "jittered", "stretched"]

@@ -14,6 +14,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from benchmarks.truths.finite_elements import solve_deck
+from benchmarks.truths.measures import oscillation
+from myork.bench.curves import Choice, block_cases, choice, sweep, tube_cases
+from myork.bench.materials import along_fibers
 from myork.bench.runs import (
     PUBLISHED_BLOCK,
     lattice,
@@ -22,12 +26,8 @@ from myork.bench.runs import (
     seconds,
     solve_case,
 )
-from myork.bench.studies.curves import Choice, block_cases, choice, sweep, tube_cases
 from myork.bench.tables import Columns, plane_map, speed_plot, speed_table, table
 from myork.console import ProgressCallback
-from myork.reference.finite_elements import solve_deck
-from myork.reference.materials import along_fibers
-from myork.reference.measures import oscillation
 from myork.results import Results
 
 __all__ = ["run"]

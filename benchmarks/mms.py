@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from benchmarks.truths.manufactured import PROBLEMS, solve
+from benchmarks.truths.measures import observed_order
 from myork.bench.runs import METHODS
 from myork.bench.tables import Columns, plot, table
 from myork.console import ProgressCallback
-from myork.reference.manufactured import PROBLEMS, solve
-from myork.reference.measures import observed_order
 
 __all__ = ["run"]
 

@@ -17,14 +17,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from benchmarks.truths.deck_parts import deck, force, held
+from myork.bench.materials import MUSCLE
 from myork.bench.runs import outcome_text, read_deck, solve_case
 from myork.bench.tables import Columns, plot, table
 from myork.console import ProgressCallback
 from myork.core.deck import table_defaults
 from myork.imaging.phantom import make_phantom
 from myork.records import Image, PointCloud
-from myork.reference.deck_parts import deck, force, held
-from myork.reference.materials import MUSCLE
 from myork.stations.build import build_cloud
 
 __all__ = ["gastrocnemius", "run"]

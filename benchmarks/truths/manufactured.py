@@ -15,12 +15,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.truths.bodies import box
 from myork.core import material as core_material
 from myork.core.scene import Scene
 from myork.core.shape import shape_functions
 from myork.errors import MyorkError
 from myork.records import PointCloud
-from myork.reference.bodies import box
 from myork.types import F64
 
 __all__ = [
