@@ -42,7 +42,15 @@ module rk_newton
       real(wp) :: step_norm = 0.0_wp
    end type saddle_type
 
-   !> Settings and outcome of the iteration
+   !> Where an iteration began
+   type :: beginning_type
+      !> Unknowns, shape (n)
+      real(wp), allocatable :: x(:)
+      !> Load of what was prescribed there [-]
+      real(wp) :: load = 0.0_wp
+   end type beginning_type
+
+   !> Settings and outcome of the iteration, and what load steps hand to the next
    type :: newton_type
       !> Least squares solver, one of solver_names
       character(len=:), allocatable :: linear
@@ -54,46 +62,61 @@ module rk_newton
       integer :: max_iterations = 25
       !> Load of the state at which a step starts [-]
       real(wp) :: done = 0.0_wp
+      !> A smaller load step is at hand: give up where a costly problem gets on slowly
+      logical :: impatient = .false.
       !> Way through the last states
       type(path_type) :: path
       !> Iterations done
       integer :: iterations = 0
       !> Relative gradient and step reached [-]. Where steps are solved to few digits these are the
-      !> residual, which is the gradient of the energy, and the next step as it is foretold: A^T r
-      !> would have the bulk modulus once more
+      !> residual, which is the gradient of the energy, and the next step as predicted from it:
+      !> A^T r would have the bulk modulus once more
       real(wp) :: gradient = 0.0_wp
       real(wp) :: step_norm = 0.0_wp
+      !> The iteration ended at a jump of the residuals, which smaller load steps do not remove
+      logical :: pinned = .false.
+      !> Volume ratios of the last state
+      type(evaluation_type) :: state
+      !> Load of what was prescribed in the last linearisation [-]
+      real(wp), private :: prescribed = 0.0_wp
+      !> Where the matrix of a costly problem was taken, shape (n), and where the iteration to there
+      !> and the one that runs began
+      real(wp), allocatable, private :: place(:)
+      type(beginning_type), private :: origin, begun
+   end type newton_type
+
+   !> Progress of one load step
+   type :: progress_type
+      !> Tolerance of the relative gradient [-]
+      real(wp) :: balance = 0.0_wp
+      !> Iterations after which this load step is given up
+      integer :: limit = 0
+      !> |A^T r| at the last converged state, or |r| where steps are solved to few digits
+      real(wp) :: first_gradient = 0.0_wp
+      !> Sizes of the unknowns that steps are small against
+      real(wp) :: extent(2) = 0.0_wp
+      !> |r| before the last iterations, the latest first
+      real(wp) :: past(pace) = huge(1.0_wp)
+      !> What is left of the residual by the next step, where steps are solved to few digits
+      real(wp) :: promised = huge(1.0_wp)
+      !> Fall of the merit that the last step promised, of the merit [-]
+      real(wp) :: left = huge(1.0_wp)
       !> The last step was neither shortened nor damped; the same but for the shift that its matrix
       !> needed to be positive definite
       logical :: whole = .true.
       logical :: free = .true.
-      !> Fall of the merit that the last step promised, of the merit [-]
-      real(wp) :: left = 0.0_wp
       !> The last step moved nothing beside the size of the body
       logical :: still = .false.
-      !> Tolerance of the relative gradient [-]
-      real(wp), private :: balance = 0.0_wp
-      !> Iterations after which this load step is given up
-      integer :: limit = 0
       !> The last matrix had second derivatives and was positive definite as it stood
       logical :: minimum = .false.
+      !> The problem is linearised at the last state
+      logical :: linearised = .true.
+      !> Steps rejected in a row
+      integer :: rejected = 0
       !> Saddles left in this load step, and the first of them
       integer :: saddles = 0
       type(saddle_type) :: saddle
-      !> The iteration ended at a jump of the residuals, which smaller load steps do not remove
-      logical :: pinned = .false.
-      !> A smaller load step is at hand: give up where a costly problem gets on slowly
-      logical :: impatient = .false.
-      !> |r| before the last iterations, the latest first
-      real(wp) :: past(pace) = 0.0_wp
-      !> Volume ratios of the last state
-      type(evaluation_type) :: state
-      !> Where the matrix of a costly problem was taken, where the iteration to there began, and
-      !> where the one that runs began, shape (n) each
-      real(wp), allocatable, private :: place(:), origin(:), begun(:)
-      !> Load of what was prescribed in the last linearisation and at these beginnings [-]
-      real(wp), private :: held = 0.0_wp, origin_held = 0.0_wp, begun_held = 0.0_wp
-   end type newton_type
+   end type progress_type
 
    !> Rejected steps in a row before giving up
    integer, parameter :: max_rejected = 3
@@ -131,85 +154,49 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
    type(timer_type), intent(inout) :: timer
    !> Error handling: no convergence, failed factorisation, stopped
    type(error_type), allocatable, intent(out) :: error
+   type(progress_type) :: now
    class(row_operator), pointer :: op
    type(envelope_factor) :: factor
    type(iteration_type) :: it
    real(wp), allocatable :: a(:), da(:), r(:), g(:), trial(:), new(:)
-   real(wp) :: merit, first_gradient, first(2), moved(2), scale, predicted, gain, imposed, promised
+   real(wp) :: merit, predicted, imposed
    integer(int64) :: clock
-   integer :: rejected
    character(len=:), allocatable :: reason
-   logical :: newton, blind, factored, left, returned, last, linearised
+   logical :: newton, factored, left, returned
 
    allocate (a, source=x)
    allocate (da(problem%n), g(problem%n), r(problem%m), trial(problem%n), new(problem%m))
-   self%iterations = 0
-   self%limit = self%max_iterations
-   self%balance = self%tolerance
-   if (problem%inexact) self%balance = slack*self%tolerance
-   self%minimum = .false.
-   self%saddles = 0
-   factored = .false.
-   self%step_norm = huge(1.0_wp)
-   promised = huge(1.0_wp)
-   self%left = huge(1.0_wp)
-   self%still = .false.
-   self%damping%affordable = problem%n <= dense_limit
-   rejected = 0
-   self%past = huge(1.0_wp)
-   call self%damping%start()
-   call system_clock(clock)
-   call begin(self, problem, load, a, r, g, first_gradient)
-   timer%assemble = timer%assemble + tick(clock)
+   call start()
    if (.not. self%state%valid) then
       call fatal_error(error, err_convergence, 'the start of the step is not a valid state: ' &
          & //volume_text(self%state))
       return
    end if
-   linearised = .true.
    do
-      if (linearised) then
-         call problem%start_iteration()
-         if (problem%costly) self%begun = a
-         self%begun_held = self%held
-      end if
-      op => problem%operator()
-      call op%apply_transposed(r, g)
-      it%gradient = norm2(g)
-      merit = norm2(r)
-      self%gradient = it%gradient
-      if (problem%inexact) self%gradient = merit
-      self%gradient = self%gradient/max(first_gradient, tiny(1.0_wp))
-      if (problem%inexact .and. linearised) call foretell(self, problem, r, promised)
-      if (converged(self)) then
-         call descend(self, problem, op, factor, factored, load, a, r, left)
+      call assess()
+      if (converged(self, now)) then
+         call descend(self, now, problem, op, factor, factored, load, a, r, left)
          if (left) then
             ! the size of the new state, not of the saddle, is what steps are small against
-            first = max(first, problem%scaled_norms(a))
+            now%extent = max(now%extent, problem%scaled_norms(a))
             cycle
          end if
          reason = problem%rejection(a)
-         if (len(reason) > 0) then
-            call fatal_error(error, err_convergence, reason)
-            return
-         end if
-         exit
+         if (len(reason) == 0) exit
+         call fatal_error(error, err_convergence, reason)
+         return
       end if
-      if (.not. linearised) then
-         call system_clock(clock)
-         call problem%linearise(a, load, r, self%state)
-         call note_place(self, problem, a, load)
-         timer%assemble = timer%assemble + tick(clock)
-         linearised = .true.
+      if (.not. now%linearised) then
+         ! the step that was to be the last was not
+         call linearise()
          cycle
       end if
       call self%damping%choose(self%iterations, it%gradient, merit, self%step_norm, &
-         & self%tolerance, self%left)
-      call check_end(self, problem, load, merit, rejected, recorder, error)
-      self%past = [merit, self%past(:pace - 1)]
+         & self%tolerance, now%left)
+      call check_end(self, now, problem, load, merit, recorder, error)
+      now%past = [merit, now%past(:pace - 1)]
       if (gave_up()) return
       if (returned) exit
-
       imposed = self%damping%lambda
       call system_clock(clock)
       call find_step(problem, op, self%linear, load, a, r, g, self%damping, da, newton, predicted, &
@@ -218,44 +205,98 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
       if (gave_up()) return
       if (returned) exit
       self%iterations = self%iterations + 1
-      self%minimum = newton .and. .not. self%damping%lambda > 0.0_wp
+      call take_step()
+   end do
+   x = a
+   call self%damping%finish()
+   if (now%saddles > 0) call recorder%warn(saddle_text(now, load, norm2(r)))
 
+contains
+
+   !> The state at which the load step starts, linearised
+   subroutine start()
+      self%iterations = 0
+      self%step_norm = huge(1.0_wp)
+      now%limit = self%max_iterations
+      now%balance = self%tolerance
+      if (problem%inexact) now%balance = slack*self%tolerance
+      factored = .false.
+      self%damping%affordable = problem%n <= dense_limit
+      call self%damping%start()
       call system_clock(clock)
-      self%left = predicted/max(0.5_wp*merit**2, tiny(1.0_wp))
+      call begin(self, problem, load, a, r, g, now%first_gradient)
+      timer%assemble = timer%assemble + tick(clock)
+   end subroutine start
+
+   !> Linearise at a
+   subroutine linearise()
+      call system_clock(clock)
+      call problem%linearise(a, load, r, self%state)
+      call note_place(self, problem, a, load)
+      timer%assemble = timer%assemble + tick(clock)
+      now%linearised = .true.
+   end subroutine linearise
+
+   !> Gradient and residual at a, by the last linearisation
+   subroutine assess()
+      if (now%linearised) then
+         call problem%start_iteration()
+         if (problem%costly) self%begun%x = a
+         self%begun%load = self%prescribed
+      end if
+      op => problem%operator()
+      call op%apply_transposed(r, g)
+      it%gradient = norm2(g)
+      merit = norm2(r)
+      self%gradient = it%gradient
+      if (problem%inexact) self%gradient = merit
+      self%gradient = self%gradient/max(now%first_gradient, tiny(1.0_wp))
+      if (problem%inexact .and. now%linearised) call predict_step(self, now, problem, r)
+   end subroutine assess
+
+   !> Search along the step, take what it finds and learn from it
+   subroutine take_step()
+      real(wp) :: moved(2), scale, gain
+      logical :: blind, last
+
+      now%minimum = newton .and. .not. self%damping%lambda > 0.0_wp
+      call system_clock(clock)
+      now%left = predicted/max(0.5_wp*merit**2, tiny(1.0_wp))
       ! neither the jump at the start of a load step nor rounding says anything about the step
-      blind = self%iterations == 1 .or. self%left < nothing &
+      blind = self%iterations == 1 .or. now%left < nothing &
          & .or. (problem%extent > 0.0_wp .and. all(problem%scaled_norms(da) <= rounding))
       moved = problem%scaled_norms(da)
       ! a small step ends the iteration, as a rule, and its gradient is that of the last matrix
       last = .false.
-      if (self%iterations > 1) last = problem%costly .and. maxval(moved/first) < self%tolerance
+      if (self%iterations > 1) last = problem%costly &
+         & .and. maxval(moved/now%extent) < self%tolerance
       call search(problem, load, a, da, r, dot_product(g, da), blind, &
          & newton .or. self%damping%lambda > 0.0_wp, last, trial, new, scale, gain, self%state)
-      linearised = .not. last .or. .not. scale > 0.0_wp
-      self%whole = scale >= 1.0_wp .and. self%damping%lambda < slight
-      self%free = scale >= 1.0_wp .and. imposed < slight
+      now%linearised = .not. last .or. .not. scale > 0.0_wp
+      now%whole = scale >= 1.0_wp .and. self%damping%lambda < slight
+      now%free = scale >= 1.0_wp .and. imposed < slight
       if (scale > 0.0_wp) then
-         rejected = 0
+         now%rejected = 0
          a = trial
          r = new
          if (.not. blind) call self%damping%learn(newton, scale, gain, predicted, 0.5_wp*merit**2)
-         if (self%left < nothing) call self%damping%release()
+         if (now%left < nothing) call self%damping%release()
       else
          ! back to where the step began, with more damping
-         rejected = rejected + 1
+         now%rejected = now%rejected + 1
          call self%damping%reject()
          call problem%linearise(a, load, r, self%state)
       end if
-      if (linearised) call note_place(self, problem, a, load)
+      if (now%linearised) call note_place(self, problem, a, load)
       timer%assemble = timer%assemble + tick(clock)
       if (self%iterations == 1) then
-         first = problem%scaled_norms(a)
+         now%extent = problem%scaled_norms(a)
          ! a pressure may be none; then strain times the shear modulus is what it is small against
-         first = max(first, first(1), tiny(1.0_wp))
+         now%extent = max(now%extent, now%extent(1), tiny(1.0_wp))
       end if
       if (scale > 0.0_wp) moved = scale*moved
-      self%step_norm = maxval(moved/first)
-      self%still = scale > 0.0_wp .and. problem%extent > 0.0_wp .and. all(moved <= rounding)
+      self%step_norm = maxval(moved/now%extent)
+      now%still = scale > 0.0_wp .and. problem%extent > 0.0_wp .and. all(moved <= rounding)
       it%step = step
       it%load = load
       it%iteration = self%iterations
@@ -265,47 +306,46 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
       it%max_j = self%state%max_j
       it%seconds = tick(timer%start)
       call recorder%iteration(it)
-   end do
-   x = a
-   call self%damping%finish()
-   if (self%saddles > 0) call recorder%warn(saddle_text(self, load, norm2(r)))
-
-contains
+   end subroutine take_step
 
    !> Whether the step failed; where a saddle was left, it is the answer
    logical function gave_up()
       returned = .false.
       gave_up = allocated(error)
       if (.not. gave_up) return
-      if (self%saddles == 0 .or. error%code == err_stopped) return
+      if (now%saddles == 0 .or. error%code == err_stopped) return
       deallocate (error)
       gave_up = .false.
       returned = .true.
-      call return_to_saddle(self, problem, load, a, r)
+      ! a state as good as Newton's method finds
+      a = now%saddle%x
+      call problem%linearise(a, load, r, self%state)
+      self%gradient = now%saddle%gradient
+      self%step_norm = now%saddle%step_norm
    end function gave_up
 
 end subroutine solve_step
 
-!> The next step of an iteration whose steps are solved to few digits, told from what is left of the
-!> residual: it need not be made only to see that it is small
-subroutine foretell(self, problem, r, size)
+!> The next step of an iteration whose steps are solved to few digits, predicted from what is left
+!> of the residual: it need not be made only to see that it is small
+subroutine predict_step(self, now, problem, r)
    !> Iteration
    type(newton_type), intent(inout) :: self
+   !> Its progress
+   type(progress_type), intent(inout) :: now
    !> Problem, linearised
    class(problem_type), target, intent(inout) :: problem
    !> Residuals, shape (m)
    real(wp), contiguous, intent(in) :: r(:)
-   !> Their size, that before the last step and now
-   real(wp), intent(inout) :: size
    real(wp) :: before
 
-   before = size
-   call problem%measure(r, size)
-   if (self%iterations == 0 .or. .not. self%whole) return
+   before = now%promised
+   call problem%measure(r, now%promised)
+   if (self%iterations == 0 .or. .not. now%whole) return
    ! a step that was not made is never called rounding: the forces must balance as well
-   if (self%step_norm > rounding) self%step_norm = max(rounding, min(1.0_wp, caution*size/before) &
-      & *self%step_norm)
-end subroutine foretell
+   if (self%step_norm > rounding) self%step_norm = max(rounding, min(1.0_wp, caution*now%promised &
+      & /before)*self%step_norm)
+end subroutine predict_step
 
 !> Note where the problem was linearised
 subroutine note_place(self, problem, a, load)
@@ -318,11 +358,10 @@ subroutine note_place(self, problem, a, load)
    !> Load [-]
    real(wp), intent(in) :: load
 
-   self%held = load
+   self%prescribed = load
    if (.not. problem%costly .or. problem%inexact) return
    self%place = a
    self%origin = self%begun
-   self%origin_held = self%begun_held
 end subroutine note_place
 
 !> What the next load step begins with
@@ -338,9 +377,10 @@ subroutine hand_over(self, carried)
    if (allocated(self%path%slope)) carried%slope = self%path%slope
    if (allocated(self%path%bend)) carried%bend = self%path%bend
    carried%held = self%path%earlier
-   if (allocated(self%place)) carried%held = self%origin_held
-   if (allocated(self%place)) carried%place = self%place
-   if (allocated(self%place)) carried%origin = self%origin
+   if (.not. allocated(self%place)) return
+   carried%held = self%origin%load
+   carried%place = self%place
+   carried%origin = self%origin%x
 end subroutine hand_over
 
 !> Go on behind a load step of another run: its matrix is made again, by the same way to the same
@@ -368,9 +408,11 @@ subroutine take_over(self, problem, load, carried)
 end subroutine take_over
 
 !> See whether the iteration ended at a minimum, and go on below a saddle
-subroutine descend(self, problem, op, factor, factored, load, a, r, left)
+subroutine descend(self, now, problem, op, factor, factored, load, a, r, left)
    !> Iteration
    type(newton_type), intent(inout) :: self
+   !> Its progress
+   type(progress_type), intent(inout) :: now
    !> Problem, linearised at a
    class(problem_type), target, intent(inout) :: problem
    !> Linearised rows
@@ -392,47 +434,28 @@ subroutine descend(self, problem, op, factor, factored, load, a, r, left)
    logical :: found
 
    left = .false.
-   if (self%minimum .or. self%saddles == max_saddles) return
+   if (now%minimum .or. now%saddles == max_saddles) return
    allocate (v(problem%n))
    call find_descent(problem, op, factor, factored, a, load, r, found, v)
    if (.not. found) return
    here = saddle_type(a, norm2(r), self%gradient, self%step_norm)
    call leave_saddle(problem, load, v, a, r, self%state, left)
    if (.not. left) return
-   if (self%saddles == 0) self%saddle = here
-   self%saddles = self%saddles + 1
-   self%limit = self%iterations + self%max_iterations
+   if (now%saddles == 0) now%saddle = here
+   now%saddles = now%saddles + 1
+   now%limit = self%iterations + self%max_iterations
    self%step_norm = huge(1.0_wp)
-   self%left = huge(1.0_wp)
-   self%still = .false.
+   now%left = huge(1.0_wp)
+   now%still = .false.
    ! Gauss-Newton alone would go back and be driven away again
    call self%damping%start()
    call self%damping%reject()
 end subroutine descend
 
-!> Back to the saddle from which no minimum was reached: a state as good as Newton's method finds
-subroutine return_to_saddle(self, problem, load, a, r)
-   !> Iteration
-   type(newton_type), intent(inout) :: self
-   !> Problem
-   class(problem_type), target, intent(inout) :: problem
-   !> Load [-]
-   real(wp), intent(in) :: load
-   !> Unknowns, shape (n)
-   real(wp), contiguous, intent(inout) :: a(:)
-   !> Residuals, shape (m)
-   real(wp), contiguous, intent(inout) :: r(:)
-
-   a = self%saddle%x
-   call problem%linearise(a, load, r, self%state)
-   self%gradient = self%saddle%gradient
-   self%step_norm = self%saddle%step_norm
-end subroutine return_to_saddle
-
 !> What became of a saddle, as a warning
-function saddle_text(self, load, residual) result(text)
-   !> Iteration
-   type(newton_type), intent(in) :: self
+function saddle_text(now, load, residual) result(text)
+   !> Progress of the load step
+   type(progress_type), intent(in) :: now
    !> Load [-]
    real(wp), intent(in) :: load
    !> |r| in the end
@@ -440,8 +463,8 @@ function saddle_text(self, load, residual) result(text)
    character(len=:), allocatable :: text
 
    text = 'load '//to_text(load, 4)//': the residuals balance at a state that is no minimum of ' &
-      & //'|r| but a saddle of '//to_text(self%saddle%residual, 4)
-   if (residual < self%saddle%residual) then
+      & //'|r| but a saddle of '//to_text(now%saddle%residual, 4)
+   if (residual < now%saddle%residual) then
       text = text//'; the iteration went on to a minimum of '//to_text(residual, 4)
    else
       text = text//', from which no minimum was reached'
@@ -475,7 +498,7 @@ subroutine begin(self, problem, load, a, r, g, first_gradient)
    call problem%start_step(a, load)
    ! the last converged state has a matrix yet; that of the start will be another one
    call problem%predict(a, self%done, load, self%path%states() > 0, r, self%state)
-   self%held = self%done
+   self%prescribed = self%done
    call problem%start_iteration()
    op => problem%operator()
    call op%apply_transposed(r, g)
@@ -487,24 +510,24 @@ subroutine begin(self, problem, load, a, r, g, first_gradient)
    call self%path%lead(problem, self%done, load, a, r, state, found)
    if (found) then
       self%state = state
-      self%held = load
+      self%prescribed = load
    else
       call problem%predict(a, self%done, load, .false., r, self%state)
    end if
 end subroutine begin
 
 !> Reasons to end without convergence
-subroutine check_end(self, problem, load, merit, rejected, recorder, error)
+subroutine check_end(self, now, problem, load, merit, recorder, error)
    !> Iteration
    type(newton_type), intent(inout) :: self
+   !> Its progress
+   type(progress_type), intent(in) :: now
    !> Problem
    class(problem_type), intent(in) :: problem
    !> Load [-]
    real(wp), intent(in) :: load
    !> |r| now
    real(wp), intent(in) :: merit
-   !> Steps rejected in a row
-   integer, intent(in) :: rejected
    !> Receiver of iterations, which knows whether to stop
    class(recorder_type), intent(inout) :: recorder
    !> Error handling: stopped, no convergence
@@ -519,42 +542,44 @@ subroutine check_end(self, problem, load, merit, rejected, recorder, error)
    reached = ': relative gradient '//to_text(self%gradient, 2)//', relative step ' &
       & //to_text(self%step_norm, 2)//', '//volume_text(self%state)
    self%pinned = self%step_norm < self%tolerance &
-      & .and. (rejected == max_rejected .or. self%damping%stalled())
+      & .and. (now%rejected == max_rejected .or. self%damping%stalled())
    if (self%pinned .and. .not. self%gradient <= huge(1.0_wp)) then
       call fatal_error(error, err_convergence, 'the gradient is not a finite number: constants ' &
          & //'of the materials are too large, as K of the order of 1E100 is'//reached)
    else if (self%pinned) then
       call fatal_error(error, err_convergence, 'steps vanish, the gradient does not: ' &
          & //problem%advice()//reached)
-   else if (rejected == max_rejected) then
+   else if (now%rejected == max_rejected) then
       call fatal_error(error, err_convergence, 'no step length reduces the residual or keeps ' &
          & //'J > 0'//reached)
    else if (self%damping%stalled()) then
       call fatal_error(error, err_convergence, 'the iteration stalls or cycles'//reached)
    else if (self%impatient .and. problem%costly .and. self%iterations >= settled &
-      & .and. merit > share*self%past(pace) .and. self%gradient > self%balance) then
+      & .and. merit > share*now%past(pace) .and. self%gradient > now%balance) then
       call fatal_error(error, err_convergence, 'too slow after '//to_text(self%iterations) &
          & //' iterations'//reached)
-   else if (self%iterations == self%limit) then
+   else if (self%iterations == now%limit) then
       call fatal_error(error, err_convergence, 'no convergence in '//to_text(self%iterations) &
          & //' iterations'//reached)
    end if
 end subroutine check_end
 
 !> Both criteria, or a step at the level of rounding, or a small step with nothing left to gain
-pure logical function converged(self)
+pure logical function converged(self, now)
    !> Iteration
    type(newton_type), intent(in) :: self
+   !> Its progress
+   type(progress_type), intent(in) :: now
 
    converged = self%iterations > 0 .and. self%step_norm < self%tolerance
-   if (converged) converged = (self%whole .and. (self%step_norm < rounding &
-      & .or. self%gradient < self%balance)) .or. (self%free .and. self%left < nothing) &
+   if (converged) converged = (now%whole .and. (self%step_norm < rounding &
+      & .or. self%gradient < now%balance)) .or. (now%free .and. now%left < nothing) &
       ! a full Newton step may end where rounding keeps every further one from being accepted
       & .or. self%gradient < rounding
-   converged = converged .or. (self%iterations > 0 .and. self%whole .and. self%still)
+   converged = converged .or. (self%iterations > 0 .and. now%whole .and. now%still)
    ! where rounding lets no step through, the last one is damped without an end
    converged = converged .or. (self%iterations > 0 .and. self%step_norm < rounding &
-      & .and. self%gradient < self%balance)
+      & .and. self%gradient < now%balance)
 end function converged
 
 !> Smallest volume ratio and its place

@@ -84,55 +84,22 @@ subroutine solve_static(problem, newton, planned, max_halvings, x, recorder, tim
       record%step = step
       record%iterations = 0
       do
-         ! a step is a power of two of the planned one, so the target is met exactly
-         part = most/2.0_wp**halvings
-         load = min(done + part, target_load)
-         if (target_load - load < 1.0e-9_wp*part) load = target_load
-         newton%done = done
-         if (aside) newton%done = held_at(x, load)
-         newton%impatient = halvings < min(early, max_halvings)
+         call choose_load()
          if (problem%at_rest(x, load)) then
             ! iterations would work on roundings
             done = load
             record%load = load
-            if (load >= target_load) exit
-            cycle
-         end if
-         before = x
-         call solve_step(newton, problem, step, load, x, recorder, timer, error)
-         record%iterations = record%iterations + newton%iterations
-         if (.not. allocated(error) .and. halvings < max_halvings) then
-            if (problem%turns_over(before, x)) then
-               call fatal_error(error, err_convergence, 'the step turns material by a right ' &
-                  & //'angle or more')
-               x = before
+         else
+            call try_step()
+            if (allocated(error)) then
+               if (may_halve()) then
+                  call halve()
+                  cycle
+               end if
+               call give_up()
+               return
             end if
-         end if
-         if (allocated(error)) then
-            if (any(error%code == [err_convergence, err_linalg]) .and. halvings < max_halvings &
-               & .and. .not. newton%pinned) then
-               halvings = halvings + 1
-               call recorder%note('load '//to_text(load, 4)//': '//error%message &
-                  & //'; the load step is halved to '//to_text(0.5_wp*part, 4))
-               deallocate (error)
-               ! the secant may have led astray
-               call newton%path%forget()
-               cycle
-            end if
-            call give_up()
-            return
-         end if
-         ! the way from a start beside the path says nothing about the path
-         if (.not. aside) call newton%path%note(before, x, done, load, problem%inexact)
-         aside = .false.
-         done = load
-         record%load = load
-         record%gradient = newton%gradient
-         record%step_norm = newton%step_norm
-         record%min_j = newton%state%min_j
-         record%max_j = newton%state%max_j
-         if (halvings > 0 .and. 2*newton%iterations <= newton%max_iterations) then
-            halvings = halvings - 1
+            call arrive()
          end if
          if (load >= target_load) exit
       end do
@@ -151,6 +118,64 @@ subroutine solve_static(problem, newton, planned, max_halvings, x, recorder, tim
    end do
 
 contains
+
+   !> Load of the next step: a power of two of the planned one, so the target is met exactly
+   subroutine choose_load()
+      part = most/2.0_wp**halvings
+      load = min(done + part, target_load)
+      if (target_load - load < 1.0e-9_wp*part) load = target_load
+      newton%done = done
+      if (aside) newton%done = fitting_load(x, load)
+      newton%impatient = halvings < min(early, max_halvings)
+   end subroutine choose_load
+
+   !> Iterate at the load; x is changed only on success
+   subroutine try_step()
+      before = x
+      call solve_step(newton, problem, step, load, x, recorder, timer, error)
+      record%iterations = record%iterations + newton%iterations
+      if (allocated(error) .or. halvings >= max_halvings) return
+      if (.not. problem%turns_over(before, x)) return
+      call fatal_error(error, err_convergence, 'the step turns material by a right angle or more')
+      x = before
+   end subroutine try_step
+
+   !> Whether a smaller step may do what this one did not
+   logical function may_halve()
+      may_halve = any(error%code == [err_convergence, err_linalg]) &
+         & .and. halvings < max_halvings .and. .not. newton%pinned
+   end function may_halve
+
+   subroutine halve()
+      halvings = halvings + 1
+      call recorder%note('load '//to_text(load, 4)//': '//error%message &
+         & //'; the load step is halved to '//to_text(0.5_wp*part, 4))
+      deallocate (error)
+      ! the secant may have pointed the wrong way
+      call newton%path%forget()
+   end subroutine halve
+
+   !> Take a converged state
+   subroutine arrive()
+      ! the way from a start beside the path says nothing about the path
+      if (.not. aside) call newton%path%note(before, x, done, load, problem%inexact)
+      aside = .false.
+      done = load
+      call note_state(load)
+      if (halvings > 0 .and. 2*newton%iterations <= newton%max_iterations) halvings = halvings - 1
+   end subroutine arrive
+
+   !> What the record says of a converged state
+   subroutine note_state(reached)
+      !> Its load [-]
+      real(wp), intent(in) :: reached
+
+      record%load = reached
+      record%gradient = newton%gradient
+      record%step_norm = newton%step_norm
+      record%min_j = newton%state%min_j
+      record%max_j = newton%state%max_j
+   end subroutine note_state
 
    !> Equilibrium at load 0 from a start, which is that already where the start belongs to what the
    !> programme begins with. Where there is none, what follows goes by the way from rest
@@ -173,17 +198,13 @@ contains
          return
       end if
       aside = .false.
-      record%load = 0.0_wp
-      record%gradient = newton%gradient
-      record%step_norm = newton%step_norm
-      record%min_j = newton%state%min_j
-      record%max_j = newton%state%max_j
+      call note_state(0.0_wp)
       call recorder%step(record, x)
    end subroutine begin_at_start
 
    !> Load at which what is prescribed fits a start beside the path best, by the residual: from
    !> there to that of the first step what is prescribed jumps
-   real(wp) function held_at(x, load)
+   real(wp) function fitting_load(x, load)
       !> Start, shape (n)
       real(wp), contiguous, intent(in) :: x(:)
       !> Load of the first step [-]
@@ -192,7 +213,7 @@ contains
       real(wp) :: r(problem%m), least, middle, width
       integer :: k, round
 
-      held_at = 0.0_wp
+      fitting_load = 0.0_wp
       if (.not. problem%costly) return
       call problem%start_step(x, load)
       least = huge(1.0_wp)
@@ -205,13 +226,13 @@ contains
                call problem%predict(x, held, load, .true., r, seen)
                if (.not. (seen%valid .and. norm2(r) < least)) cycle
                least = norm2(r)
-               held_at = held
+               fitting_load = held
             end associate
          end do
-         middle = held_at
+         middle = fitting_load
          width = 0.25_wp*width
       end do
-   end function held_at
+   end function fitting_load
 
    !> Hand over the last converged state and say where it ended
    subroutine give_up()
