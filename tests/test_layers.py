@@ -42,7 +42,6 @@ PYTHON_LAYERS = [
     {"stations"},
     {"rom", "report"},
     {"bench", "chain", "demo", "selftest", "sweeps", "studies", "view"},
-    {"commands"},
     {"cli"},
     {"__main__"},
 ]

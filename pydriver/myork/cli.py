@@ -1,4 +1,4 @@
-"""Command line `myork`: each command parses, calls one function and says where the result lies.
+"""Command line `myork`: a table of commands, each of which calls one function.
 
 Exit status: 0 done; 1 the run ended without convergence, the last state is written, or its answer
 is refused; 2 bad input; 3 a missing or broken part of the installation.
@@ -8,30 +8,21 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import json
 import os
-import resource
 import signal
 import sys
 import traceback
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import myork
 from myork.bench import BENCHES
-from myork.commands import (
-    add_rom_commands,
-    add_studies,
-    add_sweep,
-    add_view,
-    override,
-    overrides_of,
-    positive,
-)
-from myork.console import Console, Unheard
-from myork.errors import ConvergenceError, MyorkError
-from myork.files import write_text
+from myork.console import Console, Unheard, silent
+from myork.errors import ConvergenceError, InputError, MyorkError
+from myork.files import write_json, write_text
 from myork.libraries import cure_of
 from myork.summary import asked
 
@@ -41,17 +32,7 @@ _EXIT_STATUS = """\
 exit status: 0 done; 1 ended without convergence, the last state is written, or the answer is
 refused; 2 bad input; 3 a missing or broken part of the installation"""
 
-
-#: Commands of two words
-_PAIRS = {
-    "rom": ("train", "solve", "map", "check"),
-    "study": ("sensitivity", "identify", "uncertainty"),
-}
-
 _KINDS = "box, annulus, muscle, labels, images, leg or reduced"
-
-#: OpenBLAS does not end where its buffers are refused; `myork-solve` has the same limit
-_LEAST_BYTES = 800_000_000
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -68,17 +49,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         Exit status.
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
-    if words[1:2] and words[1] in _PAIRS.get(words[0], ()):
+    if " ".join(words[:2]) in _COMMANDS:
         # commands of a trained model stand beside `rom DECK`
         words[:2] = [" ".join(words[:2])]
     options = _parser().parse_args(words)
-    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
-    if limit != resource.RLIM_INFINITY and limit < _LEAST_BYTES:
-        return _complain(
-            f"the limit of the memory (ulimit -v) is {limit / 1e6:.0f} MB: at least "
-            f"{_LEAST_BYTES / 1e6:.0f} MB are needed",
-            2,
-        )
     if sys.stdout is sys.__stdout__:
         sys.stdout, sys.stderr = Unheard(sys.stdout), Unheard(sys.stderr)
     # SIGTERM (time limits, schedulers) ends a run as cleanly as Ctrl-C does.
@@ -93,7 +67,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             importlib.import_module("numpy")
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        options.run(options)
+        with Console(options.verbosity) as console:
+            told = options.run(options, console)
+        if told:
+            print(told)
     except KeyboardInterrupt:
         return _complain("stopped; what was finished is written", 1)
     except Exception as error:
@@ -121,171 +98,666 @@ def _explanation(error: Exception) -> tuple[str, int]:
     return f"internal error, please report it with the output of -v: {name}: {error}", 3
 
 
-def _segment(options: argparse.Namespace) -> None:
-    from myork.stations.segment import segment
-
-    print(f"labels and fibers in {_run(segment, options)}")
+# ---- what commands do: options and console -> what is printed at the end -------------------------
 
 
-def _tensors(options: argparse.Namespace) -> None:
-    from myork.stations.tensors import write_tensors
+def _overrides(options: argparse.Namespace) -> list[str]:
+    """Overrides of the deck: files found by `--data`, options with a name of their own last."""
+    found: list[str] = []
+    if getattr(options, "data", None) is not None:
+        from myork.stations.data import data_overrides
 
-    print(f"tensors and fibers in {_run(write_tensors, options)}")
-
-
-def _build(options: argparse.Namespace) -> None:
-    from myork.stations.build import build
-
-    print(f"model in {_run(build, options)}")
-
-
-def _solve(options: argparse.Namespace) -> None:
-    from myork.stations.solve import run_deck
-
-    _run(
-        run_deck,
-        options,
-        verbosity=options.verbosity,
-        error=not options.no_error,
-        resume=options.resume,
-        start=options.start_from,
-    )
+        found = data_overrides(options.deck, options.data, options.set)
+    keys = {"scene.method": "method", "solver.linear": "solver"}
+    named = {key: getattr(options, name, None) for key, name in keys.items()}
+    return [*options.set, *found, *(f"{key}={v}" for key, v in named.items() if v is not None)]
 
 
-def _chain(options: argparse.Namespace) -> None:
-    from myork.chain import run_chain
-
-    pages: list[Path] = []
-    _run(
-        lambda deck, out, **keys: pages.append(run_chain(deck, out, **keys)),
-        options,
-        verbosity=options.verbosity,
-        error=not options.no_error,
-    )
-    print(f"report: {pages[0]}")
-
-
-def _rom(options: argparse.Namespace) -> None:
-    from myork.rom import run_rom
-
-    print(f"reduced models in {_run(run_rom, options)}")
+def _numbers(items: Sequence[str]) -> dict[str, float]:
+    """Values of `--set KEY=VALUE` that are numbers."""
+    found = {}
+    for item in items:
+        key, _, value = item.partition("=")
+        try:
+            found[key.strip()] = float(value)
+        except ValueError:
+            raise InputError(f"--set {item}: a number is needed") from None
+    return found
 
 
-def _run(station: Callable[..., Any], options: argparse.Namespace, **more: Any) -> Path:
-    """Run a station on the deck of a command; the folder of its results."""
-    # All commands of one deck share it.
-    out: Path = options.out or Path("out", options.deck.stem)
-    out.mkdir(parents=True, exist_ok=True)
-    solves = options.run in (_solve, _chain)
-    with asked(out) if solves else nullcontext():
-        overrides = overrides_of(options)
-    with Console(options.verbosity) as console:
-        station(
-            options.deck,
-            out,
-            overrides=overrides,
-            threads=options.threads,
-            progress=console,
-            **more,
-        )
+def _out(options: argparse.Namespace, source: Path, ending: str = "") -> Path:
+    """Folder of the results; all commands of one deck or model share the default one."""
+    out: Path = options.out or Path("out", source.name.split(".")[0] + ending)
     return out
 
 
-def _bench(options: argparse.Namespace) -> None:
-    from myork.bench import run_benches
+def _station(place: str, says: str = "", **more: str) -> Callable[..., str]:
+    """Command that runs a function of the deck and its folder; `more` are options it takes."""
 
-    out = options.out or Path("out", "bench")
-    with Console(options.verbosity) as console:
-        record = run_benches(
-            options.names,
-            out,
-            quick=options.quick,
-            limit=options.limit,
-            resume=options.resume,
-            progress=console,
+    def run(options: argparse.Namespace, console: Console) -> str:
+        out = options.out or Path("out", options.deck.stem)
+        out.mkdir(parents=True, exist_ok=True)
+        with asked(out) if "verbosity" in more else nullcontext():
+            overrides = _overrides(options)
+        function = _load(place)
+        found = function(
+            options.deck, out, overrides=overrides, threads=options.threads, progress=console,
+            **{name: getattr(options, option) for name, option in more.items()},
+        )  # fmt: skip
+        return says.format(found=found, out=out)
+
+    return run
+
+
+def _load(place: str) -> Any:
+    """A function by its module below myork and its name."""
+    module, _, name = place.partition(":")
+    return getattr(importlib.import_module(f"myork.{module}"), name)
+
+
+def _demo(options: argparse.Namespace, console: Console) -> str:
+    out = options.out or Path("out", "demo")
+    return str(_load("demo:run_demo")(out, threads=options.threads, progress=console))
+
+
+def _explain(options: argparse.Namespace, console: Console) -> None:
+    _load("stations.explain:explain_deck")(
+        options.deck, out=options.out, overrides=_overrides(options)
+    )
+
+
+def _check(options: argparse.Namespace, console: Console) -> None:
+    _passed(
+        _load("stations.check:check_deck")(
+            options.deck, options.out, overrides=_overrides(options), quick=options.quick,
+            progress=silent if options.verbosity < 0 else print,
         )
+    )  # fmt: skip
+
+
+def _selftest(options: argparse.Namespace, console: Console) -> None:
+    progress = silent if options.verbosity < 0 else print
+    _passed(_load("selftest:run_selftest")(options.out, progress=progress))
+
+
+def _passed(found: Sequence[Any]) -> None:
+    failed = [check.name for check in found if check.passed is False]
+    if failed:
+        raise ConvergenceError(f"checks that failed: {', '.join(failed)}")
+
+
+def _new(options: argparse.Namespace, console: Console) -> str:
+    return f"deck: {_load('stations.new:new_deck')(options.kind, options.output)}"
+
+
+def _bench(options: argparse.Namespace, console: Console) -> None:
+    out = options.out or Path("out", "bench")
+    record = _load("bench:run_benches")(
+        options.names, out, quick=options.quick, limit=options.limit, resume=options.resume,
+        progress=console,
+    )  # fmt: skip
     print(f"benchmarks: {out / 'bench.html'}")
     ended = [name for name, bench in record["benches"].items() if "ended" in bench]
     if ended:
         raise MyorkError(f"without a result: {', '.join(ended)}")
 
 
-def _report(options: argparse.Namespace) -> None:
-    from myork.report import compare_runs, make_report
-
+def _report(options: argparse.Namespace, console: Console) -> str:
     if len(options.folders) > 1:
-        print(f"report: {compare_runs(options.folders, options.out)}")
-        return
+        return f"report: {_load('report:compare_runs')(options.folders, options.out)}"
     folder = options.folders[0]
-    models = sorted(folder.glob("*.rom.h5"))
-    if models:
-        from myork.view.still import keep_states
-
+    for model in sorted(folder.glob("*.rom.h5"))[:1]:
         try:
-            keep_states(models[0], folder)
+            _load("view.still:keep_states")(model, folder)
         except MyorkError as reason:
             # the run is reported all the same
             print(f"myork: {reason}; the report holds no states of it", file=sys.stderr)
-    page = make_report(folder)
+    page: Path = _load("report:make_report")(folder)
     if options.out is not None:
         options.out.mkdir(parents=True, exist_ok=True)
         text, page = page.read_text(encoding="utf-8"), options.out / page.name
         write_text(page, text)
-    print(f"report: {page}")
+    return f"report: {page}"
 
 
-def _explain(options: argparse.Namespace) -> None:
-    from myork.stations.explain import explain_deck
+def _view(options: argparse.Namespace, console: Console) -> None:
+    # a closed terminal ends the page as Ctrl-C does; under nohup it stays
+    if signal.getsignal(signal.SIGHUP) is signal.SIG_DFL:
+        signal.signal(signal.SIGHUP, signal.default_int_handler)
+    _load("view:serve")(
+        options.file, port=options.port, browser=not options.no_browser,
+        threads=options.threads or 1, progress=lambda line: print(line, flush=True),
+    )  # fmt: skip
 
-    explain_deck(options.deck, out=options.out, overrides=overrides_of(options))
 
-
-def _check(options: argparse.Namespace) -> None:
-    from myork.stations.check import check_deck
-
-    found = check_deck(
-        options.deck,
-        options.out,
-        overrides=overrides_of(options),
-        quick=options.quick,
-        progress=(lambda line: None) if options.verbosity < 0 else print,
+def _model(options: argparse.Namespace, threads: int | None = None) -> Any:
+    """The reduced model of a command."""
+    return _load("rom.model:ReducedModel").load(
+        options.file, threads=threads or options.threads or 0
     )
-    failed = [check.name for check in found if check.passed is False]
-    if failed:
-        raise ConvergenceError(f"checks that failed: {', '.join(failed)}")
 
 
-def _selftest(options: argparse.Namespace) -> None:
-    from myork.selftest import run_selftest
+def _rom_train(options: argparse.Namespace, console: Console) -> str:
+    folder = options.out or Path("out", options.deck.stem)
+    path = options.output or folder / f"{options.deck.stem}.rom.h5"
+    rom = _load("rom.train:train")(
+        options.deck, options.vary, tolerance=options.tolerance, full_solves=options.full_solves,
+        tests=options.tests, snapshots=options.snapshots, seed=options.seed, out=folder,
+        overrides=_overrides(options), threads=options.threads, progress=console,
+    )  # fmt: skip
+    rom.save(path)
+    return f"{rom.describe()}\nreduced model: {path}"
 
-    found = run_selftest(
-        options.out, progress=(lambda line: None) if options.verbosity < 0 else print
+
+def _rom_solve(options: argparse.Namespace, console: Console) -> None:
+    state = _model(options, threads=1).state(_numbers(options.set))
+    print(json.dumps(state.as_dict()) if options.json else state.describe())
+    if not state.converged:
+        raise ConvergenceError("the reduced model found no state for these parameters")
+
+
+def _rom_map(options: argparse.Namespace, console: Console) -> str:
+    out = _out(options, options.file)
+    found = _load("rom.map:map_model")(_model(options), options.vary, _numbers(options.set), out)
+    return (
+        f"{found['states']} states, {found['failed']} failed, {found['cpu_us_per_state']:.0f} us "
+        f"each: {out / 'map.csv'}, {out / 'map.png'}"
     )
-    failed = [check.name for check in found if check.passed is False]
-    if failed:
-        raise ConvergenceError(f"checks that failed: {', '.join(failed)}")
 
 
-def _new(options: argparse.Namespace) -> None:
-    from myork.stations.new import new_deck
+def _rom_check(options: argparse.Namespace, console: Console) -> str:
+    out, rom = _out(options, options.file), _model(options)
+    ranges = _load("rom.parameters:parse_vary")(options.vary)
+    ranges |= {key: (value, value) for key, value in _numbers(options.set).items()}
+    found = _load("rom.check:compare")(
+        rom, rom.full_model(), options.points, options.seed, console, ranges
+    )
+    out.mkdir(parents=True, exist_ok=True)
+    write_json(out / "check.json", found)
+    rom.set_certificate(found)
+    return f"{rom.describe()}\ncheck: {out / 'check.json'}"
 
-    print(f"deck: {new_deck(options.kind, options.output)}")
+
+def _sweep(options: argparse.Namespace, console: Console) -> str:
+    table = _load("sweeps:sweep")(
+        options.deck, options.vary, _out(options, options.deck, "_sweep"),
+        samples=options.samples, seed=options.seed, workers=options.workers, dask=options.dask,
+        model=options.model, overrides=_overrides(options), dry_run=options.dry_run,
+        part=options.part, slurm=options.slurm,
+        progress=print if options.dry_run or options.slurm else console,
+    )  # fmt: skip
+    if options.slurm is not None:
+        return f"script: {table}"
+    return "" if options.dry_run else f"table: {table}"
 
 
-def _demo(options: argparse.Namespace) -> None:
-    from myork.demo import run_demo
+def _study(
+    options: argparse.Namespace, console: Console, name: str, *own: Any, **more: Any
+) -> tuple[dict[str, Any], Path]:
+    """Run a study of a deck or model; what it found, and its folder."""
+    out = _out(options, options.source)
+    found = _load(f"studies:{name}")(
+        options.source, *own, out, fixed=options.set, seed=options.seed, threads=options.threads,
+        progress=console, **more,
+    )  # fmt: skip
+    return found, out
 
-    with Console(options.verbosity) as console:
-        closing = run_demo(
-            options.out or Path("out", "demo"), threads=options.threads, progress=console
-        )
-    print(closing)
+
+def _sensitivity(options: argparse.Namespace, console: Console) -> str:
+    found, out = _study(
+        options, console, "sensitivity",
+        vary=options.vary, probe=options.probe, samples=options.samples,
+    )  # fmt: skip
+    lines = [f"{found['probe']}: {found['mean']:.4g} +- {found['standard_deviation']:.2g}"]
+    number = "{value:.3f} ({low:.3f} to {high:.3f})"
+    for key, entry in found["indices"].items():
+        alone, total = (number.format(**entry[k]) for k in ("first_order", "total_order"))
+        lines.append(f"  {key}: alone {alone}, in all {total}")
+    files = f"{out / 'sensitivity.csv'}, {out / 'sensitivity.png'}"
+    return "\n".join([*lines, _cost(found["cost"]), f"study: {files}"])
+
+
+def _identify(options: argparse.Namespace, console: Console) -> str:
+    found, out = _study(options, console, "identify", options.data, options.free)
+    lines = [
+        "{}: {:.5g}, 95 % from {:.5g} to {:.5g}".format(key, entry["value"], *entry["interval"])
+        for key, entry in found["parameters"].items()
+    ]
+    lines += [f"warning: {line}" for line in found["warnings"]]
+    files = f"{out / 'identify.json'}, {out / 'identify.csv'}"
+    return "\n".join([*lines, _cost(found["cost"]), f"study: {files}"])
+
+
+def _uncertainty(options: argparse.Namespace, console: Console) -> str:
+    doubt = _load("studies.uncertainty:Doubt")(
+        options.bias, options.shift, options.noise, options.length
+    )
+    found, out = _study(
+        options, console, "uncertainty",
+        doubt=doubt, samples=options.samples, probe=options.probe,
+    )  # fmt: skip
+    low, high = (found["percentiles"][end] for end in ("2.5", "97.5"))
+    return (
+        f"{found['probe']}: {found['mean']:.4g} +- {found['standard_deviation']:.2g}, 95 % of the "
+        f"maps from {low:.4g} to {high:.4g}; the map as it is: {found['as_it_is']:.4g}\n"
+        f"{found['cpu_s']:.1f} s of processor time for {found['maps']} maps\n"
+        f"study: {out / 'uncertainty.csv'}, {out / 'uncertainty.png'}"
+    )
+
+
+def _cost(cost: dict[str, Any]) -> str:
+    told = f"{cost['states']} states by {cost['by']}: {cost['cpu_s']:.1f} s of processor time"
+    if "full_cpu_s" in cost:
+        told += f"; full solves as in the training would take {cost['full_cpu_s']:.0f} s"
+    return told
+
+
+# ---- options -------------------------------------------------------------------------------------
+
+
+def _override(text: str) -> str:
+    """Text KEY=VALUE of an option."""
+    key, sign, value = text.partition("=")
+    if not (sign and key.strip() and value.strip()):
+        raise argparse.ArgumentTypeError(f"KEY=VALUE is needed, as in load.steps=20, not {text!r}")
+    return text
+
+
+def _whole(least: int, most: int) -> Callable[[str], int]:
+    """Type of an option that is a whole number of a range."""
+
+    def number(text: str) -> int:
+        if not (text.strip().isdecimal() and least <= int(text) <= most):
+            raise argparse.ArgumentTypeError(
+                f"at least {least} and at most {most} are possible, not {text!r}"
+            )
+        return int(text)
+
+    return number
 
 
 def _folder(text: str) -> Path:
     if not text.strip():
         raise argparse.ArgumentTypeError("the name of a folder is needed; . is the current one")
     return Path(text)
+
+
+class _Option(NamedTuple):
+    """Arguments of `ArgumentParser.add_argument`."""
+
+    names: tuple[str, ...]
+    settings: dict[str, Any]
+
+
+def _option(names: str, metavar: str, what: str, kind: Any = None, **settings: Any) -> _Option:
+    return _Option(
+        tuple(names.split()), {"metavar": metavar, "help": what, "type": kind, **settings}
+    )
+
+
+def _flag(names: str, what: str, **settings: Any) -> _Option:
+    return _Option(tuple(names.split()), {"help": what, "action": "store_true", **settings})
+
+
+def _several(names: str, metavar: str, what: str, kind: Any = None, **settings: Any) -> _Option:
+    """An option that may be repeated."""
+    settings = {"default": None if "required" in settings else [], **settings}
+    return _option(names, metavar, f"{what}; may be repeated", kind, action="append", **settings)
+
+
+def _vary(form: str, what: str, **settings: Any) -> _Option:
+    return _several("--vary", f"KEY={form}", what, **settings)
+
+
+_THREADS = _whole(1, 1024)
+_DECK = (
+    _option("deck", "DECK", "deck file (TOML)", Path),
+    _several(
+        "--set",
+        "KEY=VALUE",
+        "override a key of the deck, such as load.steps=20 or material.fat.K=5e3",
+        _override,
+    ),
+)
+_DATA = _option(
+    "--data", "DIR", "where the files that the deck names lie, in any folders of it", _folder
+)
+_NO_ERROR = _flag(
+    "--no-error", "no second solution, which gives the probes their error bars",
+    dest="error", action="store_false",
+)  # fmt: skip
+_FILE = _option("file", "FILE", "reduced model (.rom.h5)", Path)
+_VALUE = _several(
+    "--set", "KEY=VALUE", "value of a parameter, such as load.activation=0.4", _override
+)
+_PROBE = _option("--probe", "NAME", "probe, such as reaction or pull_x; default the first force")
+
+
+def _seed(start: int = 0) -> _Option:
+    return _option("--seed", "S", "start of random numbers", int, default=start)
+
+
+def _source(words: str) -> tuple[_Option, ...]:
+    """Options of a study."""
+    what = "value of another parameter, or override of the deck"
+    return (
+        _option("source", words.split()[0], words, Path),
+        _several("--set", "KEY=VALUE", what, _override),
+        _seed(),
+    )
+
+
+_MODEL = _source("MODEL is a reduced model (.rom.h5), or a deck whose scene is solved in full")
+_OUT_DECK, _OUT_MODEL, _OUT_STUDY = (
+    f"folder of the results; default out/<{name}>" for name in ("deck", "model", "name")
+)
+
+
+class _Command(NamedTuple):
+    """A command: what it runs, what `--help` says, its options, and what `--out` is."""
+
+    run: Callable[[argparse.Namespace, Console], str | None]
+    what: str
+    examples: str
+    options: tuple[_Option, ...] = ()
+    out: str = _OUT_DECK
+
+
+# fmt: off
+_COMMANDS = {
+    "demo": _Command(
+        _demo,
+        "phantom images, segmentation, model, full solution, reduced model and report",
+        "  myork demo\n  myork demo --out /tmp/demo --threads 2",
+        out="folder of the results; default out/demo",
+    ),
+    "selftest": _Command(
+        _selftest,
+        "checks of the installation in a minute: known answers, threads, files, both programs",
+        "  myork selftest\n  myork selftest --out out/selftest",
+        out="folder that keeps what the checks wrote; default none",
+    ),
+    "segment": _Command(
+        _station("stations.segment:segment", "labels and fibers in {out}"),
+        "images to label map, fibers and scores",
+        "  myork segment inputs/mg_muscle.toml\n"
+        "  myork segment inputs/leg_muscles.toml --set image.iterations=300\n"
+        "  myork segment inputs/images/thighs.toml --data ~/images",
+        (*_DECK, _DATA),
+    ),
+    "tensors": _Command(
+        _station("stations.tensors:write_tensors", "tensors and fibers in {out}"),
+        "diffusion images to tensors, their numbers and fibers, without a segmentation",
+        "  myork tensors leg.toml\n"
+        "  myork tensors leg.toml --set image.dwi=dwi.nii.gz --set image.region=muscles.nii.gz",
+        (*_DECK, _DATA),
+    ),
+    "build": _Command(
+        _station("stations.build:build", "model in {out}"),
+        "labels and fibers to the points of a model (model.h5)",
+        "  myork build inputs/mg_muscle.toml\n"
+        "  myork build inputs/images/biceps.toml --data ~/images",
+        (*_DECK, _DATA),
+    ),
+    "run": _Command(
+        _station("chain:run_chain", "report: {found}", verbosity="verbosity", error="error"),
+        "all that a deck asks for: segment, build, solve and report",
+        "  myork run inputs/images/biceps.toml --data ~/images\n"
+        "  myork run inputs/mg_muscle.toml --set load.activation=0.2",
+        (*_DECK, _DATA, _NO_ERROR),
+    ),
+    "solve": _Command(
+        _station(
+            "stations.solve:run_deck", verbosity="verbosity", error="error", resume="resume",
+            start="start_from",
+        ),
+        "solve the full model of a deck",
+        "  myork solve inputs/shear_3d.toml\n"
+        "  myork solve inputs/muscle_block.toml --solver refined --threads 2\n"
+        "  myork solve inputs/muscle_block.toml --set load.steps=20 --set material.K=1e4\n"
+        "  myork solve inputs/muscle_block.toml --set load.steps=20 --resume",
+        (
+            *_DECK,
+            _option("--method", "NAME", "override scene.method, such as rkcm"),
+            _option(
+                "--solver", "NAME",
+                "override solver.linear: auto, dgels, dgelsy, normal, refined, spqr, sparse-normal",
+            ),
+            _flag(
+                "--resume", "go on from the last whole load step of an earlier run in the folder"
+            ),
+            _option(
+                "--start-from", "FILE[:STEP]",
+                "begin at a state of a result file instead of at rest",
+            ),
+            _NO_ERROR,
+        ),
+    ),
+    "rom": _Command(
+        _station("rom:run_rom", "reduced models in {out}"),
+        "snapshots to reduced models, with errors and timings against the full solution",
+        "  myork rom inputs/muscle_block.toml\n"
+        "  myork rom inputs/muscle_block.toml --set rom.modes=[1,2,10]",
+        _DECK,
+    ),
+    "rom train": _Command(
+        _rom_train,
+        "train a reduced model of a deck that answers for any values of its parameters",
+        "  myork rom train inputs/muscle_block.toml --vary load.activation=0:1 \\\n"
+        "      --vary boundary.z1.u_z=-0.2:0.3 -o block.rom.h5",
+        (
+            *_DECK,
+            _vary(
+                "LOW:HIGH", "parameter with its range, such as load.activation=0:1", required=True
+            ),
+            _option("-o --output", "FILE", "file of the model", Path),
+            _option("--tolerance", "TOLERANCE", "wanted relative error", float, default=1e-3),
+            _option("--full-solves", "N", "full solves at most", int, default=60),
+            _option(
+                "--snapshots", "DIR",
+                "folders with solutions of the deck, whose states are not solved again", Path,
+                nargs="+", default=[],
+            ),
+            _option("--tests", "N", "further full solves as a test", int, default=16),
+            _seed(),
+        ),
+    ),
+    "rom solve": _Command(
+        _rom_solve,
+        "the state of a reduced model for values of its parameters",
+        "  myork rom solve block.rom.h5 --set load.activation=0.4 --set u_z=0.1 --json",
+        (_FILE, _VALUE, _flag("--json", "print JSON")),
+        _OUT_MODEL,
+    ),
+    "rom map": _Command(
+        _rom_map,
+        "a reduced model over a grid of its parameters: a table and a picture",
+        "  myork rom map block.rom.h5 --vary load.activation=0:1:50 --vary u_z=-0.2:0.3:50",
+        (
+            _FILE,
+            _vary(
+                "LOW:HIGH:N", "parameter with its range, such as load.activation=0:1:21",
+                required=True,
+            ),
+            _VALUE,
+        ),
+        _OUT_MODEL,
+    ),
+    "rom check": _Command(
+        _rom_check,
+        "a reduced model against full solves at parameters that it was not trained on",
+        "  myork rom check block.rom.h5 --points 20 --out out/block\n"
+        "  myork rom check block.rom.h5 --vary load.activation=0.3:1 --set sigma_max=70",
+        (
+            _FILE,
+            _vary(
+                "LOW:HIGH",
+                "parameter with its range, such as load.activation=0.3:1, in place of that of "
+                "the training",
+            ),
+            _VALUE,
+            _option("--points", "N", "full solves", _THREADS, default=20),
+            _seed(1),
+        ),
+        _OUT_MODEL,
+    ),
+    "sweep": _Command(
+        _sweep,
+        "solve a deck at many values of its keys: one table, resumed where it ended",
+        "  myork sweep inputs/muscle_block.toml --vary load.activation=0:1:5 \\\n"
+        "      --vary material.muscle.sigma_max=20,30,40 --out out/sweep\n"
+        "  myork sweep inputs/muscle_block.toml --vary 'load.activation=lhs(0,1)' --samples 64\n"
+        "  myork sweep deck.toml --vary load.activation=0:1:500 --model block.rom.h5",
+        (
+            *_DECK,
+            _vary(
+                "...",
+                "LOW:HIGH:N for a grid, a,b,c for a list, lhs(LOW,HIGH) or sobol(LOW,HIGH) for "
+                "samples", required=True,
+            ),
+            _option("--samples", "N", "samples; default 32", int, default=32),
+            _seed(),
+            _option("--workers", "N", "processes; default all cores", _THREADS),
+            _option("--dask", "ADDRESS", "scheduler of Dask, or local"),
+            _option("--model", "FILE", "reduced model that answers (.rom.h5)", Path),
+            _flag("--dry-run", "say what would be solved and what it costs, and end"),
+            _option(
+                "--slurm", "FILE",
+                "write a script of an array of jobs, as many as --workers says, and end", Path,
+            ),
+            _option(
+                "--part", "K/N",
+                "only every N-th point from the K-th, as a job of an array; the same line without "
+                "it gathers what parts have found",
+            ),
+        ),
+        "folder of the results; default out/<deck>_sweep",
+    ),
+    "study sensitivity": _Command(
+        _sensitivity,
+        "what a force depends on: Sobol's indices over ranges of parameters",
+        "  myork study sensitivity block.rom.h5 --samples 256\n"
+        "  myork study sensitivity deck.toml --vary material.muscle.A10=5:8 \\\n"
+        "      --vary load.activation=0.2:0.4 --samples 32",
+        (
+            *_MODEL, _vary("LOW:HIGH", "parameter with its range; default those of the training"),
+            _PROBE, _option("--samples", "N", "a power of two; default 256", int, default=256),
+        ),
+        _OUT_STUDY,
+    ),
+    "study identify": _Command(
+        _identify,
+        "parameters that fit measured forces or displacements, with intervals",
+        "  myork study identify block.rom.h5 --data measured.csv --free sigma_max\n"
+        "  myork study identify deck.toml --data measured.csv \\\n"
+        "      --free material.muscle.sigma_max=20:60 --free material.muscle.A10=4:9",
+        (
+            *_MODEL,
+            _option(
+                "--data", "FILE",
+                "CSV: a column for each key that was set and each probe, NAME_error for its error",
+                Path, required=True,
+            ),
+            _several(
+                "--free", "KEY=LOW:HIGH",
+                "parameter that is wanted; KEY alone takes the range of the training",
+                required=True,
+            ),
+        ),
+        _OUT_STUDY,
+    ),
+    "study uncertainty": _Command(
+        _uncertainty,
+        "what the segmentation's uncertainty does to a force: label maps moved, rebuilt, solved",
+        "  myork study uncertainty inputs/mg_muscle.toml --out out/mg_muscle --shift 0.6",
+        (
+            *_source("DECK of a model from a label map"),
+            _PROBE,
+            _option("--samples", "N", "maps; default 12", int, default=12),
+            *(
+                _option(f"--{name}", "MM", f"{what} [mm]; default {value:g}", float, default=value)
+                for name, value, what in (
+                    ("bias", 0.0, "move of all boundaries outwards"),
+                    ("shift", 0.5, "standard deviation of the move of a whole boundary"),
+                    ("noise", 0.5, "standard deviation of a move that varies along it"),
+                    ("length", 10.0, "distance over which that varies"),
+                )
+            ),
+        ),
+        _OUT_STUDY,
+    ),
+    "view": _Command(
+        _view,
+        "a page with sliders for a reduced model, on this machine, until Ctrl-C",
+        "  myork view out/muscle/muscle.rom.h5\n"
+        "  myork view muscle.rom.h5 --no-browser --port 8080",
+        (
+            _FILE,
+            _option(
+                "--port", "N", "port of this machine; default a free one", _whole(0, 65535),
+                default=0,
+            ),
+            _flag("--no-browser", "print the address, open no browser"),
+        ),
+        "",
+    ),
+    "bench": _Command(
+        _bench,
+        "the tables and speed-against-error curves of the reference problems, solved anew",
+        "  myork bench nonlinear\n  myork bench stability --quick\n"
+        "  myork bench nonlinear stability curves mms --out out/bench\n"
+        "  myork bench all --quick --limit 300\n  myork bench all --resume",
+        (
+            _option(
+                "names", "NAME", f"{', '.join(BENCHES[:-1])} or {BENCHES[-1]}; all for every one",
+                nargs="+",
+            ),
+            _flag("--quick", "small cases only"),
+            _option(
+                "--limit", "SECONDS",
+                "go on with the next benchmark after this time, or when one fails; with all 3600, "
+                "600 with --quick", float,
+            ),
+            _flag(
+                "--resume",
+                "keep the results of an earlier run in the folder, run what is missing or had none",
+            ),
+        ),
+        "folder of bench.json and bench.html; default out/bench",
+    ),
+    "report": _Command(
+        _report,
+        "HTML page of an output folder or a sweep, or of several runs side by side",
+        "  myork report out/muscle_block\n"
+        "  myork report out/muscle_block_sweep\n"
+        "  myork report out/coarse out/fine --out out/compared",
+        (_option("folders", "DIR", "output folder of a command", Path, nargs="+"),),
+        "put a copy of the page there",
+    ),
+    "explain": _Command(
+        _explain,
+        "say what a deck will model: sizes, memory and cost; refuse what does not fit",
+        "  myork explain inputs/muscle_block.toml",
+        _DECK,
+    ),
+    "check": _Command(
+        _check,
+        "self-checks of a deck: tangent, materials, fibers, balance, restart, threads",
+        "  myork check inputs/muscle_block.toml\n  myork check deck.toml --quick",
+        (*_DECK, _flag("--quick", "without those that solve the deck")),
+    ),
+    "new": _Command(
+        _new,
+        f"a commented deck to start from: {_KINDS}",
+        "  myork new box\n  myork new labels -o leg.toml",
+        (
+            _option("kind", "KIND", _KINDS),
+            _option("-o --output", "FILE", "default KIND.toml", Path),
+        ),
+        "",
+    ),
+}
+# fmt: on
 
 
 class _Version(argparse.Action):
@@ -305,29 +777,20 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=raw,
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="print the version and end")
-    commands = parser.add_subparsers(metavar="COMMAND", required=True)
-
     common = argparse.ArgumentParser(add_help=False)
     common.add_argument(
-        "--threads", type=positive, metavar="N", help="number of threads; default all cores"
+        "--threads", type=_THREADS, metavar="N", help="number of threads; default all cores"
     )
     loudness = common.add_mutually_exclusive_group()
-    loudness.add_argument(
-        "-q", "--quiet", dest="verbosity", action="store_const", const=-1, help="no progress"
-    )
-    loudness.add_argument(
-        "-v",
-        "--verbose",
-        dest="verbosity",
-        action="store_const",
-        const=1,
-        help="a line for every iteration, a traceback with an error",
-    )
-    common.set_defaults(verbosity=0)
-
-    def add(
-        name: str, run: Callable[[argparse.Namespace], None], what: str, examples: str, out: str
-    ) -> argparse.ArgumentParser:
+    for names, value, what in (
+        (("-q", "--quiet"), -1, "no progress"),
+        (("-v", "--verbose"), 1, "a line for every iteration, a traceback with an error"),
+    ):
+        loudness.add_argument(
+            *names, dest="verbosity", action="store_const", const=value, default=0, help=what
+        )
+    commands = parser.add_subparsers(metavar="COMMAND", required=True)
+    for name, (run, what, examples, options, out) in _COMMANDS.items():
         command = commands.add_parser(
             name,
             parents=[common],
@@ -336,180 +799,10 @@ def _parser() -> argparse.ArgumentParser:
             epilog=f"examples:\n{examples}\n\n{_EXIT_STATUS}",
             formatter_class=raw,
         )
-        command.add_argument("--out", type=_folder, metavar="DIR", help=out)
         command.set_defaults(run=run)
-        return command
-
-    def add_deck(
-        name: str, run: Callable[[argparse.Namespace], None], what: str, examples: str
-    ) -> argparse.ArgumentParser:
-        command = add(name, run, what, examples, "folder of the results; default out/<deck>")
-        command.add_argument("deck", type=Path, metavar="DECK", help="deck file (TOML)")
-        command.add_argument(
-            "--set",
-            type=override,
-            action="append",
-            default=[],
-            metavar="KEY=VALUE",
-            help="override a key of the deck, such as load.steps=20 or material.fat.K=5e3; "
-            "may be repeated",
-        )
-        return command
-
-    add(
-        "demo",
-        _demo,
-        "phantom images, segmentation, model, full solution, reduced model and report",
-        "  myork demo\n  myork demo --out /tmp/demo --threads 2",
-        "folder of the results; default out/demo",
-    )
-    add(
-        "selftest",
-        _selftest,
-        "checks of the installation in a minute: known answers, threads, files, both programs",
-        "  myork selftest\n  myork selftest --out out/selftest",
-        "folder that keeps what the checks wrote; default none",
-    )
-    segment = add_deck(
-        "segment",
-        _segment,
-        "images to label map, fibers and scores",
-        "  myork segment inputs/mg_muscle.toml\n"
-        "  myork segment inputs/leg_muscles.toml --set image.iterations=300\n"
-        "  myork segment inputs/images/thighs.toml --data ~/images",
-    )
-    tensors = add_deck(
-        "tensors",
-        _tensors,
-        "diffusion images to tensors, their numbers and fibers, without a segmentation",
-        "  myork tensors leg.toml\n"
-        "  myork tensors leg.toml --set image.dwi=dwi.nii.gz --set image.region=muscles.nii.gz",
-    )
-    build = add_deck(
-        "build",
-        _build,
-        "labels and fibers to the points of a model (model.h5)",
-        "  myork build inputs/mg_muscle.toml\n"
-        "  myork build inputs/images/biceps.toml --data ~/images",
-    )
-    chain = add_deck(
-        "run",
-        _chain,
-        "all that a deck asks for: segment, build, solve and report",
-        "  myork run inputs/images/biceps.toml --data ~/images\n"
-        "  myork run inputs/mg_muscle.toml --set load.activation=0.2",
-    )
-    for command in (segment, tensors, build, chain):
-        command.add_argument(
-            "--data",
-            type=_folder,
-            metavar="DIR",
-            help="where the files that the deck names lie, in any folders of it",
-        )
-    solve = add_deck(
-        "solve",
-        _solve,
-        "solve the full model of a deck",
-        "  myork solve inputs/shear_3d.toml\n"
-        "  myork solve inputs/muscle_block.toml --solver refined --threads 2\n"
-        "  myork solve inputs/muscle_block.toml --set load.steps=20 --set material.K=1e4\n"
-        "  myork solve inputs/muscle_block.toml --set load.steps=20 --resume",
-    )
-    solve.add_argument("--method", metavar="NAME", help="override scene.method, such as rkcm")
-    solve.add_argument(
-        "--solver",
-        metavar="NAME",
-        help="override solver.linear: auto, dgels, dgelsy, normal, refined, spqr, sparse-normal",
-    )
-    solve.add_argument(
-        "--resume",
-        action="store_true",
-        help="go on from the last whole load step of an earlier run in the folder",
-    )
-    solve.add_argument(
-        "--start-from",
-        metavar="FILE[:STEP]",
-        help="begin at a state of a result file instead of at rest",
-    )
-    for command in (solve, chain):
-        command.add_argument(
-            "--no-error",
-            action="store_true",
-            help="no second solution, which gives the probes their error bars",
-        )
-    add_deck(
-        "rom",
-        _rom,
-        "snapshots to reduced models, with errors and timings against the full solution",
-        "  myork rom inputs/muscle_block.toml\n"
-        "  myork rom inputs/muscle_block.toml --set rom.modes=[1,2,10]",
-    )
-    add_rom_commands(add, add_deck)
-    add_sweep(add_deck)
-    add_studies(add)
-    add_view(commands.add_parser, common)
-    bench = add(
-        "bench",
-        _bench,
-        "the tables and speed-against-error curves of the reference problems, solved anew",
-        "  myork bench nonlinear\n  myork bench stability --quick\n"
-        "  myork bench nonlinear stability curves mms --out out/bench\n"
-        "  myork bench all --quick --limit 300\n  myork bench all --resume",
-        "folder of bench.json and bench.html; default out/bench",
-    )
-    bench.add_argument(
-        "names",
-        nargs="+",
-        metavar="NAME",
-        help=f"{', '.join(BENCHES[:-1])} or {BENCHES[-1]}; all for every one",
-    )
-    bench.add_argument("--quick", action="store_true", help="small cases only")
-    bench.add_argument(
-        "--limit",
-        type=float,
-        metavar="SECONDS",
-        help="go on with the next benchmark after this time, or when one fails; with all 3600, "
-        "600 with --quick",
-    )
-    bench.add_argument(
-        "--resume",
-        action="store_true",
-        help="keep the results of an earlier run in the folder, run what is missing or had none",
-    )
-    report = add(
-        "report",
-        _report,
-        "HTML page of an output folder or a sweep, or of several runs side by side",
-        "  myork report out/muscle_block\n"
-        "  myork report out/muscle_block_sweep\n"
-        "  myork report out/coarse out/fine --out out/compared",
-        "put a copy of the page there",
-    )
-    report.add_argument(
-        "folders", type=Path, nargs="+", metavar="DIR", help="output folder of a command"
-    )
-    add_deck(
-        "explain",
-        _explain,
-        "say what a deck will model: sizes, memory and cost; refuse what does not fit",
-        "  myork explain inputs/muscle_block.toml",
-    )
-    check = add_deck(
-        "check",
-        _check,
-        "self-checks of a deck: tangent, materials, fibers, balance, restart, threads",
-        "  myork check inputs/muscle_block.toml\n  myork check deck.toml --quick",
-    )
-    check.add_argument("--quick", action="store_true", help="without those that solve the deck")
-    new = commands.add_parser(
-        "new",
-        help="a commented deck to start from",
-        description=f"A commented deck to start from: {_KINDS}.",
-        epilog=f"examples:\n  myork new box\n  myork new labels -o leg.toml\n\n{_EXIT_STATUS}",
-        formatter_class=raw,
-        parents=[common],
-    )
-    new.add_argument("kind", metavar="KIND", help=_KINDS)
-    new.add_argument("-o", "--output", type=Path, metavar="FILE", help="default KIND.toml")
-    new.set_defaults(run=_new)
+        if out:
+            command.add_argument("--out", type=_folder, metavar="DIR", help=out)
+        for option in options:
+            settings = {key: v for key, v in option.settings.items() if v is not None}
+            command.add_argument(*option.names, **settings)
     return parser

@@ -88,18 +88,6 @@ class Console:
     def __enter__(self) -> Console:
         if _in_notebook():
             self._shown = {}
-        elif not self._quiet and sys.stdout.isatty():
-            from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-            columns = (
-                TextColumn("{task.description}", markup=False),
-                BarColumn(bar_width=24),
-                TextColumn("{task.completed:.0f}/{task.total:.0f}"),
-                TimeElapsedColumn(),
-                TextColumn("{task.fields[rest]}", markup=False),
-            )
-            self._bar = Progress(*columns)
-            self._bar.start()
         return self
 
     def __exit__(
@@ -120,12 +108,21 @@ class Console:
         if self._shown is not None and counted is not None:
             self._shown.setdefault(counted["name"], _NotebookBar()).show(counted)
             return
-        if self._bar is None:
+        if counted is None or not sys.stdout.isatty():
+            # a bar that is drawn lets lines pass above it
             print(line, flush=True)
             return
-        if counted is None:
-            self._bar.console.print(line, markup=False, highlight=False)
-            return
+        if self._bar is None:
+            from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+            self._bar = Progress(
+                TextColumn("{task.description}", markup=False),
+                BarColumn(bar_width=24),
+                TextColumn("{task.completed:.0f}/{task.total:.0f}"),
+                TimeElapsedColumn(),
+                TextColumn("{task.fields[rest]}", markup=False),
+            )
+            self._bar.start()
         name, total = counted["name"], int(counted["total"])
         if name not in self._tasks:
             self._tasks[name] = self._bar.add_task(name, total=total, rest="")

@@ -1,7 +1,7 @@
 """Reader of the result file `results.vtkhdf`: arrays are read when they are asked for.
 
-The file is written by fortran/results/h5/rk_results.f90; what VTK shows lies in its group VTKHDF, what a
-restart needs in its group MyoRK.
+The file is written by fortran/results/h5/rk_results.f90; what VTK shows lies in its group VTKHDF,
+what a restart needs in its group MyoRK.
 """
 
 from __future__ import annotations

@@ -532,4 +532,4 @@ def test_no_model(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "there is no such reduced model" in capsys.readouterr().err
     with pytest.raises(SystemExit):
         main(["view", "x.rom.h5", "--port", "70000"])
-    assert "0 to 65535" in capsys.readouterr().err
+    assert "at most 65535" in capsys.readouterr().err
