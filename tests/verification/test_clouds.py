@@ -1,12 +1,13 @@
 """Clouds that are no regular boxes, and fields that vary over them."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from benchmarks.truths.bodies import box, graded, jittered, stretched
 from myork import Scene
@@ -16,6 +17,8 @@ from myork.core import material as core_material
 from myork.errors import InputError
 from myork.model.spacing import source_spacing
 from myork.records import PointCloud
+from tests import scenes
+from tests.scenes import check_strong_rows, derivative, held
 
 LAW = core_material.Material(**MUSCLE, curve="smooth")
 
@@ -70,78 +73,78 @@ def test_turning_fibers_pull() -> None:
 
 
 @pytest.mark.parametrize("method", ["rkcm", "rkcm-mixed"])
-def test_turning_fibers_in_the_rows(method: str) -> None:
-    """Rows and second derivatives against fourth-order differences of residual and gradient; the
-    differences along the fibers inside the core leave 1e-9.
+def test_turning_fibers_in_the_rows(method: str, open_scene: Any) -> None:
+    """Rows and second derivatives against differences of residual and gradient; the differences
+    along the fibers inside the core leave 1e-9.
     """
     cloud = bent(box((1.0, 1.0, 1.0), (4, 4, 4), (5, 5, 5)))
     tables = stretched(method=method, activation=0.5, curve="smooth")
-    random = np.random.default_rng(5)
-    with Scene.from_tables(tables, cloud, overrides=["material.K=500"]) as scene:
-        x = 0.02 * random.standard_normal(scene.dofs)
-        move = random.standard_normal(scene.dofs)
-        move /= np.linalg.norm(move)
-        _, product = scene.linearise(x, 0.6, move)
-        gradient, second = scene.hessian(x, 0.6)
-        assert np.isfinite(gradient).all()
-        rate = difference(lambda step: scene.linearise(x + step * move, 0.6, move, start=x)[0])
-        turn = difference(lambda step: scene.hessian(x + step * move, 0.6, start=x)[0])
-    assert np.linalg.norm(rate - product) < 1e-7 * np.linalg.norm(product)
+    scene = open_scene(tables, "material.K=500", cloud=cloud)
+    check_strong_rows(scene)
+    x, move = np.random.default_rng(5).standard_normal((2, scene.dofs))
+    x, move = 0.02 * x, move / np.linalg.norm(move)
+    gradient, second = scene.hessian(x, 0.6)
+    assert np.isfinite(gradient).all()
+    turn = derivative(lambda step: scene.hessian(x + step * move, 0.6, start=x)[0], 1e-3)
     assert np.linalg.norm(turn - second @ move) < 1e-6 * np.linalg.norm(second @ move)
-
-
-def difference(value: Callable[[float], NDArray[Any]], step: float = 1e-3) -> NDArray[Any]:
-    return np.asarray(
-        (8 * (value(step) - value(-step)) - value(2 * step) + value(-2 * step)) / (12 * step)
-    )
 
 
 def in_units(method: str, length: float, stress: float) -> dict[str, Any]:
     """A clamped block of active muscle, sheared and pulled, in other units."""
-    return {
-        "scene": {"dimension": 3, "method": method},
-        "geometry": {
-            "kind": "box",
-            "size": [length, length, 2 * length],
-            "source": [4, 4, 6],
-            "collocation": [7, 7, 11],
-        },
-        "material": [
-            {
-                "name": "muscle",
-                "model": "muscle",
-                "A10": 6.43 * stress,
-                "A01": -3.8 * stress,
-                "A20": 0.94 * stress,
-                "K": 60.0 * stress,
-                "sigma_max": 30.0 * stress,
-                "curve": "smooth",
-                "fiber": [0.3, 0.0, 1.0],
-            }
-        ],
-        "boundary": [
-            {"set": "z0", "u_x": 0, "u_y": 0, "u_z": 0},
-            {"set": "z1", "u_z": 0.05 * length, "traction": [0.2 * stress, 0.1 * stress, 0.0]},
-        ],
-        "load": {"activation": 0.1, "steps": 2},
-    }
+    muscle = {"A10": 6.43, "A01": -3.8, "A20": 0.94, "K": 60.0, "sigma_max": 30.0}
+    muscle = {key: value * stress for key, value in muscle.items()}
+    named = {"name": "muscle", "model": "muscle", "curve": "smooth", "fiber": [0.3, 0.0, 1.0]}
+    pull = {"u_z": 0.05 * length, "traction": [0.2 * stress, 0.1 * stress, 0.0]}
+    return scenes.scene(
+        method, scenes.box(4, 4, 6, size=[length, length, 2 * length]), material=[muscle | named],
+        boundary=[held("z0"), {"set": "z1", **pull}], load={"activation": 0.1, "steps": 2},
+    )  # fmt: skip
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["rkcm", "rkcm-mixed"])
-def test_units_do_not_matter(method: str, open_scene: Any) -> None:
+def test_units_do_not_matter(method: str) -> None:
     """In mm and MPa, and in m and kPa, the block moves as in cm and N/cm^2. Rounding of 1e-16 is
     amplified by the condition of the rows, at most 1e7, and iterations end at the same places.
     """
     found = []
     for length, stress in ((1.0, 1.0), (10.0, 0.01), (0.01, 10.0)):
-        with open_scene(in_units(method, length, stress)) as scene:
-            x = scene.solve().x[-1]
-            fields = scene.fields(x, 1.0)
-            found.append((fields.u / length, fields.cauchy / stress))
+        fields = scenes.solved(in_units(method, length, stress)).fields
+        found.append((fields.u / length, fields.cauchy / stress))
     for u, cauchy in found[1:]:
         assert abs(u - found[0][0]).max() < 1e-8 * abs(found[0][0]).max()
         assert abs(cauchy - found[0][1]).max() < 1e-8 * abs(found[0][1]).max()
+
+
+def test_a_rotated_problem_has_the_rotated_answer() -> None:
+    """Round supports and a complete basis know no direction, nor does the weight of the
+    prescribed displacements where it is a plain number. A muscle with inclined fibers is
+    stretched, sheared and activated between its ends. Both answers are converged to 1e-6.
+    """
+    model = box((1.0, 1.0, 1.0), (4, 4, 4), (6, 6, 6), fiber=(0.6, 0.0, 0.8))
+    muscle = {"name": "m", "model": "muscle", "A10": 6.43, "A20": 0.94, "K": 100.0}
+    found = []
+    for turn in (np.eye(3), Rotation.from_rotvec([0.4, -0.9, 0.3]).as_matrix()):
+        moved = {
+            f"u_{axis}": float(u) for axis, u in zip("xyz", turn @ [0.03, 0.01, 0.03], strict=True)
+        }
+        tables = {
+            "scene": {"dimension": 3, "method": "rkcm"},
+            "approximation": {"window": "radial", "support": 3.6},
+            "material": [muscle | {"curve": "smooth"}],
+            "boundary": [held("z0"), held("z1", **moved)],
+            "load": {"steps": 1, "activation": 0.1},
+            "solver": {"weight_essential": 1e4},
+        }
+        turned = {
+            name: getattr(model, name) @ turn.T for name in ("source", "points", "fiber", "normal")
+        }
+        found.append(scenes.solved(tables, cloud=replace(model, **turned)).fields)
+    plain, other = found
+    scale = abs(plain.u).max()
+    assert scale > 0.03
+    assert_allclose(other.u, plain.u @ turn.T, rtol=0, atol=1e-5 * scale)
+    assert_allclose(other.f, turn @ plain.f @ turn.T, rtol=0, atol=1e-4)
 
 
 @pytest.mark.parametrize("method", ["rkcm", "rkcm-mixed"])

@@ -1,0 +1,172 @@
+"""Decks in few words, the answers of a solve by name, and what tests ask of all forms."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.testing import assert_allclose
+
+from myork import Scene
+from myork.bench import materials
+from myork.core.deck import table_defaults
+from myork.core.states import Fields, States
+from myork.records import Labels, PointCloud
+from myork.stations.build import build_cloud
+from myork.types import F64
+
+#: Of the reference, with a bulk modulus that needs no treatment
+RUBBER = {**materials.RUBBER, "K": 1e3}
+#: Smooth, and soft enough for all forms
+MUSCLE = {**materials.MUSCLE, "K": 500.0, "curve": "smooth"}
+#: Approximation of a linear basis
+LINEAR = {"order": 1, "support": 2.0, "kernel": "cubic"}
+
+
+def box(*source: int, size: Any = 1.0, places: Any = None, **more: Any) -> dict[str, Any]:
+    """Table `[geometry]` of a box; twice as many collocation points where none are given."""
+    nd = len(source)
+    return {
+        "kind": "box",
+        "size": list(np.broadcast_to(size, nd).tolist()),
+        "source": list(source),
+        "collocation": list(places or [2 * n - 1 for n in source]),
+    } | more
+
+
+def annulus(
+    *source: int, radii: tuple[float, float] = (6, 8), places: Any = None
+) -> dict[str, Any]:
+    """Table `[geometry]` of a quarter of an annulus."""
+    table = box(*source, places=places, inner_radius=radii[0], outer_radius=radii[1])
+    return {key: table[key] for key in table if key != "size"} | {"kind": "annulus"}
+
+
+def scene(method: str, geometry: Mapping[str, Any], **tables: Any) -> dict[str, Any]:
+    """Tables of a deck; the geometry of points that are given is empty, their body solid."""
+    nd = len(geometry.get("source", "xyz"))
+    return {"scene": {"dimension": nd, "method": method}, "geometry": dict(geometry)} | tables
+
+
+def held(name: str, nd: int = 3, **moved: Any) -> dict[str, Any]:
+    """A set without motion, but for the components given."""
+    return {"set": name, **{f"u_{axis}": 0.0 for axis in "xyz"[:nd]}, **moved}
+
+
+def sheared(
+    nd: int, method: str, material: Mapping[str, Any] = RUBBER, n: int = 5, **tables: Any
+) -> dict[str, Any]:
+    """A block with a clamped end and one that is stretched and shorn.
+
+    Displacements hold exactly at source points, which are the places of output as well.
+    """
+    last = "xyz"[nd - 1]
+    sides = (f"{last}0", f"{last}1")
+    return scene(
+        method, box(*[n] * nd, size=[1, 1, 2][:nd], places=[n] * nd), approximation=LINEAR,
+        material=[material], load={"steps": 1}, solver={"tolerance": 1e-10},
+        boundary=[
+            held(sides[0], nd), {"set": sides[1], "u_x": 0.1, f"u_{last}": 0.3},
+            {"set": "x1", "traction": [0.5] * nd},
+        ],
+        galerkin={"gauss": 2, "essential": "transformation"},
+        probe=[{"name": side, "quantity": "force", "set": side} for side in sides],
+    ) | tables  # fmt: skip
+
+
+class Answer(NamedTuple):
+    """What a solve gave: states, probes by name of each state, fields of the last one."""
+
+    states: States
+    probes: dict[str, F64]
+    bars: dict[str, F64]
+    fields: Fields
+
+    def last(self) -> dict[str, float]:
+        """First component of each probe in the last state."""
+        return {name: float(value[-1, 0]) for name, value in self.probes.items()}
+
+
+def solved(
+    deck: Mapping[str, Any] | Path | Scene,
+    *overrides: str,
+    cloud: PointCloud | None = None,
+    error: bool = False,
+) -> Answer:
+    """Solve tables, a deck or a scene that is open; error bars only where they are asked for."""
+    if isinstance(deck, Scene):
+        states = deck.solve(error=error)
+        names = [probe["name"] for probe in deck.deck.get("probe", [])]
+        values = deck.probes(states.x, states.load) if names else np.zeros((len(states.x), 0, 3))
+        bars = states.probe_errors
+        return Answer(
+            states,
+            {name: values[:, i] for i, name in enumerate(names)},
+            {name: bars[:, i] for i, name in enumerate(names)},
+            deck.fields(states.x[-1], float(states.load[-1])),
+        )
+    if isinstance(deck, Path):
+        opened = Scene(deck, overrides, threads=1)
+    else:
+        opened = Scene.from_tables(deck, cloud, overrides=overrides, threads=1)
+    with opened:
+        return solved(opened, error=error)
+
+
+def voxels(data: Any, edge: Any = 10.0, unit: str = "cm", **build: Any) -> PointCloud:
+    """Points of a label map with voxels of such edges [mm], each a source point by default."""
+    affine = np.diag([*np.broadcast_to(edge, 3), 1.0])
+    table = {**table_defaults("build"), "source_stride": [1] * 3, **build}
+    return build_cloud(Labels(np.asarray(data, np.int32), affine), None, table, unit)[0]
+
+
+def staircase() -> PointCloud:
+    """Voxels of unequal edges without two of their corners, in blocks of eight."""
+    data = np.ones((6, 5, 6))
+    data[:2, :2, :3] = 0
+    data[4:, 3:, 4:] = 0
+    return voxels(data, (10.0, 8.0, 12.0), source_stride=[2] * 3)
+
+
+def derivative(function: Callable[[float], Any], step: float) -> F64:
+    """Of a function at 0, by central differences of fourth order."""
+    near, far = (function(k * step) - function(-k * step) for k in (1, 2))
+    return np.asarray((8 * near - far) / (12 * step))
+
+
+def check_weak_tangent(opened: Scene, symmetric: bool = True) -> None:
+    """The tangent is the derivative of the forces, and symmetric as that of a gradient.
+
+    Strains of 1e-3: truncation is below 1e-9 where the muscle's curves bend most, rounding 1e-12.
+    """
+    random = np.random.default_rng(11)
+    x, direction, other = 0.01 * random.standard_normal((3, opened.dofs))
+    _, product = opened.linearise(x, 0.6, direction)
+    slope = derivative(lambda h: opened.linearise(x + h * direction, 0.6, direction)[0], 0.02)
+    # entries beyond the coefficients of a pressure have a stiffness and no force of their own
+    used = (slope != 0.0) | (np.arange(len(x)) < opened.source_points * opened.dimension)
+    assert_allclose(product[used], slope[used], atol=1e-8 * np.abs(slope).max())
+    if symmetric:
+        _, turned = opened.linearise(x, 0.6, other)
+        assert abs(other @ product - direction @ turned) < 1e-11 * abs(direction @ turned)
+
+
+def check_strong_rows(opened: Scene) -> None:
+    """Linearised rows (5.66)-(5.70) are the derivative of the residuals (5.71)-(5.73).
+
+    Strains of some ten per cent and their gradients, unequal everywhere. Steps of 1e-3 of the
+    unknowns' size: truncation 1e-12, rounding 1e-16/1e-3 times the cancellation in the strong form.
+    """
+    random = np.random.default_rng(11)
+    x = 0.02 * random.standard_normal(opened.dofs)
+    direction = random.standard_normal(opened.dofs)
+    _, product = opened.linearise(x, 0.6, direction)
+    slope = derivative(
+        lambda h: opened.linearise(x + h * direction, 0.6, direction, start=x)[0], 2e-5
+    )
+    assert abs(product).max() > 1.0
+    for rows in (slice(0, None), slice(0, opened.collocation_points * opened.dimension)):
+        error = np.linalg.norm(slope[rows] - product[rows])
+        assert error < 1e-7 * np.linalg.norm(product[rows])
