@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import myork
 from myork.bench import BENCHES
 from myork.console import Console, Unheard, silent
-from myork.errors import ConvergenceError, InputError, MyorkError
+from myork.errors import ConvergenceError, MyorkError
 from myork.files import write_json, write_text
 from myork.libraries import cure_of
 from myork.summary import asked
@@ -111,18 +111,6 @@ def _overrides(options: argparse.Namespace) -> list[str]:
     keys = {"scene.method": "method", "solver.linear": "solver"}
     named = {key: getattr(options, name, None) for key, name in keys.items()}
     return [*options.set, *found, *(f"{key}={v}" for key, v in named.items() if v is not None)]
-
-
-def _numbers(items: Sequence[str]) -> dict[str, float]:
-    """Values of `--set KEY=VALUE` that are numbers."""
-    found = {}
-    for item in items:
-        key, _, value = item.partition("=")
-        try:
-            found[key.strip()] = float(value)
-        except ValueError:
-            raise InputError(f"--set {item}: a number is needed") from None
-    return found
 
 
 def _out(options: argparse.Namespace, source: Path, ending: str = "") -> Path:
@@ -230,6 +218,11 @@ def _view(options: argparse.Namespace, console: Console) -> None:
     )  # fmt: skip
 
 
+def _numbers(options: argparse.Namespace) -> dict[str, float]:
+    """Values of `--set`."""
+    return dict(_load("rom.parameters:numbers_of")(options.set))
+
+
 def _model(options: argparse.Namespace, threads: int | None = None) -> Any:
     """The reduced model of a command."""
     return _load("rom.model:ReducedModel").load(
@@ -250,7 +243,7 @@ def _rom_train(options: argparse.Namespace, console: Console) -> str:
 
 
 def _rom_solve(options: argparse.Namespace, console: Console) -> None:
-    state = _model(options, threads=1).state(_numbers(options.set))
+    state = _model(options, threads=1).state(_numbers(options))
     print(json.dumps(state.as_dict()) if options.json else state.describe())
     if not state.converged:
         raise ConvergenceError("the reduced model found no state for these parameters")
@@ -258,7 +251,7 @@ def _rom_solve(options: argparse.Namespace, console: Console) -> None:
 
 def _rom_map(options: argparse.Namespace, console: Console) -> str:
     out = _out(options, options.file)
-    found = _load("rom.map:map_model")(_model(options), options.vary, _numbers(options.set), out)
+    found = _load("rom.map:map_model")(_model(options), options.vary, _numbers(options), out)
     return (
         f"{found['states']} states, {found['failed']} failed, {found['cpu_us_per_state']:.0f} us "
         f"each: {out / 'map.csv'}, {out / 'map.png'}"
@@ -268,7 +261,7 @@ def _rom_map(options: argparse.Namespace, console: Console) -> str:
 def _rom_check(options: argparse.Namespace, console: Console) -> str:
     out, rom = _out(options, options.file), _model(options)
     ranges = _load("rom.parameters:parse_vary")(options.vary)
-    ranges |= {key: (value, value) for key, value in _numbers(options.set).items()}
+    ranges |= {key: (value, value) for key, value in _numbers(options).items()}
     found = _load("rom.check:compare")(
         rom, rom.full_model(), options.points, options.seed, console, ranges
     )
@@ -283,11 +276,8 @@ def _sweep(options: argparse.Namespace, console: Console) -> str:
         options.deck, options.vary, _out(options, options.deck, "_sweep"),
         samples=options.samples, seed=options.seed, workers=options.workers, dask=options.dask,
         model=options.model, overrides=_overrides(options), dry_run=options.dry_run,
-        part=options.part, slurm=options.slurm,
-        progress=print if options.dry_run or options.slurm else console,
+        part=options.part, progress=print if options.dry_run else console,
     )  # fmt: skip
-    if options.slurm is not None:
-        return f"script: {table}"
     return "" if options.dry_run else f"table: {table}"
 
 
@@ -621,10 +611,6 @@ _COMMANDS = {
             _option("--dask", "ADDRESS", "scheduler of Dask, or local"),
             _option("--model", "FILE", "reduced model that answers (.rom.h5)", Path),
             _flag("--dry-run", "say what would be solved and what it costs, and end"),
-            _option(
-                "--slurm", "FILE",
-                "write a script of an array of jobs, as many as --workers says, and end", Path,
-            ),
             _option(
                 "--part", "K/N",
                 "only every N-th point from the K-th, as a job of an array; the same line without "

@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
+import csv
 import fcntl
+import io
 import json
 import math
 import os
 import stat
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from myork.errors import FileError
 
-__all__ = ["claimed", "open_output", "read_json", "whole_file", "write_json", "write_text"]
+__all__ = [
+    "claimed",
+    "open_output",
+    "read_json",
+    "whole_file",
+    "write_csv",
+    "write_figure",
+    "write_json",
+    "write_text",
+]
 
 
 def open_output(path: Path, *, new: bool) -> int:
@@ -132,6 +143,19 @@ def write_text(path: Path, text: str) -> None:
 def write_json(path: Path, value: Any) -> None:
     """Write mappings, lists, texts and numbers as JSON; what is not finite becomes null."""
     write_text(path, json.dumps(_finite(value), indent=1, ensure_ascii=False) + "\n")
+
+
+def write_csv(path: Path, head: Iterable[Any], rows: Iterable[Iterable[Any]]) -> None:
+    """Write a table with a head."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([head, *rows])
+    write_text(path, text.getvalue())
+
+
+def write_figure(path: Path, figure: Any) -> None:
+    """Write a figure of Matplotlib."""
+    with whole_file(path) as unfinished:
+        figure.savefig(unfinished, dpi=110, format="png")
 
 
 def read_json(path: Path) -> dict[str, Any]:

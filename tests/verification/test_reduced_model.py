@@ -541,7 +541,7 @@ def test_sweep_by_the_model(deck: Path, trained: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"from before .*own\.rom\.h5 \(--model\) changed"):
         sweep(deck, vary, tmp_path / "own", model=own, overrides=given)
     for overrides, message in (
-        ([], "needs a value: vary boundary.z1.u_z"),
+        ([], "a value is missing of boundary.z1.u_z"),
         (["boundary.z1.u_z=0.1", "material.muscle.K=100"], "not a parameter of this reduced"),
     ):
         with pytest.raises(InputError, match=message):

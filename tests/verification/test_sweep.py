@@ -10,8 +10,8 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor, wait
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import nibabel
@@ -225,17 +225,8 @@ def wait_for(met: Callable[[], bool], seconds: float) -> None:
 def here(monkeypatch: pytest.MonkeyPatch) -> None:
     """Points are solved in this process, without the seconds in which others start."""
 
-    @contextlib.contextmanager
-    def one_thread(dask: str | None, workers: int) -> Iterator[run._Pool]:
-        pool = run._Pool(
-            lambda: ThreadPoolExecutor(1),
-            1,
-            lambda calls: wait(calls, None, "FIRST_COMPLETED").done,
-        )
-        yield pool
-        pool.close()
-
-    monkeypatch.setattr(run, "_executor", one_thread)
+    one_thread = lambda *_: contextlib.nullcontext((lambda: ThreadPoolExecutor(1), 1))  # noqa: E731
+    monkeypatch.setattr(run, "_workers", one_thread)
 
 
 def test_another_sweep_in_the_folder(deck: Path, tmp_path: Path, here: None) -> None:
@@ -325,45 +316,21 @@ def test_a_refused_gather_leaves_nothing_behind(deck: Path, tmp_path: Path, here
     assert len(rows_of(out)) == 2
 
 
-@pytest.mark.parametrize(
-    ("key", "value", "message"),
-    [
-        ("point", 7, "point 7, but the points are 0 to 1"),
-        ("point", -1, "point -1, but the points are 0 to 1"),
-        ("point", "1", "point '1', but"),
-        ("point", 0, "the point is there twice"),
-        ("verdict", "fine", "verdict 'fine', but only accepted, doubtful, refused, failed"),
-        ("verdict", "accepted", "probes are missing"),
-        ("message", None, "message None, which is not a text"),
-        ("cpu_s", "3", "cpu_s '3', which is not a number"),
-        ("probes", {"pull": "3"}, "pull '3', which is not a number"),
-        ("probes", {"push": 3.0}, "probes push, which are not those of the deck"),
-        ("probes", [3.0], "probes or errors are not by name"),
-        ("errors", {"pull": 0.1}, "error bars of other probes"),
-        ("errors", ..., "no errors"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize("change", [{"point": 7}, {"point": "1"}, {"errors": ...}, None], ids=str)
 def test_points_that_are_read_back_are_checked(
-    deck: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, here: None,
-    key: str, value: object, message: str,
-) -> None:  # fmt: skip
+    deck: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, here: None, change: dict | None
+) -> None:
     solved = {"verdict": "failed", "message": "", "probes": {}, "errors": {}, "cpu_s": 1.0}
     monkeypatch.setattr(run, "solve_point", lambda *call: solved)
     sweep(deck, ["material.rubber.mu=5,10"], tmp_path)
     path = tmp_path / "points.jsonl"
     *before, last = path.read_text().splitlines()
-    row = {**json.loads(last), key: value}
+    row = {**json.loads(last), **(change or {})}
     row = {name: entry for name, entry in row.items() if entry is not ...}
-    for line, wanted in (
-        (json.dumps(row), message),
-        ('{"point": 1, "pro', "not an object of JSON"),
-    ):
-        path.write_text("\n".join([*before, line]) + "\n")
-        with pytest.raises(
-            InputError, match=r"points\.jsonl:3: is not what a sweep writes: "
-        ) as ended:
-            sweep(deck, ["material.rubber.mu=5,10"], tmp_path)
-        assert wanted in str(ended.value) and "remove the line" in str(ended.value)
+    line = '{"point": 1, "pro' if change is None else json.dumps(row)
+    path.write_text("\n".join([*before, line]) + "\n")
+    with pytest.raises(InputError, match=r"points\.jsonl:3: is not what a sweep writes; remove"):
+        sweep(deck, ["material.rubber.mu=5,10"], tmp_path)
     path.write_text("\n".join(before) + "\n")
     sweep(deck, ["material.rubber.mu=5,10"], tmp_path)
     assert path.read_text().splitlines() == [*before, last]
@@ -466,20 +433,16 @@ def test_head_is_plain(deck: Path, tmp_path: Path) -> None:
     assert head["keys"] == ["material.rubber.mu"] and head["points"] == [[5]]
 
 
-@pytest.mark.slow
-def test_an_array_of_jobs_finds_what_one_process_finds(
-    deck: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Each job runs its share from the script, one of them twice; then the line gathers."""
+def test_parts_find_what_one_process_finds(
+    deck: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, here: None,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    """Each job of an array runs its share, one of them twice; then the line gathers."""
     vary = ["material.rubber.mu=5:20:5"]
-    whole, out, script = tmp_path / "whole", tmp_path / "an array", tmp_path / "job.sh"
-    sweep(deck, vary, whole, workers=1)
-    sweep(deck, vary, out, workers=2, slurm=script)
-    text = script.read_text()
-    assert "#SBATCH --array=1-2\n" in text and "--part" in text and not out.exists()
-    for number in ("1", "2", "2"):
-        environment = {**os.environ, "SLURM_ARRAY_TASK_ID": number}
-        subprocess.run(["sh", str(script)], env=environment, check=True, capture_output=True)
+    whole, out = tmp_path / "whole", tmp_path / "an array"
+    sweep(deck, vary, whole)
+    for number in (1, 2, 2):
+        sweep(deck, vary, out, part=f"{number}/2")
     assert len(rows_of(out / "part_1_of_2")) == 3 and len(rows_of(out / "part_2_of_2")) == 2
     monkeypatch.setattr("myork.sweeps.run._full", None)
     sweep(deck, vary, out)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import re
 import time
 from collections.abc import Mapping, Sequence
@@ -11,10 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from myork.errors import InputError
-from myork.files import whole_file, write_json, write_text
+from myork.files import write_csv, write_figure, write_json
 from myork.rom.model import Batch, ReducedModel
 from myork.types import F64
 
@@ -54,16 +51,13 @@ def map_model(
     columns = [axes.get(key, np.array([values[key]])) for key in keys]
     grid = np.stack([a.ravel() for a in np.meshgrid(*columns, indexing="ij")], axis=1)
     start, cpu = time.perf_counter(), time.process_time()
-    pieces = [
+    found = [
         rom.batch(grid[i : i + _AT_ONCE], indicator=True) for i in range(0, len(grid), _AT_ONCE)
     ]
     wall, cpu = time.perf_counter() - start, time.process_time() - cpu
-    probes = {name: np.concatenate([p.probes[name] for p in pieces]) for name in pieces[0].probes}
-    joined = Batch(
-        np.concatenate([p.force for p in pieces]),
-        probes,
-        *(np.concatenate([getattr(p, name) for p in pieces]) for name in Batch._fields[2:]),
-    )
+    probes = {name: np.concatenate([f.probes[name] for f in found]) for name in found[0].probes}
+    force, _, *others = zip(*found, strict=True)
+    joined = Batch(np.concatenate(force), probes, *map(np.concatenate, others))
     summary = {
         "states": len(grid),
         "failed": int((~joined.converged).sum()),
@@ -78,7 +72,14 @@ def map_model(
         "probe_units": rom.probe_units,
     }
     out.mkdir(parents=True, exist_ok=True)
-    write_text(out / "map.csv", _table(keys, grid, joined))
+    table = dict(zip(keys, grid.T, strict=True)) | joined.scalars()
+    table |= {
+        "indicator": joined.indicator,
+        "inside": joined.inside.astype(int),
+        "converged": joined.converged.astype(int),
+        "iterations": joined.iterations,
+    }
+    write_csv(out / "map.csv", table, zip(*(v.tolist() for v in table.values()), strict=True))
     _draw(rom, list(axes), grid, joined, out / "map.png")
     write_json(out / "map.json", summary)
     return summary
@@ -93,26 +94,6 @@ def _axis(rom: ReducedModel, item: str) -> tuple[str, F64]:
         raise InputError(
             f"--vary {item}: KEY=LOW:HIGH:N is needed, as in load.activation=0:1:21"
         ) from None
-
-
-def _table(keys: Sequence[str], grid: F64, batch: Batch) -> str:
-    columns: dict[str, NDArray[Any]] = {key: grid[:, j] for j, key in enumerate(keys)}
-    for name, value in batch.probes.items():
-        if value.ndim == 1:
-            columns[name] = value
-        else:
-            columns |= {f"{name}_{'xyz'[k]}": value[:, k] for k in range(value.shape[1])}
-    columns |= {
-        "indicator": batch.indicator,
-        "inside": batch.inside.astype(int),
-        "converged": batch.converged.astype(int),
-        "iterations": batch.iterations,
-    }
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows(zip(*(value.tolist() for value in columns.values()), strict=True))
-    return text.getvalue()
 
 
 def _draw(rom: ReducedModel, axes: list[str], grid: F64, batch: Batch, path: Path) -> None:
@@ -152,5 +133,4 @@ def _draw(rom: ReducedModel, axes: list[str], grid: F64, batch: Batch, path: Pat
             axis.set_ylabel(shown[1])
     fixed = ", ".join(f"{keys[j]} = {grid[0, j]:.4g}" for j in rest)
     figure.suptitle(f"{rom.head['title']}{': ' + fixed if fixed else ''}")
-    with whole_file(path) as unfinished:
-        figure.savefig(unfinished, dpi=110, format="png")
+    write_figure(path, figure)

@@ -54,6 +54,16 @@ class Batch(NamedTuple):
     iterations: I64
     amplitudes: F64
 
+    def scalars(self) -> dict[str, F64]:
+        """Probes as scalars by name, those of vectors with their axis behind, shape `(n,)` each."""
+        found = {}
+        for name, value in self.probes.items():
+            if value.ndim == 1:
+                found[name] = value
+            else:
+                found |= {f"{name}_{axis}": v for axis, v in zip("xyz", value.T, strict=False)}
+        return found
+
 
 class ReducedState:
     """Answer for one set of parameters.
@@ -334,9 +344,9 @@ class ReducedModel:
         corrections: int | str = "converged",
     ) -> ReducedState:
         """As `solve`, with the values in a mapping."""
-        named = self.values_of(values)
-        row = np.array([[named[p.key] for p in self.parameters]])
+        row = self.rows(values)
         batch = self.batch(row, corrections=corrections, indicator=indicator)
+        named = {p.key: float(v) for p, v in zip(self.parameters, row[0], strict=True)}
         return ReducedState(named, batch, np.asarray(self._arrays["shapes"]), self.probe_units)
 
     def batch(
@@ -403,14 +413,32 @@ class ReducedModel:
             raise InputError(f"{name}: not a parameter of this reduced model; it has {keys}")
         return names[name]
 
-    def values_of(self, given: Mapping[str, float]) -> dict[str, float]:
-        """Values by key from values by key or short name."""
-        keys = [p.key for p in self.parameters]
-        named = {self.key_of(name): float(value) for name, value in given.items()}
-        missing = [key for key in keys if key not in named]
+    def rows(self, given: Mapping[str, Any], count: int = 1) -> F64:
+        """Values in the order of `parameters`, shape `(count, p)`.
+
+        Parameters
+        ----------
+        given : mapping
+            By key or short name a number, its text, or one for each row.
+        count : int
+            Number of rows.
+
+        Raises
+        ------
+        InputError
+            An unknown parameter, one without a value, or what is not a number.
+        """
+        named = {self.key_of(name): value for name, value in given.items()}
+        missing = [p.key for p in self.parameters if p.key not in named]
         if missing:
             raise InputError(f"a value is missing of {', '.join(missing)}")
-        return {key: named[key] for key in keys}
+        rows = np.empty((count, len(self.parameters)))
+        for k, p in enumerate(self.parameters):
+            try:
+                rows[:, k] = np.asarray(named[p.key]).astype(float)
+            except ValueError:
+                raise InputError(f"{p.key}: the reduced model takes numbers only") from None
+        return rows
 
     def conditions(self, values: F64) -> Conditions:
         """Conditions of states by their parameters."""

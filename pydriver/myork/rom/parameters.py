@@ -15,6 +15,7 @@ __all__ = [
     "KINDS",
     "Parameter",
     "as_parameters",
+    "numbers_of",
     "override",
     "parse_vary",
     "short_names",
@@ -81,6 +82,18 @@ def parse_vary(items: Sequence[str]) -> dict[str, tuple[float, float]]:
             raise InputError(
                 f"--vary {item}: KEY=LOW:HIGH is needed, as in load.activation=0:1"
             ) from None
+    return found
+
+
+def numbers_of(items: Sequence[str]) -> dict[str, float]:
+    """Numbers from texts `KEY=VALUE`."""
+    found = {}
+    for item in items:
+        key, _, value = item.partition("=")
+        try:
+            found[key.strip()] = float(value)
+        except ValueError:
+            raise InputError(f"--set {item}: a number is needed") from None
     return found
 
 

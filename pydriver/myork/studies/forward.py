@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,6 +16,7 @@ from myork.core.deck import deck_key
 from myork.core.scene import Scene
 from myork.errors import ConvergenceError, InputError
 from myork.rom.model import ReducedModel
+from myork.rom.parameters import numbers_of
 from myork.rom.probes import probe_columns
 from myork.types import F64, Mask
 
@@ -96,15 +97,10 @@ class Forward(ABC):
 class _Reduced(Forward):
     is_reduced = True
 
-    def __init__(self, path: Path, fixed: Mapping[str, str], threads: int) -> None:
+    def __init__(self, path: Path, fixed: Sequence[str], threads: int) -> None:
         super().__init__()
         self._rom = ReducedModel.load(path, threads=threads)
-        self._fixed: dict[str, float] = {}
-        for name, text in fixed.items():
-            try:
-                self._fixed[self._rom.key_of(name)] = float(text)
-            except ValueError:
-                raise InputError(f"--set {name}={text}: a number is needed") from None
+        self._fixed = {self._rom.key_of(name): v for name, v in numbers_of(fixed).items()}
         for probe in self._rom.head["probes"]:
             force = probe["quantity"].startswith("force")
             for name in probe_columns(probe, self._rom.head["dimension"]):
@@ -131,21 +127,9 @@ class _Reduced(Forward):
         return {**super().cost(), "by": "the reduced model", **more}
 
     def _answer(self, keys: Sequence[str], values: F64) -> Values:
-        missing = self.unknown(keys)
-        if missing:
-            raise InputError(f"a value is missing of {', '.join(missing)}; --set gives one")
-        columns = {**self._fixed, **dict(zip(keys, values.T, strict=True))}
-        rows = np.stack(
-            [np.broadcast_to(columns[p.key], len(values)) for p in self._rom.parameters], axis=1
-        )
-        batch = self._rom.batch(rows)
-        found = {}
-        for probe in self._rom.head["probes"]:
-            value = batch.probes[probe["name"]]
-            value = value[:, None] if value.ndim == 1 else value
-            for k, name in enumerate(probe_columns(probe, value.shape[1])):
-                found[name] = value[:, k]
-        return Values(found, batch.converged)
+        given = {**self._fixed, **dict(zip(keys, values.T, strict=True))}
+        batch = self._rom.batch(self._rom.rows(given, len(values)))
+        return Values(batch.scalars(), batch.converged)
 
 
 class _Full(Forward):
@@ -246,8 +230,7 @@ def open_forward(
     """
     source = Path(source)
     if source.name.endswith(".h5"):
-        pairs = (item.partition("=") for item in fixed)
-        return _Reduced(source, {key.strip(): value for key, _, value in pairs}, threads or 0)
+        return _Reduced(source, fixed, threads or 0)
     return _Full(source, fixed, out, threads, progress)
 
 

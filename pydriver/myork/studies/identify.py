@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,7 +11,7 @@ import numpy as np
 
 from myork.console import ProgressCallback, silent
 from myork.errors import ConvergenceError, FileError, InputError
-from myork.files import whole_file, write_json, write_text
+from myork.files import write_csv, write_figure, write_json
 from myork.report.numbers import labelled
 from myork.studies.forward import Forward, open_forward, ranges_of
 from myork.types import F64
@@ -97,7 +96,12 @@ def identify(
     finally:
         forward.close()
     out.mkdir(parents=True, exist_ok=True)
-    write_text(out / "identify.csv", _table(measured, fitted))
+    rows = zip(measured.conditions.tolist(), measured.values, fitted, strict=True)
+    write_csv(
+        out / "identify.csv",
+        [*measured.keys, *(c for name in measured.names for c in (name, f"{name}_fitted"))],
+        ([*c, *("" if np.isnan(x) else float(x) for x in np.ravel(v, "F"))] for c, *v in rows),
+    )
     _draw(forward, measured, fitted, out / "identify.png")
     write_json(out / "identify.json", summary)
     return summary
@@ -275,16 +279,6 @@ def _warnings(
     return found
 
 
-def _table(data: _Data, fitted: F64) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([*data.keys, *(c for n in data.names for c in (n, f"{n}_fitted"))])
-    for i, row in enumerate(data.conditions):
-        pairs = [v for k in range(len(data.names)) for v in (data.values[i, k], fitted[i, k])]
-        writer.writerow([*row.tolist(), *("" if np.isnan(v) else float(v) for v in pairs)])
-    return text.getvalue()
-
-
 def _draw(forward: Forward, data: _Data, fitted: F64, path: Path) -> None:
     """Fitted against measured values of each probe."""
     from matplotlib.figure import Figure
@@ -301,5 +295,4 @@ def _draw(forward: Forward, data: _Data, fitted: F64, path: Path) -> None:
         axes.set_xlabel(labelled(f"{data.names[k]} measured", unit))
         axes.set_ylabel(labelled("fitted", unit))
         axes.spines[["top", "right"]].set_visible(False)
-    with whole_file(path) as unfinished:
-        figure.savefig(unfinished, dpi=110, format="png")
+    write_figure(path, figure)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,7 +11,7 @@ import numpy as np
 
 from myork.console import ProgressCallback, silent
 from myork.errors import ConvergenceError, InputError
-from myork.files import whole_file, write_json, write_text
+from myork.files import write_csv, write_figure, write_json
 from myork.studies.forward import Forward, Values, open_forward, probe_of, ranges_of
 from myork.types import F64
 
@@ -118,7 +116,15 @@ def sensitivity(
         },
     }
     out.mkdir(parents=True, exist_ok=True)
-    write_text(out / "sensitivity.csv", _table(summary))
+    kinds, ends = ("first_order", "total_order"), ("value", "low", "high")
+    write_csv(
+        out / "sensitivity.csv",
+        ["key", "low", "high", *(k + end for k in kinds for end in ("", "_low", "_high"))],
+        (
+            [key, *ranges[key], *(entry[kind][end] for kind in kinds for end in ends)]
+            for key, entry in summary["indices"].items()
+        ),
+    )
     _draw(summary, out / "sensitivity.png")
     write_json(out / "sensitivity.json", summary)
     return summary
@@ -169,19 +175,6 @@ def _states(
     return {"f_A": values[:1], "f_B": values[1:2], "f_AB": values[2:, None]}, failed
 
 
-def _table(summary: dict[str, Any]) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    kinds = ("first_order", "total_order")
-    writer.writerow(
-        ["key", "low", "high", *(f"{k}{end}" for k in kinds for end in ("", "_low", "_high"))]
-    )
-    for key, entry in summary["indices"].items():
-        numbers = [entry[kind][end] for kind in kinds for end in ("value", "low", "high")]
-        writer.writerow([key, *summary["range"][key], *numbers])
-    return text.getvalue()
-
-
 def _draw(summary: dict[str, Any], path: Path) -> None:
     """Bars of the indices, the largest total one at the top."""
     from matplotlib.figure import Figure
@@ -204,5 +197,4 @@ def _draw(summary: dict[str, Any], path: Path) -> None:
     axes.set_xlabel(f"part of the variance of {summary['probe']}")
     axes.legend(loc="lower right", frameon=False)
     axes.spines[["top", "right"]].set_visible(False)
-    with whole_file(path) as unfinished:
-        figure.savefig(unfinished, dpi=110, format="png")
+    write_figure(path, figure)

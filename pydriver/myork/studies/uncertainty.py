@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import shutil
 import time
 from collections.abc import Sequence
@@ -17,7 +15,7 @@ from scipy.special import ndtr
 from myork.console import ProgressCallback, silent
 from myork.core.deck import read_deck
 from myork.errors import ConvergenceError, FileError, InputError
-from myork.files import whole_file, write_json, write_text
+from myork.files import write_csv, write_figure, write_json
 from myork.imaging.io import read_labels, write_labels
 from myork.model_file import read_model
 from myork.records import Labels
@@ -159,7 +157,8 @@ def uncertainty(
         progress(f"map {number}/{samples}: {found}")
     summary = _summary(rows, doubt, name or "", seed)
     summary |= {"unit": unit, "units": dict(values["result_units"])}
-    write_text(out / "uncertainty.csv", _table(rows))
+    names = ["map", "shift", "volume", "value", "message", "cpu_s"]
+    write_csv(out / "uncertainty.csv", names, ([row.get(n, "") for n in names] for row in rows))
     _draw(rows, summary, out / "uncertainty.png")
     write_json(out / "uncertainty.json", summary)
     return summary
@@ -249,15 +248,6 @@ def _summary(rows: Sequence[dict[str, Any]], doubt: Doubt, name: str, seed: int)
     }
 
 
-def _table(rows: Sequence[dict[str, Any]]) -> str:
-    text = io.StringIO()
-    names = ["map", "shift", "volume", "value", "message", "cpu_s"]
-    writer = csv.DictWriter(text, names, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()
-
-
 def _draw(rows: Sequence[dict[str, Any]], summary: dict[str, Any], path: Path) -> None:
     """Values of the maps in order, and against their volumes."""
     from matplotlib.figure import Figure
@@ -279,5 +269,4 @@ def _draw(rows: Sequence[dict[str, Any]], summary: dict[str, Any], path: Path) -
     right.set_ylabel(label)
     for axes in (left, right):
         axes.spines[["top", "right"]].set_visible(False)
-    with whole_file(path) as unfinished:
-        figure.savefig(unfinished, dpi=110, format="png")
+    write_figure(path, figure)

@@ -41,8 +41,6 @@ class Inputs:
     ----------
     head : dict
         Digests of the files by what they are, overrides, keys and points.
-    columns : set of tuple of str
-        Columns of the probes of a point, as the words of its keys choose them.
 
     Raises
     ------
@@ -62,7 +60,6 @@ class Inputs:
         model_probes: Sequence[str] = (),
     ) -> None:
         self._paths = {"deck": deck} if model is None else {"deck": deck, "--model": model}
-        self.columns: set[tuple[str, ...]] = set()
         # what is read and found depends on words and whole numbers: files, methods, names
         chosen = {
             tuple(value for value in point if not isinstance(value, float)): point
@@ -79,8 +76,7 @@ class Inputs:
                 self._paths |= _files(one, out)
             else:
                 probes = [probe for probe in probes if probe["name"] in model_probes]
-            self.columns.add(_columns(plan.keys, probes, one["scene"]["dimension"], deck))
-        self._marks = {name: _mark(path) for name, path in self._paths.items()}
+            _check_columns(plan.keys, probes, one["scene"]["dimension"], deck)
         self._digests = {name: _digest(path) for name, path in self._paths.items()}
         self.head = {
             "inputs": self._digests,
@@ -100,16 +96,12 @@ class Inputs:
             The file is gone.
         """
         for name, path in self._paths.items():
-            mark = _mark(path)
-            if mark == self._marks[name]:
-                continue
             if _digest(path) != self._digests[name]:
                 raise InputError(
                     f"{path} ({name}) has changed while the sweep ran; the points that were "
                     "finished before are kept: put the earlier file back and run the same line "
                     "again, or sweep into another folder"
                 )
-            self._marks[name] = mark
 
     def refusal(self, path: Path, other: Any) -> str:
         """Why the points in a file are not of this sweep, by its first line; "" where they are."""
@@ -117,13 +109,12 @@ class Inputs:
             return ""
         anew = f"or sweep into another folder than {path.parent}"
         kinds = ("overrides", "keys", "points")
-        if not isinstance(other, dict) or not isinstance(other.get("inputs"), dict):
-            return f"{path}: is not what this version writes: remove it, {anew}"
-        if any(other.get(kind) != self.head[kind] for kind in kinds):
+        inputs = other.get("inputs", {}) if isinstance(other, dict) else {}
+        if not inputs or any(other.get(kind) != self.head[kind] for kind in kinds):
             return (
                 f"{path}: is of another sweep, with other keys, points or --set: remove it, {anew}"
             )
-        changed = [n for n in self._digests if other["inputs"].get(n) != self._digests[n]]
+        changed = [n for n in self._digests if inputs.get(n) != self._digests[n]]
         names = ", ".join(f"{self._paths[name]} ({name})" for name in changed)
         return (
             f"{path}: is of another sweep, from before {names or 'its files'} changed: put the "
@@ -143,13 +134,12 @@ def _files(deck: Mapping[str, Any], out: Path) -> dict[str, Path]:
     return found
 
 
-def _columns(
+def _check_columns(
     keys: Sequence[str], probes: Sequence[Mapping[str, Any]], dimension: int, deck: Path
-) -> tuple[str, ...]:
-    """Columns of the probes; refuse those that another column of the table overwrites."""
+) -> None:
+    """Refuse columns of the probes that another column of the table overwrites."""
     taken = {key: f"the varied key {key}" for key in keys}
     taken |= dict.fromkeys(LAST_COLUMNS, "every sweep")
-    found: list[str] = []
     for probe in probes:
         own = probe_columns(probe, dimension)
         for column in (*own, *(f"{name}_error" for name in own)):
@@ -159,17 +149,6 @@ def _columns(
                     f"column of {taken[column]}: rename the probe"
                 )
             taken[column] = f"the probe {probe['name']}"
-        found += own
-    return tuple(found)
-
-
-def _mark(path: Path) -> tuple[int, ...]:
-    """What changes with the content of a file, for a look that costs nothing."""
-    try:
-        found = path.stat()
-    except OSError as reason:
-        raise FileError(f"{path}: cannot be read: {reason.strerror or reason}") from None
-    return (found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns)
 
 
 def _digest(path: Path) -> str:

@@ -40,7 +40,7 @@ def solve_point(deck: str, overrides: Sequence[str], out: str | None) -> dict[st
                         row["errors"][name] = float(bars[k])
             except ConvergenceError as ended:
                 row["message"] = str(ended)
-    except MyorkError as wrong:
+    except (MyorkError, OSError) as wrong:
         row["message"] = str(wrong)
     row["cpu_s"] = time.process_time() - start
     return row

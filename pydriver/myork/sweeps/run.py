@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import multiprocessing
 import os
@@ -15,16 +14,16 @@ from concurrent.futures import (
     FIRST_COMPLETED,
     CancelledError,
     Executor,
+    Future,
     ProcessPoolExecutor,
     wait,
 )
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from myork.console import ProgressCallback, silent
 from myork.core.deck import deck_key, load_deck
@@ -33,11 +32,11 @@ from myork.files import claimed
 from myork.rom.model import ReducedModel
 from myork.rom.probes import probe_columns
 from myork.stations.explain import explain_deck
-from myork.sweeps.array import gathered, part_folder, share_of, write_script
 from myork.sweeps.inputs import Inputs
 from myork.sweeps.plan import Plan, make_plan
 from myork.sweeps.point import solve_point
-from myork.sweeps.store import Store, has_parquet
+from myork.sweeps.store import Store, has_parquet, read_points
+from myork.types import F64
 
 __all__ = ["sweep"]
 
@@ -64,7 +63,6 @@ def sweep(
     overrides: Sequence[str] = (),
     dry_run: bool = False,
     part: str | None = None,
-    slurm: str | Path | None = None,
     progress: ProgressCallback = silent,
 ) -> Path:
     """Solve a deck at many values of its keys.
@@ -98,8 +96,6 @@ def sweep(
     part : str, optional
         "K/N": only every N-th point from the K-th, in a folder of its own within `out`; a call
         without `part` gathers what parts have found.
-    slurm : str or Path, optional
-        Write this script of an array of jobs, `workers` of them, and solve nothing.
     progress : callable
         Called with every line of progress.
 
@@ -126,12 +122,12 @@ def sweep(
         load_deck(deck, [*overrides, *plan.settings(point)], "solve")
     if model is not None and dask is not None:
         raise InputError("a reduced model needs no workers of Dask")
-    jobs, workers = workers, workers or os.cpu_count() or 1
+    workers = workers or os.cpu_count() or 1
     where = "the reduced model" if model else f"Dask at {dask}" if dask else f"{workers} processes"
     progress(f"{len(plan.points)} points of {', '.join(plan.keys)} by {where}")
-    if (part or slurm) and (model or dask):
+    if part and (model or dask):
         raise InputError("parts of a sweep are solved by full models, without Dask")
-    share = range(len(plan.points)) if part is None else share_of(part, len(plan.points))
+    share = range(len(plan.points)) if part is None else _share(part, len(plan.points))
     rom = None if model is None else ReducedModel.load(model)
     if rom is not None:
         values = _model_values(plan, rom, Path(model or ""), deck, overrides)
@@ -141,14 +137,11 @@ def sweep(
         () if rom is None else [probe["name"] for probe in rom.head["probes"]],
     )  # fmt: skip
     if dry_run:
-        for line in (*_preview(plan), *_cost(plan, deck, out, overrides)):
+        for line in (*_preview(plan), *_cost(plan, deck, out, overrides, inputs)):
             progress(line)
         return out / "sweep.csv"
-    if slurm is not None:
-        words = _line(deck, vary, samples, seed, overrides, out)
-        progress(write_script(Path(slurm), words, len(plan.points), jobs, out))
-        return Path(slurm)
-    folder = out if part is None else part_folder(out, part)
+    # jobs of an array write side by side
+    folder = out if part is None else out / f"part_{part.replace('/', '_of_')}"
     about = {
         "title": one["title"],
         "units": _units(one),
@@ -156,9 +149,10 @@ def sweep(
     }
     with claimed(folder):
         store = Store(folder, inputs, about)
-        for row in gathered(out, inputs) if part is None else ():
-            if row["point"] not in store.rows:
-                store.add(row)
+        for path in sorted(out.glob("part_*_of_*/points.jsonl")) if part is None else ():
+            for number, row in read_points(path, inputs).items():
+                if number not in store.rows:
+                    store.add(row)
         left = [number for number in share if number not in store.rows]
         if len(left) < len(share):
             progress(f"{len(share) - len(left)} points are done already")
@@ -166,8 +160,8 @@ def sweep(
             if rom is not None:
                 _reduced(rom, values, left, store)
             elif left:
-                with _executor(dask, min(workers, len(left))) as pool:
-                    _full(plan, left, deck, out, overrides, pool, store, progress)
+                with _workers(dask, min(workers, len(left))) as (make, size):
+                    _full(plan, left, deck, out, overrides, make, size, store, progress)
         finally:
             # a run that found nothing leaves nothing
             if store.rows or not left:
@@ -190,52 +184,41 @@ def _units(deck: Mapping[str, Any]) -> dict[str, str]:
     }
 
 
-def _line(
-    deck: Path, vary: Sequence[str], samples: int, seed: int, overrides: Sequence[str], out: Path
-) -> list[str]:
-    """Words of the command of this sweep."""
-    words = ["sweep", str(deck.resolve())]
-    for item in vary:
-        words += ["--vary", item]
-    for item in overrides:
-        words += ["--set", item]
-    return [*words, "--samples", str(samples), "--seed", str(seed), "--out", str(out.resolve())]
+def _share(part: str, count: int) -> range:
+    """Numbers of the points of a part, such as "3/16": every sixteenth, from the third.
+
+    Neighbours in a grid cost alike, so that parts of points far apart end together.
+    """
+    found = re.fullmatch(r"(\d+)/(\d+)", part)
+    number, parts = (int(found[1]), int(found[2])) if found else (0, 0)
+    if not 1 <= number <= parts:
+        raise InputError(f"--part {part}: K/N is needed, K from 1 to N, as in 3/16")
+    return range(number - 1, count, parts)
 
 
-def _cost(plan: Plan, deck: Path, out: Path, overrides: Sequence[str]) -> list[str]:
+def _cost(plan: Plan, deck: Path, out: Path, overrides: Sequence[str], inputs: Inputs) -> list[str]:
     """What all points cost: by those that are finished, else by one solution of the equations."""
-    path = out / "points.jsonl"
     count = len(plan.points)
-    if path.is_file():
-        seconds = [row["cpu_s"] for row in _finished(path)]
-        if seconds:
-            return [
-                f"  {len(seconds)} finished points took {np.mean(seconds):.3g} CPU s each: "
-                f"{count * np.mean(seconds) / 3600.0:.3g} CPU hours for all"
-            ]
+    finished = [row["cpu_s"] for row in read_points(out / "points.jsonl", inputs).values()]
+    if finished:
+        mean = np.nanmean(finished)
+        return [
+            f"  {len(finished)} finished points took {mean:.3g} CPU s each: "
+            f"{count * mean / 3600.0:.3g} CPU hours for all"
+        ]
     told: list[str] = []
-    middle = plan.settings(plan.points[count // 2])
-    explain_deck(deck, out=out, overrides=[*overrides, *middle], progress=told.append)
-    once = next((m for line in told if (m := re.search(_ONCE, line))), None)
+    middle = [*overrides, *plan.settings(plan.points[count // 2])]
+    explain_deck(deck, out=out, overrides=middle, progress=told.append)
+    once = re.search(_ONCE, "\n".join(told))
     if once is None:
         return []
-    steps = int(load_deck(deck, [*overrides, *middle], "solve")["load"]["steps"])
+    steps = int(load_deck(deck, middle, "solve")["load"]["steps"])
     least = _LEAST_ITERATIONS * steps * float(once[1])
     return [
         f"  factors of the equations alone: {once[1]} s each, at least {least:.2g} CPU s a point, "
         f"{count * least / 3600.0:.2g} CPU hours in all; assembly comes on top, and finished "
         "points give a better estimate"
     ]
-
-
-def _finished(path: Path) -> Iterator[dict[str, Any]]:
-    for line in path.read_text(encoding="utf-8", errors="replace").splitlines()[1:]:
-        try:
-            row = json.loads(line)
-            if np.isfinite(row["cpu_s"]):
-                yield row
-        except (ValueError, KeyError, TypeError):
-            continue
 
 
 def _preview(plan: Plan) -> Iterator[str]:
@@ -252,49 +235,63 @@ def _full(
     deck: Path,
     out: Path,
     overrides: Sequence[str],
-    pool: _Pool,
+    make: Callable[[], Executor],
+    size: int,
     store: Store,
     progress: ProgressCallback,
 ) -> None:
     """Solve points; a worker that dies costs its point a message, not the sweep."""
     begin = time.monotonic()
     waiting = list(reversed(left))
-    running: dict[Any, int] = {}
+    running: dict[Future[Any], tuple[int, Executor]] = {}
+    tried: set[int] = set()
     total, done = len(left), 0
-    tries: dict[int, int] = {}
-    while waiting or running:
-        while waiting and len(running) < pool.size:
-            number = waiting.pop()
-            items = [*overrides, *plan.settings(plan.points[number])]
-            running[pool.submit(solve_point, str(deck.resolve()), items, str(out))] = number
-        for future in pool.first(running):
-            number = running.pop(future)
-            try:
-                row = pool.result(future)
-            except pool.deaths as died:
-                # of several points that ran, the one that killed the worker is not known
-                tries[number] = tries.get(number, 0) + 1
-                if tries[number] < 2:
-                    waiting.append(number)
-                    pool.renew(died)
-                    continue
-                row = {
-                    "probes": {}, "errors": {}, "verdict": "failed", "cpu_s": float("nan"),
-                    "message": f"the process of this point died: {died}",
-                }  # fmt: skip
-                pool.renew(died)
-            store.add({"point": number, **row})
-            done += 1
-            rest = (time.monotonic() - begin) / done * (total - done)
-            progress(
-                f"point {done}/{total}  {row['verdict']}  {rest:.0f} s left  "
-                + ", ".join(plan.settings(plan.points[number]))
-            )
+    pool = make()
+    try:
+        while waiting or running:
+            while waiting and len(running) < size:
+                number = waiting.pop()
+                items = [*overrides, *plan.settings(plan.points[number])]
+                call = pool.submit(solve_point, str(deck.resolve()), items, str(out))
+                running[call] = number, pool
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                number, own = running.pop(future)
+                try:
+                    row = future.result()
+                except (CancelledError, OSError):
+                    # the scheduler of Dask has ended
+                    raise
+                except Exception as died:
+                    # a process that dies takes its pool with it
+                    if isinstance(died, BrokenProcessPool) and own is pool:
+                        pool = make()
+                    # of several points that ran, the one that killed the worker is not known
+                    if number not in tried:
+                        tried.add(number)
+                        waiting.append(number)
+                        continue
+                    row = {
+                        "probes": {}, "errors": {}, "verdict": "failed", "cpu_s": float("nan"),
+                        "message": f"the process of this point died: {died}",
+                    }  # fmt: skip
+                store.add({"point": number, **row})
+                done += 1
+                rest = (time.monotonic() - begin) / done * (total - done)
+                progress(
+                    f"point {done}/{total}  {row['verdict']}  {rest:.0f} s left  "
+                    + ", ".join(plan.settings(plan.points[number]))
+                )
+    finally:
+        # points that have not begun are dropped, those that run are stopped
+        if isinstance(pool, ProcessPoolExecutor):
+            for process in list((pool._processes or {}).values()):
+                process.terminate()
+            pool.shutdown(cancel_futures=True)
 
 
 def _model_values(
     plan: Plan, rom: ReducedModel, path: Path, deck: Path, overrides: Sequence[str]
-) -> NDArray[np.float64]:
+) -> F64:
     """Values of the parameters of a reduced model at all points; it must be of this very deck."""
     trained = list(rom.head["overrides"])
     if load_deck(deck, trained, "solve")["sha256"] != rom.head["deck_sha256"]:
@@ -302,129 +299,57 @@ def _model_values(
             f"{path}: was trained on another deck than {deck}; sweep that one, or train it again"
         )
     fixed = [item.partition("=") for item in overrides if item not in trained]
-    values = np.empty((len(plan.points), len(rom.parameters)))
-    given = [(rom.key_of(name), j) for j, name in enumerate(plan.keys)]
-    alone = {rom.key_of(name.strip()): value for name, _, value in fixed}
-    for k, key in enumerate(p.key for p in rom.parameters):
-        named = [j for name, j in given if name == key]
-        if not named and key not in alone:
-            raise InputError(f"the reduced model needs a value: vary {key}, or give it by --set")
-        try:
-            values[:, k] = [point[named[0]] for point in plan.points] if named else alone[key]
-        except ValueError:
-            raise InputError(f"{key}: the reduced model takes numbers only") from None
-    return values
+    given: dict[str, Any] = {rom.key_of(name.strip()): value for name, _, value in fixed}
+    columns = zip(*plan.points, strict=True)
+    given |= {rom.key_of(name): column for name, column in zip(plan.keys, columns, strict=True)}
+    return rom.rows(given, len(plan.points))
 
 
-def _reduced(
-    rom: ReducedModel, values: NDArray[np.float64], left: Sequence[int], store: Store
-) -> None:
+def _reduced(rom: ReducedModel, values: F64, left: Sequence[int], store: Store) -> None:
     """Answers of a reduced model, all at once."""
     if not left:
         return
     start = time.process_time()
     answer = rom.batch(values[left], indicator=True)
     cpu = (time.process_time() - start) / len(left)
+    probes = answer.scalars()
     for i, number in enumerate(left):
-        reasons = []
-        if not answer.converged[i]:
-            reasons.append("the reduced model found no state")
-        if not answer.inside[i]:
-            reasons.append("outside the range of the training")
-        if not answer.indicator[i] <= _INDICATOR:
-            reasons.append(f"estimated error {answer.indicator[i]:.1e}")
+        told = {
+            "the reduced model found no state": not answer.converged[i],
+            "outside the range of the training": not answer.inside[i],
+            f"estimated error {answer.indicator[i]:.1e}": not answer.indicator[i] <= _INDICATOR,
+        }
+        reasons = [reason for reason, holds in told.items() if holds]
         verdict = "doubtful" if reasons else "accepted"
-        probes: dict[str, float] = {}
-        for name, value in answer.probes.items():
-            parts = np.atleast_1d(value[i])
-            names = [name] if len(parts) == 1 else [f"{name}_{axis}" for axis in "xyz"]
-            probes |= dict(zip(names, parts.tolist(), strict=False))
         store.add(
             {
-                "point": number, "probes": probes, "errors": {}, "message": "; ".join(reasons),
+                "point": number, "probes": {name: float(v[i]) for name, v in probes.items()},
+                "errors": {}, "message": "; ".join(reasons),
                 "verdict": verdict if answer.converged[i] else "refused", "cpu_s": cpu,
             }
         )  # fmt: skip
 
 
-class _Pool:
-    """Workers that take a function and its arguments."""
-
-    def __init__(
-        self,
-        make: Callable[[], Any],
-        size: int,
-        first: Callable[[Any], Any],
-        deaths: tuple[type[Exception], ...] = (OSError, RuntimeError),
-        guard: Callable[[], AbstractContextManager[None]] = nullcontext,
-    ) -> None:
-        self._make = make
-        self._pool = make()
-        self.size = size
-        self._first = first
-        #: What the result of a call raises whose worker died
-        self.deaths = deaths
-        #: Around all that reaches for the workers
-        self._guard = guard
-
-    def submit(self, *call: Any) -> Any:
-        """Hand a call to a worker."""
-        with self._guard():
-            return self._pool.submit(*call)
-
-    def first(self, running: Mapping[Any, int]) -> list[Any]:
-        """Calls that are done, at least one."""
-        with self._guard():
-            return list(self._first(list(running)))
-
-    def result(self, done: Any) -> Any:
-        """What a call returned."""
-        with self._guard():
-            return done.result()
-
-    def renew(self, died: Exception) -> None:
-        """Start the processes again where one that died took the pool with it."""
-        if isinstance(died, BrokenProcessPool):
-            self._pool.shutdown(wait=False, cancel_futures=True)
-            self._pool = self._make()
-
-    def close(self) -> None:
-        """End the workers; points that have not begun are dropped."""
-        if isinstance(self._pool, Executor):
-            for process in list(getattr(self._pool, "_processes", {}).values()):
-                process.terminate()
-            self._pool.shutdown(wait=True, cancel_futures=True)
-        else:
-            self._pool.close()
-
-
 @contextmanager
-def _executor(dask: str | None, workers: int) -> Iterator[_Pool]:
-    """Processes of this machine with one thread each, or workers of Dask."""
+def _workers(dask: str | None, workers: int) -> Iterator[tuple[Callable[[], Executor], int]]:
+    """Maker of an executor and its size: processes with one thread each, or workers of Dask."""
     before = {name: os.environ.get(name) for name in _ONE_THREAD}
     os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))
-    cluster = None
     try:
         if dask is None:
             context = multiprocessing.get_context("spawn")
-            pool = _Pool(
+            yield (
                 lambda: ProcessPoolExecutor(workers, mp_context=context, initializer=_begin),
                 workers,
-                lambda running: wait(running, return_when=FIRST_COMPLETED).done,
             )
         else:
-            pool, cluster = _dask_pool(dask, workers)
-        try:
-            yield pool
-        finally:
-            pool.close()
-            if cluster is not None:
-                cluster.close()
+            with _client(dask, workers) as client:
+                size = max(1, sum(client.nthreads().values()))
+                yield lambda: client.get_executor(pure=False), size
     finally:
         for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
+            os.environ.pop(name)
+            if value is not None:
                 os.environ[name] = value
 
 
@@ -442,7 +367,9 @@ def _end_with_parent() -> None:
         os.kill(os.getpid(), signal.SIGKILL)
 
 
-def _dask_pool(address: str, workers: int) -> tuple[_Pool, Any]:
+@contextmanager
+def _client(address: str, workers: int) -> Iterator[Any]:
+    """Client of a scheduler of Dask, or of one with workers on this machine."""
     try:
         import distributed
     except ImportError as reason:
@@ -450,27 +377,18 @@ def _dask_pool(address: str, workers: int) -> tuple[_Pool, Any]:
             f"--dask needs Dask distributed, which does not load ({reason}); "
             "pip install 'myork[dask]'"
         ) from None
-    cluster = None
-    if address == "local":
-        cluster = distributed.LocalCluster(
-            n_workers=workers, threads_per_worker=1, dashboard_address=None, host="127.0.0.1"
-        )
-        client = distributed.Client(cluster)
-    else:
+    own: dict[str, Any] = {
+        "n_workers": workers, "threads_per_worker": 1, "dashboard_address": None,
+        "host": "127.0.0.1",
+    }  # fmt: skip
+    where: dict[str, Any] = {"address": address, "timeout": "10s"}
+    try:
+        client = distributed.Client(**own if address == "local" else where)
+    except OSError as reason:
+        raise InputError(f"--dask {address}: no scheduler answers there: {reason}") from None
+    with client:
         try:
-            client = distributed.Client(address, timeout="10s")
-        except OSError as reason:
-            raise InputError(f"--dask {address}: no scheduler answers there: {reason}") from None
-    size = max(1, sum(client.nthreads().values()))
-
-    def first(running: list[Any]) -> list[Any]:
-        distributed.wait(running, return_when="FIRST_COMPLETED")
-        return [future for future in running if future.done()]
-
-    @contextmanager
-    def guard() -> Iterator[None]:
-        try:
-            yield
+            yield client
         except (CancelledError, distributed.comm.CommClosedError):
             # that it gives up connecting when it is closed is no news by then
             logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
@@ -479,6 +397,3 @@ def _dask_pool(address: str, workers: int) -> tuple[_Pool, Any]:
                 "that were finished are kept: start it and its workers again, and run the same "
                 "line again"
             ) from None
-
-    deaths = (OSError, RuntimeError, distributed.KilledWorker)
-    return _Pool(lambda: client, size, first, deaths, guard), cluster

@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import math
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from myork.errors import InputError
-from myork.files import open_output, whole_file, write_json, write_text
+from myork.files import open_output, whole_file, write_csv, write_json, write_text
 from myork.sweeps.inputs import LAST_COLUMNS, Inputs
 
 __all__ = ["Store", "has_parquet", "read_points"]
 
 
-#: What a point can end in
-_VERDICTS = ("accepted", "doubtful", "refused", "failed")
+#: Entries of a finished point
+_ENTRIES = ("point", "probes", "errors", *LAST_COLUMNS)
 
 
 def read_points(path: Path, inputs: Inputs) -> dict[int, dict[str, Any]]:
@@ -36,55 +34,24 @@ def read_points(path: Path, inputs: Inputs) -> dict[int, dict[str, Any]]:
     first, *lines = text[: text.rfind("\n") + 1].split("\n")[:-1] or [""]
     if not lines:
         return {}
-    head = _parsed(first)
-    refusal = inputs.refusal(path, head.get("sweep") if isinstance(head, dict) else None)
-    if refusal:
+    try:
+        head = json.loads(first)["sweep"]
+    except (ValueError, LookupError, TypeError):
+        head = None
+    if refusal := inputs.refusal(path, head):
         raise InputError(refusal)
     rows: dict[int, dict[str, Any]] = {}
+    of = range(len(inputs.head["points"]))
     for number, line in enumerate(lines, 2):
-        row = _parsed(line)
-        fault = _fault(row, inputs) or ("the point is there twice" * (row["point"] in rows))
-        if fault:
+        try:
+            row = json.loads(line)
+            rows[of[row["point"]]] = row | {name: row[name] for name in _ENTRIES}
+        except (ValueError, LookupError, TypeError):
             raise InputError(
-                f"{path}:{number}: is not what a sweep writes: {fault}; remove the line, and its "
-                "point is solved again"
-            )
-        rows[row["point"]] = row
+                f"{path}:{number}: is not what a sweep writes; remove the line, and its point is "
+                "solved again"
+            ) from None
     return rows
-
-
-def _parsed(line: str) -> Any:
-    try:
-        return json.loads(line)
-    except (ValueError, RecursionError):
-        return None
-
-
-def _fault(row: Any, inputs: Inputs) -> str:
-    """What is wrong with a point that was read back; "" where nothing is."""
-    if not isinstance(row, dict):
-        return "not an object of JSON"
-    if missing := sorted({"point", "probes", "errors", *LAST_COLUMNS} - row.keys()):
-        return f"no {missing[0]}"
-    count = len(inputs.head["points"])
-    point, probes, errors = row["point"], row["probes"], row["errors"]
-    if type(point) is not int or not 0 <= point < count:
-        return f"point {point!r}, but the points are 0 to {count - 1}"
-    if row["verdict"] not in _VERDICTS:
-        return f"verdict {row['verdict']!r}, but only {', '.join(_VERDICTS)} are possible"
-    if not isinstance(row["message"], str):
-        return f"message {row['message']!r}, which is not a text"
-    if not isinstance(probes, dict) or not isinstance(errors, dict):
-        return "probes or errors are not by name"
-    named = {"cpu_s": row["cpu_s"], **errors, **probes}
-    if wrong := [name for name, value in named.items() if type(value) not in (int, float)]:
-        return f"{wrong[0]} {named[wrong[0]]!r}, which is not a number"
-    without = not probes and row["verdict"] in ("failed", "refused")
-    if not without and tuple(probes) not in inputs.columns:
-        return f"probes {', '.join(probes) or 'are missing'}, which are not those of the deck"
-    if errors and errors.keys() != probes.keys():
-        return "error bars of other probes"
-    return ""
 
 
 class Store:
@@ -133,7 +100,7 @@ class Store:
     def write_table(self, keys: Sequence[str], points: Sequence[tuple[Any, ...]]) -> Path:
         """Write `sweep.csv`, and with pyarrow `sweep.parquet`, of what is finished."""
         rows = [self.rows[number] for number in sorted(self.rows)]
-        probes = _ordered(name for row in rows for name in row["probes"])
+        probes = list(dict.fromkeys(name for row in rows for name in row["probes"]))
         bars = [name for name in probes if any(name in row["errors"] for row in rows)]
         columns: dict[str, list[Any]] = {
             key: [points[row["point"]][j] for row in rows] for j, key in enumerate(keys)
@@ -144,11 +111,8 @@ class Store:
         }
         for name in LAST_COLUMNS:
             columns[name] = [row[name] for row in rows]
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(map(_cell, columns))
-        writer.writerows(map(_cell, values) for values in zip(*columns.values(), strict=True))
-        write_text(self._folder / "sweep.csv", text.getvalue())
+        table = (map(_cell, values) for values in zip(*columns.values(), strict=True))
+        write_csv(self._folder / "sweep.csv", map(_cell, columns), table)
         _write_parquet(self._folder / "sweep.parquet", columns, self._about["units"])
         return self._folder / "sweep.csv"
 
@@ -166,10 +130,6 @@ def _cell(value: Any) -> Any:
     """The value, with an apostrophe before text that a spreadsheet would take for a formula."""
     formula = isinstance(value, str) and value.startswith(("=", "+", "-", "@", "\t", "\r", "\n"))
     return f"'{value}" if formula else value
-
-
-def _ordered(names: Iterable[str]) -> list[str]:
-    return list(dict.fromkeys(names))
 
 
 def _write_parquet(path: Path, columns: Mapping[str, list[Any]], units: Mapping[str, str]) -> None:
