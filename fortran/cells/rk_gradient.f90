@@ -80,9 +80,8 @@ subroutine new_gradient(self, cells, ns, inside, facet, surface, essential, foll
    real(wp), pointer, contiguous :: psi(:, :)
    integer, pointer, contiguous :: nodes(:)
    logical, allocatable :: seen(:)
-   real(wp) :: size_, weight
-   integer :: nd, np, q, n, pass, i, k, s, g, d, cell, o
-   integer(i8) :: entries, values, e
+   integer :: nd, np, n, pass, q, s
+   integer(i8) :: entries, values
    logical :: lifted
 
    nd = size(cells%point, 1)
@@ -109,102 +108,82 @@ subroutine new_gradient(self, cells, ns, inside, facet, surface, essential, foll
       do q = 1, np
          n = 0
          lifted = .false.
-         cell = 1 + (q - 1)/cells%per_cell
-         o = (cell - 1)*cells%per_cell
-         weight = sum(cells%weight(o + 1:o + cells%per_cell))
-         size_ = weight
-         if (allocated(cells%filled)) size_ = size_/cells%filled(q)
-         if (cells%smoothed) then
-            ! stabilisation couples all source points that cover the middle, facets may miss some
-            call gather(inside, q, [(0.0_wp, d=1, nd)])
-         else
-            call gather_gradient(inside, q, 1.0_wp)
-         end if
-         if (cells%closed) then
-            do e = facets%offset(cell) + 1, facets%offset(cell + 1)
-               i = (facets%index(e) + 1)/2
-               call gather(facet, i, merge(1, -1, mod(facets%index(e), 2) == 1) &
-                  & *cells%area(:, i)/size_)
-            end do
-            do e = surfaces%offset(cell) + 1, surfaces%offset(cell + 1)
-               s = surfaces%index(e)
-               call gather(surface, s, cells%outward(:, s)/size_)
-            end do
-            ! the mean by quadrature gives way to the mean by the divergence theorem
-            if (.not. cells%smoothed) then
-               do k = o + 1, o + cells%per_cell
-                  call gather_gradient(inside, k, -cells%weight(k)/weight)
-               end do
-            end if
-         end if
-         do e = lifts%offset(q) + 1, lifts%offset(q + 1)
-            s = surface_of(lifts%index(e))
-            if (any(essential(:, s))) call gather_lift(s, cells%lift(lifts%index(e)))
-         end do
+         call gather_point(q)
          self%start(q) = entries
-         if (pass == 2) then
-            self%local(entries + 1:entries + n) = touched(:n)
-            do d = 1, nd
-               self%first(d, q) = values
-               if (lifted) self%first(d, q) = values + (d - 1)*n
-            end do
-            do k = 1, n
-               do d = 1, merge(nd, 1, lifted)
-                  self%value(:, self%first(d, q) + k) = plain(:, touched(k)) &
-                     & - taken(:, d, touched(k))
-               end do
-            end do
-         end if
+         if (pass == 2) call keep(q)
          entries = entries + n
          values = values + merge(nd*n, n, lifted)
          seen(touched(:n)) = .false.
-         if (pass == 1) cycle
-         do k = 1, n
-            plain(:, touched(k)) = 0.0_wp
-            if (lifted) taken(:, :, touched(k)) = 0.0_wp
-         end do
       end do
       self%start(np + 1) = entries
       if (pass == 1) allocate (self%local(entries), self%value(nd, values))
    end do
-
-   ! source points of each group, and the entries' places among them
-   allocate (self%member%offset(size(cells%first)))
-   do pass = 1, 2
-      entries = 0
-      self%member%offset(1) = 0
-      do g = 1, size(cells%first) - 1
-         n = 0
-         do e = self%start(cells%first(g) + 1) + 1, self%start(cells%first(g + 1) + 1)
-            if (seen(self%local(e))) cycle
-            seen(self%local(e)) = .true.
-            n = n + 1
-            touched(n) = self%local(e)
-         end do
-         if (pass == 2) then
-            k = 0
-            do i = minval(touched(:n)), maxval(touched(:n))
-               if (.not. seen(i)) cycle
-               k = k + 1
-               self%member%index(entries + k) = i
-            end do
-         end if
-         seen(touched(:n)) = .false.
-         entries = entries + n
-         self%member%offset(g + 1) = entries
-      end do
-      if (pass == 1) allocate (self%member%index(entries))
-   end do
-   do g = 1, size(cells%first) - 1
-      do e = self%member%offset(g) + 1, self%member%offset(g + 1)
-         touched(self%member%index(e)) = int(e - self%member%offset(g))
-      end do
-      do e = self%start(cells%first(g) + 1) + 1, self%start(cells%first(g + 1) + 1)
-         self%local(e) = touched(self%local(e))
-      end do
-   end do
+   call find_members(self, cells, ns)
 
 contains
+
+   !> Gradients at a point, by facets and surface of its cell where that is closed, and what lifted
+   !> values take off
+   subroutine gather_point(q)
+      !> Integration point
+      integer, intent(in) :: q
+      real(wp) :: volume, weight
+      integer :: cell, d, i, k, o
+      integer(i8) :: e
+
+      cell = 1 + (q - 1)/cells%per_cell
+      o = (cell - 1)*cells%per_cell
+      weight = sum(cells%weight(o + 1:o + cells%per_cell))
+      volume = weight
+      if (allocated(cells%filled)) volume = volume/cells%filled(q)
+      if (cells%smoothed) then
+         ! stabilisation couples all source points that cover the middle, facets may miss some
+         call gather(inside, q, [(0.0_wp, d=1, nd)])
+      else
+         call gather_gradient(inside, q, 1.0_wp)
+      end if
+      if (cells%closed) then
+         do e = facets%offset(cell) + 1, facets%offset(cell + 1)
+            i = (facets%index(e) + 1)/2
+            call gather(facet, i, merge(1, -1, mod(facets%index(e), 2) == 1) &
+               & *cells%area(:, i)/volume)
+         end do
+         do e = surfaces%offset(cell) + 1, surfaces%offset(cell + 1)
+            i = surfaces%index(e)
+            call gather(surface, i, cells%outward(:, i)/volume)
+         end do
+         ! the mean by quadrature gives way to the mean by the divergence theorem
+         if (.not. cells%smoothed) then
+            do k = o + 1, o + cells%per_cell
+               call gather_gradient(inside, k, -cells%weight(k)/weight)
+            end do
+         end if
+      end if
+      do e = lifts%offset(q) + 1, lifts%offset(q + 1)
+         i = surface_of(lifts%index(e))
+         if (any(essential(:, i))) call gather_lift(i, cells%lift(lifts%index(e)))
+      end do
+   end subroutine gather_point
+
+   !> Keep what was gathered at a point, and forget it
+   subroutine keep(q)
+      !> Integration point
+      integer, intent(in) :: q
+      integer :: d, k
+
+      self%local(entries + 1:entries + n) = touched(:n)
+      do d = 1, nd
+         self%first(d, q) = values
+         if (lifted) self%first(d, q) = values + (d - 1)*n
+      end do
+      do k = 1, n
+         do d = 1, merge(nd, 1, lifted)
+            self%value(:, self%first(d, q) + k) = plain(:, touched(k)) - taken(:, d, touched(k))
+         end do
+      end do
+      plain(:, touched(:n)) = 0.0_wp
+      if (lifted) taken(:, :, touched(:n)) = 0.0_wp
+   end subroutine keep
 
    !> Note a source point
    subroutine touch(node)
@@ -272,6 +251,56 @@ contains
    end subroutine gather_lift
 
 end subroutine new_gradient
+
+!> Source points of each group of cells, and the entries' places among them instead of their numbers
+subroutine find_members(self, cells, ns)
+   !> Gradients, whose entries are numbers of source points yet
+   type(gradient_type), intent(inout) :: self
+   !> Integration points
+   type(cells_type), intent(in) :: cells
+   !> Source points, with blocks of unknowns behind them
+   integer, intent(in) :: ns
+   integer, allocatable :: touched(:)
+   logical, allocatable :: seen(:)
+   integer(i8) :: e, entries
+   integer :: g, i, k, n, pass
+
+   allocate (self%member%offset(size(cells%first)), touched(ns), seen(ns))
+   seen = .false.
+   self%member%offset(1) = 0
+   do pass = 1, 2
+      entries = 0
+      do g = 1, size(cells%first) - 1
+         n = 0
+         do e = self%start(cells%first(g) + 1) + 1, self%start(cells%first(g + 1) + 1)
+            if (seen(self%local(e))) cycle
+            seen(self%local(e)) = .true.
+            n = n + 1
+            touched(n) = self%local(e)
+         end do
+         if (pass == 2) then
+            k = 0
+            do i = minval(touched(:n)), maxval(touched(:n))
+               if (.not. seen(i)) cycle
+               k = k + 1
+               self%member%index(entries + k) = i
+            end do
+         end if
+         seen(touched(:n)) = .false.
+         entries = entries + n
+         self%member%offset(g + 1) = entries
+      end do
+      if (pass == 1) allocate (self%member%index(entries))
+   end do
+   do g = 1, size(cells%first) - 1
+      do e = self%member%offset(g) + 1, self%member%offset(g + 1)
+         touched(self%member%index(e)) = int(e - self%member%offset(g))
+      end do
+      do e = self%start(cells%first(g) + 1) + 1, self%start(cells%first(g + 1) + 1)
+         self%local(e) = touched(self%local(e))
+      end do
+   end do
+end subroutine find_members
 
 !> Lift the essential values
 subroutine set_essential(self, cells, essential, value)

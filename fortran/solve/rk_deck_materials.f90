@@ -6,7 +6,7 @@ module rk_deck_materials
    use rk_deck_regions, only : has_regions, label_regions, read_parts
    use rk_error, only : error_type, fatal_error, err_input
    use rk_material, only : material_item
-   use rk_material_list, only : new_material
+   use rk_energies, only : new_material
    use rk_parameters, only : parameters_type
    use rk_precision, only : pi, wp
    use rk_scene, only : scene_type, tissue_type

@@ -3,7 +3,7 @@ module rk_pack
    use rk_error, only : error_type
    use rk_kernel, only : find_kernel, find_window
    use rk_material, only : material_item
-   use rk_material_list, only : new_material
+   use rk_energies, only : new_material
    use rk_parameters, only : parameters_type
    use rk_precision, only : wp
    use rk_shape, only : approximation_type

@@ -1,0 +1,256 @@
+!> Energies of materials, by the names they have in decks. A new one is a type here and its rows in
+!> the schema.
+!>
+!>     polynomial      W_r = sum A_ij (I1r - 3)^i (I2r - 3)^j,   1 <= i + j <= 3
+!>     neo-hookean     W_r = mu/2 (I1r - 3)                                    A10 = mu/2
+!>     mooney-rivlin   W_r = C1 (I1r - 3) + C2 (I2r - 3)                       A10 = C1, A01 = C2
+!>     yeoh            W_r = C1 (I1r - 3) + C2 (I1r - 3)^2 + C3 (I1r - 3)^3    A10, A20, A30
+!>     muscle          polynomial matrix and fibers that carry and produce force,
+!>                     dW_f/dlambda* = sigma_max (activation f_active + f_passive)
+!>
+!> all with K/2 (J - 1)^2. Abaqus has the three named ones, with K = 2/D1. In muscle,
+!> lambda* = lambda/lambda_o with lambda^2 = I4r, the reduced square of the fiber stretch; the
+!> energy of the fibers is counted from lambda* = 1. Fibers v and -v are the same; a fiber of zeros
+!> leaves the matrix alone.
+!>
+!> References: thesis (4.34)-(4.36), (4.39), (5.37a);
+!>             Rivlin, Phil. Trans. R. Soc. A 240 (1948), doi:10.1098/rsta.1948.0002;
+!>             Rivlin, Saunders, Phil. Trans. R. Soc. A 243 (1951), doi:10.1098/rsta.1951.0004;
+!>             Mooney, J. Appl. Phys. 11 (1940), doi:10.1063/1.1712836;
+!>             Yeoh, Rubber Chem. Technol. 66 (1993), doi:10.5254/1.3538343;
+!>             Blemker, Pinsky, Delp, J. Biomech. 38 (2005), doi:10.1016/j.jbiomech.2004.04.009
+module rk_energies
+   use rk_error, only : err_input, error_type, fatal_error
+   use rk_fiber, only : active_curve, curve_type, evaluate_curve, passive_curve
+   use rk_material, only : kind_i1, kind_i2, kind_i4, material_item, material_type, &
+      & energy_derivatives, invariant_state
+   use rk_parameters, only : parameters_type
+   use rk_precision, only : wp
+   use rk_text, only : to_text
+   implicit none
+   private
+
+   public :: new_material
+
+   !> Names of the materials
+   character(len=*), parameter :: names(5) = ['polynomial   ', 'muscle       ', &
+      & 'neo-hookean  ', 'mooney-rivlin', 'yeoh         ']
+
+   !> Isotropic material, by all coefficients or by those of a named law
+   type, extends(material_type) :: polynomial_type
+      !> Coefficients A_ij, zero where i + j > 3 [stress]
+      real(wp) :: a(0:3, 0:3) = 0.0_wp
+   contains
+      procedure :: set => set_polynomial
+      procedure :: reduced => polynomial_energy
+   end type polynomial_type
+
+   !> Muscle
+   type, extends(polynomial_type) :: muscle_type
+      !> Largest isometric stress, >= 0 [stress]
+      real(wp) :: sigma_max
+      !> Stretch of optimal length, > 0 [-]
+      real(wp) :: lambda_o
+      !> Active force
+      type(curve_type) :: active_force
+      !> Passive force
+      type(curve_type) :: passive_force
+   contains
+      procedure :: set => set_muscle
+      procedure :: reduced => muscle_energy
+   end type muscle_type
+
+contains
+
+!> Create a material from its parameters; `model`, one of them, is its name in the list
+subroutine new_material(item, parameters, error)
+   !> Material
+   type(material_item), intent(out) :: item
+   !> Model and parameters
+   type(parameters_type), intent(inout) :: parameters
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   character(len=:), allocatable :: model
+
+   call parameters%get('model', model, names, error)
+   if (allocated(error)) return
+   select case (model)
+   case ('muscle')
+      allocate (muscle_type :: item%material)
+   case default
+      allocate (polynomial_type :: item%material)
+   end select
+   item%material%name = parameters%name
+   call item%material%set(parameters, error)
+   if (allocated(error)) return
+   call parameters%check_all_asked(error)
+end subroutine new_material
+
+!> Take and check coefficients and K; set what follows from them
+subroutine set_polynomial(self, parameters, error)
+   !> Material
+   class(polynomial_type), intent(inout) :: self
+   !> Parameters
+   type(parameters_type), intent(inout) :: parameters
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   !> Half the shear modulus in parameters, for messages
+   character(len=:), allocatable :: half, model
+   integer :: i, j
+
+   call parameters%get('model', model, names, error)
+   if (allocated(error)) return
+   select case (model)
+   case ('neo-hookean')
+      half = 'mu/2'
+      call parameters%get('mu', self%a(1, 0), error, above=0.0_wp)
+      self%a(1, 0) = 0.5_wp*self%a(1, 0)
+   case ('mooney-rivlin')
+      half = 'C1 + C2'
+      call parameters%get('C1', self%a(1, 0), error)
+      if (.not. allocated(error)) call parameters%get('C2', self%a(0, 1), error)
+   case ('yeoh')
+      half = 'C1'
+      do i = 1, 3
+         call parameters%get('C'//to_text(i), self%a(i, 0), error)
+         if (allocated(error)) exit
+      end do
+   case default
+      half = 'A10 + A01'
+      each: do i = 0, 3
+         do j = merge(1, 0, i == 0), 3 - i
+            call parameters%get('A'//to_text(i)//to_text(j), self%a(i, j), error)
+            if (allocated(error)) exit each
+         end do
+      end do each
+   end select
+   if (allocated(error)) return
+   ! an infinite K keeps the volume
+   call parameters%get('K', self%bulk, error, above=0.0_wp, infinite=.true.)
+   if (allocated(error)) return
+   associate (a => self%a)
+      self%shear = 2.0_wp*(a(1, 0) + a(0, 1))
+      self%active(kind_i1) = any(abs(a(1:, :)) > 0.0_wp)
+      self%active(kind_i2) = any(abs(a(:, 1:)) > 0.0_wp)
+      if (.not. self%shear > 0.0_wp) call fatal_error(error, err_input, "material '"//self%name &
+         & //"': "//half//" = "//to_text(a(1, 0) + a(0, 1))//" must be positive, it is half " &
+         & //"the shear modulus")
+   end associate
+end subroutine set_polynomial
+
+!> Polynomial and its derivatives
+pure subroutine polynomial_energy(self, state, order, w)
+   !> Material
+   class(polynomial_type), intent(in) :: self
+   !> Reduced invariants
+   type(invariant_state), intent(in) :: state
+   !> Highest derivative wanted
+   integer, intent(in) :: order
+   !> Energy and derivatives
+   type(energy_derivatives), intent(out) :: w
+   real(wp) :: x, y
+
+   x = state%reduced(kind_i1) - 3.0_wp
+   y = state%reduced(kind_i2) - 3.0_wp
+   associate (a => self%a)
+      w%energy = x*(a(1, 0) + x*(a(2, 0) + x*a(3, 0))) + y*(a(0, 1) + y*(a(0, 2) + y*a(0, 3))) &
+         & + x*y*(a(1, 1) + x*a(2, 1) + y*a(1, 2))
+      if (order < 1) return
+      w%first(1) = a(1, 0) + x*(2.0_wp*a(2, 0) + x*3.0_wp*a(3, 0))
+      w%second(1, 1) = 2.0_wp*a(2, 0) + x*6.0_wp*a(3, 0)
+      w%third(1, 1, 1) = 6.0_wp*a(3, 0)
+      if (order > 3) w%fourth = 0.0_wp
+      if (.not. self%active(kind_i2)) return
+
+      w%first(1) = w%first(1) + y*(a(1, 1) + 2.0_wp*x*a(2, 1) + y*a(1, 2))
+      w%first(2) = a(0, 1) + y*(2.0_wp*a(0, 2) + y*3.0_wp*a(0, 3)) &
+         & + x*(a(1, 1) + x*a(2, 1) + 2.0_wp*y*a(1, 2))
+      w%second(1, 1) = w%second(1, 1) + 2.0_wp*y*a(2, 1)
+      w%second(1, 2) = a(1, 1) + 2.0_wp*(x*a(2, 1) + y*a(1, 2))
+      w%second(2, 1) = w%second(1, 2)
+      w%second(2, 2) = 2.0_wp*(a(0, 2) + x*a(1, 2)) + y*6.0_wp*a(0, 3)
+      w%third(2, 2, 2) = 6.0_wp*a(0, 3)
+      w%third(1, 1, 2) = 2.0_wp*a(2, 1)
+      w%third(1, 2, 1) = w%third(1, 1, 2)
+      w%third(2, 1, 1) = w%third(1, 1, 2)
+      w%third(1, 2, 2) = 2.0_wp*a(1, 2)
+      w%third(2, 1, 2) = w%third(1, 2, 2)
+      w%third(2, 2, 1) = w%third(1, 2, 2)
+   end associate
+end subroutine polynomial_energy
+
+!> Take and check the parameters of the matrix and of the fibers
+subroutine set_muscle(self, parameters, error)
+   !> Material
+   class(muscle_type), intent(inout) :: self
+   !> Parameters
+   type(parameters_type), intent(inout) :: parameters
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   !> Factor, >= 0, and rate, > 0, of the passive force [-]
+   real(wp) :: gamma1, gamma2
+   character(len=:), allocatable :: curve
+   logical :: smooth
+
+   call self%polynomial_type%set(parameters, error)
+   if (allocated(error)) return
+   call parameters%get('sigma_max', self%sigma_max, error, least=0.0_wp)
+   if (allocated(error)) return
+   call parameters%get('lambda_o', self%lambda_o, error, above=0.0_wp)
+   if (allocated(error)) return
+   call parameters%get('gamma1', gamma1, error, least=0.0_wp)
+   if (allocated(error)) return
+   call parameters%get('gamma2', gamma2, error, above=0.0_wp)
+   if (allocated(error)) return
+   call parameters%get('curve', curve, ['published', 'smooth   '], error)
+   if (allocated(error)) return
+   smooth = curve == 'smooth'
+   self%active_force = active_curve(smooth)
+   self%passive_force = passive_curve(smooth, gamma1, gamma2)
+   self%active(kind_i4) = self%sigma_max > 0.0_wp
+   self%fibered = .true.
+   self%kinked = .not. smooth
+end subroutine set_muscle
+
+!> Energy of matrix and fibers and its derivatives
+pure subroutine muscle_energy(self, state, order, w)
+   !> Material
+   class(muscle_type), intent(in) :: self
+   !> Reduced invariants and activation
+   type(invariant_state), intent(in) :: state
+   !> Highest derivative wanted
+   integer, intent(in) :: order
+   !> Energy and derivatives
+   type(energy_derivatives), intent(out) :: w
+   !> Integral of the force by lambda*, the force and its derivatives [-]
+   real(wp) :: f(0:4), passive(0:4)
+   !> lambda*, and d lambda*/d I4r = c/lambda* [-]
+   real(wp) :: stretch, c
+
+   call self%polynomial_type%reduced(state, order, w)
+   if (.not. state%fibered) return
+   stretch = sqrt(state%reduced(kind_i4))/self%lambda_o
+   c = 0.5_wp/self%lambda_o**2
+   call evaluate_curve(self%active_force, stretch, order, f)
+   call evaluate_curve(self%passive_force, stretch, order, passive)
+   f(:order) = self%sigma_max*(state%activation*f(:order) + passive(:order))
+
+   w%energy = w%energy + f(0)
+   if (order < 1) return
+   w%first(kind_i4) = c*f(1)/stretch
+   if (order < 2) return
+   w%second(kind_i1:kind_i2, kind_i4) = 0.0_wp
+   w%second(kind_i4, kind_i1:kind_i2) = 0.0_wp
+   w%second(kind_i4, kind_i4) = c**2*(f(2) - f(1)/stretch)/stretch**2
+   if (order < 3) return
+   w%third(:, :, kind_i4) = 0.0_wp
+   w%third(:, kind_i4, :) = 0.0_wp
+   w%third(kind_i4, :, :) = 0.0_wp
+   w%third(kind_i4, kind_i4, kind_i4) = &
+      & c**3*(f(3) - 3.0_wp*(f(2) - f(1)/stretch)/stretch)/stretch**3
+   if (order < 4) return
+   w%fourth(kind_i4, kind_i4, kind_i4, kind_i4) = c**4*(f(4) - 6.0_wp*f(3)/stretch &
+      & + 15.0_wp*(f(2) - f(1)/stretch)/stretch**2)/stretch**4
+end subroutine muscle_energy
+
+end module rk_energies
