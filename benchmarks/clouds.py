@@ -21,8 +21,8 @@ from myork.console import ProgressCallback
 from myork.core.deck import table_defaults
 from myork.core.scene import Scene
 from myork.imaging.phantom import make_phantom
+from myork.model.cloud import build_cloud
 from myork.records import Image, Labels, PointCloud
-from myork.stations.build import build_cloud
 
 __all__ = ["bar", "run", "solve_bar"]
 

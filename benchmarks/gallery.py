@@ -26,7 +26,7 @@ from myork.core.deck import table_defaults
 from myork.core.level_sets import evolve_level_sets
 from myork.imaging.phantom import make_phantom
 from myork.records import Image
-from myork.segmentation.bias import clustered_bias, n4_bias
+from myork.segmentation.bias import clustered_bias
 from myork.segmentation.channels import fiber_channels, scaled_values
 from myork.segmentation.level_sets import LevelSets, Regions, segment_regions
 from myork.segmentation.regions import body_mask
@@ -292,14 +292,6 @@ def _bias(n: int) -> tuple[list[dict[str, Any]], Figure, str]:
             "last_energy": float(found.energy[-1]),
         }
     ]
-    try:
-        import_module("SimpleITK")
-    except ImportError:
-        pass
-    else:
-        other = n4_bias(image.data, mask, spacing=image.spacing, shrink=2).field
-        correlation = float(np.corrcoef(other[mask], truth[mask])[0, 1])
-        cases.append({"name": "bias field by N4 of SimpleITK", "correlation": correlation})
     k = mask.shape[2] // 2
     body = np.where(mask, 1.0, np.nan)
     figure = _panels(

@@ -24,8 +24,8 @@ from myork.bench.tables import Columns, plot, table
 from myork.console import ProgressCallback
 from myork.core.deck import table_defaults
 from myork.imaging.phantom import make_phantom
+from myork.model.cloud import build_cloud
 from myork.records import Image, PointCloud
-from myork.stations.build import build_cloud
 
 __all__ = ["gastrocnemius", "run"]
 

@@ -24,7 +24,7 @@ from myork.core.level_sets import evolve_level_sets
 from myork.imaging.io import read_image, read_labels
 from myork.imaging.phantom import make_phantom
 from myork.records import Image
-from myork.segmentation.bias import clustered_bias, n4_bias
+from myork.segmentation.bias import clustered_bias
 from myork.segmentation.regions import body_mask
 from myork.segmentation.shading import shading
 from myork.types import F64, I32, Mask
@@ -126,20 +126,17 @@ def main(half: str, real: list[str]) -> None:
                 error = random.normal(0.0, noise, (2, *mask.shape))
                 values = np.hypot(image.data * truth + error[0], error[1])
                 body = body_mask(Image(values, image.affine))
-                keys: dict[str, Any] = {"spacing": image.spacing, "shrink": 2 if one else 3}
                 line = f"{name:9s} {family:11s} {ends[0]:.2f} to {ends[1]:.2f}"
-                for way in ("auto", "level-sets", "n4"):
+                for way in ("auto", "level-sets"):
                     start = time.process_time()
                     doubt = ""
                     if way == "auto":
                         found = shading(values, body, spacing=image.spacing)
                         doubt = " doubt" if found.doubt else ""
                         result = found.field
-                    elif way == "n4":
-                        result = n4_bias(values, body, **keys).field
                     else:
                         result = clustered_bias(
-                            values, body, evolve_level_sets, regions=3, **keys
+                            values, body, evolve_level_sets, regions=3, spacing=image.spacing
                         ).field
                     took = time.process_time() - start
                     alike = np.corrcoef(result[mask], truth[mask])[0, 1]

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from benchmarks.truths.deck_parts import deck, force, held, probe
 from myork.bench.materials import MUSCLE, RUBBER
 from myork.core.deck import table_defaults
+from myork.model.cloud import build_cloud
 from myork.records import Labels, PointCloud
-from myork.stations.build import build_cloud
 from myork.types import F64
 
 __all__ = ["BODIES", "Body", "body_cloud", "box_tables"]

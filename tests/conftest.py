@@ -102,9 +102,9 @@ def voxel_rom(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     from myork import ReducedModel
     from myork.core.deck import table_defaults, text_of_tables
+    from myork.model.cloud import build_cloud
     from myork.model_file import write_model
     from myork.records import Labels
-    from myork.stations.build import build_cloud
 
     held = {"u_x": 0, "u_y": 0, "u_z": 0}
     middle = [1.5, 1.5, 1.5]

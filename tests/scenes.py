@@ -13,8 +13,8 @@ from myork import Scene
 from myork.bench import materials
 from myork.core.deck import table_defaults
 from myork.core.states import Fields, States
+from myork.model.cloud import build_cloud
 from myork.records import Labels, PointCloud
-from myork.stations.build import build_cloud
 from myork.types import F64
 
 #: Of the reference, with a bulk modulus that needs no treatment

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from myork.core.level_sets import evolve_level_sets
-from myork.errors import InputError, InstallationError
+from myork.errors import InputError
 from myork.imaging.phantom import make_phantom
 from myork.records import Image
-from myork.segmentation.bias import check_positive, clustered_bias, n4_bias
+from myork.segmentation.bias import check_positive, clustered_bias
 from myork.segmentation.regions import body_mask
 
 
@@ -50,18 +50,6 @@ def test_three_regions_on_phantoms_full_of_muscle(other):
 
 
 @pytest.mark.slow
-def test_field_of_a_shrunken_image_is_almost_the_same():
-    image, mask, _ = shaded(0.6, (160, 160, 3))
-    fine, coarse = (
-        clustered_bias(
-            image.data, mask, evolve_level_sets, spacing=image.spacing, regions=2, shrink=shrink
-        )
-        for shrink in (1, 2)
-    )
-    assert np.corrcoef(fine.field[mask], coarse.field[mask])[0, 1] > 0.97
-
-
-@pytest.mark.slow
 def test_brightness_and_values_outside_do_not_matter():
     image, mask, _ = shaded(0.3, (96, 96, 3))
     again = np.where(mask, 7.0 * image.data, np.nan)
@@ -70,22 +58,6 @@ def test_brightness_and_values_outside_do_not_matter():
         for values in (image.data, again)
     )
     np.testing.assert_allclose(a.field, b.field, rtol=1e-10)
-
-
-@pytest.mark.slow
-def test_n4_of_simpleitk():
-    image, mask, truth = shaded(0.6, (96, 96, 3))
-    found = n4_bias(image.data, mask, spacing=image.spacing, shrink=3)
-    assert np.corrcoef(found.field[mask], truth[mask])[0, 1] > 0.9
-
-
-def test_n4_without_simpleitk_names_the_extra(monkeypatch):
-    def missing(name):
-        raise ImportError(name)
-
-    monkeypatch.setattr("myork.segmentation.bias.import_module", missing)
-    with pytest.raises(InstallationError, match=r"pip install 'myork\[seg\]'"):
-        n4_bias(np.ones((4, 4, 1)), np.ones((4, 4, 1), bool), spacing=(1, 1, 1))
 
 
 def test_empty_mask():
@@ -102,12 +74,8 @@ def test_empty_mask():
 def test_images_without_a_field_are_refused():
     image, mask, _ = shaded(0.3, (96, 96, 3))
     options = {"spacing": (1, 1, 1), "regions": 2}
-    with pytest.raises(InputError, match="blocks of 97 x 97 pixels leave no image"):
-        clustered_bias(image.data, mask, evolve_level_sets, shrink=97, **options)
     with pytest.raises(InputError, match="the body has no signal"):
         clustered_bias(0.0 * image.data, mask, evolve_level_sets, **options)
-    with pytest.raises(InputError, match="N4 finds no field .*lower bias.shrink"):
-        n4_bias(image.data[:5, :5], mask[40:45, 40:45], spacing=(1, 1, 1), shrink=4)
     check_positive(image, mask)
     with pytest.raises(InputError, match="100% of the values in the body are negative"):
         check_positive(Image(-image.data, image.affine), mask)

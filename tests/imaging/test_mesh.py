@@ -5,8 +5,8 @@ import pytest
 import pyvista
 
 from myork.errors import FileError, InputError
+from myork.model.cloud import build_cloud
 from myork.model.mesh import read_tracts, tract_fibers, voxelise
-from myork.stations.build import build_cloud
 
 TABLE = {"ids": [], "collocation_stride": [1, 1, 1], "source_stride": [2, 2, 2],
          "islands": "error", "bone": [], "normals": "distance", "merge": "majority"}  # fmt: skip

@@ -12,10 +12,11 @@ from myork.core.deck import table_defaults, text_of_tables
 from myork.errors import InputError
 from myork.imaging.io import read_image, read_labels, write_image, write_labels
 from myork.imaging.phantom import TISSUES, make_phantom
+from myork.model.cloud import build_cloud
+from myork.model.shares import checked_parts, read_parts
 from myork.records import Image, Labels
 from myork.segmentation.partial import label_parts
-from myork.stations.build import build, build_cloud
-from myork.stations.partial import checked_parts, read_parts
+from myork.stations.build import build
 from myork.stations.segment import segment
 from myork.summary import read_summary
 

@@ -207,7 +207,7 @@ def test_a_region_and_a_body_of_the_user_are_kept_whole(own):
     write_labels(folder / "mine.nii.gz", Labels(mine, labels.affine))
     for key in ("region", "body"):
         run(
-            "image.region_margin=0", "bias.method=level-sets", "bias.shrink=2",
+            "image.region_margin=0", "bias.method=auto",
             names=("anatomy=t1", f"{key}=mine"),
         )  # fmt: skip
         regions = read_labels(folder / "out" / "regions.nii.gz").data

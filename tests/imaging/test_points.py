@@ -9,9 +9,9 @@ from myork.core.shape import shape_functions
 from myork.errors import InputError
 from myork.imaging.phantom import make_phantom
 from myork.model import points
+from myork.model.cloud import build_cloud
 from myork.model_file import read_model, write_model
 from myork.records import Image, Labels
-from myork.stations.build import build_cloud
 
 TABLE = {
     "ids": [],

@@ -7,7 +7,6 @@ from myork.errors import InputError
 from myork.imaging.phantom import make_phantom
 from myork.records import Image
 from myork.segmentation import shading as module
-from myork.segmentation.bias import n4_bias
 from myork.segmentation.regions import body_mask
 from myork.segmentation.shading import shading
 
@@ -108,13 +107,6 @@ def test_voxels_that_do_not_touch_have_no_slopes():
     found = shading(np.ones(mask.shape), mask, spacing=(1, 1, 1))
     np.testing.assert_allclose(found.field[mask], 1.0, atol=1e-6)
     assert not found.doubt
-
-
-@pytest.mark.slow
-def test_n4_of_one_slice():
-    image, mask, truth = shaded((0.4, 2.0), (0.1, 0.2, 0.5))
-    found = n4_bias(image.data, mask, spacing=image.spacing, shrink=2)
-    assert likeness(found.field, truth, mask) >= 0.98
 
 
 def test_nothing_to_look_at():

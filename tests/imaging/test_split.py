@@ -367,7 +367,7 @@ def test_what_cannot_be_is_told_before_the_level_sets(tmp_path, monkeypatch, rul
     def computed(*args, **kwargs):
         pytest.fail("the level sets ran")
 
-    monkeypatch.setattr("myork.stations.segment.segment_regions", computed)
+    monkeypatch.setattr("myork.segmentation.images.segment_regions", computed)
     with pytest.raises((InputError, FileError), match=message):
         segmented(tmp_path, rules, **keys)
 

@@ -6,11 +6,12 @@ import pytest
 
 from myork.cli import main
 from myork.errors import InputError
+from myork.imaging.diffusion import tensor_maps
 from myork.imaging.gradients import write_gradients
 from myork.imaging.io import write_image, write_labels
 from myork.imaging.phantom import make_phantom, phantom_dwi
 from myork.records import Image, Labels
-from myork.stations.tensors import tensor_maps, write_tensors
+from myork.stations.tensors import write_tensors
 from myork.summary import read_summary
 
 DECK = """title = "leg"

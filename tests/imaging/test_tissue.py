@@ -7,13 +7,13 @@ from myork.core.level_sets import evolve_level_sets
 from myork.errors import InputError
 from myork.imaging.phantom import TISSUES, make_phantom
 from myork.model.boundary import boundary_sets
+from myork.model.cloud import build_cloud
 from myork.model.points import BONE, changed_volumes, coarsen, select, trimmed
 from myork.model.shares import label_shares
 from myork.records import Image, Labels
 from myork.segmentation.fuzzy import fuzzy_c_means
 from myork.segmentation.leg import LegImages, _skin, check_disjoint, find_bones, leg_tissues
 from myork.segmentation.scores import dice
-from myork.stations.build import build_cloud
 
 KEYS = {"least_diffusivity": 0.8e-3}
 

@@ -12,9 +12,9 @@ from myork import Scene
 from myork.core.deck import table_defaults
 from myork.errors import InputError
 from myork.imaging.geometry import canonical
+from myork.model.cloud import build_cloud
 from myork.model_file import read_model, write_model
 from myork.records import Image, Labels, PointCloud
-from myork.stations.build import build_cloud
 
 MUSCLE = {
     "name": "muscle",

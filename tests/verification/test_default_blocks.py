@@ -12,9 +12,9 @@ from myork import Scene
 from myork.bench.materials import RUBBER
 from myork.bench.runs import solve_case
 from myork.core.deck import table_defaults
+from myork.model.cloud import build_cloud
 from myork.model_file import write_model
 from myork.records import Labels, PointCloud
-from myork.stations.build import build_cloud
 from myork.stations.explain import explain_deck
 
 BY_NAME = {problem.name: problem for problem in DECKS}

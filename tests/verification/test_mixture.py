@@ -8,8 +8,8 @@ import pytest
 from myork.bench import materials
 from myork.core.deck import table_defaults
 from myork.errors import InputError
+from myork.model.cloud import build_cloud
 from myork.records import Labels, PointCloud
-from myork.stations.build import build_cloud
 
 SOFT = {"name": "soft", "label": 1, "model": "polynomial", "A10": 5.0, "K": 20.0}
 STIFF = {"name": "stiff", "label": 2, "model": "polynomial", "A10": 30.0, "A20": 80.0, "K": 120.0}

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from myork import Scene, make_report, run_deck
 from myork.core.deck import table_defaults
 from myork.errors import InputError
+from myork.model.cloud import build_cloud
 from myork.records import Labels, PointCloud
-from myork.stations.build import build_cloud
 from myork.stations.explain import explain_deck
 
 #: No Poisson's ratio at small strains: E = 2 mu, K = 2/3 mu, and a clamped end disturbs no bending

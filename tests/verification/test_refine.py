@@ -12,9 +12,9 @@ from myork.bench.materials import RUBBER
 from myork.core.deck import table_defaults
 from myork.core.scene import Scene
 from myork.errors import InputError
+from myork.model.cloud import build_cloud
 from myork.records import Labels
 from myork.report import make_report
-from myork.stations.build import build_cloud
 from myork.stations.solve import run_deck
 
 _RUBBER = {**RUBBER, "K": 1e3}

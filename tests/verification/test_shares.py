@@ -12,9 +12,9 @@ from myork.bench import exact
 from myork.bench.materials import RUBBER
 from myork.core.deck import table_defaults
 from myork.errors import InputError
+from myork.model.cloud import build_cloud
 from myork.model_file import read_model, write_model
 from myork.records import Labels, PointCloud, Voxels
-from myork.stations.build import build_cloud
 
 
 def brick(share: NDArray[Any], slices: int) -> PointCloud:

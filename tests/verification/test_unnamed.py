@@ -11,8 +11,8 @@ from myork import Scene, run_deck
 from myork.bench import materials
 from myork.core.deck import load_tables, table_defaults
 from myork.core.material import Material, stress
+from myork.model.cloud import build_cloud
 from myork.records import Labels
-from myork.stations.build import build_cloud
 from myork.tables import deck_text
 
 SOFT = {"name": "soft", "model": "neo-hookean", "mu": 2.0, "K": 6.0}

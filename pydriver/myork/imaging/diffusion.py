@@ -21,16 +21,18 @@ from myork.imaging.geometry import frame
 from myork.imaging.gradients import GradientTable, read_gradients
 from myork.imaging.io import read_image
 from myork.records import Image
-from myork.types import F64
+from myork.types import F64, Mask
 
 __all__ = [
     "fit_tensors",
     "fractional_anisotropy",
     "full_tensors",
+    "known_tensors",
     "mean_diffusivity",
     "parse_axes",
     "read_tensors",
     "tensor_components",
+    "tensor_maps",
     "turn_tensors",
 ]
 
@@ -71,6 +73,37 @@ def fractional_anisotropy(components: F64) -> F64:
         (squares * shift**2).sum(axis=-1), norm, out=np.zeros(norm.shape), where=norm > 0
     )
     return np.sqrt(1.5 * ratio)
+
+
+def tensor_maps(tensor: Image) -> dict[str, Image]:
+    """Fractional anisotropy, mean diffusivity and eigenvalues; zero where there is no tensor.
+
+    Parameters
+    ----------
+    tensor : Image
+        Shape `(ni, nj, nk, 6)` [mm^2/s].
+
+    Returns
+    -------
+    dict
+        `fa` and `md` of shape `(ni, nj, nk)`, `eigenvalues` of shape `(ni, nj, nk, 3)`, the largest
+        first.
+    """
+    components = np.where(np.isfinite(tensor.data).all(axis=-1, keepdims=True), tensor.data, 0.0)
+    values = np.linalg.eigvalsh(full_tensors(components))[..., ::-1]
+    maps = {
+        "fa": fractional_anisotropy(components),
+        "md": mean_diffusivity(components),
+        "eigenvalues": values,
+    }
+    return {
+        name: Image(np.asarray(data, float), tensor.affine, name) for name, data in maps.items()
+    }
+
+
+def known_tensors(components: F64) -> Mask:
+    """Voxels that have a tensor, shape `(...)`, of components of shape `(..., 6)`."""
+    return np.asarray(np.isfinite(components).all(axis=-1) & components.any(axis=-1), np.bool_)
 
 
 def fit_tensors(dwi: Image, table: GradientTable) -> Image:

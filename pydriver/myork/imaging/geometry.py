@@ -8,10 +8,10 @@ from typing import TypeVar
 
 import nibabel
 import numpy as np
-from numpy.typing import NDArray
 
 from myork.errors import InputError
 from myork.records import Image, Labels
+from myork.types import F64
 
 __all__ = [
     "canonical",
@@ -34,7 +34,7 @@ _VOXEL = (1e-4, 1e3)
 _FARTHEST = 1e6
 
 
-def check_affine(affine: NDArray[np.float64], name: str) -> None:
+def check_affine(affine: F64, name: str) -> None:
     """Refuse an affine that does not span a box of voxels with right angles.
 
     Parameters
@@ -100,7 +100,7 @@ def canonical(image: Grid) -> Grid:
     return replace(image, data=np.ascontiguousarray(data), affine=image.affine @ turn)
 
 
-def frame(affine: NDArray[np.float64]) -> NDArray[np.float64]:
+def frame(affine: F64) -> F64:
     """Directions of the voxel axes in the world, as columns, shape `(3, 3)` [-].
 
     The identity, exactly, where they agree with the world axes to the precision of the file.
@@ -113,12 +113,12 @@ def frame(affine: NDArray[np.float64]) -> NDArray[np.float64]:
     return left @ right
 
 
-def to_voxels(affine: NDArray[np.float64], world: NDArray[np.float64]) -> NDArray[np.float64]:
+def to_voxels(affine: F64, world: F64) -> F64:
     """World coordinates to voxel indices, both of shape `(..., 3)`."""
     return (world - affine[:3, 3]) @ np.linalg.inv(affine[:3, :3]).T
 
 
-def slice_axis(spacing: NDArray[np.float64], shape: Sequence[int] = ()) -> int:
+def slice_axis(spacing: F64, shape: Sequence[int] = ()) -> int:
     """Axis along which slices follow each other: that of a single slice, or of the longest voxels.
 
     Parameters

@@ -23,7 +23,9 @@ from myork.imaging.nifti import load_nifti, save_nifti
 from myork.imaging.plain import check_kind, read_text
 from myork.records import Image, Labels
 
-__all__ = ["read_image", "read_labels", "read_reference", "write_image", "write_labels"]
+__all__ = [
+    "read_image", "read_labels", "read_reference", "renew_images", "write_image", "write_labels",
+]  # fmt: skip
 
 # Larger values are no measurement; squares of smaller ones can be added up.
 _LARGEST = 1e30
@@ -115,6 +117,16 @@ def read_reference(path: Path, progress: ProgressCallback) -> Labels:
 def write_image(path: Path, image: Image) -> None:
     """Write an image in single precision, lengths in mm; the suffix tells the format."""
     _write(path, image.data.astype(np.float32), image.affine)
+
+
+def renew_images(folder: Path, **images: Image | None) -> None:
+    """Write images as `NAME.nii.gz`; what is None is removed."""
+    for name, image in images.items():
+        path = folder / f"{name}.nii.gz"
+        if image is None:
+            path.unlink(missing_ok=True)
+        else:
+            write_image(path, image)
 
 
 def write_labels(path: Path, labels: Labels) -> None:

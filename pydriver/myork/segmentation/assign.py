@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any
 
@@ -39,7 +39,7 @@ def label_by_rules(
     table: Mapping[str, Any],
     image: Image,
     result: Regions,
-    muscles: list[Muscle],
+    muscles: Sequence[Muscle],
     others: F64 | None = None,
 ) -> tuple[Labels, list[str]]:
     """Labels by [[muscle]], and warnings; walks see the image and other channels."""

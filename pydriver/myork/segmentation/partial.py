@@ -22,9 +22,10 @@ from numpy.typing import ArrayLike
 from scipy import ndimage
 from scipy.special import ndtr
 
+from myork.records import Image, Labels
 from myork.types import F64, I32, I64, Mask
 
-__all__ = ["label_parts"]
+__all__ = ["label_parts", "parts_of_labels"]
 
 
 _AROUND = 6.0  # standard deviation of the averages that make means [mm]
@@ -108,6 +109,28 @@ def label_parts(labels: I32, channels: F64, spacing: ArrayLike, unmixed: Sequenc
     parts[i, j, k, ends[0]] += 1.0 - part
     parts[i, j, k, ends[1]] += part
     return np.asarray(parts[..., numbers > 0])
+
+
+def parts_of_labels(
+    labels: Labels, kinds: I32, channels: F64, unmixed: Sequence[int] = ()
+) -> tuple[Image, dict[str, float]]:
+    """Parts of all labels, one volume each in ascending order, and the voxels that each fills.
+
+    Parameters
+    ----------
+    labels : Labels
+        Shape `(ni, nj, nk)`.
+    kinds : NDArray
+        Numbers below one of what has no label, same shape.
+    channels, unmixed
+        As of `label_parts`.
+    """
+    everything = np.where(labels.data > 0, labels.data, kinds)
+    parts = label_parts(everything, channels, labels.spacing, unmixed)
+    numbers = np.unique(labels.data[labels.data > 0]).tolist()
+    filled = parts.sum(axis=(0, 1, 2)).tolist()
+    named = {labels.label_name(n): f for n, f in zip(numbers, filled, strict=True)}
+    return Image(parts, labels.affine), named
 
 
 def _contacts(kind: I64, at: I64, count: int) -> I32:

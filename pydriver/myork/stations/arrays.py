@@ -18,17 +18,16 @@ from myork.errors import InputError
 from myork.imaging import diffusion
 from myork.imaging.dixon import separate_images
 from myork.imaging.gradients import GradientTable
+from myork.model.cloud import build_cloud
 from myork.model.fibers import fiber_field
+from myork.model.shares import checked_parts
 from myork.model.slices import finer_fibers, finer_labels, slice_parts
 from myork.records import Image, Labels, PointCloud
 from myork.segmentation.bias import check_positive
-from myork.segmentation.channels import scaled_values
-from myork.segmentation.level_sets import LevelSets, segment_regions
+from myork.segmentation.images import Images, segment_images
 from myork.segmentation.partial import label_parts
 from myork.segmentation.regions import body_mask
 from myork.segmentation.shading import shading
-from myork.stations.build import build_cloud
-from myork.stations.partial import checked_parts
 from myork.types import F64, I32, Mask
 
 __all__ = [
@@ -199,16 +198,9 @@ def segment(image: ArrayLike, affine: ArrayLike, body: ArrayLike | None = None, 
         0 outside, then 1 for the darkest region and so on, shape `(ni, nj, nk)`.
     """
     grid = _image(image, affine, 3)
-    region = _body(grid, body)
-    table = _table("image", keys)
-    found = segment_regions(
-        scaled_values(grid, region)[..., np.newaxis],
-        region,
-        evolve_level_sets,
-        LevelSets.of_table(table),
-        spacing=grid.spacing,
-    )
-    return (found.region + 1).astype(np.int32)
+    images = Images(grid, body=_body(grid, body))
+    found = segment_images(images, _table("image", keys), evolve_level_sets)
+    return (found.regions.region + 1).astype(np.int32)
 
 
 def parts_of_voxels(

@@ -12,12 +12,10 @@ its truth (`write_phantom`).
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 import myork
 from myork.console import ProgressCallback, silent
@@ -25,48 +23,25 @@ from myork.core.deck import read_deck
 from myork.core.level_sets import evolve_level_sets
 from myork.core.threads import core_threads
 from myork.errors import InputError
-from myork.imaging.diffusion import read_tensors
-from myork.imaging.geometry import check_same_grid, length_factor
-from myork.imaging.io import (
-    read_image,
-    read_labels,
-    read_reference,
-    write_image,
-    write_labels,
-)
-from myork.imaging.phantom import make_phantom, write_phantom
+from myork.imaging.diffusion import tensor_maps
+from myork.imaging.geometry import length_factor
+from myork.imaging.io import renew_images, write_image, write_labels
 from myork.model.fibers import fiber_field
 from myork.model.orientation import check_orientation
 from myork.records import Image, Labels
-from myork.segmentation.assign import (
-    label_by_phase,
-    label_by_reference,
-    label_by_rules,
-    label_by_seeds,
-)
-from myork.segmentation.bending import bend_labels
-from myork.segmentation.bias import BiasField, check_positive, clustered_bias, n4_bias
-from myork.segmentation.channels import fiber_channels, scaled_values, smoothed_tensor
-from myork.segmentation.grouping import Muscle, check_seeds, rule_seeds
-from myork.segmentation.level_sets import LevelSets, Regions, segment_regions
-from myork.segmentation.regions import body_mask, box_mask, grown_mask, piece_with_seed
+from myork.segmentation.grouping import Muscle
+from myork.segmentation.images import Segmentation, segment_images
+from myork.segmentation.partial import parts_of_labels
 from myork.segmentation.scores import label_scores
-from myork.segmentation.shading import shading
-from myork.segmentation.starts import seeded_regions
-from myork.stations.channels import FILES, Beside, fat_of_labels, read_beside, read_echoes
-from myork.stations.partial import write_parts
-from myork.stations.tensors import tensor_maps
+from myork.stations.images import read_images
 from myork.stations.tissue import find_tissues
 from myork.summary import renewing, update_summary
+from myork.types import F64
 
 __all__ = ["segment"]
 
 # Kind of voxels without a label that take no part in the segmentation
 _BEYOND = (0,)
-# Width of the Gaussian over the tensors before the fiber channels are taken [mm]
-_SMOOTHING = 1.0
-# Regions in which the true image is even, for a bias field by level sets
-_EVEN = 3
 
 
 def segment(
@@ -110,243 +85,126 @@ def _segment(
     table = deck["image"]
     muscles = _muscles(deck)
     _check_rules(table, muscles)
-    image, tensor, truth, beside, doubt = _inputs(deck, table, folder, out, progress)
-    if truth is not None:
-        _check_truth(truth, table["truth_labels"])
-    reference, drawn_in = _reference(table, folder, image, progress)
-    seeds = read_reference(folder / table["seeds"], progress) if "seeds" in table else None
-    if seeds is not None:
-        check_same_grid(seeds, image)
-    body, wanted = _masks(beside.whole(image), table, folder)
-    factor, bias = _shading(beside.whole(image), body, deck["bias"], out, progress)
-    if factor is not None:
-        image, beside = replace(image, data=image.data / factor), beside.divided(factor)
-    lost = ""
-    if reference is not None and drawn_in is not None:
-        drawn = reference
-        reference, moved = bend_labels(drawn, drawn_in, image, body)
-        lost = _lost(drawn, reference, image)
-        progress(
-            f"reference bent onto the image: it moves by {np.median(moved):.1f} mm in the median, "
-            f"{moved.max():.1f} mm at most"
-        )
-    region = _region(image, body, wanted, table)
-    check_seeds(region, image, muscles)
-    if reference is None and not muscles and "seed" in table:
-        piece_with_seed(region, image, table["seed"])  # refuses one outside before the level sets
-    grey = scaled_values(image, region)
-    more, weights = beside.values(region, grey)
-    record = [
-        {"name": one.name, "weight": weight}
-        for one, weight in zip(beside.images, weights, strict=True)
-    ]
-    channels, weights = [np.stack([grey, *more], axis=-1)], [1.0, *weights]
-    if table["fiber_channels"] != "none":
-        if tensor is None:
-            raise InputError("image.fiber_channels needs image.tensor or image.dwi")
-        smooth = smoothed_tensor(tensor, region, _SMOOTHING)
-        channels.append(fiber_channels(smooth, region, table["fiber_channels"]))
-        weights += [table["fiber_weight"]] * channels[1].shape[3]
-    values = np.concatenate(channels, axis=3)
-    start = _start_labels(table, image, region, muscles, values * np.sqrt(weights))
-    choice = LevelSets.of_table(
-        table, start="labels" if table["start"] == "seeds" else table["start"]
-    )
-    progress(f"segmenting {int(region.sum())} pixels in {image.data.shape[2]} slices")
-    result = segment_regions(
-        values,
-        region,
+    images = read_images(deck, folder, out, progress)
+    found = segment_images(
+        images,
+        table,
         evolve_level_sets,
-        choice,
-        spacing=image.spacing,
-        channel_weights=weights,
-        labels=start,
-        name=image.name,
+        bias=deck["bias"]["method"],
+        muscles=muscles,
+        progress=progress,
     )
-    if table["split"] != "pieces":
-        progress(f"parting muscles: {table['split']}")
-    warnings: list[str] = []
-    seen = beside.whole(image)
-    fraction = beside.fraction(image, body if "body" in table else None)
-    others = beside.heights(image, fraction, region) if table["split"] == "walk" else None
-    if reference is not None:
-        labels = label_by_reference(table, seen, grey, result, reference, others)
-    elif seeds is not None:
-        labels, warnings = label_by_seeds(table, seen, result, seeds, others)
-    elif muscles:
-        labels, warnings = label_by_rules(table, seen, result, muscles, others)
-    else:
-        labels = label_by_phase(table, image, grey, result)
-    inside = labels.data > 0
-    if not inside.any():
-        raise InputError(
-            f"{image.name}: the segmentation is empty, no voxel got a label; look whether "
-            "image.reference or the seeds of [[muscle]] lie in the body"
-        )
-    write_image(out / "anatomy.nii.gz", image)
-    write_labels(out / "regions.nii.gz", Labels(result.region + 1, image.affine))
+    labels, affine = found.labels, found.labels.affine
+    bias = None if found.field is None else Image(found.field, affine)
+    renew_images(out, bias=bias, fat_fraction=found.fraction)
+    if images.source != "phantom":  # that has a fat image of its own
+        renew_images(out, fat=found.images.fat)
+    write_image(out / "anatomy.nii.gz", found.images.anatomy)
+    write_labels(out / "regions.nii.gz", Labels(found.regions.region + 1, affine))
     write_labels(out / "segmentation.nii.gz", labels)
-
-    maps = beside.write(fraction, out)
-    warnings += [text for text in (doubt, bias.get("doubt"), lost) if text]
-    warnings += [] if not result.unrest else [_unrest(result, choice.iterations)]
-    for name in ("fractions", "fibers", "fa", "md", "eigenvalues"):
-        (out / f"{name}.nii.gz").unlink(missing_ok=True)
-    filled: dict[str, float] = {}
+    part = _record(deck, found)
+    part["source"] = images.source
+    parts = None
     if table["partial"]:
         progress("parts of labels in the voxels along their borders")
-        maps["fractions"] = "fractions.nii.gz"
-        filled = write_parts(
-            out / maps["fractions"], labels, -1 - result.region, channels[0], _BEYOND
-        )
-    if tensor is not None:
+        kinds = -1 - found.regions.region
+        parts, filled = parts_of_labels(labels, kinds, found.values, _BEYOND)
+        part.setdefault("maps", {})["fractions"] = "fractions.nii.gz"
+        for name, n in filled.items():
+            entry = part["labels"][name]
+            entry["volume_of_parts"] = n * entry["volume"] / entry["pixels"]
+    maps: dict[str, Image | None] = dict.fromkeys(("fibers", "fa", "md", "eigenvalues"))
+    if images.tensor is not None:
         progress("fibers from the diffusion tensors")
-        fibers, mended, far, distance, width = fiber_field(
-            tensor, labels.data, table.get("fiber_smoothing"), table["tensor_frame"]
-        )
-        write_image(out / "fibers.nii.gz", fibers)
-        for name, values_of in tensor_maps(tensor).items():
-            write_image(out / f"{name}.nii.gz", values_of)
-        axes = check_orientation(fibers, labels if truth is None else truth)
-        warnings += [axes.doubt] if axes.doubt else []
-        if axes.remark:
-            progress(axes.remark)
-        if mended:
-            warnings.append(
-                f"{tensor.name}: {mended} of {int(inside.sum())} tensors of the tissue are not "
-                "finite or not positive; their neighbours were used"
-            )
-        if far:
-            warnings.append(
-                f"{tensor.name}: {far} of these have no usable tensor around them and took the "
-                f"fiber of the nearest voxel that has, up to {distance:.3g} mm away"
-            )
-    fat = {} if fraction is None else fat_of_labels(labels, fraction, seen)
-    if table["regions"] == 2 and reference is None and seeds is None and not muscles:
-        warnings += _fat_doubts(fat, table["phase"])
-    scores = {} if truth is None else _scores(table, labels, truth)
-    summary = _summary(deck, labels, result, scores, warnings)
-    summary["segmentation"]["bias"] = bias
-    summary["segmentation"]["source"] = (
-        deck["dixon"]["magnitude"][0] if beside.echoes else table.get("anatomy", "phantom")
-    )
-    if record:
-        summary["segmentation"]["channels"] = record
-    if maps:
-        summary["segmentation"]["maps"] = maps
-    entries = summary["segmentation"]["labels"]
-    for name, mean in fat.items():
-        entries[name]["fat_fraction"] = mean
-    for name, n in filled.items():
-        entries[name]["volume_of_parts"] = n * entries[name]["volume"] / entries[name]["pixels"]
-    if tensor is not None:
-        summary["segmentation"]["orientation"] = [entry.record() for entry in axes.evidence]
-        summary["segmentation"]["fiber_smoothing"] = width
+        maps |= _fibers(images.tensor, found, table, part, progress)
+    renew_images(out, fractions=parts, **maps)
+    summary: dict[str, Any] = {
+        "title": deck["title"],
+        "deck_sha256": deck["sha256"],
+        "version": myork.__version__,
+        "units": dict(deck["result_units"]),
+        "segmentation": part,
+    }
     if deck["tissue"]["find"]:
         progress("materials of the leg")
-        summary["tissue"] = find_tissues(
-            deck, folder, out, seen, tensor,
-            body if "body" in table else None, None if wanted is None else wanted.data > 0,
-            fraction,
-        )  # fmt: skip
+        summary["tissue"] = find_tissues(deck, folder, out, found)
     update_summary(out, summary)
-    for line in (*_lines(summary), *(f"warning: {text}" for text in warnings)):
+    for line in (*_lines(summary), *(f"warning: {text}" for text in part["warnings"])):
         progress(line)
     return summary
 
 
-def _inputs(
-    deck: Mapping[str, Any],
+def _record(deck: Mapping[str, Any], found: Segmentation) -> dict[str, Any]:
+    """Entry of the summary; volumes in the deck's unit of length, cubed."""
+    table, images, labels = deck["image"], found.images, found.labels
+    voxel = float(np.prod(labels.spacing * length_factor(deck["units"]["length"])))
+    entries: dict[str, dict[str, Any]] = {}
+    fat = {} if found.fraction is None else _fat_of_labels(labels, found.fraction, images.whole)
+    for number, name in labels.names.items():
+        pixels = int((labels.data == number).sum())
+        entries[name] = {"pixels": pixels, "volume": pixels * voxel}
+        if name in fat:
+            entries[name]["fat_fraction"] = fat[name]
+    warnings = list(found.warnings)
+    if table["regions"] == 2 and images.reference is None and images.seeds is None:
+        warnings += [] if deck.get("muscle") else _fat_doubts(fat, table["phase"])
+    record: dict[str, Any] = {
+        "labels": entries,
+        "scores": {} if images.truth is None else _scores(table, labels, images.truth),
+        "iterations": int(found.regions.iterations.max()),
+        "converged": not found.regions.unrest,
+        "energy": found.regions.energy.tolist(),
+        "warnings": warnings,
+        "bias": found.bias,
+    }
+    if images.channels:
+        record["channels"] = [
+            {"name": one.name, "weight": weight}
+            for one, weight in zip(images.channels, found.weights, strict=True)
+        ]
+    if found.fraction is not None:
+        record["maps"] = {"fat": "fat.nii.gz", "fat_fraction": "fat_fraction.nii.gz"}
+    return record
+
+
+def _fibers(
+    tensor: Image,
+    found: Segmentation,
     table: Mapping[str, Any],
-    folder: Path,
-    out: Path,
+    record: dict[str, Any],
     progress: ProgressCallback,
-) -> tuple[Image, Image | None, Labels | None, Beside, str]:
-    """Anatomy, tensor, truth, images beside it and doubts; the phantom's are also written."""
-    echoes = read_echoes(deck, folder)
-    if "anatomy" not in table and echoes is None:
-        stray = [key for key in ("tensor", "dwi", "truth", "fat") if key in table]
-        stray += ["channels"] if table["channels"] else []
-        if stray:
-            raise InputError(
-                f"image.{stray[0]} needs image.anatomy; without it the phantom and its own "
-                f"{stray[0]} are used"
-            )
-        keys = deck["phantom"]
-        progress(f"phantom of {' x '.join(map(str, keys['size']))} voxels")
-        phantom = make_phantom(**keys)
-        write_phantom(out, phantom)
-        (out / FILES[1]).unlink(missing_ok=True)
-        return phantom.anatomy, phantom.tensor, phantom.truth, Beside(), ""
-    if echoes is None:
-        image, fat, doubt = read_image(folder / table["anatomy"]), None, ""
-    else:
-        image, fat, doubt = echoes
-    progress(f"{image.name}: {' x '.join(map(str, image.data.shape))} voxels")
-    tensor = read_tensors(table, folder)
-    truth = read_reference(folder / table["truth"], progress) if "truth" in table else None
-    for other in (tensor, truth):
-        if other is not None:
-            check_same_grid(other, image)
-    beside = read_beside(table, folder, image, fat)
-    if beside.fat is None:
-        for name in FILES:
-            (out / name).unlink(missing_ok=True)
-    return image, tensor, truth, beside, doubt
-
-
-def _masks(
-    image: Image, table: Mapping[str, Any], folder: Path
-) -> tuple[NDArray[np.bool_], Labels | None]:
-    """The body, found by threshold where the deck names none, and the user's region, if any.
-
-    Whatever the user calls body or region is kept whole: a threshold cuts off what the coil
-    reaches badly, and its rim what lies under the skin.
-    """
-    maps = {key: read_labels(folder / table[key]) for key in ("body", "region") if key in table}
-    for map_ in maps.values():
-        check_same_grid(map_, image)
-    wanted = maps.get("region")
-    if "body" not in maps:
-        found = body_mask(image)
-        return found if wanted is None else found | (wanted.data > 0), wanted
-    body = maps["body"].data > 0
-    if not body.any():
-        raise InputError(f"{maps['body'].name}: image.body is empty, no label is above zero")
-    if wanted is not None and ((wanted.data > 0) & ~body).any():
-        beyond = np.argwhere((wanted.data > 0) & ~body)
-        raise InputError(
-            f"{wanted.name}: {len(beyond)} voxels of image.region lie outside of image.body, the "
-            f"first is {tuple(beyond[0].tolist())}; enlarge the body, or leave it out"
+) -> dict[str, Image]:
+    """Fibers of the labels and maps of the tensors; the record gets what was seen of them."""
+    labels, truth, warnings = found.labels, found.images.truth, record["warnings"]
+    way = fiber_field(tensor, labels.data, table.get("fiber_smoothing"), table["tensor_frame"])
+    axes = check_orientation(way.fibers, labels if truth is None else truth)
+    warnings += [axes.doubt] if axes.doubt else []
+    if axes.remark:
+        progress(axes.remark)
+    if way.filled:
+        warnings.append(
+            f"{tensor.name}: {way.filled} of {int((labels.data > 0).sum())} tensors of the tissue "
+            "are not finite or not positive; their neighbours were used"
         )
-    return body, wanted
+    if way.far:
+        warnings.append(
+            f"{tensor.name}: {way.far} of these have no usable tensor around them and took the "
+            f"fiber of the nearest voxel that has, up to {way.distance:.3g} mm away"
+        )
+    record["orientation"] = [entry.record() for entry in axes.evidence]
+    record["fiber_smoothing"] = way.smoothing
+    return {"fibers": way.fibers, **tensor_maps(tensor)}
 
 
-def _region(
-    image: Image, body: NDArray[np.bool_], wanted: Labels | None, table: Mapping[str, Any]
-) -> NDArray[np.bool_]:
-    """Pixels that take part: the user's region, and of its margin what lies in the body."""
-    region = body
-    if wanted is not None:
-        region = body & grown_mask(wanted, table["region_margin"])
-    if "box" in table:
-        region = region & box_mask(image, table["box"])
-    return region
-
-
-def _start_labels(
-    table: Mapping[str, Any],
-    image: Image,
-    region: NDArray[np.bool_],
-    muscles: list[Muscle],
-    values: NDArray[np.float64],
-) -> NDArray[np.int32] | None:
-    """Regions to start from, where seeds tell them."""
-    if table["start"] != "seeds":
-        return None
-    everywhere = np.where(region, 0, -1).astype(np.int32)
-    known = rule_seeds(everywhere, image, muscles, table["seed_radius"])[1]
-    return seeded_regions(values, region, known, table["regions"])
+def _fat_of_labels(labels: Labels, fraction: Image, whole: Image) -> dict[str, float]:
+    """Fraction of fat of each label that has signal: of all its fat in all of its signal."""
+    found = {}
+    for number, name in labels.names.items():
+        weight = np.maximum(whole.data[labels.data == number], 0.0)
+        if weight.sum() > 0:
+            inside = fraction.data[labels.data == number]
+            found[name] = float(np.average(inside, weights=weight))
+    return found
 
 
 def _fat_doubts(fat: Mapping[str, float], phase: str) -> list[str]:
@@ -358,58 +216,6 @@ def _fat_doubts(fat: Mapping[str, float], phase: str) -> list[str]:
         for name, mean in fat.items()
         if mean > 0.5 and "fat" not in name.lower()
     ]
-
-
-def _unrest(result: Regions, limit: int) -> str:
-    return (
-        f"{result.unrest} of {len(result.iterations)} blocks of slices still changed after "
-        f"image.iterations = {limit}; raise it, or image.tolerance"
-    )
-
-
-def _shading(
-    image: Image,
-    mask: NDArray[np.bool_],
-    keys: Mapping[str, Any],
-    out: Path,
-    progress: ProgressCallback,
-) -> tuple[NDArray[np.float64] | None, dict[str, Any]]:
-    """Shading told by the body (None: none), and what to say about it; the field is written."""
-    path = out / "bias.nii.gz"
-    if keys["method"] == "none":
-        path.unlink(missing_ok=True)
-        return None, {"method": "none"}
-    progress(f"bias field by {keys['method']}")
-    check_positive(image, mask)
-    more: dict[str, Any] = {}
-    try:
-        if keys["method"] == "auto":
-            best = shading(image.data, mask, spacing=image.spacing)
-            found = BiasField(best.field, np.array([]), True)
-            more = {"start": best.candidates[0].start, "doubt": best.doubt}
-        elif keys["method"] == "n4":
-            found = n4_bias(image.data, mask, spacing=image.spacing, shrink=keys["shrink"])
-        else:
-            found = clustered_bias(
-                image.data,
-                mask,
-                evolve_level_sets,
-                spacing=image.spacing,
-                regions=_EVEN,
-                shrink=keys["shrink"],
-            )
-    except InputError as reason:
-        raise InputError(f"{image.name}: {reason}") from None
-    write_image(path, replace(image, data=found.field))
-    inside = found.field[mask]
-    record = {
-        "method": keys["method"],
-        "range": [float(inside.min()), float(inside.max())],
-        "converged": found.converged,
-        "energy": found.energy.tolist(),
-        **more,
-    }
-    return found.field, record
 
 
 def _check_rules(table: Mapping[str, Any], muscles: list[Muscle]) -> None:
@@ -442,57 +248,18 @@ def _check_rules(table: Mapping[str, Any], muscles: list[Muscle]) -> None:
         )
 
 
-def _reference(
-    table: Mapping[str, Any], folder: Path, image: Image, progress: ProgressCallback
-) -> tuple[Labels | None, Image | None]:
-    """Label map by which regions are grouped, and the image it was drawn in, where named."""
-    if "reference" not in table:
-        return None, None
-    reference = read_reference(folder / table["reference"], progress)
-    if not reference.data.any():
-        raise InputError(
-            f"{reference.name}: the reference is empty, no voxel has a label above zero; give the "
-            "label map by which regions are to be grouped"
-        )
-    if "reference_anatomy" not in table:
-        check_same_grid(reference, image)
-        return reference, None
-    drawn_in = read_image(folder / table["reference_anatomy"])
-    check_same_grid(reference, drawn_in)
-    return reference, drawn_in
-
-
-def _lost(drawn: Labels, bent: Labels, image: Image) -> str:
-    """A sentence about labels of a reference that bending left no voxel; empty without any."""
-    gone = np.setdiff1d(drawn.data[drawn.data > 0], bent.data).tolist()
-    if not gone:
-        return ""
-    names = ", ".join(drawn.label_name(number) for number in gone)
-    return f"{drawn.name}: bent onto {image.name} nothing is left of {names}; none will be found"
-
-
 def _muscles(deck: Mapping[str, Any]) -> list[Muscle]:
     """Rules of the deck."""
     return [Muscle(rule["name"], _points(rule), rule["rim"]) for rule in deck.get("muscle", [])]
 
 
-def _points(rule: Mapping[str, Any]) -> NDArray[np.float64]:
+def _points(rule: Mapping[str, Any]) -> F64:
     """Seeds of a rule, shape `(nseed, 3)` [mm]."""
     if len(rule["seeds"]) % 3:
         raise InputError(
             f"muscle.{rule['name']}.seeds: three coordinates a point, not {len(rule['seeds'])}"
         )
     return np.reshape(np.asarray(rule["seeds"], float), (-1, 3))
-
-
-def _check_truth(truth: Labels, numbers: list[int]) -> None:
-    """Refuse a truth without a voxel of what should be found."""
-    there = np.unique(truth.data[truth.data > 0]).tolist()
-    if not there or (numbers and not set(numbers) & set(there)):
-        raise InputError(
-            f"{truth.name}: no voxel has one of image.truth_labels = {list(numbers)}; "
-            f"the labels there are: {there}"
-        )
 
 
 def _scores(table: Mapping[str, Any], labels: Labels, truth: Labels) -> dict[str, Any]:
@@ -505,32 +272,6 @@ def _scores(table: Mapping[str, Any], labels: Labels, truth: Labels) -> dict[str
     else:
         pairs = {name: (n, by_name[name]) for n, name in labels.names.items() if name in by_name}
     return label_scores(labels.data, truth.data, pairs)
-
-
-def _summary(
-    deck: Mapping[str, Any],
-    labels: Labels,
-    result: Regions,
-    scores: Mapping[str, Any],
-    warnings: list[str],
-) -> dict[str, Any]:
-    """Entries for `summary.json`; volumes in the deck's unit of length, cubed."""
-    voxel = float(np.prod(labels.spacing * length_factor(deck["units"]["length"])))
-    pixels = {name: int((labels.data == number).sum()) for number, name in labels.names.items()}
-    return {
-        "title": deck["title"],
-        "deck_sha256": deck["sha256"],
-        "version": myork.__version__,
-        "units": dict(deck["result_units"]),
-        "segmentation": {
-            "labels": {name: {"pixels": n, "volume": n * voxel} for name, n in pixels.items()},
-            "scores": dict(scores),
-            "iterations": int(result.iterations.max()),
-            "converged": not result.unrest,
-            "energy": result.energy.tolist(),
-            "warnings": warnings,
-        },
-    }
 
 
 def _lines(summary: Mapping[str, Any]) -> list[str]:

@@ -13,27 +13,27 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 import myork
 from myork.console import ProgressCallback, silent
 from myork.core.deck import read_deck
 from myork.errors import InputError
 from myork.imaging.diffusion import (
-    fractional_anisotropy,
     full_tensors,
-    mean_diffusivity,
+    known_tensors,
     read_tensors,
     tensor_components,
+    tensor_maps,
 )
 from myork.imaging.geometry import check_same_grid, frame
-from myork.imaging.io import read_image, read_labels, write_image
+from myork.imaging.io import read_image, read_labels, renew_images
 from myork.model.fibers import fiber_field
 from myork.records import Image
 from myork.segmentation.regions import body_mask
 from myork.summary import renewing, update_summary
+from myork.types import I32
 
-__all__ = ["tensor_maps", "write_tensors"]
+__all__ = ["write_tensors"]
 
 
 def write_tensors(
@@ -77,14 +77,13 @@ def write_tensors(
             tensor = Image(turned, tensor.affine, tensor.name)
         label = _mask(tensor, table, folder)
         progress(f"{tensor.name}: fibers in {int((label > 0).sum())} voxels")
-        write_image(out / "tensor.nii.gz", Image(_or_zero(tensor.data), tensor.affine))
+        whole = np.where(np.isfinite(tensor.data).all(axis=-1, keepdims=True), tensor.data, 0.0)
         maps = tensor_maps(tensor)
-        for name, image in maps.items():
-            write_image(out / f"{name}.nii.gz", image)
         found = fiber_field(tensor, label, table.get("fiber_smoothing"))
-        write_image(out / "tensor_fibers.nii.gz", found.fibers)
+        whole_tensor = Image(whole, tensor.affine)
+        renew_images(out, tensor=whole_tensor, tensor_fibers=found.fibers, **maps)
         inside = label > 0
-        known = inside & _known(tensor.data)
+        known = inside & known_tensors(tensor.data)
         record = {
             "voxels": int(inside.sum()),
             "fa": float(np.median(maps["fa"].data[known])),
@@ -112,49 +111,14 @@ def write_tensors(
     return summary
 
 
-def tensor_maps(tensor: Image) -> dict[str, Image]:
-    """Fractional anisotropy, mean diffusivity and eigenvalues; zero where there is no tensor.
-
-    Parameters
-    ----------
-    tensor : Image
-        Shape `(ni, nj, nk, 6)` [mm^2/s].
-
-    Returns
-    -------
-    dict
-        `fa` and `md` of shape `(ni, nj, nk)`, `eigenvalues` of shape `(ni, nj, nk, 3)`, the largest
-        first.
-    """
-    components = _or_zero(tensor.data)
-    values = np.linalg.eigvalsh(full_tensors(components))[..., ::-1]
-    maps = {
-        "fa": fractional_anisotropy(components),
-        "md": mean_diffusivity(components),
-        "eigenvalues": values,
-    }
-    return {
-        name: Image(data.astype(np.float64), tensor.affine, name) for name, data in maps.items()
-    }
-
-
-def _known(components: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Voxels that have a tensor."""
-    return np.asarray(np.isfinite(components).all(axis=-1) & components.any(axis=-1), np.bool_)
-
-
-def _or_zero(components: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.where(np.isfinite(components).all(axis=-1, keepdims=True), components, 0.0)
-
-
-def _mask(tensor: Image, table: Mapping[str, Any], folder: Path) -> NDArray[np.int32]:
+def _mask(tensor: Image, table: Mapping[str, Any], folder: Path) -> I32:
     """Labels of the user's mask; one label where there is none: the body, or all tensors."""
     for key in ("region", "body"):
         if key in table:
             labels = read_labels(folder / table[key])
             check_same_grid(labels, tensor)
             return np.asarray(np.where(labels.data > 0, labels.data, 0), np.int32)
-    known = _known(tensor.data)
+    known = known_tensors(tensor.data)
     if "dwi" in table:
         images = read_image(folder / table["dwi"], values=None)
         mean = np.nan_to_num(images.data).mean(axis=-1)

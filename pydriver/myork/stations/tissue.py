@@ -12,18 +12,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from myork.core.level_sets import evolve_level_sets
 from myork.errors import InputError
 from myork.imaging.geometry import length_factor
-from myork.imaging.io import read_image, read_labels, write_image, write_labels
+from myork.imaging.io import read_image, read_labels, renew_images, write_labels
 from myork.model.fibers import fiber_field
 from myork.records import Image
 from myork.segmentation.channels import scaled_values
+from myork.segmentation.images import Segmentation
 from myork.segmentation.leg import LegImages, leg_tissues, outer_boundary
+from myork.segmentation.partial import parts_of_labels
 from myork.segmentation.scores import dice
-from myork.stations.partial import write_parts
+from myork.types import F64
 
 __all__ = ["find_tissues"]
 
@@ -33,14 +34,7 @@ _UNMIXED = (0, 4)
 
 
 def find_tissues(
-    deck: Mapping[str, Any],
-    folder: Path,
-    out: Path,
-    anatomy: Image,
-    tensor: Image | None,
-    body: NDArray[np.bool_] | None = None,
-    region: NDArray[np.bool_] | None = None,
-    fraction: Image | None = None,
+    deck: Mapping[str, Any], folder: Path, out: Path, segmented: Segmentation
 ) -> dict[str, Any]:
     """Label the materials of a leg and write them and the muscle's fibers.
 
@@ -52,70 +46,56 @@ def find_tissues(
         Where the deck's relative paths start.
     out : Path
         Folder of the results, in which the phantom's images lie where it is used.
-    anatomy : Image
-        MR image.
-    tensor : Image or None
-        Diffusion tensors.
-    body : NDArray, optional
-        What the user calls body, shape `(ni, nj, nk)`; without it, it is found.
-    region : NDArray, optional
-        What belongs to the body wherever that is found, same shape.
-    fraction : Image, optional
-        Fraction of fat; stands in for `tissue.fat` where the deck names none.
+    segmented : Segmentation
+        Images without shading; the fraction of fat stands in for `tissue.fat` where the deck names
+        none.
 
     Returns
     -------
     dict
         Voxels and volume of each material, and the Dice coefficients with the phantom's truth.
     """
-    table = deck["tissue"]
-    phantom = "anatomy" not in deck["image"] and fraction is None
-    special: dict[str, Image | None] = {"fat": None, "connective": None}
+    table, keys, images = deck["tissue"], deck["image"], segmented.images
+    phantom = "anatomy" not in keys and segmented.fraction is None
+    special: dict[str, Image | None] = {"fat": segmented.fraction, "connective": None}
     for name in special:
         if phantom:
             special[name] = read_image(out / f"{name}.nii.gz")
         elif name in table:
             special[name] = read_image(folder / table[name])
-    fat = fraction if special["fat"] is None else special["fat"]
-    images = LegImages(anatomy, fat, special["connective"], tensor)
-    if body is None and region is not None:
-        body = outer_boundary(anatomy, evolve_level_sets) | region
-    memberships: dict[str, NDArray[np.float64]] = {}
-    found = leg_tissues(images, evolve_level_sets, table, body, memberships)
-    if not (found.data == _MUSCLE).any():
-        raise InputError(f"{anatomy.name}: no muscle was found; check the images of [tissue]")
-    write_labels(out / "tissue.nii.gz", found)
-    for name in ("tissue_fibers", "tissue_fractions"):
-        (out / f"{name}.nii.gz").unlink(missing_ok=True)
-    maps = {}
-    for name in ("fat", "connective_tissue"):
-        path = out / f"membership_{name}.nii.gz"
-        path.unlink(missing_ok=True)
-        if name in memberships:
-            write_image(path, Image(memberships[name], anatomy.affine))
-            maps[f"membership_{name}"] = path.name
-    if tensor is not None:
-        keys = deck["image"]
-        fibers, filled, far, distance, _ = fiber_field(
-            tensor, found.data == _MUSCLE, keys.get("fiber_smoothing"), keys["tensor_frame"]
-        )
-        write_image(out / "tissue_fibers.nii.gz", fibers)
+    leg = LegImages(images.whole, special["fat"], special["connective"], images.tensor)
+    body = images.body
+    if body is None and images.region is not None:
+        body = outer_boundary(leg.anatomy, evolve_level_sets) | (images.region.data > 0)
+    memberships: dict[str, F64] = {}
+    found = leg_tissues(leg, evolve_level_sets, table, body, memberships)
+    muscle = found.data == _MUSCLE
+    if not muscle.any():
+        raise InputError(f"{leg.anatomy.name}: no muscle was found; check the images of [tissue]")
+    made: dict[str, Image | None] = dict.fromkeys(
+        ("tissue_fibers", "tissue_fractions", "membership_fat", "membership_connective_tissue")
+    )
+    made |= {f"membership_{k}": Image(v, found.affine) for k, v in memberships.items()}
     voxel = float(np.prod(found.spacing * length_factor(deck["units"]["length"])))
     count = {name: int((found.data == label).sum()) for label, name in found.names.items()}
     record: dict[str, Any] = {
-        "labels": {name: {"pixels": n, "volume": n * voxel} for name, n in count.items()}
+        "labels": {name: {"pixels": n, "volume": n * voxel} for name, n in count.items()},
+        "maps": {name: f"{name}.nii.gz" for name, one in made.items() if one is not None},
     }
-    if deck["image"]["partial"]:
-        maps["fractions"] = "tissue_fractions.nii.gz"
-        shown = [one for one in (anatomy, images.fat, images.connective) if one is not None]
+    if leg.tensor is not None:
+        way = fiber_field(leg.tensor, muscle, keys.get("fiber_smoothing"), keys["tensor_frame"])
+        made["tissue_fibers"] = way.fibers
+        record["fibers"] = {"filled": way.filled, "far": way.far, "distance_mm": way.distance}
+    if keys["partial"]:
+        shown = [one for one in (leg.anatomy, leg.fat, leg.connective) if one is not None]
         values = np.stack([scaled_values(one, found.data > 0) for one in shown], axis=-1)
-        kinds = np.zeros_like(found.data)
-        held = write_parts(out / maps["fractions"], found, kinds, values, _UNMIXED)
-        for name, part in held.items():
+        parts, filled = parts_of_labels(found, np.zeros_like(found.data), values, _UNMIXED)
+        made["tissue_fractions"] = parts
+        record["maps"]["fractions"] = "tissue_fractions.nii.gz"
+        for name, part in filled.items():
             record["labels"][name]["volume_of_parts"] = part * voxel
-    record["maps"] = maps
-    if tensor is not None:
-        record["fibers"] = {"filled": filled, "far": far, "distance_mm": distance}
+    write_labels(out / "tissue.nii.gz", found)
+    renew_images(out, **made)
     if phantom:
         truth = read_labels(out / "true_tissue.nii.gz").data
         record["scores"] = {

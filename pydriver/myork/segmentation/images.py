@@ -1,0 +1,341 @@
+"""From the images of a limb to labels: shading, regions, and who gets which region.
+
+What the user's tables say (`image`, `bias`, `muscle` of decks) is done on arrays, without files.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from myork.console import ProgressCallback, silent
+from myork.errors import InputError
+from myork.records import Image, Labels
+from myork.segmentation.assign import (
+    label_by_phase,
+    label_by_reference,
+    label_by_rules,
+    label_by_seeds,
+)
+from myork.segmentation.bending import bend_labels
+from myork.segmentation.bias import check_positive, clustered_bias
+from myork.segmentation.channels import (
+    fiber_channels,
+    noise_level,
+    noise_weight,
+    scaled_values,
+    smoothed_tensor,
+)
+from myork.segmentation.grouping import Muscle, check_seeds, rule_seeds
+from myork.segmentation.level_sets import Evolve, LevelSets, Regions, segment_regions
+from myork.segmentation.regions import body_mask, box_mask, grown_mask, piece_with_seed
+from myork.segmentation.shading import shading
+from myork.segmentation.starts import seeded_regions
+from myork.types import F64, Mask
+
+__all__ = ["Images", "Segmentation", "segment_images"]
+
+# Width of the Gaussian over the tensors before the fiber channels are taken [mm]
+_SMOOTHING = 1.0
+# Regions in which the true image is even, for a bias field by level sets
+_EVEN = 3
+
+
+@dataclass(frozen=True)
+class Images:
+    """What a segmentation looks at; what is missing is None or empty.
+
+    Attributes
+    ----------
+    anatomy : Image
+        MR image; with fat it is water.
+    fat : Image or None
+        Fat of a Dixon sequence.
+    others : tuple of Image
+        Further channels.
+    weights : tuple of float
+        Of fat and others against the anatomy; empty: by the noise.
+    tensor : Image or None
+        Diffusion tensors.
+    truth, seeds : Labels or None
+        To score against; known labels from which walks start.
+    reference, drawn_in : Labels, Image or None
+        Labels that nearly fit, and the image that they were drawn in.
+    body : NDArray or None
+        What the user calls body.
+    region : Labels or None
+        What the user limits the segmentation to.
+    source : str
+        Where the anatomy comes from.
+    doubt : str
+        Why water and fat may be exchanged.
+    """
+
+    anatomy: Image
+    fat: Image | None = None
+    others: tuple[Image, ...] = ()
+    weights: tuple[float, ...] = ()
+    tensor: Image | None = None
+    truth: Labels | None = None
+    seeds: Labels | None = None
+    reference: Labels | None = None
+    drawn_in: Image | None = None
+    body: Mask | None = None
+    region: Labels | None = None
+    source: str = "phantom"
+    doubt: str = ""
+
+    @property
+    def channels(self) -> list[Image]:
+        """Images beside the anatomy."""
+        return [*([self.fat] if self.fat is not None else []), *self.others]
+
+    @property
+    def whole(self) -> Image:
+        """Image that shows the whole body: with fat the sum of both."""
+        if self.fat is None:
+            return self.anatomy
+        name = f"{self.anatomy.name} and {self.fat.name}"
+        data = self.anatomy.data + np.maximum(self.fat.data, 0.0)
+        return Image(data, self.anatomy.affine, name)
+
+    def divided(self, field: F64) -> Images:
+        """The same without the shading of anatomy and fat."""
+        even = [one and replace(one, data=one.data / field) for one in (self.anatomy, self.fat)]
+        assert even[0] is not None
+        return replace(self, anatomy=even[0], fat=even[1])
+
+    def fraction(self) -> Image | None:
+        """Fraction of fat in the user's body, or in that of a threshold; None without fat."""
+        if self.fat is None:
+            return None
+        whole = self.whole
+        some = (body_mask(whole, rim=0.0) if self.body is None else self.body) & (whole.data > 0)
+        part = np.divide(self.fat.data, whole.data, out=np.zeros(some.shape), where=some)
+        return Image(np.clip(part, 0.0, 1.0), whole.affine, "fraction of fat")
+
+    def values(self, region: Mask, first: F64) -> tuple[list[F64], list[float]]:
+        """Channels scaled to the region and their weights against the first channel."""
+        scaled = [scaled_values(one, region) for one in self.channels]
+        if self.weights:
+            if len(self.weights) != len(scaled):
+                raise InputError(
+                    f"image.channel_weights has {len(self.weights)} weights; give {len(scaled)}, "
+                    f"one for each of {[one.name for one in self.channels]}"
+                )
+            return scaled, list(self.weights)
+        noise = noise_level(first, region)
+        return scaled, [noise_weight(noise, noise_level(one, region)) for one in scaled]
+
+    def heights(self, fraction: Image | None, region: Mask) -> F64 | None:
+        """What walks see beside the logarithm of the whole image, times roots of weights.
+
+        The fraction of fat knows no shading; of other channels the scaled values count.
+        """
+        scaled = [] if fraction is None else [fraction.data]
+        scaled += [scaled_values(one, region) for one in self.others]
+        if not scaled:
+            return None
+        weights = list(self.weights)
+        if not weights:
+            noise = noise_level(scaled_values(self.whole, region), region)
+            weights = [noise_weight(noise, noise_level(one, region)) for one in scaled]
+        return np.stack(
+            [one * min(1.0, w) ** 0.5 for one, w in zip(scaled, weights, strict=True)], -1
+        )
+
+
+@dataclass(frozen=True)
+class Segmentation:
+    """What was found in images.
+
+    Attributes
+    ----------
+    images : Images
+        Without shading.
+    body : NDArray
+        Voxels of the body, shape `(ni, nj, nk)`.
+    field : NDArray or None
+        Shading that was taken out, same shape [-].
+    bias : dict
+        Method, range and rest of the shading.
+    regions : Regions
+        Of the level sets.
+    labels : Labels
+        Muscles, or what else is wanted.
+    values : NDArray
+        Anatomy and channels, scaled to the region, shape `(ni, nj, nk, nchannel)` [-].
+    weights : list
+        Of the channels beside the anatomy [-].
+    fraction : Image or None
+        Fraction of fat.
+    warnings : list
+        Sentences.
+    """
+
+    images: Images
+    body: Mask
+    field: F64 | None
+    bias: dict[str, Any]
+    regions: Regions
+    labels: Labels
+    values: F64
+    weights: list[float]
+    fraction: Image | None
+    warnings: list[str]
+
+
+def segment_images(
+    images: Images,
+    table: Mapping[str, Any],
+    evolve: Evolve,
+    *,
+    bias: str = "none",
+    muscles: Sequence[Muscle] = (),
+    progress: ProgressCallback = silent,
+) -> Segmentation:
+    """Segment the images of a limb.
+
+    Parameters
+    ----------
+    images : Images
+        What there is.
+    table : mapping
+        Table `image` of decks.
+    evolve : callable
+        Evolution of the level sets, as `myork.core.level_sets.evolve_level_sets`.
+    bias : str
+        Method of the shading: `auto`, `level-sets` or `none`.
+    muscles : sequence
+        Rules by which regions are grouped.
+    progress : callable
+        Called with a line of text at a time.
+    """
+    body = images.body
+    if body is None:
+        # Whatever the user calls region is kept whole: a threshold cuts off what the coil reaches
+        # badly, and its rim what lies under the skin.
+        body = body_mask(images.whole)
+        body = body if images.region is None else body | (images.region.data > 0)
+    shade, record = _shading(images.whole, body, bias, evolve, progress)
+    images = images if shade is None else images.divided(shade)
+    image = images.anatomy
+    reference, lost = _bent(images, body, progress)
+    region = body
+    if images.region is not None:
+        region = body & grown_mask(images.region, table["region_margin"])
+    if "box" in table:
+        region = region & box_mask(image, table["box"])
+    check_seeds(region, image, muscles)
+    if reference is None and not muscles and "seed" in table:
+        piece_with_seed(region, image, table["seed"])  # refuses one outside before the level sets
+    grey = scaled_values(image, region)
+    more, weights = images.values(region, grey)
+    shown = np.stack([grey, *more], axis=-1)
+    fibers = _fiber_channels(images.tensor, region, table["fiber_channels"])
+    values = np.concatenate([shown, fibers], axis=3)
+    every = [1.0, *weights, *[table["fiber_weight"]] * fibers.shape[3]]
+    known, start = None, table["start"]
+    if start == "seeds":
+        everywhere = np.where(region, 0, -1).astype(np.int32)
+        seeds = rule_seeds(everywhere, image, muscles, table["seed_radius"])[1]
+        known = seeded_regions(values * np.sqrt(every), region, seeds, table["regions"])
+        start = "labels"
+    choice = LevelSets.of_table(table, start=start)
+    progress(f"segmenting {int(region.sum())} pixels in {image.data.shape[2]} slices")
+    result = segment_regions(
+        values,
+        region,
+        evolve,
+        choice,
+        spacing=image.spacing,
+        channel_weights=every,
+        labels=known,
+        name=image.name,
+    )
+    if table["split"] != "pieces":
+        progress(f"parting muscles: {table['split']}")
+    fraction, seen = images.fraction(), images.whole
+    others = images.heights(fraction, region) if table["split"] == "walk" else None
+    doubts: list[str] = []
+    if reference is not None:
+        labels = label_by_reference(table, seen, grey, result, reference, others)
+    elif images.seeds is not None:
+        labels, doubts = label_by_seeds(table, seen, result, images.seeds, others)
+    elif muscles:
+        labels, doubts = label_by_rules(table, seen, result, muscles, others)
+    else:
+        labels = label_by_phase(table, image, grey, result)
+    if not (labels.data > 0).any():
+        raise InputError(
+            f"{image.name}: the segmentation is empty, no voxel got a label; look whether "
+            "image.reference or the seeds of [[muscle]] lie in the body"
+        )
+    doubts += [images.doubt, record.get("doubt", ""), lost]
+    if result.unrest:
+        doubts.append(
+            f"{result.unrest} of {len(result.iterations)} blocks of slices still changed after "
+            f"image.iterations = {choice.iterations}; raise it, or image.tolerance"
+        )
+    warnings = [text for text in doubts if text]
+    return Segmentation(
+        images, body, shade, record, result, labels, shown, weights, fraction, warnings
+    )
+
+
+def _shading(
+    image: Image, mask: Mask, method: str, evolve: Evolve, progress: ProgressCallback
+) -> tuple[F64 | None, dict[str, Any]]:
+    """Shading told by the body (None: none), and what to say about it."""
+    if method == "none":
+        return None, {"method": "none"}
+    progress(f"bias field by {method}")
+    check_positive(image, mask)
+    record: dict[str, Any] = {"converged": True, "energy": []}
+    try:
+        if method == "auto":
+            best = shading(image.data, mask, spacing=image.spacing)
+            shade = best.field
+            record |= {"start": best.candidates[0].start, "doubt": best.doubt}
+        else:
+            found = clustered_bias(image.data, mask, evolve, spacing=image.spacing, regions=_EVEN)
+            shade = found.field
+            record |= {"converged": found.converged, "energy": found.energy.tolist()}
+    except InputError as reason:
+        raise InputError(f"{image.name}: {reason}") from None
+    inside = shade[mask]
+    return shade, {
+        "method": method,
+        "range": [float(inside.min()), float(inside.max())],
+        **record,
+    }
+
+
+def _bent(images: Images, body: Mask, progress: ProgressCallback) -> tuple[Labels | None, str]:
+    """Reference on the anatomy, bent where the image it was drawn in is known; what was lost."""
+    drawn = images.reference
+    if drawn is None or images.drawn_in is None:
+        return drawn, ""
+    bent, moved = bend_labels(drawn, images.drawn_in, images.anatomy, body)
+    progress(
+        f"reference bent onto the image: it moves by {np.median(moved):.1f} mm in the median, "
+        f"{moved.max():.1f} mm at most"
+    )
+    gone = np.setdiff1d(drawn.data[drawn.data > 0], bent.data).tolist()
+    if not gone:
+        return bent, ""
+    names = ", ".join(drawn.label_name(number) for number in gone)
+    where = f"{drawn.name}: bent onto {images.anatomy.name}"
+    return bent, f"{where} nothing is left of {names}; none will be found"
+
+
+def _fiber_channels(tensor: Image | None, region: Mask, kind: str) -> F64:
+    """Channels of the fibers; of none where the deck wants none."""
+    if kind == "none":
+        return np.zeros((*region.shape, 0))
+    if tensor is None:
+        raise InputError("image.fiber_channels needs image.tensor or image.dwi")
+    return fiber_channels(smoothed_tensor(tensor, region, _SMOOTHING), region, kind)

@@ -1,0 +1,162 @@
+"""Images that a deck names for `segment`, on the grid of the anatomy, or those of the phantom."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from myork.console import ProgressCallback
+from myork.errors import InputError
+from myork.imaging.diffusion import read_tensors
+from myork.imaging.geometry import check_same_grid
+from myork.imaging.io import read_image, read_labels, read_reference
+from myork.imaging.phantom import make_phantom, write_phantom
+from myork.records import Image, Labels
+from myork.segmentation.images import Images
+from myork.stations.arrays import water_and_fat
+from myork.types import Mask
+
+__all__ = ["read_images"]
+
+
+def read_images(
+    deck: Mapping[str, Any], folder: Path, out: Path, progress: ProgressCallback
+) -> Images:
+    """Images of a deck; the phantom's are also written.
+
+    Parameters
+    ----------
+    deck : mapping
+        Tables `image`, `dixon` and `phantom`.
+    folder : Path
+        Where relative paths start.
+    out : Path
+        Folder of the results.
+    progress : callable
+        Called with a line of text at a time.
+    """
+    table = deck["image"]
+
+    def image(key: str) -> Image | None:
+        return read_image(folder / table[key]) if key in table else None
+
+    def labels(key: str) -> Labels | None:
+        return read_reference(folder / table[key], progress) if key in table else None
+
+    found = _echoes(deck, folder)
+    if found is None and "anatomy" not in table:
+        stray = [key for key in ("tensor", "dwi", "truth", "fat") if key in table]
+        stray += ["channels"] if table["channels"] else []
+        if stray:
+            raise InputError(
+                f"image.{stray[0]} needs image.anatomy; without it the phantom and its own "
+                f"{stray[0]} are used"
+            )
+        progress(f"phantom of {' x '.join(map(str, deck['phantom']['size']))} voxels")
+        phantom = make_phantom(**deck["phantom"])
+        write_phantom(out, phantom)
+        found = Images(phantom.anatomy, tensor=phantom.tensor, truth=phantom.truth)
+    else:
+        if found is None:
+            anatomy = read_image(folder / table["anatomy"])
+            found = Images(anatomy, fat=image("fat"), source=table["anatomy"])
+        size = " x ".join(map(str, found.anatomy.data.shape))
+        progress(f"{found.anatomy.name}: {size} voxels")
+        found = replace(
+            found,
+            tensor=read_tensors(table, folder),
+            truth=labels("truth"),
+            others=tuple(read_image(folder / name) for name in table["channels"]),
+            weights=tuple(table["channel_weights"]),
+        )
+    if found.weights and not found.channels:
+        raise InputError("image.channel_weights needs image.fat, image.channels or [dixon]")
+    found = replace(
+        found,
+        reference=labels("reference"),
+        drawn_in=image("reference_anatomy"),
+        seeds=labels("seeds"),
+        region=read_labels(folder / table["region"]) if "region" in table else None,
+    )
+    body = read_labels(folder / table["body"]) if "body" in table else None
+    for one in (found.tensor, found.truth, found.seeds, found.region, body, *found.channels):
+        if one is not None:
+            check_same_grid(one, found.anatomy)
+    if found.reference is not None:
+        check_same_grid(found.reference, found.drawn_in or found.anatomy)
+    _check_labels(found, table["truth_labels"])
+    return found if body is None else replace(found, body=_checked_body(body, found.region))
+
+
+def _check_labels(images: Images, wanted: list[int]) -> None:
+    """Refuse a truth without a voxel of what should be found, and an empty reference."""
+    truth, reference = images.truth, images.reference
+    there = [] if truth is None else np.unique(truth.data[truth.data > 0]).tolist()
+    if truth is not None and (not there or (wanted and not set(wanted) & set(there))):
+        raise InputError(
+            f"{truth.name}: no voxel has one of image.truth_labels = {list(wanted)}; the labels "
+            f"there are: {there}"
+        )
+    if reference is not None and not reference.data.any():
+        raise InputError(
+            f"{reference.name}: the reference is empty, no voxel has a label above zero; give the "
+            "label map by which regions are to be grouped"
+        )
+
+
+def _checked_body(labels: Labels, region: Labels | None) -> Mask:
+    """The body that the user names, which holds the region."""
+    body = labels.data > 0
+    if not body.any():
+        raise InputError(f"{labels.name}: image.body is empty, no label is above zero")
+    if region is not None and ((region.data > 0) & ~body).any():
+        beyond = np.argwhere((region.data > 0) & ~body)
+        raise InputError(
+            f"{region.name}: {len(beyond)} voxels of image.region lie outside of image.body, the "
+            f"first is {tuple(beyond[0].tolist())}; enlarge the body, or leave it out"
+        )
+    return body
+
+
+def _echoes(deck: Mapping[str, Any], folder: Path) -> Images | None:
+    """Water and fat of the echoes of `[dixon]`; None without them."""
+    keys, table = deck["dixon"], deck["image"]
+    if "magnitude" not in keys and "phase" not in keys:
+        return None
+    if "magnitude" not in keys or "phase" not in keys:
+        raise InputError("[dixon] needs magnitude and phase, two images each")
+    for key in ("anatomy", "fat"):
+        if key in table:
+            raise InputError(
+                f"[dixon] makes water and fat of its echoes; take image.{key} out, or list it in "
+                "image.channels"
+            )
+    echoes = [read_image(folder / name) for kind in ("magnitude", "phase") for name in keys[kind]]
+    first, body = echoes[0], None
+    for one in echoes:
+        check_same_grid(one, first)
+    if "body" in table:
+        mask = read_labels(folder / table["body"])
+        check_same_grid(mask, first)
+        body = mask.data > 0
+    arrays = [one.data for one in echoes]
+    water, fat, _, doubt = water_and_fat(
+        arrays[:2],
+        arrays[2:],
+        first.affine,
+        keys.get("echo_times", ()),
+        keys.get("field_strength", 0.0),
+        body,
+        rim=keys["rim"],
+        turn=keys.get("turn"),
+    )
+    return Images(
+        Image(water, first.affine, f"water of {first.name}"),
+        Image(fat, first.affine, f"fat of {first.name}"),
+        source=keys["magnitude"][0],
+        doubt=doubt,
+    )
