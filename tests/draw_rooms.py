@@ -18,8 +18,8 @@ PICTURE = ROOT / "docs" / "rooms.svg"
 _HEAD = """\
 # Rooms of the core
 
-Each folder of sources in `fortran/` is a room: a static library with one purpose. A room uses rooms below it,
-never one above or beside it; `tests/test_layers.py` checks that. This page is
+Each folder of sources in `fortran/` is a room: a static library with one purpose. A room uses rooms
+below it, never one above or beside it; `tests/test_layers.py` checks that. This page is
 written by `python tests/draw_rooms.py` from the `use` lines of the sources; nobody edits it, and a
 test compares it with them. A line goes down from a room to one that it uses; lines that follow from
 others are left out, as are those to `base`, which every room uses.
