@@ -115,11 +115,16 @@ def solved(
         return solved(opened, error=error)
 
 
-def voxels(data: Any, edge: Any = 10.0, unit: str = "cm", **build: Any) -> PointCloud:
+def voxels(
+    data: Any, edge: Any = 10.0, unit: str = "cm", said: list[str] | None = None, **build: Any
+) -> PointCloud:
     """Points of a label map with voxels of such edges [mm], each a source point by default."""
     affine = np.diag([*np.broadcast_to(edge, 3), 1.0])
     table = {**table_defaults("build"), "source_stride": [1] * 3, **build}
-    return build_cloud(Labels(np.asarray(data, np.int32), affine), None, table, unit)[0]
+    cloud, warnings = build_cloud(Labels(np.asarray(data, np.int32), affine), None, table, unit)
+    if said is not None:
+        said += warnings
+    return cloud
 
 
 def staircase() -> PointCloud:

@@ -1,11 +1,5 @@
 !> Result files and model files, and what happens when they cannot be written or read.
-!>
-!> Without arguments: TAP for `meson test`, files are written to the working directory.
-!> `test_h5 write FILE` writes the sample that tests/unit/test_results.py reads with h5py and VTK;
-!> `test_h5 crash FILE` ends like a killed run after two steps of it;
-!> `test_h5 model FILE` reads a model written by Python and prints what it found.
 program test_h5
-   use, intrinsic :: iso_fortran_env, only : error_unit, output_unit
    use rk_cloud, only : cloud_type
    use rk_error, only : err_file, err_input, error_type
    use rk_hdf5, only : h5_type
@@ -13,48 +7,28 @@ program test_h5
    use rk_point_field, only : point_field
    use rk_precision, only : wp
    use rk_results, only : results_type
+   use tap, only : check, finish
    implicit none
 
-   character(len=1000) :: mode, path
-   integer :: ntest = 0, nfailed = 0
    type(error_type), allocatable :: error
 
-   call get_command_argument(1, mode)
-   call get_command_argument(2, path)
-   select case (mode)
-   case ("write")
-      call write_sample(trim(path), 4, error)
-   case ("crash")
-      call write_sample(trim(path), 2, error, crash=.true.)
-   case ("model")
-      call print_model(trim(path), error)
-   case default
-      call test_round_trip
-      call test_old_file_stays
-      call test_refused_paths
-      call test_refused_steps
-      call test_foreign_model
-      write (output_unit, '(a, i0)') "1..", ntest
-      if (nfailed > 0) error stop
-      if (allocated(error)) deallocate (error)
-   end select
-   if (allocated(error)) then
-      write (error_unit, '(a)') error%message
-      stop 1, quiet=.true.
-   end if
+   call test_round_trip
+   call test_old_file_stays
+   call test_refused_paths
+   call test_refused_steps
+   call test_foreign_model
+   call finish()
 
 contains
 
 !> Three points in a plane of the (x,y,z) space; the numbers tell where they belong
-subroutine write_sample(path, nstep, error, crash)
+subroutine write_sample(path, nstep, error)
    !> Name of the result file
    character(len=*), intent(in) :: path
    !> Number of steps, the undeformed one included
    integer, intent(in) :: nstep
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   !> Whether the program ends without closing the file
-   logical, intent(in), optional :: crash
    type(results_type) :: res
    type(error_type), allocatable :: ignored
    real(wp), parameter :: points(3, 3) = reshape([0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp, 0.0_wp, &
@@ -70,7 +44,6 @@ subroutine write_sample(path, nstep, error, crash)
       call add_sheared(res, points, real(i, wp)/3.0_wp, 0.1_wp*i, error)
       if (allocated(error)) exit
    end do
-   if (present(crash)) error stop 9
    if (allocated(error)) then
       call res%close(ignored)
    else
@@ -120,36 +93,6 @@ type(point_field) function zeros(name, components, np)
    zeros%name = name
    allocate (zeros%value(components, np), source=0.0_wp)
 end function zeros
-
-!> What a reader of the model sees, one value per line
-subroutine print_model(path, error)
-   !> Name of the model file
-   character(len=*), intent(in) :: path
-   !> Error handling
-   type(error_type), allocatable, intent(out) :: error
-   type(cloud_type) :: model
-   integer :: i
-
-   call read_model(model, path, error)
-   if (allocated(error)) return
-   write (output_unit, '(a, *(1x, es23.16))') "source", model%source
-   write (output_unit, '(a, *(1x, es23.16))') "spacing", model%spacing
-   write (output_unit, '(a, *(1x, es23.16))') "points", model%points
-   write (output_unit, '(a, *(1x, i0))') "label", model%label
-   write (output_unit, '(a, *(1x, es23.16))') "fiber", model%fiber
-   write (output_unit, '(a, *(1x, es23.16))') "volume", model%volume
-   write (output_unit, '(a, *(1x, i0))') "boundary_point", model%boundary_point
-   write (output_unit, '(a, *(1x, i0))') "boundary_set", model%boundary_set
-   write (output_unit, '(a, *(1x, es23.16))') "normal", model%normal
-   write (output_unit, '(a, *(1x, es23.16))') "area", model%area
-   write (output_unit, '(a, *(1x, a))') "set_names", (trim(model%set_names(i)), &
-      i = 1, size(model%set_names))
-   write (output_unit, '(2a)') "length_unit ", model%length_unit
-   if (.not. allocated(model%voxels%index)) return
-   write (output_unit, '(a, *(1x, i0))') "voxels/index", model%voxels%index
-   write (output_unit, '(a, *(1x, es23.16))') "voxels/size", model%voxels%size
-   write (output_unit, '(a, *(1x, es23.16))') "voxels/origin", model%voxels%origin
-end subroutine print_model
 
 !> What was written is read back, the steps one behind the other
 subroutine test_round_trip
@@ -265,20 +208,6 @@ subroutine test_foreign_model
    call read_model(model, "nowhere.h5", error)
    call check_error("missing model", err_file, "nowhere.h5: cannot be opened")
 end subroutine test_foreign_model
-
-!> One line of TAP
-subroutine check(name, passed)
-   !> What is tested
-   character(len=*), intent(in) :: name
-   !> Whether it is so
-   logical, intent(in) :: passed
-
-   ntest = ntest + 1
-   if (.not. passed) nfailed = nfailed + 1
-   write (output_unit, '(a, i0, 2a)') trim(merge("ok    ", "not ok", passed))//" ", ntest, " - ", &
-      name
-   if (.not. passed .and. allocated(error)) write (output_unit, '(2a)') "# ", error%message
-end subroutine check
 
 !> The last call must have failed in this way
 subroutine check_error(name, code, part)

@@ -15,44 +15,23 @@ from myork.imaging.geometry import canonical
 from myork.model.cloud import build_cloud
 from myork.model_file import read_model, write_model
 from myork.records import Image, Labels, PointCloud
+from tests.scenes import box, held, scene, solved
 
-MUSCLE = {
-    "name": "muscle",
-    "model": "muscle",
-    "A10": 1.0,
-    "K": 200,
-    "sigma_max": 30,
-    "fiber": [0, 0, 1],
-}
-#: Held at both ends, across them free to widen
-HELD = [
-    {"set": "z0", "u_x": 0, "u_y": 0, "u_z": 0},
-    {"set": "z1", "u_x": 0, "u_y": 0, "u_z": 0},
-]
+MUSCLE = {"name": "muscle", "model": "muscle", "A10": 1.0, "K": 200, "fiber": [0, 0, 1]}
 PULL = [{"name": "pull", "quantity": "force_z", "set": "z1"}]
 
 
 def block(
     material: list[dict[str, Any]], method: str = "rkpm-gauss", **more: Any
 ) -> dict[str, Any]:
-    return {
-        "scene": {"dimension": 3, "method": method},
-        "geometry": {
-            "kind": "box",
-            "size": [1, 1, 2],
-            "source": [5, 5, 5],
-            "collocation": [5, 5, 5],
-        },
-        "material": material,
-        "boundary": HELD,
-        "probe": PULL,
-        **more,
-    }
+    """Held at both ends, across them free to widen."""
+    geometry = box(5, 5, 5, size=[1, 1, 2], places=(5, 5, 5))
+    ends = [held("z0"), held("z1")]
+    return scene(method, geometry, material=material, boundary=ends, probe=PULL, **more)
 
 
 def unknowns(tables: dict[str, Any], cloud: PointCloud | None = None) -> NDArray[np.float64]:
-    with Scene.from_tables(tables, cloud) as scene:
-        return np.asarray(scene.solve(error=False).x)
+    return solved(tables, cloud=cloud).states.x
 
 
 @pytest.mark.slow
@@ -79,13 +58,12 @@ def test_halves_that_are_active_are_two_muscles() -> None:
     )
     found = []
     for tables in (step, parts):
-        with Scene.from_tables(tables) as scene:
-            states = scene.solve()
-            assert states.verdict != "refused"
-            found.append(scene.probes(states.x, states.load)[-1, 0, 0])
-            stress = scene.fields(states.x[-1], 1.0).cauchy[:, 2]
-            x = scene.points()[:, 0]
-            assert stress[x < 0.3].mean() > 5 * abs(stress[x > 0.7].mean())
+        with Scene.from_tables(tables) as opened:
+            answer, x = solved(opened, error=True), opened.points()[:, 0]
+        assert answer.states.verdict != "refused"
+        found.append(answer.last()["pull"])
+        stress = answer.fields.cauchy[:, 2]
+        assert stress[x < 0.3].mean() > 5 * abs(stress[x > 0.7].mean())
     # the two muscles reach into each other by a source spacing, evenly
     assert found[0] == pytest.approx(found[1], rel=0.03)
 
@@ -96,9 +74,7 @@ def test_isometric_stress_of_a_field_along_the_muscle() -> None:
     graded = MUSCLE | {"activation": 0.5, "activation_field": "rise(z)"}
     forces = []
     for material in (MUSCLE | {"activation": 0.1}, graded, MUSCLE | {"activation": 0.5}):
-        with Scene.from_tables(block([material], table=table)) as scene:
-            states = scene.solve(error=False)
-            forces.append(scene.probes(states.x, states.load)[-1, 0, 0])
+        forces.append(solved(block([material], table=table)).last()["pull"])
     assert forces[0] < forces[1] < forces[2]
 
 
@@ -106,14 +82,11 @@ def voxels(shape: tuple[int, int, int] = (8, 8, 12)) -> Labels:
     return Labels(np.ones(shape, np.int32), np.diag([1.25, 1.25, 1.25, 1.0]))
 
 
-def model_tables(**material: Any) -> dict[str, Any]:
-    ends = [{**HELD[0], "set": "bottom"}, {**HELD[1], "set": "top"}]
-    return {
-        "scene": {"dimension": 3},
-        "material": [MUSCLE | material],
-        "boundary": ends,
-        "probe": [{"name": "pull", "quantity": "force_z", "set": "top"}],
-    }
+def model_tables(method: str = "auto", **material: Any) -> dict[str, Any]:
+    return scene(
+        method, {}, material=[MUSCLE | material], boundary=[held("bottom"), held("top")],
+        probe=[{"name": "pull", "quantity": "force_z", "set": "top"}],
+    )  # fmt: skip
 
 
 @pytest.mark.slow
@@ -136,15 +109,11 @@ def test_points_of_a_model_have_activations(tmp_path: Path) -> None:
     write_model(tmp_path / "model.h5", cloud)
     again = read_model(tmp_path / "model.h5")
     assert np.array_equal(again.activation, cloud.activation)
-    with Scene.from_tables(model_tables(activation=1.0), again) as scene:
-        states = scene.solve()
-        pull = scene.probes(states.x, states.load)[-1, 0, 0]
-        # a coarser cloud, whose blocks have the mean of theirs, gives it an error bar
-        assert np.isfinite(states.probe_errors[-1, 0, 0])
-    with Scene.from_tables(model_tables(activation=0.3), plain) as scene:
-        states = scene.solve(error=False)
-        whole = scene.probes(states.x, states.load)[-1, 0, 0]
-    assert pull == pytest.approx(0.5 * whole, rel=0.1)
+    found = solved(model_tables(activation=1.0), cloud=again, error=True)
+    # a coarser cloud, whose blocks have the mean of theirs, gives it an error bar
+    assert np.isfinite(found.bars["pull"][-1, 0])
+    whole = solved(model_tables(activation=0.3), cloud=plain).last()["pull"]
+    assert found.last()["pull"] == pytest.approx(0.5 * whole, rel=0.1)
     # an expression of the deck stands in the place of the points' own
     field = model_tables(activation=1.0, activation_field="0.3")
     assert np.array_equal(unknowns(field, again), number)
@@ -178,9 +147,7 @@ def test_images_on_turned_grids_are_turned() -> None:
 )
 def test_fields_that_cannot_be(tables: dict[str, Any], what: str) -> None:
     with pytest.raises(InputError, match=what.replace("(", r"\(")) as caught:
-        tables["geometry"]["source"] = tables["geometry"]["collocation"] = [5, 5, 5]
-        with Scene.from_tables(tables) as scene:
-            scene.solve(error=False)
+        solved(tables)
     assert "activation_field" in str(caught.value)
 
 
@@ -195,8 +162,7 @@ def test_activations_of_points_that_cannot_be() -> None:
     half = replace(plain, activation=np.full(len(plain.points), 0.5))
     for method in ("rkcm", "rkcm-mixed"):
         with pytest.raises(InputError, match="whose slopes collocation does not know"):
-            tables = model_tables(activation=1.0)
-            Scene.from_tables(tables | {"scene": {"dimension": 3, "method": method}}, half)
+            Scene.from_tables(model_tables(method, activation=1.0), half)
     with pytest.raises(InputError, match=r"activation must lie between 0 and 1, but is 2"):
         labels = voxels()
         image = Image(np.full(labels.data.shape, 2.0), labels.affine)

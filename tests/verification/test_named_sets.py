@@ -1,5 +1,6 @@
 """Boundary sets that decks name: parts of the surface by side, material, normal or expression."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from myork.errors import InputError
 from myork.model.cloud import build_cloud
 from myork.records import Labels, PointCloud
 from myork.stations.explain import explain_deck
+from tests.scenes import annulus, box, held, scene, solved, voxels
 
 #: No Poisson's ratio at small strains: E = 2 mu, K = 2/3 mu, and a clamped end disturbs no bending
 CORK = {"name": "cork", "model": "neo-hookean", "mu": 1.0, "K": 2 / 3}
@@ -24,22 +26,15 @@ def column(
     method: str, sets: list[dict[str, Any]], boundary: list[dict[str, Any]], **more: Any
 ) -> dict[str, Any]:
     """A column 1 wide and 8 high, clamped below."""
-    return {
-        "scene": {"dimension": 2, "method": method},
-        "geometry": {"kind": "box", "size": [1, 8], "source": [9, 65], "collocation": [9, 65]},
-        "material": [CORK],
-        "set": sets,
-        "boundary": [{"set": "y0", "u_x": 0, "u_y": 0}, *boundary],
-        "load": {"steps": 1},
-        **more,
-    }
+    return scene(
+        method, box(9, 65, size=[1, 8], places=(9, 65)), material=[CORK], set=sets,
+        boundary=[held("y0", 2), *boundary], load={"steps": 1},
+    ) | more  # fmt: skip
 
 
 def last(tables: dict[str, Any], cloud: PointCloud | None = None) -> NDArray[np.float64]:
     """Probes of the last state, shape `(probes, 3)`."""
-    with Scene.from_tables(tables, cloud) as scene:
-        states = scene.solve(error=False)
-        return np.asarray(scene.probes(states.x, states.load)[-1])
+    return np.array([value[-1] for value in solved(tables, cloud=cloud).probes.values()])
 
 
 @pytest.mark.parametrize(
@@ -88,8 +83,7 @@ def test_a_set_that_is_a_whole_side_is_that_side(what: dict[str, Any], method: s
         sets = [{"name": "end", "normal": [0, 2]}]
         tables = column(method, sets, [{"set": name, **what}])
         tables["geometry"] |= {"source": [4, 13], "collocation": [7, 25]}
-        with Scene.from_tables(tables) as scene:
-            found.append(scene.solve(error=False).x)
+        found.append(solved(tables).states.x)
     assert np.array_equal(*found)
 
 
@@ -118,48 +112,34 @@ def test_parts_add_to_the_whole() -> None:
     assert abs(found[2, 1]) > 2.0 * abs(found[1, 1])
 
 
+@pytest.mark.slow
 def test_a_load_on_a_patch_in_space_is_that_of_an_expression() -> None:
     """A patch whose border is met by lattice lines, and one that cuts through cells."""
     found = {}
     for where in ("x > 0.5 and y < 0.5", "x > 0.4 and y < 0.7"):
-        tables: dict[str, Any] = {
-            "scene": {"dimension": 3},
-            "geometry": {
-                "kind": "box",
-                "size": [1, 1, 2],
-                "source": [5, 5, 9],
-                "collocation": [5, 5, 9],
-            },
-            "material": [CORK],
-            "set": [{"name": "patch", "where": f"{where} and nz > 0.9"}],
-            "boundary": [
-                {"set": "z0", "u_x": 0, "u_y": 0, "u_z": 0},
-                {"set": "patch", "traction": [0, 0, PULL]},
-            ],
-            "probe": [{"name": "f", "quantity": "force_z", "set": "patch"}],
-        }
-        found[where] = last(tables)[0, 0]
+        tables = scene(
+            "auto", box(5, 5, 9, size=[1, 1, 2], places=(5, 5, 9)), material=[CORK],
+            set=[{"name": "patch", "where": f"{where} and nz > 0.9"}],
+            boundary=[held("z0"), {"set": "patch", "traction": [0, 0, PULL]}],
+            probe=[{"name": "f", "quantity": "force_z", "set": "patch"}],
+        )  # fmt: skip
+        x, found[where] = (answer := solved(tables)).states.x, answer.last()["f"]
         if "0.7" in where:
             continue
-        with Scene.from_tables(tables) as scene:
-            x = scene.solve(error=False).x
         tables["boundary"][1] = {"set": "z1", "traction": [0, 0, f"{PULL}*({where})"]}
-        with Scene.from_tables(tables) as scene:
-            assert scene.solve(error=False).x == pytest.approx(x, rel=1e-9, abs=1e-15)
+        assert solved(tables).states.x == pytest.approx(x, rel=1e-9, abs=1e-15)
     # the area by finer points
     assert list(found.values()) == pytest.approx([PULL * 0.25, PULL * 0.42], rel=0.02)
 
 
 def test_linear_problems_have_named_sets() -> None:
     """Heat that enters through a part of a side, against the same by an expression."""
-    tables: dict[str, Any] = {
-        "scene": {"dimension": 2},
-        "geometry": {"kind": "box", "size": [1, 1], "source": [9, 9], "collocation": [9, 9]},
-        "linear": {"problem": "poisson"},
-        "set": [{"name": "door", "side": "x1", "where": "y > 0.25 and y < 0.75"}],
-        "boundary": [{"set": "x0", "u": 0}, {"set": "door", "flux": 1}],
-        "probe": [{"name": "u", "quantity": "u", "point": [1, 0.5]}],
-    }
+    tables = scene(
+        "auto", box(9, 9, places=(9, 9)), linear={"problem": "poisson"},
+        set=[{"name": "door", "side": "x1", "where": "y > 0.25 and y < 0.75"}],
+        boundary=[{"set": "x0", "u": 0}, {"set": "door", "flux": 1}],
+        probe=[{"name": "u", "quantity": "u", "point": [1, 0.5]}],
+    )  # fmt: skip
     found = last(tables)
     tables["boundary"][1] = {"set": "x1", "flux": "y > 0.25 and y < 0.75"}
     assert found == pytest.approx(last(tables), rel=1e-12)
@@ -169,29 +149,21 @@ def test_linear_problems_have_named_sets() -> None:
 
 def test_all_of_a_curved_wall_by_its_normals() -> None:
     """An annulus: a set of all outer normals, and halves of it that add up."""
-    tables: dict[str, Any] = {
-        "scene": {"dimension": 2},
-        "geometry": {
-            "kind": "annulus",
-            "inner_radius": 1,
-            "outer_radius": 2,
-            "source": [7, 13],
-            "collocation": [7, 13],
-        },
-        "material": [CORK],
-        "set": [
+    tables = scene(
+        "auto", annulus(7, 13, radii=(1, 2), places=(7, 13)), material=[CORK],
+        set=[
             {"name": "steep", "side": "outer", "normal": [1, 0], "angle": 30},
             {"name": "flat", "side": "outer", "normal": [0, 1], "angle": 60},
         ],
-        "boundary": [
+        boundary=[
             {"set": "x0", "u_x": 0},
             {"set": "y0", "u_y": 0},
             {"set": "outer", "pressure": 0.01},
         ],
-        "probe": [
+        probe=[
             {"name": name, "quantity": "force", "set": name} for name in ("outer", "steep", "flat")
         ],
-    }
+    )  # fmt: skip
     found = last(tables)
     # the border of both at 30 degrees lies on a lattice line
     assert found[1] + found[2] == pytest.approx(found[0], rel=1e-9)
@@ -210,33 +182,27 @@ def cylinder(h: float) -> PointCloud:
     return build_cloud(labels, None, table_defaults("build"), "cm")[0]
 
 
+@pytest.mark.slow
 def test_sets_of_a_model() -> None:
     """Loads on parts of the wall of a cylinder act on its smooth area, not that of its voxels."""
-    tables: dict[str, Any] = {
-        "scene": {"dimension": 3},
-        "material": [{**CORK, "mu": 10.0, "K": 20 / 3}],
-        "set": [
+    quantities = {"right": "force_x", "upper": "force_y", "bottom": "force", "cap": "u", "top": "u"}
+    tables = scene(
+        "auto", {}, material=[{**CORK, "mu": 10.0, "K": 20 / 3}],
+        set=[
             {"name": "right", "side": "surface", "normal": [1, 0, 0], "angle": 90},
             {"name": "upper", "side": "surface", "where": "z > 0.75"},
             {"name": "cap", "normal": [0, 0, 1]},
         ],
-        "boundary": [
-            {"set": "bottom", "u_x": 0, "u_y": 0, "u_z": 0},
+        boundary=[
+            held("bottom"),
             {"set": "right", "traction": [0.01, 0, 0]},
             {"set": "upper", "traction": [0, 0.02, 0]},
         ],
-        "probe": [
-            {"name": "right", "quantity": "force_x", "set": "right"},
-            {"name": "upper", "quantity": "force_y", "set": "upper"},
-            {"name": "bottom", "quantity": "force", "set": "bottom"},
-            {"name": "cap", "quantity": "u", "set": "cap"},
-            {"name": "top", "quantity": "u", "set": "top"},
-        ],
-    }
-    with Scene.from_tables(tables, cylinder(0.0625)) as scene:
-        states = scene.solve()
-        found = scene.probes(states.x, states.load)[-1]
-        assert states.verdict != "refused"
+        probe=[{"name": on, "quantity": what, "set": on} for on, what in quantities.items()],
+    )  # fmt: skip
+    answer = solved(tables, cloud=cylinder(0.0625), error=True)
+    assert answer.states.verdict != "refused"
+    found = np.array([value[-1] for value in answer.probes.values()])
     half = 0.5 * np.pi * 1.5
     # faces of voxels have 4/pi times as much
     assert found[0, 0] == pytest.approx(0.01 * half, rel=0.04)
@@ -247,26 +213,17 @@ def test_sets_of_a_model() -> None:
 
 def test_a_plane_map_has_as_many_sets_as_asked() -> None:
     """A single slice, which has one side: its ends are told apart by their normals."""
-    filled = np.ones((24, 8, 1), np.int32)
-    labels = Labels(filled, np.diag([1.0, 1.0, 1.0, 1.0]))
-    cloud = build_cloud(labels, None, table_defaults("build"), "cm")[0]
+    cloud = voxels(np.ones((24, 8, 1)), 1.0, source_stride=[2] * 3)
     assert cloud.set_names == ("surface",)
-    tables: dict[str, Any] = {
-        "scene": {"dimension": 3},
-        "material": [CORK],
-        "set": [
-            {"name": "left", "normal": [-1, 0, 0]},
-            {"name": "right", "normal": [1, 0, 0]},
-        ],
-        "boundary": [
-            {"set": "left", "u_x": 0, "u_y": 0, "u_z": 0},
-            {"set": "right", "traction": [PULL, 0, 0]},
-        ],
-        "probe": [
+    tables = scene(
+        "auto", {}, material=[CORK],
+        set=[{"name": "left", "normal": [-1, 0, 0]}, {"name": "right", "normal": [1, 0, 0]}],
+        boundary=[held("left"), {"set": "right", "traction": [PULL, 0, 0]}],
+        probe=[
             {"name": "f", "quantity": "force_x", "set": "right"},
             {"name": "u", "quantity": "u_x", "set": "right"},
         ],
-    }
+    )  # fmt: skip
     found = last(tables, cloud)[:, 0]
     # normals are those of a smooth surface: edges are round, and corner voxels have two faces
     assert found[0] == pytest.approx(PULL * 0.8 * 0.1, rel=0.07)
@@ -333,8 +290,8 @@ def test_many_sets_that_overlap_are_counted() -> None:
     probes = [
         {"name": own["name"], "quantity": "force_y", "set": own["name"]} for own in sets
     ]  # fmt: skip
-    with Scene.from_tables(column("rkpm-gauss", sets, boundary, probe=probes)) as scene:
-        lines = [line for line in scene.solve(error=False).warnings if " share " in line]
+    states = solved(column("rkpm-gauss", sets, boundary, probe=probes)).states
+    lines = [line for line in states.warnings if " share " in line]
     assert len(lines) == 21 and lines[0].startswith("sets pad0 and pad1 share 9 boundary points")
     # 28 pairs in all
     assert lines[-1] == "8 more pairs of sets share boundary points"
@@ -344,58 +301,30 @@ def test_overlaps_are_told() -> None:
     sets = [SIDE, {"name": "half", "side": "y1", "where": "x > 0.5"}]
     boundary = [{"set": "pad", "traction": [0, PULL]}, {"set": "half", "traction": [0, PULL]}]
     probe = [{"name": "f", "quantity": "force_y", "set": "pad"}]
-    with Scene.from_tables(column("rkpm-gauss", sets, boundary, probe=probe)) as scene:
-        states = scene.solve(error=False)
-        told = "sets pad and half share 4 boundary points (of 9 and 4)"
-        assert any(told in line for line in states.warnings)
+    with Scene.from_tables(column("rkpm-gauss", sets, boundary, probe=probe)) as opened:
+        found = solved(opened)
+        said = "sets pad and half share 4 boundary points (of 9 and 4)"
+        assert any(said in line for line in found.states.warnings)
         # the loads of both add
-        assert scene.probes(states.x, states.load)[-1, 0, 0] == pytest.approx(1.5 * PULL, rel=1e-9)
+        assert found.last()["f"] == pytest.approx(1.5 * PULL, rel=1e-9)
         # what acts on other components is no matter
-        scene.update({"boundary.half.traction": [PULL, 0]})
-        assert not any("share" in line for line in scene.solve(error=False).warnings)
+        opened.update({"boundary.half.traction": [PULL, 0]})
+        assert not any("share" in line for line in solved(opened).states.warnings)
 
 
-def test_explain_and_report_name_them(tmp_path: Path) -> None:
-    deck = tmp_path / "pad.toml"
-    deck.write_text(
-        """title = "pad"
-[units]
-force = "N"
-length = "cm"
-[scene]
-dimension = 2
-[geometry]
-kind = "box"
-size = [1, 2]
-source = [5, 9]
-collocation = [5, 9]
-[[material]]
-name = "cork"
-model = "neo-hookean"
-mu = 1
-K = 0.7
-[[set]]
-name = "pad"
-side = "y1"
-where = "x > 0.3"
-[[set]]
-name = "end"
-normal = [0, 1]
-[[boundary]]
-set = "y0"
-u_x = 0
-u_y = 0
-[[boundary]]
-set = "pad"
-traction = [0, 0.01]
-"""
-    )
+@pytest.mark.slow
+def test_explain_and_report_name_them(write_deck: Callable[..., Path], tmp_path: Path) -> None:
+    pad = {"name": "pad", "side": "y1", "where": "x > 0.3"}
+    tables = column("auto", [pad, {"name": "end", "normal": [0, 1]}], [
+        {"set": "pad", "traction": [0, 0.01]},
+    ], geometry=box(5, 9, size=[1, 2], places=(5, 9)))  # fmt: skip
+    deck = write_deck({"title": "pad", "units": {"force": "N", "length": "cm"}, **tables})
     lines: list[str] = []
     explain_deck(deck, progress=lines.append)
-    told = next(line for line in lines if "pad: " in line)
-    assert "3 of 28 boundary points, length 0.7" in told
-    assert "3 shared with end" in told
-    summary = run_deck(deck, tmp_path / "out")
+    line = next(line for line in lines if "pad: " in line)
+    assert "3 of 28 boundary points, length 0.7" in line
+    assert "3 shared with end" in line
+    summary = run_deck(deck, tmp_path / "out", error=False)
     sizes = {own["name"]: own["area"] for own in summary["sets"]}
     assert sizes == pytest.approx({"pad": 0.7, "end": 1.0}, rel=2e-3)
     page = make_report(tmp_path / "out").read_text(encoding="utf-8")

@@ -7,6 +7,7 @@ import pytest
 from myork import Scene
 from myork.core.deck import load_tables
 from myork.errors import InputError
+from tests.scenes import annulus, box, held, scene, solved
 
 #: Rubbers with no Poisson's ratio at small strains: E = 2 mu, K = 2/3 mu
 SOFT = {"name": "soft", "model": "neo-hookean", "mu": 1.0, "K": 2 / 3}
@@ -15,23 +16,15 @@ STIFF = {"name": "stiff", "model": "neo-hookean", "mu": 4.0, "K": 8 / 3}
 
 def pulled(material: list[dict[str, Any]], method: str = "rkpm-gauss") -> dict[str, Any]:
     """A strip that is pulled with a stress of 1e-4 along x."""
-    return {
-        "scene": {"dimension": 2, "method": method},
-        "geometry": {"kind": "box", "size": [1, 0.2], "source": [21, 5], "collocation": [41, 9]},
-        "material": material,
-        "boundary": [
-            {"set": "x0", "u_x": 0, "u_y": 0},
-            {"set": "x1", "traction": [1e-4, 0]},
-        ],
-        "load": {"steps": 1},
-        "probe": [{"name": "end", "quantity": "u_x", "point": [1, 0.1]}],
-    }
+    return scene(
+        method, box(21, 5, size=[1, 0.2]), material=material, load={"steps": 1},
+        boundary=[held("x0", 2), {"set": "x1", "traction": [1e-4, 0]}],
+        probe=[{"name": "end", "quantity": "u_x", "point": [1, 0.1]}],
+    )  # fmt: skip
 
 
 def end_of(tables: dict[str, Any]) -> float:
-    with Scene.from_tables(tables) as scene:
-        states = scene.solve()
-        return float(scene.probes(states.x, states.load)[-1, 0, 0])
+    return next(iter(solved(tables).last().values()))
 
 
 @pytest.mark.parametrize("border", [0.3, 0.37, 0.5])
@@ -55,23 +48,15 @@ def test_the_later_material_fills_what_two_hold() -> None:
 
 def test_annulus() -> None:
     """A stiff lining of a tube holds the inner wall back."""
-    tables: dict[str, Any] = {
-        "scene": {"dimension": 2},
-        "geometry": {
-            "kind": "annulus",
-            "inner_radius": 1,
-            "outer_radius": 2,
-            "source": [9, 9],
-            "collocation": [17, 17],
-        },
-        "material": [SOFT],
-        "boundary": [
+    tables = scene(
+        "auto", annulus(9, 9, radii=(1, 2)), material=[SOFT],
+        boundary=[
             {"set": "x0", "u_x": 0},
             {"set": "y0", "u_y": 0},
             {"set": "outer", "traction": ["1e-4*x/r", "1e-4*y/r"]},
         ],
-        "probe": [{"name": "wall", "quantity": "u_x", "point": [1, 0]}],
-    }
+        probe=[{"name": "wall", "quantity": "u_x", "point": [1, 0]}],
+    )  # fmt: skip
     plain = end_of(tables)
     tables["material"] = [SOFT, STIFF | {"where": "r < 1.3"}]
     assert 0 < end_of(tables) < 0.7 * plain
