@@ -1,5 +1,7 @@
 """A reference bent onto an image by the image it was drawn in."""
 
+import sys
+
 import numpy as np
 import pytest
 from scipy import ndimage
@@ -9,7 +11,6 @@ from myork.errors import InputError, InstallationError
 from myork.imaging.io import read_labels, write_image, write_labels
 from myork.imaging.phantom import make_phantom
 from myork.records import Image, Labels
-from myork.segmentation import bending
 from myork.segmentation.bending import bend_labels
 from myork.segmentation.regions import body_mask
 from myork.segmentation.scores import dice
@@ -147,9 +148,6 @@ def test_what_cannot_be_bent_is_refused(monkeypatch):
     with pytest.raises(InputError, match="same part of the body"):
         bend_labels(Labels(drawn.data, affine), far, today.anatomy, body_mask(today.anatomy))
 
-    def missing(name):
-        raise ImportError(name)
-
-    monkeypatch.setattr(bending, "import_module", missing)
+    monkeypatch.setitem(sys.modules, "SimpleITK", None)
     with pytest.raises(InstallationError, match=r"myork\[seg\]"):
         bend_labels(drawn, then, today.anatomy, body_mask(today.anatomy))

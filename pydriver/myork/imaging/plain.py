@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gzip
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,12 +10,10 @@ import numpy as np
 
 from myork.errors import FileError, InputError
 
-__all__ = ["check_kind", "read_arrays", "read_text", "unpacked_length"]
+__all__ = ["check_kind", "read_arrays", "read_text"]
 
 # No list of names and no table of gradients is longer [bytes].
 _LONGEST_TEXT = 1 << 24
-# Read at a time [bytes]
-_CHUNK = 1 << 20
 
 
 def check_kind(name: str, kind: np.dtype) -> None:
@@ -31,29 +28,6 @@ def check_kind(name: str, kind: np.dtype) -> None:
             f"{name}: the values are {'colours' if kind.names else 'no numbers'} ({kind}); save "
             "one grey value a voxel"
         )
-
-
-def unpacked_length(path: Path, needed: int) -> int:
-    """Length of what a gzip file holds, whose check sums must agree [bytes].
-
-    Parameters
-    ----------
-    path : Path
-        The file; it is not kept in memory.
-    needed : int
-        Length that the header promises; reading ends at twice of it [bytes].
-    """
-    total = 0
-    try:
-        with gzip.open(path) as file:
-            while total <= 2 * needed and (block := file.read(_CHUNK)):
-                total += len(block)
-    except Exception as reason:  # zlib has an error of its own
-        raise FileError(
-            f"{path}: cannot be read: the compressed data are damaged after {total} bytes: "
-            f"{reason}; copy the file again"
-        ) from None
-    return total
 
 
 def read_arrays(path: Path, names: Sequence[str]) -> list[np.ndarray]:

@@ -12,14 +12,14 @@ Mattes et al., IEEE Trans. Med. Imaging 22 (2003), doi:10.1109/TMI.2003.809072
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from myork.errors import InputError, InstallationError
+from myork.errors import InputError
+from myork.imaging.formats import library
 from myork.records import Image, Labels
 from myork.types import F64, Mask
 
@@ -61,14 +61,7 @@ def bend_labels(labels: Labels, drawn_in: Image, image: Image, body: Mask) -> tu
     NDArray
         How far the voxels of these labels were moved, shape `(n,)` [mm].
     """
-    try:
-        itk = import_module("SimpleITK")
-    except ImportError:
-        raise InstallationError(
-            "image.reference_anatomy needs SimpleITK, which is not installed: "
-            "pip install 'myork[seg]', or leave it out and let image.reference_reach move the "
-            "reference"
-        ) from None
+    itk = library("SimpleITK", "seg", "image.reference_anatomy")
     flat = image.data.shape[2] == 1
     for one in () if flat else (image, drawn_in):
         if one.data.shape[2] < _FEWEST:
