@@ -34,18 +34,16 @@ module rk_json
       procedure :: begin_array
       !> Close it
       procedure :: end_array
-      !> put(key, value) inside an object, put(value) inside an array
-      generic :: put => put_integer, put_long, put_real, put_logical, put_text, put_reals, &
-         & put_integers, add_integer, add_real, add_logical, add_text, add_reals
+      !> put(key, value) inside an object, put(value) inside an array: an integer, a real number, a
+      !> logical, a text or a list of these, on one line
+      generic :: put => put_value, put_list, add_value, add_list
       !> Item of an object whose value is JSON already
       procedure :: put_json
       !> What was written so far
       procedure :: text => text_so_far
       !> Write the text to a file, which is there completely or not at all
       procedure :: save => save_json
-      procedure, private :: put_integer, put_long, put_real, put_logical, put_text, put_reals, &
-         & put_integers, add_integer, add_real, add_logical, add_text, add_reals
-      procedure, private :: item, add_list, append
+      procedure, private :: put_value, put_list, add_value, add_list, item, append
    end type json_type
 
 contains
@@ -126,70 +124,53 @@ subroutine close_list(self, bracket)
    self%first = .false.
 end subroutine close_list
 
-!> Integer of an object
-subroutine put_integer(self, key, value)
+!> Value of an object
+subroutine put_value(self, key, value)
    !> JSON text
    class(json_type), intent(inout) :: self
    !> Name
    character(len=*), intent(in) :: key
-   !> Number
-   integer, intent(in) :: value
+   !> Number, logical or text
+   class(*), intent(in) :: value
 
    call self%item(key)
-   call self%append(to_text(value))
-end subroutine put_integer
+   call self%append(literal(value))
+end subroutine put_value
 
-!> Long integer of an object
-subroutine put_long(self, key, value)
+!> List of an object
+subroutine put_list(self, key, value)
    !> JSON text
    class(json_type), intent(inout) :: self
    !> Name
    character(len=*), intent(in) :: key
-   !> Number
-   integer(i8), intent(in) :: value
+   !> Numbers, logicals or texts
+   class(*), intent(in) :: value(:)
 
    call self%item(key)
-   call self%append(to_text(value))
-end subroutine put_long
+   call append_list(self, value)
+end subroutine put_list
 
-!> Real number of an object
-subroutine put_real(self, key, value)
+!> Value of an array
+subroutine add_value(self, value)
    !> JSON text
    class(json_type), intent(inout) :: self
-   !> Name
-   character(len=*), intent(in) :: key
-   !> Number
-   real(wp), intent(in) :: value
+   !> Number, logical or text
+   class(*), intent(in) :: value
 
-   call self%item(key)
-   call self%append(real_text(value))
-end subroutine put_real
+   call self%item()
+   call self%append(literal(value))
+end subroutine add_value
 
-!> Logical of an object
-subroutine put_logical(self, key, value)
+!> List of an array
+subroutine add_list(self, value)
    !> JSON text
    class(json_type), intent(inout) :: self
-   !> Name
-   character(len=*), intent(in) :: key
-   !> Value
-   logical, intent(in) :: value
+   !> Numbers, logicals or texts
+   class(*), intent(in) :: value(:)
 
-   call self%item(key)
-   call self%append(logical_text(value))
-end subroutine put_logical
-
-!> Text of an object
-subroutine put_text(self, key, value)
-   !> JSON text
-   class(json_type), intent(inout) :: self
-   !> Name
-   character(len=*), intent(in) :: key
-   !> Text, all of it
-   character(len=*), intent(in) :: value
-
-   call self%item(key)
-   call self%append(quoted(value))
-end subroutine put_text
+   call self%item()
+   call append_list(self, value)
+end subroutine add_list
 
 !> Item of an object whose value is JSON already
 subroutine put_json(self, key, value)
@@ -204,108 +185,41 @@ subroutine put_json(self, key, value)
    call self%append(value)
 end subroutine put_json
 
-!> Array of real numbers of an object, on one line
-subroutine put_reals(self, key, value)
+!> Values in brackets
+subroutine append_list(self, value)
    !> JSON text
    class(json_type), intent(inout) :: self
-   !> Name
-   character(len=*), intent(in) :: key
-   !> Numbers
-   real(wp), intent(in) :: value(:)
-
-   call self%item(key)
-   call self%add_list(value)
-end subroutine put_reals
-
-!> Array of integers of an object, on one line
-subroutine put_integers(self, key, value)
-   !> JSON text
-   class(json_type), intent(inout) :: self
-   !> Name
-   character(len=*), intent(in) :: key
-   !> Numbers
-   integer, intent(in) :: value(:)
-   integer :: i
-
-   call self%item(key)
-   call self%append('[')
-   do i = 1, size(value)
-      if (i > 1) call self%append(', ')
-      call self%append(to_text(value(i)))
-   end do
-   call self%append(']')
-end subroutine put_integers
-
-!> Integer of an array
-subroutine add_integer(self, value)
-   !> JSON text
-   class(json_type), intent(inout) :: self
-   !> Number
-   integer, intent(in) :: value
-
-   call self%item()
-   call self%append(to_text(value))
-end subroutine add_integer
-
-!> Real number of an array
-subroutine add_real(self, value)
-   !> JSON text
-   class(json_type), intent(inout) :: self
-   !> Number
-   real(wp), intent(in) :: value
-
-   call self%item()
-   call self%append(real_text(value))
-end subroutine add_real
-
-!> Logical of an array
-subroutine add_logical(self, value)
-   !> JSON text
-   class(json_type), intent(inout) :: self
-   !> Value
-   logical, intent(in) :: value
-
-   call self%item()
-   call self%append(logical_text(value))
-end subroutine add_logical
-
-!> Text of an array
-subroutine add_text(self, value)
-   !> JSON text
-   class(json_type), intent(inout) :: self
-   !> Text, all of it
-   character(len=*), intent(in) :: value
-
-   call self%item()
-   call self%append(quoted(value))
-end subroutine add_text
-
-!> Array of real numbers of an array, on one line
-subroutine add_reals(self, value)
-   !> JSON text
-   class(json_type), intent(inout) :: self
-   !> Numbers
-   real(wp), intent(in) :: value(:)
-
-   call self%item()
-   call self%add_list(value)
-end subroutine add_reals
-
-!> Numbers in brackets
-subroutine add_list(self, value)
-   !> JSON text
-   class(json_type), intent(inout) :: self
-   !> Numbers
-   real(wp), intent(in) :: value(:)
+   !> Numbers, logicals or texts
+   class(*), intent(in) :: value(:)
    integer :: i
 
    call self%append('[')
    do i = 1, size(value)
       if (i > 1) call self%append(', ')
-      call self%append(real_text(value(i)))
+      call self%append(literal(value(i)))
    end do
    call self%append(']')
-end subroutine add_list
+end subroutine append_list
+
+!> A value in JSON
+pure function literal(value) result(text)
+   !> Number, logical or text
+   class(*), intent(in) :: value
+   character(len=:), allocatable :: text
+
+   select type (value)
+   type is (integer)
+      text = to_text(value)
+   type is (integer(i8))
+      text = to_text(value)
+   type is (real(wp))
+      text = real_text(value)
+   type is (logical)
+      text = trim(merge('true ', 'false', value))
+   type is (character(len=*))
+      text = quoted(value)
+   end select
+end function literal
 
 !> Append to what was written; the room doubles, so that n pieces cost n
 subroutine append(self, piece)
@@ -373,15 +287,6 @@ pure function quoted(value) result(text)
    end do
    text = text//'"'
 end function quoted
-
-!> true or false
-pure function logical_text(value) result(text)
-   !> Value
-   logical, intent(in) :: value
-   character(len=:), allocatable :: text
-
-   text = trim(merge('true ', 'false', value))
-end function logical_text
 
 !> Shortest text that reads back the same number
 pure function real_text(value) result(text)
