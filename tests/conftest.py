@@ -3,8 +3,6 @@
 import os
 import shutil
 import signal
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -53,25 +51,6 @@ def write_deck(tmp_path: Path) -> Callable[[dict[str, Any]], Path]:
         return path
 
     return write
-
-
-@pytest.fixture
-def with_threads() -> Callable[[str], list[str]]:
-    """Run a program in Python with one and with two threads; return what it printed."""
-
-    def run(program: str) -> list[str]:
-        return [
-            subprocess.run(
-                [sys.executable, "-c", program],
-                env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "OMP_NUM_THREADS": n},
-                capture_output=True,
-                text=True,
-                check=True,
-            ).stdout
-            for n in ("1", "2")
-        ]
-
-    return run
 
 
 @pytest.fixture

@@ -282,21 +282,6 @@ def test_pixels_outside_the_region_play_no_part():
     assert not a[~region].any()
 
 
-def test_one_and_two_threads_give_the_same_bits(with_threads):
-    code = (
-        "import hashlib, numpy as np\n"
-        "from myork.core.level_sets import evolve_level_sets\n"
-        "u = np.random.default_rng(1).random((40, 40, 6, 2))\n"
-        "for volume in (False, True):\n"
-        "    r = evolve_level_sets(u, np.ones((40, 40, 6)), u - .5, spacing=(1., 1., 2.), mu=.02,"
-        " nu=0., epsilon=.5, dt=10., tolerance=0., iterations=40, lambdas=np.ones(4),"
-        " channel_weights=[1., 1.], volume=volume)\n"
-        "    print(hashlib.sha256(b''.join(a.tobytes() for a in r.values())).hexdigest())\n"
-    )
-    one, two = with_threads(code)
-    assert one == two != ""
-
-
 def test_regions_survive_level_sets():
     regions = np.random.default_rng(0).integers(0, 8, (6, 5, 4)).repeat(4, 0).repeat(4, 1)
     again = regions_of(level_sets_of(regions.astype(np.int32), 8, False), 8)

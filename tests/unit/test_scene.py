@@ -291,19 +291,6 @@ def test_every_load_is_met_exactly_also_after_halvings(open_scene):
     assert_allclose(fields.f[:, 2, 2], 0.1, rtol=1e-4)
 
 
-def test_rows_do_not_depend_on_the_threads(write_deck, with_threads):
-    """Every point owns its rows: the same bits."""
-    program = f"""
-import numpy as np
-from myork.core.scene import Scene
-with Scene({str(write_deck(TABLES))!r}) as scene:
-    x = 1e-2 * np.sin(np.arange(scene.dofs))
-    print([part.tobytes().hex() for part in scene.linearise(x, 1.0, x[::-1])])
-"""
-    one, two = with_threads(program)
-    assert one == two != ""
-
-
 @pytest.mark.parametrize("method", METHODS)
 def test_answers_do_not_depend_on_what_was_asked_before(method, open_scene):
     """Every question is about the state it names: the same bits whatever was asked or solved in

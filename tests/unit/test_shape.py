@@ -256,20 +256,6 @@ def test_flat_and_repeated_points_have_no_cure():
         shape_functions(copies, 4.0, [[0.2, 0.5]], order=2)
 
 
-def test_same_bits_on_one_and_two_threads(with_threads):
-    """Every place owns its part of the result, so nothing depends on the number of threads."""
-    program = """
-import hashlib, numpy as np
-from myork import Scene
-from myork.core.shape import shape_functions
-points = np.random.default_rng(5).uniform(0, 1, (600, 3))
-shape = shape_functions(points, 0.35, points[::2], order=2)
-print(hashlib.sha256(shape.value.tobytes() + shape.neighbour.tobytes()).hexdigest())
-"""
-    one, two = with_threads(program)
-    assert one == two != ""
-
-
 def ring(radial=6, angular=13):
     """Quarter of a ring of points from radius 1 to 2; spacings in radius and angle."""
     radius = np.linspace(1.0, 2.0, radial)

@@ -15,6 +15,7 @@ from numpy.testing import assert_allclose
 from myork import Scene
 from myork.errors import InputError
 from myork.stations.solve import run_deck
+from tests.scenes import box, held, scene, solved
 
 ABOUT = [0.3, 0.2, 0.1]
 PLACES = (0.05, 0.6, 1.0, 1.37, 1.98)
@@ -22,46 +23,25 @@ PLACES = (0.05, 0.6, 1.0, 1.37, 1.98)
 
 def block(method: str, source: list[int], bulk: float) -> dict:
     """Block with probes of its ends and of sections from one to the other."""
-    probes = [{"name": f"force{end}", "quantity": "force", "set": f"z{end}"} for end in (0, 1)]
-    probes += [
-        {"name": f"section{z}", "quantity": "section_force", "point": [0.4, 0.5, z],
-         "normal": [0, 0, 2]}
-        for z in PLACES
-    ]  # fmt: skip
-    probes += [
-        {"name": f"torque{axis}{end}", "quantity": f"torque_{axis}", "set": f"z{end}",
-         "about": ABOUT}
-        for axis in "xyz"
-        for end in (0, 1)
-    ]  # fmt: skip
-    probes += [
-        {"name": "own", "quantity": "torque_y", "set": "z1"},
-        {"name": "middle", "quantity": "u", "set": "z1"},
-        {"name": "side", "quantity": "u_z", "set": "x1"},
-    ]  # fmt: skip
-    return {
-        "scene": {"dimension": 3, "method": method},
-        "geometry": {
-            "kind": "box",
-            "size": [1, 1.2, 2],
-            "source": source,
-            "collocation": [2 * n - 1 for n in source],
-        },
-        "material": [{"name": "rubber", "model": "polynomial", "A10": 10, "K": bulk}],
-        "boundary": [
-            {"set": "z0", "u_x": 0, "u_y": 0, "u_z": 0},
-            {"set": "z1", "u_x": 0.3, "u_y": 0.1, "u_z": 0.2},
+    cut = {"quantity": "section_force", "normal": [0, 0, 2]}
+    return scene(
+        method, box(*source, size=[1, 1.2, 2]), load={"steps": 2},
+        material=[{"name": "rubber", "model": "polynomial", "A10": 10, "K": bulk}],
+        boundary=[held("z0"), held("z1", u_x=0.3, u_y=0.1, u_z=0.2)],
+        probe=[
+            *({"name": f"force{k}", "quantity": "force", "set": f"z{k}"} for k in (0, 1)),
+            *({"name": f"section{z}", "point": [0.4, 0.5, z], **cut} for z in PLACES),
+            *({"name": f"torque{a}{k}", "quantity": f"torque_{a}", "set": f"z{k}", "about": ABOUT}
+              for a in "xyz" for k in (0, 1)),
+            {"name": "own", "quantity": "torque_y", "set": "z1"},
+            {"name": "middle", "quantity": "u", "set": "z1"},
+            {"name": "side", "quantity": "u_z", "set": "x1"},
         ],
-        "load": {"steps": 2},
-        "probe": probes,
-    }
+    )  # fmt: skip
 
 
 def values(tables: dict) -> dict[str, np.ndarray]:
-    with Scene.from_tables(tables) as scene:
-        states = scene.solve(error=False)
-        found = scene.probes(states.x[-1:], states.load[-1:])[0]
-    return {probe["name"]: value for probe, value in zip(tables["probe"], found, strict=True)}
+    return {name: value[-1] for name, value in solved(tables).probes.items()}
 
 
 @pytest.mark.parametrize(
@@ -95,36 +75,21 @@ def test_sections_carry_the_force_of_the_ends_and_torques_balance(method, bulk, 
 @pytest.mark.parametrize("method", ["rkpm-gauss", "rkpm-scni", "rkcm"])
 def test_a_homogeneous_state_knows_its_sections_and_moments(method):
     """Uniaxial tension between symmetry planes: force sigma a b, moment arms half the edges."""
-    tables = {
-        "scene": {"dimension": 3, "method": method},
-        "geometry": {
-            "kind": "box",
-            "size": [1, 2, 3],
-            "source": [4, 4, 4],
-            "collocation": [7, 7, 7],
-        },
-        "material": [{"name": "rubber", "model": "neo-hookean", "mu": 2, "K": 10}],
-        "boundary": [
-            {"set": "x0", "u_x": 0},
-            {"set": "y0", "u_y": 0},
-            {"set": "z0", "u_z": 0},
-            {"set": "z1", "u_z": 0.6},
-        ],
-        "probe": [
+    tables = scene(
+        method, box(4, 4, 4, size=[1, 2, 3]),
+        material=[{"name": "rubber", "model": "neo-hookean", "mu": 2, "K": 10}],
+        boundary=[*({"set": f"{a}0", f"u_{a}": 0} for a in "xyz"), {"set": "z1", "u_z": 0.6}],
+        probe=[
             {"name": "end", "quantity": "force_z", "set": "z1"},
-            {
-                "name": "inside",
-                "quantity": "section_force_z",
-                "point": [0.5, 1, 1.2],
-                "normal": [0, 0, 1],
-            },
+            {"name": "inside", "quantity": "section_force_z", "point": [0.5, 1, 1.2],
+             "normal": [0, 0, 1]},
             {"name": "about_x", "quantity": "torque_x", "set": "z1", "about": [0, 0, 0]},
             {"name": "own", "quantity": "torque_x", "set": "z1"},
             {"name": "side", "quantity": "u_x", "set": "x1"},
             {"name": "point", "quantity": "u_x", "point": [1, 1, 2]},
             {"name": "y", "quantity": "u_y", "point": [1, 2, 2]},
         ],
-    }
+    )  # fmt: skip
     found = {name: value[0] for name, value in values(tables).items()}
     assert found["inside"] == pytest.approx(found["end"], rel=1e-3)
     # the force acts in the middle of the deformed end, half of the narrowed edge from the plane
@@ -145,14 +110,13 @@ def test_the_executable_writes_them_with_error_bars(tmp_path):
     tables = block("rkpm-gauss", [4, 4, 5], 50.0)
     summary = run_deck(tables, tmp_path, threads=1)
     last = summary["steps"][-1]
-    with Scene.from_tables(tables, threads=1) as scene:
-        states = scene.solve()
-        inside = scene.probes(states.x[-1:], states.load[-1:])[0]
-    for k, probe in enumerate(tables["probe"]):
-        wide = probe["quantity"] in ("u", "force", "section_force")
-        value, bar = last["probes"][probe["name"]], last["probe_errors"][probe["name"]]
-        assert_allclose(value, inside[k][: 3 if wide else 1].squeeze(), rtol=1e-9, atol=1e-9)
-        assert_allclose(bar, states.probe_errors[-1, k, : 3 if wide else 1].squeeze(), rtol=1e-6)
+    inside = solved(tables, error=True)
+    for probe in tables["probe"]:
+        name, wide = probe["name"], probe["quantity"] in ("u", "force", "section_force")
+        value, bar = last["probes"][name], last["probe_errors"][name]
+        n = 3 if wide else 1
+        assert_allclose(value, inside.probes[name][-1, :n].squeeze(), rtol=1e-9, atol=1e-9)
+        assert_allclose(bar, inside.bars[name][-1, :n].squeeze(), rtol=1e-6)
         assert np.all(np.asarray(bar) > 0)
     assert "torque" in json.dumps(summary["deck"]["probe"])
 
@@ -178,12 +142,10 @@ def test_a_probe_that_is_not_whole_is_refused(probe, message):
 
 
 def test_a_plane_has_one_torque():
-    tables = {
-        "scene": {"dimension": 2},
-        "geometry": {"kind": "box", "size": [1, 1], "source": [4, 4], "collocation": [4, 4]},
-        "material": [{"name": "rubber", "model": "neo-hookean", "mu": 1, "K": 10}],
-        "boundary": [{"set": "x0", "u_x": 0, "u_y": 0}, {"set": "x1", "u_y": 0.1}],
-        "probe": [{"name": "t", "quantity": "torque_x", "set": "x1"}],
-    }
+    tables = scene(
+        "auto", box(4, 4, places=(4, 4)), boundary=[held("x0", 2), {"set": "x1", "u_y": 0.1}],
+        material=[{"name": "rubber", "model": "neo-hookean", "mu": 1, "K": 10}],
+        probe=[{"name": "t", "quantity": "torque_x", "set": "x1"}],
+    )  # fmt: skip
     with pytest.raises(InputError, match="torque_x is always zero in two dimensions"):
         Scene.from_tables(tables).close()

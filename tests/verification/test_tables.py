@@ -9,27 +9,23 @@ from typing import Any
 import pytest
 
 from myork import Scene
-from myork.core.deck import load_deck, load_tables
+from myork.core.deck import load_deck, load_tables, text_of_tables
 from myork.errors import InputError
 from myork.stations.solve import find_executable
+from tests.scenes import box, scene, solved
 
 
 def heat(**tables: Any) -> dict[str, Any]:
     """A rod of length 1 by Gauss points, its temperature 0 at the left end."""
-    return {
-        "scene": {"dimension": 1},
-        "geometry": {"kind": "box", "size": [1], "source": [11], "collocation": [11]},
-        "linear": {"problem": "poisson"},
-        "boundary": [{"set": "x0", "u": 0}, {"set": "x1", "flux": 1}],
-        "probe": [{"name": "u", "quantity": "u", "point": [1]}],
-        **tables,
-    }
+    return scene(
+        "auto", box(11, places=(11,)), linear={"problem": "poisson"},
+        boundary=[{"set": "x0", "u": 0}, {"set": "x1", "flux": 1}],
+        probe=[{"name": "u", "quantity": "u", "point": [1]}],
+    ) | tables  # fmt: skip
 
 
-def value_of(tables: dict[str, Any]) -> float:
-    with Scene.from_tables(tables) as scene:
-        states = scene.solve(error=False)
-        return float(scene.probes(states.x, states.load)[-1, 0, 0])
+def value_of(tables: Any) -> float:
+    return solved(tables).last()["u"]
 
 
 STEP = {"name": "k", "x": [0, 0.5, 1], "value": [1, 1, 3]}
@@ -53,40 +49,36 @@ def test_a_table_is_the_expression_that_it_samples() -> None:
 
 
 def test_a_traction_and_a_displacement_by_table_in_a_nonlinear_scene() -> None:
-    tables: dict[str, Any] = {
-        "scene": {"dimension": 2},
-        "geometry": {"kind": "box", "size": [1, 1], "source": [5, 5], "collocation": [5, 5]},
-        "material": [{"name": "m", "model": "neo-hookean", "mu": 1, "K": 2}],
-        "boundary": [
+    tables = scene(
+        "auto", box(5, 5, places=(5, 5)),
+        material=[{"name": "m", "model": "neo-hookean", "mu": 1, "K": 2}],
+        boundary=[
             {"set": "x0", "u_x": 0, "u_y": "lift(y)"},
             {"set": "x1", "traction": ["0.1*push(y)", 0]},
         ],
-        "table": [
+        table=[
             {"name": "push", "x": [0, 1], "value": [0, 2]},
             {"name": "lift", "x": [-1, 3], "value": [-0.02, 0.06]},
         ],
-    }
-    with Scene.from_tables(tables) as scene:
-        x = scene.solve(error=False).x
+    )  # fmt: skip
+    x = solved(tables).states.x
     tables["boundary"] = [
         {"set": "x0", "u_x": 0, "u_y": "0.02*y"},
         {"set": "x1", "traction": ["0.2*y", 0]},
     ]
-    with Scene.from_tables(tables) as scene:
-        assert scene.solve(error=False).x == pytest.approx(x, rel=1e-9, abs=1e-12)
+    assert solved(tables).states.x == pytest.approx(x, rel=1e-9, abs=1e-12)
 
 
 def test_a_pulse_by_table_of_the_time() -> None:
     """A bar that is pushed at one end: sums, products and the time go into tables as well."""
-    tables: dict[str, Any] = {
-        "scene": {"dimension": 1},
-        "geometry": {"kind": "box", "size": [1], "source": [21], "collocation": [21]},
-        "linear": {"problem": "elasticity", "E": 1},
-        "dynamics": {"density": 1, "time_step": 0.01, "end_time": 0.5, "every": 50},
-        "boundary": [{"set": "x0", "u_x": 0}, {"set": "x1", "traction": ["pulse(2*t)"]}],
-        "table": [{"name": "pulse", "x": [0, 0.5, 1], "value": [0, 1, 0]}],
-        "probe": [{"name": "u", "quantity": "u_x", "point": [0.5]}],
-    }
+    tables = heat(
+        geometry=box(21, places=(21,)),
+        linear={"problem": "elasticity", "E": 1},
+        dynamics={"density": 1, "time_step": 0.01, "end_time": 0.5, "every": 50},
+        boundary=[{"set": "x0", "u_x": 0}, {"set": "x1", "traction": ["pulse(2*t)"]}],
+        table=[{"name": "pulse", "x": [0, 0.5, 1], "value": [0, 1, 0]}],
+        probe=[{"name": "u", "quantity": "u_x", "point": [0.5]}],
+    )
     own = value_of(tables)
     tables["boundary"][1] = {"set": "x1", "traction": ["t < 0.25 ? 4*t : 2 - 4*t"]}
     assert own == pytest.approx(value_of(tables), rel=1e-12)
@@ -94,52 +86,20 @@ def test_a_pulse_by_table_of_the_time() -> None:
 
 def test_tables_of_two_scenes_with_one_name() -> None:
     """Each has its own, also while both are open."""
-    one = heat(linear={"problem": "poisson", "conductivity": "k(x)"}, table=[STEP])
-    two = heat(
-        linear={"problem": "poisson", "conductivity": "k(x)"},
-        table=[STEP | {"value": [4, 4, 12]}],
-    )
+    own = {"problem": "poisson", "conductivity": "k(x)"}
+    one = heat(linear=own, table=[STEP])
+    two = heat(linear=own, table=[STEP | {"value": [4, 4, 12]}])
     with Scene.from_tables(one) as first, Scene.from_tables(two) as second:
-        found = [
-            float(scene.probes(states.x, states.load)[-1, 0, 0])
-            for scene, states in ((s, s.solve(error=False)) for s in (first, second))
-        ]
+        found = [value_of(opened) for opened in (first, second)]
     assert found[0] == pytest.approx(4 * found[1], rel=1e-9)
 
 
 def deck_with(folder: Path, lines: str, name: str = "k.csv") -> Path:
     (folder / name).write_text(lines)
     deck = folder / "rod.toml"
-    deck.write_text(
-        """title = "rod"
-[units]
-force = "N"
-length = "cm"
-[scene]
-dimension = 1
-[geometry]
-kind = "box"
-size = [1]
-source = [11]
-collocation = [11]
-[linear]
-problem = "poisson"
-conductivity = "k(x)"
-[[boundary]]
-set = "x0"
-u = 0
-[[boundary]]
-set = "x1"
-flux = 1
-[[probe]]
-name = "u"
-quantity = "u"
-point = [1]
-[[table]]
-name = "k"
-file = "k.csv"
-"""
-    )
+    tables = heat(linear={"problem": "poisson", "conductivity": "k(x)"})
+    tables = {"title": "rod", "units": {"force": "N", "length": "cm"}, **tables}
+    deck.write_text(text_of_tables(tables | {"table": [{"name": "k", "file": "k.csv"}]}))
     return deck
 
 
@@ -153,11 +113,10 @@ file = "k.csv"
 )
 def test_tables_in_files(lines: str, tmp_path: Path) -> None:
     deck = deck_with(tmp_path, lines)
-    with Scene(deck) as scene:
-        states = scene.solve(error=False)
-        found = float(scene.probes(states.x, states.load)[-1, 0, 0])
-        # what was read is told with the deck
-        assert scene.deck["table"][0]["value"] == [1, 1, 3]
+    with Scene(deck) as opened:
+        found = value_of(opened)
+        # what was read stands in the deck
+        assert opened.deck["table"][0]["value"] == [1, 1, 3]
     own = heat(linear={"problem": "poisson", "conductivity": "k(x)"}, table=[STEP])
     assert found == value_of(own)
     first = load_deck(deck)["sha256"]
@@ -177,10 +136,12 @@ def test_tables_in_files(lines: str, tmp_path: Path) -> None:
     ],
 )
 def test_files_that_are_no_tables(lines: str, what: str, tmp_path: Path) -> None:
+    deck = deck_with(tmp_path, lines)
     with pytest.raises(InputError) as caught:
-        load_deck(deck_with(tmp_path, lines))
+        load_deck(deck)
     assert what in str(caught.value)
-    assert "rod.toml:27" in str(caught.value)
+    line = deck.read_text().splitlines().index('file = "k.csv"') + 1
+    assert f"rod.toml:{line}" in str(caught.value)
 
 
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:

@@ -71,6 +71,7 @@ from myork.core.least_squares import SOLVERS, least_squares
 from myork.core.level_sets import evolve_level_sets
 from myork.core.pod import pod_basis
 from myork.core.scene import Scene
+from myork.core.shape import shape_functions
 from myork.core.threads import core_threads
 
 def digest(*arrays):
@@ -87,12 +88,15 @@ def level_sets():
     disc = np.hypot(*np.mgrid[-1:1:40j, -1:1:30j]) < 0.5
     image = disc[..., None, None] + 0.1 * rng.standard_normal((40, 30, 6, 1))
     start = rng.standard_normal((*image.shape[:3], 2))
-    found = evolve_level_sets(
-        image, np.ones(image.shape[:3]), start, spacing=(1.0, 1.0, 1.0), mu=0.01, nu=0.0,
-        epsilon=0.5, dt=500.0, tolerance=1e-4, iterations=20, lambdas=np.ones(4),
-        channel_weights=np.ones(1), volume=True,
+    found = (
+        evolve_level_sets(
+            image, np.ones(image.shape[:3]), start, spacing=(1.0, 1.0, 1.0), mu=0.01, nu=0.0,
+            epsilon=0.5, dt=500.0, tolerance=1e-4, iterations=20, lambdas=np.ones(4),
+            channel_weights=np.ones(1), volume=volume,
+        )
+        for volume in (False, True)
     )
-    return digest(found["phi"], found["energy"], found["means"])
+    return digest(*(array for each in found for array in each.values()))
 
 def all_cases(threads):
     for name, (deck, overrides) in json.load(open(sys.argv[1])).items():
@@ -108,6 +112,9 @@ def all_cases(threads):
     for solver in SOLVERS:
         yield f"matrix, {solver}", digest(least_squares(a, b, solver).x)
     yield "level sets", level_sets()
+    points = rng.uniform(0, 1, (600, 3))
+    shape = shape_functions(points, 0.35, points[::2], order=2)
+    yield "shape functions", digest(shape.value, shape.neighbour)
 
 for threads in (1, 2):
     with core_threads(threads):
@@ -157,7 +164,7 @@ def test_executable(case: str, inputs: Path, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_python(inputs: Path, tmp_path: Path) -> None:
-    """Scenes, reduced models, least squares of a matrix and level sets in one process."""
+    """Scenes, reduced models, least squares, level sets and shape functions in one process."""
     cases = {name: (str(inputs / f"{deck}.toml"), more) for name, (deck, more) in CASES.items()}
     (tmp_path / "cases.json").write_text(json.dumps(cases), encoding="utf-8")
     done = subprocess.run(
@@ -168,7 +175,7 @@ def test_python(inputs: Path, tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     one, two = (json.loads(line) for line in done.stdout.splitlines())
-    assert len(one) == len(CASES) + 9
+    assert len(one) == len(CASES) + 10
     assert [name for name in one if one[name] != two[name]] == []
 
 

@@ -16,6 +16,7 @@ from myork import Results, Scene, load_deck
 from myork.core.deck import load_tables
 from myork.stations.solve import run_deck
 from myork.summary import printed
+from tests.scenes import box, held, scene, solved
 
 ROOT = Path(__file__).parents[2]
 FORCE, LENGTH = 1000.0, 10.0
@@ -33,12 +34,12 @@ QUANTITIES = set(
 RUBBER = {"name": "rubber", "model": "neo-hookean", "mu": 10, "K": 50}
 PULL = (("x", 0.1), ("y", 0.05), ("z", 0.05))
 PLANE = {q for q in QUANTITIES if not re.search(r"z|torque_[xy]", q)} | {"torque_z", "cauchy_zz"}
+UNITS = {"force": "N", "length": "cm"}
 
 
 def body(dimension: int, quantities: set[str], force: float = 1.0, length: float = 1.0) -> dict:
     """A muscle that is pulled askew, with all probes, its numbers times powers of two units."""
     stress = force / length**2
-    axes = "xyz"[:dimension]
     probes = []
     for quantity in sorted(quantities):
         probe = {"name": quantity, "quantity": quantity}
@@ -51,59 +52,37 @@ def body(dimension: int, quantities: set[str], force: float = 1.0, length: float
         if quantity == "pennation" or quantity.startswith("section"):
             probe["normal"] = [1, 0, 0][:dimension]
         probes.append(probe)
-    return {
-        "units": {"force": "N", "length": "cm"},
-        "scene": {"dimension": dimension, "method": "rkpm-gauss"},
-        "geometry": {
-            "kind": "box",
-            "size": [length] * dimension,
-            "source": [4] * dimension,
-            "collocation": [5] * dimension,
-        },
-        "material": [
+    pull = {f"u_{axis}": move * length for axis, move in PULL[:dimension]}
+    return scene(
+        "rkpm-gauss", box(*[4] * dimension, size=length, places=[5] * dimension), units=UNITS,
+        material=[
             {"name": "muscle", "model": "muscle", "A10": 5 * stress, "K": 50 * stress,
              "sigma_max": 30 * stress, "fiber_angle": 60, "activation": 0.1}
         ],
-        "boundary": [
-            {"set": "x0", **{f"u_{axis}": 0 for axis in axes}},
-            {"set": "x1", **{f"u_{axis}": move * length for axis, move in PULL[:dimension]}},
-        ],
-        "probe": probes,
-    }  # fmt: skip
+        boundary=[held("x0", dimension), {"set": "x1", **pull}], probe=probes,
+    )  # fmt: skip
 
 
 def bar(dimension: int, force: float = 1.0, length: float = 1.0) -> dict:
     """An elastic body that is pulled, linear; on a line its forces are stresses."""
-    axes = "xyz"[:dimension]
     ratio = {"nu": 0.3} if dimension > 1 else {}
-    return {
-        "units": {"force": "N", "length": "cm"},
-        "scene": {"dimension": dimension, "method": "rkpm-gauss"},
-        "geometry": {
-            "kind": "box",
-            "size": [length] * dimension,
-            "source": [5] * dimension,
-            "collocation": [5] * dimension,
-        },
-        "linear": {"problem": "elasticity", "E": 100 * force / length**2, **ratio},
-        "boundary": [
-            {"set": "x0", **{f"u_{axis}": 0 for axis in axes}},
-            {"set": "x1", "u_x": 0.1 * length},
-        ],
-        "probe": [
+    middle = [0.5 * length] * dimension
+    return scene(
+        "rkpm-gauss", box(*[5] * dimension, size=length, places=[5] * dimension), units=UNITS,
+        linear={"problem": "elasticity", "E": 100 * force / length**2, **ratio},
+        boundary=[held("x0", dimension), {"set": "x1", "u_x": 0.1 * length}],
+        probe=[
             {"name": "pull", "quantity": "force_x", "set": "x1"},
-            {"name": "half", "quantity": "u_x", "point": [0.5 * length] * dimension},
-            {"name": "stress", "quantity": "cauchy_xx", "point": [0.5 * length] * dimension},
+            {"name": "half", "quantity": "u_x", "point": middle},
+            {"name": "stress", "quantity": "cauchy_xx", "point": middle},
         ],
-    }
+    )  # fmt: skip
 
 
 def numbers(tables: dict) -> tuple[dict[str, np.ndarray], dict[str, str]]:
-    with Scene.from_tables(tables) as scene:
-        states = scene.solve(error=False)
-        found = scene.probes(states.x[-1:], states.load[-1:])[0]
-        units = scene.probe_units
-    return dict(zip([p["name"] for p in tables["probe"]], found, strict=True)), units
+    with Scene.from_tables(tables) as opened:
+        found = {name: value[-1] for name, value in solved(opened).probes.items()}
+        return found, opened.probe_units
 
 
 def factor(unit: str) -> float:
@@ -181,9 +160,7 @@ def test_rounding_below_a_bar_is_printed_as_zero(tmp_path: Path) -> None:
     """By symmetry the middle of a pulled plate does not move sideways."""
     tables = body(2, set())
     tables["material"] = [RUBBER]
-    tables["boundary"] = [
-        {"set": "x0", "u_x": 0, "u_y": 0}, {"set": "x1", "u_x": 0.1, "u_y": 0},
-    ]  # fmt: skip
+    tables["boundary"] = [held("x0", 2), held("x1", 2, u_x=0.1)]
     tables["probe"] = [{"name": "middle", "quantity": "u", "point": [0.5, 0.5]}]
     run_deck(tables, tmp_path, threads=1)
     step = json.loads((tmp_path / "summary.json").read_text())["steps"][-1]

@@ -21,22 +21,13 @@ from myork import Scene, make_report, run_deck
 from myork.core.states import States
 from myork.errors import ConvergenceError, RefusedError
 from myork.stations.solve import find_executable
+from tests import scenes
+from tests.scenes import annulus, box, cantilever, held, scene
 
 GAUSS = (
     "scene.method=rkpm-gauss", "approximation.order=1", "approximation.support=2",
     "approximation.kernel=cubic", "galerkin.gauss=2",
 )  # fmt: skip
-CANTILEVER: dict[str, Any] = {
-    "scene": {"dimension": 2},
-    "geometry": {"kind": "box", "size": [4, 1], "source": [17, 5], "collocation": [33, 9]},
-    "material": [{"name": "rubber", "model": "polynomial", "A10": 37.3, "K": 1e3}],
-    "boundary": [{"set": "x0", "u_x": 0, "u_y": 0}, {"set": "x1", "traction": [0, 1]}],
-    "load": {"steps": 2},
-    "probe": [
-        {"name": "tip", "quantity": "u_y", "point": [4, 0.5]},
-        {"name": "root", "quantity": "force", "set": "x0"},
-    ],
-}
 TIP = 0.9145
 
 
@@ -48,27 +39,24 @@ def size(*source: int) -> tuple[str, str]:
 
 def solved(deck: Any, overrides: tuple[str, ...], **how: Any) -> tuple[States, dict[str, Any]]:
     """States, and the last values of the probes by name with their bars."""
-    make = Scene if isinstance(deck, Path) else Scene.from_tables
-    with make(deck, overrides=overrides, threads=1) as scene:
-        states = scene.solve(**how)
-        values = scene.probes(states.x, states.load)[-1]
-        names = [probe["name"] for probe in scene.deck["probe"]]
-    bars = states.probe_errors[-1]
-    return states, {name: (values[i], bars[i]) for i, name in enumerate(names)}
+    found = scenes.solved(deck, *overrides, **{"error": True, **how})
+    return found.states, {
+        name: (value[-1], found.bars[name][-1]) for name, value in found.probes.items()
+    }
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["rkcm", "rkcm-mixed"])
 def test_collocation_that_bends_is_refused(method: str) -> None:
     """Its bar reaches the truth, 80 to 95 % away; a finer cloud would not have told."""
-    states, found = solved(CANTILEVER, (f"scene.method={method}", *size(33, 9)))
+    states, found = solved(cantilever(method, 33, 9), ())
     assert states.verdict == "refused"
     tip, bar = found["tip"][0][0], found["tip"][1][0]
     assert tip < 0.3 * TIP < TIP < tip + bar
 
 
 def test_the_weak_form_that_bends_is_accepted() -> None:
-    states, found = solved(CANTILEVER, (*GAUSS, *size(33, 9)))
+    states, found = solved(cantilever(), (*GAUSS, *size(33, 9)))
     assert states.verdict == "accepted" and not states.reasons
     tip, bar = found["tip"][0][0], found["tip"][1][0]
     assert abs(tip - TIP) < bar < 0.02 * TIP
@@ -139,16 +127,15 @@ def test_collapsed_corners_do_not_make_other_stresses_small(
     assert states.verdict == verdict
 
 
-PRESSED: dict[str, Any] = {
-    "scene": {"dimension": 2},
-    "geometry": {"kind": "box", "size": [1, 1], "source": [9, 9], "collocation": [9, 9]},
-    "material": [{"name": "rubber", "model": "neo-hookean", "mu": 20, "K": 2000}],
-    "boundary": [{"set": "y0", "u_x": 0, "u_y": 0}, {"set": "y1", "u_x": 0, "u_y": -0.4}],
-    "load": {"steps": 4},
-    "probe": [{"name": "press", "quantity": "force_y", "set": "y1"}],
-}
+PRESSED = scene(
+    "auto", box(9, 9, places=(9, 9)), load={"steps": 4},
+    material=[{"name": "rubber", "model": "neo-hookean", "mu": 20, "K": 2000}],
+    boundary=[held("y0", 2), held("y1", 2, u_y=-0.4)],
+    probe=[{"name": "press", "quantity": "force_y", "set": "y1"}],
+)  # fmt: skip
 
 
+@pytest.mark.slow
 def test_material_inside_out_is_said_everywhere(tmp_path: Path) -> None:
     """Glued corners turn inside out: their stress does not exist, all else is well."""
     lines: list[str] = []
@@ -178,6 +165,7 @@ def test_material_inside_out_is_said_of_runs_that_end_early(tmp_path: Path) -> N
     assert f"warning: {warning}" in lines
 
 
+@pytest.mark.filterwarnings("ignore:.* not finite")
 def test_a_probe_without_a_value_is_refused(tmp_path: Path) -> None:
     tables = {**PRESSED, "probe": [{"name": "s", "quantity": "cauchy_xx", "point": [0, 0]}]}
     with pytest.raises(RefusedError, match="probe s is not a finite number"):
@@ -201,27 +189,19 @@ def test_the_body_at_rest_is_accepted(method: str, kind: str) -> None:
     """Nothing acts: all is zero, not rounding that is compared with rounding."""
     nd = 3 if kind == "muscle" else 2
     ends = ("inner", "outer") if kind == "ring" else ("x0", "x1")
-    geometry: dict[str, Any] = {"kind": "box", "size": [1, 1, 1][:nd], "source": [5] * nd}
+    geometry = box(*[5] * nd, jitter=0.2 * (kind == "scattered"))
     if kind == "ring":
-        geometry = {"kind": "annulus", "inner_radius": 0.5, "outer_radius": 1, "source": [5, 9]}
-    if kind == "scattered":
-        geometry["jitter"] = 0.2
-    geometry["collocation"] = [2 * n - 1 for n in geometry["source"]]
+        geometry = annulus(5, 9, radii=(0.5, 1))
     material = {"name": "rubber", "model": "neo-hookean", "mu": 20, "K": 2000}
     if kind == "muscle":
         material |= {"model": "muscle", "A10": 10, "sigma_max": 30, "lambda_o": 1, "gamma1": 0.05,
                      "gamma2": 6.6, "fiber": [0.6, 0, 0.8]}  # fmt: skip
         del material["mu"]
-    fixed = dict.fromkeys(("u_x", "u_y", "u_z")[:nd], 0)
     stress = REST[1] | {"point": [0.3, 0.6, 0.5][:nd]}
-    tables = {
-        "scene": {"dimension": nd, "method": method},
-        "geometry": geometry,
-        "material": [material],
-        "boundary": [{"set": name} | fixed for name in ends],
-        "load": {"steps": 2},
-        "probe": [REST[0] | {"set": ends[0]}, stress, REST[2]],
-    }
+    tables = scene(
+        method, geometry, material=[material], boundary=[held(name, nd) for name in ends],
+        load={"steps": 2}, probe=[REST[0] | {"set": ends[0]}, stress, REST[2]],
+    )  # fmt: skip
     states, found = solved(tables, ())
     assert states.verdict == "accepted" and not states.reasons and not states.warnings
     assert not np.any(states.x) and states.iterations.tolist() == [0, 0]
@@ -253,13 +233,13 @@ def test_without_a_second_solution_nothing_is_silent(tmp_path: Path, inputs: Pat
 
 
 def test_bars_of_steps_grow_with_the_load() -> None:
-    states, _ = solved(CANTILEVER, (*GAUSS, *size(17, 5)))
+    states, _ = solved(cantilever(), (*GAUSS, *size(17, 5)))
     first, last = states.probe_errors[:, 0, 0]
     assert first == pytest.approx(0.5 * last)
 
 
 def test_two_runs_have_the_same_bars() -> None:
-    one, two = (solved(CANTILEVER, (*GAUSS, *size(9, 5)))[0].probe_errors for _ in range(2))
+    one, two = (solved(cantilever(), (*GAUSS, *size(9, 5)))[0].probe_errors for _ in range(2))
     np.testing.assert_array_equal(one, two)
 
 
