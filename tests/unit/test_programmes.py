@@ -1,6 +1,5 @@
 """Load programmes: amplitudes, activations of single muscles, motions of boundary sets."""
 
-import copy
 from pathlib import Path
 from typing import Any
 
@@ -10,25 +9,10 @@ import pytest
 from myork import Scene, run_deck
 from myork.core.deck import load_tables
 from myork.errors import InputError
+from tests import scenes
+from tests.scenes import box, held, scene
 
-#: A block of muscle between two plates, of which the upper one moves
-BLOCK: dict[str, Any] = {
-    "scene": {"dimension": 3},
-    "geometry": {"kind": "box", "size": [1, 1, 1], "source": [3] * 3, "collocation": [4] * 3},
-    "material": [
-        {"name": "muscle", "model": "muscle", "A10": 1.0, "K": 500.0, "fiber": [0.3, 0, 1]}
-    ],
-    "boundary": [
-        {"set": "z0", "u_x": 0, "u_y": 0, "u_z": 0},
-        {"set": "z1", "u_x": 0, "u_y": 0, "u_z": 0.2, "amplitude": "pull"},
-    ],
-    "amplitude": [{"name": "pull", "time": [0, 0.4, 0.7, 1], "value": [0, 1, 1, 0.5]}],
-    "load": {},
-    "probe": [
-        {"name": "end", "quantity": "u_z", "point": [0.5, 0.5, 1]},
-        {"name": "pull", "quantity": "force_z", "set": "z1"},
-    ],
-}
+MUSCLE = {"name": "muscle", "model": "muscle", "A10": 1.0, "K": 500.0}
 #: Forms with options that let a coarse block converge
 METHODS: dict[str, dict[str, Any]] = {
     "rkpm-gauss": {},
@@ -37,22 +21,30 @@ METHODS: dict[str, dict[str, Any]] = {
 }
 
 
-def block(**changes: Any) -> dict[str, Any]:
-    """The block with other tables."""
-    return copy.deepcopy(BLOCK) | changes
+def block(method: str = "auto", **changes: Any) -> dict[str, Any]:
+    """A block of muscle between two plates, of which the upper one moves."""
+    tables = scene(
+        method, box(3, 3, 3, places=(4, 4, 4)),
+        material=[{**MUSCLE, "fiber": [0.3, 0, 1]}],
+        boundary=[held("z0"), held("z1", u_z=0.2, amplitude="pull")],
+        amplitude=[{"name": "pull", "time": [0, 0.4, 0.7, 1], "value": [0, 1, 1, 0.5]}],
+        probe=[
+            {"name": "plate", "quantity": "u_z", "point": [0.5, 0.5, 1]},
+            {"name": "pull", "quantity": "force_z", "set": "z1"},
+        ],
+    )  # fmt: skip
+    return tables | {"approximation": METHODS.get(method, {})} | changes
 
 
 def solved(deck: dict[str, Any]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Loads, values of the probes at each of them, unknowns of the last one."""
-    with Scene.from_tables(deck) as scene:
-        states = scene.solve()
-        return states.load, scene.probes(states.x, states.load)[:, :, 0], states.x[-1]
+    states, probes, *_ = scenes.solved(deck)
+    return states.load, np.stack([v[:, 0] for v in probes.values()], axis=1), states.x[-1]
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_a_plate_follows_its_amplitude_and_all_knots_are_steps(method: str) -> None:
-    deck = block(approximation=METHODS[method], load={"at": [0.5], "steps": 2})
-    deck["scene"]["method"] = method
+    deck = block(method, load={"at": [0.5], "steps": 2})
     load, probes, _ = solved(deck)
     assert load.tolist() == [0.4, 0.5, 0.7, 1.0]
     # forms that hold plates by a penalty miss the value by a little
@@ -171,7 +163,7 @@ def test_a_body_whose_ends_turn_together_turns_as_one(method: str) -> None:
     }
     place = np.array([0.3, 0.6, 0.4])
     deck = block(
-        approximation=METHODS[method],
+        method,
         boundary=[{"set": "z0", **motion}, {"set": "z1", **motion}],
         amplitude=[{"name": "turn", "time": [0, 0.5, 1], "value": [0, 1, 0.8]}],
         load={"steps": 1 if method != "rkcm" else 8},
@@ -180,31 +172,23 @@ def test_a_body_whose_ends_turn_together_turns_as_one(method: str) -> None:
             {"name": "stress", "quantity": "cauchy_xy", "point": place.tolist()},
         ],
     )
-    deck["scene"]["method"] = method
-    with Scene.from_tables(deck) as scene:
-        states = scene.solve()
-        probes = scene.probes(states.x, states.load)
+    states, probes, *_ = scenes.solved(deck)
     for load, part in ((0.5, 1.0), (1.0, 0.8)):
-        row = probes[int(np.flatnonzero(states.load == load)[0])]
+        step = int(np.flatnonzero(states.load == load)[0])
         expected = rotated(place, axis, about, part * angle) - place + [0.3 * part, 0, 0]
-        np.testing.assert_allclose(row[0], expected, atol=1e-6)
-        assert abs(row[1, 0]) < 1e-5
+        np.testing.assert_allclose(probes["inside"][step], expected, atol=1e-6)
+        assert abs(probes["stress"][step, 0]) < 1e-5
 
 
 def test_a_plane_body_turns_about_z() -> None:
     motion = {"rotation": -90, "about": [0.0, 0.0]}
-    deck = {
-        "scene": {"dimension": 2},
-        "geometry": {"kind": "box", "size": [1, 1], "source": [4, 4], "collocation": [5, 5]},
-        "material": [{"name": "rubber", "model": "neo-hookean", "mu": 1.0, "K": 100.0}],
-        "boundary": [{"set": "y0", **motion}, {"set": "y1", **motion}],
-        "probe": [{"name": "corner", "quantity": "u", "point": [1.0, 0.5]}],
-    }
-    with Scene.from_tables(deck) as scene:
-        states = scene.solve()
-        np.testing.assert_allclose(
-            scene.probes(states.x, states.load)[-1, 0, :2], [-0.5, -1.5], atol=1e-9
-        )
+    deck = scene(
+        "auto", box(4, 4, places=(5, 5)), boundary=[{"set": y, **motion} for y in ("y0", "y1")],
+        material=[{"name": "rubber", "model": "neo-hookean", "mu": 1.0, "K": 100.0}],
+        probe=[{"name": "corner", "quantity": "u", "point": [1.0, 0.5]}],
+    )  # fmt: skip
+    corner = scenes.solved(deck).probes["corner"][-1, :2]
+    np.testing.assert_allclose(corner, [-0.5, -1.5], atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -240,7 +224,7 @@ def test_amplitudes_that_cannot_be(change: dict[str, Any], complaint: str) -> No
     ],
 )
 def test_motions_that_cannot_be(table: dict[str, Any], complaint: str) -> None:
-    deck = block(boundary=[BLOCK["boundary"][0], {"set": "z1", **table}])
+    deck = block(boundary=[held("z0"), {"set": "z1", **table}])
     with pytest.raises(InputError) as told:
         load_tables(deck, ())
     assert complaint in str(told.value)
@@ -321,20 +305,12 @@ def test_work_is_stored_energy_and_what_activation_adds() -> None:
 def test_stretch_and_pennation_of_a_stretched_block(method: str) -> None:
     """Uniform stretch: fibers of 30 degrees turn towards the pull."""
     stretch, across, angle = 1.2, 0.95, np.radians(30)
-    deck = {
-        "scene": {"dimension": 3, "method": method},
-        "geometry": {"kind": "box", "size": [1] * 3, "source": [4] * 3, "collocation": [5] * 3},
-        "approximation": {"order": 2, "support": 2.5},
-        "material": [
-            {"name": "muscle", "model": "muscle", "A10": 1.0, "K": 500.0, "fiber_angle": 30.0}
-        ],
-        "boundary": [
-            {"set": f"{a}{k}", "u_x": "-0.05 * x", "u_y": "-0.05 * y", "u_z": "0.2 * z"}
-            for a in "xyz"
-            for k in (0, 1)
-        ],
-        "probe": WHOLE[3:],
-    }
+    grown = {"u_x": "-0.05 * x", "u_y": "-0.05 * y", "u_z": "0.2 * z"}
+    deck = scene(
+        method, box(4, 4, 4, places=(5, 5, 5)), approximation={"order": 2, "support": 2.5},
+        material=[{**MUSCLE, "fiber_angle": 30.0}],
+        boundary=[{"set": f"{a}{k}", **grown} for a in "xyz" for k in (0, 1)], probe=WHOLE[3:],
+    )  # fmt: skip
     _, probes, _ = solved(deck)
     fiber = np.array([across * np.sin(angle), stretch * np.cos(angle)])
     expected = [np.linalg.norm(fiber), np.degrees(np.arctan2(*fiber))]
@@ -360,7 +336,7 @@ def test_probes_that_cannot_be(probe: dict[str, Any], complaint: str) -> None:
 
 
 def test_collocation_does_not_know_the_parts_of_a_force() -> None:
-    deck = block(probe=[{"name": "p", "quantity": "force", "set": "z1", "material": "muscle"}])
-    deck["scene"]["method"] = "rkcm"
+    probe = {"name": "p", "quantity": "force", "set": "z1", "material": "muscle"}
+    deck = block("rkcm", probe=[probe])
     with pytest.raises(InputError, match="parts of forces need a Galerkin form"):
         load_tables(deck, ())

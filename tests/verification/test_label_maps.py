@@ -14,6 +14,7 @@ from myork.errors import InputError
 from myork.imaging.io import read_labels
 from myork.results import Results
 from myork.stations.solve import run_deck
+from tests.scenes import box, held, scene, solved
 
 #: Axes of an image that lies askew: 0.6, 0.8 is a right angle's triangle
 TURNED = np.array([[0.6, 0.8, 0], [-0.8, 0.6, 0], [0, 0, 1]])
@@ -58,33 +59,20 @@ STIFF = {"name": "stiff", "model": "neo-hookean", "mu": 4.0, "K": 400.0}
 
 def bar(geometry: dict[str, Any], material: list[dict[str, Any]], **other: Any) -> dict[str, Any]:
     """A bar of 1 x 0.2 x 0.2 cm that is pulled along x."""
-    return {
-        "units": {"force": "N", "length": "cm"},
-        "scene": {"dimension": 3},
-        "geometry": {
-            "kind": "box",
-            "size": [1, 0.2, 0.2],
-            "source": [11, 3, 3],
-            "collocation": [21, 5, 5],
-            **geometry,
-        },
-        "material": material,
-        "boundary": [
-            {"set": "x0", "u_x": 0, "u_y": 0, "u_z": 0},
-            {"set": "x1", "traction": [0.5, 0, 0]},
-        ],
-        "probe": [{"name": "end", "quantity": "u_x", "point": [1, 0.1, 0.1]}],
-        **other,
-    }
+    return scene(
+        "auto", box(11, 3, 3, size=[1, 0.2, 0.2]) | geometry, material=material,
+        units={"force": "N", "length": "cm"},
+        boundary=[held("x0"), {"set": "x1", "traction": [0.5, 0, 0]}],
+        probe=[{"name": "end", "quantity": "u_x", "point": [1, 0.1, 0.1]}],
+    ) | other  # fmt: skip
 
 
 def mapped(labels: str, **geometry: Any) -> dict[str, Any]:
     return bar({"labels": labels, **geometry}, [SOFT | {"label": 5}, STIFF | {"label": 9}])
 
 
-def states_of(tables: dict[str, Any], *overrides: str) -> np.ndarray:
-    with Scene.from_tables(tables, overrides=overrides, threads=1) as scene:
-        return scene.solve(error=False).x
+def states_of(tables: dict[str, Any] | Path, *overrides: str) -> np.ndarray:
+    return solved(tables, *overrides).states.x
 
 
 WHERE = [SOFT | {"where": "x < 0.5"}, STIFF | {"where": "x >= 0.5"}]
@@ -122,32 +110,24 @@ def test_whole_numbers_of_all_types(kind: type, order: str, suffix: str, tmp_pat
 
 def test_maps_that_lie_otherwise(tmp_path: Path) -> None:
     """Axes turned round, in metres, by qform, without either, and a box inside of the map."""
-    expected = states_of(bar({}, WHERE))
-    back = save(
-        tmp_path / "back.nii", halves()[::-1], spaced(-1, 0.5, 0.5, at=(30, -4, 7)), "qform"
-    )
-    np.testing.assert_array_equal(states_of(mapped(back)), expected)
-    metres = save(tmp_path / "m.nii", halves(), spaced(1e-3, 5e-4, 5e-4), unit="meter")
-    np.testing.assert_array_equal(states_of(mapped(metres)), expected)
-    # without an affine x runs to the left
-    plain = save(tmp_path / "plain.nii", halves()[::-1], spaced(1, 0.5, 0.5), "none")
-    np.testing.assert_array_equal(states_of(mapped(plain)), expected)
-    swapped = save(
-        tmp_path / "swapped.nii",
-        np.ascontiguousarray(halves().transpose(1, 2, 0)),
-        spaced(0.5, 0.5, 1)[[2, 0, 1, 3]],
-    )
-    np.testing.assert_array_equal(states_of(mapped(swapped)), expected)
+    half, voxel = halves(), (0.5, 0.5)
+    swapped = np.ascontiguousarray(half.transpose(1, 2, 0)), spaced(*voxel, 1)[[2, 0, 1, 3]]
+    padded = np.pad(half, 3, constant_values=1), spaced(1, *voxel, at=(-2.5, -1.25, 38.75))
+    maps: dict[str, Any] = {
+        "back": (half[::-1], spaced(-1, *voxel, at=(30, -4, 7)), "qform"),
+        "metres": (half, spaced(1e-3, 5e-4, 5e-4), "sform", "meter"),
+        # without an affine x runs to the left
+        "plain": (half[::-1], spaced(1, *voxel), "none"),
+        "swapped": swapped,
+        "wide": padded,
+    }
     second = tmp_path / "second.nii.gz"
-    nibabel.save(nibabel.Nifti2Image(halves(), spaced(1, 0.5, 0.5)), second)
-    np.testing.assert_array_equal(states_of(mapped(str(second))), expected)
-    wide = save(
-        tmp_path / "wide.nii",
-        np.pad(halves(), 3, constant_values=1),
-        spaced(1, 0.5, 0.5, at=(-2.5, -1.25, 38.75)),
-    )
-    found = states_of(mapped(wide, labels_origin=[0, 0, 4]))
-    np.testing.assert_array_equal(found, expected)
+    nibabel.save(nibabel.Nifti2Image(half, spaced(1, *voxel)), second)
+    paths = {name: save(tmp_path / f"{name}.nii", *how) for name, how in maps.items()}
+    expected = states_of(bar({}, WHERE))
+    for name, path in {**paths, "second": str(second)}.items():
+        more = {"labels_origin": [0, 0, 4]} if name == "wide" else {}
+        np.testing.assert_array_equal(states_of(mapped(path, **more)), expected, name)
 
 
 def test_points_have_the_labels_of_the_voxels_that_they_lie_in(tmp_path: Path) -> None:
@@ -200,11 +180,9 @@ def test_a_plane_is_a_slice_of_the_map(inputs: Path, tmp_path: Path) -> None:
     path = inputs / "label_section.toml"
     labels = read_labels(inputs / "images" / "two_muscles.nii.gz")
     one = save(tmp_path / "slice.nii", labels.data[:, :, 12].astype(np.uint8), labels.affine)
-    with Scene(path, threads=1) as scene:
-        expected = scene.solve(error=False).x
+    expected = states_of(path)
     flat = [f'geometry.labels="{one}"', "geometry.labels_origin=[-0.046875,-0.046875,0]"]
-    with Scene(path, flat, threads=1) as scene:
-        np.testing.assert_array_equal(scene.solve(error=False).x, expected)
+    np.testing.assert_array_equal(states_of(path, *flat), expected)
     tables = {key: load_deck(path)[key] for key in ("scene", "units", "material", "boundary")}
     geometry = {"kind": "box", "size": [3, 1.5], "source": [33, 17], "collocation": [65, 33]}
     found = states_of(tables | {"geometry": geometry | {"labels": one}})
@@ -313,22 +291,12 @@ def test_files_that_are_no_label_maps(data: Any, what: str, tmp_path: Path) -> N
             "in a box labels are those of a label map, geometry.labels",
         ),
         (
-            {
-                "scene": {"dimension": 1},
-                "geometry": {
-                    "kind": "box",
-                    "size": [1],
-                    "source": [5],
-                    "collocation": [5],
-                    "labels": "half.nii",
-                },
-                "linear": {"problem": "poisson"},
-                "boundary": [{"set": "x0", "u": 0}],
-            },
+            scene("auto", box(5, places=(5,), labels="half.nii"), linear={"problem": "poisson"},
+                  boundary=[{"set": "x0", "u": 0}]),
             "geometry.labels: has no place in a linear problem",
         ),
     ],
-)
+)  # fmt: skip
 def test_keys_that_do_not_go_with_a_map(
     tables: dict[str, Any], what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
