@@ -8,14 +8,30 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from myork.types import F64, I32
 
 __all__ = ["Image", "Labels", "PointCloud", "Voxels"]
 
 
+class _Grid:
+    """Voxels by an affine."""
+
+    affine: F64
+
+    @property
+    def spacing(self) -> F64:
+        """Voxel size, shape `(3,)` [mm]."""
+        return np.linalg.norm(self.affine[:3, :3], axis=0)
+
+    def world(self, voxels: ArrayLike) -> F64:
+        """World coordinates of voxel indices, both of shape `(..., 3)` [mm]."""
+        return np.asarray(voxels) @ self.affine[:3, :3].T + self.affine[:3, 3]
+
+
 @dataclass(frozen=True)
-class Image:
+class Image(_Grid):
     """Values on a regular grid of voxels.
 
     Attributes
@@ -32,14 +48,9 @@ class Image:
     affine: F64
     name: str = "image"
 
-    @property
-    def spacing(self) -> F64:
-        """Voxel size, shape `(3,)` [mm]."""
-        return np.linalg.norm(self.affine[:3, :3], axis=0)
-
 
 @dataclass(frozen=True)
-class Labels:
+class Labels(_Grid):
     """A whole number for each voxel; zero is nothing.
 
     Attributes
@@ -58,11 +69,6 @@ class Labels:
     affine: F64
     names: dict[int, str] = field(default_factory=dict)
     name: str = "labels"
-
-    @property
-    def spacing(self) -> F64:
-        """Voxel size, shape `(3,)` [mm]."""
-        return np.linalg.norm(self.affine[:3, :3], axis=0)
 
     def label_name(self, label: int) -> str:
         """Name of a label; one is made for a label without a name."""

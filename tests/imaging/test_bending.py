@@ -6,15 +6,14 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from myork.core.deck import text_of_tables
 from myork.errors import InputError, InstallationError
-from myork.imaging.io import read_labels, write_image, write_labels
+from myork.imaging.io import read_labels
 from myork.imaging.phantom import make_phantom
 from myork.records import Image, Labels
 from myork.segmentation.bending import bend_labels
 from myork.segmentation.regions import body_mask
 from myork.segmentation.scores import dice
-from myork.stations.segment import segment
+from tests.images import save, segmented
 
 NUMBERS = range(1, 7)
 
@@ -93,28 +92,20 @@ def test_stacks_are_bent():
     assert after.mean() > 0.93 and after.min() > 0.86
 
 
-def segmented(folder, **keys):
-    deck = {
-        "title": "follow-up",
-        "units": {"force": "N", "length": "mm"},
-        "scene": {"dimension": 3},
-        "image": {"anatomy": "now.nii.gz", "regions": 2, "phase": "dark", "split": "nearest"}
-        | keys,
-    }
-    (folder / "deck.toml").write_text(text_of_tables(deck))
-    return segment(folder / "deck.toml", folder / "out")["segmentation"]
-
-
 @pytest.mark.slow
 def test_segment_bends_the_reference(tmp_path):
     today, then, drawn = visits()
-    write_image(tmp_path / "now.nii.gz", one_slice(today.anatomy))
-    write_image(tmp_path / "then.nii.gz", one_slice(then))
-    write_labels(tmp_path / "old.nii.gz", one_slice(drawn))
-    write_labels(tmp_path / "truth.nii.gz", one_slice(today.truth))
-    keys = {"reference": "old.nii.gz", "truth": "truth.nii.gz", "reference_margin": 0}
+    files = {"now": today.anatomy, "then": then, "old": drawn, "truth": today.truth}
+    save(tmp_path, then.affine, **{name: one_slice(one) for name, one in files.items()})
+    keys = {"anatomy": "now.nii.gz", "regions": 2, "phase": "dark", "split": "nearest",
+            "reference": "old.nii.gz", "truth": "truth.nii.gz", "reference_margin": 0}  # fmt: skip
+
+    def run(**more):
+        bias = {"method": "auto"}
+        return segmented(tmp_path, image={**keys, **more}, bias=bias)["segmentation"]
+
     lies, bent = (
-        [score["dice"] for score in segmented(tmp_path, **keys, **more)["scores"].values()]
+        [score["dice"] for score in run(**more)["scores"].values()]
         for more in ({}, {"reference_anatomy": "then.nii.gz"})
     )
     assert np.mean(bent) > np.mean(lies) + 0.05
@@ -126,12 +117,12 @@ def test_segment_bends_the_reference(tmp_path):
     affine[:3, 3] -= 20 * affine[:3, 0]
     beyond = np.pad(drawn.data, wide)
     beyond[:5, 40:50] = 9
-    write_image(tmp_path / "then.nii.gz", Image(np.pad(then.data, wide), affine))
-    write_labels(tmp_path / "old.nii.gz", Labels(beyond, affine))
-    summary = segmented(tmp_path, **keys, reference_anatomy="then.nii.gz")
+    save(tmp_path, affine, then=np.pad(then.data, wide), old=beyond)
+    summary = run(reference_anatomy="then.nii.gz")
     assert any("nothing is left of label 9" in text for text in summary["warnings"])
     with pytest.raises(InputError, match="reference_anatomy needs image.reference"):
-        segmented(tmp_path, split="pieces", reference_anatomy="then.nii.gz")
+        keys = {"anatomy": "now.nii.gz"}
+        run(reference_anatomy="then.nii.gz")
 
 
 def test_what_cannot_be_bent_is_refused(monkeypatch):

@@ -5,13 +5,12 @@ import json
 import numpy as np
 import pytest
 
-from myork.core.deck import text_of_tables
 from myork.errors import InputError
-from myork.imaging.io import read_image, read_labels, write_image, write_labels
-from myork.records import Image, Labels
+from myork.imaging.io import read_image, read_labels
+from myork.records import Labels
 from myork.segmentation.channels import noise_level, noise_weight
 from myork.segmentation.scores import dice
-from myork.stations.segment import segment
+from tests.images import save, segmented
 
 SIZE = (48, 48, 3)
 AFFINE = np.diag([1.5, 1.5, 6.0, 1.0])
@@ -31,25 +30,15 @@ def halves(seed=1):
 @pytest.fixture
 def folder(tmp_path):
     anatomy, other, truth = halves()
-    for name, data in (("anatomy", anatomy), ("t2", other)):
-        write_image(tmp_path / f"{name}.nii.gz", Image(data, AFFINE))
-    for name, data in (("truth", truth), ("body", truth > 0)):
-        write_labels(tmp_path / f"{name}.nii.gz", Labels(data.astype(np.int32), AFFINE))
+    save(tmp_path, AFFINE, anatomy=anatomy, t2=other, truth=truth, body=truth > 0)
     known = np.zeros(SIZE, np.int32)
     known[12, 20:28], known[36, 20:28] = 1, 2
-    write_labels(tmp_path / "seeds.nii.gz", Labels(known, AFFINE, {1: "one", 2: "two"}))
+    save(tmp_path, AFFINE, seeds=Labels(known, AFFINE, {1: "one", 2: "two"}))
     return tmp_path
 
 
-def run(folder, keys, **tables):
-    tables = {
-        "scene": {"dimension": 3},
-        "image": {"body": "body.nii.gz", **keys},
-        "bias": {"method": "none"},
-        **tables,
-    }
-    (folder / "a.toml").write_text(text_of_tables(tables))
-    summary = segment(folder / "a.toml", folder / "out")
+def run(folder, keys):
+    summary = segmented(folder, image={"body": "body.nii.gz", **keys})
     assert json.loads((folder / "out" / "summary.json").read_text())["segmentation"]
     return summary, read_labels(folder / "out" / "segmentation.nii.gz").data
 
@@ -115,8 +104,7 @@ def echoes(folder):
     for number, c in enumerate((1.0, -1.0)):
         signal = (water + c * fat) * np.exp(1j * (0.03 * i + number * (0.12 * j + 2.0)))
         signal = 500 * signal + random.normal(0.0, 20.0, (*i.shape, 2)) @ (1.0, 1j)
-        write_image(folder / f"m{number}.nii.gz", Image(np.abs(signal), AFFINE))
-        write_image(folder / f"p{number}.nii.gz", Image(np.angle(signal), AFFINE))
+        save(folder, AFFINE, **{f"m{number}": np.abs(signal), f"p{number}": np.angle(signal)})
     return kind, fat / np.maximum(water + fat, 1e-9)
 
 
@@ -126,16 +114,9 @@ DIXON = {"magnitude": ["m0.nii.gz", "m1.nii.gz"], "phase": ["p0.nii.gz", "p1.nii
 @pytest.mark.slow
 def test_echoes_become_water_fat_and_tissue(tmp_path):
     kind, truth = echoes(tmp_path)
-    tables = {
-        "scene": {"dimension": 3},
-        "image": {"regions": 2, "phase": "bright", "label": "muscle"},
-        "bias": {"method": "none"},
-        "dixon": DIXON,
-        "tissue": {"find": True},
-    }
-    (tmp_path / "a.toml").write_text(text_of_tables(tables))
-    summary = segment(tmp_path / "a.toml", tmp_path / "out")
-    out = tmp_path / "out"
+    keys = {"regions": 2, "phase": "bright", "label": "muscle"}
+    tables = {"dixon": DIXON, "tissue": {"find": True}}
+    summary, out = segmented(tmp_path, image=keys, **tables), tmp_path / "out"
     fraction = read_image(out / "fat_fraction.nii.gz").data
     body = (kind > 0) & (kind != 3)
     assert np.corrcoef(fraction[body], truth[body])[0, 1] > 0.98
@@ -150,10 +131,8 @@ def test_echoes_become_water_fat_and_tissue(tmp_path):
     assert dice(found == 1, kind == 1) > 0.95
     # Nothing is said of what the user takes from the body.
     inner = kind == 1
-    write_labels(tmp_path / "inner.nii.gz", Labels(inner.astype(np.int32), AFFINE))
-    tables["image"]["body"] = "inner.nii.gz"
-    (tmp_path / "a.toml").write_text(text_of_tables(tables))
-    segment(tmp_path / "a.toml", tmp_path / "inner")
+    save(tmp_path, AFFINE, inner=inner)
+    segmented(tmp_path, "inner", image={**keys, "body": "inner.nii.gz"}, **tables)
     own = read_image(tmp_path / "inner" / "fat_fraction.nii.gz").data
     assert not own[~inner].any() and (own[inner] > 0).mean() > 0.9  # noise below zero is cut
     # Half of the muscle holds 4 % of fat, half 17 %.
@@ -171,27 +150,19 @@ def test_echoes_become_water_fat_and_tissue(tmp_path):
 def test_water_and_fat_of_the_scanner_are_as_good(tmp_path):
     kind, _ = echoes(tmp_path)
     water, fat = (np.isin(kind, numbers) * 400.0 + 10.0 for numbers in ((1,), (2, 4)))
-    for name, data in (("water", water), ("fat", fat)):
-        write_image(tmp_path / f"{name}.nii.gz", Image(data * (kind > 0), AFFINE))
-    tables = {
-        "scene": {"dimension": 3},
-        "image": {"anatomy": "water.nii.gz", "fat": "fat.nii.gz", "phase": "bright"},
-        "bias": {"method": "none"},
-    }
-    (tmp_path / "a.toml").write_text(text_of_tables(tables))
-    summary = segment(tmp_path / "a.toml", tmp_path / "out")
+    save(tmp_path, AFFINE, water=water * (kind > 0), fat=fat * (kind > 0))
+    keys = {"anatomy": "water.nii.gz", "fat": "fat.nii.gz", "phase": "bright"}
+    summary = segmented(tmp_path, image=keys)
     assert not summary["segmentation"]["warnings"]
     regions = read_labels(tmp_path / "out" / "regions.nii.gz").data
     assert (regions[kind == 2] > 0).mean() > 0.75
     assert (tmp_path / "out" / "fat_fraction.nii.gz").exists()
     # the fat of the folder itself is not deleted before it is read, and the dark of water is fat
-    tables["image"] |= {"fat": str(tmp_path / "out" / "fat.nii.gz"), "phase": "dark"}
-    (tmp_path / "a.toml").write_text(text_of_tables(tables))
-    (doubt,) = segment(tmp_path / "a.toml", tmp_path / "out")["segmentation"]["warnings"]
+    keys |= {"fat": str(tmp_path / "out" / "fat.nii.gz"), "phase": "dark"}
+    (doubt,) = segmented(tmp_path, image=keys)["segmentation"]["warnings"]
     assert "of its signal is fat" in doubt and "image.phase should be 'bright'" in doubt
-    del tables["image"]["fat"]
-    (tmp_path / "a.toml").write_text(text_of_tables(tables))
-    segment(tmp_path / "a.toml", tmp_path / "out")
+    del keys["fat"]
+    segmented(tmp_path, image=keys)
     regions = read_labels(tmp_path / "out" / "regions.nii.gz").data
     assert (regions[kind == 2] > 0).mean() < 0.3
     assert not (tmp_path / "out" / "fat_fraction.nii.gz").exists()
@@ -208,7 +179,5 @@ def test_water_and_fat_of_the_scanner_are_as_good(tmp_path):
 )
 def test_echoes_that_do_not_make_water_and_fat(tmp_path, image, dixon, message):
     echoes(tmp_path)
-    tables = {"scene": {"dimension": 3}, "image": image, "dixon": dixon}
-    (tmp_path / "a.toml").write_text(text_of_tables(tables))
     with pytest.raises(InputError, match=message):
-        segment(tmp_path / "a.toml", tmp_path / "out")
+        segmented(tmp_path, image=image, dixon=dixon)

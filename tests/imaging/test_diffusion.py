@@ -16,15 +16,12 @@ from myork.imaging.diffusion import (
     tensor_components,
     turn_tensors,
 )
-from myork.imaging.gradients import GradientTable, even_directions, write_gradients
+from myork.imaging.gradients import GradientTable
 from myork.imaging.io import write_image
-from myork.imaging.phantom import make_phantom, phantom_dwi
+from myork.imaging.phantom import make_phantom
 from myork.model.fibers import fiber_field
 from myork.records import Image
-
-
-def angle(a, b):
-    return np.degrees(np.arccos(np.clip(np.abs((a * b).sum(-1)), 0, 1)))
+from tests.images import angle, even_directions, phantom_dwi, write_gradients
 
 
 @pytest.fixture(scope="module")
@@ -111,18 +108,12 @@ def test_axes_of_the_file_do_not_change_the_fibers(phantom, series, tmp_path):
     keys = {"dwi": "a.nii.gz", "tensor_frame": "world", "gradient_axes": "x y z"}
     ni = dwi.data.shape[0]
     # New voxel axes (k, -i, j): x goes down with the second.
-    turned = np.zeros((4, 4))
-    turned[:3, 0], turned[:3, 1], turned[:3, 2] = (
-        dwi.affine[:3, 2],
-        -dwi.affine[:3, 0],
-        dwi.affine[:3, 1],
-    )
-    turned[:3, 3] = dwi.affine[:3, 3] + (ni - 1) * dwi.affine[:3, 0]
-    turned[3, 3] = 1.0
+    turned = dwi.affine[:, [2, 0, 1, 3]] * [1.0, -1.0, 1.0, 1.0]
+    turned[:3, 3] += (ni - 1) * dwi.affine[:3, 0]
     found = []
     for image in (dwi, turned_grid(dwi, turned)):
         write_image(tmp_path / "a.nii.gz", image)
-        write_gradients(tmp_path / "a.bval", tmp_path / "a.bvec", table, image.affine)
+        write_gradients(tmp_path, "a", table, image.affine)
         found.append(read_tensors(keys, tmp_path))
     again = turned_grid(found[0], turned).data
     inside = turned_grid(phantom.tissue, turned).data == 1

@@ -9,13 +9,10 @@ from scipy import ndimage
 from myork.errors import InputError
 from myork.imaging.diffusion import fit_tensors, tensor_components
 from myork.imaging.geometry import canonical
-from myork.imaging.phantom import make_phantom, phantom_dwi
+from myork.imaging.phantom import make_phantom
 from myork.model.fibers import fiber_field, fibers_at_points, lead_vector
 from myork.records import Image, Labels
-
-
-def angle(a, b):
-    return np.degrees(np.arccos(np.clip(np.abs((a * b).sum(-1)), 0, 1)))
+from tests.images import angle, phantom_dwi
 
 
 def stick(direction):

@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 
 from myork.errors import ConvergenceError, InputError
-from myork.imaging.io import write_image, write_labels
+from myork.imaging.io import write_labels
 from myork.model.flow import flow_fibers
 from myork.model.slices import extruded
 from myork.model_file import read_model
-from myork.records import Image, Labels
+from myork.records import Labels
 from myork.stations.build import build
 from myork.stations.solve import run_deck
+from tests.images import angle, built, save
 
 
 def cone(top=72):
@@ -22,10 +23,6 @@ def cone(top=72):
     return np.hypot(x, y) < 0.35 * z, away / np.linalg.norm(away, axis=-1, keepdims=True)
 
 
-def degrees(found, truth):
-    return np.degrees(np.arccos(np.clip(np.abs((found * truth).sum(axis=-1)), 0, 1)))
-
-
 def test_flow_follows_a_muscle_that_grows_wider():
     inside, way = cone()
     found = flow_fibers(Labels(inside.astype(np.int32), np.eye(4))).data
@@ -34,8 +31,8 @@ def test_flow_follows_a_muscle_that_grows_wider():
     middle = inside.copy()
     middle[:, :, :8] = middle[:, :, -8:] = False
     # the flow enters and leaves across the flat ends; between them it comes from the tip
-    straight = degrees(np.array([0, 0, 1.0]), way)[middle].mean()
-    assert degrees(found, way)[middle].mean() < 0.25 * straight
+    straight = angle(np.array([0, 0, 1.0]), way)[middle].mean()
+    assert angle(found, way)[middle].mean() < 0.25 * straight
 
 
 def test_each_label_has_its_own_flow_in_any_orientation():
@@ -48,8 +45,8 @@ def test_each_label_has_its_own_flow_in_any_orientation():
     leaning = np.array([0.5, 0, 1.0]) / np.hypot(0.5, 1.0)
     middle = np.zeros_like(data)
     middle[:, :, 8:22] = data[:, :, 8:22]
-    assert degrees(found, leaning)[middle == 1].mean() < 4.0
-    assert degrees(found, np.array([0, 0, 1.0]))[data == 2].max() < 1e-3
+    assert angle(found, leaning)[middle == 1].mean() < 4.0
+    assert angle(found, np.array([0, 0, 1.0]))[data == 2].max() < 1e-3
     turn = np.array([[0, 0, 1.0, 3], [-1.0, 0, 0, 0], [0, 1.0, 0, -2], [0, 0, 0, 1]])
     again = flow_fibers(Labels(data, turn @ labels.affine))
     assert again.data.shape == (30, 40, 8, 3)  # its third axis is superior now
@@ -70,33 +67,15 @@ def test_a_flow_that_is_not_found_is_told(monkeypatch):
 
 def test_measured_fibers_and_a_flow_are_one_too_many(tmp_path):
     inside, way = cone(44)
-    write_labels(tmp_path / "l.nii.gz", Labels(inside.astype(np.int32), np.eye(4)))
-    write_image(tmp_path / "f.nii.gz", Image(way, np.eye(4)))
-    deck = {
-        "title": "both",
-        "units": {"force": "N", "length": "mm"},
-        "scene": {"dimension": 3},
-        "build": {
-            "labels": str(tmp_path / "l.nii.gz"),
-            "fibers": str(tmp_path / "f.nii.gz"),
-            "flow": True,
-        },
-    }
+    save(tmp_path, np.eye(4), l=inside, f=way)
     with pytest.raises(InputError, match=r"build\.flow .* there is build\.fibers"):
-        build(deck, tmp_path / "out")
+        built(tmp_path, labels="l.nii.gz", fibers="f.nii.gz", flow=True)
 
 
 def test_one_slice_has_no_ends_for_a_flow(tmp_path):
-    labels = np.ones((6, 5, 1), np.int32)
-    write_labels(tmp_path / "l.nii.gz", Labels(labels, np.eye(4)))
-    deck = {
-        "title": "slice",
-        "units": {"force": "N", "length": "mm"},
-        "scene": {"dimension": 2},
-        "build": {"labels": str(tmp_path / "l.nii.gz"), "flow": True},
-    }
+    save(tmp_path, np.eye(4), l=np.ones((6, 5, 1), np.int32))
     with pytest.raises(InputError, match=r"there is one slice only; set build\.extrude"):
-        build(deck, tmp_path / "out")
+        built(tmp_path, dimension=2, labels="l.nii.gz", flow=True)
 
 
 def test_prism_of_a_slice_lies_about_it():

@@ -14,7 +14,7 @@ from myork.errors import FileError, InputError, InstallationError
 from myork.imaging.io import read_image, read_labels, write_image, write_labels
 from myork.model_file import read_model
 from myork.records import Image, Labels
-from myork.stations.build import build
+from tests.images import built, save
 
 # Turned by 30 degrees about z and with y downwards
 C, S = np.cos(np.radians(30)), np.sin(np.radians(30))
@@ -225,20 +225,9 @@ def test_a_model_takes_its_activation_from_a_folder_of_several_images(tmp_path):
             RescaleSlope=most / 1000, RescaleIntercept=0.0,
         )  # fmt: skip
     image = read_image(tmp_path / "s:series=3")
-    write_labels(tmp_path / "l.nii.gz", Labels(np.ones((2, 4, 4), np.int32), image.affine))
-    deck = {
-        "title": "activation",
-        "units": {"force": "N", "length": "mm"},
-        "scene": {"dimension": 3},
-        "build": {
-            "labels": str(tmp_path / "l.nii.gz"),
-            "activation": str(tmp_path / "s:series=3"),
-            "collocation_stride": [1, 1, 1],
-            "source_stride": [1, 1, 1],
-        },
-        "geometry": {"kind": "model"},
-    }
-    build(deck, tmp_path / "out")
+    save(tmp_path, image.affine, l=np.ones((2, 4, 4), np.int32))
+    stride = {"collocation_stride": [1, 1, 1], "source_stride": [1, 1, 1]}
+    built(tmp_path, labels="l.nii.gz", activation=str(tmp_path / "s:series=3"), **stride)
     activation = read_model(tmp_path / "out" / "model.h5").activation
     assert activation.max() == pytest.approx(image.data.max(), rel=0.1)  # the other has twice that
 

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 import pyvista
 
+from myork.core.deck import table_defaults
 from myork.errors import FileError, InputError
 from myork.model.cloud import build_cloud
 from myork.model.mesh import read_tracts, tract_fibers, voxelise
 
-TABLE = {"ids": [], "collocation_stride": [1, 1, 1], "source_stride": [2, 2, 2],
-         "islands": "error", "bone": [], "normals": "distance", "merge": "majority"}  # fmt: skip
+TABLE = table_defaults("build")
 
 
 @pytest.fixture

@@ -5,8 +5,14 @@ import pytest
 from scipy import ndimage
 
 from myork.errors import FileError, InputError
-from myork.imaging.gradients import GradientTable, read_gradients, write_gradients
-from myork.imaging.phantom import make_phantom, mg_area, phantom_dwi
+from myork.imaging.gradients import GradientTable, read_gradients
+from myork.imaging.phantom import make_phantom
+from tests.images import phantom_dwi, write_gradients
+
+
+def mg_area(height, scale=1.0):
+    """Section of the medial gastrocnemius [mm^2], heights from 0 to 1 along the stack."""
+    return np.pi * 23.0 * 11.0 * (scale * (1.0 - 0.3 * ((height - 0.55) / 0.55) ** 2)) ** 2
 
 
 @pytest.fixture(scope="module")
@@ -150,15 +156,15 @@ def test_gradients_come_back_in_any_orientation(tmp_path):
         np.array([0.0, 500.0, 500.0]), np.array([[0, 0, 0], [1, 0, 0], [0, 0.6, 0.8]])
     )
     for affine in (np.diag([2.0, 2, 6, 1]), np.diag([-2.0, 2, 6, 1]), TURNED):
-        write_gradients(tmp_path / "b", tmp_path / "v", table, affine)
-        again = read_gradients(tmp_path / "b", tmp_path / "v", affine, 3)
+        write_gradients(tmp_path, "a", table, affine)
+        again = read_gradients(tmp_path / "a.bval", tmp_path / "a.bvec", affine, 3)
         np.testing.assert_allclose(again.direction, table.direction, atol=1e-8)
         np.testing.assert_array_equal(again.b, table.b)
     # FSL: the first component is negated where the determinant is positive.
-    write_gradients(tmp_path / "b", tmp_path / "v", table, np.diag([2.0, 2, 6, 1]))
-    np.testing.assert_allclose(np.loadtxt(tmp_path / "v")[:, 1], [-1, 0, 0])
-    write_gradients(tmp_path / "b", tmp_path / "v", table, np.diag([-2.0, 2, 6, 1]))
-    np.testing.assert_allclose(np.loadtxt(tmp_path / "v")[:, 1], [-1, 0, 0])
+    write_gradients(tmp_path, "a", table, np.diag([2.0, 2, 6, 1]))
+    np.testing.assert_allclose(np.loadtxt(tmp_path / "a.bvec")[:, 1], [-1, 0, 0])
+    write_gradients(tmp_path, "a", table, np.diag([-2.0, 2, 6, 1]))
+    np.testing.assert_allclose(np.loadtxt(tmp_path / "a.bvec")[:, 1], [-1, 0, 0])
 
 
 TURNED = np.array([[0, 0, -2.0, 0], [-1.0, 0, 0, 0], [0, 3.0, 0, 0], [0, 0, 0, 1]])

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from myork.imaging.io import write_image, write_labels
 from myork.model.slices import finer_fibers, finer_labels, finer_values, slice_parts
 from myork.records import Image, Labels
-from myork.stations.build import build
+from myork.segmentation.scores import dice
+from tests.images import built, save
 
 PARTS = 8
 
@@ -43,10 +43,6 @@ def stacks():
         Labels(thick, affine(8.0), {1: "a", 2: "b"}),
         Image(thick_way, affine(8.0)),
     )
-
-
-def dice(a, b):
-    return 2 * (a & b).sum() / (a.sum() + b.sum())
 
 
 def test_stack_of_8_mm_has_the_muscles_of_1_mm(stacks):
@@ -139,20 +135,10 @@ def test_a_muscle_that_ends_between_slices_ends_half_of_the_way():
 
 def test_model_of_thick_slices(stacks, tmp_path):
     fine, _, thick, fibers = stacks
-    write_labels(tmp_path / "labels.nii.gz", thick)
-    write_image(tmp_path / "fibers.nii.gz", fibers)
-    deck = {
-        "title": "thick",
-        "units": {"force": "N", "length": "mm"},
-        "scene": {"dimension": 3},
-        "build": {
-            "labels": str(tmp_path / "labels.nii.gz"),
-            "fibers": str(tmp_path / "fibers.nii.gz"),
-            "slice_thickness": 4,
-            "collocation_stride": [4, 4, 1],
-            "source_stride": [8, 8, 2],
-        },
-    }
-    model = build(deck, tmp_path / "out")["model"]
+    save(tmp_path, thick.affine, labels=thick, fibers=fibers)
+    model = built(
+        tmp_path, labels="labels.nii.gz", fibers="fibers.nii.gz", slice_thickness=4,
+        collocation_stride=[4, 4, 1], source_stride=[8, 8, 2],
+    )  # fmt: skip
     assert model["volume"]["a"] == pytest.approx((fine.data == 1).sum(), rel=0.015)
     assert model["points_without_fiber"] == 0

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from myork.core.deck import text_of_tables
 from myork.errors import FileError, InputError
 from myork.imaging.io import read_labels, read_reference, write_image, write_labels
 from myork.records import Image, Labels
@@ -25,7 +24,7 @@ from myork.segmentation.outlines import pull_of_outlines
 from myork.segmentation.scores import dice
 from myork.segmentation.starts import seeded_regions
 from myork.segmentation.walk import edge_strength, heights_of, random_walk
-from myork.stations.segment import segment
+from tests.images import save, segmented
 
 SPACING = np.array([1.5, 1.5, 6.0])
 AFFINE = np.diag([*SPACING, 1.0])
@@ -261,25 +260,19 @@ def test_seeds_of_a_reference_keep_off_its_borders():
     assert (full == 2).all()
 
 
-def segmented(folder, muscles=(), **keys):
+def parted(folder, muscles=(), **keys):
     """Run the station on the image of a folder."""
-    tables = {
-        "scene": {"dimension": 3},
-        "image": {"anatomy": "leg.nii.gz", **keys},
-        "bias": {"method": "none"},
-        "muscle": muscles,
-    }
-    (folder / "a.toml").write_text(text_of_tables(tables))
-    return segment(folder / "a.toml", folder / "out", progress=print)["segmentation"]
+    keys = {"anatomy": "leg.nii.gz", **keys}
+    return segmented(folder, image=keys, muscle=muscles)["segmentation"]
 
 
 def test_segment_walks_from_the_seeds_of_the_deck(tmp_path):
     image, truth = leg()
-    write_image(tmp_path / "leg.nii.gz", image)
-    write_labels(tmp_path / "truth.nii.gz", Labels(truth, AFFINE, {1: "muscle", 2: "fat", 3: "b"}))
+    names = {1: "muscle", 2: "fat", 3: "b"}
+    save(tmp_path, AFFINE, leg=image, truth=Labels(truth, AFFINE, names))
     rules = [{"name": rule.name, "rim": rule.rim, "seeds": rule.seeds.ravel()} for rule in RULES]
     keys = dict(split="walk", seed_radius=4, tolerance=0.01, truth="truth.nii.gz", edge_weight=20)
-    scores = segmented(tmp_path, rules, **keys)["scores"]
+    scores = parted(tmp_path, rules, **keys)["scores"]
     assert scores["muscle"]["dice"] > 0.95 and scores["fat"]["dice"] > 0.85
 
 
@@ -295,14 +288,14 @@ def drawn(truth):
 
 def test_segment_walks_from_a_map_of_seeds(tmp_path):
     image, truth = leg()
-    write_image(tmp_path / "leg.nii.gz", image)
-    write_labels(tmp_path / "truth.nii.gz", Labels(truth, AFFINE, {1: "muscle", 2: "fat", 3: "b"}))
+    names = {1: "muscle", 2: "fat", 3: "b"}
+    save(tmp_path, AFFINE, leg=image, truth=Labels(truth, AFFINE, names))
     strokes = drawn(truth)
     strokes[0, 0, 0] = 10  # in the air
     names = {10: "muscle", 20: "background", 30: "bone"}
     write_labels(tmp_path / "seeds.nii.gz", Labels(strokes, AFFINE, names))
     keys = dict(split="walk", tolerance=0.01, truth="truth.nii.gz", seeds="seeds.nii.gz")
-    found = segmented(tmp_path, **keys)
+    found = parted(tmp_path, **keys)
     assert found["scores"]["muscle"]["dice"] > 0.95
     assert set(found["labels"]) == {"muscle", "bone"}
     assert any("1 of" in line and "outside of the region" in line for line in found["warnings"])
@@ -318,11 +311,11 @@ def test_maps_of_seeds_that_cannot_part_anything(tmp_path):
     write_labels(tmp_path / "seeds.nii.gz", Labels(strokes, AFFINE))
     keys = dict(tolerance=0.01, seeds="seeds.nii.gz")
     with pytest.raises(InputError, match="seeds of two labels at least .* there are \\[10\\]"):
-        segmented(tmp_path, split="walk", **keys)
+        parted(tmp_path, split="walk", **keys)
     with pytest.raises(InputError, match="image.seeds needs image.split = 'walk'"):
-        segmented(tmp_path, **keys)
+        parted(tmp_path, **keys)
     with pytest.raises(InputError, match="image.seeds and image.reference both say"):
-        segmented(tmp_path, split="walk", reference="seeds.nii.gz", **keys)
+        parted(tmp_path, split="walk", reference="seeds.nii.gz", **keys)
 
 
 RIM = {"name": "fat", "rim": 4}
@@ -361,15 +354,14 @@ SEED = bone(39, 34, 0)
 )
 def test_what_cannot_be_is_told_before_the_level_sets(tmp_path, monkeypatch, rules, keys, message):
     image, truth, _ = two_muscles()
-    write_image(tmp_path / "leg.nii.gz", image)
-    write_labels(tmp_path / "old.nii.gz", Labels(truth.astype(np.int32), np.diag([2, 1, 1, 1.0])))
+    save(tmp_path, np.diag([2, 1, 1, 1.0]), leg=image, old=truth)
 
     def computed(*args, **kwargs):
         pytest.fail("the level sets ran")
 
     monkeypatch.setattr("myork.segmentation.images.segment_regions", computed)
     with pytest.raises((InputError, FileError), match=message):
-        segmented(tmp_path, rules, **keys)
+        parted(tmp_path, rules, **keys)
 
 
 @pytest.mark.parametrize(
@@ -378,13 +370,13 @@ def test_what_cannot_be_is_told_before_the_level_sets(tmp_path, monkeypatch, rul
 )  # fmt: skip
 def test_keys_of_another_split_are_refused(tmp_path, split, key):
     with pytest.raises(InputError, match=f"{key}: only for split = .*; here split = {split}"):
-        segmented(tmp_path, split=split, reference="old.nii.gz", **{key: 1})
+        parted(tmp_path, split=split, reference="old.nii.gz", **{key: 1})
 
 
 def test_seeds_of_one_muscle_start_all_regions(tmp_path):
     image, truth, body = two_muscles()
     write_image(tmp_path / "leg.nii.gz", image)
-    segmented(tmp_path, [{**SEED, "name": "muscle"}], start="seeds")
+    parted(tmp_path, [{**SEED, "name": "muscle"}], start="seeds")
     found = read_labels(tmp_path / "out" / "segmentation.nii.gz").data
     assert dice(found == 1, truth > 0) > 0.95
     # what is like none of the seeds
@@ -394,8 +386,7 @@ def test_seeds_of_one_muscle_start_all_regions(tmp_path):
 
 def test_edges_of_an_image_are_computed_once(tmp_path, monkeypatch):
     image, truth, _ = two_muscles()
-    write_image(tmp_path / "leg.nii.gz", image)
-    write_labels(tmp_path / "old.nii.gz", Labels(truth.astype(np.int32), np.eye(4)))
+    save(tmp_path, np.eye(4), leg=image, old=truth)
     calls = []
 
     def counted(*args):
@@ -409,23 +400,22 @@ def test_edges_of_an_image_are_computed_once(tmp_path, monkeypatch):
         ("nearest", 8, 1),
         ("pieces", 0, 0),
     ):
-        segmented(tmp_path, split=split, reference="old.nii.gz", reference_reach=reach)
+        parted(tmp_path, split=split, reference="old.nii.gz", reference_reach=reach)
         assert len(calls) == count
         calls.clear()
 
 
 def test_segment_takes_a_reference_with_names_beside_it(tmp_path):
     image, truth, _ = two_muscles()
-    write_image(tmp_path / "leg.nii.gz", image)
     off = shifted(truth, (4, -2), 5)
-    for name, label in (("old", off), ("truth", truth)):
-        write_labels(tmp_path / f"{name}.nii.gz", Labels(label.astype(np.int32), np.eye(4)))
+    save(tmp_path, np.eye(4), leg=image, old=off, truth=truth)
+    for name in ("old", "truth"):
         (tmp_path / f"{name}.json").unlink()
     (tmp_path / "labels.json").write_text(json.dumps({"inner": 1, "outer": 2}))
     assert read_reference(tmp_path / "old.nii.gz", print).names == {1: "inner", 2: "outer"}
     for split in ("nearest", "walk"):
         keys = dict(split=split, reference="old.nii.gz", reference_reach=8, truth="truth.nii.gz")
-        scores = segmented(tmp_path, **keys)["scores"]
+        scores = parted(tmp_path, **keys)["scores"]
         assert set(scores) == {"inner", "outer"}
         assert min(score["dice"] for score in scores.values()) > 0.93
     # As it lies, the reference is that much off.
@@ -490,8 +480,7 @@ def test_the_number_of_the_background_does_not_matter(tmp_path):
     lone = (label == 3) & (random.random(label.shape) < 0.1)
     grey[lone] *= 12.0
     affine = np.diag([1.0, 1.0, 4.0, 1.0])
-    write_image(tmp_path / "leg.nii.gz", Image(grey, affine))
-    write_labels(tmp_path / "body.nii.gz", Labels(np.ones(label.shape, np.int32), affine))
+    save(tmp_path, affine, leg=grey, body=np.ones(label.shape, np.int32))
     drawn = np.isin(np.arange(9), (0, 4, 8)) & (
         ndimage.uniform_filter(label * 1.0, (5, 5, 1)) == label
     )
@@ -500,7 +489,7 @@ def test_the_number_of_the_background_does_not_matter(tmp_path):
         known = np.where(drawn, np.array([0, *order])[label], 0).astype(np.int32)
         names = dict(zip(order, ("one", "two", "background"), strict=True))
         write_labels(tmp_path / "seeds.nii.gz", Labels(known, affine, names))
-        segmented(tmp_path, split="walk", seeds="seeds.nii.gz", body="body.nii.gz", tolerance=0.01)
+        parted(tmp_path, split="walk", seeds="seeds.nii.gz", body="body.nii.gz", tolerance=0.01)
         labels = read_labels(tmp_path / "out" / "segmentation.nii.gz")
         assert sorted(labels.names.values()) == ["one", "two"]
         found.append([labels.data == n for n in order[:2]])

@@ -13,12 +13,12 @@ from pathlib import Path
 
 import numpy as np
 
-from myork.errors import FileError, InputError
+from myork.errors import InputError
 from myork.imaging.geometry import frame
 from myork.imaging.plain import read_text
 from myork.types import F64, Mask
 
-__all__ = ["GradientTable", "even_directions", "read_gradients", "write_gradients"]
+__all__ = ["GradientTable", "fsl_axes", "read_gradients"]
 
 
 # Below this an image counts as one without gradient, whose direction may be zero [s/mm^2]
@@ -53,14 +53,6 @@ class GradientTable:
         x, y, z = self.direction.T
         terms = np.stack([x * x, y * y, z * z, 2 * x * y, 2 * x * z, 2 * y * z], axis=1)
         return self.b[:, np.newaxis] * terms
-
-
-def even_directions(n: int) -> F64:
-    """Directions spread evenly over a half sphere along a spiral, shape `(n, 3)` [-]."""
-    height = (np.arange(n) + 0.5) / n
-    angle = np.arange(n) * np.pi * (3.0 - np.sqrt(5.0))
-    across = np.sqrt(1.0 - height**2)
-    return np.stack([across * np.cos(angle), across * np.sin(angle), height], axis=1)
 
 
 def read_gradients(bval: Path, bvec: Path, affine: F64, volumes: int) -> GradientTable:
@@ -102,20 +94,10 @@ def read_gradients(bval: Path, bvec: Path, affine: F64, volumes: int) -> Gradien
             f"{b[lost[0]]:g}; directions must be unit vectors (for scaled ones, scale b instead)"
         )
     vector = vector / np.maximum(length, 1e-9)[:, np.newaxis] * (b > STILL)[:, np.newaxis]
-    return GradientTable(b, vector @ _fsl_axes(affine).T)
+    return GradientTable(b, vector @ fsl_axes(affine).T)
 
 
-def write_gradients(bval: Path, bvec: Path, table: GradientTable, affine: F64) -> None:
-    """Write b values and directions in FSL's convention for images with this affine."""
-    vector = table.direction @ _fsl_axes(affine)
-    try:
-        np.savetxt(bval, table.b[np.newaxis], fmt="%g")
-        np.savetxt(bvec, vector.T, fmt="%.9f")
-    except OSError as reason:
-        raise FileError(f"{bval}, {bvec}: cannot be written: {reason}") from None
-
-
-def _fsl_axes(affine: F64) -> F64:
+def fsl_axes(affine: F64) -> F64:
     """World directions of the axes of FSL's directions, as columns, shape `(3, 3)` [-]."""
     axes = frame(affine)
     if np.linalg.det(affine[:3, :3]) > 0:

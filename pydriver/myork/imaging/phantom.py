@@ -18,12 +18,11 @@ from typing import NamedTuple
 import numpy as np
 
 from myork.errors import InputError
-from myork.imaging.gradients import GradientTable, even_directions
 from myork.imaging.io import write_image, write_labels
 from myork.records import Image, Labels
 from myork.types import F64, I32, Mask
 
-__all__ = ["TISSUES", "Phantom", "make_phantom", "mg_area", "phantom_dwi", "write_phantom"]
+__all__ = ["TISSUES", "Phantom", "make_phantom", "write_phantom"]
 
 
 #: Labels of the materials a leg is made of
@@ -222,53 +221,6 @@ def make_phantom(
         still=Image(signals[3], affine, "phantom diffusion image"),
         clean_tensor=Image(clean, affine, "phantom tensor without noise"),
     )
-
-
-def phantom_dwi(
-    phantom: Phantom, snr: float = 25.0, directions: int = 30, b: float = 500.0, seed: int = 1
-) -> tuple[Image, GradientTable]:
-    """Diffusion-weighted images of a phantom with Rician noise.
-
-    Parameters
-    ----------
-    phantom : Phantom
-        Whose tensors and signal are taken.
-    snr : float
-        Signal of muscle without gradient over the standard deviation of the noise [-].
-    directions : int
-        Number of gradient directions; a tenth as many images have no gradient.
-    b : float
-        Diffusion weighting [s/mm^2].
-    seed : int
-        Start of the random numbers.
-
-    Returns
-    -------
-    tuple
-        Images, shape `(ni, nj, nk, nvolume)`, and their gradients in the world frame.
-    """
-    still = max(1, directions // 10)
-    direction = np.vstack([np.zeros((still, 3)), even_directions(directions)])
-    table = GradientTable(np.repeat([0.0, b], [still, directions]), direction)
-    attenuation = np.exp(-phantom.clean_tensor.data @ table.design().T)
-    signal = phantom.still.data[..., np.newaxis] * attenuation
-    random = np.random.default_rng(seed)
-    dwi = _rician(signal, _MUSCLE_SIGNAL / snr, random)
-    return Image(dwi, phantom.still.affine, "phantom diffusion images"), table
-
-
-def mg_area(height: float, scale: float = 1.0) -> float:
-    """Cross-section of the medial gastrocnemius [mm^2].
-
-    Parameters
-    ----------
-    height : float
-        Place along z: 0 the first, 1 the last slice of the stack.
-    scale : float
-        Size of the calf across [-].
-    """
-    mg = _MUSCLES[0]
-    return float(np.pi * np.prod(mg.semi_axes) * (scale * _taper(mg, np.array(height))) ** 2)
 
 
 def write_phantom(folder: Path, phantom: Phantom) -> None:

@@ -97,8 +97,7 @@ def build_cloud(
     place += end_offsets(body, coarse.spacing, voxels)
 
     fiber = np.zeros((len(voxels), 3))
-    world = voxels @ coarse.affine[:3, :3].T + coarse.affine[:3, 3]
-    at = to_voxels(whole.affine, world)
+    at = to_voxels(whole.affine, coarse.world(voxels))
     if fibers is not None:
         fiber = fibers_at_points(canonical(fibers), whole, at, label, block)
 
@@ -147,7 +146,7 @@ def _doubts(coarse: Labels, boundary: Boundary, step: Sequence[int]) -> list[str
     warnings += _slender(coarse, step)
     thin = points.thin_voxels(body)
     if len(thin):
-        where = coarse.affine[:3, :3] @ thin[0] + coarse.affine[:3, 3]
+        where = coarse.world(thin[0])
         warnings.append(
             f"{len(thin)} of {int(body.sum())} points lie in sheets one point thick, the first "
             f"around ({', '.join(f'{c:.1f}' for c in where)}) mm; their normals and derivatives "

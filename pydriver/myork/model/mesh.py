@@ -155,7 +155,7 @@ def tract_fibers(tracts: Sequence[F64], labels: Labels, name: str = "tracts") ->
     tree = cKDTree((start + 0.5 * step)[usable])
     low, high = start.min(axis=0), start.max(axis=0)
     voxels = np.argwhere(labels.data > 0)
-    place = voxels @ labels.affine[:3, :3].T + labels.affine[:3, 3]
+    place = labels.world(voxels)
     least, most = place.min(axis=0), place.max(axis=0)
     if (low > most).any() or (high < least).any():
         ends = [np.round(corner, 1) for corner in (low, high, least, most)]

@@ -201,7 +201,7 @@ def connected_body(labels: Labels, islands: str) -> tuple[Labels, list[str]]:
     for piece in loose:
         voxels = np.argwhere(pieces == piece)
         names = sorted({labels.label_name(int(v)) for v in np.unique(labels.data[pieces == piece])})
-        centre = voxels.mean(axis=0) @ labels.affine[:3, :3].T + labels.affine[:3, 3]
+        centre = labels.world(voxels.mean(axis=0))
         sentences.append(
             f"island of {len(voxels)} points ({', '.join(names)}) around "
             f"({', '.join(f'{c:.1f}' for c in centre)}) mm is connected to neither end"

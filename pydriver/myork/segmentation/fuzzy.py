@@ -32,16 +32,10 @@ class Clusters:
         Of every voxel of the region, rows sum to one, shape `(n, clusters)` [-].
     centre : NDArray
         Sorted by the first channel, shape `(clusters, channels)`.
-    iterations : int
-        Iterations done.
-    converged : bool
-        Whether no centre moved any more.
     """
 
     membership: F64
     centre: F64
-    iterations: int
-    converged: bool
 
     def place(self, region: Mask, cluster: int) -> Mask:
         """Voxels of a region whose largest membership is that of a cluster."""
@@ -97,18 +91,19 @@ def fuzzy_c_means(
     best, least = None, np.inf
     for _ in range(_STARTS):
         centre = _first_centres(values, clusters, random)
-        converged, done = False, 0
-        while not converged and done < iterations:
+        for _ in range(iterations):
             membership = _membership(values, centre, exponent)
             weight = membership**exponent
             moved = weight.T @ values / weight.sum(axis=0)[:, np.newaxis]
-            converged = bool(np.abs(moved - centre).max() < tolerance)
-            centre, done = moved, done + 1
+            still = np.abs(moved - centre).max() < tolerance
+            centre = moved
+            if still:
+                break
         misfit = float((weight * _squared_distances(values, centre)).sum())
         if misfit < least:
             least = misfit
             order = np.argsort(centre[:, 0], kind="stable")
-            best = Clusters(membership[:, order], (centre * scale)[order], done, converged)
+            best = Clusters(membership[:, order], (centre * scale)[order])
     assert best is not None
     return best
 

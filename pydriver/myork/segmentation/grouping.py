@@ -10,6 +10,7 @@ import numpy as np
 from scipy import ndimage
 
 from myork.errors import InputError
+from myork.imaging.geometry import to_voxels
 from myork.records import Image, Labels
 from myork.types import F64, I32, Mask
 
@@ -95,7 +96,7 @@ def group_by_rules(region: I32, image: Image, muscles: Sequence[Muscle]) -> tupl
     shared = claims.sum(axis=0) > 1
     if not shared.any():
         return label, []
-    world = np.argwhere(shared) @ image.affine[:3, :3].T + image.affine[:3, 3]
+    world = image.world(np.argwhere(shared))
     nearest = np.full((len(muscles), len(world)), np.inf)
     for number, muscle in enumerate(muscles):
         mine = claims[number][shared]
@@ -236,10 +237,9 @@ def _depth(inside: Mask, spacing: F64) -> F64:
 
 def _places(image: Image, muscle: Muscle) -> list[tuple[int, ...]]:
     """Voxels in which the seeds of a muscle lie."""
-    inverse = np.linalg.inv(image.affine[:3, :3]).T
     places = []
     for seed in muscle.seeds:
-        place = tuple(np.rint((seed - image.affine[:3, 3]) @ inverse).astype(int).tolist())
+        place = tuple(np.rint(to_voxels(image.affine, seed)).astype(int).tolist())
         if min(place) < 0 or any(p >= n for p, n in zip(place, image.data.shape, strict=True)):
             raise InputError(
                 f"muscle.{muscle.name}: the seed {seed.tolist()} mm (voxel {place}) lies outside "

@@ -22,13 +22,12 @@ from myork.records import Image, Labels
 from myork.segmentation.channels import scaled_values
 from myork.segmentation.fuzzy import fuzzy_c_means
 from myork.segmentation.level_sets import Evolve, LevelSets, segment_regions, wanted_phase
+from myork.segmentation.regions import large_pieces
 from myork.types import F64, Mask
 
 __all__ = ["LegImages", "check_disjoint", "find_bones", "leg_tissues", "outer_boundary"]
 
 
-# Pieces of the body smaller than a tenth of the largest are no leg.
-_LEAST_PIECE = 0.1
 # Marrow: at least this large in the slice [mm^2]; cortex is as thick as this at most [mm].
 _LEAST_MARROW = 15.0
 _CORTEX = 6.0
@@ -146,11 +145,7 @@ def outer_boundary(anatomy: Image, evolve: Evolve) -> Mask:
     inside = _phase(_even(anatomy), np.ones(anatomy.data.shape, bool), evolve, "bright")
     slices = np.moveaxis(inside, -1, 0)
     body = np.stack([ndimage.binary_fill_holes(section) for section in slices], axis=-1)
-    pieces, n = ndimage.label(body)
-    if not n:
-        raise InputError(f"{anatomy.name}: no body found, the image has next to no contrast")
-    size = np.bincount(pieces.ravel())[1:]
-    return np.isin(pieces, 1 + np.flatnonzero(size >= _LEAST_PIECE * size.max()))
+    return large_pieces(body, anatomy.name)
 
 
 def find_bones(anatomy: Image, body: Mask, evolve: Evolve) -> Mask:

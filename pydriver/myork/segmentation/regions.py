@@ -12,9 +12,11 @@ from myork.errors import InputError
 from myork.records import Image, Labels
 from myork.types import Mask
 
-__all__ = ["body_mask", "box_mask", "grown_mask", "otsu", "piece_with_seed"]
+__all__ = ["body_mask", "box_mask", "grown_mask", "large_pieces", "otsu", "piece_with_seed"]
 
 
+# Drop pieces of the body that are smaller than this part of the largest.
+_LEAST_PIECE = 0.1
 # No bright spot of an image reaches this many times its 99th percentile.
 _OUTLIER = 1e6
 
@@ -58,11 +60,24 @@ def body_mask(image: Image, rim: float = 2.0) -> Mask:
             air = min(float(section.min()), 0.0)
             full = ndimage.binary_fill_holes(section > air + (otsu(section) - air) / 3.0)
             mask[:, :, k] = ndimage.distance_transform_edt(np.pad(full, 1))[1:-1, 1:-1] > rim
+    return large_pieces(mask, image.name)
+
+
+def large_pieces(mask: Mask, name: str) -> Mask:
+    """Connected pieces of a body that are not smaller than a tenth of the largest.
+
+    Parameters
+    ----------
+    mask : NDArray
+        Shape `(ni, nj, nk)`.
+    name : str
+        Of the image, for messages.
+    """
     pieces, n = ndimage.label(mask)
-    size = np.bincount(pieces.ravel(), minlength=n + 1)[1:]
     if not n:
-        raise InputError(f"{image.name}: no body found, the image has next to no contrast")
-    return np.isin(pieces, 1 + np.flatnonzero(size >= 0.1 * size.max()))
+        raise InputError(f"{name}: no body found, the image has next to no contrast")
+    size = np.bincount(pieces.ravel())[1:]
+    return np.isin(pieces, 1 + np.flatnonzero(size >= _LEAST_PIECE * size.max()))
 
 
 def _check_signal(image: Image) -> None:
@@ -96,7 +111,7 @@ def box_mask(image: Image, box: Sequence[float]) -> Mask:
     if not (low < high).all():
         raise InputError(f"image.box: each low end must be below its high end, not {list(box)}")
     index = np.stack(np.meshgrid(*map(np.arange, image.data.shape[:3]), indexing="ij"), -1)
-    world = index @ image.affine[:3, :3].T + image.affine[:3, 3]
+    world = image.world(index)
     return ((world >= low) & (world <= high)).all(-1)
 
 

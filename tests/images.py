@@ -1,0 +1,79 @@
+"""What tests of images share: decks, files, diffusion images of the phantom."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from myork.core.deck import text_of_tables
+from myork.imaging.gradients import GradientTable, fsl_axes
+from myork.imaging.io import write_image, write_labels
+from myork.imaging.phantom import Phantom
+from myork.records import Image, Labels
+from myork.stations.build import build
+from myork.stations.segment import segment
+from myork.types import F64
+
+UNITS = {"force": "N", "length": "mm"}
+
+
+def angle(a: ArrayLike, b: ArrayLike) -> F64:
+    """Angle between fibers, which have no sign [degree]."""
+    cosine = np.abs((np.asarray(a) * np.asarray(b)).sum(-1))
+    return np.degrees(np.arccos(np.clip(cosine, 0, 1)))
+
+
+def save(folder: Path, affine: F64, **files: Any) -> None:
+    """Write arrays as files of their names: labels where they are whole numbers or records."""
+    for name, data in files.items():
+        path = folder / f"{name}.nii.gz"
+        if isinstance(data, Labels):
+            write_labels(path, data)
+        elif isinstance(data, Image):
+            write_image(path, data)
+        elif np.asarray(data).dtype.kind in "iub":
+            write_labels(path, Labels(np.asarray(data, np.int32), affine))
+        else:
+            write_image(path, Image(data, affine))
+
+
+def segmented(folder: Path, out: str = "out", **tables: Any) -> dict[str, Any]:
+    """Summary of `segment` on the files of a folder; without shading, unless a table says so."""
+    deck = {"scene": {"dimension": 3}, "bias": {"method": "none"}, **tables}
+    (folder / "deck.toml").write_text(text_of_tables(deck))
+    return segment(folder / "deck.toml", folder / out, progress=print)
+
+
+def built(folder: Path, dimension: int = 3, **table: Any) -> dict[str, Any]:
+    """Entry `model` of what `build` says of a table, whose files are those of a folder."""
+    files = {k: str(folder / v) for k, v in table.items() if str(v).endswith(".nii.gz")}
+    deck = {"title": "t", "units": UNITS, "scene": {"dimension": dimension}}
+    return build({**deck, "build": {**table, **files}}, folder / "out")["model"]
+
+
+def even_directions(n: int) -> F64:
+    """Directions spread evenly over a half sphere along a spiral, shape `(n, 3)` [-]."""
+    height = (np.arange(n) + 0.5) / n
+    turn = np.arange(n) * np.pi * (3.0 - np.sqrt(5.0))
+    across = np.sqrt(1.0 - height**2)
+    return np.stack([across * np.cos(turn), across * np.sin(turn), height], axis=1)
+
+
+def write_gradients(folder: Path, name: str, table: GradientTable, affine: F64) -> None:
+    """Write b values and directions in FSL's convention for images with this affine."""
+    np.savetxt(folder / f"{name}.bval", table.b[np.newaxis], fmt="%g")
+    np.savetxt(folder / f"{name}.bvec", (table.direction @ fsl_axes(affine)).T, fmt="%.9f")
+
+
+def phantom_dwi(
+    phantom: Phantom, snr: float = 25.0, directions: int = 30, b: float = 500.0, seed: int = 1
+) -> tuple[Image, GradientTable]:
+    """Diffusion images of a phantom with Rician noise, a tenth more of them without gradient."""
+    still = max(1, directions // 10)
+    direction = np.vstack([np.zeros((still, 3)), even_directions(directions)])
+    table = GradientTable(np.repeat([0.0, b], [still, directions]), direction)
+    attenuation = np.exp(-phantom.clean_tensor.data @ table.design().T)
+    signal = phantom.still.data[..., np.newaxis] * attenuation
+    noise = np.random.default_rng(seed).normal(0.0, 400.0 / snr, (2, *signal.shape))
+    return Image(np.hypot(signal + noise[0], noise[1]), phantom.still.affine, "dwi"), table
