@@ -1,16 +1,14 @@
-!> Eigenvalues: the largest ones, which limit the time steps of explicit schemes, and all of a
-!> symmetric matrix.
+!> Largest eigenvalues, which limit the time steps of explicit schemes.
 module rk_spectrum
    use rk_error, only : error_type, fatal_error, err_linalg
    use rk_operator, only : square_report
    use rk_precision, only : wp
    use rk_symmetric, only : symmetric_matrix
    use rk_text, only : to_text
-   use rk_threads, only : hold_threads, release_threads, threads_type
    implicit none
    private
 
-   public :: spectral_radius, largest_eigenvalue, symmetric_eigenvectors
+   public :: spectral_radius, largest_eigenvalue
 
    !> Vectors of the Lanczos iteration at most, and when it may end [-]
    integer, parameter :: most_vectors = 150
@@ -25,14 +23,6 @@ module rk_spectrum
          real(wp), intent(out) :: wr(*), wi(*), vl(ldvl, *), vr(ldvr, *), work(*)
          integer, intent(out) :: info
       end subroutine dgeev
-      subroutine dsyev(jobz, uplo, n, a, lda, w, work, lwork, info)
-         import :: wp
-         character, intent(in) :: jobz, uplo
-         integer, intent(in) :: n, lda, lwork
-         real(wp), intent(inout) :: a(lda, *)
-         real(wp), intent(out) :: w(*), work(*)
-         integer, intent(out) :: info
-      end subroutine dsyev
    end interface
 
 contains
@@ -54,29 +44,6 @@ subroutine spectral_radius(a, radius, error)
    if (info /= 0) call fatal_error(error, err_linalg, 'eigenvalues were not found, info ' &
       & //to_text(info))
 end subroutine spectral_radius
-
-!> All eigenvectors of a symmetric matrix
-subroutine symmetric_eigenvectors(a, values, error)
-   !> Matrix, replaced by its eigenvectors in columns, shape (n, n)
-   real(wp), contiguous, intent(inout) :: a(:, :)
-   !> Eigenvalues, ascending, shape (n)
-   real(wp), intent(out) :: values(:)
-   !> Error handling: no convergence
-   type(error_type), allocatable, intent(out) :: error
-   real(wp), allocatable :: work(:)
-   real(wp) :: query(1)
-   type(threads_type) :: kept
-   integer :: info, n
-
-   n = size(a, 1)
-   call dsyev('v', 'u', n, a, n, values, query, -1, info)
-   allocate (work(nint(query(1))))
-   call hold_threads(kept)
-   call dsyev('v', 'u', n, a, n, values, work, size(work), info)
-   call release_threads(kept)
-   if (info /= 0) call fatal_error(error, err_linalg, 'eigenvectors were not found, info ' &
-      & //to_text(info))
-end subroutine symmetric_eigenvectors
 
 !> Largest eigenvalue of A x = lambda M x, by Lanczos vectors that are orthogonal by M
 subroutine largest_eigenvalue(matrix, a, m, value, error)

@@ -30,7 +30,7 @@ module rk_energies
    implicit none
    private
 
-   public :: new_material
+   public :: muscle_type, new_material, polynomial_type
 
    !> Names of the materials
    character(len=*), parameter :: names(5) = ['polynomial   ', 'muscle       ', &
@@ -51,6 +51,8 @@ module rk_energies
       real(wp) :: sigma_max
       !> Stretch of optimal length, > 0 [-]
       real(wp) :: lambda_o
+      !> Factor, >= 0, and rate, > 0, of the passive force [-]
+      real(wp) :: gamma1, gamma2
       !> Active force
       type(curve_type) :: active_force
       !> Passive force
@@ -187,8 +189,6 @@ subroutine set_muscle(self, parameters, error)
    type(parameters_type), intent(inout) :: parameters
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   !> Factor, >= 0, and rate, > 0, of the passive force [-]
-   real(wp) :: gamma1, gamma2
    character(len=:), allocatable :: curve
    logical :: smooth
 
@@ -198,15 +198,15 @@ subroutine set_muscle(self, parameters, error)
    if (allocated(error)) return
    call parameters%get('lambda_o', self%lambda_o, error, above=0.0_wp)
    if (allocated(error)) return
-   call parameters%get('gamma1', gamma1, error, least=0.0_wp)
+   call parameters%get('gamma1', self%gamma1, error, least=0.0_wp)
    if (allocated(error)) return
-   call parameters%get('gamma2', gamma2, error, above=0.0_wp)
+   call parameters%get('gamma2', self%gamma2, error, above=0.0_wp)
    if (allocated(error)) return
    call parameters%get('curve', curve, ['published', 'smooth   '], error)
    if (allocated(error)) return
    smooth = curve == 'smooth'
    self%active_force = active_curve(smooth)
-   self%passive_force = passive_curve(smooth, gamma1, gamma2)
+   self%passive_force = passive_curve(smooth, self%gamma1, self%gamma2)
    self%active(kind_i4) = self%sigma_max > 0.0_wp
    self%fibered = .true.
    self%kinked = .not. smooth

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from myork.core.pod import pod_basis
 from myork.core.scene import Scene
 from myork.errors import InputError
 
@@ -103,7 +102,6 @@ def test_wrong_shapes_are_refused(open_scene):
         lambda: scene.reduce(x),
         lambda: scene.reduce(np.ones((scene.dofs - 1, 2))),
         lambda: scene.reduce(np.zeros((scene.dofs, 0))),
-        lambda: pod_basis(x),
     ):
         with pytest.raises(InputError, match="must have shape"):
             use()

@@ -102,7 +102,7 @@ def projected(scene: Scene, modes: int) -> tuple[Model, projection.Laws, np.ndar
     mass = modal_products(scene, x)[1]
     values, vectors = np.linalg.eigh(x.T @ mass)
     basis = np.asfortranarray((x @ vectors / np.sqrt(values))[:, ::-1][:, :modes])
-    laws = projection.tissue_laws(scene.deck)
+    laws = projection.laws_of(scene)
     columns = projection.Columns.of([load_parts(scene)])
     model, rows, total = projection.project(scene, galerkin_parts(scene), laws, basis, columns)
     return projection.with_volume(model, rows, total, None), laws, basis

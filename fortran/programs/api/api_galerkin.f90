@@ -123,6 +123,51 @@ subroutine galerkin_tissues(handle, np, ne, first, tissue, fraction, fiber, stat
    end do
 end subroutine galerkin_tissues
 
+!> Laws of the tissues: A10, A01, A20, A11, A02, A30, A21, A12, A03; lambda_o, gamma1, gamma2,
+!> whether the curves are smooth (1) and the axis about which `fiber_angle` turns fibers; whether
+!> there are fibers, largest isometric stress and activation at full load
+subroutine galerkin_laws(handle, nt, a, fibers, state, stat, message)
+   use rk_energies, only : muscle_type, polynomial_type
+   use rk_error, only : err_input, error_type, fatal_error
+   use rk_galerkin, only : galerkin_problem
+   use rk_handles, only : find_galerkin
+   use rk_pack, only : pack_error
+   implicit none
+   integer, intent(in) :: handle, nt
+   double precision, intent(out) :: a(9, nt), fibers(7, nt), state(3, nt)
+   integer, intent(out) :: stat
+   character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
+   type(galerkin_problem), pointer :: full
+   integer :: t
+
+   a = 0; state = 0
+   fibers = spread([1d0, 0d0, 1d0, 1d0, 0d0, 1d0, 0d0], 2, nt)
+   call find_galerkin(handle, full, error)
+   call pack_error(error, stat, message)
+   if (stat /= 0) return
+   ! from the last axis towards x
+   if (full%gradient%nd == 2) fibers(5:, :) = spread([0d0, 0d0, -1d0], 2, nt)
+   do t = 1, nt
+      associate (tissue => full%scene%tissue(t))
+         select type (law => tissue%material)
+         class is (polynomial_type)
+            a(:, t) = [law%a(1, 0), law%a(0, 1), law%a(2, 0), law%a(1, 1), law%a(0, 2), &
+               & law%a(3, 0), law%a(2, 1), law%a(1, 2), law%a(0, 3)]
+         class default
+            call fatal_error(error, err_input, "material '"//tissue%name &
+               & //"': reduced models know polynomials and muscle")
+         end select
+         select type (law => tissue%material)
+         class is (muscle_type)
+            fibers(:4, t) = [law%lambda_o, law%gamma1, law%gamma2, merge(0d0, 1d0, law%kinked)]
+            state(:, t) = [1d0, law%sigma_max, tissue%activation]
+         end select
+      end associate
+   end do
+   call pack_error(error, stat, message)
+end subroutine galerkin_laws
+
 !> Displacement gradients u_i,A at the integration points, A running first, of displacements by
 !> their coefficients
 subroutine galerkin_gradients(handle, n, np, k, x, gradient, stat, message)

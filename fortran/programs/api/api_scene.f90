@@ -497,31 +497,3 @@ subroutine scene_probes(handle, n, k, np, x, load, value, stat, message)
    call probe_session(handle, x, load, value, error)
    call pack_error(error, stat, message)
 end subroutine scene_probes
-
-!> Proper orthogonal modes and values of snapshots, by singular values (svd) or one of the
-!> eigenvalue problems (eigen, snapshots); tells how many modes there are
-subroutine pod_basis(n, s, k, snapshots, way, modes, values, kept, stat, message)
-   use rk_error, only : error_type
-   use rk_pack, only : pack_error
-   use rk_pod, only : pod_modes
-   implicit none
-   !f2py threadsafe
-   integer, intent(in) :: n, s, k
-   double precision, intent(in) :: snapshots(n, s)
-   character(len=*), intent(in) :: way
-   double precision, intent(out) :: modes(n, k), values(k)
-   integer, intent(out) :: kept, stat
-   character(len=2048), intent(out) :: message
-   type(error_type), allocatable :: error
-   double precision, allocatable :: u(:, :), v(:)
-
-   modes = 0
-   values = 0
-   kept = 0
-   call pod_modes(snapshots, way, u, v, error)
-   call pack_error(error, stat, message)
-   if (stat /= 0) return
-   kept = size(v)
-   modes(:, :kept) = u
-   values(:kept) = v
-end subroutine pod_basis

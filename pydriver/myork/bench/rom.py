@@ -35,12 +35,9 @@ from myork.report.beside import reduced_figure
 from myork.report.off_screen import NoPictureError
 from myork.rom.basis import Basis, proper_orthogonal_basis
 from myork.rom.check import measure, solve_tests, started
-from myork.rom.errors import displacement_error, gradient_error, largest_error
 from myork.rom.model import ReducedModel
 from myork.rom.parameters import spread_points
-from myork.rom.probes import force_names, named_probes
-from myork.rom.reductor import ReducedStates, solve_reduced
-from myork.rom.study import reduced_fields
+from myork.rom.study import PathStates, reduced_fields, reduced_path
 from myork.stations.build import build
 from myork.stations.segment import segment
 from myork.types import F64
@@ -65,12 +62,9 @@ _SEED = 7919
 
 
 class _Full(NamedTuple):
-    """States of the full model, with what errors need of them."""
+    """States of the full model, and what they took."""
 
-    x: F64
-    load: F64
-    fields: list[Fields]
-    probes: Mapping[str, Any]
+    path: PathStates
     cpu: float
     wall: float
     iterations: int
@@ -139,7 +133,7 @@ def _motion_cases(motion: Motion, progress: ProgressCallback) -> list[dict[str, 
     cases = []
     with Scene(INPUTS / f"{motion.deck}.toml", motion.overrides, threads=1) as scene:
         states = scene.solve(error=False)
-        full = [scene.fields(x, t) for x, t in zip(states.x, states.load, strict=True)]
+        full = PathStates.of(scene, states.x, states.load)
         basis = proper_orthogonal_basis(states.x)
         table_ = scene.deck["rom"]
         for k, r in enumerate(MODES):
@@ -149,17 +143,11 @@ def _motion_cases(motion: Motion, progress: ProgressCallback) -> list[dict[str, 
             if motion.published:
                 case["published_e1"] = motion.published[k]
             for solver in ("qr", "cholesky"):
-                found = solve_reduced(scene, modes, solver, table_["projection"])
-                case[f"e1_{solver}"] = _displacement(scene, full, found.x, states.load)
-            case["best_e1"] = _displacement(scene, full, states.x @ modes @ modes.T, states.load)
+                found, _ = reduced_path(scene, full, modes, solver, table_["projection"])
+                case |= {f"e1_{solver}": found["e1"], "best_e1": found["best_e1"]}
             case["full_error"] = states.errors.get("relative_L2")
             cases.append(case)
     return cases
-
-
-def _displacement(scene: Scene, full: list[Fields], x: F64, load: F64) -> float:
-    """e1 of states against fields of full ones."""
-    return displacement_error(full, [scene.fields(s, t) for s, t in zip(x, load, strict=True)])
 
 
 _MOTION_CAPTION = (
@@ -191,17 +179,10 @@ def _path_cases(
     overrides = (*path.overrides, *(path.quick if quick else ()))
     with Scene(INPUTS / f"{path.deck}.toml", overrides, model, threads=1) as scene:
         states, cpu, wall = _timed(lambda: scene.solve(error=False))
-        full = _Full(
-            states.x,
-            states.load,
-            [scene.fields(x, t) for x, t in zip(states.x, states.load, strict=True)],
-            named_probes(scene, states.x, states.load),
-            cpu,
-            wall,
-            int(states.iterations.sum()),
-        )
-        plain = proper_orthogonal_basis(full.x)
-        unit = proper_orthogonal_basis(full.x, unit=True)
+        all_states = PathStates.of(scene, states.x, states.load)
+        full = _Full(all_states, cpu, wall, int(states.iterations.sum()))
+        plain = proper_orthogonal_basis(states.x)
+        unit = proper_orthogonal_basis(states.x, unit=True)
         cases = [_full_case(path, form, scene, full)]
         ways = ["full", "reduced"] if strong else ["projected"]
         last: dict[int, Fields] = {}
@@ -210,7 +191,7 @@ def _path_cases(
                 progress(f"{path.name}, {form}: r = {r}, rows {way}")
                 cases.append(_reduced_case(path, form, scene, full, (plain, unit), k, way, last))
         drawn = [
-            (r, reduced_fields(scene, [r], [full.fields[-1], last[r]]))
+            (r, reduced_fields(scene, [r], [full.path.fields[-1], last[r]]))
             for r in path.drawn[1]
             if r in last
         ]
@@ -232,7 +213,7 @@ def _full_case(path: LoadPath, form: str, scene: Scene, full: _Full) -> dict[str
         "model": "full, auto",
         "dofs": scene.dofs,
         "rows": scene.rows,
-        "states": len(full.x),
+        "states": len(full.path.x),
         "iterations": full.iterations,
         "cpu": full.cpu,
         "wall": full.wall,
@@ -247,7 +228,7 @@ def _dense_case(path: LoadPath, form: str, scene: Scene, full: _Full) -> dict[st
     def once() -> None:
         # one iteration seldom converges, and need not
         with contextlib.suppress(ConvergenceError):
-            scene.solve("dgels", error=False, start=full.x[-1])
+            scene.solve("dgels", error=False, start=full.path.x[-1])
 
     _, cpu, wall = _timed(once)
     case = _full_case(path, form, scene, full)
@@ -283,46 +264,28 @@ def _reduced_case(
         "r": r,
     }
     try:
-        found = solve_reduced(scene, modes, solver, assembly=assembly)
+        found, last[r] = reduced_path(scene, full.path, modes, solver, assembly=assembly)
     except ConvergenceError as reason:
         return case | {"outcome": str(reason), "iterations": None, "cpu": None, "wall": None}
+    errors = ("e1", "e2", "force_error")
     case |= {
-        "iterations": sum(found.iterations),
-        "cpu": found.cpu_s,
-        "wall": found.online_s,
-        "offline": plain.seconds + found.offline_s,
-        **_errors(scene, full, found),
+        "iterations": sum(found["iterations"]),
+        "cpu": found["cpu_s"],
+        "wall": found["online_s"],
+        "offline": plain.seconds + found["offline_s"],
+        **{name: found[name] for name in errors},
     }
-    last[r] = scene.fields(found.x[-1], full.load[-1])
-    offline = full.cpu + case["offline"]
-    if full.cpu > found.cpu_s:
-        case["pays_after"] = offline / (full.cpu - found.cpu_s)
+    if full.cpu > found["cpu_s"]:
+        case["pays_after"] = (full.cpu + case["offline"]) / (full.cpu - found["cpu_s"])
     if way == "full":
         case |= {"published_min": path.reduced_min[k]}
         case["published_saved"] = 100.0 * (1.0 - path.reduced_min[k] / (path.full_min or np.inf))
         return case
-    case["shown"] = "errors"
+    case |= {"shown": "errors", "best_e1": found["best_e1"]}
     if path.e1:
         case |= {"published_e1": path.e1[k], "published_e2": path.e2[k]}
-    case["best_e1"] = _displacement(scene, full.fields, full.x @ modes @ modes.T, full.load)
-    other = solve_reduced(scene, unit.modes[:, :r])
-    case |= {f"{key}_unit": value for key, value in _errors(scene, full, other).items()}
-    return case
-
-
-def _errors(scene: Scene, full: _Full, found: ReducedStates) -> dict[str, Any]:
-    """Errors of states of a reduced model."""
-    fields = [scene.fields(x, t) for x, t in zip(found.x, full.load, strict=True)]
-    probes = named_probes(scene, found.x, full.load)
-    forces = [
-        largest_error(np.array(full.probes[name]), np.array(probes[name]))
-        for name in force_names(scene)
-    ]
-    return {
-        "e1": displacement_error(full.fields, fields),
-        "e2": gradient_error(full.fields, fields),
-        "force_error": max(forces) if forces else None,
-    }
+    other, _ = reduced_path(scene, full.path, unit.modes[:, :r])
+    return case | {f"{name}_unit": other[name] for name in errors}
 
 
 _ERROR_CAPTION = (

@@ -23,6 +23,7 @@ __all__ = [
     "place_parts",
     "probe_sets",
     "stored_unknowns",
+    "tissue_laws",
 ]
 
 
@@ -139,6 +140,32 @@ def galerkin_parts(scene: Scene) -> GalerkinParts:
         weight, local_bulk, group, bulk, count, basis.T, total.T, of, essential.T != 0, penalty,
         first, tissue - 1, fraction, fiber.T,
     )  # fmt: skip
+
+
+def tissue_laws(scene: Scene) -> tuple[F64, F64, F64]:
+    """Laws of the tissues of an open scene.
+
+    Returns
+    -------
+    coefficients : F64
+        A10, A01, A20, A11, A02, A30, A21, A12, A03 of each, shape `(nt, 9)` [stress].
+    fibers : F64
+        lambda_o, gamma1, gamma2, whether the curves are smooth, and the axis about which
+        `fiber_angle` turns fibers, shape `(nt, 7)`.
+    state : F64
+        Whether there are fibers, largest isometric stress and activation, shape `(nt, 3)`.
+
+    Raises
+    ------
+    InputError
+        A law that is no polynomial with fibers.
+    """
+    tissues = _sizes(scene)[4]
+    with scene._turn.short():
+        *found, stat, message = _core.galerkin_laws(scene._handle, tissues)
+    errors.check(stat, message)
+    coefficients, fibers, state = found
+    return coefficients.T, fibers.T, state.T
 
 
 def load_parts(scene: Scene) -> LoadParts:

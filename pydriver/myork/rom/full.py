@@ -12,15 +12,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from myork.core.galerkin import LoadParts, load_parts, modal_products, stored_unknowns
+from myork.core.galerkin import LoadParts, load_parts, modal_products
 from myork.core.scene import Scene
 from myork.errors import ConvergenceError, InputError
 from myork.model_file import model_bytes, model_of_bytes, write_model
 from myork.records import PointCloud
-from myork.results import Results
-from myork.rom.decks import differing_keys, in_words
 from myork.rom.parameters import Parameter, override, value_of
-from myork.summary import read_summary
+from myork.rom.snapshots import solution_of, stored_states
 from myork.types import F64
 
 __all__ = ["FullModel", "FullState", "cloud_arrays", "full_model_of"]
@@ -180,26 +178,11 @@ class FullModel:
         InputError
             They are of another deck, of other points or of another approximation.
         """
-        summary = read_summary(folder)
-        if not summary:
-            raise InputError(f"{folder}: there is no summary.json; give a folder of `myork solve`")
-        if not summary.get("converged"):
-            raise InputError(f"{folder}: the solve in it did not converge")
-        deck = summary["deck"]
-        values = np.array([value_of(p, deck) for p in parameters])
+        summary = solution_of(folder)
+        values = np.array([value_of(p, summary["deck"]) for p in parameters])
         scene = self._at(parameters, values)
         apart = {*(p.key for p in parameters), *_OTHER_KEYS}
-        different = differing_keys(deck, scene.deck, _TABLES, apart)
-        if different:
-            raise InputError(
-                f"{folder}: its solution is of another deck, which differs in "
-                + in_words(different)
-            )
-        with Results(folder) as results:
-            steps = [i for i, step in enumerate(summary["steps"], 1) if step.get("planned", True)]
-            states = [results.restart(i) for i in steps]
-        x = np.array([stored_unknowns(scene, state) for state in states])
-        load = np.array([state.load for state in states])
+        x, load, _ = stored_states(scene, folder, summary, _TABLES, apart)
         return values, self._state(scene, x, load, float(summary["cpu_s"]), False)
 
     def _at(self, parameters: Sequence[Parameter], values: F64) -> Scene:

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from scipy import sparse
 
-from myork.core.galerkin import GalerkinParts, LoadParts, modal_gradients, modal_products
+from myork.core.galerkin import (
+    GalerkinParts,
+    LoadParts,
+    modal_gradients,
+    modal_products,
+    tissue_laws,
+)
 from myork.core.online import Cells, Model
 from myork.core.scene import Scene
 from myork.types import F64, I64, Mask
@@ -18,8 +24,8 @@ __all__ = [
     "Directions",
     "Laws",
     "Variant",
+    "laws_of",
     "project",
-    "tissue_laws",
     "volume_directions",
     "volume_rows",
     "volume_slopes",
@@ -27,8 +33,6 @@ __all__ = [
 ]
 
 
-#: Coefficients of the polynomial in the order of the core
-COEFFICIENTS = ("A10", "A01", "A20", "A11", "A02", "A30", "A21", "A12", "A03")
 #: Unit tensor as F is stored
 _UNIT = np.eye(3).ravel()
 
@@ -38,11 +42,8 @@ class Laws(NamedTuple):
 
     Attributes
     ----------
-    coefficients : F64
-        `COEFFICIENTS` of each, shape `(nt, 9)` [stress].
-    fibers : F64
-        lambda_o, gamma1, gamma2, whether the curves are smooth, and the axis about which
-        `fiber_angle` turns fibers, shape `(nt, 7)`.
+    coefficients, fibers : F64
+        As `tissue_laws` has them.
     fibered : NDArray
         Whether a tissue has fibers, shape `(nt,)`.
     sigma_max, activation, angle : F64
@@ -133,38 +134,15 @@ class Columns(NamedTuple):
         )
 
 
-def tissue_laws(deck: Mapping[str, Any], moduli: Sequence[float] = ()) -> Laws:
-    """Materials of a deck as polynomials with fibers; `moduli` are the values of parameters."""
-    materials = deck["material"]
-    named = {
-        "neo-hookean": lambda m: {"A10": 0.5 * m["mu"]},
-        "mooney-rivlin": lambda m: {"A10": m["C1"], "A01": m["C2"]},
-        "yeoh": lambda m: {"A10": m["C1"], "A20": m["C2"], "A30": m["C3"]},
-    }
-    polynomials = [named.get(m["model"], lambda m: m)(m) for m in materials]
-    muscle = np.array([m["model"] == "muscle" for m in materials])
-    # of no meaning without fibers, but the arrays have a row for every material
-    none = {"lambda_o": 1.0, "gamma1": 0.0, "gamma2": 1.0, "sigma_max": 0.0, "curve": "smooth"}
-    full = [{**none, **m} for m in materials]
-    sigma = np.array([m["sigma_max"] if muscle[i] else 0.0 for i, m in enumerate(full)], float)
-    # from the last axis towards x
-    axis = (0, 1, 0) if deck["scene"]["dimension"] == 3 else (0, 0, -1)
-    active = [m.get("activation", deck["load"]["activation"]) for m in materials]
+def laws_of(scene: Scene, moduli: Sequence[float] = ()) -> Laws:
+    """Materials of an open scene; `moduli` are the values of parameters."""
+    coefficients, fibers, state = tissue_laws(scene)
+    fibered, sigma_max, activation = state.T
+    angle = [m.get("fiber_angle") or 0.0 for m in scene.deck["material"]]
     return Laws(
-        np.array([[p.get(name, 0.0) for name in COEFFICIENTS] for p in polynomials], float),
-        np.array(
-            [
-                [m["lambda_o"], m["gamma1"], m["gamma2"], m["curve"] == "smooth", *axis]
-                for m in full
-            ],
-            float,
-        ),
-        muscle,
-        sigma,
-        np.where(muscle, np.array(active, float), 0.0),
-        np.array([m.get("fiber_angle") or 0.0 for m in materials], float),
+        coefficients, fibers, fibered > 0.0, sigma_max, activation, np.array(angle, float),
         np.array(list(moduli) or [0.0], float),
-    )
+    )  # fmt: skip
 
 
 def _all_cells(parts: GalerkinParts, laws: Laws, h: F64) -> Cells:

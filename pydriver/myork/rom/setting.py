@@ -22,7 +22,7 @@ from myork.rom.full import FullModel
 from myork.rom.online import Conditions, conditions_of
 from myork.rom.parameters import Parameter, override, value_of
 from myork.rom.probes import is_stress
-from myork.rom.projection import Columns, Laws, Variant, tissue_laws
+from myork.rom.projection import Columns, Laws, Variant, laws_of
 from myork.types import F64, I64
 
 __all__ = ["Setting", "Snapshots", "force_values", "make_setting"]
@@ -170,7 +170,7 @@ def make_setting(
         ends = [opened.enter_context(full.open([override(p, v)])) for v in (middle, other)]
         more = full.loads(kinds, [override(p, other)])
         variants.append(_variant(p, deck, parts, ends, [more[0], *more[1]], extra))
-    laws = tissue_laws(deck, [value_of(p, deck) for p in moduli])
+    laws = laws_of(scene, [value_of(p, deck) for p in moduli])
     setting = Setting(
         kinds, laws, parts, projection.Columns.of(loads), len(units),
         len(loads) - 1 - len(units), np.array(wanted, np.int64), threads,
@@ -212,7 +212,7 @@ def _variant(
     found = [*loads, *(_unit_load(scene, len(parts.weight), value) for value in extra)]
     return Variant(
         value_of(parameter, scene.deck) - value_of(parameter, deck), scene, there,
-        tissue_laws(scene.deck), projection.Columns.of(found),
+        laws_of(scene), projection.Columns.of(found),
     )  # fmt: skip
 
 

@@ -12,21 +12,21 @@ import numpy as np
 import myork
 from myork.console import ProgressCallback
 from myork.core.cloud import model_path
+from myork.core.galerkin import stored_unknowns
 from myork.core.scene import Scene
-from myork.errors import MyorkError
+from myork.errors import InputError, MyorkError
 from myork.results import Results
 from myork.rom.decks import differing_keys, in_words
-from myork.rom.probes import named_probes
 from myork.summary import read_summary
 from myork.types import F64
 
-__all__ = ["Snapshots", "full_states"]
+__all__ = ["States", "full_states", "solution_of", "stored_states"]
 
 # Two builds of one version evaluate a state alike to rounding times the condition of the rows.
 _ALIKE = 1e-8
 
 
-class Snapshots(NamedTuple):
+class States(NamedTuple):
     """Converged states of the full model at all load steps.
 
     Attributes
@@ -50,13 +50,7 @@ class Snapshots(NamedTuple):
     origin: str
 
 
-class _Unusable(Exception):
-    """Why states of an earlier solve are not those of this scene."""
-
-
-def full_states(
-    scene: Scene, out: Path, hashes: Collection[str], threads: int, progress: ProgressCallback
-) -> Snapshots:
+def full_states(scene: Scene, out: Path, threads: int, progress: ProgressCallback) -> States:
     """States of the full model, from the results in a folder where they are those of the scene.
 
     Parameters
@@ -65,17 +59,13 @@ def full_states(
         The full model.
     out : Path
         Folder in which an earlier solve may have left `results.vtkhdf` and `summary.json`.
-    hashes : collection of str
-        SHA-256 of the decks, overrides included, whose solution this is.
     threads : int
         Number of threads; a solve with another number has other timings.
     progress : callable
         Called with every line of progress.
     """
     try:
-        found = _stored(scene, out, hashes, threads)
-    except _Unusable as reason:
-        progress(f"full model is solved: {reason}")
+        found = _of_folder(scene, out, threads)
     except (MyorkError, OSError, LookupError, ValueError, TypeError, AttributeError) as reason:
         progress(f"full model is solved: the results in {out} cannot be used: {reason}")
     else:
@@ -90,60 +80,81 @@ def full_states(
         seconds = states.solve_s
     for text in states.warnings:
         progress(f"warning: {text}")
-    return Snapshots(states.x, states.load, states.iterations.tolist(), seconds, "")
+    return States(states.x, states.load, states.iterations.tolist(), seconds, "")
 
 
-def _stored(scene: Scene, out: Path, hashes: Collection[str], threads: int) -> Snapshots:
-    """States in a folder; whatever does not belong to this scene is refused."""
-    summary = read_summary(out)
+def _of_folder(scene: Scene, out: Path, threads: int) -> States:
+    """States in a folder, of this very version and number of threads."""
+    summary = solution_of(out)
+    for key, value in {"version": myork.__version__, "threads": threads}.items():
+        if summary.get(key, value) != value:
+            raise InputError(f"the solution has {key} {summary.get(key)}, not {value}")
+    x, load, steps = stored_states(scene, out, summary, apart={"rom"})
+    model = model_path(scene.deck, Path(scene.deck["folder"]), out)
+    results = out / "results.vtkhdf"
+    if model is not None and model.stat().st_mtime > results.stat().st_mtime:
+        raise InputError(f"{model} is newer than the solution")
+    if len(x) != scene.steps:
+        raise InputError(f"{len(x)} load steps, not {scene.steps}")
+    timings = summary["timings_s"]
+    return States(
+        x,
+        load,
+        [int(step["iterations"]) for step in steps],
+        timings["total"] - timings["shape"] - timings["output"],
+        results.name,
+    )
+
+
+def solution_of(folder: Path) -> dict[str, Any]:
+    """Summary of the solve in a folder; refused where there is none that converged."""
+    summary = read_summary(folder)
     if not summary:
-        raise _Unusable(f"there is no solution in {out}")
-    wanted = {"converged": True, "version": myork.__version__, "threads": threads}
-    for key, value in wanted.items():
-        if summary.get(key) != value:
-            raise _Unusable(f"the solution in {out} has {key} {summary.get(key)}, not {value}")
-    if summary["deck_sha256"] not in hashes:
-        # what the table [rom] says makes no other full model
-        different = differing_keys(summary.get("deck", {}), scene.deck, apart={"rom"})
-        raise _Unusable(
-            f"the solution in {out} is of another deck, which differs in "
-            + (in_words(different) or "its text, in no value")
+        raise InputError(f"{folder}: there is no summary.json; give a folder of `myork solve`")
+    if not summary.get("converged"):
+        raise InputError(f"{folder}: the solve in it did not converge")
+    return summary
+
+
+def stored_states(
+    scene: Scene,
+    folder: Path,
+    summary: dict[str, Any],
+    tables: Collection[str] | None = None,
+    apart: Collection[str] = (),
+) -> tuple[F64, F64, list[dict[str, Any]]]:
+    """Unknowns and loads of all load steps of the solve in a folder, and their entries.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene whose states they are to be.
+    folder : Path
+        Output folder of a solve.
+    summary : dict
+        Its summary, from `solution_of`.
+    tables, apart : collection of str
+        What the decks must have in common, as `differing_keys` takes it.
+
+    Raises
+    ------
+    InputError
+        They are of another deck, of other points or of other materials.
+    """
+    different = differing_keys(summary["deck"], scene.deck, tables, apart)
+    if different:
+        raise InputError(
+            f"{folder}: its solution is of another deck, which differs in {in_words(different)}"
         )
-    with Results(out) as results:
-        model = model_path(scene.deck, Path(scene.deck["folder"]), out)
-        if model is not None and model.stat().st_mtime > results.path.stat().st_mtime:
-            raise _Unusable(f"{model} is newer than the solution in {out}")
+    with Results(folder) as results:
         # step 0 is the undeformed body; loads of references lie between the steps
         steps = [i for i, step in enumerate(summary["steps"], 1) if step.get("planned", True)]
         states = [results.restart(i) for i in steps]
-        last = summary["steps"][steps[-1] - 1]
-        found = Snapshots(
-            x=np.array([state.coefficients for state in states]),
-            load=np.array([state.load for state in states]),
-            iterations=[int(summary["steps"][i - 1]["iterations"]) for i in steps],
-            seconds=_seconds(summary["timings_s"]),
-            origin=results.path.name,
-        )
-        if found.x.shape != (scene.steps, scene.dofs):
-            raise _Unusable(f"the solution in {out} has states of shape {found.x.shape}")
-        _check(scene, found, results, last["probes"])
-    return found
-
-
-def _seconds(timings: dict[str, float]) -> float:
-    """Wall time of the load steps of a solve [s]."""
-    return timings["total"] - timings["shape"] - timings["output"]
-
-
-def _check(scene: Scene, found: Snapshots, results: Results, probes: dict[str, Any]) -> None:
-    """Refuse states that mean something else in this scene than they did when they were written."""
-    x, load = found.x[-1:], found.load[-1:]
-    fields = scene.fields(x[0], load[0])
-    cauchy = results.field("cauchy")[:, [0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]]
-    points = results.points[:, : scene.dimension]
-    here = named_probes(scene, x, load)
-    pairs = [(points, scene.points()), (results.field("u"), fields.u), (cauchy, fields.cauchy)]
-    pairs += [(np.array(probes[name]), np.array(values[0])) for name, values in here.items()]
-    for old, new in pairs:
-        if old.shape != new.shape or np.abs(old - new).max() > _ALIKE * np.abs(old).max():
-            raise _Unusable(f"{results.path} is not of these points and materials")
+        x = np.array([stored_unknowns(scene, state) for state in states])
+        fields = scene.fields(x[-1], states[-1].load).named
+        for name in {"u", "principal_stress"} & fields.keys() & set(results.fields):
+            old, new = results.field(name, steps[-1]), fields[name]
+            if np.abs(old - new).max() > _ALIKE * np.abs(old).max():
+                raise InputError(f"{results.path} is not of these points and materials")
+    load = np.array([state.load for state in states])
+    return x, load, [summary["steps"][i - 1] for i in steps]

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,15 +18,24 @@ from myork.errors import InputError
 from myork.reduced_fields import REDUCED_FILE, ReducedFields, write_reduced
 from myork.rom.basis import Basis, modes_for_energy, proper_orthogonal_basis
 from myork.rom.decks import NOT_TABLES
-from myork.rom.errors import displacement_error, gradient_error, largest_error
 from myork.rom.probes import force_names, named_probes
-from myork.rom.reductor import solve_reduced
-from myork.rom.snapshots import Snapshots, full_states
+from myork.rom.snapshots import States, full_states
 from myork.summary import read_summary, renewing, update_summary
 from myork.types import F64
 
-__all__ = ["reduced_fields", "run_rom", "times_faster"]
+__all__ = [
+    "PathStates",
+    "displacement_error",
+    "gradient_error",
+    "largest_error",
+    "reduced_fields",
+    "reduced_path",
+    "run_rom",
+    "times_faster",
+]
 
+# The reduced least squares problem: Householder QR, or Cholesky of (A'U)^T A'U (6.67).
+_SOLVERS = {"qr": "dgels", "cholesky": "normal"}
 # Load steps that give the snapshots where the deck takes its load in one.
 _STEPS = 10
 
@@ -74,13 +84,10 @@ def run_rom(
     """
     out = Path(out)
     overrides = _with_steps(deck, overrides, progress)
-    # what the table [rom] says makes no other full model
-    others = [item for item in overrides if not item.startswith("rom.")]
-    hashes = {read_deck(deck, items)["sha256"] for items in (overrides, others)}
     with renewing(out, "rom"), _open(deck, overrides, out, threads) as scene:
         _check_modes(scene)
         progress(f"full model: {scene.dofs} unknowns, {scene.rows} equations")
-        full = full_states(scene, out, hashes, threads or thread_count(), progress)
+        full = full_states(scene, out, threads or thread_count(), progress)
         study, fields = _study(scene, full, progress)
         if fields is None:
             (out / REDUCED_FILE).unlink(missing_ok=True)
@@ -146,37 +153,29 @@ def _check_modes(scene: Scene) -> None:
 
 
 def _study(
-    scene: Scene, full: Snapshots, progress: ProgressCallback
+    scene: Scene, full: States, progress: ProgressCallback
 ) -> tuple[dict[str, Any], ReducedFields | None]:
     """Modes and reduced models of the full states, and all last fields where there are stresses."""
     table = scene.deck["rom"]
-    is_galerkin = scene.deck["scene"]["method"].startswith("rkpm")
     basis = proper_orthogonal_basis(full.x, table["basis"], unit=table["snapshots"] == "unit")
-    full_fields = _fields(scene, full.x, full.load)
-    full_probes = named_probes(scene, full.x, full.load)
-    models, last = [], [full_fields[-1]]
+    path = PathStates.of(scene, full.x, full.load)
+    models, last = [], [path.fields[-1]]
     wanted = _numbers(table, basis)
     for number, r in enumerate(wanted, start=1):
-        modes = basis.modes[:, :r]
-        states = solve_reduced(
-            scene, modes, table["solver"], table["projection"], table["assembly"]
+        found, fields = reduced_path(
+            scene, path, basis.modes[:, :r], table["solver"], table["projection"], table["assembly"]
         )
-        online = states.online_s / scene.steps
-        fields = _fields(scene, states.x, full.load)
-        last.append(fields[-1])
+        last.append(fields)
+        del found["cpu_s"]
+        online = found["online_s"] / scene.steps
         model = {
-            "kind": "galerkin" if is_galerkin else "reduced",
+            "kind": "galerkin" if scene.deck["scene"]["method"].startswith("rkpm") else "reduced",
             "r": r,
             "points": scene.collocation_points,
-            **_errors(scene, full, full_fields, full_probes, states.x, fields),
-            "best_e1": displacement_error(
-                full_fields, _fields(scene, full.x @ modes @ modes.T, full.load)
-            ),
+            **found,
+            "offline_s": found["offline_s"] + basis.seconds,
             "energy": float(basis.values[:r].sum() / basis.values.sum()),
-            "offline_s": states.offline_s + basis.seconds,
-            "online_s": states.online_s,
             "online_s_per_state": online,
-            "iterations": states.iterations,
             "speedup_vs_full": full.seconds / scene.steps / online,
         }
         models.append(model)
@@ -197,11 +196,127 @@ def _study(
             "seconds_per_state": full.seconds / scene.steps,
             "iterations": full.iterations,
             "load": full.load.tolist(),
-            "probes": full_probes,
+            "probes": path.probes,
         },
         "models": models,
     }
     return study, None if "linear" in scene.deck else reduced_fields(scene, wanted, last)
+
+
+class PathStates(NamedTuple):
+    """States along a path of loads, with what errors need of them.
+
+    Attributes
+    ----------
+    x : F64
+        Unknowns of the full model, shape `(nstep, dofs)`.
+    load : F64
+        Fractions of the full load, shape `(nstep,)`.
+    fields : list of Fields
+        Fields of each state.
+    probes : dict
+        Probes by name.
+    """
+
+    x: F64
+    load: F64
+    fields: list[Fields]
+    probes: dict[str, Any]
+
+    @classmethod
+    def of(cls, scene: Scene, x: F64, load: F64) -> PathStates:
+        """Those of a scene's states."""
+        fields = [scene.fields(state, at) for state, at in zip(x, load, strict=True)]
+        return cls(x, load, fields, named_probes(scene, x, load))
+
+
+def reduced_path(
+    scene: Scene,
+    full: PathStates,
+    modes: F64,
+    solver: str = "qr",
+    projection: str = "auto",
+    assembly: str = "reduced",
+) -> tuple[dict[str, Any], Fields]:
+    """Project a scene on modes and solve all its load steps; errors, times and the last fields.
+
+    Parameters
+    ----------
+    scene : Scene
+        The full model.
+    full : PathStates
+        Its states.
+    modes : F64
+        Orthonormal columns, shape `(dofs, r)`.
+    solver : str
+        `qr` or `cholesky`.
+    projection : str
+        `auto`, `galerkin` or `least-squares`.
+    assembly : str
+        `reduced`, or `full` for rows that are assembled in full and then projected.
+    """
+    started = time.perf_counter()
+    scene.reduce(modes, projection, assembled=assembly == "full")
+    offline_s = time.perf_counter() - started
+    started, cpu = time.perf_counter(), time.process_time()
+    states = scene.solve_reduced(_SOLVERS[solver])
+    online_s, cpu = time.perf_counter() - started, time.process_time() - cpu
+    found = PathStates.of(scene, states.x @ modes.T, full.load)
+    best = PathStates.of(scene, full.x @ modes @ modes.T, full.load)
+    forces = [
+        largest_error(np.array(full.probes[name]), np.array(found.probes[name]))
+        for name in force_names(scene)
+    ]
+    errors = {
+        "e1": displacement_error(full.fields, found.fields),
+        # fields of linear problems are displacements alone
+        "e2": None if "linear" in scene.deck else gradient_error(full.fields, found.fields),
+        "stress_error": largest_error(
+            np.array([field.cauchy for field in full.fields]),
+            np.array([field.cauchy for field in found.fields]),
+        ),
+        "force_error": max(forces) if forces else None,
+        "best_e1": displacement_error(full.fields, best.fields),
+        "probes": found.probes,
+        "offline_s": offline_s,
+        "online_s": online_s,
+        "cpu_s": cpu,
+        "iterations": states.iterations.tolist(),
+    }
+    return errors, found.fields[-1]
+
+
+def displacement_error(full: list[Fields], reduced: list[Fields]) -> float:
+    """Error e1 of the displacement (6.70), (6.71), over time (6.51), (6.52) [-]."""
+    return _relative([a.u for a in full], [b.u for b in reduced])
+
+
+def gradient_error(full: list[Fields], reduced: list[Fields]) -> float:
+    """Error e2 of the displacement gradient (6.72) [-].
+
+    The components are summed at each point before the norm is taken, as printed.
+    """
+    return _relative(
+        [(a.f - np.eye(3)).sum(axis=(1, 2)) for a in full],
+        [(b.f - np.eye(3)).sum(axis=(1, 2)) for b in reduced],
+    )
+
+
+def largest_error(full: F64, reduced: F64) -> float:
+    """Largest difference over the largest value of the full model, NaN if one of them is [-]."""
+    scale = float(np.abs(full).max())
+    return float(np.abs(full - reduced).max()) / scale if scale != 0.0 else 0.0
+
+
+def _relative(full: list[F64], reduced: list[F64]) -> float:
+    """Sum over the steps of |full - reduced| / |full|."""
+    return float(
+        sum(
+            np.linalg.norm(a - b) / np.linalg.norm(a)
+            for a, b in zip(full, reduced, strict=True)
+            if np.linalg.norm(a) > 0.0
+        )
+    )
 
 
 def reduced_fields(scene: Scene, modes: Sequence[int], last: Sequence[Fields]) -> ReducedFields:
@@ -227,35 +342,3 @@ def _numbers(table: Mapping[str, Any], basis: Basis) -> list[int]:
             f"{len(basis.values)}: take svd or fewer modes"
         )
     return list(dict.fromkeys(wanted))
-
-
-def _fields(scene: Scene, x: F64, load: F64) -> list[Fields]:
-    """Fields of states of the full model."""
-    return [scene.fields(state, at) for state, at in zip(x, load, strict=True)]
-
-
-def _errors(
-    scene: Scene,
-    full: Snapshots,
-    full_fields: list[Fields],
-    full_probes: Mapping[str, Any],
-    x: F64,
-    fields: list[Fields],
-) -> dict[str, Any]:
-    """Errors of a reduced model's states, with their fields, and its probes."""
-    probes = named_probes(scene, x, full.load)
-    forces = [
-        largest_error(np.array(full_probes[name]), np.array(probes[name]))
-        for name in force_names(scene)
-    ]
-    return {
-        "e1": displacement_error(full_fields, fields),
-        # fields of linear problems are displacements alone
-        "e2": None if "linear" in scene.deck else gradient_error(full_fields, fields),
-        "stress_error": largest_error(
-            np.array([field.cauchy for field in full_fields]),
-            np.array([field.cauchy for field in fields]),
-        ),
-        "force_error": max(forces) if forces else None,
-        "probes": probes,
-    }
