@@ -49,6 +49,7 @@ subroutine new_box(self, size_, source, place, error)
    end do
    call default_tissue(self)
    at = grid(place)
+   self%place = at
    self%volume = [(share(at(:, ip), 0), ip=1, size(at, 2))]
    allocate (self%set_names(2*self%nd))
    self%set_names = box_faces(:2*self%nd)
@@ -125,6 +126,7 @@ subroutine new_annulus(self, inner, outer, source, place, error)
    n = 0
    call start_boundary(self, 2*sum(place))
    at = grid(place)
+   self%place = at
    allocate (self%volume(size(at, 2)))
    do ip = 1, size(at, 2)
       r = norm2(self%points(:, ip))

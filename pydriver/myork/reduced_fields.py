@@ -11,7 +11,7 @@ import numpy as np
 
 from myork.errors import FileError
 from myork.files import whole_file
-from myork.types import F64, I64
+from myork.types import F64, I32, I64
 
 __all__ = ["REDUCED_FILE", "ReducedFields", "read_reduced", "write_reduced"]
 
@@ -37,12 +37,15 @@ class ReducedFields(NamedTuple):
     stress : NDArray
         Largest principal Cauchy stresses, not a number where J <= 0, shape `(m + 1, n)`
         [force/length^2].
+    surface : NDArray
+        Points at the corners of the surface's triangles, as in `Results.surface`, shape `(t, 3)`.
     """
 
     points: F64
     modes: I64
     displacement: F64
     stress: F64
+    surface: I32
 
 
 def write_reduced(folder: Path, fields: ReducedFields) -> None:
@@ -65,13 +68,15 @@ def read_reduced(path: Path) -> ReducedFields:
     except _DAMAGES as reason:
         raise FileError(f"{path}: cannot be read: {reason}; run `myork rom` again") from None
     n, m = len(np.atleast_1d(found.points)), np.size(found.modes)
-    shapes = ((n, 3), (m,), (m + 1, n, 3), (m + 1, n))
-    for name, values, shape in zip(found._fields, found, shapes, strict=True):
-        kinds = "iu" if name == "modes" else "f"
+    shapes = ((n, 3), (m,), (m + 1, n, 3), (m + 1, n), (len(np.atleast_1d(found.surface)), 3))
+    for (name, values), shape in zip(found._asdict().items(), shapes, strict=True):
+        whole = name in ("modes", "surface")
+        size = np.abs(np.nan_to_num(values) if name == "stress" else values)
+        most = n - 1 if name == "surface" else _LARGEST
         if (
             values.shape != shape
-            or values.dtype.kind not in kinds
-            or not (np.abs(values if name != "stress" else np.nan_to_num(values)) <= _LARGEST).all()
+            or values.dtype.kind not in ("iu" if whole else "f")
+            or not (size <= most).all()
         ):
             raise FileError(
                 f"{path}: {name}: finite numbers of shape {shape} are needed; run `myork rom` again"

@@ -174,6 +174,36 @@ class Results:
         return self._read("VTKHDF/PointData/fiber")
 
     @cached_property
+    def surface(self) -> I32:
+        """Points at the corners of the surface's triangles, counter-clockwise from outside.
+
+        Triangles of a plane body fill it. Shape `(m, 3)`, no rows where points have no lattice.
+        """
+        found = self._joined("surface")
+        if found.shape[1] != 3 or found.min(initial=0) < 0 or found.max(initial=0) >= self.npoint:
+            raise FileError(f"{self.path}: damaged: the surface does not fit the points")
+        return found
+
+    @cached_property
+    def lattice(self) -> I32:
+        """Place of each point in its lattice, shape `(np, dimension)`; `(0, 3)` without one."""
+        found = self._joined("lattice")
+        cells = np.prod(np.ptp(found, axis=0) + 1.0) if len(found) else 0.0
+        if len(found) not in (0, self.npoint) or cells > 2**31:
+            raise FileError(f"{self.path}: damaged: the lattice does not fit the points")
+        return found
+
+    def _joined(self, name: str) -> I32:
+        """Rows of whole numbers that say how points hang together; none in older files."""
+        with _damage(self.path, name):
+            if f"MyoRK/{name}" not in self._file:
+                return np.empty((0, 3), np.int32)
+        found = self._read(f"MyoRK/{name}")
+        if found.ndim != 2 or found.shape[1] not in (1, 2, 3) or found.dtype.kind != "i":
+            raise FileError(f"{self.path}: damaged: {name} has shape {found.shape}")
+        return found
+
+    @cached_property
     def loads(self) -> F64:
         """Load of each step as a fraction of the full load, shape `(nstep,)` [-]."""
         return self._series("MyoRK/load")
@@ -247,8 +277,8 @@ class Results:
         Returns
         -------
         pyvista.PolyData
-            A vertex for each point; tensors have nine components, row by row. `field_data` holds
-            `step`, `load` and `activation`.
+            A vertex for each point, and the surface's triangles where they are known; tensors have
+            nine components, row by row. `field_data` holds `step`, `load` and `activation`.
 
         Raises
         ------
@@ -264,6 +294,8 @@ class Results:
         cloud = _optional("pyvista", "viz").PolyData(
             self.deformed(step) if deformed else self.points
         )
+        if len(self.surface):
+            cloud.faces = np.insert(self.surface, 0, 3, axis=1).ravel()
         for name in self.fields:
             values = self.field(name, step)
             cloud.point_data[name] = values.reshape(len(values), -1).squeeze()

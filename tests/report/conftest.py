@@ -10,6 +10,8 @@ import nibabel
 import numpy as np
 import pytest
 
+from tests.report.grids import lattice_of, surface_of
+
 STEPS = 10
 UNITS = {"force": "N", "length": "cm", "stress": "N/cm^2", "volume": "cm^3"}
 
@@ -153,6 +155,8 @@ def write_results(path: Path, plane: bool = False) -> None:
             vtk[f"PointData/{name}"] = np.concatenate(steps)
             vtk[f"Steps/PointDataOffsets/{name}"] = np.arange(len(loads)) * n
         vtk["Steps"].attrs["NSteps"] = len(loads)
+        own["lattice"] = lattice_of(points)
+        own["surface"] = surface_of(own["lattice"][:])
         own["load"] = loads
         own["activation"] = 0.3 * loads
 

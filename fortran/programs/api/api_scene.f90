@@ -151,6 +151,31 @@ subroutine scene_points(handle, nd, nc, place, stat, message)
    if (stat == 0) place = slot%scene%cloud%points
 end subroutine scene_points
 
+!> Triangles of the surface, or of a plane body itself: their number, and as many as there is room
+!> for, points from 0
+subroutine scene_surface(handle, room, n, triangle, stat, message)
+   use rk_error, only : error_type
+   use rk_handles, only : find_slot, slot_type
+   use rk_pack, only : pack_error
+   use rk_surface, only : lattice_places, surface_triangles
+   implicit none
+   integer, intent(in) :: handle, room
+   integer, intent(out) :: n, triangle(3, room), stat
+   character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
+   type(slot_type), pointer :: slot
+   integer, allocatable :: found(:, :)
+
+   n = 0
+   triangle = 0
+   call find_slot(handle, slot, error)
+   call pack_error(error, stat, message)
+   if (stat /= 0) return
+   found = surface_triangles(lattice_places(slot%scene%cloud)) - 1
+   n = size(found, 2)
+   triangle(:, :min(n, room)) = found(:, :min(n, room))
+end subroutine scene_surface
+
 !> Number of points where scene_set_fields wants values
 subroutine scene_count_field_points(handle, n, stat, message)
    use rk_error, only : error_type

@@ -19,6 +19,7 @@ module rk_output
    use rk_scene, only : scene_type
    use rk_states, only : field_state
    use rk_system, only : interrupted, tell
+   use rk_surface, only : lattice_places, surface_triangles
    use rk_text, only : to_power, to_text
    use rk_text_file, only : text_file
    use rk_units, only : probe_unit
@@ -110,6 +111,7 @@ subroutine open_output(self, problem, folder, deck, version, error, history, who
    !> Bytes of its journal that are whole, 0 for a run that begins
    integer(i8), intent(in) :: whole
    real(wp), allocatable :: points(:, :), source(:, :)
+   integer, allocatable :: place(:, :)
 
    self%problem => problem
    allocate (self%record(0))
@@ -127,7 +129,10 @@ subroutine open_output(self, problem, folder, deck, version, error, history, who
       source = to_space(cloud%source)
       call self%results%open(folder//'/results.vtkhdf', points, cloud%label, cloud%fiber, source, &
          & deck%text, version, error)
+      if (allocated(error)) return
+      place = lattice_places(cloud)
    end associate
+   call self%results%add_lattice(place, surface_triangles(place), error)
    if (allocated(error)) return
    call self%results%describe(deck%overrides, approximation_text(deck), error)
    if (allocated(error) .or. problem%is_linear()) return

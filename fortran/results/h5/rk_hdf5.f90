@@ -51,10 +51,10 @@ module rk_hdf5
       !> Whether a dataset or group exists
       procedure :: has
       !> Append along the last Fortran dimension; the first call creates the dataset
-      generic :: append => append_real1, append_real2, append_int1, append_long1, &
+      generic :: append => append_real1, append_real2, append_int1, append_int2, append_long1, &
          append_byte1, append_text
-      procedure, private :: append_real1, append_real2, append_int1, append_long1
-      procedure, private :: append_byte1, append_text
+      procedure, private :: append_real1, append_real2, append_int1, append_int2
+      procedure, private :: append_long1, append_byte1, append_text
       !> Read a whole dataset
       generic :: read => read_real1, read_real2, read_int1, read_int2, read_text
       procedure, private :: read_real1, read_real2, read_int1, read_int2, read_text
@@ -215,6 +215,20 @@ subroutine append_int1(self, name, values, error)
 
    call append_any(self, name, kind_int, shape(values, i8), c_loc(values), error)
 end subroutine append_int1
+
+!> Append columns of integers to a table
+subroutine append_int2(self, name, values, error)
+   !> File being written
+   class(h5_type), intent(inout) :: self
+   !> Path in the file
+   character(len=*), intent(in) :: name
+   !> Numbers, shape (m,n); m is the same in every call
+   integer, intent(in), contiguous, target :: values(:, :)
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+
+   call append_any(self, name, kind_int, shape(values, i8), c_loc(values), error)
+end subroutine append_int2
 
 !> Append long integers to a list
 subroutine append_long1(self, name, values, error)

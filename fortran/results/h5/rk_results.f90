@@ -3,9 +3,10 @@
 !> /VTKHDF is an unstructured grid of one vertex cell per point, which ParaView (5.12 and later)
 !> and PyVista show as a cloud. Geometry, label and fiber are stored once, every step appends its
 !> fields; the offsets in /VTKHDF/Steps tell the readers where. The time of a step is its load.
-!> /MyoRK is ours: source points and, for every step, load, activation, coefficients, numbers of the
-!> step and what it hands on to the next one (rk_restart); the deck with its overrides, the
-!> approximation, and the version of the program.
+!> /MyoRK is ours: triangles of the surface and places of the points in a lattice, where there are
+!> any; source points and, for every step, load, activation, coefficients, numbers of the step and
+!> what it hands on to the next one (rk_restart); the deck with its overrides, the approximation,
+!> and the version of the program.
 !>
 !> Reference: VTKHDF file format, version 2.0,
 !> https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format
@@ -44,6 +45,8 @@ module rk_results
       procedure :: open => open_results
       !> What the coefficients belong to
       procedure :: describe
+      !> How the points hang together
+      procedure :: add_lattice
       !> Append a converged state
       procedure :: add_step
       !> Complete the file and give it its name
@@ -113,6 +116,23 @@ subroutine describe(self, overrides, approximation, error)
    if (allocated(error)) return
    call self%file%append(own//"/approximation", approximation, error)
 end subroutine describe
+
+!> How the points hang together; nothing is written of what is empty
+subroutine add_lattice(self, place, triangle, error)
+   !> File without steps
+   class(results_type), intent(inout) :: self
+   !> Place of each point in a lattice, shape (nd,np) or (nd,0)
+   integer, intent(in), contiguous :: place(:, :)
+   !> Points at the corners of the surface's triangles, or of those that fill a plane body, from 1,
+   !> shape (3,nt)
+   integer, intent(in), contiguous :: triangle(:, :)
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+
+   if (size(place) > 0) call self%file%append(own//"/lattice", place, error)
+   if (allocated(error)) return
+   if (size(triangle) > 0) call self%file%append(own//"/surface", triangle - 1, error)
+end subroutine add_lattice
 
 !> The cloud as one part of an unstructured grid
 subroutine write_geometry(file, points, error)

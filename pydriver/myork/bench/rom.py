@@ -32,7 +32,6 @@ from myork.core.states import Fields
 from myork.errors import ConvergenceError
 from myork.reduced_fields import ReducedFields
 from myork.report.beside import reduced_figure
-from myork.report.off_screen import NoPictureError
 from myork.rom.basis import Basis, proper_orthogonal_basis
 from myork.rom.check import measure, solve_tests, started
 from myork.rom.model import ReducedModel
@@ -435,12 +434,7 @@ def _picture(
 ) -> list[dict[str, str]]:
     """The last state beside that of the full model, as a report shows it."""
     file = f"rom_{path.deck}_{r}.png"
-    try:
-        figure = reduced_figure(fields, 0, units)
-    except NoPictureError as reason:
-        progress(f"{path.name}: no picture: {reason}")
-        return []
-    figure.savefig(out / file, dpi=110, facecolor="white")
+    reduced_figure(fields, 0, units).savefig(out / file, dpi=110, facecolor="white")
     caption = (
         f"{path.name.split(' (')[0]}, r = {r} ({path.drawn[0]}): the last state of the full and of "
         "the reduced model, deformed to scale, in one scale of colours, and their difference."

@@ -37,7 +37,7 @@ from myork.core.states import VERDICTS, Fields, States, states_of
 from myork.records import PointCloud, Voxels
 from myork.results import RestartState
 from myork.tables import override_text, read_only
-from myork.types import F64
+from myork.types import F64, I32
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -350,6 +350,19 @@ class Scene:
             )
         errors.check(stat, message)
         return np.asarray(x.T)
+
+    def surface(self) -> I32:
+        """Corners of the surface's triangles among `points`, counter-clockwise from outside.
+
+        Those of a plane body fill it; there are none where the points have no lattice. Shape
+        `(m, 3)`.
+        """
+        with self._turn.short():
+            n, found, stat, message = _core.scene_surface(self._handle, 1)
+            if stat == 0 and n > 1:
+                n, found, stat, message = _core.scene_surface(self._handle, n)
+        errors.check(stat, message)
+        return np.ascontiguousarray(found[:, :n].T)
 
     def field_points(self) -> F64:
         """Points where `set_fields` wants values, shape `(field_points, dimension)` [length].

@@ -8,24 +8,23 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 
 from myork.reduced_fields import ReducedFields
 from myork.report.numbers import unit_of
-from myork.report.off_screen import Panel, draw
+from myork.report.raster import Panel, draw
 from myork.report.sketch import (
     draw_bar,
     draw_ruler,
     draw_triad,
     limits_of,
-    mark_missing,
     rim_of,
+    seen_points,
+    shade_plane,
     views_of,
 )
-from myork.report.skin import outer_triangles, spacing_of
 from myork.report.sources import Deformation
-from myork.types import F64, I32
+from myork.types import F64, I32, I64
 
 __all__ = ["compared_figure", "reduced_figure"]
 
@@ -40,6 +39,11 @@ class _Body(NamedTuple):
     rest: F64
     moved: F64
     triangles: I32
+
+    @property
+    def seen(self) -> I64:
+        """Points of the surface; all where it is not known."""
+        return seen_points(self.triangles, len(self.rest))
 
 
 class _Shade(NamedTuple):
@@ -68,16 +72,8 @@ def compared_figure(
     -------
     Figure
         A column a run.
-
-    Raises
-    ------
-    NoPictureError
-        VTK cannot draw here.
     """
-    bodies = [
-        _Body(own.points, own.points + own.displacement, _surface(own.points))
-        for own in deformations
-    ]
+    bodies = [_Body(own.points, own.points + own.displacement, own.surface) for own in deformations]
     fields = (
         [np.linalg.norm(own.displacement, axis=1) for own in deformations],
         [own.stress for own in deformations],
@@ -108,13 +104,8 @@ def reduced_figure(fields: ReducedFields, model: int, units: Mapping[str, str]) 
     -------
     Figure
         Full and reduced fields in one scale; the difference in its own, on the full model's body.
-
-    Raises
-    ------
-    NoPictureError
-        VTK cannot draw here.
     """
-    surface = _surface(fields.points)
+    surface = fields.surface
     both = (0, model + 1)
     bodies = [
         _Body(fields.points, fields.points + fields.displacement[at], surface) for at in (*both, 0)
@@ -123,13 +114,11 @@ def reduced_figure(fields: ReducedFields, model: int, units: Mapping[str, str]) 
     sizes = [np.linalg.norm(fields.displacement[at], axis=1) for at in both]
     stresses = [fields.stress[at] for at in both]
     off, wrong = np.linalg.norm(change, axis=1), stresses[1] - stresses[0]
-    most = max(float(np.nanmax(np.abs(wrong[np.unique(surface)]), initial=0.0)), 1e-300)
+    most = max(float(np.nanmax(np.abs(wrong[bodies[0].seen]), initial=0.0)), 1e-300)
     rows = [
         [
             *(_Shade(values, _common(sizes, bodies)) for values in sizes),
-            _Shade(
-                off, (0.0, max(float(off[np.unique(surface)].max()), 1e-300), "neither"), _SIZES
-            ),
+            _Shade(off, (0.0, max(float(off[bodies[0].seen].max()), 1e-300), "neither"), _SIZES),
         ],
         [
             *(_Shade(values, _common(stresses, bodies)) for values in stresses),
@@ -162,15 +151,9 @@ def _titles(units: Mapping[str, str]) -> tuple[str, str]:
     return f"displacement |u| [{length}]", f"largest principal stress [{stress}]"
 
 
-def _surface(points: F64) -> I32:
-    """Triangles of the surface; of a plane body, those that fill it."""
-    places = points if np.ptp(points[:, 2]) else points[:, :2]
-    return outer_triangles(places, spacing_of(places))
-
-
 def _common(row: Sequence[F64], bodies: Sequence[_Body]) -> tuple[float, float, str]:
     """Ends of colours for what is seen of several bodies."""
-    seen = [values[np.unique(body.triangles)] for values, body in zip(row, bodies, strict=False)]
+    seen = [values[body.seen] for values, body in zip(row, bodies, strict=False)]
     return limits_of(np.concatenate(seen))
 
 
@@ -230,9 +213,6 @@ def _alike(bodies: Sequence[_Body]) -> list[list[int]]:
 def _draw_plane(axes: Axes, body: _Body, shade: _Shade, middle: F64) -> None:
     """A plane body with its undeformed outline."""
     place = body.moved[:, :2] - middle[:2]
-    shape = Triangulation(place[:, 0], place[:, 1], body.triangles)
-    low, high, _ = shade.limits
-    axes.tripcolor(shape, shade.values, shading="gouraud", vmin=low, vmax=high, cmap=shade.colours)
-    mark_missing(axes, place, shade.values)
+    shade_plane(axes, place, body.triangles, shade.values, shade.limits, shade.colours)
     rest = (body.rest[:, :2] - middle[:2])[rim_of(body.triangles)]
     axes.plot(*rest.transpose(2, 1, 0), color="#999999", linewidth=0.8)

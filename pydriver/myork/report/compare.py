@@ -14,7 +14,6 @@ from myork.report.beside import compared_figure
 from myork.report.figures import COLOURS, DASHES, MARKERS
 from myork.report.frame import Section, figure, render, table
 from myork.report.numbers import DASH, fraction, labelled, number, probe_units, with_error
-from myork.report.off_screen import NoPictureError
 from myork.report.sources import RunFolder
 from myork.report.story import Answer
 from myork.summary import printed, read_summary
@@ -182,10 +181,7 @@ def _bodies(runs: Sequence[RunFolder], names: Sequence[str]) -> Iterator[Markup]
     )
     if len(own) < len(runs):
         caption += f" {len(own)} of {len(runs)} runs."
-    try:
-        yield figure(compared_figure(deformations, shown, units[0]), caption)
-    except NoPictureError as reason:
-        yield Markup("<p>No pictures of the bodies: {}.</p>").format(str(reason))
+    yield figure(compared_figure(deformations, shown, units[0]), caption)
 
 
 def _curves(runs: Sequence[RunFolder], names: Sequence[str]) -> Iterator[Markup]:

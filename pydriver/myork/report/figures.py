@@ -11,18 +11,14 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, FormatStrFormatter, LogLocator, MaxNLocator
+from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull, QhullError
 
-from myork.report.numbers import labelled, unit_of
-from myork.report.sketch import mark_missing
-from myork.report.sources import Deformation
+from myork.report.numbers import labelled
 from myork.report.tables import MODEL_KINDS
 from myork.types import F64
 
 __all__ = [
-    "cloud_figure",
     "history_figure",
     "probe_figure",
     "rom_figure",
@@ -35,121 +31,6 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#0
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 DASHES = ("-", "--", ":", "-.")
 GREY = "#666666"
-
-# More points than this are thinned: a picture shows no more
-_MOST_POINTS = 15000
-# Facets of the hull that meet at a larger angle have an edge there [degree]
-_EDGE_ANGLE = 30.0
-# Sides of a body below this part of the longest get no ticks [-]
-_SHORT = 0.3
-
-
-def cloud_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure:
-    """Deformed points of a body in space where no surface can be drawn: stress and volume ratio.
-
-    Parameters
-    ----------
-    deformation : Deformation
-        Last state.
-    units : Mapping
-        Units of the summary, keys `length` and `stress`.
-
-    Returns
-    -------
-    Figure
-        Two panels with equal scales on all axes; the undeformed outline is grey.
-    """
-    length = units.get("length", "?")
-    sides = np.ptp(np.vstack([deformation.points, _deformed(deformation)]), axis=0)
-    flat = sides[2] < _SHORT * sides.max()
-    figure = Figure(figsize=(11.0, 4.0 if flat else 5.2), layout="constrained")
-    panels = (
-        (f"largest principal Cauchy stress [{unit_of(units, 'stress')}]", deformation.stress),
-        ("volume ratio J [-]", deformation.volume_ratio),
-    )
-    for number, (title, values) in enumerate(panels, start=1):
-        axes = figure.add_subplot(1, 2, number, projection="3d")
-        dots = _draw_space(axes, deformation, values)
-        axes.set_zlabel(f"z [{length}]")
-        axes.set(xlabel=f"x [{length}]", ylabel=f"y [{length}]", title=title)
-        place = {"location": "bottom", "shrink": 0.6, "pad": 0.0} if flat else {"shrink": 0.75}
-        bar = figure.colorbar(dots, ax=axes, extend="both", **place)
-        bar.ax.ticklabel_format(useOffset=False)
-        bar.ax.locator_params(nbins=4 if flat else 8)
-    handles, names = figure.axes[0].get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside lower center", frameon=False)
-    return figure
-
-
-def _deformed(deformation: Deformation) -> F64:
-    return deformation.points + deformation.displacement
-
-
-def _draw_space(axes: Any, deformation: Deformation, values: F64) -> Any:
-    deformed = _deformed(deformation)
-    for number, edge in enumerate(_outline(deformation.points)):
-        axes.plot(*edge.T, color=GREY, linewidth=0.9, label=None if number else "undeformed")
-    shown = slice(None, None, -(-len(values) // _MOST_POINTS))
-    low, high = _limits(values)
-    dots = axes.scatter(
-        *deformed[shown].T,
-        c=values[shown],
-        s=_dot_area(deformed[shown]),
-        vmin=low,
-        vmax=high,
-        edgecolors="none",
-        depthshade=False,
-        clip_on=False,
-    )
-    mark_missing(axes, deformed, values)
-    both = np.vstack([deformation.points, deformed])
-    low_corner, high_corner = both.min(axis=0), both.max(axis=0)
-    sides = np.maximum(high_corner - low_corner, 1e-6 * np.ptp(both))
-    axes.set(
-        xlim=(low_corner[0], low_corner[0] + sides[0]),
-        ylim=(low_corner[1], low_corner[1] + sides[1]),
-        zlim=(low_corner[2], low_corner[2] + sides[2]),
-    )
-    # A body that is thinnest along z is looked at along z, any other from the side
-    thin = sides[2] <= sides[:2].min()
-    axes.view_init(elev=20, azim=20 if thin else -60, vertical_axis="y" if thin else "z")
-    flat = sides[2] < _SHORT * sides.max()
-    axes.set_box_aspect(sides, zoom=1.15 if flat else 0.9)
-    for axis, side in zip((axes.xaxis, axes.yaxis, axes.zaxis), sides, strict=True):
-        short = side < _SHORT * sides.max()
-        axis.set_major_locator(FixedLocator([]) if short else MaxNLocator(4))
-        axis.set_pane_color((0.97, 0.97, 0.97))
-        axis.labelpad = 0.0 if short else 4.0 if thin else 8.0
-    return dots
-
-
-def _limits(values: F64) -> tuple[float, float]:
-    """Range without the outermost percent: singular edges do not eat the colours."""
-    low, high = np.nanpercentile(values, [1.0, 99.0])
-    margin = 1e-6 * max(abs(low), abs(high), 1e-12)
-    return float(low - margin), float(high + margin)
-
-
-def _dot_area(points: F64) -> float:
-    """Area of dots that nearly touch [point^2]; a panel is about 200 points high."""
-    sides = np.ptp(points, axis=0)
-    spacing = np.cbrt(np.prod(np.maximum(sides, 1e-9)) / len(points))
-    return float(np.clip((200.0 * spacing / sides.max()) ** 2, 2.0, 100.0))
-
-
-def _outline(points: F64) -> list[F64]:
-    """Edges of the convex hull, each of shape `(2, 3)`; rounded parts have none."""
-    try:
-        hull = ConvexHull(points)
-    except QhullError:
-        return []
-    edges = []
-    for facet, neighbours in enumerate(hull.neighbors):
-        for corner, other in enumerate(neighbours):
-            cosine = hull.equations[facet, :3] @ hull.equations[other, :3]
-            if facet < other and cosine < np.cos(np.radians(_EDGE_ANGLE)):
-                edges.append(points[np.delete(hull.simplices[facet], corner)])
-    return edges
 
 
 def probe_figure(

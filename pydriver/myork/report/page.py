@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,6 @@ from myork.report.beside import reduced_figure
 from myork.report.compare import compare_page
 from myork.report.frame import Section, figure, render
 from myork.report.numbers import fraction, number, probe_units
-from myork.report.off_screen import NoPictureError
 from myork.report.sketch import NO_VALUE
 from myork.report.sources import RunFolder, read_folder
 from myork.report.story import is_phantom, story
@@ -53,7 +52,7 @@ def make_report(folder: str | Path) -> Path:
     if (path / SWEEP_FILE).is_file():
         text = sweep_page(read_sweep(path), myork.__version__)
     else:
-        text = _page(read_folder(path))
+        text = _whole(lambda: _page(read_folder(path)), path)
     write_text(path / _NAME, text)
     return path / _NAME
 
@@ -73,8 +72,20 @@ def compare_runs(folders: Sequence[str | Path], out: str | Path | None = None) -
         raise InputError("a comparison needs two folders or more")
     page = Path(out or folders[0]) / "compare.html"
     page.parent.mkdir(parents=True, exist_ok=True)
-    write_text(page, compare_page(runs, myork.__version__))
+    write_text(page, _whole(lambda: compare_page(runs, myork.__version__), page.parent))
     return page
+
+
+def _whole(make: Callable[[], str], folder: Path) -> str:
+    """A page, or an error where the numbers of its files do not fit together."""
+    try:
+        return make()
+    except (
+        LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RuntimeError
+    ) as reason:  # fmt: skip
+        raise FileError(
+            f"{folder}: summary.json or another file is damaged: {reason!r}; run the command again"
+        ) from reason
 
 
 def _page(folder: RunFolder) -> str:
@@ -203,12 +214,11 @@ def _deformation(folder: RunFolder) -> list[Markup]:
     if deformation.label is None or len(tissues) != len(np.unique(deformation.label)):
         materials = folder.summary.get("deck", {}).get("material", [])
         tissues = [str(own.get("name", "")) for own in materials]
-    try:
-        shown = pictures.surface_figure(deformation, units, tissues)
-    except NoPictureError as reason:
-        shown = figures.cloud_figure(deformation, units)
-        caption = Markup("{} Points in place of the surface: {}.").format(caption, str(reason))
-    return [figure(shown, caption)]
+    if not len(deformation.surface):
+        caption = Markup("{} Points in place of the surface, which the file does not have.").format(
+            caption
+        )
+    return [figure(pictures.surface_figure(deformation, units, tissues), caption)]
 
 
 def _planes(folder: RunFolder) -> list[Markup]:
@@ -216,6 +226,8 @@ def _planes(folder: RunFolder) -> list[Markup]:
     deformation = folder.deformation
     if deformation is None or len(deformation.loads) < 2 or not np.ptp(deformation.points[:, 2]):
         return []
+    if not len(deformation.lattice):
+        return [Markup("<p>No planes: the file does not say how its points hang together.</p>")]
     shown = pictures.slices_figure(deformation, folder.summary.get("units", {}))
     return [figure(shown, Markup("Planes through the middle, undeformed. {}").format(_STROKES))]
 
@@ -297,11 +309,7 @@ def _reduced_fields(folder: RunFolder, models: Sequence[Mapping[str, Any]]) -> I
             number(model.get("e1"), 2),
             number(model.get("e2"), 2),
         )
-        try:
-            shown = figure(reduced_figure(fields, k, folder.summary.get("units", {})), told)
-        except NoPictureError as reason:
-            yield Markup("<p>No pictures of the fields: {}.</p>").format(str(reason))
-            return
+        shown = figure(reduced_figure(fields, k, folder.summary.get("units", {})), told)
         folded = "<details><summary>The same with {}</summary>{}</details>"
         yield shown if k == best else Markup(folded).format(modes, shown)
 

@@ -14,17 +14,17 @@ from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 
 from myork.report.numbers import unit_of
-from myork.report.off_screen import Panel, draw
+from myork.report.raster import Panel, draw
 from myork.report.sketch import (
     draw_bar,
     draw_ruler,
     draw_triad,
     limits_of,
-    mark_missing,
     rim_of,
+    seen_points,
+    shade_plane,
     views_of,
 )
-from myork.report.skin import outer_triangles, spacing_of
 from myork.report.sources import Deformation
 from myork.types import F64, I32
 
@@ -65,18 +65,12 @@ def surface_figure(
     Returns
     -------
     Figure
-        A picture a field and a view, with one scale for all.
-
-    Raises
-    ------
-    NoPictureError
-        VTK cannot draw here.
+        A picture a field and a view, with one scale for all; of points where there is no surface.
     """
     length = units.get("length", "?")
     points, moved = deformation.points, deformation.points + deformation.displacement
-    spacing = spacing_of(points)
-    triangles = outer_triangles(points, spacing)
-    seen = np.unique(triangles)
+    triangles = deformation.surface
+    seen = seen_points(triangles, len(points))
     size = np.linalg.norm(deformation.displacement, axis=1)
     none = np.empty((0, 2, 3))
     titles = [
@@ -203,7 +197,7 @@ def plane_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure:
     length = units.get("length", "?")
     points = deformation.points[:, :2]
     moved = points + deformation.displacement[:, :2]
-    triangles = outer_triangles(points, spacing_of(points))
+    triangles = deformation.surface
     size = np.linalg.norm(deformation.displacement, axis=1)
     both = np.ptp(np.vstack([points, moved]), axis=0)
     wide = both[0] > _WIDE * both[1]
@@ -256,12 +250,9 @@ def slices_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure:
     grid = figure.subplots(3, columns, height_ratios=heights, squeeze=False)
     size = np.linalg.norm(deformation.displacement, axis=1)
     for row, (a, b, normal) in zip(grid, _PLANES, strict=True):
-        kept, level = _plane(deformation.points, normal)
+        kept, triangles = _plane(deformation.lattice, normal)
         flat = deformation.points[kept][:, [a, b]]
-        try:
-            triangles = outer_triangles(flat, spacing_of(flat))
-        except ValueError:
-            triangles = np.empty((0, 3), np.int32)
+        level = float(np.median(deformation.points[kept, normal]))
         few = _thinned(flat)
         moves = deformation.displacement[kept][:, [a, b]]
         _map(figure, row[0], flat, triangles, size[kept])
@@ -289,30 +280,30 @@ def slices_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure:
 _PLANES = ((0, 1, 2), (0, 2, 1), (1, 2, 0))
 
 
-def _plane(points: F64, normal: int) -> tuple[NDArray[np.intp], float]:
-    """Points of the plane of points that is nearest to the middle, and where it is."""
-    spacing = spacing_of(points)[normal]
-    places = points[:, normal]
-    middle = 0.5 * (places.min() + places.max())
-    levels, counts = np.unique(np.round(places, 9), return_counts=True)
-    many = levels[counts > 0.2 * counts.max()]
-    level = float(many[np.argmin(np.abs(many - middle))])
-    return np.flatnonzero(np.abs(places - level) < 0.5 * spacing), level
+def _plane(lattice: I32, normal: int) -> tuple[NDArray[np.intp], I32]:
+    """Points of the middle plane of a lattice, and triangles between them."""
+    layer = lattice[:, normal]
+    kept = np.flatnonzero(layer == (int(layer.min()) + int(layer.max())) // 2)
+    places = np.delete(lattice[kept], normal, axis=1)
+    places = places - places.min(axis=0)
+    at = np.full(places.max(axis=0) + 1, -1, np.int32)
+    at[tuple(places.T)] = np.arange(len(kept))
+    square = np.stack([at[:-1, :-1], at[1:, :-1], at[1:, 1:], at[:-1, 1:]], axis=-1).reshape(-1, 4)
+    lost = square < 0
+    # halves of squares, or what is left of those that lack a corner
+    cut = [square[:, [0, 1, 2]], square[:, [0, 2, 3]],
+           square[lost[:, 2]][:, [0, 1, 3]], square[lost[:, 0]][:, [1, 2, 3]]]  # fmt: skip
+    triangles = np.concatenate(cut)
+    return kept, triangles[(triangles >= 0).all(axis=1)]
 
 
 def _map(figure: Figure, axes: Axes, places: F64, triangles: I32, values: F64) -> None:
     """Values on triangles, their bar beside them."""
-    low, high, ends = limits_of(values)
-    if len(triangles):
-        shape = Triangulation(places[:, 0], places[:, 1], triangles)
-        shade: Any = axes.tripcolor(shape, values, shading="gouraud", vmin=low, vmax=high)
-    else:
-        shade = axes.scatter(places[:, 0], places[:, 1], c=values, s=12, vmin=low, vmax=high)
-    mark_missing(axes, places, values)
-    axes.set_aspect("equal")
+    limits = limits_of(values)
+    shade = shade_plane(axes, places, triangles, values, limits)
     # beside the picture however wide it is
     place = axes.inset_axes((1.03, 0.0, 0.05, 1.0))
-    bar = figure.colorbar(shade, cax=place, extend=ends)
+    bar = figure.colorbar(shade, cax=place, extend=limits[2])
     bar.ax.ticklabel_format(useOffset=False)
     bar.ax.locator_params(nbins=6)
 

@@ -11,8 +11,9 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colorbar import Colorbar
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.tri import Triangulation
 
-from myork.types import F64, I32
+from myork.types import F64, I32, I64
 
 __all__ = [
     "NO_VALUE",
@@ -22,6 +23,8 @@ __all__ = [
     "limits_of",
     "mark_missing",
     "rim_of",
+    "seen_points",
+    "shade_plane",
     "views_of",
 ]
 
@@ -60,6 +63,31 @@ def mark_missing(axes: Any, places: F64, values: F64) -> None:
     missing = places[~np.isfinite(values)]
     if len(missing):
         axes.plot(*missing.T, "x", color=NO_VALUE, markersize=6, clip_on=False)
+
+
+def seen_points(triangles: I32, count: int) -> I64:
+    """Points of a surface; all of the body's where it is not known."""
+    return np.unique(triangles) if len(triangles) else np.arange(count)
+
+
+def shade_plane(
+    axes: Axes,
+    places: F64,
+    triangles: I32,
+    values: F64,
+    limits: tuple[float, float, str],
+    colours: str = "viridis",
+) -> Any:
+    """Values on triangles of a plane, or at its points where there are none."""
+    look: dict[str, Any] = {"vmin": limits[0], "vmax": limits[1], "cmap": colours}
+    if len(triangles):
+        shape = Triangulation(places[:, 0], places[:, 1], triangles)
+        shade: Any = axes.tripcolor(shape, values, shading="gouraud", **look)
+    else:
+        shade = axes.scatter(places[:, 0], places[:, 1], c=values, s=12, **look)
+    mark_missing(axes, places, values)
+    axes.set_aspect("equal")
+    return shade
 
 
 def views_of(sides: F64) -> list[F64]:

@@ -15,7 +15,6 @@ from myork.errors import FileError, MyorkError
 from myork.imaging.io import read_image, read_labels
 from myork.records import Image, Labels
 from myork.reduced_fields import REDUCED_FILE, ReducedFields, read_reduced
-from myork.report.structure import check_summary
 from myork.results import Results
 from myork.summary import SOLUTION, WAITING, read_summary
 from myork.types import F64, I32
@@ -51,6 +50,8 @@ class Deformation:
         J in the last step, shape `(np,)` [-].
     loads, activations : NDArray
         Load and activation of all steps, shape `(nstep,)` [-].
+    surface, lattice : NDArray
+        As in `Results`, without rows where they are not known.
     cauchy : NDArray or None
         Cauchy stress in the last step, shape `(np, 3, 3)` [force/length^2].
     fiber : NDArray or None
@@ -65,6 +66,8 @@ class Deformation:
     volume_ratio: F64
     loads: F64
     activations: F64
+    surface: I32
+    lattice: I32
     cauchy: F64 | None = None
     fiber: F64 | None = None
     label: I32 | None = None
@@ -159,46 +162,30 @@ def read_folder(path: Path) -> RunFolder:
 
 
 def _read_summary(path: Path) -> dict[str, Any]:
-    return check_summary(path, read_summary(path.parent))
+    return dict(_known(read_summary(path.parent)))
+
+
+def _known(value: Any) -> Any:
+    """The value without null entries of mappings."""
+    if isinstance(value, dict):
+        return {key: _known(own) for key, own in value.items() if own is not None}
+    return [_known(own) for own in value] if isinstance(value, list) else value
 
 
 def _read_history(path: Path) -> dict[str, NDArray[Any]]:
     """Columns as numbers, but for the names of solvers; an empty entry is not a number."""
     try:
-        text = path.read_bytes().decode("utf-8")
-        rows = list(csv.reader(text.splitlines(keepends=True), strict=True))
+        text = path.read_text(encoding="utf-8")
+        head, *rows = list(csv.reader(text.splitlines(), strict=True)) or [[]]
+        if not {"step", "load"} <= set(head) or not text.endswith("\n"):
+            raise ValueError("cut off, or without the columns step and load")
+        columns = zip(head, zip(*rows, strict=True), strict=True) if rows else ()
+        return {
+            name: np.array(own if name in _TEXTS else [float(entry or "nan") for entry in own])
+            for name, own in columns
+        }
     except (OSError, ValueError, csv.Error) as error:
-        raise FileError(f"{path}: cannot be read as CSV: {error}") from None
-    head = rows[0] if rows else []
-    if not {"step", "load"} <= set(head) or len(set(head)) < len(head):
-        raise FileError(f"{path}: damaged: its first line is no head with the columns step, load")
-    if not text.endswith("\n"):
-        raise FileError(f"{path}: cut off in the middle of its last line")
-    for line, row in enumerate(rows[1:], 2):
-        if len(row) != len(head):
-            raise FileError(f"{path}:{line}: {len(head)} entries are needed, not {len(row)}")
-    columns: dict[str, NDArray[Any]] = {}
-    if len(rows) == 1:
-        return columns
-    for name, *entries in zip(*rows, strict=True):
-        if name in _TEXTS:
-            columns[name] = np.array(entries)
-            continue
-        numbers = [_number_of(entry) for entry in entries]
-        if None in numbers:
-            line = numbers.index(None) + 2
-            raise FileError(f"{path}:{line}: {name}: {entries[line - 2]!r:.60} is not a number")
-        columns[name] = np.array(numbers, float)
-    return columns
-
-
-def _number_of(entry: str) -> float | None:
-    """Number of an entry, None where it is none: also one that cannot be drawn."""
-    try:
-        value = float(entry or "nan")
-    except ValueError:
-        return None
-    return value if not abs(value) > _LARGEST else None
+        raise FileError(f"{path}: damaged: {error}") from None
 
 
 def _read_deformation(path: Path) -> Deformation | None:
@@ -217,19 +204,12 @@ def _read_deformation(path: Path) -> Deformation | None:
             volume_ratio=results.field("J"),
             loads=results.loads,
             activations=results.activations,
+            surface=results.surface,
+            lattice=results.lattice,
             **others,
         )
-    n, steps = len(displacement), results.nstep
-    shapes: tuple[tuple[int, ...], ...]
-    shapes = ((n, 3), (n, 3), (n,), (n,), (steps,), (steps,), (n, 3, 3), (n, 3), (n,))
-    for (name, values), shape in zip(vars(found).items(), shapes, strict=True):
-        if values is None:
-            continue
-        sound = np.abs(values) <= _LARGEST
-        if name in _STRESSES:
-            sound |= np.isnan(values)
-        if values.shape != shape or not sound.all():
-            raise FileError(
-                f"{path}: {name}: finite numbers of shape {shape} are needed; the file is damaged"
-            )
+    for name, values in vars(found).items():
+        known = np.nan_to_num(values) if name in _STRESSES else values
+        if values is not None and not (np.abs(known) <= _LARGEST).all():
+            raise FileError(f"{path}: {name}: finite numbers are needed; the file is damaged")
     return found

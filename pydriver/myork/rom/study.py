@@ -328,6 +328,7 @@ def reduced_fields(scene: Scene, modes: Sequence[int], last: Sequence[Fields]) -
         np.array(modes),
         np.array([fields.u for fields in last]),
         np.array([fields.named["principal_stress"][:, 0] for fields in last]),
+        scene.surface(),
     )
 
 

@@ -14,7 +14,6 @@ import numpy as np
 from myork.core.changing import scene_at
 from myork.core.states import Fields
 from myork.errors import InputError
-from myork.report.skin import outer_triangles, point_distances
 from myork.rom.model import Batch, ReducedModel
 from myork.rom.probes import probe_columns
 from myork.types import F64
@@ -79,8 +78,7 @@ class Answers:
         self._open = lambda more: full.open(["load.steps=1", *more])
         self._scene = self._open([])
         points = self._scene.points()
-        triangles = outer_triangles(points, point_distances(points, self._scene.deck, full.cloud))
-        self._corners, renumbered = np.unique(triangles, return_inverse=True)
+        self._corners, renumbered = np.unique(self._scene.surface(), return_inverse=True)
         self.triangles = renumbered.reshape(-1, 3).astype(np.uint32)
         self._rest = np.zeros((len(self._corners), 3))
         self._rest[:, : points.shape[1]] = points[self._corners]
