@@ -20,14 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from benchmarks.voxel_bodies import strided_cloud
 from myork.bench.materials import MUSCLE
 from myork.bench.runs import outcome_text, solve_case
 from myork.bench.tables import table
 from myork.console import ProgressCallback
-from myork.core.deck import table_defaults
 from myork.core.scene import Scene
 from myork.imaging.phantom import make_phantom
-from myork.model.cloud import build_cloud
 from myork.records import Image, Labels, PointCloud
 
 __all__ = ["OLD", "YOUNG", "Muscle", "labelled", "run", "solve_muscle"]
@@ -214,9 +213,7 @@ def solve_muscle(
         `(2, nstep)`) [N].
     """
     labels, fiber = labelled(muscle)
-    strides = dict.fromkeys(("collocation_stride", "source_stride"), [block, block, 1])
-    table = {**table_defaults("build"), **strides, "ids": [1, 2, 3], "merge": "sample"}
-    cloud, _ = build_cloud(labels, fiber, table, "cm")
+    cloud = strided_cloud(labels, fiber, (block, block, 1), ids=[1, 2, 3], merge="sample")
     words = (f"load.steps={steps}", *overrides)
     case = solve_case(_TABLES, words, cloud=cloud)
     history = case.get("history", [])

@@ -17,8 +17,6 @@ from typing import Any
 import numpy as np
 
 import myork
-from benchmarks.truths import manufactured
-from benchmarks.truths.measures import observed_order
 from myork import Scene
 from myork.bench import exact
 from myork.bench.materials import RUBBER
@@ -147,33 +145,6 @@ def iterations(states: Any) -> int:
     return int(np.sum(states.iterations))
 
 
-def orders() -> None:
-    """Orders of the Galerkin form on a manufactured solution in the plane."""
-
-    def rows() -> Iterator[Row]:
-        for method, order, support in (
-            ("rkpm-gauss", 1, 2.0),
-            ("rkpm-gauss", 2, 3.0),
-            ("rkpm-scni", 1, 2.0),
-            ("rkpm-scni", 2, 3.0),
-        ):
-            problem = manufactured.Problem("muscle", 2, (50.0, 50.0), order, support, ())
-            cases = [manufactured.solve(problem, method, n) for n in (9, 17, 33)]
-            rates = [observed_order(cases, f"{what}_error") for what in ("u", "stress")]
-            last = cases[-1]
-            yield [
-                f"`{method}`",
-                f"{order}, {support:g}",
-                f"{last['u_error']:.1e}",
-                f"{rates[0]:.2f}",
-                f"{last['stress_error']:.1e}",
-                f"{rates[1]:.2f}",
-            ]
-
-    head = ("method", "order, support", "displacement, 33 points", "order", "stress", "order")
-    show(head, rows())
-
-
 def newton() -> None:
     """Iterations of all load steps by Gauss-Newton, Newton and what `auto` makes of them."""
     block = (
@@ -242,7 +213,7 @@ def wave() -> None:
 
 
 TABLES: dict[str, Callable[[], None]] = {
-    make.__name__: make for make in (walls, bulk, orders, newton, own_loads, wave)
+    make.__name__: make for make in (walls, bulk, newton, own_loads, wave)
 }
 
 

@@ -7,21 +7,19 @@ has no known answer: its force must not depend on the strides, and must be the s
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.voxel_bodies import strided_cloud
 from myork.bench.materials import MUSCLE
 from myork.bench.runs import read_deck
 from myork.bench.tables import Columns, table
 from myork.console import ProgressCallback
-from myork.core.deck import table_defaults
 from myork.core.scene import Scene
 from myork.imaging.phantom import make_phantom
-from myork.model.cloud import build_cloud
 from myork.records import Image, Labels, PointCloud
 
 __all__ = ["bar", "run", "solve_bar"]
@@ -109,16 +107,7 @@ def bar(voxel: float, angle: float) -> PointCloud:
         np.sin(lean) * np.sin(turn),
         np.cos(lean),
     ]
-    return _built(Labels(data, affine), Image(fiber, affine), (1, 1, 1), (2, 2, 2), [])
-
-
-def _built(
-    labels: Labels, fiber: Image, collocation: Sequence[int], source: Sequence[int], ids: list[int]
-) -> PointCloud:
-    """Points of some labels, or of all, with the strides of both lattices."""
-    strides = {"collocation_stride": list(collocation), "source_stride": list(source)}
-    table = {**table_defaults("build"), **strides, "ids": ids}
-    return build_cloud(labels, fiber, table, "cm")[0]
+    return strided_cloud(Labels(data, affine), Image(fiber, affine), source_stride=[2, 2, 2])
 
 
 def solve_bar(voxel: float, angle: float, order: int) -> dict[str, Any]:
@@ -158,7 +147,8 @@ def _solve_muscle(
 ) -> dict[str, Any]:
     """Solve the medial gastrocnemius of the phantom with some strides."""
     phantom = make_phantom()
-    cloud = _built(phantom.truth, phantom.fiber, collocation, source, [1])
+    strides = {"collocation_stride": list(collocation), "source_stride": list(source)}
+    cloud = strided_cloud(phantom.truth, phantom.fiber, ids=[1], **strides)
     probes = [{"name": "force", "quantity": "force_z", "set": "bottom"}]
     value, sections, volume = _solve(cloud, order, probes)
     middle = sections[2:-2]

@@ -18,13 +18,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from benchmarks.truths.deck_parts import deck, force, held
+from benchmarks.voxel_bodies import strided_cloud
 from myork.bench.materials import MUSCLE
 from myork.bench.runs import outcome_text, read_deck, solve_case
 from myork.bench.tables import Columns, plot, table
 from myork.console import ProgressCallback
-from myork.core.deck import table_defaults
 from myork.imaging.phantom import make_phantom
-from myork.model.cloud import build_cloud
 from myork.records import Image, PointCloud
 
 __all__ = ["gastrocnemius", "run"]
@@ -112,12 +111,7 @@ def gastrocnemius(block: int, fiber: ArrayLike | None = None) -> PointCloud:
     if fiber is not None:
         one = np.where(phantom.truth.data[..., np.newaxis] == 1, np.asarray(fiber), 0.0)
         fibers = Image(one, fibers.affine)
-    return _built(phantom.truth, fibers, block, {"ids": [1]})
-
-
-def _built(labels: Any, fibers: Image, block: int, keys: Mapping[str, Any]) -> PointCloud:
-    strides = dict.fromkeys(("collocation_stride", "source_stride"), [block, block, 1])
-    return build_cloud(labels, fibers, {**table_defaults("build"), **strides, **keys}, "cm")[0]
+    return strided_cloud(phantom.truth, fibers, (block, block, 1), ids=[1])
 
 
 def _direction_cases(block: int, progress: ProgressCallback) -> list[dict[str, Any]]:
@@ -176,7 +170,7 @@ def _section_cases(
     cases = []
     for block in blocks:
         progress(f"calf, blocks of {1.25 * block:g} mm")
-        cloud = _built(phantom.tissue, fiber, block, build)
+        cloud = strided_cloud(phantom.tissue, fiber, (block, block, 1), **build)
         words = ("load.activation=0.2", "load.steps=2") if quick else ()
         case = solve_case(tables, words, cloud=cloud, limit=1800.0)
         case |= {"name": f"blocks of {1.25 * block:g} mm", "block_mm": 1.25 * block}

@@ -1,11 +1,11 @@
-"""Manufactured solutions: observed orders of displacement and stress in both formulations."""
+"""Manufactured solutions: observed orders of displacement and stress, strong and weak forms."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
 
-from benchmarks.truths.manufactured import PROBLEMS, solve
+from benchmarks.truths.manufactured import PROBLEMS, Problem, solve
 from benchmarks.truths.measures import observed_order
 from myork.bench.runs import METHODS
 from myork.bench.tables import Columns, plot, table
@@ -13,6 +13,12 @@ from myork.console import ProgressCallback
 
 __all__ = ["run"]
 
+#: Problems of the Galerkin form, with linear and quadratic functions
+_WEAK = ("rkpm-gauss", "rkpm-scni")
+_SOFT = tuple(
+    Problem(f"2-D, K = 50, order {order}", 2, (50.0, 50.0), order, support, (9, 17, 33))
+    for order, support in ((1, 2.0), (2, 3.0))
+)
 _COLUMNS: Columns = (
     ("problem", "name"),
     ("method", "method"),
@@ -29,13 +35,14 @@ _COLUMNS: Columns = (
 
 
 def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
-    """Solve all problems at all sizes with both methods; see `myork.bench` for the result."""
+    """Solve all problems at all sizes; see `myork.bench` for the result."""
     cases: list[dict[str, Any]] = []
     # those in space take ten times as long
-    problems = PROBLEMS[: 2 if quick else None]
-    for number, problem in enumerate(problems):
-        progress(f"problem {number + 1}/{len(problems)}  {problem.name}")
-        for method in METHODS:
+    runs = [(problem, METHODS) for problem in PROBLEMS] + [(one, _WEAK) for one in _SOFT]
+    runs = runs[: 2 if quick else None]
+    for number, (problem, methods) in enumerate(runs):
+        progress(f"problem {number + 1}/{len(runs)}  {problem.name}")
+        for method in methods:
             own: list[dict[str, Any]] = []
             for n in problem.sizes[: 2 if quick else None]:
                 own.append(solve(problem, method, n) | {"curve": f"{problem.name}, {method}"})

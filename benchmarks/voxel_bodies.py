@@ -6,7 +6,7 @@ bodies lie off the lattice where they are curved, so that no count of voxels is 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,10 +16,10 @@ from benchmarks.truths.deck_parts import deck, force, held, probe
 from myork.bench.materials import MUSCLE, RUBBER
 from myork.core.deck import table_defaults
 from myork.model.cloud import build_cloud
-from myork.records import Labels, PointCloud
+from myork.records import Image, Labels, PointCloud
 from myork.types import F64
 
-__all__ = ["BODIES", "Body", "body_cloud", "box_tables"]
+__all__ = ["BODIES", "Body", "body_cloud", "box_tables", "strided_cloud"]
 
 
 class Body(NamedTuple):
@@ -78,7 +78,27 @@ def body_cloud(body: Body, voxel: float) -> PointCloud:
     affine = np.diag([10 * fine] * 3 + [1.0])
     affine[:3, 3] = [10 * axis[0] for axis in axes]
     labels = Labels(filled.astype(np.int32), affine)
-    return build_cloud(labels, None, table_defaults("build"), "cm")[0]
+    return strided_cloud(labels, None)
+
+
+def strided_cloud(
+    labels: Labels, fiber: Image | None, stride: Sequence[int] = (), **keys: Any
+) -> PointCloud:
+    """Points of a label map as `build` makes them.
+
+    Parameters
+    ----------
+    labels : Labels
+        Label map.
+    fiber : Image or None
+        Fibers on the same grid.
+    stride : sequence of int
+        Voxels along the edges of a block, which is a source and a collocation point.
+    **keys
+        Of `[build]`.
+    """
+    strides = dict.fromkeys(("collocation_stride", "source_stride"), list(stride)) if stride else {}
+    return build_cloud(labels, fiber, {**table_defaults("build"), **strides, **keys}, "cm")[0]
 
 
 def box_tables(body: Body) -> dict[str, Any]:

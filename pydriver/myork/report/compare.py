@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 from markupsafe import Markup
-from matplotlib.figure import Figure
 
 from myork.errors import FileError
 from myork.report.beside import compared_figure
 from myork.report.figures import COLOURS, DASHES, MARKERS
 from myork.report.frame import Section, figure, render, table
 from myork.report.numbers import DASH, fraction, labelled, number, probe_units, with_error
+from myork.report.sketch import panels_of
 from myork.report.sources import RunFolder
 from myork.report.story import Answer
 from myork.summary import printed, read_summary
@@ -192,13 +192,10 @@ def _curves(runs: Sequence[RunFolder], names: Sequence[str]) -> Iterator[Markup]
     }
     if not units:
         return
-    columns = min(len(units), 3)
-    rows = -(-len(units) // columns)
-    drawn = Figure(figsize=(11.0 if columns > 1 else 6.5, 3.4 * rows), layout="constrained")
-    panels = drawn.subplots(rows, columns, squeeze=False).ravel()
+    drawn, panels = panels_of(len(units))
     active = any(step.get("activation") for run in runs for step in run.summary["steps"])
     across = "activation" if active else "load"
-    for axes, (name, unit) in zip(panels, units.items(), strict=False):
+    for axes, (name, unit) in zip(panels, units.items(), strict=True):
         for k, run in enumerate(runs):
             steps = [
                 step
@@ -215,9 +212,6 @@ def _curves(runs: Sequence[RunFolder], names: Sequence[str]) -> Iterator[Markup]
                 label=names[k],
             )  # fmt: skip
         axes.set(xlabel=f"{across} [-]", ylabel=labelled(name, unit))
-        axes.grid(color="#E5E5E5")
-    for axes in panels[len(units) :]:
-        axes.set_visible(False)
     handles, labels = panels[0].get_legend_handles_labels()
     drawn.legend(handles, labels, loc="outside upper center", ncols=4, frameon=False)
     yield figure(drawn, "Probes of all runs with their error bars.")

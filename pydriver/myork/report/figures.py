@@ -15,6 +15,7 @@ from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator
 from numpy.typing import NDArray
 
 from myork.report.numbers import labelled
+from myork.report.sketch import panels_of
 from myork.report.tables import MODEL_KINDS
 from myork.types import F64
 
@@ -55,12 +56,9 @@ def probe_figure(
     Figure
         One panel for each probe.
     """
-    columns = min(len(units), 3)
-    rows = -(-len(units) // columns)
-    figure = Figure(figsize=(11.0 if columns > 1 else 6.5, 3.4 * rows), layout="constrained")
+    figure, panels = panels_of(len(units))
     across = "activation" if any(step.get("activation") for step in steps) else "load"
-    for panel, (name, unit) in enumerate(units.items(), start=1):
-        axes = figure.add_subplot(rows, columns, panel)
+    for axes, (name, unit) in zip(panels, units.items(), strict=True):
         shown = [step for step in steps if name in step.get("probes", {})]
         places = np.array([step.get(across) for step in shown], dtype=float)
         values = _as_columns([step["probes"][name] for step in shown])
@@ -91,7 +89,6 @@ def probe_figure(
                 color=COLOURS[1], label="exact",
             )  # fmt: skip
         axes.set(xlabel=f"{across} [-]", ylabel=labelled(name, unit))
-        axes.grid(color="#E5E5E5")
         if len(axes.lines) > 1:
             axes.legend(frameon=False, fontsize="small")
     return figure
@@ -240,9 +237,8 @@ def rom_probe_figure(
         One panel for each probe.
     """
     names = [name for name in full.get("probes", {}) if name in units][:3]
-    figure = Figure(figsize=(11.0 if len(names) > 1 else 6.5, 3.6), layout="constrained")
-    for panel, name in enumerate(names, start=1):
-        axes = figure.add_subplot(1, len(names), panel)
+    figure, panels = panels_of(len(names), 3.6)
+    for axes, name in zip(panels, names, strict=True):
         axes.plot(full["load"], _as_columns(full["probes"][name]), color="black", label="full")
         for number, model in enumerate(models):
             values = model.get("probes", {}).get(name)
@@ -254,8 +250,7 @@ def rom_probe_figure(
                     label=f"{MODEL_KINDS.get(model['kind'], model['kind'])}, r = {model['r']}",
                 )  # fmt: skip
         axes.set(xlabel="load [-]", ylabel=labelled(name, units[name]))
-        axes.grid(color="#E5E5E5")
-    handles, labels = figure.axes[0].get_legend_handles_labels()
+    handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=5, frameon=False)
     return figure
 

@@ -22,6 +22,7 @@ __all__ = [
     "draw_triad",
     "limits_of",
     "mark_missing",
+    "panels_of",
     "rim_of",
     "seen_points",
     "shade_plane",
@@ -63,6 +64,19 @@ def mark_missing(axes: Any, places: F64, values: F64) -> None:
     missing = places[~np.isfinite(values)]
     if len(missing):
         axes.plot(*missing.T, "x", color=NO_VALUE, markersize=6, clip_on=False)
+
+
+def panels_of(count: int, height: float = 3.4, **keys: Any) -> tuple[Figure, list[Axes]]:
+    """A figure with so many panels, three in a row; keys are those of `subplots`."""
+    columns = min(count, 3)
+    rows = -(-count // columns)
+    figure = Figure(figsize=(11.0 if columns > 1 else 6.5, height * rows), layout="constrained")
+    found = figure.subplots(rows, columns, squeeze=False, **keys).ravel()
+    for axes in found:
+        axes.grid(color="#E5E5E5")
+    for axes in found[count:]:
+        axes.set_visible(False)
+    return figure, list(found[:count])
 
 
 def seen_points(triangles: I32, count: int) -> I64:

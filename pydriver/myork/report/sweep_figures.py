@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from myork.report.numbers import labelled
+from myork.report.sketch import panels_of
 from myork.types import F64
 
 __all__ = ["VERDICTS", "Column", "Fit", "response_figure", "tornado_figure", "trend_figure"]
@@ -161,14 +162,11 @@ def trend_figure(keys: Sequence[Column], probe: Column, verdicts: Sequence[str])
     verdicts : sequence of str
         Of each point.
     """
-    columns = min(len(keys), 3)
-    rows = -(-len(keys) // columns)
-    figure = Figure(figsize=(11.0 if columns > 1 else 6.5, 3.4 * rows), layout="constrained")
-    panels = figure.subplots(rows, columns, squeeze=False, sharey=True).ravel()
+    figure, panels = panels_of(len(keys), sharey=True)
     y = np.array(probe.values, float)
     bars = np.array(probe.errors or np.full(len(y), np.nan), float)
     told = np.array(verdicts)
-    for axes, key in zip(panels, keys, strict=False):
+    for axes, key in zip(panels, keys, strict=True):
         x = key.numbers()
         if x is None:
             words = list(dict.fromkeys(map(str, key.values)))
@@ -186,10 +184,7 @@ def trend_figure(keys: Sequence[Column], probe: Column, verdicts: Sequence[str])
                     markersize=4.5, elinewidth=0.8, label=verdict,
                 )  # fmt: skip
         axes.set_xlabel(key.name)
-        axes.grid(color="#E5E5E5")
-    for axes in panels[len(keys) :]:
-        axes.set_visible(False)
-    for axes in panels[::columns]:
+    for axes in panels[::3]:
         axes.set_ylabel(labelled(probe.name, probe.unit))
     handles, names = panels[0].get_legend_handles_labels()
     figure.legend(handles, names, loc="outside upper right", ncols=4, frameon=False)

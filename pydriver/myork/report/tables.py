@@ -161,13 +161,14 @@ def rom_table(models: Sequence[Mapping[str, Any]]) -> Markup:
                 number(model.get("speedup_vs_dgels"), 3),
             )
         )
-    # Quantities that no model reports are left out
-    shown = [place for place in range(len(head)) if any(row[place] != DASH for row in rows)]
-    return table(
-        [head[place] for place in shown],
-        [[row[place] for place in shown] for row in rows],
-        "Reduced models against the full solution",
-    )
+    return _known(head, rows, 0, "Reduced models against the full solution")
+
+
+def _known(head: Sequence[str], rows: Sequence[Sequence[str]], first: int, caption: str) -> Markup:
+    """A table without the columns, from one on, in which all entries are dashes."""
+    shown = [k for k in range(len(head)) if k < first or any(row[k] != DASH for row in rows)]
+    kept = [[row[k] for k in shown] for row in rows]
+    return table([head[k] for k in shown], kept, caption)
 
 
 def orientation_table(evidence: Sequence[Mapping[str, Any]], shown: int = 4) -> Markup:
@@ -195,40 +196,21 @@ def orientation_table(evidence: Sequence[Mapping[str, Any]], shown: int = 4) -> 
 
 def label_table(segmentation: Mapping[str, Any], units: Mapping[str, str]) -> Markup:
     """Size and, where the truth is known, scores of each label."""
-    scores = segmentation.get("scores", {})
-    names = dict.fromkeys([*segmentation.get("labels", {}), *scores])
-    rows: list[tuple[str, ...]] = []
-    for name in names:
-        label, score = segmentation.get("labels", {}).get(name, {}), scores.get(name, {})
-        rows.append(
-            (
-                name,
-                number(label.get("pixels")),
-                number(label.get("volume")),
-                number(score.get("dice"), 3),
-                number(score.get("pcc"), 3),
-            )
-        )
+    labels, scores = segmentation.get("labels", {}), segmentation.get("scores", {})
+    digits = {"pixels": 4, "volume": 4, "dice": 3, "pcc": 3, "fat_fraction": 3,
+              "volume_of_parts": 4}  # fmt: skip
     unit = unit_of(units, "volume")
-    head: tuple[str, ...] = ("label", "voxels", f"volume [{unit}]", "Dice [-]", "PCC [-]")
-    labels = segmentation.get("labels", {})
-    if any(label.get("fat_fraction") is not None for label in labels.values()):
-        head = (*head, "fraction of fat [-]")
-        rows = [
-            (*row, number(labels.get(name, {}).get("fat_fraction"), 3))
-            for name, row in zip(names, rows, strict=True)
-        ]
-    if any(label.get("volume_of_parts") is not None for label in labels.values()):
-        head = (*head, f"volume of parts [{unit}]")
-        rows = [
-            (*row, number(labels.get(name, {}).get("volume_of_parts")))
-            for name, row in zip(names, rows, strict=True)
-        ]
+    head = ("label", "voxels", f"volume [{unit}]", "Dice [-]", "PCC [-]", "fraction of fat [-]",
+            f"volume of parts [{unit}]")  # fmt: skip
+    rows = []
+    for name in dict.fromkeys([*labels, *scores]):
+        own = {**labels.get(name, {}), **scores.get(name, {})}
+        rows.append([name, *(number(own.get(key), n) for key, n in digits.items())])
     caption = "Labels of the segmentation (a dash: no truth to score against)"
     maps = segmentation.get("maps") or {}
     if maps:
         caption += "; maps in this folder: " + ", ".join(maps.values())
-    return table(head, rows, caption)
+    return _known(head, rows, 5, caption)
 
 
 def timing_table(timings: Mapping[str, Any], memory: Any) -> Markup:
