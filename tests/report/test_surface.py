@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.voxel_bodies import BODIES, body_cloud
 from myork.core.scene import Scene
-from myork.report.raster import Panel, draw
+from myork.report.raster import Panel, picture_of
 from myork.types import F64, I32
 from tests.report.grids import lattice_of, surface_of
 
@@ -94,9 +94,10 @@ def picture(triangles: I32) -> F64:
     """A sheet of three tissues in the plane of the picture."""
     points = np.stack([a.ravel() for a in np.meshgrid(*[np.arange(9.0)] * 2, [0.0])], axis=1)
     label = np.where(points[:, 0] < 4, 0.0, np.where(points[:, 0] < 7, 2.0, 1.0))
-    panel = Panel(points, label, (-0.5, 2.5), "#FF0000,#00FF00,#0000FF", np.empty((0, 2, 3)))
+    ends = (-0.5, 2.5, "neither")
+    panel = Panel(points, points, triangles, label, ends, "#FF0000,#00FF00,#0000FF")
     middle, half = np.array([3.5, 4.0, 0.0]), np.array([2.0, 4.0])  # 0 and 2 meet in it
-    return draw([panel], triangles, points, [np.eye(3)], middle, half)[0][0].astype(float)
+    return picture_of(panel, np.eye(3), middle, half).astype(float)
 
 
 def test_no_third_colour_between_two_tissues() -> None:
@@ -119,8 +120,7 @@ def test_what_is_nearer_hides_what_is_behind() -> None:
     """The front of a block is seen, not its back, and a stroke inside it is hidden."""
     points = np.stack([a.ravel() for a in np.meshgrid(*[np.arange(5.0)] * 3)], axis=1)
     stroke = np.array([[[1.0, 2.0, 2.0], [3.0, 2.0, 2.0]]])
-    panel = Panel(points, points[:, 2], (0.0, 4.0), "gray", stroke)
-    surface = surface_of(lattice_of(points))
-    middle, half = np.full(3, 2.0), np.full(2, 1.5)
-    front = draw([panel], surface, points, [np.eye(3)], middle, half)[0][0]
+    surface, ends = surface_of(lattice_of(points)), (0.0, 4.0, "neither")
+    panel = Panel(points, points, surface, points[:, 2], ends, "gray", stroke)
+    front = picture_of(panel, np.eye(3), np.full(3, 2.0), np.full(2, 1.5))
     assert front.min() == front.max() > 200

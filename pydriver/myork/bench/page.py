@@ -12,14 +12,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
 from myork.files import write_text
+from myork.report.figures import COLOURS, MARKERS
 from myork.report.frame import Section, figure, render, table
 from myork.report.numbers import DASH, number
 
 __all__ = ["write_page"]
 
-# Okabe and Ito's palette; curves differ in marker as well
-_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
-_MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">")
 _RIVAL = "#777777"
 #: Letters of a sentence, which makes a column too wide
 _LONG = 44
@@ -116,10 +114,10 @@ def _curves(plot: Mapping[str, Any]) -> Figure:
         axes.plot(
             curve["x"],
             curve["y"],
-            color=_RIVAL if rival else _COLOURS[own % len(_COLOURS)],
-            marker="*" if rival else _MARKERS[own % len(_MARKERS)],
+            color=_RIVAL if rival else COLOURS[own % len(COLOURS)],
+            marker="*" if rival else MARKERS[own % len(MARKERS)],
             markersize=9 if rival else 5.5,
-            linestyle="--" if rival or own >= len(_COLOURS) else "-",
+            linestyle="--" if rival or own >= len(COLOURS) else "-",
             linewidth=1.6,
             label=curve["name"],
         )

@@ -14,14 +14,14 @@ from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 
 from myork.report.numbers import unit_of
-from myork.report.raster import Panel, draw
+from myork.report.raster import Panel, show
 from myork.report.sketch import (
     draw_bar,
     draw_ruler,
     draw_triad,
+    frame_of,
     limits_of,
     rim_of,
-    seen_points,
     shade_plane,
     views_of,
 )
@@ -69,39 +69,33 @@ def surface_figure(
     """
     length = units.get("length", "?")
     points, moved = deformation.points, deformation.points + deformation.displacement
-    triangles = deformation.surface
-    seen = seen_points(triangles, len(points))
+    body = Panel(points, moved, deformation.surface)
     size = np.linalg.norm(deformation.displacement, axis=1)
-    none = np.empty((0, 2, 3))
     titles = [
         "displacement |u| " + f"[{length}]",
         f"largest principal stress [{unit_of(units, 'stress')}]",
     ]
-    limits = [limits_of(values[seen]) for values in (size, deformation.stress)]
     panels = [
-        Panel(moved, values, own[:2], "viridis", none)
-        for values, own in zip((size, deformation.stress), limits, strict=True)
+        body._replace(values=values, limits=limits_of(values[body.seen]))
+        for values in (size, deformation.stress, deformation.volume_ratio)
     ]
     labels = _labels(deformation)
     fibers = deformation.fiber is not None and bool(np.any(deformation.fiber))
     if fibers or len(labels) > 1:
-        strokes = _strokes(deformation, seen) if fibers else none
-        ends = (-0.5, max(len(labels), 1) - 0.5)
-        panels.append(Panel(points, _tissues(deformation), ends, _tissue_map(len(labels)), strokes))
+        panels[2] = Panel(
+            points, points, deformation.surface, _tissues(deformation),
+            (-0.5, max(len(labels), 1) - 0.5, "neither"), _tissue_map(len(labels)),
+            _strokes(deformation, body.seen) if fibers else body.strokes,
+        )  # fmt: skip
         titles.append("fibers and tissue, undeformed" if fibers else "tissue, undeformed")
     else:
-        limits.append(limits_of(deformation.volume_ratio[seen]))
-        panels.append(Panel(moved, deformation.volume_ratio, limits[-1][:2], "viridis", none))
         titles.append("volume ratio J [-]")
     both = np.vstack([points, moved])
     views = views_of(np.ptp(both, axis=0))
-    middle = 0.5 * (both.min(axis=0) + both.max(axis=0))
-    spread = np.abs(np.array([view[:2] @ (both - middle).T for view in views])).max(axis=(0, 2))
-    half = 1.06 * np.maximum(spread, 0.15 * spread.max())
-    pictures = draw(panels, triangles, points, views, middle, half)
-    figure = _board(pictures, titles, half, views, length)
-    for number, title in enumerate(titles):
-        axes = [a for a in figure.axes if a.get_gid() == f"panel {number}"]
+    middle, half = frame_of(both, views)
+    figure, grid = _board(panels, titles, views, middle, half)
+    draw_ruler(grid[0, 0], half, length)
+    for panel, axes, title in zip(panels, grid, titles, strict=True):
         if title.endswith("undeformed"):
             names = [tissues[k] if k < len(tissues) else f"label {k}" for k in range(len(labels))]
             if len(labels) > 1:
@@ -114,7 +108,7 @@ def surface_figure(
                     frameon=False, fontsize="small", ncols=2,
                 )  # fmt: skip
             continue
-        draw_bar(figure, axes, limits[number], wide=half[0] > _WIDE * half[1])
+        draw_bar(figure, list(axes), panel.limits, wide=half[0] > _WIDE * half[1])
     return figure
 
 
@@ -147,36 +141,24 @@ def _strokes(deformation: Deformation, seen: NDArray[Any]) -> F64:
 
 
 def _board(
-    pictures: list[list[NDArray[np.uint8]]],
-    titles: Sequence[str],
-    half: F64,
-    views: Sequence[F64],
-    length: str,
-) -> Figure:
-    """Pictures side by side, with the axes and a length in the first."""
-    wide = half[0] > _WIDE * half[1]
-    kinds, count = len(pictures), len(views)
-    tall = float(half[1] / half[0])
-    if wide:
+    panels: Sequence[Panel], titles: Sequence[str], views: Sequence[F64], middle: F64, half: F64
+) -> tuple[Figure, NDArray[np.object_]]:
+    """Pictures side by side, with the coordinate axes in the first; axes by panel and view."""
+    kinds, count, tall = len(panels), len(views), float(half[1] / half[0])
+    if half[0] > _WIDE * half[1]:
         figure = Figure(figsize=(11.0, kinds * (5.0 * tall + 0.5) + 0.3), layout="constrained")
         grid = figure.subplots(kinds, count, squeeze=False)
     else:
         high = min(5.4 * tall / max(1.0, tall), 4.6)
         figure = Figure(figsize=(11.0, count * high + 1.0), layout="constrained")
         grid = figure.subplots(count, kinds, squeeze=False).T
-    extent = (-half[0], half[0], -half[1], half[1])
-    for number, row in enumerate(pictures):
-        for view, picture in enumerate(row):
-            axes = grid[number, view]
-            axes.imshow(picture, extent=extent, interpolation="antialiased")
-            axes.set_axis_off()
-            axes.set_gid(f"panel {number}")
-            if view == 0:
-                axes.set_title(titles[number], fontsize=10)
-            if number == 0:
-                draw_triad(axes, views[view], half)
-    draw_ruler(grid[0, 0], half, length)
-    return figure
+    for panel, row, title in zip(panels, grid, titles, strict=True):
+        row[0].set_title(title, fontsize=10)
+        for axes, view in zip(row, views, strict=True):
+            show(axes, panel, view, middle, half)
+    for axes, view in zip(grid[0], views, strict=True):
+        draw_triad(axes, view, half)
+    return figure, grid
 
 
 def plane_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure:

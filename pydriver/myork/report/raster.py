@@ -6,15 +6,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib import colormaps
+from matplotlib.axes import Axes
 from matplotlib.colors import Colormap, ListedColormap, to_rgb
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from myork.report.sketch import NO_VALUE
-from myork.types import F64, I32
+from myork.types import F64, I32, I64
 
-__all__ = ["Panel", "draw"]
+__all__ = ["Panel", "picture_of", "show"]
 
 #: Pixels of the longer side of a picture, and those that make one of these along each side
 _SIDE, _FINE = 520, 2
@@ -31,70 +32,73 @@ _LIFT = 0.012
 
 
 class Panel(NamedTuple):
-    """What is drawn of a body in all views.
+    """What is drawn of a body.
 
     Attributes
     ----------
-    positions : NDArray
-        Places of the points, shape `(n, 3)` [length].
+    rest, positions : NDArray
+        Undeformed points, whose edges are drawn grey, and their places, shape `(n, 3)` [length].
+    triangles : NDArray
+        Surface, shape `(m, 3)`; where there is none, points are drawn.
     values : NDArray
-        What colours them, shape `(n,)`.
-    limits : tuple of float
-        Values at the ends of the colours.
+        What colours the points, shape `(n,)`.
+    limits : tuple
+        Values at the ends of the colours, and which of them values pass, as of `limits_of`.
     colours : str
         Name of a colour map of matplotlib, or colours between commas.
     strokes : NDArray
-        Ends of strokes on the body, shape `(m, 2, 3)` [length]; may be empty.
+        Ends of strokes on the body, shape `(k, 2, 3)` [length].
     """
 
+    rest: F64
     positions: F64
-    values: F64
-    limits: tuple[float, float]
-    colours: str
-    strokes: F64
+    triangles: I32
+    values: F64 = np.empty(0)
+    limits: tuple[float, float, str] = (0.0, 1.0, "neither")
+    colours: str = "viridis"
+    strokes: F64 = np.empty((0, 2, 3))
+
+    @property
+    def seen(self) -> I64:
+        """Points of the surface; all where it is not known."""
+        return np.unique(self.triangles) if len(self.triangles) else np.arange(len(self.rest))
 
 
-def draw(
-    panels: list[Panel], triangles: I32, rest: F64, views: list[F64], middle: F64, half: F64
-) -> list[list[NDArray[np.uint8]]]:
-    """Pictures of each panel in each view, by parallel projection about a common centre.
+def show(axes: Axes, panel: Panel, view: F64, middle: F64, half: F64) -> None:
+    """Put a picture into axes without a frame; arguments as of `picture_of`."""
+    extent = (-half[0], half[0], -half[1], half[1])
+    axes.imshow(picture_of(panel, view, middle, half), extent=extent, interpolation="antialiased")
+    axes.set_axis_off()
+
+
+def picture_of(panel: Panel, view: F64, middle: F64, half: F64) -> NDArray[np.uint8]:
+    """A body by parallel projection.
 
     Parameters
     ----------
-    panels : list of Panel
+    panel : Panel
         What is drawn.
-    triangles : I32
-        Surface of the body, shape `(m, 3)`; where there is none, points are drawn.
-    rest : F64
-        Undeformed points, whose edges are drawn grey, shape `(n, 3)` [length].
-    views : list of F64
-        Directions to the right and upwards in the picture and towards the reader, each of
-        shape `(3, 3)`.
+    view : F64
+        Directions to the right and upwards in the picture and towards the reader, shape `(3, 3)`.
     middle : F64
-        Place in the middle of all pictures, shape `(3,)` [length].
+        Place in the middle of the picture, shape `(3,)` [length].
     half : F64
-        Half the width and height of a picture [length].
+        Half its width and height [length].
 
     Returns
     -------
-    list of list of NDArray
-        Pictures by panel and view, each of shape `(height, width, 3)`.
+    NDArray
+        Pixels, shape `(height, width, 3)`.
     """
-    edges = rest[_edges(rest, triangles, float(half.min()))]
-    found = []
-    for panel in panels:
-        row = []
-        for view in views:
-            picture = _Picture(view, middle, half)
-            if len(triangles):
-                picture.add_triangles(panel, triangles)
-            else:
-                picture.add_points(panel)
-            picture.add_strokes(edges, "#888888", 1.0)
-            picture.add_strokes(panel.strokes, "#222222", 1.5)
-            row.append(picture.pixels())
-        found.append(row)
-    return found
+    picture = _Picture(view, middle, half)
+    if len(panel.triangles):
+        picture.add_triangles(panel)
+    else:
+        picture.add_points(panel)
+    edges = _edges(panel.rest, panel.triangles, float(half.min()))
+    picture.add_strokes(panel.rest[edges], "#888888", 1.0)
+    picture.add_strokes(panel.strokes, "#222222", 1.5)
+    return picture.pixels()
 
 
 class _Picture:
@@ -131,8 +135,9 @@ class _Picture:
         self.depth[pixels] = place[last[pixels], 2]
         return pixels, last[pixels]
 
-    def add_triangles(self, panel: Panel, triangles: I32) -> None:
+    def add_triangles(self, panel: Panel) -> None:
         """The sides of triangles that face the reader."""
+        triangles = panel.triangles
         light = _normals(panel.positions, triangles) @ _unit(self.view[2] + _ABOVE * self.view[1])
         corners = self.seen(panel.positions)[triangles]
         a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
@@ -193,7 +198,7 @@ def _coloured(panel: Panel, values: F64) -> F64:
         if panel.colours.startswith("#")
         else colormaps[panel.colours]
     )
-    low, high = panel.limits
+    low, high, _ = panel.limits
     share = np.ma.masked_invalid((values - low) / (high - low))
     return np.asarray(named.with_extremes(bad=NO_VALUE)(share))[:, :3]
 

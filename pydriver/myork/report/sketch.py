@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,18 +14,18 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 
-from myork.types import F64, I32, I64
+from myork.types import F64, I32
 
 __all__ = [
     "NO_VALUE",
     "draw_bar",
     "draw_ruler",
     "draw_triad",
+    "frame_of",
     "limits_of",
     "mark_missing",
     "panels_of",
     "rim_of",
-    "seen_points",
     "shade_plane",
     "views_of",
 ]
@@ -79,9 +80,11 @@ def panels_of(count: int, height: float = 3.4, **keys: Any) -> tuple[Figure, lis
     return figure, list(found[:count])
 
 
-def seen_points(triangles: I32, count: int) -> I64:
-    """Points of a surface; all of the body's where it is not known."""
-    return np.unique(triangles) if len(triangles) else np.arange(count)
+def frame_of(points: F64, views: Sequence[F64]) -> tuple[F64, F64]:
+    """Middle of points, and half the width and height that show them in all views."""
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    spread = np.abs(np.array([view[:2] @ (points - middle).T for view in views])).max(axis=(0, 2))
+    return middle, 1.06 * np.maximum(spread, 0.15 * spread.max())
 
 
 def shade_plane(
