@@ -3,6 +3,7 @@
 An edit is (what is done, where, with what). Places beyond the end count on from the beginning.
 """
 
+import contextlib
 import io
 import re
 import warnings
@@ -15,6 +16,8 @@ import pydicom
 from hypothesis import HealthCheck, Phase, reject, settings
 from hypothesis import strategies as st
 from nibabel.nifti1 import header_dtype
+
+from myork.rom import store
 
 Edit = tuple[str, int, Any]
 Way = Callable[[bytes, int, Any], bytes]
@@ -49,6 +52,27 @@ ARRAYS: dict[str, Callable[[np.ndarray], Any]] = {
     "single": lambda v: np.ones(v.shape, "f4"),
     "beyond": lambda v: np.full(v.shape, 2**33),
 }
+#: More of them, for the files of which every array is checked
+ODD_ARRAYS: dict[str, Callable[[np.ndarray], Any]] = {
+    **ARRAYS,
+    "negated": np.negative,
+    "shuffled": lambda v: np.random.default_rng(1).permutation(v.ravel()).reshape(v.shape),
+    "last axis less": lambda v: v[..., :-1],
+    "texts of any length": lambda v: np.array(["x"], h5py.string_dtype()),
+    "opaque": lambda v: np.zeros(v.shape, "V3"),
+    "nothing": lambda v: h5py.Empty("f8"),
+    "logical": lambda v: np.zeros(v.shape, bool),
+    "link": lambda v: h5py.SoftLink("/nowhere"),
+    "another file": lambda v: h5py.ExternalLink("/dev/zero", "/x"),
+    **{kind: lambda v, kind=kind: v.astype(kind) for kind in (
+        "f2", "f4", ">f8", "f16", "i1", "i4", "i8", "u8")},
+}  # fmt: skip
+#: What is done to an array as a whole
+MOVES = ("compressed", "exchanged", "group", "one more array")
+ATTRIBUTES: tuple[Any, ...] = (
+    None, 3.0, np.array([b"myork"] * 1000), np.array(["x" * 5000] * 3, h5py.string_dtype()),
+    np.bytes_(b"m" * 60_000), "Länge", h5py.Empty("S5"),
+)  # fmt: skip
 ELEMENTS = (
     "ImagePositionPatient", "ImageOrientationPatient", "PixelSpacing", "Rows", "Columns",
     "SamplesPerPixel", "NumberOfFrames", "BitsAllocated", "PixelData", "RescaleSlope",
@@ -140,22 +164,78 @@ def _array(content: bytes, place: int, what: str | tuple[int, float]) -> bytes:
         with h5py.File(stream, "r+") as file:
             names: list[str] = []
             file.visit(names.append)
-            name = names[place % len(names)]
+            name, other = (names[k % len(names)] for k in (place, place // len(names)))
             values = file[name][()] if isinstance(file[name], h5py.Dataset) else np.zeros(0)
-            del file[name]
-            if what == "beyond" and values.ndim > 1:  # more than there is on any disk
-                file.create_dataset(name, (2**40, 8), chunks=(1000, 8), dtype=float)
-            elif (new := _other(values, what)) is not None:
-                file[name] = new
+            if what == "one more array":
+                file[f"{name} more"] = np.ones(3)
+            elif what == "exchanged":
+                file.move(name, "kept")
+                if other != name:
+                    file.move(other, name)
+                file.move("kept", other)
+            else:
+                del file[name]
+                if what == "group":
+                    file.create_group(name)
+                elif what == "compressed":
+                    file.create_dataset(name, data=values, compression="gzip")
+                elif what == "beyond" and values.ndim > 1:  # more than there is on any disk
+                    file.create_dataset(name, (2**40, 8), chunks=(1000, 8), dtype=float)
+                elif (new := _other(values, what)) is not None:
+                    file[name] = new
+            sign(file)
         return stream.getvalue()
     except Exception:  # other edits left no such file, or there is no such array
         reject()
 
 
+def sign(file: h5py.File) -> None:
+    """Write the checksum of a reduced model anew; of what has no numbers there is none."""
+    arrays: dict[str, np.ndarray] = {}
+
+    def keep(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset) and item.shape != (2**40, 8):
+            arrays[name] = np.asarray(item[()])
+
+    with contextlib.suppress(TypeError, ValueError, OSError):
+        if "sha256" in file.attrs:
+            file.visititems(keep)
+            file.attrs["sha256"] = np.bytes_(store._checksum(arrays))
+
+
+def _attribute(content: bytes, place: int, what: Any) -> bytes:
+    """Another attribute of a file of HDF5, or none."""
+    stream = io.BytesIO(content)
+    try:
+        with h5py.File(stream, "r+") as file:
+            names = sorted(set(file.attrs) - {"sha256"})
+            name = names[place % len(names)]
+            del file.attrs[name]
+            if what is not None:
+                file.attrs[name] = what
+    except Exception:  # other edits left no such file
+        reject()
+    return stream.getvalue()
+
+
+def _inside(content: bytes, place: int, what: tuple[str, Edit]) -> bytes:
+    """Damage to a text or to a file that an array of a reduced model holds."""
+    stream, (name, edit) = io.BytesIO(content), what
+    try:
+        with h5py.File(stream, "r+") as file:
+            new = damaged(file[name][()].tobytes(), [edit])
+            del file[name]
+            file[name] = np.bytes_(new) if name == "head" else np.frombuffer(new, np.uint8)
+            sign(file)
+    except Exception:  # other edits left no such file, or there is no such array
+        reject()
+    return stream.getvalue()
+
+
 def _other(values: np.ndarray, what: str | tuple[int, float]) -> Any:
     values = np.atleast_1d(values)
     if isinstance(what, str):
-        return ARRAYS[what](values)
+        return ODD_ARRAYS[what](values)
     values, (place, number) = values.copy(), what
     if values.dtype.kind != "f":
         number = WHOLES[place % len(WHOLES)]
@@ -175,6 +255,8 @@ _WAYS: dict[str, Way] = {
     "field": _field,
     "element": _element,
     "array": _array,
+    "attribute": _attribute,
+    "inside": _inside,
     # what a table of known damage names
     "put": lambda content, _, what: content.replace(*what),
     "all": lambda content, _, what: what,
@@ -206,7 +288,17 @@ TEXT = st.one_of(
 )  # fmt: skip
 FIELDS = _edits("field", st.tuples(st.sampled_from(header_dtype.names), st.sampled_from(REALS)))
 ELEMENT = _edits("element", st.tuples(st.sampled_from(ELEMENTS), st.sampled_from(VALUES)))
+_NUMBER = st.tuples(st.integers(0, 1 << 16), st.sampled_from(REALS))
 ARRAY = _edits(
     "array",
-    st.sampled_from(sorted(ARRAYS)) | st.tuples(st.integers(0, 1 << 16), st.sampled_from(REALS)),
+    st.sampled_from(sorted(ARRAYS)) | _NUMBER,
+)
+MODEL = st.one_of(
+    _edits("array", st.sampled_from([*sorted(ODD_ARRAYS), *MOVES]) | _NUMBER),
+    _edits("attribute", st.sampled_from(ATTRIBUTES)),
+)
+ROM = st.one_of(
+    MODEL,
+    _edits("inside", st.tuples(st.just("head"), BYTES | TEXT)),
+    _edits("inside", st.tuples(st.just("cloud"), MODEL)),
 )

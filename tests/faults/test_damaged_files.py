@@ -6,11 +6,14 @@ import os
 import re
 import shutil
 import subprocess
+import zlib
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import h5py
 import nibabel
 import numpy as np
 import pytest
@@ -19,10 +22,10 @@ import SimpleITK
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from myork import make_report, run_deck, run_rom
+from myork import ReducedModel, Scene, make_report, run_deck, run_rom
 from myork.bench.runs import INPUTS
 from myork.core.deck import load_deck, text_of_tables
-from myork.errors import InputError, MyorkError
+from myork.errors import FileError, InputError, MyorkError
 from myork.imaging.gradients import read_gradients
 from myork.imaging.io import read_image, read_labels
 from myork.model.mesh import read_tracts, voxelise
@@ -35,10 +38,13 @@ from tests.faults.damage import (
     BYTES,
     ELEMENT,
     FIELDS,
+    MODEL,
+    ROM,
     SETTINGS,
     TEXT,
     Edit,
     damaged,
+    sign,
 )
 from tests.faults.isolated import Verdict, Worker, isolated
 from tests.imaging.test_formats import series
@@ -46,6 +52,7 @@ from tests.unit.test_scene_from_tables import BLOCK, cloud
 from tests.unit.test_stations import BAR
 
 AFFINE = np.diag([2.0, 2.0, 5.0, 1.0])
+FAT = '[[material]]\nname = "fat"\nlabel = 2\nmodel = "neo-hookean"\nmu = 1.0\nK = 100.0\n'
 BAR = {**BAR, "scene": {"dimension": 2, "method": "rkpm-gauss"}}
 
 
@@ -67,14 +74,20 @@ def segmented(**files: Path) -> dict[str, Any]:
 # ---- what reads the files ------------------------------------------------------------------------
 
 
-def explain(deck: Path) -> None:
+def explained(deck: Path, *words: str) -> subprocess.CompletedProcess[str]:
     """The executable ends well as well."""
     done = subprocess.run(
-        [find_executable(), deck, "--explain", "-o", deck.parent],
+        [find_executable(), deck, "--explain", "-o", deck.parent,
+         *(word for text in words for word in ("--set", text))],
         capture_output=True, text=True, errors="replace", timeout=50,
     )  # fmt: skip
     wrong = re.search("internal error|runtime error|ERROR STOP", done.stderr)
     assert done.returncode in (0, 2) and not wrong, (done.returncode, done.stderr)
+    return done
+
+
+def explain(deck: Path) -> None:
+    done = explained(deck)
     assert done.returncode == 0 or str(deck.parent) in done.stderr, done.stderr
 
 
@@ -114,6 +127,55 @@ def read_states(path: Path) -> None:
                 results.field(name, number)
 
 
+def use_rom(path: Path) -> Verdict | None:
+    """All that a reduced model answers."""
+    try:
+        rom = ReducedModel.load(path, threads=1)
+    except (InputError, FileError) as error:
+        assert str(error).startswith(f"{path}: "), error
+        return Verdict("refused", str(error))
+    values = np.array([[0.5 * (p.low + p.high) for p in rom.parameters]] * 3)
+    rom.batch(values + 0.1 * rom._scale * np.arange(3)[:, None], indicator=True)
+    rom.batch(values, corrections=0)
+    state = rom.state(dict(zip([p.key for p in rom.parameters], values[0], strict=True)))
+    state.u()
+    assert state.describe() and rom.describe() and rom._repr_html_() and state._repr_html_()
+    try:
+        with rom.full_model().open(["load.steps=1"]) as scene:
+            scene.fields(rom.basis @ state._amplitudes, 1.0)
+    except MyorkError:
+        pass  # a deck that is no deck any more
+    return None
+
+
+#: What the executable does not read or limits, and labels beyond 32 bits, which no material has
+ALONE = ("source_images", "label_names", "'label'", "length_unit")
+FORMS = ("rkpm-scni", "rkpm-gauss", "rkcm", "rkcm-mixed")
+
+
+def solve_model(path: Path) -> Verdict:
+    """Python and the executable take a model, or both refuse it; what they take is solved."""
+    content, deck = path.read_bytes(), path.with_suffix(".toml")
+    # collocation does not know the slopes of activations
+    forms = FORMS[: 2 if path.stem == "active" else 4]
+    words = [f"scene.method={forms[zlib.crc32(content) % len(forms)]}", f"geometry.file={path}"]
+    done = explained(deck, *words)
+    said = ""
+    try:
+        read_model(path)
+    except (InputError, FileError) as error:
+        said = str(error)
+        assert said.startswith(f"{path}: "), said
+    alike = bool(said) == done.stderr.startswith(f"{path}: ")
+    assert alike or any(name in said + done.stderr for name in ALONE), (said, done.stderr)
+    try:
+        with Scene(deck, words) as scene:
+            scene.solve(error=bool(zlib.crc32(content) % 2))
+    except MyorkError as error:
+        return Verdict("refused", f"{path}: {error}")
+    return Verdict("right")
+
+
 read_lines = partial(read_tracts, to_mm=1.0)
 read_surface = partial(voxelise, to_mm=1.0, spacing=(8.0, 8.0, 8.0), name="muscle")
 
@@ -121,6 +183,8 @@ read_surface = partial(voxelise, to_mm=1.0, spacing=(8.0, 8.0, 8.0), name="muscl
 KINDS: dict[str, tuple[Callable[[Path], Any], st.SearchStrategy[Edit]]] = {
     "deck": (read_deck, BYTES | TEXT),
     "model": (read_cloud, BYTES),
+    "rom": (use_rom, ROM),
+    "voxels": (solve_model, MODEL),
     "nifti": (read_grey, BYTES | FIELDS),
     "gzip": (read_grey, BYTES),
     "itk": (read_grey, BYTES | TEXT),
@@ -135,17 +199,18 @@ KINDS: dict[str, tuple[Callable[[Path], Any], st.SearchStrategy[Edit]]] = {
     "results": (make_report, BYTES | ARRAY),
     "labels": (make_report, BYTES),
 }
-#: Kinds that are read as a folder; kinds that take a second; files that stand beside the damaged
+#: Kinds that are read as a folder, kinds that take longer, and files that stand beside the damaged
 FOLDERS = ("dicom", "summary", "history", "results", "labels")
-SLOW = ("surface", *FOLDERS[1:])
+SHARE = {"rom": 4, "voxels": 4, **dict.fromkeys(("surface", *FOLDERS[1:]), 10)}
 PAGE = "report.html"  # written into the folder that is read
-BESIDE = ("model/deck.toml", "names/sound.nii", "history/summary.json", "labels/anatomy.nii.gz")
+BESIDE = ("model/deck.toml", "names/sound.nii", "history/summary.json", "labels/anatomy.nii.gz",
+          "voxels/plain.toml", "voxels/active.toml", "voxels/both.toml")  # fmt: skip
 #: Kinds of which no part may be missing without notice
 WHOLE = ("model", "nifti", "gzip", "itk", "dicom", "tracts", "states", "results", "labels")
 
 
 @pytest.fixture(scope="module")
-def sound(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def sound(tmp_path_factory: pytest.TempPathFactory, voxel_rom: Path) -> Path:
     """A folder of each kind with sound files."""
     top = tmp_path_factory.mktemp("files")
     for kind in KINDS:
@@ -155,6 +220,17 @@ def sound(tmp_path_factory: pytest.TempPathFactory) -> Path:
             shutil.copy(deck, top / "deck")
     write_model(top / "model" / "model.h5", cloud())
     (top / "model" / "deck.toml").write_text(text_of_tables(BLOCK))
+    shutil.copy(voxel_rom, top / "rom")
+    muscle = read_model(voxel_rom.with_name("model.h5"))
+    n, deck = len(muscle.points), voxel_rom.with_name("muscle.toml").read_text()
+    shares = {"fraction": np.tile([0.7, 0.3], (n, 1)), "label_names": {1: "muscle", 2: "fat"}}
+    for name, more in {
+        "plain": {},
+        "active": {"activation": np.full(n, 0.5)},
+        "both": shares,
+    }.items():
+        write_model(top / f"voxels/{name}.h5", replace(muscle, **more))
+        (top / f"voxels/{name}.toml").write_text(deck + FAT * (name == "both"))
     for name in ("nifti/sound.nii", "gzip/sound.nii.gz"):
         nibabel.save(nibabel.Nifti1Image(disc(), AFFINE), top / name)
     image = SimpleITK.GetImageFromArray(np.ascontiguousarray(disc().T))
@@ -213,7 +289,7 @@ def test_any_damage(sound: Path, worker: Worker, kind: str, count: int) -> None:
     paths = [p for p in files if p.name != PAGE and f"{kind}/{p.name}" not in BESIDE]
     refused = []
 
-    @settings(SETTINGS, max_examples=count // 10 if kind in SLOW else count)
+    @settings(SETTINGS, max_examples=count // SHARE.get(kind, 1))
     @given(st.sampled_from(paths), st.lists(KINDS[kind][1], min_size=1, max_size=3))
     def ends_well(path: Path, edits: list[Edit]) -> None:
         end = end_of(worker, path, edits)
@@ -313,6 +389,45 @@ def test_places_without_a_file(tmp_path: Path, name: str) -> None:
     for read in (read_image, load_deck, read_model, read_lines, read_surface):
         with pytest.raises(MyorkError, match=str(tmp_path / name)):
             read(tmp_path / name)
+
+
+def rewritten(voxel_rom: Path, path: Path, **changes: Any) -> Path:
+    """A reduced model with other entries, by place, and a checksum of these."""
+    shutil.copy(voxel_rom, path)
+    with h5py.File(path, "r+") as file:
+        for name, (place, value) in changes.items():
+            file[name][place] = value
+        sign(file)
+    return path
+
+
+@pytest.mark.parametrize("name", ["force/first", "force/tissue", "indicator/tissue"])
+@pytest.mark.parametrize("value", [10**6, 2**31 - 1, -(2**31)])
+def test_indices_that_ended_the_process(
+    voxel_rom: Path, tmp_path: Path, name: str, value: int
+) -> None:
+    path = rewritten(voxel_rom, tmp_path / "wrong.rom.h5", **{name: (3, value)})
+    with pytest.raises(InputError, match=rf"^{path}: '{name}' must hold .*entry 3 is {value}"):
+        ReducedModel.load(path)
+
+
+def test_states_that_determine_no_function(voxel_rom: Path, tmp_path: Path) -> None:
+    alike = {"training/parameters": (slice(None), 0.1)}
+    path = rewritten(voxel_rom, tmp_path / "wrong.rom.h5", **alike)
+    with pytest.raises(InputError, match=rf"^{path}: states of the training are the same"):
+        ReducedModel.load(path)
+
+
+def test_shapes_and_types_are_under_the_checksum(voxel_rom: Path, tmp_path: Path) -> None:
+    path = tmp_path / "wrong.rom.h5"
+    for change in (lambda a: a.reshape(a.shape[::-1]), lambda a: a.view(np.int64)):
+        shutil.copy(voxel_rom, path)
+        with h5py.File(path, "r+") as file:
+            values = file["online/h"][()]
+            del file["online/h"]
+            file["online/h"] = change(values)
+        with pytest.raises(FileError, match="its content is damaged"):
+            ReducedModel.load(path)
 
 
 # ---- sound files of values that are none, or that do not belong to the image ---------------------

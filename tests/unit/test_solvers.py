@@ -1,15 +1,11 @@
 """The least squares ladder on matrices with known answers."""
 
-import os
-import subprocess
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from myork.core.least_squares import SOLVERS, least_squares
 from myork.errors import InputError, LinalgError
+from tests.scenes import box, held, scene
 
 #: Solvers whose answers are as good as QR's
 ACCURATE = [name for name in SOLVERS if name != "normal"]
@@ -83,15 +79,10 @@ def test_light_rows_count_beside_heavy_ones(name):
 
 
 #: Displacement form, nearly incompressible, fixed ends: rows from 1e2 to 1e10
-STIFF = {
-    "scene": {"dimension": 3, "method": "rkcm"},
-    "geometry": {"kind": "box", "size": [1, 1, 2], "source": [4, 4, 7], "collocation": [7, 7, 13]},
-    "material": [{"name": "rubber", "model": "polynomial", "A10": 37.3, "K": 1e8}],
-    "boundary": [
-        {"set": "z0", "u_x": 0, "u_y": 0, "u_z": 0},
-        {"set": "z1", "u_x": 0.2, "u_y": 0, "u_z": 0.3},
-    ],
-}
+STIFF = scene(
+    "rkcm", box(4, 4, 7, size=[1, 1, 2]), boundary=[held("z0"), held("z1", u_x=0.2, u_z=0.3)],
+    material=[{"name": "rubber", "model": "polynomial", "A10": 37.3, "K": 1e8}],
+)  # fmt: skip
 
 
 @pytest.mark.slow
@@ -101,10 +92,10 @@ def test_collocation_rows_of_a_stiff_block(open_scene):
     The reference is QR refined with residuals in extended precision. QR itself errs by 1e-6, the
     limit leaves room for other BLAS libraries.
     """
-    scene = open_scene(STIFF)
-    start = np.zeros(scene.dofs)
-    b = scene.linearise(start, 0.1, start)[0]
-    a = np.column_stack([scene.linearise(start, 0.1, unit)[1] for unit in np.eye(scene.dofs)])
+    opened = open_scene(STIFF)
+    start = np.zeros(opened.dofs)
+    b = opened.linearise(start, 0.1, start)[0]
+    a = np.column_stack([opened.linearise(start, 0.1, unit)[1] for unit in np.eye(opened.dofs)])
     scale = np.linalg.norm(a, axis=0)
     q, r = np.linalg.qr(a / scale)
     long_a, exact = a.astype(np.longdouble), np.linalg.solve(r, q.T @ b) / scale
@@ -172,27 +163,3 @@ def test_condition_estimate_is_near_the_condition():
     for name in SOLVERS:
         assert 1.0 / least_squares(a, b, name).rcond == pytest.approx(condition, rel=30.0)
         assert least_squares(a, b, name).rcond < 3.0 / condition
-
-
-SOLVE = """
-import sys
-from myork.core.scene import Scene
-small = ["scene.method=rkcm", "load.steps=1"]
-small += ["geometry.source=[4,4,7]", "geometry.collocation=[7,7,13]"]
-with Scene(sys.argv[1], [*small, "load.activation=0.1"], threads=int(sys.argv[2])) as scene:
-    print(scene.solve("refined").x.tobytes().hex())
-"""
-
-
-@pytest.mark.slow
-def test_the_same_bits_with_one_and_two_threads(inputs: Path):
-    """Rows, normal matrix, factor and refinement sum in an order that does not know of threads."""
-    answers = {
-        subprocess.run(
-            [sys.executable, "-c", SOLVE, str(inputs / "muscle_block.toml"), threads],
-            capture_output=True, text=True, check=True,
-            env={**os.environ, "OMP_NUM_THREADS": threads, "OMP_WAIT_POLICY": "passive"},
-        ).stdout
-        for threads in ("1", "2")
-    }  # fmt: skip
-    assert len(answers) == 1

@@ -1,5 +1,6 @@
 """Blocks of voxels that a model gets where nobody chose them: finer across thin layers."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -11,20 +12,19 @@ from benchmarks.voxel_bodies import body_cloud
 from myork import Scene
 from myork.bench.materials import RUBBER
 from myork.bench.runs import solve_case
-from myork.core.deck import table_defaults
-from myork.model.cloud import build_cloud
+from myork.core.deck import text_of_tables
 from myork.model_file import write_model
-from myork.records import Labels, PointCloud
+from myork.records import PointCloud
 from myork.stations.explain import explain_deck
+from tests.scenes import voxels
 
 BY_NAME = {problem.name: problem for problem in DECKS}
 
 
 def built(filled: np.ndarray, stride: int = 2) -> PointCloud:
     """Model of a label map with voxels of 1 mm."""
-    table = {**table_defaults("build"), "source_stride": [stride] * 3}
-    labels = Labels(np.pad(filled, ((2, 2), (2, 2), (0, 0))).astype(np.int32), np.eye(4))
-    return build_cloud(labels, None, table, "cm")[0]
+    around = np.pad(filled, ((2, 2), (2, 2), (0, 0)))
+    return voxels(around, 1.0, source_stride=[stride] * 3)
 
 
 def layered(*shape: int, thick: int) -> np.ndarray:
@@ -97,37 +97,15 @@ def test_blocks_become_finer_as_far_as_they_do_not_become_many() -> None:
 def test_explain_tells(tmp_path: Path) -> None:
     write_model(tmp_path / "model.h5", built(np.ones((6, 16, 16))))
     path = tmp_path / "deck.toml"
-    path.write_text(
-        """title = "thin"
-[units]
-force = "N"
-length = "cm"
-[scene]
-dimension = 3
-[geometry]
-kind = "model"
-[[material]]
-name = "rubber"
-model = "neo-hookean"
-mu = 1
-K = 10
-label = 1
-[[boundary]]
-set = "bottom"
-u_x = 0
-u_y = 0
-u_z = 0
-"""
-    )
-    told: dict[str, list[str]] = {}
+    path.write_text(text_of_tables(tables()))
+    said: dict[str, str] = {}
     for name, words in (("own", ()), ("set", ("geometry.blocks=[3,8,8]",))):
-        told[name] = []
-        explain_deck(path, overrides=words, progress=told[name].append)
-    assert any(
-        "6 x 8 x 8 of voxels" in line and "single voxels along x" in line for line in told["own"]
-    )
-    assert any("3 x 8 x 8 of voxels" in line for line in told["set"])
-    assert not any("single voxels" in line for line in told["set"])
+        lines: list[str] = []
+        explain_deck(path, overrides=words, progress=lines.append)
+        said[name] = "\n".join(lines)
+    assert re.search("6 x 8 x 8 of voxels.*single voxels along x", said["own"])
+    assert "3 x 8 x 8 of voxels" in said["set"]
+    assert "single voxels" not in said["set"]
 
 
 @pytest.mark.slow
