@@ -1,7 +1,9 @@
 """Blocks of voxels that a model gets where nobody chose them: finer across thin layers."""
 
 import re
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,7 +11,6 @@ import pytest
 from benchmarks.newcomer import DECKS
 from benchmarks.truths.deck_parts import deck, held
 from benchmarks.voxel_bodies import body_cloud
-from myork import Scene
 from myork.bench.materials import RUBBER
 from myork.bench.runs import solve_case
 from myork.core.deck import text_of_tables
@@ -40,11 +41,22 @@ def tables(tissues: int = 1) -> dict:
     return deck("body", {"kind": "model"}, materials, (held("bottom"), held("top")), ())
 
 
-def points(cloud: PointCloud, tissues: int = 1, words: tuple[str, ...] = (), **more: dict) -> int:
-    """Source points of what the scene makes of a model."""
-    both = {**tables(tissues), **more}
-    with Scene.from_tables(both, cloud, overrides=words, threads=1) as scene:
-        return scene.source_points
+@pytest.fixture
+def points(tmp_path: Path) -> Callable[..., int]:
+    """Source points by `myork explain` of a model, which are the corners of its blocks."""
+
+    def explained(cloud: PointCloud, tissues: int = 1, words: Any = (), **more: dict) -> int:
+        write_model(tmp_path / "model.h5", cloud)
+        (tmp_path / "deck.toml").write_text(text_of_tables({**tables(tissues), **more}))
+        lines: list[str] = []
+        explain_deck(tmp_path / "deck.toml", overrides=words, progress=lines.append)
+        text = "\n".join(lines)
+        blocks = map(int, re.search(r"(\d+) x (\d+) x (\d+) of voxels", text).groups())
+        count = int(re.search(r"(\d+) source", text)[1])
+        assert count == corners(*blocks)
+        return count
+
+    return explained
 
 
 def corners(*blocks: int) -> int:
@@ -52,8 +64,7 @@ def corners(*blocks: int) -> int:
     return int(np.prod(np.array(blocks) + 1))
 
 
-@pytest.mark.slow
-def test_layers_of_fewer_than_four_blocks_take_single_voxels() -> None:
+def test_layers_of_fewer_than_four_blocks_take_single_voxels(points) -> None:
     assert points(built(np.ones((8, 16, 16)))) == corners(4, 8, 8)
     assert points(built(np.ones((6, 16, 16)))) == corners(6, 8, 8)
     # tissues shear along each other from the held ends on
@@ -61,8 +72,7 @@ def test_layers_of_fewer_than_four_blocks_take_single_voxels() -> None:
     assert points(built(layered(16, 16, 16, thick=4)), 2) == corners(16, 8, 16)
 
 
-@pytest.mark.slow
-def test_a_little_of_a_tissue_does_not_count() -> None:
+def test_a_little_of_a_tissue_does_not_count(points) -> None:
     filled = np.ones((16, 16, 16), int)
     filled[:1] = 2
     assert points(built(filled), 2) == corners(16, 8, 16)
@@ -70,8 +80,7 @@ def test_a_little_of_a_tissue_does_not_count() -> None:
     assert points(built(filled), 2) == corners(8, 8, 8)
 
 
-@pytest.mark.slow
-def test_what_somebody_chose_stays() -> None:
+def test_what_somebody_chose_stays(points) -> None:
     cloud = built(np.ones((6, 16, 16)))
     assert points(cloud, build={"source_stride": [2, 2, 2]}) == corners(3, 8, 8)
     assert points(cloud, build={"ids": [1]}) == corners(6, 8, 8)
@@ -86,8 +95,7 @@ def test_what_somebody_chose_stays() -> None:
     assert points(built(np.ones((6, 16, 16)), stride=1)) == corners(6, 16, 16)
 
 
-@pytest.mark.slow
-def test_blocks_become_finer_as_far_as_they_do_not_become_many() -> None:
+def test_blocks_become_finer_as_far_as_they_do_not_become_many(points) -> None:
     # along z the rows of a tissue are longer than across its layers: z gives way first
     assert points(built(layered(16, 32, 12, thick=4)), 2) == corners(16, 16, 12)
     assert points(built(layered(16, 32, 24, thick=4)), 2) == corners(16, 16, 12)
