@@ -6,29 +6,25 @@ from typing import Any
 import numpy as np
 import pytest
 
-from myork import Scene
 from myork.core.deck import load_tables
 from myork.errors import InputError, MyorkError
+from tests.scenes import box, held, scene, solved
 
 INPUTS = Path(__file__).parents[2] / "inputs"
 
 
-def error_of(deck: Path, *overrides: str) -> float:
+def error_of(deck: Any, *overrides: str) -> float:
     """Relative L2 error at the end."""
-    with Scene(deck, overrides) as scene:
-        return scene.solve().errors["relative_L2"]
+    return solved(deck, *overrides).states.errors["relative_L2"]
 
 
 def string(points: int, step: float, **dynamics: Any) -> dict[str, Any]:
     """A free string of unit length, stiffness and density whose functions are finite elements."""
-    return {
-        "scene": {"dimension": 1, "method": "rkpm-gauss"},
-        "geometry": {"kind": "box", "size": [1], "source": [points], "collocation": [points]},
-        "approximation": {"order": 1, "support": 1.0001},
-        "linear": {"problem": "elasticity", "E": 1},
-        "dynamics": {"density": 1, "time_step": step, "end_time": 10 * step} | dynamics,
-        "boundary": [],
-    }
+    return scene(
+        "rkpm-gauss", box(points, places=(points,)), linear={"problem": "elasticity", "E": 1},
+        approximation={"order": 1, "support": 1.0001}, boundary=[],
+        dynamics={"density": 1, "time_step": step, "end_time": 10 * step} | dynamics,
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize(("method", "rate"), [("rkcm", 1.5), ("rkpm-gauss", 1.85)])
@@ -47,11 +43,9 @@ def test_wave_against_d_alembert(method: str, rate: float) -> None:
 def test_limit_is_that_of_a_uniform_lattice() -> None:
     """Linear elements of a free bar: h/(c sqrt 3)."""
     limit = 1 / 20 / np.sqrt(3)
-    with Scene.from_tables(string(21, 0.999 * limit, velocity="cos(pi*x)")) as scene:
-        scene.solve()
-    over = string(21, 1.01 * limit, velocity="cos(pi*x)")
-    with Scene.from_tables(over) as scene, pytest.raises(MyorkError) as error:
-        scene.solve()
+    solved(string(21, 0.999 * limit, velocity="cos(pi*x)"))
+    with pytest.raises(MyorkError) as error:
+        solved(string(21, 1.01 * limit, velocity="cos(pi*x)"))
     told = str(error.value).split("at most ")[1].split()[0]
     assert float(told) == pytest.approx(limit, rel=1e-3)
 
@@ -60,69 +54,52 @@ def test_free_bodies_fly() -> None:
     """A velocity that is the same everywhere stays."""
     tables = string(11, 0.02, velocity=2.0)
     tables["probe"] = [{"name": "end", "quantity": "u_x", "point": [1.0]}]
-    with Scene.from_tables(tables) as scene:
-        states = scene.solve()
-        ends = scene.probes(states.x, states.load)[:, 0, 0]
-    assert ends == pytest.approx(2.0 * np.asarray(states.load), rel=1e-9)
+    states, probes, *_ = solved(tables)
+    assert probes["end"][:, 0] == pytest.approx(2.0 * np.asarray(states.load), rel=1e-9)
+
+
+def pulled(method: str, end: dict[str, Any]) -> dict[str, Any]:
+    """u = t^2 sin(2x) + x t: a wall at rest, and an end that is pulled or moved."""
+    return scene(
+        method, box(21), boundary=[{"set": "x0", "u_x": 0}, {"set": "x1"} | end],
+        linear={"problem": "elasticity", "E": 2, "source": "2*sin(2*x) + 8*t^2*sin(2*x)"},
+        dynamics={"density": 1, "time_step": 0.01, "end_time": 1, "velocity": "x"},
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("method", ["rkcm", "rkpm-gauss"])
 def test_loads_in_time(method: str) -> None:
     """u = t^2 sin(2x) + x t: values, traction and source that change with time."""
-    tables = {
-        "scene": {"dimension": 1, "method": method},
-        "geometry": {"kind": "box", "size": [1], "source": [21], "collocation": [41]},
-        "approximation": {"order": 2},
-        "linear": {
-            "problem": "elasticity",
-            "E": 2,
-            "source": "2*sin(2*x) + 8*t^2*sin(2*x)",
-            "exact": "t^2*sin(2*x) + x*t",
-        },
-        "dynamics": {"density": 1, "time_step": 0.01, "end_time": 1, "velocity": "x"},
-        "boundary": [
-            {"set": "x0", "u_x": 0},
-            {"set": "x1", "traction": ["4*t^2*cos(2) + 2*t"]},
-        ],
-    }
-    with Scene.from_tables(tables) as scene:
-        assert scene.solve().errors["relative_L2"] < 3e-3
+    tables = pulled(method, {"traction": ["4*t^2*cos(2) + 2*t"]})
+    tables |= {"approximation": {"order": 2}}
+    tables["linear"]["exact"] = "t^2*sin(2*x) + x*t"
+    assert error_of(tables) < 3e-3
     tables["boundary"][1] = {"set": "x1", "u_x": "t^2*sin(2) + t"}
-    with Scene.from_tables(tables) as scene:
-        assert scene.solve().errors["relative_L2"] < 3e-3
+    assert error_of(tables) < 3e-3
 
 
 def forces_of(tables: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
     """Times and forces of a body through x0 and x1, shape (times, 2)."""
     ends = [{"name": side, "quantity": "force_x", "set": side} for side in ("x0", "x1")]
-    with Scene.from_tables(tables | {"probe": ends}) as scene:
-        states = scene.solve()
-        return np.asarray(states.load), scene.probes(states.x, states.load)[:, :, 0]
+    states, probes, *_ = solved(tables | {"probe": ends})
+    return np.asarray(states.load), np.stack([f[:, 0] for f in probes.values()], axis=1)
 
 
 @pytest.mark.parametrize("dimension", [1, 2])
 def test_reactions_of_a_bar_that_swings(dimension: int) -> None:
     """u = sin(pi x) sin(pi t)/pi between two walls, which press with sin(pi t): order 2."""
-    still = {f"u_{axis}": 0 for axis in "xy"[:dimension]}
     found = []
     for cells in (10, 20):
-        tables = {
-            "scene": {"dimension": dimension, "method": "rkpm-gauss"},
-            "geometry": {
-                "kind": "box",
-                "size": [1, 0.2][:dimension],
-                "source": [cells + 1, 3][:dimension],
-                "collocation": [cells + 1, 3][:dimension],
-            },
-            "linear": {"problem": "elasticity", "E": 1} | ({"nu": 0} if dimension > 1 else {}),
-            "dynamics": {
-                "density": 1,
-                "time_step": 0.4 / cells,
-                "end_time": 1,
+        n = [cells + 1, 3][:dimension]
+        tables = scene(
+            "rkpm-gauss", box(*n, size=[1, 0.2][:dimension], places=n),
+            linear={"problem": "elasticity", "E": 1} | ({"nu": 0} if dimension > 1 else {}),
+            dynamics={
+                "density": 1, "time_step": 0.4 / cells, "end_time": 1,
                 "velocity": ["sin(pi*x)", "0"][:dimension],
             },
-            "boundary": [{"set": "x0"} | still, {"set": "x1"} | still],
-        }
+            boundary=[held("x0", dimension), held("x1", dimension)],
+        )  # fmt: skip
         time, force = forces_of(tables)
         height = 0.2 if dimension > 1 else 1.0
         found.append(np.abs(force / height + np.sin(np.pi * time)[:, np.newaxis]).max())
@@ -130,23 +107,14 @@ def test_reactions_of_a_bar_that_swings(dimension: int) -> None:
     assert np.log2(found[0] / found[1]) > 1.8
 
 
-@pytest.mark.parametrize("held", [False, True])
-def test_forces_of_walls_and_loads_that_move(held: bool) -> None:
+@pytest.mark.parametrize("moved", [False, True])
+def test_forces_of_walls_and_loads_that_move(moved: bool) -> None:
     """u = t^2 sin(2x) + x t: a wall at rest, and an end that is pulled or moved."""
-    tables: dict[str, Any] = {
-        "scene": {"dimension": 1, "method": "rkpm-gauss"},
-        "geometry": {"kind": "box", "size": [1], "source": [21], "collocation": [41]},
-        "linear": {"problem": "elasticity", "E": 2, "source": "2*sin(2*x) + 8*t^2*sin(2*x)"},
-        "dynamics": {"density": 1, "time_step": 0.01, "end_time": 1, "velocity": "x"},
-        "boundary": [
-            {"set": "x0", "u_x": 0},
-            {"set": "x1"}
-            | ({"u_x": "t^2*sin(2) + t"} if held else {"traction": ["4*t^2*cos(2) + 2*t"]}),
-        ],
-    }
+    end = {"u_x": "t^2*sin(2) + t"} if moved else {"traction": ["4*t^2*cos(2) + 2*t"]}
+    tables = pulled("rkpm-gauss", end)
     time, force = forces_of(tables)
     pull = 4 * time**2 * np.cos(2) + 2 * time
-    np.testing.assert_allclose(force[:, 1], pull, rtol=0, atol=0.005 if held else 1e-12)
+    np.testing.assert_allclose(force[:, 1], pull, rtol=0, atol=0.005 if moved else 1e-12)
     np.testing.assert_allclose(force[:, 0], -4 * time**2 - 2 * time, rtol=0, atol=3e-4)
 
 
@@ -161,20 +129,15 @@ def test_collocation_tells_no_forces_of_motions() -> None:
 
 def test_membrane_in_the_plane() -> None:
     """Poisson's operator moves as a membrane: sin(pi x) sin(pi y) cos(sqrt 2 pi t)."""
-    tables = {
-        "scene": {"dimension": 2, "method": "rkpm-gauss"},
-        "geometry": {"kind": "box", "size": [1, 1], "source": [25, 25], "collocation": [25, 25]},
-        "linear": {"problem": "poisson", "exact": "sin(pi*x)*sin(pi*y)*cos(sqrt(2)*pi*t)"},
-        "dynamics": {
-            "density": 1,
-            "time_step": 0.01,
-            "end_time": 0.5,
-            "displacement": "sin(pi*x)*sin(pi*y)",
+    tables = scene(
+        "rkpm-gauss", box(25, 25, places=(25, 25)),
+        linear={"problem": "poisson", "exact": "sin(pi*x)*sin(pi*y)*cos(sqrt(2)*pi*t)"},
+        dynamics={
+            "density": 1, "time_step": 0.01, "end_time": 0.5, "displacement": "sin(pi*x)*sin(pi*y)",
         },
-        "boundary": [{"set": side, "u": 0} for side in ("x0", "x1", "y0", "y1")],
-    }
-    with Scene.from_tables(tables) as scene:
-        assert scene.solve().errors["relative_L2"] < 0.03
+        boundary=[{"set": side, "u": 0} for side in ("x0", "x1", "y0", "y1")],
+    )  # fmt: skip
+    assert error_of(tables) < 0.03
 
 
 @pytest.mark.parametrize(
@@ -197,8 +160,8 @@ def test_what_does_not_fit_is_refused(change: dict[str, Any], what: str) -> None
     tables = string(11, 0.01)
     for name, content in change.items():
         tables[name] = tables[name] | content
-    with pytest.raises(InputError) as error, Scene.from_tables(tables) as scene:
-        scene.solve()
+    with pytest.raises(InputError) as error:
+        solved(tables)
     assert what in str(error.value)
 
 

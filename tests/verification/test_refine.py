@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 
 from myork.bench.materials import RUBBER
-from myork.core.deck import table_defaults
 from myork.core.scene import Scene
 from myork.errors import InputError
-from myork.model.cloud import build_cloud
-from myork.records import Labels
 from myork.report import make_report
 from myork.stations.solve import run_deck
+from tests import scenes
+from tests.scenes import held, solved, voxels
 
 _RUBBER = {**RUBBER, "K": 1e3}
 #: Tip of the cantilever by felupe's quadratic elements, 4, 8 and 16 across, extrapolated
@@ -23,27 +22,23 @@ _TIP = 1.6485
 
 
 def cantilever(**refine: Any) -> dict[str, Any]:
-    return {
-        "title": "Cantilever",
-        "units": {"force": "N", "length": "cm"},
-        "scene": {"dimension": 2},
-        "geometry": {"kind": "box", "size": [4, 1], "source": [9, 3], "collocation": [9, 3]},
-        "material": [_RUBBER],
-        "boundary": [{"set": "x0", "u_x": 0, "u_y": 0}, {"set": "x1", "traction": [0, 2.0]}],
-        "probe": [
+    return scenes.cantilever(
+        "auto", 9, 3, load={}, refine=refine, material=[_RUBBER],
+        geometry=scenes.box(9, 3, size=[4, 1], places=(9, 3)),
+        boundary=[held("x0", 2), {"set": "x1", "traction": [0, 2.0]}],
+        probe=[
             {"name": "tip", "quantity": "u_y", "point": [4, 0.5]},
             {"name": "shear", "quantity": "cauchy_xy", "point": [0.5, 0.25]},
         ],
-        "refine": refine,
-    }
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("error", [0.01, 0.003])
 def test_the_wanted_error_of_a_tip_is_met(error) -> None:
-    with Scene.from_tables(cantilever(error=error, probe="tip")) as scene:
-        points = scene.source_points
-        states = scene.solve()
-        tip = scene.probes(states.x[-1:], np.ones(1))[0, 0, 0]
+    with Scene.from_tables(cantilever(error=error, probe="tip")) as opened:
+        points = opened.source_points
+        found = solved(opened, error=True)
+    states, tip = found.states, found.last()["tip"]
     assert tip == pytest.approx(_TIP, rel=error)
     assert states.probe_errors[-1, 0, 0] <= error * abs(tip)
     # the stress that nobody wanted to know may still be in doubt
@@ -53,8 +48,7 @@ def test_the_wanted_error_of_a_tip_is_met(error) -> None:
 
 
 def test_all_probes_are_wanted_by_default_and_cost_ends_the_search() -> None:
-    with Scene.from_tables(cantilever(error=0.01, cost=0.15)) as scene:
-        states = scene.solve()
+    states = solved(cantilever(error=0.01, cost=0.15), error=True).states
     assert re.fullmatch(
         r"the wanted error of 1 % is not met: the next points, \[\d+,\d+\] cells, would take "
         r"about .* CPU s, more than refine\.cost",
@@ -79,21 +73,12 @@ def test_the_summary_tells_each_lattice(tmp_path: Path) -> None:
 
 def bar(**refine: Any) -> Scene:
     """A bar of 16 voxels along its axis, sheared."""
-    data = np.ones((4, 4, 16), np.int32)
-    cloud, _ = build_cloud(
-        Labels(data, np.diag([2.5] * 3 + [1.0])), None, table_defaults("build"), "cm"
-    )
-    tables = {
-        "scene": {"dimension": 3},
-        "material": [{**_RUBBER, "label": 1}],
-        "boundary": [
-            {"set": "bottom", "u_x": 0, "u_y": 0, "u_z": 0},
-            {"set": "top", "u_x": 0.5, "u_y": 0, "u_z": 0},
-        ],
-        "probe": [{"name": "force", "quantity": "force_x", "set": "top"}],
-        "refine": refine,
-    }
-    return Scene.from_tables(tables, cloud)
+    tables = scenes.scene(
+        "auto", {}, material=[{**_RUBBER, "label": 1}], refine=refine,
+        boundary=[held("bottom"), held("top", u_x=0.5)],
+        probe=[{"name": "force", "quantity": "force_x", "set": "top"}],
+    )  # fmt: skip
+    return Scene.from_tables(tables, voxels(np.ones((4, 4, 16)), 2.5, source_stride=[2] * 3))
 
 
 @pytest.mark.slow
@@ -108,11 +93,10 @@ def test_models_are_refined_up_to_their_voxels() -> None:
 
 def test_what_voxels_leave_open_is_not_promised() -> None:
     """Four voxels across, whose faces a force knows to 0.08 of a voxel on each side."""
-    with bar(error=0.05) as scene:
-        states = scene.solve()
-        force = scene.probes(states.x[-1:], np.ones(1))[0, 0, 0]
-    assert states.probe_errors[-1, 0, 0] > 0.08 * abs(force)
-    assert "is not met: the voxels leave 8 % open, however many" in states.reasons[-1]
+    with bar(error=0.05) as opened:
+        found = solved(opened, error=True)
+    assert found.bars["force"][-1, 0] > 0.08 * abs(found.last()["force"])
+    assert "is not met: the voxels leave 8 % open, however many" in found.states.reasons[-1]
 
 
 @pytest.mark.parametrize(

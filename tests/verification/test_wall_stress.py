@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from myork import Scene
 from myork.bench.exact import Polynomial, tube
 from myork.bench.materials import RUBBER
+from tests.scenes import annulus, scene, solved
 
 #: Where walls are probed, in angles [rad]
 ANGLES = {"x": 0.0, "between": np.pi / 4, "y": np.pi / 2}
@@ -23,7 +23,6 @@ ANGLES = {"x": 0.0, "between": np.pi / 4, "y": np.pi / 2}
 
 def deck(inner: float, outer: float, moved: float, bulk: float, source: list[int]) -> Any:
     """Quarter of a tube whose inner wall is moved; no form, order or support is named."""
-    geometry = {"kind": "annulus", "inner_radius": inner, "outer_radius": outer}
     probes = []
     for name, angle in ANGLES.items():
         at = np.array([np.cos(angle), np.sin(angle)])
@@ -32,17 +31,15 @@ def deck(inner: float, outer: float, moved: float, bulk: float, source: list[int
             probes.append(
                 {"name": f"{wall} {name}", "quantity": f"cauchy_{stress}", "point": point}
             )
-    return {
-        "scene": {"dimension": 2},
-        "geometry": {**geometry, "source": source, "collocation": [2 * n - 1 for n in source]},
-        "material": [{**RUBBER, "K": bulk}],
-        "boundary": [
-            {"set": "x0", "u_x": 0.0},
-            {"set": "y0", "u_y": 0.0},
-            {"set": "inner", "radial": moved},
-        ],
-        "probe": probes,
-    }
+    walls = [
+        {"set": "x0", "u_x": 0.0},
+        {"set": "y0", "u_y": 0.0},
+        {"set": "inner", "radial": moved},
+    ]
+    return scene(
+        "auto", annulus(*source, radii=(inner, outer)), material=[{**RUBBER, "K": bulk}],
+        boundary=walls, probe=probes,
+    )  # fmt: skip
 
 
 def truths(inner: float, outer: float, moved: float, bulk: float) -> dict[str, float]:
@@ -78,15 +75,12 @@ def test_stress_on_the_walls_is_as_right_as_the_run_says(
 ) -> None:
     """With a support of 2.5 the walls were 20 and 6 % off at the planes of symmetry, accepted."""
     exact = truths(inner, outer, moved, bulk)
-    with Scene.from_tables(deck(inner, outer, moved, bulk, source), threads=1) as scene:
-        states = scene.solve()
-        values = scene.probes(states.x, states.load)[-1]
-        names = [probe["name"] for probe in scene.deck["probe"]]
-    assert states.verdict == "accepted", states.reasons
-    for name, value, bar in zip(names, values, states.probe_errors[-1], strict=True):
-        truth = exact[name.split()[0]]
-        assert abs(value[0] - truth) <= bar[0], f"{name}: {value} instead of {truth}, bar {bar}"
-        assert bar[0] < 0.05 * abs(truth), f"{name}: bar of {bar[0] / abs(truth):.1%}"
+    found = solved(deck(inner, outer, moved, bulk, source), error=True)
+    assert found.states.verdict == "accepted", found.states.reasons
+    for name, value in found.last().items():
+        truth, bar = exact[name.split()[0]], found.bars[name][-1, 0]
+        assert abs(value - truth) <= bar, f"{name}: {value} instead of {truth}, bar {bar}"
+        assert bar < 0.05 * abs(truth), f"{name}: bar of {bar / abs(truth):.1%}"
 
 
 @pytest.mark.parametrize(
@@ -107,10 +101,7 @@ def test_force_of_few_points(
     tables = deck(inner, outer, moved, bulk, source)
     tables["probe"] = [{"name": "force", "quantity": "force_x", "set": "x0"}]
     exact = truths(inner, outer, moved, bulk)["inner"] * (inner + moved)
-    with Scene.from_tables(tables, threads=1) as scene:
-        states = scene.solve(error=False)
-        force = scene.probes(states.x, states.load)[-1, 0, 0]
-    assert force == pytest.approx(exact, rel=bound)
+    assert solved(tables).last()["force"] == pytest.approx(exact, rel=bound)
 
 
 def test_the_wall_at_a_plane_of_symmetry_converges() -> None:
@@ -119,8 +110,5 @@ def test_the_wall_at_a_plane_of_symmetry_converges() -> None:
     """
     exact = truths(6.0, 8.0, 6.0, 1e3)["inner"]
     for source, bound in (([5, 26], 2e-2), ([9, 51], 6e-3)):
-        with Scene.from_tables(deck(6.0, 8.0, 6.0, 1e3, source), threads=1) as scene:
-            states = scene.solve(error=False)
-            values = scene.probes(states.x, states.load)[-1, :, 0]
-            at = [probe["name"] for probe in scene.deck["probe"]].index("inner x")
-        assert values[at] == pytest.approx(exact, rel=bound)
+        found = solved(deck(6.0, 8.0, 6.0, 1e3, source)).last()
+        assert found["inner x"] == pytest.approx(exact, rel=bound)
