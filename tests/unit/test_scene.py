@@ -12,22 +12,20 @@ from numpy.testing import assert_allclose
 
 from myork.core.scene import Scene
 from myork.errors import InputError
+from tests.scenes import box, held, scene, solved
 
-TABLES = {
-    "scene": {"dimension": 3, "method": "rkcm"},
-    "geometry": {"kind": "box", "size": [1, 1, 2], "source": [3, 3, 4], "collocation": [4, 4, 6]},
-    "material": [{"name": "rubber", "model": "polynomial", "A10": 37.3, "K": 100.0}],
-    "boundary": [
-        {"set": "z0", "u_x": 0, "u_y": 0, "u_z": 0},
-        {"set": "z1", "u_x": 0, "u_y": 0, "u_z": 0.2},
-    ],
-    "load": {"steps": 2},
-    "probe": [
+TABLES = scene(
+    "rkcm", box(3, 3, 4, size=[1, 1, 2], places=(4, 4, 6)),
+    material=[{"name": "rubber", "model": "polynomial", "A10": 37.3, "K": 100.0}],
+    boundary=[held("z0"), held("z1", u_z=0.2)], load={"steps": 2},
+    probe=[
         {"name": "bottom", "quantity": "force", "set": "z0"},
         {"name": "top", "quantity": "force", "set": "z1"},
         {"name": "middle", "quantity": "u", "point": [0.5, 0.5, 1.0]},
     ],
-}
+)  # fmt: skip
+#: Planes of symmetry at three sides
+SLIP = [{"set": f"{axis}0", f"u_{axis}": 0} for axis in "zxy"]
 #: Displacement gradient of a homogeneous state
 GRADIENT = np.array([[0.1, 0.3, -0.05], [0.02, -0.1, 0.1], [0.04, 0.07, 0.2]])
 
@@ -40,16 +38,16 @@ def affine(size, counts, gradient):
 
 
 def test_a_closed_scene_is_recognised(open_scene):
-    scene = open_scene(TABLES)
-    x = np.zeros(scene.dofs)
-    scene.close()
-    scene.close()
+    opened = open_scene(TABLES)
+    x = np.zeros(opened.dofs)
+    opened.close()
+    opened.close()
     for use in (
-        scene.solve,
-        lambda: scene.fields(x, 1.0),
-        lambda: scene.probes(x[None], [1.0]),
-        lambda: scene.linearise(x, 1.0, x),
-        lambda: scene.reduce(np.ones((scene.dofs, 1))),
+        opened.solve,
+        lambda: opened.fields(x, 1.0),
+        lambda: opened.probes(x[None], [1.0]),
+        lambda: opened.linearise(x, 1.0, x),
+        lambda: opened.reduce(np.ones((opened.dofs, 1))),
     ):
         with pytest.raises(InputError, match="this scene is closed"):
             use()
@@ -85,44 +83,44 @@ def test_scenes_opened_at_once_do_not_meet(write_deck):
     path = write_deck(TABLES)
     with ThreadPoolExecutor(8) as pool:
         scenes = list(pool.map(lambda _: Scene(path), range(40)))
-    assert len({scene.solve().x.tobytes() for scene in scenes[::8]}) == 1
-    for scene in scenes:
-        scene.close()
+    assert len({one.solve().x.tobytes() for one in scenes[::8]}) == 1
+    for one in scenes:
+        one.close()
 
 
 def test_wrong_shapes_are_refused(open_scene):
-    scene = open_scene(TABLES)
-    x = np.zeros(scene.dofs)
+    opened = open_scene(TABLES)
+    x = np.zeros(opened.dofs)
     for use in (
-        lambda: scene.fields(x[:-1], 1.0),
-        lambda: scene.fields(x.reshape(-1, 3), 1.0),
-        lambda: scene.probes(x[None], [0.5, 1.0]),
-        lambda: scene.probes(x[None, :-3], [1.0]),
-        lambda: scene.linearise(x, 1.0, x[:3]),
-        lambda: scene.reduce(x),
-        lambda: scene.reduce(np.ones((scene.dofs - 1, 2))),
-        lambda: scene.reduce(np.zeros((scene.dofs, 0))),
+        lambda: opened.fields(x[:-1], 1.0),
+        lambda: opened.fields(x.reshape(-1, 3), 1.0),
+        lambda: opened.probes(x[None], [0.5, 1.0]),
+        lambda: opened.probes(x[None, :-3], [1.0]),
+        lambda: opened.linearise(x, 1.0, x[:3]),
+        lambda: opened.reduce(x),
+        lambda: opened.reduce(np.ones((opened.dofs - 1, 2))),
+        lambda: opened.reduce(np.zeros((opened.dofs, 0))),
     ):
         with pytest.raises(InputError, match="must have shape"):
             use()
-    for modes in (np.full((scene.dofs, 1), np.nan), np.full((scene.dofs, 1), np.inf)):
+    for modes in (np.full((opened.dofs, 1), np.nan), np.full((opened.dofs, 1), np.inf)):
         with pytest.raises(InputError, match="finite"):
-            scene.reduce(modes)
+            opened.reduce(modes)
     with pytest.raises(InputError, match="no reduced model"):
-        scene.solve_reduced("dgels")
+        opened.solve_reduced("dgels")
 
 
 def test_sizes(open_scene):
     """Rows: three a collocation point and three more on the boundary, 96 - 2*2*4 points."""
-    scene = open_scene(TABLES)
-    assert (scene.dimension, scene.source_points, scene.collocation_points) == (3, 36, 96)
-    assert (scene.dofs, scene.rows, scene.steps) == (108, 3 * 96 + 3 * (96 - 16), 2)
+    opened = open_scene(TABLES)
+    assert (opened.dimension, opened.source_points, opened.collocation_points) == (3, 36, 96)
+    assert (opened.dofs, opened.rows, opened.steps) == (108, 3 * 96 + 3 * (96 - 16), 2)
 
 
 def test_fields_of_a_homogeneous_state(open_scene):
     """F[point, i, A] is not its transpose: the gradient is not symmetric."""
-    scene = open_scene(TABLES)
-    fields = scene.fields(affine([1, 1, 2], [3, 3, 4], GRADIENT), 1.0)
+    opened = open_scene(TABLES)
+    fields = opened.fields(affine([1, 1, 2], [3, 3, 4], GRADIENT), 1.0)
     f = np.eye(3) + GRADIENT
     assert_allclose(fields.f, np.broadcast_to(f, fields.f.shape), rtol=0, atol=1e-11)
     # neo-Hookean with K/2 (J - 1)^2, written out by hand
@@ -142,15 +140,11 @@ def test_fields_of_a_homogeneous_state(open_scene):
 
 
 def test_fields_in_the_plane(open_scene):
-    plane = {
-        **TABLES,
-        "scene": {"dimension": 2, "method": "rkcm"},
-        "geometry": {"kind": "box", "size": [1, 2], "source": [4, 5], "collocation": [6, 8]},
-        "boundary": [{"set": "y0", "u_x": 0, "u_y": 0}],
-    }
-    del plane["probe"]
-    scene = open_scene(plane)
-    fields = scene.fields(affine([1, 2], [4, 5], GRADIENT[:2, :2]), 1.0)
+    opened = open_scene(
+        scene("rkcm", box(4, 5, size=[1, 2], places=(6, 8)), material=TABLES["material"],
+              boundary=[held("y0", 2)])
+    )  # fmt: skip
+    fields = opened.fields(affine([1, 2], [4, 5], GRADIENT[:2, :2]), 1.0)
     f = np.eye(3)
     f[:2, :2] += GRADIENT[:2, :2]
     assert_allclose(fields.f, np.broadcast_to(f, fields.f.shape), rtol=0, atol=1e-11)
@@ -174,19 +168,9 @@ def test_forces_of_both_ends_balance(open_scene):
     """Only up to the discretisation here: tractions at clamped edges are singular. On a bar
     whose ends may slip the state is homogeneous and the balance is exact.
     """
-    slip = {
-        **TABLES,
-        "boundary": [
-            {"set": "z0", "u_z": 0},
-            {"set": "x0", "u_x": 0},
-            {"set": "y0", "u_y": 0},
-            {"set": "z1", "u_z": 0.2},
-        ],
-    }
+    slip = {**TABLES, "boundary": [*SLIP, {"set": "z1", "u_z": 0.2}]}
     for tables, tolerance in ((slip, 1e-6), (TABLES, 0.1)):
-        scene = open_scene(tables)
-        states = scene.solve()
-        bottom, top, _ = scene.probes(states.x, states.load)[-1]
+        bottom, top, _ = (value[-1] for value in solved(tables).probes.values())
         assert top[2] > 1.0
         assert abs(bottom + top).max() < tolerance * top[2]
 
@@ -195,40 +179,21 @@ def test_essential_conditions_beat_tractions_at_edges(open_scene):
     """A dead load on one face, rollers on three others that share edges with it: the shared
     points keep both, each for its component, and the state is homogeneous with P_xx = 5.
     """
-    loaded = {
-        **TABLES,
-        "boundary": [
-            {"set": "x1", "traction": [5.0, 0.0, 0.0]},
-            {"set": "x0", "u_x": 0},
-            {"set": "y0", "u_y": 0},
-            {"set": "z0", "u_z": 0},
-            {"set": "y1", "u_y": 0},
-            {"set": "z1", "u_z": 0},
-        ],
-        "probe": [{"name": "side", "quantity": "force", "set": "x1"}],
-    }
-    scene = open_scene(loaded, "load.steps=1")
-    states = scene.solve()
-    fields = scene.fields(states.x[-1], 1.0)
+    load = {"set": "x1", "traction": [5.0, 0.0, 0.0]}
+    walls = [*SLIP, {"set": "y1", "u_y": 0}, {"set": "z1", "u_z": 0}]
+    side = {"name": "side", "quantity": "force", "set": "x1"}
+    found = solved({**TABLES, "boundary": [load, *walls], "probe": [side]}, "load.steps=1")
+    fields = found.fields
     assert fields.f[0, 0, 0] > 1.02
     assert_allclose(fields.f[:, 1, 1], 1.0, rtol=0, atol=1e-6)
     assert_allclose(fields.f[:, 2, 2], 1.0, rtol=0, atol=1e-6)
-    side = scene.probes(states.x, states.load)[-1, 0]
-    assert_allclose(side, [5.0 * 2.0, 0, 0], rtol=0, atol=1e-5)
+    assert_allclose(found.probes["side"][-1], [5.0 * 2.0, 0, 0], rtol=0, atol=1e-5)
 
 
 def test_a_free_component_of_a_condition_is_free_of_traction(open_scene):
     """A smooth plate presses: no shear traction where only the normal component is prescribed."""
-    smooth = {
-        **TABLES,
-        "boundary": [
-            {"set": "z0", "u_x": 0, "u_y": 0, "u_z": 0},
-            {"set": "z1", "u_z": -0.1},
-        ],
-    }
-    scene = open_scene(smooth)
-    states = scene.solve()
-    top = scene.probes(states.x, states.load)[-1, 1]
+    smooth = {**TABLES, "boundary": [held("z0"), {"set": "z1", "u_z": -0.1}]}
+    top = solved(smooth).probes["top"][-1]
     assert top[2] < -1.0
     assert abs(top[:2]).max() < 1e-8 * abs(top[2])
 
@@ -238,13 +203,7 @@ METHODS = ["rkcm", "rkcm-mixed", "rkpm-gauss", "rkpm-scni"]
 
 @pytest.mark.parametrize("method", METHODS)
 def test_contradicting_conditions_are_refused(method, open_scene):
-    contradiction = {
-        **TABLES,
-        "boundary": [
-            {"set": "z0", "u_x": 0, "u_y": 0, "u_z": 0},
-            {"set": "x0", "u_x": 0.5},
-        ],
-    }
+    contradiction = {**TABLES, "boundary": [held("z0"), {"set": "x0", "u_x": 0.5}]}
     with pytest.raises(InputError, match=r"two displacements, .*component 1 at \(0, 0, 0\)"):
         open_scene(contradiction, f'scene.method="{method}"')
 
@@ -256,37 +215,22 @@ def test_the_same_condition_twice_is_none_too_many(open_scene):
 
 def test_a_load_of_nothing_converges_at_once(open_scene):
     """Zero displacement has no relative change; the criteria must not divide by it."""
-    muscle = {
-        **TABLES,
-        "material": [
-            {"name": "m", "model": "muscle", "A10": 6.43, "K": 5000.0, "fiber": [0, 0.6, 0.8]}
-        ],
-        "boundary": [{"set": "z0", "u_x": 0, "u_y": 0, "u_z": 0}],
-    }
+    muscle = {"name": "m", "model": "muscle", "A10": 6.43, "K": 5000.0, "fiber": [0, 0.6, 0.8]}
+    tables = {**TABLES, "material": [muscle], "boundary": [held("z0")]}
     for activation in (0.0, 1e-12):
-        states = open_scene(muscle, f"load.activation={activation}").solve()
+        states = open_scene(tables, f"load.activation={activation}").solve()
         assert max(states.iterations) <= 2
         assert abs(states.x).max() < 1e-10
 
 
 def test_every_load_is_met_exactly_also_after_halvings(open_scene):
     """A step too large for one go: pressed to a fifth at once."""
-    hard = {
-        **TABLES,
-        "boundary": [
-            {"set": "z0", "u_z": 0},
-            {"set": "x0", "u_x": 0},
-            {"set": "y0", "u_y": 0},
-            {"set": "z1", "u_z": -1.8},
-        ],
-        "solver": {"max_iterations": 8},
-    }
-    scene = open_scene(hard, "load.steps=3")
-    states = scene.solve()
+    pressed = {**TABLES, "boundary": [*SLIP, {"set": "z1", "u_z": -1.8}]}
+    found = solved(pressed, "load.steps=3", "solver.max_iterations=8")
+    states = found.states
     assert states.load.tolist() == [1 / 3, 2 / 3, 1.0]
     assert max(states.iterations) > 4, "nothing was halved"
-    fields = scene.fields(states.x[-1], 1.0)
-    assert_allclose(fields.f[:, 2, 2], 0.1, rtol=1e-4)
+    assert_allclose(found.fields.f[:, 2, 2], 0.1, rtol=1e-4)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -297,8 +241,8 @@ def test_answers_do_not_depend_on_what_was_asked_before(method, open_scene):
     probe = {"name": "stress", "quantity": "cauchy_zz", "point": [0.4, 0.5, 1.2]}
     tables = {**TABLES, "probe": [*TABLES["probe"], probe]}
     override = f'scene.method="{method}"'
-    scene = open_scene(tables, override)
-    states = scene.solve()
+    opened = open_scene(tables, override)
+    states = opened.solve()
 
     def answers(asked, step):
         x, load = states.x[step], states.load[step]
@@ -306,31 +250,31 @@ def test_answers_do_not_depend_on_what_was_asked_before(method, open_scene):
         probes = asked.probes(x[None], [load])
         return [part.tobytes() for part in (fields.u, fields.f, fields.cauchy, probes)]
 
-    first, last = answers(scene, 0), answers(scene, 1)
+    first, last = answers(opened, 0), answers(opened, 1)
     assert all(one != other for one, other in zip(first, last, strict=True))
-    assert answers(scene, 0) == first
-    scene.linearise(states.x[1], 1.0, states.x[0])
-    assert answers(scene, 0) == first
-    scene.solve()
-    assert answers(scene, 0) == first
+    assert answers(opened, 0) == first
+    opened.linearise(states.x[1], 1.0, states.x[0])
+    assert answers(opened, 0) == first
+    opened.solve()
+    assert answers(opened, 0) == first
     assert answers(open_scene(tables, override), 1) == last
-    together = scene.probes(states.x[::-1], states.load[::-1])
+    together = opened.probes(states.x[::-1], states.load[::-1])
     assert [values.tobytes() for values in together[::-1, None]] == [first[3], last[3]]
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_questions_leave_no_trace_in_a_linearisation(method, open_scene):
     """Residuals and rows are those of the state they are asked at, whatever was asked before."""
-    scene = open_scene(TABLES, f'scene.method="{method}"')
-    states = scene.solve()
+    opened = open_scene(TABLES, f'scene.method="{method}"')
+    states = opened.solve()
 
     def linearised():
-        r, y = scene.linearise(states.x[1], 1.0, states.x[0])
+        r, y = opened.linearise(states.x[1], 1.0, states.x[0])
         return r.tobytes(), y.tobytes()
 
     wanted = linearised()
-    scene.fields(states.x[0], 0.5)
-    scene.probes(states.x, states.load)
+    opened.fields(states.x[0], 0.5)
+    opened.probes(states.x, states.load)
     assert linearised() == wanted
-    scene.solve()
+    opened.solve()
     assert linearised() == wanted
