@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import json
+import subprocess
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,6 +17,7 @@ from myork.core.deck import table_defaults
 from myork.core.states import Fields, States
 from myork.model.cloud import build_cloud
 from myork.records import Labels, PointCloud
+from myork.stations.solve import find_executable
 from myork.types import F64
 
 #: Of the reference, with a bulk modulus that needs no treatment
@@ -130,6 +133,19 @@ def solved(
         opened = Scene.from_tables(deck, cloud, overrides=overrides, threads=1)
     with opened:
         return solved(opened, error=error)
+
+
+def execute(
+    deck: Path, out: Path, *words: str, sets: Iterable[str] = ()
+) -> tuple[dict[str, Any], subprocess.CompletedProcess[str]]:
+    """Run the executable on one thread; the summary that it leaves, if any, and what it said."""
+    overrides = [word for text in sets for word in ("--set", text)]
+    done = subprocess.run(
+        [str(find_executable()), str(deck), "-o", str(out), "-t", "1", *words, *overrides],
+        capture_output=True, text=True, timeout=300,
+    )  # fmt: skip
+    path = out / "summary.json"
+    return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}, done
 
 
 def voxels(

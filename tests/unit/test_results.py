@@ -20,7 +20,7 @@ from myork.model_file import write_model
 from myork.records import PointCloud, Voxels
 from myork.results import Results
 from myork.stations.solve import find_executable, run_deck
-from tests.scenes import LINEAR, MUSCLE, box, held, scene
+from tests.scenes import LINEAR, MUSCLE, box, execute, held, scene
 
 LOADS = [0.0, 1 / 3, 2 / 3, 1.0]
 DIRECTION = [0.0, 0.6, 0.8]
@@ -294,7 +294,7 @@ def refused(path: Path) -> str:
     )  # fmt: skip
     deck = path.with_name("deck.toml")
     deck.write_text(text_of_tables({"title": "model", **tables}))
-    done = subprocess.run([find_executable(), deck, "--explain"], capture_output=True, text=True)
+    _, done = execute(deck, path.parent, "--explain")
     assert done.returncode == 2
     return done.stderr
 

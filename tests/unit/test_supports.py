@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,8 +13,8 @@ from myork import Scene
 from myork.errors import ConvergenceError, InputError
 from myork.model_file import write_model
 from myork.records import PointCloud
-from myork.stations.solve import find_executable
 from myork.tables import deck_text
+from tests.scenes import execute, held, scene
 
 METHODS = ("rkcm", "rkcm-mixed", "rkpm-gauss", "rkpm-scni")
 BLOCK: dict[str, Any] = {
@@ -107,12 +106,10 @@ def pinned(points: np.ndarray) -> PointCloud:
 
 def test_a_hinge_is_no_support_and_three_pins_are() -> None:
     """Points held on a diagonal leave the turn about it; one beside it ends that."""
-    deck = {
-        "scene": {"dimension": 3, "method": "rkcm"},
-        "material": BLOCK["material"],
-        "boundary": [{"set": "pins", "u_x": 0, "u_y": 0, "u_z": 0}],
-        "approximation": {"order": 2, "support": 3},
-    }
+    deck = scene(
+        "rkcm", {}, material=BLOCK["material"], boundary=[held("pins")],
+        approximation={"order": 2, "support": 3},
+    )  # fmt: skip
     diagonal = np.array([[0, 0, 0], [1 / 3, 1 / 3, 0], [2 / 3, 2 / 3, 0], [1, 1, 0]])
     with pytest.raises(InputError, match=r"free to turn about an axis along \(1, 1, 0\);"):
         Scene.from_tables(deck, pinned(diagonal))
@@ -121,24 +118,16 @@ def test_a_hinge_is_no_support_and_three_pins_are() -> None:
 
 def test_points_in_another_unit_are_refused_by_both_programs(tmp_path: Path) -> None:
     """Exit 2 and the line of the unit; in memory the same words."""
-    deck = {
-        "title": "pins",
-        "units": {"force": "N", "length": "cm"},
-        "scene": {"dimension": 3, "method": "rkcm"},
-        "material": BLOCK["material"],
-        "boundary": [{"set": "pins", "u_x": 0, "u_y": 0, "u_z": 0}],
-    }
+    units = {"force": "N", "length": "cm"}
+    deck = scene("rkcm", {}, title="pins", units=units, boundary=[held("pins")]) | BLOCK
+    deck["geometry"] = {"kind": "model"}
     body = replace(pinned(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]])), length_unit="mm")
     with pytest.raises(InputError, match="the lengths of the points are in mm"):
         Scene.from_tables(deck, body)
     write_model(tmp_path / "model.h5", body)
     path = tmp_path / "deck.toml"
-    path.write_text(
-        deck_text({**deck, "geometry": {"kind": "model", "file": "model.h5"}}), encoding="utf-8"
-    )
-    done = subprocess.run(
-        [str(find_executable()), str(path), "-o", str(tmp_path)], capture_output=True, text=True
-    )
+    path.write_text(deck_text(deck), encoding="utf-8")
+    _, done = execute(path, tmp_path)
     assert done.returncode == 2
     assert "units.length: 'cm', but the lengths of the points are in mm" in done.stderr
 

@@ -8,8 +8,6 @@ that was missed.
 
 from __future__ import annotations
 
-import json
-import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +15,7 @@ import numpy as np
 import pytest
 
 from myork.core import material as core_material
-from myork.stations.solve import find_executable
+from tests.scenes import execute
 
 SMALL = (
     "geometry.size=[1,1,1]", "geometry.source=[3,3,3]", "geometry.collocation=[5,5,5]",
@@ -27,10 +25,9 @@ MODULI = {"A10": 37.3, "A20": -3.1, "A30": 0.5}
 
 
 def solve(inputs: Path, out: Path, *overrides: str) -> dict[str, Any]:
-    words = [word for text in (*SMALL, *overrides) for word in ("--set", text)]
     deck = inputs / "uniaxial_tension.toml"
-    subprocess.run([find_executable(), deck, "-o", out, "-q", *words], check=True, timeout=120)
-    summary: dict[str, Any] = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    summary, done = execute(deck, out, "-q", sets=(*SMALL, *overrides))
+    assert done.returncode == 0, done.stderr
     return summary
 
 

@@ -8,9 +8,6 @@ entry (measured 5e-13 to 8e-10), so 1e-7 fails on any wrong term and not on roun
 from __future__ import annotations
 
 import csv
-import json
-import os
-import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +16,7 @@ import pytest
 from myork.core.least_squares import SOLVERS
 from myork.core.scene import Scene
 from myork.errors import ConvergenceError
-from myork.stations.solve import find_executable
+from tests.scenes import execute
 
 TOLERANCE = 1e-7
 
@@ -100,21 +97,10 @@ def test_second_derivatives_of_modes(case: str, inputs: Path) -> None:
     np.testing.assert_allclose(found[1], modes.T @ second @ modes, atol=1e-10 * abs(second).max())
 
 
-def run(deck: Path, out: Path, *overrides: str) -> subprocess.CompletedProcess[str]:
-    words = [word for text in overrides for word in ("--set", text)]
-    return subprocess.run(
-        [str(find_executable()), str(deck), "-o", str(out), "--no-error", *words],
-        env={**os.environ},
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
-
-
-def converged(out: Path) -> bool:
-    """Whether the iteration did: an answer may be refused none the less."""
-    summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
-    return bool(summary["converged"])
+def converged(deck: Path, out: Path, *overrides: str) -> None:
+    """The iteration does: an answer may be refused none the less."""
+    summary, done = execute(deck, out, "--no-error", sets=overrides)
+    assert summary["converged"], done.stderr
 
 
 def history(out: Path) -> list[dict[str, str]]:
@@ -133,11 +119,8 @@ def test_newton_converges_quadratically(inputs: Path, tmp_path: Path) -> None:
     order = {}
     for method in ("full", "gauss-newton"):
         out = tmp_path / method
-        done = run(
-            inputs / "muscle_fibers.toml", out, f"solver.newton={method}", *EDGES,
-            "solver.tolerance=1e-8",
-        )  # fmt: skip
-        assert converged(out), done.stderr
+        words = (f"solver.newton={method}", *EDGES, "solver.tolerance=1e-8")
+        converged(inputs / "muscle_fibers.toml", out, *words)
         steps = [float(row["step_norm"]) for row in history(out) if row["step"] == "4"]
         last = np.log(steps[-3:])
         order[method] = (last[2] - last[1]) / (last[1] - last[0])
@@ -171,8 +154,7 @@ def test_newton_passes_where_gauss_newton_crawls(inputs: Path, tmp_path: Path) -
         "geometry.source=[5,5,9]", "geometry.collocation=[9,9,17]", "material.curve=smooth",
         "load.steps=6", "solver.newton=full",
     ]  # fmt: skip
-    done = run(inputs / "muscle_fibers.toml", tmp_path, *overrides)
-    assert converged(tmp_path), done.stderr
+    converged(inputs / "muscle_fibers.toml", tmp_path, *overrides)
     assert sum(row["step"] == "6" for row in history(tmp_path)) <= 8
 
 

@@ -9,7 +9,6 @@ shear's force 247.93 N. Homogeneous states are exact.
 from __future__ import annotations
 
 import json
-import subprocess
 from html import unescape
 from pathlib import Path
 from typing import Any
@@ -20,9 +19,8 @@ import pytest
 from myork import Scene, make_report, run_deck
 from myork.core.states import States
 from myork.errors import ConvergenceError, RefusedError
-from myork.stations.solve import find_executable
 from tests import scenes
-from tests.scenes import annulus, box, cantilever, held, scene
+from tests.scenes import annulus, box, cantilever, execute, held, scene
 
 GAUSS = (
     "scene.method=rkpm-gauss", "approximation.order=1", "approximation.support=2",
@@ -223,11 +221,8 @@ def test_without_a_second_solution_nothing_is_silent(tmp_path: Path, inputs: Pat
     states, found = solved(deck, overrides, error=False)
     assert np.isnan(found["top_force"][1]).all()
     assert states.reasons == ["no error estimate: no second solution was wanted"]
-    words = [word for text in overrides for word in ("--set", text)]
-    subprocess.run(
-        [find_executable(), deck, "-o", tmp_path, "-q", "--no-error", *words], check=True
-    )
-    summary = json.loads((tmp_path / "summary.json").read_text())
+    summary, done = execute(deck, tmp_path, "-q", "--no-error", sets=overrides)
+    assert done.returncode == 0
     assert summary["verdict"] == {"state": states.verdict, "reasons": states.reasons}
     assert summary["steps"][-1]["probe_errors"] == {} and "companion" not in summary
 

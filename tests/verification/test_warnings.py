@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +12,7 @@ import pytest
 from myork import Scene, run_deck
 from myork.core.states import States
 from myork.errors import ConvergenceError, InputError, MyorkError, RefusedError
-from myork.stations.solve import find_executable
-from tests.scenes import cantilever, solved
+from tests.scenes import cantilever, execute, solved
 
 SMALL_MUSCLE = (
     "geometry.source=[3,3,5]", "geometry.collocation=[5,5,9]", "load.steps=2",
@@ -107,15 +105,7 @@ def in_memory(deck: Path, overrides: tuple[str, ...]) -> tuple[States, type[Myor
 
 
 def by_executable(deck: Path, overrides: tuple[str, ...], out: Path) -> dict[str, Any]:
-    words = [word for text in overrides for word in ("--set", text)]
-    subprocess.run(
-        [find_executable(), deck, "-o", out, "-t", "1", "-q", *words],
-        capture_output=True,
-        check=False,
-        timeout=300,
-    )
-    summary: dict[str, Any] = json.loads((out / "summary.json").read_text(encoding="utf-8"))
-    return summary
+    return execute(deck, out, "-q", sets=overrides)[0]
 
 
 @pytest.mark.slow
