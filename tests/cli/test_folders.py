@@ -314,6 +314,7 @@ def test_a_run_that_fails_at_once_does_not_replace_states(deck: Path, tmp_path: 
     assert summary_of(out / "previous")["steps"] and not summary_of(out)["steps"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["myork-solve", "myork solve", "myork run -q"])
 def test_no_reader_no_matter(deck: Path, tmp_path: Path, command: str) -> None:
     """Output into a pipe whose reader has gone: the run goes on and its results are written."""

@@ -543,6 +543,7 @@ def test_counts_have_limits(write: Write, table: str) -> None:
     assert f": {table}: has {most + 1} entries, but at most {most} are possible" in lines[0]
 
 
+@pytest.mark.slow
 def test_arrays_have_limits(write: Write) -> None:
     for count in (100_000, 100_001):
         numbers = ", ".join(map(str, range(count)))
