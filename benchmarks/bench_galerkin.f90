@@ -92,7 +92,7 @@ contains
       allocate (c4(3, 3, 3, 3, size(problem%cells%weight)))
       best = huge(1.0_wp)
       problem%matrix%keeps = .true.
-      call problem%start_step(x, 0.1_wp)
+      call problem%start(x, 0.1_wp, .false.)
       do k = 1, repeats
          start = now()
          call scene%shape_at(problem%cells%point, shape, error, first=.true.)

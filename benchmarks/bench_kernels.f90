@@ -52,7 +52,7 @@ program bench_kernels
    print '(a, 2(1x, i0))', 'size', problem%m, problem%n
 
    call time_machine(repeats)
-   call problem%start_step(x, 0.1_wp)
+   call problem%start(x, 0.1_wp, .false.)
    call problem%linearise(x, 0.1_wp, r, state)
    op => problem%operator()
    call kernels()

@@ -2,8 +2,8 @@
 module rk_matrix
    use rk_envelope, only : envelope_type, new_envelope
    use rk_error, only : error_type
-   use rk_lapack, only : matvec, syrk
-   use rk_operator, only : row_operator
+   use rk_lapack, only : matvec, solve_qr, syrk
+   use rk_operator, only : square_operator, square_report
    use rk_precision, only : i8, wp
    implicit none
    private
@@ -11,7 +11,7 @@ module rk_matrix
    public :: matrix_rows
 
    !> Stored rows
-   type, extends(row_operator) :: matrix_rows
+   type, extends(square_operator) :: matrix_rows
       !> Entries, shape (m, n)
       real(wp), allocatable :: a(:, :)
    contains
@@ -21,6 +21,8 @@ module rk_matrix
       procedure :: normal
       procedure :: dense
       procedure :: compressed
+      !> Solve with as many rows as columns
+      procedure :: solve_square
    end type matrix_rows
 
 contains
@@ -106,5 +108,36 @@ subroutine compressed(self, start, column, value)
    column = [((int(j - 1, i8), j=1, self%n), i=1, self%m)]
    value = reshape(transpose(self%a), [self%m*self%n])
 end subroutine compressed
+
+!> Solve (A + shift |D|) x = b of a small square matrix that need not be symmetric
+recursive subroutine solve_square(self, shift, b, x, report, error)
+   !> Matrix
+   class(matrix_rows), target, intent(inout) :: self
+   !> Damping in units of the diagonal, >= 0 [-]
+   real(wp), intent(in) :: shift
+   !> Right hand side, shape (n)
+   real(wp), contiguous, intent(in) :: b(:)
+   !> Solution, shape (n)
+   real(wp), contiguous, intent(inout) :: x(:)
+   !> What was used and how good it is
+   type(square_report), intent(out) :: report
+   !> Error handling: singular matrix
+   type(error_type), allocatable, intent(out) :: error
+   real(wp), allocatable :: a(:, :), factor(:, :)
+   integer :: j
+
+   allocate (a, source=self%a)
+   do j = 1, self%n
+      a(j, j) = a(j, j) + shift*abs(a(j, j))
+   end do
+   allocate (factor, source=a)
+   x = b
+   call solve_qr(factor, x, report%rcond, error)
+   if (allocated(error)) return
+   report%backward_error = norm2(matmul(a, x) - b) &
+      & /max(norm2(a)*norm2(x) + norm2(b), tiny(1.0_wp))
+   report%used = 'projected'
+   report%why = 'the tangent in the span of a few modes is small and dense'
+end subroutine solve_square
 
 end module rk_matrix

@@ -7,7 +7,7 @@ module rk_operator
    implicit none
    private
 
-   public :: row_operator, square_operator, square_report, factor_type, shortest
+   public :: row_operator, square_operator, square_report, factor_type, shortest, solve_as_it_is
 
    !> Something that solves equations with (A D)^T (A D), D the inverse column norms
    type, abstract :: factor_type
@@ -55,7 +55,7 @@ module rk_operator
       real(wp) :: rcond = 0.0_wp
    end type square_report
 
-   !> A symmetric matrix that solves its equations
+   !> A square matrix that solves its equations
    type, abstract, extends(row_operator) :: square_operator
    contains
       !> Solve (A + shift |D|) x = b with a diagonal D like that of A
@@ -67,7 +67,7 @@ module rk_operator
       recursive subroutine square_interface(self, shift, b, x, report, error)
          import :: error_type, square_operator, square_report, wp
          !> Matrix
-         class(square_operator), target, intent(in) :: self
+         class(square_operator), target, intent(inout) :: self
          !> Damping in units of the diagonal, >= 0 [-]
          real(wp), intent(in) :: shift
          !> Right hand side, shape (n)
@@ -143,6 +143,27 @@ module rk_operator
    real(wp), parameter :: golden = 0.6180339887498949_wp
 
 contains
+
+!> Solve (A + shift |D|) x = b with a matrix that is known to be square
+subroutine solve_as_it_is(op, shift, b, x, report, error)
+   !> Matrix
+   class(row_operator), target, intent(inout) :: op
+   !> Damping in units of the diagonal, >= 0 [-]
+   real(wp), intent(in) :: shift
+   !> Right hand side, shape (n)
+   real(wp), contiguous, intent(in) :: b(:)
+   !> Solution, shape (n)
+   real(wp), contiguous, intent(inout) :: x(:)
+   !> What was used and how good it is
+   type(square_report), intent(out) :: report
+   !> Error handling: singular matrix, no memory, no convergence
+   type(error_type), allocatable, intent(out) :: error
+
+   select type (op)
+   class is (square_operator)
+      call op%solve_square(shift, b, x, report, error)
+   end select
+end subroutine solve_as_it_is
 
 !> Number of nonzero entries; all, where the matrix does not know better
 pure real(wp) function entries(self)

@@ -367,7 +367,7 @@ end function entries
 !> Solve (A + shift |D|) x = b with the diagonal D of A
 recursive subroutine solve_square(self, shift, b, x, report, error)
    !> Matrix
-   class(symmetric_matrix), target, intent(in) :: self
+   class(symmetric_matrix), target, intent(inout) :: self
    !> Damping in units of the diagonal, >= 0 [-]
    real(wp), intent(in) :: shift
    !> Right hand side, shape (n)

@@ -16,7 +16,7 @@ module rk_linear
    use rk_equation, only : equation_type
    use rk_error, only : error_type, fatal_error, err_input
    use rk_precision, only : wp
-   use rk_problem, only : evaluation_type
+   use rk_problem, only : evaluation_type, stage_type
    use rk_rows, only : new_rows
    use rk_scene, only : condition_type, scene_type
    use rk_solutions, only : exact_field, source_at
@@ -42,9 +42,7 @@ module rk_linear
    contains
       !> Weighted right hand side of loads of the deck's own
       procedure :: own_side
-      procedure :: is_linear
-      procedure :: evaluate
-      procedure :: linearise
+      procedure :: assemble
       procedure :: at_place
    end type linear_problem
 
@@ -62,6 +60,7 @@ subroutine new_linear(self, scene, error)
    integer :: nd, nb, b, d
 
    self%scene => scene
+   self%linear = .true.
    nd = scene%cloud%nd
    self%fields = merge(1, nd, scene%equation%kind == 'poisson')
    call find_boundary(self, error)
@@ -87,7 +86,7 @@ subroutine new_linear(self, scene, error)
    self%m = self%rows%m
    self%n = self%rows%n
    allocate (self%b(self%m), source=0.0_wp)
-   call assemble(self)
+   call set_rows(self)
    if (scene%equation%is_own()) call self%own_side(0.0_wp, self%b, error)
 end subroutine new_linear
 
@@ -134,7 +133,7 @@ subroutine find_boundary(self, error)
 end subroutine find_boundary
 
 !> Rows and, of a known solution, the right hand side (5.13)-(5.15)
-subroutine assemble(self)
+subroutine set_rows(self)
    !> Problem
    class(linear_problem), intent(inout) :: self
    real(wp) :: u(self%fields, self%shape%nq)
@@ -153,7 +152,7 @@ subroutine assemble(self)
          self%b(row + i) = sum(self%rows%coefficient(i, :, :, b)*u)
       end do
    end do
-end subroutine assemble
+end subroutine set_rows
 
 !> L
 pure function domain_rows(self, ip) result(rows)
@@ -271,49 +270,23 @@ subroutine set_essential_weight(scene, error)
       & *maxval(coefficient%pair)
 end subroutine set_essential_weight
 
-!> Whether residuals are linear in the unknowns
-pure logical function is_linear(self)
-   !> Problem
-   class(linear_problem), intent(in) :: self
-
-   associate (unused => self)
-   end associate
-   is_linear = .true.
-end function is_linear
-
-!> Residuals A x - load b
-subroutine evaluate(self, x, load, r, seen)
+!> Residuals A x - load b; the rows are the same in every state
+subroutine assemble(self, x, stage, r, seen)
    !> Problem, its rows assembled
    class(linear_problem), target, intent(inout) :: self
    !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Load [-]
-   real(wp), intent(in) :: load
+   !> Load
+   type(stage_type), intent(in) :: stage
    !> Residuals, shape (m)
    real(wp), contiguous, intent(inout) :: r(:)
    !> What was seen
    type(evaluation_type), intent(out) :: seen
 
    call self%rows%apply(x, r)
-   r = r - load*self%b
+   r = r - stage%load*self%b
    seen%valid = all(abs(r) <= huge(1.0_wp))
-end subroutine evaluate
-
-!> Evaluate; the rows are the same in every state
-subroutine linearise(self, x, load, r, seen)
-   !> Problem
-   class(linear_problem), target, intent(inout) :: self
-   !> Unknowns, shape (n)
-   real(wp), contiguous, intent(in) :: x(:)
-   !> Load [-]
-   real(wp), intent(in) :: load
-   !> Residuals, shape (m)
-   real(wp), contiguous, intent(inout) :: r(:)
-   !> What was seen
-   type(evaluation_type), intent(out) :: seen
-
-   call self%evaluate(x, load, r, seen)
-end subroutine linearise
+end subroutine assemble
 
 !> Small strain stress at a place; of a scalar problem the value alone
 subroutine at_place(self, state, ip, x, u, local)

@@ -18,10 +18,10 @@ module rk_weak_linear
    use rk_gradient, only : gradient_type, new_gradient
    use rk_held, only : held_type, new_held
    use rk_linear, only : find_boundary, small_strain
-   use rk_operator, only : row_operator, square_report
+   use rk_operator, only : row_operator
    use rk_precision, only : wp
    use rk_pressure, only : new_pressure, pressure_type
-   use rk_problem, only : evaluation_type
+   use rk_problem, only : evaluation_type, stage_type
    use rk_scene, only : scene_type
    use rk_shape, only : shape_type
    use rk_solutions, only : exact_field
@@ -60,11 +60,8 @@ module rk_weak_linear
       !> What is held at source points; not allocated where the penalty holds
       type(held_type), allocatable :: held
    contains
-      procedure :: is_linear
-      procedure :: evaluate
-      procedure :: linearise => evaluate
+      procedure :: assemble
       procedure :: operator
-      procedure :: square_step
       procedure :: state
       procedure :: at_place
       procedure :: set_force
@@ -85,6 +82,8 @@ subroutine new_weak_linear(self, scene, error)
    integer :: nd, ns, q
 
    self%scene => scene
+   self%linear = .true.
+   self%square = .true.
    nd = scene%cloud%nd
    ns = size(scene%cloud%source, 2)
    if (allocated(scene%motion) .and. scene%galerkin%transformation) then
@@ -404,38 +403,28 @@ subroutine lift_at(self, time, lift, error)
    call lift%set_essential(self%cells, essential, whole)
 end subroutine lift_at
 
-!> Whether residuals are linear in the unknowns
-pure logical function is_linear(self)
-   !> Problem
-   class(weak_linear_problem), intent(in) :: self
-
-   associate (unused => self)
-   end associate
-   is_linear = .true.
-end function is_linear
-
 !> Residuals: internal less external forces
-subroutine evaluate(self, x, load, r, seen)
+subroutine assemble(self, x, stage, r, seen)
    !> Problem
    class(weak_linear_problem), target, intent(inout) :: self
    !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Load [-]
-   real(wp), intent(in) :: load
+   !> Load
+   type(stage_type), intent(in) :: stage
    !> Residuals, shape (n)
    real(wp), contiguous, intent(inout) :: r(:)
    !> What was seen
    type(evaluation_type), intent(out) :: seen
 
    call self%matrix%apply(x, r)
-   r = r - load*self%force(:, 1)
+   r = r - stage%load*self%force(:, 1)
    if (allocated(self%held)) then
-      call self%held%constrain(x, [load], r)
+      call self%held%constrain(x, [stage%load], r)
       ! the problem may have been moved since it was made
       call self%held%bind(self%matrix)
    end if
    seen%valid = all(abs(r) <= huge(1.0_wp))
-end subroutine evaluate
+end subroutine assemble
 
 !> Stiffness
 function operator(self) result(op)
@@ -447,34 +436,9 @@ function operator(self) result(op)
    if (allocated(self%held)) op => self%held%whole
 end function operator
 
-!> The solution by the stiffness itself
-subroutine square_step(self, shift, r, dx, found, report, error)
-   !> Problem
-   class(weak_linear_problem), target, intent(inout) :: self
-   !> Damping in units of the diagonal, >= 0 [-]
-   real(wp), intent(in) :: shift
-   !> Residuals, shape (n)
-   real(wp), contiguous, intent(in) :: r(:)
-   !> Step, shape (n)
-   real(wp), contiguous, intent(inout) :: dx(:)
-   !> Always
-   logical, intent(out) :: found
-   !> What was used and how good it is
-   type(square_report), intent(out) :: report
-   !> Error handling: singular matrix, no memory
-   type(error_type), allocatable, intent(out) :: error
-
-   found = .true.
-   if (allocated(self%held)) then
-      call self%held%whole%solve_square(shift, -r, dx, report, error)
-   else
-      call self%matrix%solve_square(shift, -r, dx, report, error)
-   end if
-end subroutine square_step
-
 !> State of the body: gradients and stresses at the integration points, and the projected change of
 !> volume times lambda
-subroutine state(self, x, load, at)
+subroutine state(self, x, load, at, tissue)
    !> Problem
    class(weak_linear_problem), intent(in) :: self
    !> Unknowns, shape (n)
@@ -483,6 +447,8 @@ subroutine state(self, x, load, at)
    real(wp), intent(in) :: load
    !> State
    type(field_state), intent(out) :: at
+   !> Of no meaning: a linear problem has no tissues
+   integer, intent(in), optional :: tissue
    type(gradient_type) :: lift
    type(error_type), allocatable :: error
    real(wp), allocatable :: local(:, :), h(:, :, :), f(:)
@@ -492,6 +458,7 @@ subroutine state(self, x, load, at)
    at%x = x
    at%load = load
    at%factor = [load]
+   if (present(tissue)) at%tissue = tissue
    ! of a motion the load is the time; its expressions had values then
    if (allocated(self%scene%motion)) then
       at%factor = [0.0_wp]
@@ -569,7 +536,7 @@ subroutine at_place(self, state, ip, x, u, local)
 end subroutine at_place
 
 !> Force that the surroundings exert on the body through a set
-function set_force(self, set, state, share) result(force)
+function set_force(self, set, state, share, about) result(force)
    !> Problem
    class(weak_linear_problem), intent(in) :: self
    !> Boundary set
@@ -578,6 +545,8 @@ function set_force(self, set, state, share) result(force)
    type(field_state), intent(in) :: state
    !> Of no meaning: the work of the surface's own points is exact
    real(wp), intent(in) :: share
+   !> Point about which the moment is wanted: linear forms know none [length]
+   real(wp), intent(in), optional :: about(3)
    real(wp) :: force(3)
    type(error_type), allocatable :: error
    logical :: essential(self%fields, size(self%cells%set))
@@ -585,6 +554,8 @@ function set_force(self, set, state, share) result(force)
 
    associate (unused => share)
    end associate
+   force = 0.0_wp
+   if (present(about)) return
    ! of a motion the load is the time; its expressions had values then
    if (allocated(self%scene%motion)) call surface_at(self, state%load, essential, value, traction, &
       & error)

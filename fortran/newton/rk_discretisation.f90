@@ -8,23 +8,20 @@ module rk_discretisation
    use rk_precision, only : wp
    use rk_problem, only : problem_type
    use rk_programme, only : ramp
-   use rk_scene, only : scene_type
    use rk_shape, only : shape_type
    use rk_states, only : field_state, point_state
    use rk_tensor, only : cofactor, determinant
-   use rk_text, only : to_text
    implicit none
    private
 
    public :: discretisation_type, free_discretisation, deformation, entry_displacement, rounding
+   public :: at_rest, turns_over
 
    !> Stresses below this share of a modulus are roundings [-]
    real(wp), parameter :: rounding = 1.0e4_wp*epsilon(1.0_wp)
 
    !> A discretised scene
    type, abstract, extends(problem_type) :: discretisation_type
-      !> What is modelled
-      type(scene_type), pointer :: scene => null()
       !> Unknown fields at each source point
       integer :: fields = 0
       !> Shape functions at the collocation points
@@ -33,51 +30,40 @@ module rk_discretisation
       type(boundary_type) :: boundary
       !> Materials of the collocation points and of further places behind them
       type(mixture_type) :: mixture
+      !> Unknowns are the amplitudes of modes
+      logical :: reduced = .false.
+      !> The work of the stress says whether a state is in equilibrium; weak forms keep it equal to
+      !> that of the forces by construction, which is nothing to compare
+      logical :: compares_works = .false.
    contains
       !> Unknown fields and derivatives at a place from the unknowns
       procedure :: field
-      !> Whether the pressure is a field of its own
-      procedure :: has_pressure
-      !> Whether a step turns material by a right angle
-      procedure :: turns_over
-      !> Whether unknowns are those of a body at rest, which nothing moves at a load
-      procedure :: at_rest
-      !> Largest stress of a state, and the stiffness of which it may be a rounding
-      procedure :: largest_stress
-      !> The same problem in terms of the amplitudes of modes
-      procedure :: reduce
-      !> What a user can do where steps vanish but the gradient does not
-      procedure :: advice
       !> State of the body, for questions about it
       procedure :: state
       !> State at a place, from the displacement there
       procedure :: at_place
-      !> State at a collocation point
-      procedure :: at_point
-      !> Force that the surroundings exert on the body through a boundary set
+      !> Force that the surroundings exert on the body through a boundary set, or its moment
       procedure(force_interface), deferred :: set_force
-      !> Moment of the forces on a set where it has moved to
-      procedure :: set_torque
       !> Displacement of the middle of a set
       procedure :: set_displacement => entry_displacement
       !> Force through a plane section of the body
       procedure :: section_force
-      !> Work of the stress against that of the forces
-      procedure :: compare_works
-      !> The state with the stress of one tissue alone
-      procedure :: of_tissue
       !> Energy of the deformation
       procedure :: strain_energy
-      !> Points where set_point_loads wants values
-      procedure :: load_points
       !> Set what varies over the points and has no place in a deck
       procedure :: set_point_loads
       !> Take other loads and material parameters from the scene
       procedure :: renew
+      !> Whether the pressure is a field of its own
+      procedure, non_overridable :: has_pressure
+      !> State at a collocation point
+      procedure, non_overridable :: at_point
+      !> Largest stress of a state, and the stiffness of which it may be a rounding
+      procedure, non_overridable :: largest_stress
    end type discretisation_type
 
    abstract interface
-      function force_interface(self, set, state, share) result(force)
+      function force_interface(self, set, state, share, about) result(force)
          import :: discretisation_type, field_state, wp
          !> Problem
          class(discretisation_type), intent(in) :: self
@@ -88,6 +74,9 @@ module rk_discretisation
          !> Part of the way to the next fixed set in which the stress is looked at, where sections
          !> tell the force [-]
          real(wp), intent(in) :: share
+         !> Point about which the moment is wanted, of the forces where the set has moved to;
+         !> nonlinear forms know it [length]
+         real(wp), intent(in), optional :: about(3)
          real(wp) :: force(3)
       end function force_interface
    end interface
@@ -126,47 +115,8 @@ pure logical function has_pressure(self)
    has_pressure = self%fields > self%scene%cloud%nd
 end function has_pressure
 
-!> The same problem in terms of the amplitudes of modes, of those forms that know how; where there
-!> is an energy, modes reduce its derivatives without the form
-subroutine reduce(self, modes, problem, error)
-   !> Full problem
-   class(discretisation_type), intent(in) :: self
-   !> Orthonormal modes, shape (n, r)
-   real(wp), intent(in) :: modes(:, :)
-   !> Its copy in modes, which uses the shape functions of the full one
-   class(discretisation_type), allocatable, intent(out) :: problem
-   !> Error handling: a form that cannot be reduced
-   type(error_type), allocatable, intent(out) :: error
-
-   associate (unused => modes, unused_too => problem)
-   end associate
-   if (self%scene%galerkin%transformation) then
-      call fatal_error(error, err_input, 'modes do not reduce galerkin.essential = ' &
-         & //'"transformation": take "penalty"')
-      return
-   end if
-   call fatal_error(error, err_input, 'modes do not reduce method "'//self%scene%method &
-      & //'" with a material of K = inf, whose pressures are unknowns: take a finite K, 1e3 ' &
-      & //'times the shear modulus, or method "rkcm-mixed"')
-end subroutine reduce
-
-!> What a user can do where steps vanish but the gradient does not, in the words of the deck
-function advice(self) result(text)
-   !> Problem
-   class(discretisation_type), intent(in) :: self
-   character(len=:), allocatable :: text
-
-   if (self%scene%has_kinks()) then
-      text = 'the published fiber curves have kinks, use curve = "smooth"'
-   else
-      text = 'rounding outweighs what is left (the largest K is ' &
-         & //to_text(self%scene%stiffest_ratio(), 2)//' of its shear moduli), or no step leads ' &
-         & //'on; take a smaller K, more points or less load'
-   end if
-end function advice
-
 !> State of the body; a form that needs more than unknowns and load to answer adds it
-subroutine state(self, x, load, at)
+subroutine state(self, x, load, at, tissue)
    !> Problem
    class(discretisation_type), intent(in) :: self
    !> Unknowns, shape (n)
@@ -175,43 +125,14 @@ subroutine state(self, x, load, at)
    real(wp), intent(in) :: load
    !> State
    type(field_state), intent(out) :: at
+   !> Tissue whose stress alone is wanted, for its part in a force; weak forms know it
+   integer, intent(in), optional :: tissue
 
    at%x = x
    at%load = load
    at%factor = self%scene%factors(load)
+   if (present(tissue)) at%tissue = tissue
 end subroutine state
-
-!> Work of the stress in the state's own displacement less that of the forces, relative; weak forms
-!> keep the two equal by construction, which is nothing to compare
-subroutine compare_works(self, state, mismatch)
-   !> Problem
-   class(discretisation_type), intent(in) :: self
-   !> State
-   type(field_state), intent(in) :: state
-   !> Mismatch, not allocated where the works are not compared [-]
-   real(wp), allocatable, intent(out) :: mismatch
-
-   associate (unused => self, unused_too => state, unused_three => mismatch)
-   end associate
-end subroutine compare_works
-
-!> Moment of the forces that the surroundings exert on the body through a set, where it has moved
-!> to; nonlinear forms know it
-function set_torque(self, set, state, about) result(torque)
-   !> Problem
-   class(discretisation_type), intent(in) :: self
-   !> Boundary set
-   integer, intent(in) :: set
-   !> State
-   type(field_state), intent(in) :: state
-   !> Point about which it turns [length]
-   real(wp), intent(in) :: about(3)
-   real(wp) :: torque(3)
-
-   associate (unused => self, unused_set => set, unused_state => state, unused_about => about)
-   end associate
-   torque = 0.0_wp
-end function set_torque
 
 !> Displacement of the middle of a boundary set: the mean of that of its points, by area
 function entry_displacement(self, set, state) result(value)
@@ -255,22 +176,6 @@ function section_force(self, place, normal, state) result(force)
    end associate
    force = 0.0_wp
 end function section_force
-
-!> The state with the stress of one tissue alone, for its part in a force; weak forms know it
-subroutine of_tissue(self, state, tissue, own)
-   !> Problem
-   class(discretisation_type), intent(in) :: self
-   !> State of the body
-   type(field_state), intent(in) :: state
-   !> Tissue
-   integer, intent(in) :: tissue
-   !> The same with other stresses
-   type(field_state), intent(out) :: own
-
-   associate (unused => self, unused_too => tissue)
-   end associate
-   own = state
-end subroutine of_tissue
 
 !> Energy of the deformation at the activation of the state: what elastic work has stored, and of
 !> active fibers what they could still do [force length]
@@ -328,23 +233,14 @@ subroutine at_place(self, state, ip, x, u, local)
    local%u(:size(x)) = u(:size(x), 1)
    call deformation(size(x), u, local%f, h)
    local%j = determinant(local%f)
-   call self%mixture%stress(ip, local%f, state%load, local%p, volumetric=.true.)
+   call self%mixture%stress(ip, local%f, state%load, local%p, volumetric=.not. self%has_pressure())
+   if (self%has_pressure()) local%p = local%p + u(size(x) + 1, 1)*cofactor(local%f)
    ! (5.31b)
    local%cauchy = matmul(local%p, transpose(local%f))/local%j
 end subroutine at_place
 
-!> Points where set_point_loads wants values: the collocation points
-function load_points(self) result(x)
-   !> Problem
-   class(discretisation_type), intent(in) :: self
-   !> Points, shape (nd, n) [length]
-   real(wp), allocatable :: x(:, :)
-
-   x = self%scene%cloud%points
-end function load_points
-
 !> Set what varies over the points and has no place in a deck, at full load of the ramp
-subroutine set_point_loads(self, body_force, displacement, stress)
+subroutine set_point_loads(self, body_force, displacement, stress, place)
    !> Problem
    class(discretisation_type), intent(inout) :: self
    !> Body force per undeformed volume, shape (3, n) [force/length^3]
@@ -353,8 +249,14 @@ subroutine set_point_loads(self, body_force, displacement, stress)
    real(wp), intent(in) :: displacement(:, :)
    !> Stress P(i, A) whose traction the other components carry, shape (3, 3, n) [stress]
    real(wp), intent(in) :: stress(:, :, :)
+   !> Only give the points where values are wanted: the collocation points, shape (nd, n) [length]
+   real(wp), allocatable, intent(out), optional :: place(:, :)
    integer :: b, i, nd
 
+   if (present(place)) then
+      place = self%scene%cloud%points
+      return
+   end if
    nd = self%scene%cloud%nd
    self%scene%body_force = body_force
    associate (boundary => self%boundary)
@@ -380,46 +282,54 @@ subroutine renew(self, materials, error)
    !> Error handling: a form that cannot
    type(error_type), allocatable, intent(out) :: error
 
-   associate (unused => materials)
+   associate (unused => self, unused_too => materials)
    end associate
    call fatal_error(error, err_input, 'a linear problem cannot be changed: open another scene')
-   associate (unused => self)
-   end associate
 end subroutine renew
 
-!> Whether x.(F F_0^-1)x is not positive for some x in more than a few places, with F_0 and F before
-!> and after a step; at singular corners F is anything
-function turns_over(self, before, after) result(found)
-   !> Problem
-   class(discretisation_type), intent(in) :: self
+!> Whether a step turns material by a right angle or more somewhere, beyond which another solution
+!> than the one on the way may be met: a block that is stretched to six times its length can end
+!> with its sides exchanged, in equilibrium and with J > 0. Then x.(F F_0^-1)x is not positive for
+!> some x in more than a few places, with F_0 and F before and after; at singular corners F is
+!> anything.
+function turns_over(problem, before, after) result(found)
+   !> Problem; only whole bodies are looked at
+   class(problem_type), intent(in) :: problem
    !> Unknowns, shape (n) each
    real(wp), contiguous, intent(in) :: before(:), after(:)
    logical :: found
    ! share of the places at which a step may turn material [-]
    real(wp), parameter :: few_places = 0.05_wp
-   real(wp) :: u(self%fields, self%shape%nq), f(3, 3), f0(3, 3), h(3, 3, 3), turn(3, 3)
+   real(wp) :: f(3, 3), f0(3, 3), h(3, 3, 3), turn(3, 3)
+   real(wp), allocatable :: u(:, :)
    integer :: ip, nd, places
 
-   places = 0
-   nd = self%scene%cloud%nd
-   do ip = 1, size(self%scene%cloud%points, 2)
-      call self%field(ip, before, 1 + nd, u)
-      call deformation(nd, u, f0, h)
-      call self%field(ip, after, 1 + nd, u)
-      call deformation(nd, u, f, h)
-      ! J_0 F F_0^-1, whose factor is positive
-      turn = matmul(f, transpose(cofactor(f0)))
-      turn = 0.5_wp*(turn + transpose(turn))
-      if (.not. (turn(1, 1) > 0.0_wp .and. determinant(turn) > 0.0_wp &
-         & .and. turn(1, 1)*turn(2, 2) > turn(1, 2)**2)) places = places + 1
-   end do
-   found = places > few_places*size(self%scene%cloud%points, 2)
+   found = .false.
+   select type (problem)
+   class is (discretisation_type)
+      if (problem%reduced) return
+      places = 0
+      nd = problem%scene%cloud%nd
+      allocate (u(problem%fields, problem%shape%nq))
+      do ip = 1, size(problem%scene%cloud%points, 2)
+         call problem%field(ip, before, 1 + nd, u)
+         call deformation(nd, u, f0, h)
+         call problem%field(ip, after, 1 + nd, u)
+         call deformation(nd, u, f, h)
+         ! J_0 F F_0^-1, whose factor is positive
+         turn = matmul(f, transpose(cofactor(f0)))
+         turn = 0.5_wp*(turn + transpose(turn))
+         if (.not. (turn(1, 1) > 0.0_wp .and. determinant(turn) > 0.0_wp &
+            & .and. turn(1, 1)*turn(2, 2) > turn(1, 2)**2)) places = places + 1
+      end do
+      found = places > few_places*size(problem%scene%cloud%points, 2)
+   end select
 end function turns_over
 
 !> Whether unknowns are those of a body at rest, which nothing moves at a load
-logical function at_rest(self, x, load)
-   !> Problem
-   class(discretisation_type), intent(in) :: self
+logical function at_rest(problem, x, load)
+   !> Problem; only whole bodies are looked at
+   class(problem_type), intent(in) :: problem
    !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
    !> Load [-]
@@ -428,12 +338,15 @@ logical function at_rest(self, x, load)
    real(wp) :: stress, stiffness
 
    at_rest = .false.
-   if (any(abs(x) > 0.0_wp) .or. allocated(self%scene%body_force)) return
-   if (self%scene%is_loaded(load)) return
-   ! fibers of lambda_o < 1 pull without activation
-   call self%state(x, load, state)
-   call self%largest_stress(state, stress, stiffness)
-   at_rest = stress <= rounding*stiffness
+   if (any(abs(x) > 0.0_wp) .or. allocated(problem%scene%body_force)) return
+   select type (problem)
+   class is (discretisation_type)
+      if (problem%reduced .or. problem%scene%is_loaded(load)) return
+      ! fibers of lambda_o < 1 pull without activation
+      call problem%state(x, load, state)
+      call problem%largest_stress(state, stress, stiffness)
+      at_rest = stress <= rounding*stiffness
+   end select
 end function at_rest
 
 !> Largest stress of a state at the collocation points, and the stiffness of which it may be a

@@ -5,7 +5,7 @@ module rk_linear_solve
    use rk_clock, only : tick, timer_type
    use rk_error, only : error_type, fatal_error, err_linalg
    use rk_lstsq, only : lstsq_report, row_operator, solve_lstsq
-   use rk_operator, only : square_report
+   use rk_operator, only : solve_as_it_is, square_report
    use rk_precision, only : wp
    use rk_problem, only : problem_type, evaluation_type
    use rk_recorder, only : iteration_type, recorder_type, step_type
@@ -38,12 +38,11 @@ subroutine solve_linear(problem, method, x, recorder, timer, error)
    real(wp), allocatable :: r(:), g(:)
    real(wp) :: first_gradient, none
    integer(int64) :: clock
-   logical :: square
 
    allocate (r(problem%m), g(problem%n))
    x = 0.0_wp
    call system_clock(clock)
-   call problem%start_step(x, 1.0_wp)
+   call problem%start(x, 1.0_wp, .false.)
    call problem%linearise(x, 1.0_wp, r, state)
    op => problem%operator()
    timer%assemble = tick(clock)
@@ -51,9 +50,11 @@ subroutine solve_linear(problem, method, x, recorder, timer, error)
    first_gradient = max(norm2(g), tiny(1.0_wp))
    r = -r
    call system_clock(clock)
-   call problem%square_step(0.0_wp, -r, x, square, found, error)
-   if (allocated(error)) return
-   if (.not. square) call solve_lstsq(op, r, method, x, report, error)
+   if (problem%square) then
+      call solve_as_it_is(op, 0.0_wp, r, x, found, error)
+   else
+      call solve_lstsq(op, r, method, x, report, error)
+   end if
    timer%solve = tick(clock)
    if (allocated(error)) return
    ! comparisons that a NaN fails
@@ -69,7 +70,7 @@ subroutine solve_linear(problem, method, x, recorder, timer, error)
    it%iteration = 1
    it%residual = norm2(r)
    it%gradient = norm2(g)
-   if (square) then
+   if (problem%square) then
       it%backward_error = found%backward_error
       it%rcond = found%rcond
       it%solver = found%used

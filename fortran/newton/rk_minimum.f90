@@ -45,7 +45,7 @@ contains
 !> Direction in which r.r/2 curves down at a stationary point
 subroutine find_descent(problem, op, factor, ready, x, load, r, saddle, v)
    !> Problem, linearised at x
-   class(problem_type), intent(inout) :: problem
+   class(problem_type), target, intent(inout) :: problem
    !> Linearised rows
    class(row_operator), intent(in) :: op
    !> Factor of A^T A near x
@@ -79,7 +79,7 @@ subroutine find_descent(problem, op, factor, ready, x, load, r, saddle, v)
       ! as good as singular: no minimum can be told from a saddle
       if (allocated(error)) return
    end if
-   call problem%set_curvature(x, load, r)
+   call problem%hessian(x, load, r)
    ! vectors q, N q and S q; a start with a part in every direction
    allocate (q(op%n, steps), p(op%n, steps + 1), s(op%n, steps), image(op%m))
    p(:, 1) = factor%scale*[(0.5_wp - modulo(golden*i, 1.0_wp), i=1, op%n)]

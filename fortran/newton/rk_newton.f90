@@ -240,7 +240,7 @@ contains
    !> Gradient and residual at a, by the last linearisation
    subroutine assess()
       if (now%linearised) then
-         call problem%start_iteration()
+         call problem%start(a, load, .true.)
          if (problem%costly) self%begun%x = a
          self%begun%load = self%prescribed
       end if
@@ -251,7 +251,7 @@ contains
       self%gradient = it%gradient
       if (problem%inexact) self%gradient = merit
       self%gradient = self%gradient/max(now%first_gradient, tiny(1.0_wp))
-      if (problem%inexact .and. now%linearised) call predict_step(self, now, problem, r)
+      if (problem%inexact .and. now%linearised) call predict_step(self, now)
    end subroutine assess
 
    !> Search along the step, take what it finds and learn from it
@@ -328,19 +328,15 @@ end subroutine solve_step
 
 !> The next step of an iteration whose steps are solved to few digits, predicted from what is left
 !> of the residual: it need not be made only to see that it is small
-subroutine predict_step(self, now, problem, r)
-   !> Iteration
+subroutine predict_step(self, now)
+   !> Iteration, whose state is linearised
    type(newton_type), intent(inout) :: self
    !> Its progress
    type(progress_type), intent(inout) :: now
-   !> Problem, linearised
-   class(problem_type), target, intent(inout) :: problem
-   !> Residuals, shape (m)
-   real(wp), contiguous, intent(in) :: r(:)
    real(wp) :: before
 
    before = now%promised
-   call problem%measure(r, now%promised)
+   now%promised = self%state%size
    if (self%iterations == 0 .or. .not. now%whole) return
    ! a step that was not made is never called rounding: the forces must balance as well
    if (self%step_norm > rounding) self%step_norm = max(rounding, min(1.0_wp, caution*now%promised &
@@ -401,9 +397,9 @@ subroutine take_over(self, problem, load, carried)
    if (allocated(carried%bend)) self%path%bend = carried%bend
    self%path%earlier = carried%held
    if (.not. allocated(carried%place)) return
-   call problem%start_step(carried%origin, load)
+   call problem%start(carried%origin, load, .false.)
    call problem%predict(carried%origin, carried%held, load, .false., r, self%state)
-   call problem%start_iteration()
+   call problem%start(carried%origin, load, .true.)
    call problem%linearise(carried%place, load, r, self%state)
 end subroutine take_over
 
@@ -495,11 +491,11 @@ subroutine begin(self, problem, load, a, r, g, first_gradient)
    type(evaluation_type) :: state
    logical :: found
 
-   call problem%start_step(a, load)
+   call problem%start(a, load, .false.)
    ! the last converged state has a matrix yet; that of the start will be another one
    call problem%predict(a, self%done, load, self%path%states() > 0, r, self%state)
    self%prescribed = self%done
-   call problem%start_iteration()
+   call problem%start(a, load, .true.)
    op => problem%operator()
    call op%apply_transposed(r, g)
    first_gradient = norm2(g)
@@ -507,6 +503,7 @@ subroutine begin(self, problem, load, a, r, g, first_gradient)
    if (self%path%states() == 0) return
    ! a journal may name no load before the last one
    if (problem%inexact .and. .not. abs(self%done - self%path%earlier) > 0.0_wp) return
+   state = self%state
    call self%path%lead(problem, self%done, load, a, r, state, found)
    if (found) then
       self%state = state

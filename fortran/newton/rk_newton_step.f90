@@ -4,7 +4,7 @@ module rk_newton_step
    use rk_error, only : error_type
    use rk_factors, only : envelope_factor
    use rk_lstsq, only : lstsq_report, row_operator, solve_lstsq
-   use rk_operator, only : square_report
+   use rk_operator, only : solve_as_it_is, square_report
    use rk_precision, only : wp
    use rk_problem, only : problem_type
    use rk_recorder, only : iteration_type
@@ -23,7 +23,7 @@ subroutine find_step(problem, op, linear, load, a, r, g, damping, da, newton, pr
    !> Problem, linearised at a
    class(problem_type), target, intent(inout) :: problem
    !> Linearised rows
-   class(row_operator), intent(in) :: op
+   class(row_operator), intent(inout) :: op
    !> Least squares solver, one of solver_names
    character(len=*), intent(in) :: linear
    !> Load [-]
@@ -54,15 +54,14 @@ subroutine find_step(problem, op, linear, load, a, r, g, damping, da, newton, pr
    type(shifted_report) :: shifted
    type(square_report) :: square
    real(wp), allocatable :: matrix(:, :)
-   logical :: found
 
    it%refinements = 0
    it%misfit = 0.0_wp
    factored = .false.
    newton = .false.
-   call problem%square_step(damping%lambda, r, da, found, square, error)
-   if (allocated(error)) return
-   if (found) then
+   if (problem%square) then
+      call solve_as_it_is(op, damping%lambda, -r, da, square, error)
+      if (allocated(error)) return
       predicted = -0.5_wp*dot_product(g, da)
       it%backward_error = square%backward_error
       it%rcond = square%rcond

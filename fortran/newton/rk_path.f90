@@ -5,7 +5,7 @@
 !> be made up digit by digit.
 module rk_path
    use rk_precision, only : wp
-   use rk_problem, only : evaluation_type, problem_type
+   use rk_problem, only : evaluation_type, problem_type, stage_type
    implicit none
    private
 
@@ -129,24 +129,23 @@ subroutine lead(self, problem, done, load, x, r, seen, found)
    real(wp), contiguous, intent(inout) :: x(:)
    !> Residuals there, shape (m)
    real(wp), contiguous, intent(inout) :: r(:)
-   !> What was seen there
-   type(evaluation_type), intent(out) :: seen
+   !> What was seen at the last state, then at the start
+   type(evaluation_type), intent(inout) :: seen
    !> There is a start
    logical, intent(out) :: found
    real(wp), allocatable :: ahead(:), new(:)
-   real(wp) :: least, size_here, size_ahead
+   real(wp) :: least, size_here
    integer :: best, now, states
 
-   call problem%measure(r, size_here)
+   size_here = seen%size
    allocate (new, mold=r)
    least = size_here
    best = 0
    do states = self%states(), 1, -1
       call go_ahead(states)
       if (.not. seen%valid) cycle
-      call problem%measure(new, size_ahead)
-      if (.not. size_ahead < least) cycle
-      least = size_ahead
+      if (.not. seen%size < least) cycle
+      least = seen%size
       best = states
       if (least < near*size_here) exit
    end do
@@ -161,20 +160,23 @@ contains
    !> Linearise where some of the states lead to
    subroutine go_ahead(some)
       integer, intent(in) :: some
-      real(wp), allocatable :: behind(:, :), loads(:)
+      type(stage_type) :: stage
       integer :: k
 
       now = some
       ahead = self%at(x, done, load, some)
-      if (problem%inexact) then
-         loads = [(done - k*(done - self%earlier), k=0, some)]
-         allocate (behind(size(x), size(loads)))
-         do k = 1, size(loads)
-            behind(:, k) = self%at(x, done, loads(k), some)
-         end do
-         call problem%extrapolate(behind, loads, (load - done)/(done - self%earlier))
+      if (.not. problem%inexact) then
+         call problem%linearise(ahead, load, new, seen)
+         return
       end if
-      call problem%linearise(ahead, load, new, seen)
+      stage = stage_type(load=load, lifted=load, tangent=.true., &
+         & share=(load - done)/(done - self%earlier))
+      stage%behind_load = [(done - k*(done - self%earlier), k=0, some)]
+      allocate (stage%behind(size(x), some + 1))
+      do k = 1, some + 1
+         stage%behind(:, k) = self%at(x, done, stage%behind_load(k), some)
+      end do
+      call problem%assemble(ahead, stage, new, seen)
    end subroutine go_ahead
 
 end subroutine lead

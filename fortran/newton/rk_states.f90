@@ -14,6 +14,8 @@ module rk_states
       real(wp), allocatable :: x(:)
       !> Load, 0..1 [-]
       real(wp) :: load = 0.0_wp
+      !> Tissue whose stress alone is there, 0 for that of all
+      integer :: tissue = 0
       !> Load factors, in which what is prescribed is linear, shape (factors) [-]
       real(wp), allocatable :: factor(:)
       !> Weak forms at their integration points: deformation gradient F(i, A), shape (3, 3, np) [-]

@@ -3,6 +3,7 @@
 !> that it starts from, in equilibrium with what is prescribed there, or else by a way from rest.
 module rk_static
    use rk_clock, only : timer_type
+   use rk_discretisation, only : at_rest, turns_over
    use rk_error, only : error_type, fatal_error, err_convergence, err_linalg, err_stopped
    use rk_newton, only : hand_over, newton_type, solve_step, take_over
    use rk_precision, only : wp
@@ -85,7 +86,7 @@ subroutine solve_static(problem, newton, planned, max_halvings, x, recorder, tim
       record%iterations = 0
       do
          call choose_load()
-         if (problem%at_rest(x, load)) then
+         if (at_rest(problem, x, load)) then
             ! iterations would work on roundings
             done = load
             record%load = load
@@ -135,7 +136,7 @@ contains
       call solve_step(newton, problem, step, load, x, recorder, timer, error)
       record%iterations = record%iterations + newton%iterations
       if (allocated(error) .or. halvings >= max_halvings) return
-      if (.not. problem%turns_over(before, x)) return
+      if (.not. turns_over(problem, before, x)) return
       call fatal_error(error, err_convergence, 'the step turns material by a right angle or more')
       x = before
    end subroutine try_step
@@ -187,7 +188,7 @@ contains
       call solve_step(newton, problem, 0, 0.0_wp, x, recorder, timer, error)
       record%iterations = newton%iterations
       if (.not. allocated(error)) then
-         if (problem%turns_over(before, x)) call fatal_error(error, err_convergence, 'the start ' &
+         if (turns_over(problem, before, x)) call fatal_error(error, err_convergence, 'the start ' &
             & //'is turned by a right angle or more')
       end if
       if (allocated(error)) then
@@ -215,7 +216,7 @@ contains
 
       fitting_load = 0.0_wp
       if (.not. problem%costly) return
-      call problem%start_step(x, load)
+      call problem%start(x, load, .false.)
       least = huge(1.0_wp)
       middle = 0.5_wp*load
       width = 0.125_wp*load
@@ -245,7 +246,7 @@ contains
       if (.not. any(error%code == [err_convergence, err_linalg])) return
       error%message = 'did not converge at load '//to_text(load)//': '//error%message &
          & //'; last converged load '//to_text(done)
-      if (len(problem%caveat()) > 0) error%message = error%message//'; '//problem%caveat()
+      if (allocated(problem%caveat)) error%message = error%message//'; '//problem%caveat
       error%code = err_convergence
    end subroutine give_up
 

@@ -17,12 +17,13 @@
 module rk_online
    use, intrinsic :: iso_c_binding, only : c_double, c_int
    use rk_cell_law, only : cell_stress, cell_tangent, law_type
+   use rk_fiber, only : active_curve, passive_curve
    use rk_precision, only : wp
    implicit none
    private
 
    public :: online_model, prescribed_type, work_type, new_work, assemble, solve_state, follow
-   public :: find_forces
+   public :: condition_of, find_forces, free_online, new_online
 
    !> A reduced model; arrays belong to the caller
    type :: online_model
@@ -135,6 +136,85 @@ module rk_online
    real(wp), parameter :: j_share = 0.2_wp, j_floor = 0.02_wp
 
 contains
+
+!> Model of a record
+subroutine new_online(self, whole, number, least)
+   !> Model, whose arrays are those of the record
+   type(online_model), intent(out) :: self
+   !> Sizes: modes, amplitudes, the same padded, cells, fibers, pieces and entries of the volume,
+   !> tissues, parameters; then `first` and `tissue`
+   integer, target, contiguous, intent(in) :: whole(:)
+   !> The other arrays in the order of the model, and for each tissue lambda_o, gamma1, gamma2,
+   !> whether the curves are smooth (1) and the axis about which fibers turn
+   real(wp), target, contiguous, intent(in) :: number(:)
+   !> Size of the modes' amplitudes below which they are none [length]
+   real(wp), intent(in) :: least
+   real(wp), pointer, contiguous :: law(:, :)
+   integer :: e, o
+
+   self%r = whole(1)
+   self%s = whole(2)
+   self%least = least
+   associate (s => whole(2), wide => whole(3), nc => whole(4), ne => whole(5), pieces => whole(6), &
+      & triples => whole(7), nt => whole(8), nm => whole(9))
+      self%first(1:nc + 1) => whole(10:10 + nc)
+      self%tissue(1:ne) => whole(11 + nc:10 + nc + ne)
+      o = 0
+      self%h(1:wide, 1:9, 1:nc) => next(wide*9*nc)
+      self%weight(1:nc) => next(nc)
+      self%local_bulk(1:nc) => next(nc)
+      self%a(1:9, 1:nc) => next(9*nc)
+      self%fraction(1:ne) => next(ne)
+      self%fiber(1:3, 1:ne) => next(3*ne)
+      self%a_slope(1:9, 1:nc, 1:nm) => next(9*nc*nm)
+      self%bulk_slope(1:nc, 1:nm) => next(nc*nm)
+      self%constant(1:s, 1:s) => next(s**2)
+      self%constant_slope(1:s, 1:s, 1:nm) => next(s**2*nm)
+      self%volume(1:8, 1:triples, 1:pieces) => next(8*triples*pieces)
+      self%volume_slope(1:pieces, 1:nm) => next(pieces*nm)
+      law(1:7, 1:nt) => next(7*nt)
+      allocate (self%laws(nt))
+      do e = 1, nt
+         self%laws(e) = law_type(law(1, e), active_curve(law(4, e) > 0.5_wp), &
+            & passive_curve(law(4, e) > 0.5_wp, law(2, e), law(3, e)), law(5:7, e))
+      end do
+   end associate
+
+contains
+
+   !> The next numbers of the record
+   function next(count) result(part)
+      integer, intent(in) :: count
+      real(wp), pointer, contiguous :: part(:)
+
+      part => number(o + 1:o + count)
+      o = o + count
+   end function next
+
+end subroutine new_online
+
+!> Give back what a model has beside its record
+subroutine free_online(self)
+   !> Model
+   type(online_model), intent(inout) :: self
+
+   deallocate (self%laws)
+end subroutine free_online
+
+!> What a state is asked for, of a column
+pure function condition_of(model, column) result(condition)
+   !> Model
+   type(online_model), intent(in) :: model
+   !> Activation, largest isometric stress and angle of each tissue, parameters of the materials,
+   !> prescribed amplitudes
+   real(wp), intent(in) :: column(:)
+   type(prescribed_type) :: condition
+
+   associate (nt => size(model%laws), nm => size(model%bulk_slope, 2))
+      condition = prescribed_type(column(:nt), column(nt + 1:2*nt), column(2*nt + 1:3*nt), &
+         & column(3*nt + 1:3*nt + nm), column(3*nt + nm + 1:))
+   end associate
+end function condition_of
 
 !> Room for the states of a model
 subroutine new_work(self, model)

@@ -1,18 +1,16 @@
 !> A problem in the span of modes: least squares Galerkin reduction (6.60)-(6.67) of rows, which
 !> ends by (6.68), (6.69) and whose rows are formed in the span at once or in full
-!> (rk_reduced_rows), projection of the derivatives of an energy (rk_reduced_galerkin), and of
-!> motions (rk_reduced_motion).
+!> (rk_projected), as are the derivatives of an energy, and motions (rk_reduced_motion).
 module rk_reduced
    use rk_discretisation, only : discretisation_type
+   use rk_equilibrium, only : equilibrium_problem, reduce_rows
    use rk_error, only : error_type, fatal_error, err_input
-   use rk_lstsq, only : row_operator
    use rk_motion, only : moving_type
    use rk_new_motion, only : new_motion
    use rk_precision, only : wp
-   use rk_problem, only : problem_type, evaluation_type
-   use rk_reduced_galerkin, only : new_reduced_galerkin, reduced_galerkin
+   use rk_problem, only : problem_type
+   use rk_projected, only : new_projected, projected_problem
    use rk_reduced_motion, only : moving_problem, new_moving_problem
-   use rk_reduced_rows, only : new_reduced_rows, reduced_rows
    use rk_text, only : to_text
    implicit none
    private
@@ -28,21 +26,6 @@ module rk_reduced
       logical :: assembled = .false.
    end type reduction_type
 
-   !> Rows in the span of modes; unknowns are the modes' amplitudes. Post-processing knows none
-   !> of them: it takes states of the full problem.
-   type, extends(problem_type) :: reduced_problem
-      private
-      !> The form of the full problem, in amplitudes
-      class(discretisation_type), allocatable :: base
-   contains
-      procedure :: start_step
-      procedure :: evaluate
-      procedure :: linearise
-      procedure :: operator
-      procedure :: hessian
-      procedure :: advice
-   end type reduced_problem
-
 contains
 
 !> Project a full problem on modes
@@ -57,9 +40,8 @@ subroutine new_reduced(reduced, full, modes, way, error)
    type(reduction_type), intent(in) :: way
    !> Error handling: modes of another model, a form that cannot be reduced so
    type(error_type), allocatable, intent(out) :: error
-   type(reduced_problem), pointer :: rows
-   type(reduced_galerkin), pointer :: projected
-   type(reduced_rows), pointer :: assembled
+   class(equilibrium_problem), pointer :: rows
+   type(projected_problem), pointer :: projected
 
    nullify (reduced)
    if (size(modes, 1) /= full%n) then
@@ -67,7 +49,7 @@ subroutine new_reduced(reduced, full, modes, way, error)
          & //' entries, the model '//to_text(full%n)//' unknowns')
       return
    end if
-   if (full%is_linear()) then
+   if (full%linear) then
       call new_reduced_motion(reduced, full, modes, way%projection, error)
       return
    end if
@@ -79,28 +61,26 @@ subroutine new_reduced(reduced, full, modes, way, error)
          & //'equations as unknowns and are projected by "galerkin"')
    end if
    if (allocated(error)) return
-   if (full%energetic) then
+   if (full%energetic .or. way%assembled) then
       allocate (projected)
-      call new_reduced_galerkin(projected, full, modes)
+      call new_projected(projected, full, modes)
       reduced => projected
       return
    end if
-   if (way%assembled) then
-      allocate (assembled)
-      call new_reduced_rows(assembled, full, modes)
-      reduced => assembled
-      return
-   end if
-   allocate (rows)
-   call full%reduce(modes, rows%base, error)
-   if (allocated(error)) then
-      deallocate (rows)
-      return
-   end if
-   rows%m = rows%base%m
-   rows%n = rows%base%n
-   rows%extent = rows%base%extent
-   reduced => rows
+   select type (full)
+   class is (equilibrium_problem)
+      call reduce_rows(full, modes, rows)
+      reduced => rows
+   class default
+      if (full%scene%galerkin%transformation) then
+         call fatal_error(error, err_input, 'modes do not reduce galerkin.essential = ' &
+            & //'"transformation": take "penalty"')
+      else
+         call fatal_error(error, err_input, 'modes do not reduce method "'//full%scene%method &
+            & //'" with a material of K = inf, whose pressures are unknowns: take a finite K, ' &
+            & //'1e3 times the shear modulus, or method "rkcm-mixed"')
+      end if
+   end select
 end subroutine new_reduced
 
 !> Project a motion on modes
@@ -134,83 +114,5 @@ subroutine new_reduced_motion(reduced, full, modes, projection, error)
       reduced => moving
    end if
 end subroutine new_reduced_motion
-
-!> Fix the row weights of a load step
-subroutine start_step(self, x, load)
-   !> Problem
-   class(reduced_problem), target, intent(inout) :: self
-   !> Amplitudes at the start of the step, shape (r)
-   real(wp), contiguous, intent(in) :: x(:)
-   !> Load at the end of the step [-]
-   real(wp), intent(in) :: load
-
-   call self%base%start_step(x, load)
-end subroutine start_step
-
-!> Residuals of the full problem
-subroutine evaluate(self, x, load, r, seen)
-   !> Problem
-   class(reduced_problem), target, intent(inout) :: self
-   !> Amplitudes, shape (r)
-   real(wp), contiguous, intent(in) :: x(:)
-   !> Load [-]
-   real(wp), intent(in) :: load
-   !> Residuals, shape (m)
-   real(wp), contiguous, intent(inout) :: r(:)
-   !> What was seen
-   type(evaluation_type), intent(out) :: seen
-
-   call self%base%evaluate(x, load, r, seen)
-end subroutine evaluate
-
-!> Residuals and linearised rows A'U
-subroutine linearise(self, x, load, r, seen)
-   !> Problem
-   class(reduced_problem), target, intent(inout) :: self
-   !> Amplitudes, shape (r)
-   real(wp), contiguous, intent(in) :: x(:)
-   !> Load [-]
-   real(wp), intent(in) :: load
-   !> Residuals, shape (m)
-   real(wp), contiguous, intent(inout) :: r(:)
-   !> What was seen
-   type(evaluation_type), intent(out) :: seen
-
-   call self%base%linearise(x, load, r, seen)
-end subroutine linearise
-
-!> Linearised rows A'U
-function operator(self) result(op)
-   !> Problem, linearised
-   class(reduced_problem), target, intent(in) :: self
-   class(row_operator), pointer :: op
-
-   op => self%base%operator()
-end function operator
-
-!> Second derivatives of r.r/2
-subroutine hessian(self, x, load, r, a)
-   !> Problem, linearised at x
-   class(reduced_problem), target, intent(inout) :: self
-   !> Amplitudes, shape (r)
-   real(wp), contiguous, intent(in) :: x(:)
-   !> Load [-]
-   real(wp), intent(in) :: load
-   !> Residuals, shape (m)
-   real(wp), contiguous, intent(in) :: r(:)
-   !> Upper triangle, shape (r, r)
-   real(wp), contiguous, intent(inout) :: a(:, :)
-
-   call self%base%hessian(x, load, r, a)
-end subroutine hessian
-
-!> What a user can do where steps vanish but the gradient does not, in the words of the deck
-function advice(self) result(text)
-   !> Problem
-   class(reduced_problem), intent(in) :: self
-   character(len=:), allocatable :: text
-
-   text = self%base%advice()
-end function advice
 
 end module rk_reduced

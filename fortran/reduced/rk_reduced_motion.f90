@@ -16,7 +16,7 @@ module rk_reduced_motion
    use rk_matrix, only : matrix_rows
    use rk_motion, only : moving_type
    use rk_precision, only : wp
-   use rk_problem, only : evaluation_type, problem_type
+   use rk_problem, only : evaluation_type, problem_type, stage_type
    implicit none
    private
 
@@ -56,9 +56,7 @@ module rk_reduced_motion
       !> L U
       type(matrix_rows) :: rows
    contains
-      procedure :: is_linear
-      procedure :: evaluate
-      procedure :: linearise => evaluate
+      procedure :: assemble
       procedure :: operator
    end type moving_problem
 
@@ -100,6 +98,7 @@ subroutine new_moving_problem(self, full, modes, projection, error)
             & //'than unknowns, which "galerkin" cannot project: take "least-squares"')
          return
       end if
+      self%linear = .true.
       self%m = full%m
       self%n = body%n
       self%rows%a = body%image
@@ -287,34 +286,24 @@ subroutine free_reduced(self)
    if (associated(self%full)) deallocate (self%full)
 end subroutine free_reduced
 
-!> Equations of a time step are linear
-pure logical function is_linear(self)
-   !> Problem
-   class(moving_problem), intent(in) :: self
-
-   associate (unused => self)
-   end associate
-   is_linear = .true.
-end function is_linear
-
 !> Rows of a time step times amplitudes
-subroutine evaluate(self, x, load, r, seen)
+subroutine assemble(self, x, stage, r, seen)
    !> Problem
    class(moving_problem), target, intent(inout) :: self
    !> Amplitudes, shape (r)
    real(wp), contiguous, intent(in) :: x(:)
    !> Of no meaning here
-   real(wp), intent(in) :: load
+   type(stage_type), intent(in) :: stage
    !> L U x, shape (m)
    real(wp), contiguous, intent(inout) :: r(:)
    !> What was seen
    type(evaluation_type), intent(out) :: seen
 
-   associate (unused => load)
+   associate (unused => stage)
    end associate
    call self%rows%apply(x, r)
    seen%valid = all(abs(r) <= huge(1.0_wp))
-end subroutine evaluate
+end subroutine assemble
 
 !> L U
 function operator(self) result(op)

@@ -73,13 +73,13 @@ subroutine probe_value(problem, probes, i, state, value)
       select case (quantity_kind(probe%quantity))
       case ('force')
          if (probe%tissue > 0) then
-            call problem%of_tissue(state, probe%tissue, own)
+            call problem%state(state%x, state%load, own, probe%tissue)
             value = force_of(problem, probe, own)
          else
             value = force_of(problem, probe, state)
          end if
       case ('torque')
-         value = problem%set_torque(probe%set, state, probe%about)
+         value = problem%set_force(probe%set, state, 1.0_wp, probe%about)
       case default
          if (probe%set > 0) then
             value = problem%set_displacement(probe%set, state)

@@ -1,12 +1,11 @@
 !> From the name of a method to its problem.
 module rk_new_problem
    use rk_discretisation, only : discretisation_type
-   use rk_displacement, only : displacement_problem, new_displacement
+   use rk_equilibrium, only : equilibrium_problem, new_equilibrium
    use rk_error, only : error_type, fatal_error, err_input
    use rk_galerkin, only : galerkin_problem, new_galerkin
    use rk_islands, only : check_islands
    use rk_linear, only : linear_problem, new_linear
-   use rk_mixed, only : mixed_problem, new_mixed
    use rk_scene, only : scene_type
    use rk_weak_linear, only : new_weak_linear, weak_linear_problem
    implicit none
@@ -24,8 +23,7 @@ subroutine new_problem(problem, scene, error)
    type(scene_type), target, intent(in) :: scene
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   type(displacement_problem), allocatable :: plain
-   type(mixed_problem), allocatable :: mixed
+   type(equilibrium_problem), allocatable :: strong
    type(galerkin_problem), allocatable :: galerkin
    type(linear_problem), allocatable :: linear
    type(weak_linear_problem), allocatable :: weak
@@ -42,14 +40,10 @@ subroutine new_problem(problem, scene, error)
       return
    end if
    select case (scene%method)
-   case ('rkcm')
-      allocate (plain)
-      call new_displacement(plain, scene, error)
-      call move_alloc(plain, problem)
-   case ('rkcm-mixed')
-      allocate (mixed)
-      call new_mixed(mixed, scene, error)
-      call move_alloc(mixed, problem)
+   case ('rkcm', 'rkcm-mixed')
+      allocate (strong)
+      call new_equilibrium(strong, scene, scene%method == 'rkcm-mixed', error)
+      call move_alloc(strong, problem)
    case ('rkpm', 'rkpm-gauss', 'rkpm-scni')
       allocate (galerkin)
       call new_galerkin(galerkin, scene, error)

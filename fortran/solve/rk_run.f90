@@ -20,6 +20,7 @@ module rk_run
    use rk_states, only : field_state
    use rk_static, only : solve_static
    use rk_text, only : to_text
+   use rk_work_balance, only : own_work_mismatch
    implicit none
    private
 
@@ -107,7 +108,7 @@ subroutine solve_scene(problem, linear, recorder, outcome, error, start)
    watcher%problem => problem
    watcher%receiver => recorder
    watcher%outcome => outcome
-   if (.not. problem%is_linear()) then
+   if (.not. problem%linear) then
       call problem%state(spread(0.0_wp, 1, problem%n), 0.0_wp, outcome%last)
       loaded = problem%scene%programme%begins_loaded()
       ! where the programme begins loaded its first state is found yet
@@ -121,12 +122,12 @@ subroutine solve_scene(problem, linear, recorder, outcome, error, start)
    end if
    call solve_problem(problem, problem%scene, linear, watcher, outcome%timer, error, start)
    call system_clock(clock)
-   if (.not. problem%is_linear()) then
+   if (.not. problem%linear) then
       if (.not. allocated(error)) call check_response(problem, outcome%last, error)
       call find_imbalance(problem, outcome)
       ! loads that vary from point to point are not those of the conditions on sets
-      if (.not. allocated(problem%scene%body_force)) &
-         & call problem%compare_works(outcome%peak, outcome%work_mismatch)
+      if (problem%compares_works .and. .not. allocated(problem%scene%body_force)) &
+         & outcome%work_mismatch = own_work_mismatch(problem, outcome%peak)
       outcome%seconds = outcome%seconds + tick(clock)
    else if (.not. allocated(error) .and. problem%scene%equation%is_known()) then
       allocate (outcome%norms)
@@ -166,10 +167,10 @@ subroutine solve_problem(problem, scene, linear, recorder, timer, error, start)
    newton%max_iterations = scene%solver%max_iterations
    allocate (x(problem%n), source=0.0_wp)
    call system_clock(timer%start)
-   if (problem%is_linear() .and. allocated(scene%motion)) then
+   if (problem%linear .and. allocated(scene%motion)) then
       call solve_motion(problem, scene, newton%linear, x, recorder, timer, error)
       return
-   else if (problem%is_linear()) then
+   else if (problem%linear) then
       call solve_linear(problem, newton%linear, x, recorder, timer, error)
       return
    end if
@@ -324,7 +325,7 @@ subroutine step(self, st, x)
    call self%problem%state(x, st%load, self%outcome%last)
    if (st%step > 0) call keep(self%outcome, st%load, x, self%problem%scene%programme%count() > 1)
    seen = st
-   if (self%problem%is_linear()) then
+   if (self%problem%linear) then
       call self%receiver%step(seen, x)
       return
    end if

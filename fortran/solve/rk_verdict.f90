@@ -110,7 +110,7 @@ subroutine judge(self, problem, deck, model, with_companion, receiver, outcome)
       end if
       return
    end if
-   if (problem%is_linear()) then
+   if (problem%linear) then
       call judge_norms(self, outcome)
    else
       call judge_works(self, problem, outcome)

@@ -1,38 +1,51 @@
-!> Equilibrium of a hyperelastic body at collocation points, with conditions at boundary points.
+!> Strong form collocation of hyperelasticity: equilibrium at collocation points, with conditions at
+!> boundary points.
 !>
 !> The strong form (5.27) at the points of (5.40)-(5.51). All collocation points carry the
 !> equilibrium rows, boundary points carry boundary rows as well.
-!> Equation numbers are the thesis's: residuals (5.71)-(5.73), linearisation (5.66)-(5.70). A form
-!> with a pressure among its fields adds what the pressure does.
+!> Equation numbers are the thesis's: residuals (5.71)-(5.73), linearisation (5.66)-(5.70).
+!>
+!> In displacements alone (RKCM), or with a pressure as the last field. With P = P_iso(F) + p cof F,
+!> p = dW/dJ (5.39), u and p are in the same reproducing kernel space:
+!>    momentum   Div P_iso + cof F grad p = 0   at the collocation points (Div cof F = 0),
+!>    volume     J - 1 - p/K = 0                at one point for each cell or patch,
+!>    traction   (P_iso + p cof F) N = h, displacement u = g   at the boundary points.
+!> Volume rows at all collocation points would lock: there must not be more of them than pressure
+!> unknowns. Row weights balance the parts as the least squares functional with norms of
+!> h Div P, P N and mu u/h does, with the shear modulus mu of the state in which a load step begins.
+!> They fade towards edges between clamped and free faces, where the solution is singular, and are
+!> lower on faces, edges and corners, where a point stands for less.
 !>
 !> The unknowns may be the amplitudes of modes: then rows and second derivatives are those by them.
 module rk_equilibrium
    use rk_basis, only : second_index
    use rk_conditions, only : new_boundary
-   use rk_discretisation, only : discretisation_type, deformation
+   use rk_discretisation, only : deformation
    use rk_error, only : error_type
    use rk_lstsq, only : row_operator
    use rk_matrix, only : matrix_rows
+   use rk_mixed, only : add_pressure, add_pressure_curvature, add_traction_curvature, &
+      & add_traction_pressure
    use rk_mixture, only : new_mixture
    use rk_modes, only : modes_type, new_modes
    use rk_neighbours, only : nearest_points
+   use rk_options, only : displacement_weight
    use rk_precision, only : wp
-   use rk_problem, only : evaluation_type
+   use rk_problem, only : evaluation_type, stage_type
    use rk_programme, only : combined
    use rk_rows, only : new_rows
    use rk_scene, only : scene_type
-   use rk_states, only : field_state
    use rk_strong, only : strong_problem
-   use rk_tensor, only : determinant
-   use rk_work_balance, only : own_work_mismatch
+   use rk_tensor, only : cofactor, cross_form, determinant
+   use rk_text, only : to_text
    implicit none
    private
 
-   public :: equilibrium_problem, new_equilibrium, point_rows, point_curvature, add_curvature
+   public :: equilibrium_problem, new_equilibrium, reduce_rows
 
    !> Rows: one block for each collocation point, then one for each boundary point, then single rows
-   !> at further places
-   type, abstract, extends(strong_problem) :: equilibrium_problem
+   !> at the points of the volume
+   type, extends(strong_problem) :: equilibrium_problem
       !> Boundary point of each collocation point, 0 inside, shape (nc)
       integer, allocatable :: boundary_of(:)
       !> Weight of the equilibrium rows of each collocation point, shape (nc)
@@ -41,68 +54,64 @@ module rk_equilibrium
       real(wp), allocatable :: traction_weight(:)
       !> Weight of the essential rows of each boundary point, shape (nb)
       real(wp), allocatable :: essential_weight(:)
+      !> Weight of each volume row, shape (nv) [stress]
+      real(wp), allocatable :: volume_weight(:)
+      !> The same in shear moduli, shape (nv) [-]
+      real(wp), allocatable, private :: volume_share(:)
+      !> Spacing of the source points [length]
+      real(wp), private :: spacing = 0.0_wp
+      !> Collocation points farther from rims than a spacing of source points, shape (nc)
+      logical, allocatable, private :: regular(:)
       !> Modes whose amplitudes are the unknowns, where there are any
       type(modes_type), allocatable, private :: modes
       !> Then the linearised rows times the modes
       type(matrix_rows), private :: projected
    contains
       procedure :: field
-      procedure :: evaluate
-      procedure :: linearise
+      procedure :: start
+      procedure :: assemble
       procedure :: operator
       procedure :: hessian
-      procedure :: set_curvature
       procedure :: apply_curvature
-      procedure :: reduce
-      procedure :: compare_works
-      !> Residuals and rows of one place
-      procedure :: evaluate_place => point_rows
-      !> Second derivatives of the residuals at one place
-      procedure :: curvature => point_curvature
-      !> What a pressure adds to stress and divergence
-      procedure :: add_pressure
-      !> What it adds to a traction
-      procedure :: add_traction_pressure
-      !> What it adds to the second derivatives of the equilibrium
-      procedure :: add_pressure_curvature
-      !> What it adds to those of the tractions
-      procedure :: add_traction_curvature
+      procedure :: rejection
+      procedure :: renew
    end type equilibrium_problem
+
+   !> Smallest share of a row's weight, on the edge itself
+   real(wp), parameter :: edge_floor = 0.01_wp
+   !> Factor of a row's weight for each face its point lies on, one less for traction rows: there
+   !> is less body, or less face, around it. Quadrature would have sqrt(1/2); docs/mixed.md has
+   !> the measurements behind 1/2
+   real(wp), parameter :: face_share = 0.5_wp
+   !> Distance of J from 1 + p/K beyond which a state is none, docs/mixed.md: right ones have 0.2
+   !> at most, where they are farther from rims than a spacing; a wrong one has 1.3
+   real(wp), parameter :: far_off = 0.5_wp
+   !> A spacing less rounding [-]
+   real(wp), parameter :: one_spacing = 1.0_wp - 1.0e-6_wp
 
 contains
 
-!> Work of the stress in the state's own displacement less that of the forces, relative [-]
-subroutine compare_works(self, state, mismatch)
-   !> Problem
-   class(equilibrium_problem), intent(in) :: self
-   !> State
-   type(field_state), intent(in) :: state
-   !> Mismatch
-   real(wp), allocatable, intent(out) :: mismatch
-
-   mismatch = own_work_mismatch(self, state)
-end subroutine compare_works
-
 !> Set up shape functions, materials, conditions and rows
-subroutine new_equilibrium(self, scene, fields, further, error)
+subroutine new_equilibrium(self, scene, mixed, error)
    !> Problem
-   class(equilibrium_problem), intent(inout) :: self
+   type(equilibrium_problem), intent(inout) :: self
    !> Scene
    type(scene_type), target, intent(in) :: scene
-   !> Unknown fields, the displacement first
-   integer, intent(in) :: fields
-   !> Places beside the collocation points with one row each, shape (nd, nv) [length]
-   real(wp), intent(in) :: further(:, :)
+   !> The pressure is a field of its own
+   logical, intent(in) :: mixed
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
    integer, allocatable :: place(:), range(:, :), rows(:)
-   real(wp), allocatable :: position(:, :)
+   real(wp), allocatable :: further(:, :), position(:, :)
    integer :: nd, nc, nb, nv, b, d
 
    self%scene => scene
    nd = scene%cloud%nd
-   self%fields = fields
+   self%fields = nd + merge(1, 0, mixed)
    self%curved = .true.
+   self%compares_works = .true.
+   allocate (further(nd, 0))
+   if (mixed) further = scene%cloud%volume_points
    call new_boundary(self%boundary, scene%cloud, scene%condition, scene%programme%count(), error)
    if (allocated(error)) return
    nc = size(scene%cloud%points, 2)
@@ -123,7 +132,7 @@ subroutine new_equilibrium(self, scene, fields, further, error)
    range(2, :nc) = self%shape%nq
    range(1, nc + 1:) = 1
    range(2, nc + 1:) = 1 + nd
-   call new_rows(self%rows, self%shape, fields, place, rows, range, position, &
+   call new_rows(self%rows, self%shape, self%fields, place, rows, range, position, &
       & [(minval(scene%cloud%spacing(d, :)), d=1, nd)])
    self%m = self%rows%m
    self%n = self%rows%n
@@ -133,29 +142,196 @@ subroutine new_equilibrium(self, scene, fields, further, error)
    self%boundary_of(self%boundary%point) = [(b, b=1, nb)]
    allocate (self%domain_weight(nc), self%traction_weight(nb), self%essential_weight(nb), &
       & source=1.0_wp)
+   if (.not. mixed) return
+   self%pressure_first = self%fields
+   self%pressure_stride = self%fields
+   call set_extent(self)
+   call set_weights(self)
 end subroutine new_equilibrium
 
+!> Norm of pressures of one shear modulus
+subroutine set_extent(self)
+   !> Problem
+   class(equilibrium_problem), intent(inout) :: self
+   integer :: k
+
+   associate (tissue => self%scene%tissue)
+      self%pressure_extent = sqrt(real(self%shape%ns, wp)) &
+         & *maxval([(tissue(k)%material%shear, k=1, size(tissue))])
+   end associate
+end subroutine set_extent
+
+!> Take other loads from the scene; materials are asked at each evaluation
+subroutine renew(self, materials, error)
+   !> Problem
+   class(equilibrium_problem), intent(inout) :: self
+   !> Material parameters have changed as well
+   logical, intent(in) :: materials
+   !> Error handling: contradicting conditions
+   type(error_type), allocatable, intent(out) :: error
+
+   associate (scene => self%scene)
+      call new_boundary(self%boundary, scene%cloud, scene%condition, scene%programme%count(), error)
+   end associate
+   if (self%has_pressure() .and. materials) call set_extent(self)
+end subroutine renew
+
+!> Row weights and shares of row weights that do not change during a run
+subroutine set_weights(self)
+   !> Problem
+   type(equilibrium_problem), intent(inout) :: self
+   real(wp) :: near, reach
+   integer, allocatable :: faces(:)
+   integer :: b, e, ip, iv, nc, nv
+
+   associate (scene => self%scene, cloud => self%scene%cloud)
+      nc = size(cloud%points, 2)
+      nv = size(cloud%volume_points, 2)
+      allocate (self%volume_weight(nv), self%volume_share(nv))
+      self%spacing = cloud%mean_spacing()
+      reach = 0.5_wp*minval(maxval(cloud%points, dim=2) - minval(cloud%points, dim=2))
+      self%regular = [(rim_distance(self, cloud%points(:, ip)) >= one_spacing*self%spacing, &
+         & ip=1, nc)]
+      allocate (faces(nc), source=0)
+      do e = 1, size(cloud%boundary_point)
+         faces(cloud%boundary_point(e)) = faces(cloud%boundary_point(e)) + 1
+      end do
+      do ip = 1, nc
+         near = closeness(self, cloud%points(:, ip), reach)
+         self%domain_weight(ip) = self%spacing*near**scene%mixed%edge_exponent*face_share**faces(ip)
+         b = self%boundary_of(ip)
+         if (b == 0) cycle
+         self%traction_weight(b) = near**max(scene%mixed%edge_exponent - 0.5_wp, 0.0_wp) &
+            & *face_share**(faces(ip) - 1)
+      end do
+      do iv = 1, nv
+         self%volume_share(iv) = scene%mixed%volume_weight &
+            & *closeness(self, cloud%volume_points(:, iv), reach)**scene%mixed%edge_exponent
+      end do
+   end associate
+end subroutine set_weights
+
+!> Distance to the nearest edge between a clamped and a free face over a length, at most 1
+pure real(wp) function closeness(self, x, reach)
+   !> Problem
+   class(equilibrium_problem), intent(in) :: self
+   !> Place, shape (nd) [length]
+   real(wp), intent(in) :: x(:)
+   !> Length [length]
+   real(wp), intent(in) :: reach
+
+   closeness = min(max(rim_distance(self, x)/reach, edge_floor), 1.0_wp)
+end function closeness
+
+!> Distance to the nearest edge between a clamped and a free face, huge where there is none
+pure real(wp) function rim_distance(self, x)
+   !> Problem
+   class(equilibrium_problem), intent(in) :: self
+   !> Place, shape (nd) [length]
+   real(wp), intent(in) :: x(:)
+   integer :: b
+
+   rim_distance = sqrt(huge(1.0_wp))
+   do b = 1, size(self%boundary%point)
+      if (.not. self%boundary%singular(b)) cycle
+      rim_distance = min(rim_distance, &
+         & norm2(x - self%scene%cloud%points(:, self%boundary%point(b))))
+   end do
+end function rim_distance
+
+!> Weights at the start of a load step. In displacements, essential rows (5.52b) by the tangent;
+!> with a pressure, volume and displacement rows by the stiffness: stresses of a material that
+!> stiffens would outweigh them
+subroutine start(self, x, load, iteration)
+   !> Problem
+   class(equilibrium_problem), target, intent(inout) :: self
+   !> Unknowns at the start of the step, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Load at the end of the step [-]
+   real(wp), intent(in) :: load
+   !> Only an iteration begins
+   logical, intent(in) :: iteration
+   real(wp) :: u(self%fields, self%shape%nq), f(3, 3), h(3, 3, 3), p(3, 3)
+   real(wp) :: c4(3, 3, 3, 3), factor
+   integer :: b, iv, ip, nd
+
+   if (iteration) return
+   nd = self%scene%cloud%nd
+   factor = self%scene%solver%weight_c4
+   if (.not. factor > 0.0_wp) factor = real(self%shape%ns, wp)
+   do b = 1, size(self%boundary%point)
+      ip = self%boundary%point(b)
+      call self%field(ip, x, 1 + nd, u)
+      call deformation(nd, u, f, h)
+      associate (weight => self%essential_weight(b))
+         if (self%has_pressure()) then
+            weight = displacement_weight*self%mixture%shear_modulus(ip, f)/self%spacing
+         else if (self%scene%solver%weight_essential > 0.0_wp) then
+            weight = self%scene%solver%weight_essential
+         else
+            call self%mixture%tangent(ip, f, load, p, c4, volumetric=.true.)
+            weight = factor*maxval(abs(c4(:nd, :nd, :nd, :nd)))
+         end if
+      end associate
+   end do
+   if (.not. self%has_pressure()) return
+   do iv = 1, size(self%volume_share)
+      ip = size(self%domain_weight) + iv
+      call self%field(ip, x, 1 + nd, u)
+      call deformation(nd, u, f, h)
+      self%volume_weight(iv) = self%volume_share(iv)*self%mixture%shear_modulus(ip, f)
+   end do
+end subroutine start
+
+!> Where the volume is far from that of the pressure, away from rims. Rows may balance at such a
+!> state, which keeps the volume at the centres of cells but not between them.
+function rejection(self, x) result(reason)
+   !> Problem
+   class(equilibrium_problem), intent(in) :: self
+   !> Unknowns, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   character(len=:), allocatable :: reason
+   real(wp) :: u(self%fields, self%shape%nq), f(3, 3), h(3, 3, 3), volume, given, stray
+   integer :: ip, nd
+
+   reason = ''
+   if (self%reduced .or. .not. self%has_pressure()) return
+   nd = self%scene%cloud%nd
+   stray = far_off
+   do ip = 1, size(self%regular)
+      if (.not. self%regular(ip)) cycle
+      call self%field(ip, x, 1 + nd, u)
+      call deformation(nd, u, f, h)
+      volume = determinant(f)
+      given = 1.0_wp + u(nd + 1, 1)/self%mixture%bulk(ip)
+      if (abs(volume - given) <= stray) cycle
+      stray = abs(volume - given)
+      reason = 'the iteration ended at a stationary point that is no solution: off the rims, at ' &
+         & //'collocation point '//to_text(ip)//', J is '//to_text(volume, 4) &
+         & //', by its pressure '//to_text(given, 4)//'; take smaller load steps or more points'
+   end do
+end function rejection
+
 !> The same problem in terms of the amplitudes of modes
-subroutine reduce(self, modes, problem, error)
+subroutine reduce_rows(self, modes, copy)
    !> Full problem
    class(equilibrium_problem), intent(in) :: self
    !> Orthonormal modes, shape (n, r)
    real(wp), intent(in) :: modes(:, :)
-   !> Its copy in modes
-   class(discretisation_type), allocatable, intent(out) :: problem
-   !> Error handling: none here
-   type(error_type), allocatable, intent(out) :: error
-   class(equilibrium_problem), allocatable :: copy
+   !> Its copy in modes, which uses the shape functions of the full one
+   class(equilibrium_problem), pointer, intent(out) :: copy
 
    allocate (copy, source=self)
    allocate (copy%modes)
    call new_modes(copy%modes, self%shape, self%fields, modes)
+   copy%reduced = .true.
+   copy%curved = .false.
+   copy%pressure_first = 0
    copy%n = size(modes, 2)
    copy%projected%m = copy%m
    copy%projected%n = copy%n
    allocate (copy%projected%a(copy%m, copy%n))
-   call move_alloc(copy, problem)
-end subroutine reduce
+end subroutine reduce_rows
 
 !> Unknown fields and derivatives at a place from the unknowns
 subroutine field(self, ip, x, last, u)
@@ -177,49 +353,14 @@ subroutine field(self, ip, x, last, u)
    end if
 end subroutine field
 
-!> Residuals (5.71)-(5.73)
-subroutine evaluate(self, x, load, r, seen)
+!> Residuals (5.71)-(5.73) and, where wanted, rows (5.66)-(5.69) of all places
+subroutine assemble(self, x, stage, r, seen)
    !> Problem
    class(equilibrium_problem), target, intent(inout) :: self
    !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Load [-]
-   real(wp), intent(in) :: load
-   !> Residuals, shape (m)
-   real(wp), contiguous, intent(inout) :: r(:)
-   !> What was seen
-   type(evaluation_type), intent(out) :: seen
-
-   call evaluate_places(self, x, load, .false., r, seen)
-end subroutine evaluate
-
-!> Residuals and rows (5.66)-(5.69)
-subroutine linearise(self, x, load, r, seen)
-   !> Problem
-   class(equilibrium_problem), target, intent(inout) :: self
-   !> Unknowns, shape (n)
-   real(wp), contiguous, intent(in) :: x(:)
-   !> Load [-]
-   real(wp), intent(in) :: load
-   !> Residuals, shape (m)
-   real(wp), contiguous, intent(inout) :: r(:)
-   !> What was seen
-   type(evaluation_type), intent(out) :: seen
-
-   call evaluate_places(self, x, load, .true., r, seen)
-   if (allocated(self%modes)) call self%modes%project(self%rows, self%projected%a)
-end subroutine linearise
-
-!> Residuals and, where wanted, rows of all places
-subroutine evaluate_places(self, x, load, tangent, r, seen)
-   !> Problem
-   class(equilibrium_problem), intent(inout) :: self
-   !> Unknowns, shape (n)
-   real(wp), contiguous, intent(in) :: x(:)
-   !> Load [-]
-   real(wp), intent(in) :: load
-   !> Linearise
-   logical, intent(in) :: tangent
+   !> Load, and whether to linearise
+   type(stage_type), intent(in) :: stage
    !> Residuals, shape (m)
    real(wp), contiguous, intent(inout) :: r(:)
    !> What was seen
@@ -229,17 +370,23 @@ subroutine evaluate_places(self, x, load, tangent, r, seen)
 
    allocate (volume(self%shape%np))
    !$omp parallel do default(none) schedule(static) private(ip) &
-   !$omp shared(self, x, load, tangent, r, volume)
+   !$omp shared(self, x, stage, r, volume)
    do ip = 1, self%shape%np
-      call self%evaluate_place(ip, x, load, tangent, r, volume(ip))
+      if (ip <= size(self%domain_weight)) then
+         call point_rows(self, ip, x, stage%load, stage%tangent, r, volume(ip))
+      else
+         call volume_row(self, ip, x, stage%tangent, r, volume(ip))
+      end if
    end do
    !$omp end parallel do
+   if (stage%tangent .and. allocated(self%modes)) call self%modes%project(self%rows, &
+      & self%projected%a)
    seen%worst = minloc(volume, dim=1)
    seen%min_j = volume(seen%worst)
    seen%max_j = maxval(volume)
    ! comparisons that a NaN fails
    seen%valid = all(volume > 0.0_wp) .and. all(abs(r) <= huge(1.0_wp))
-end subroutine evaluate_places
+end subroutine assemble
 
 !> Rows of one collocation point and, where it lies on the boundary, of its boundary conditions
 subroutine point_rows(self, ip, x, load, tangent, r, volume)
@@ -258,7 +405,7 @@ subroutine point_rows(self, ip, x, load, tangent, r, volume)
    !> Volume ratio J [-]
    real(wp), intent(out) :: volume
    real(wp) :: u(self%fields, self%shape%nq), f(3, 3), h(3, 3, 3), p(3, 3)
-   real(wp) :: c4(3, 3, 3, 3), t(3, 3, 3), divergence(3)
+   real(wp) :: c4(3, 3, 3, 3), t(3, 3, 3), divergence(3), c(3, 3)
    integer :: nd, b, i, k, q, ca, cb, row
 
    nd = self%scene%cloud%nd
@@ -278,7 +425,7 @@ subroutine point_rows(self, ip, x, load, tangent, r, volume)
    end if
    call self%mixture%strong(ip, nd, f, h, load, divergence, p, c4, t, &
       & volumetric=.not. self%has_pressure())
-   call self%add_pressure(ip, u, f, tangent, p, divergence, t)
+   if (self%has_pressure()) call add_pressure(nd, u, f, tangent, p, divergence, t, c)
    if (allocated(self%scene%body_force)) divergence = divergence &
       & + load*self%scene%body_force(:, ip)
    associate (w => self%domain_weight(ip))
@@ -286,6 +433,7 @@ subroutine point_rows(self, ip, x, load, tangent, r, volume)
       if (tangent) then
          do ca = 1, nd
             self%rows%coefficient(:nd, :nd, 1 + ca, ip) = w*t(:nd, :nd, ca)
+            if (self%has_pressure()) self%rows%coefficient(:nd, nd + 1, 1 + ca, ip) = w*c(:nd, ca)
             do cb = ca, nd
                q = second_index(nd, ca, cb)
                do k = 1, nd
@@ -321,7 +469,7 @@ subroutine boundary_rows(self, b, u, load, f, p, c4, tangent, r)
    logical, intent(in) :: tangent
    !> Residuals, shape (m)
    real(wp), intent(inout) :: r(:)
-   real(wp) :: n(3), slope(3, 3), factor(size(self%boundary%value, 1))
+   real(wp) :: n(3), slope(3, 3), factor(size(self%boundary%value, 1)), pressed
    integer :: nd, block, row, i, k, cb
 
    factor = self%scene%factors(load)
@@ -348,58 +496,49 @@ subroutine boundary_rows(self, b, u, load, f, p, c4, tangent, r)
                slope(k, cb) = dot_product(c4(i, :nd, k, cb), n(:nd))
             end do
          end do
-         call self%add_traction_pressure(block, i, u, f, n, w, slope)
+         if (self%has_pressure()) call add_traction_pressure(nd, i, u, f, n, slope, pressed)
+         if (self%has_pressure()) self%rows%coefficient(i, nd + 1, 1, block) = w*pressed
          self%rows%coefficient(i, :nd, 2:1 + nd, block) = w*slope(:nd, :nd)
       end associate
    end do
 end subroutine boundary_rows
 
-!> Add what a pressure among the fields does to the stress
-subroutine add_pressure(self, ip, u, f, tangent, p, divergence, t)
-   !> Problem, whose rows get their coefficients of the pressure
+!> Volume row of one cell
+subroutine volume_row(self, ip, x, tangent, r, volume)
+   !> Problem
    class(equilibrium_problem), intent(inout) :: self
-   !> Collocation point
+   !> Place among the shape functions
    integer, intent(in) :: ip
-   !> Fields with derivatives, shape (fields, nq)
-   real(wp), intent(in) :: u(:, :)
-   !> Deformation gradient F(i, A) [-]
-   real(wp), intent(in) :: f(3, 3)
+   !> Unknowns, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
    !> Linearise
    logical, intent(in) :: tangent
-   !> First Piola-Kirchhoff stress P(i, A)
-   real(wp), intent(inout) :: p(3, 3)
-   !> Its divergence P_iA,A
-   real(wp), intent(inout) :: divergence(3)
-   !> Derivative of the divergence by F(k, C)
-   real(wp), intent(inout) :: t(3, 3, 3)
+   !> Residuals, shape (m)
+   real(wp), intent(inout) :: r(:)
+   !> Volume ratio J [-]
+   real(wp), intent(out) :: volume
+   real(wp) :: u(self%fields, self%shape%nq), f(3, 3), h(3, 3, 3), c(3, 3), compliance
+   integer :: nd, iv, block, k, a
 
-   associate (unused => self, a => ip, b => u, c => f, d => tangent, e => p, g => divergence, &
-      & h => t)
+   nd = self%scene%cloud%nd
+   iv = ip - size(self%domain_weight)
+   block = size(self%domain_weight) + size(self%boundary%point) + iv
+   call self%field(ip, x, 1 + nd, u)
+   call deformation(nd, u, f, h)
+   volume = determinant(f)
+   compliance = 1.0_wp/self%mixture%bulk(ip)
+   associate (w => self%volume_weight(iv), row => self%rows%row(block) + 1)
+      r(row) = w*(volume - 1.0_wp - compliance*u(nd + 1, 1))
+      if (.not. tangent) return
+      c = cofactor(f)
+      do a = 1, nd
+         do k = 1, nd
+            self%rows%coefficient(1, k, 1 + a, block) = w*c(k, a)
+         end do
+      end do
+      self%rows%coefficient(1, nd + 1, 1, block) = -w*compliance
    end associate
-end subroutine add_pressure
-
-!> Add what a pressure among the fields does to the derivatives of a traction
-subroutine add_traction_pressure(self, block, i, u, f, n, w, slope)
-   !> Problem, whose rows get their coefficients of the pressure
-   class(equilibrium_problem), intent(inout) :: self
-   !> Block of rows
-   integer, intent(in) :: block
-   !> Component
-   integer, intent(in) :: i
-   !> Fields with derivatives, shape (fields, nq)
-   real(wp), intent(in) :: u(:, :)
-   !> Deformation gradient F(i, A) [-]
-   real(wp), intent(in) :: f(3, 3)
-   !> Normal
-   real(wp), intent(in) :: n(3)
-   !> Weight of the row
-   real(wp), intent(in) :: w
-   !> Derivative of the traction by F(k, C)
-   real(wp), intent(inout) :: slope(3, 3)
-
-   associate (unused => self, a => block, b => i, c => u, d => f, e => n, g => w, h => slope)
-   end associate
-end subroutine add_traction_pressure
+end subroutine volume_row
 
 !> Linearised rows, or their product with the modes
 function operator(self) result(op)
@@ -411,38 +550,18 @@ function operator(self) result(op)
    if (allocated(self%modes)) op => self%projected
 end function operator
 
-!> Second derivatives of r.r/2
+!> Second derivatives of r.r/2, of which those of the residuals, weighted with these, are kept
 subroutine hessian(self, x, load, r, a)
    !> Problem, linearised at x
    class(equilibrium_problem), target, intent(inout) :: self
    !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Load [-]
+   !> Load, 0..1 [-]
    real(wp), intent(in) :: load
    !> Residuals, shape (m)
    real(wp), contiguous, intent(in) :: r(:)
    !> Upper triangle, shape (n, n)
-   real(wp), contiguous, intent(inout) :: a(:, :)
-
-   call self%set_curvature(x, load, r)
-   if (allocated(self%modes)) then
-      call self%projected%normal(a)
-      call self%modes%add_second(self%rows%second, a)
-   else
-      call self%rows%expand(.true., a)
-   end if
-end subroutine hessian
-
-!> Find the second derivatives of the residuals, weighted with the residuals
-subroutine set_curvature(self, x, load, r)
-   !> Problem
-   class(equilibrium_problem), intent(inout) :: self
-   !> Unknowns, shape (n)
-   real(wp), contiguous, intent(in) :: x(:)
-   !> Load [-]
-   real(wp), intent(in) :: load
-   !> Residuals, shape (m)
-   real(wp), contiguous, intent(in) :: r(:)
+   real(wp), contiguous, intent(inout), optional :: a(:, :)
    integer :: ip, nd
 
    nd = self%scene%cloud%nd
@@ -450,10 +569,21 @@ subroutine set_curvature(self, x, load, r)
       & self%shape%nq, self%shape%np))
    !$omp parallel do default(none) schedule(static) private(ip) shared(self, x, load, r)
    do ip = 1, self%shape%np
-      call self%curvature(ip, x, load, r, self%rows%second(:, :, :, ip))
+      if (ip <= size(self%domain_weight)) then
+         call point_curvature(self, ip, x, load, r, self%rows%second(:, :, :, ip))
+      else
+         call volume_curvature(self, ip, x, r, self%rows%second(:, :, :, ip))
+      end if
    end do
    !$omp end parallel do
-end subroutine set_curvature
+   if (.not. present(a)) return
+   if (allocated(self%modes)) then
+      call self%projected%normal(a)
+      call self%modes%add_second(self%rows%second, a)
+   else
+      call self%rows%expand(.true., a)
+   end if
+end subroutine hessian
 
 !> Product of these second derivatives with a vector of the full problem
 subroutine apply_curvature(self, x, y)
@@ -494,7 +624,7 @@ subroutine point_curvature(self, ip, x, load, r, form)
    form = 0.0_wp
    call self%mixture%strong_curvature(ip, nd, f, h, rho, load, ff, fh, &
       & volumetric=.not. self%has_pressure())
-   call self%add_pressure_curvature(u, f, rho, ff, form)
+   if (self%has_pressure()) call add_pressure_curvature(nd, u, f, rho, ff, form)
    call add_curvature(nd, ff, fh, form)
    b = self%boundary_of(ip)
    if (b == 0) return
@@ -507,48 +637,35 @@ subroutine point_curvature(self, ip, x, load, r, form)
    end do
    call self%mixture%stress_curvature(ip, f, weighted, load, ff, &
       & volumetric=.not. self%has_pressure())
-   call self%add_traction_curvature(u, f, weighted, ff, form)
+   if (self%has_pressure()) call add_traction_curvature(nd, u, f, weighted, ff, form)
    fh = 0.0_wp
    call add_curvature(nd, ff, fh, form)
 end subroutine point_curvature
 
-!> Add what a pressure among the fields does to the second derivatives of rho_i P_iA,A
-subroutine add_pressure_curvature(self, u, f, rho, ff, form)
+!> Second derivatives of J in a volume row, weighted with the residual
+subroutine volume_curvature(self, ip, x, r, form)
    !> Problem
    class(equilibrium_problem), intent(in) :: self
-   !> Fields with derivatives, shape (fields, nq)
-   real(wp), intent(in) :: u(:, :)
-   !> Deformation gradient F(i, A) [-]
-   real(wp), intent(in) :: f(3, 3)
-   !> Residuals times weight
-   real(wp), intent(in) :: rho(3)
-   !> Second derivatives by F_iA and F_jB, index i + 3 (A - 1)
-   real(wp), intent(inout) :: ff(9, 9)
-   !> Form as in rk_rows, shape (nd*nd, fields, nq)
-   real(wp), intent(inout) :: form(:, :, :)
+   !> Place
+   integer, intent(in) :: ip
+   !> Unknowns, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Residuals, shape (m)
+   real(wp), contiguous, intent(in) :: r(:)
+   !> Form as in rk_rows, shape (nd*nd, nd + 1, nq)
+   real(wp), contiguous, intent(inout) :: form(:, :, :)
+   real(wp) :: u(self%fields, self%shape%nq), f(3, 3), h(3, 3, 3), fh(9, 9, 3)
+   integer :: iv, nd, row
 
-   associate (unused => self, a => u, b => f, c => rho, d => ff, e => form)
-   end associate
-end subroutine add_pressure_curvature
-
-!> Add what a pressure among the fields does to the second derivatives of R_iA P_iA
-subroutine add_traction_curvature(self, u, f, weighted, ff, form)
-   !> Problem
-   class(equilibrium_problem), intent(in) :: self
-   !> Fields with derivatives, shape (fields, nq)
-   real(wp), intent(in) :: u(:, :)
-   !> Deformation gradient F(i, A) [-]
-   real(wp), intent(in) :: f(3, 3)
-   !> Residuals times weight and normal, R(i, A)
-   real(wp), intent(in) :: weighted(3, 3)
-   !> Second derivatives by F_iA and F_jB, index i + 3 (A - 1)
-   real(wp), intent(inout) :: ff(9, 9)
-   !> Form as in rk_rows, shape (nd*nd, fields, nq)
-   real(wp), intent(inout) :: form(:, :, :)
-
-   associate (unused => self, a => u, b => f, c => weighted, d => ff, e => form)
-   end associate
-end subroutine add_traction_curvature
+   nd = self%scene%cloud%nd
+   iv = ip - size(self%domain_weight)
+   row = self%rows%row(size(self%boundary%point) + ip) + 1
+   call self%field(ip, x, self%shape%nq, u)
+   call deformation(nd, u, f, h)
+   form = 0.0_wp
+   fh = 0.0_wp
+   call add_curvature(nd, self%volume_weight(iv)*r(row)*cross_form(f), fh, form)
+end subroutine volume_curvature
 
 !> Add second derivatives by F and its derivatives to the form of a place
 pure subroutine add_curvature(nd, ff, fh, form)

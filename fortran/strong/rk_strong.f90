@@ -18,7 +18,6 @@ module rk_strong
    contains
       procedure :: operator
       procedure :: set_force
-      procedure :: set_torque
       procedure :: section_force
    end type strong_problem
 
@@ -33,8 +32,8 @@ function operator(self) result(op)
    op => self%rows
 end function operator
 
-!> Force that the surroundings exert on the body through a set
-function set_force(self, set, state, share) result(force)
+!> Force that the surroundings exert on the body through a set, or its moment
+function set_force(self, set, state, share, about) result(force)
    !> Problem
    class(strong_problem), intent(in) :: self
    !> Boundary set
@@ -43,25 +42,16 @@ function set_force(self, set, state, share) result(force)
    type(field_state), intent(in) :: state
    !> Part of the way to the next fixed set that is looked at [-]
    real(wp), intent(in) :: share
+   !> Point about which the moment is wanted [length]
+   real(wp), intent(in), optional :: about(3)
    real(wp) :: force(3)
 
-   force = force_on_set(self, set, state, share)
+   if (present(about)) then
+      force = torque_on_set(self, set, state, about)
+   else
+      force = force_on_set(self, set, state, share)
+   end if
 end function set_force
-
-!> Moment of the forces that the surroundings exert on the body through a set, where it has moved to
-function set_torque(self, set, state, about) result(torque)
-   !> Problem
-   class(strong_problem), intent(in) :: self
-   !> Boundary set
-   integer, intent(in) :: set
-   !> State
-   type(field_state), intent(in) :: state
-   !> Point about which it turns [length]
-   real(wp), intent(in) :: about(3)
-   real(wp) :: torque(3)
-
-   torque = torque_on_set(self, set, state, about)
-end function set_torque
 
 !> Force through a plane section
 function section_force(self, place, normal, state) result(force)

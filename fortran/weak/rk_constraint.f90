@@ -227,7 +227,7 @@ end subroutine dense
 !> Solve A x = b, with shift times the diagonal of K in K
 recursive subroutine solve_square(self, shift, b, x, report, error)
    !> Matrix
-   class(constrained_matrix), target, intent(in) :: self
+   class(constrained_matrix), target, intent(inout) :: self
    !> Damping in units of the diagonal, >= 0 [-]
    real(wp), intent(in) :: shift
    !> Right hand side, shape (n)

@@ -84,9 +84,8 @@ module rk_tangent
       procedure :: apply
       procedure :: apply_transposed
       procedure :: dense
-      procedure :: solve_square
       !> Newton's step
-      procedure :: solve_step
+      procedure :: solve_square
    end type tangent_type
 
    !> Displacements and pressures
@@ -350,34 +349,8 @@ subroutine dense(self, a)
    end do
 end subroutine dense
 
-!> Solve with the tangent, plus a shift times its diagonal or the preconditioner's
-recursive subroutine solve_square(self, shift, b, x, report, error)
-   !> Tangent
-   class(tangent_type), target, intent(in) :: self
-   !> Damping in units of the diagonal, >= 0 [-]
-   real(wp), intent(in) :: shift
-   !> Right hand side, shape (n)
-   real(wp), contiguous, intent(in) :: b(:)
-   !> Solution, shape (n)
-   real(wp), contiguous, intent(inout) :: x(:)
-   !> What was used and how good it is
-   type(square_report), intent(out) :: report
-   !> Error handling: singular matrix, no memory, no convergence
-   type(error_type), allocatable, intent(out) :: error
-   real(wp), allocatable :: both(:), right(:)
-
-   if (self%formed) then
-      call self%symmetric_matrix%solve_square(shift, b, x, report, error)
-      return
-   end if
-   call self%groups%split(self%n, b, right)
-   allocate (both(size(right)), source=0.0_wp)
-   call solve_saddle(self, shift, tolerance, right, both, report, error)
-   call self%groups%join(self%n, both, x)
-end subroutine solve_square
-
 !> Newton's step, by as many digits as the iteration can use
-subroutine solve_step(self, shift, b, x, report, error)
+recursive subroutine solve_square(self, shift, b, x, report, error)
    !> Tangent
    class(tangent_type), target, intent(inout) :: self
    !> Damping in units of the diagonal, >= 0 [-]
@@ -396,7 +369,7 @@ subroutine solve_step(self, shift, b, x, report, error)
    logical :: known
 
    if (self%formed) then
-      call self%solve_square(shift, b, x, report, error)
+      call self%symmetric_matrix%solve_square(shift, b, x, report, error)
       return
    end if
    known = allocated(self%measured) .and. .not. shift > 0.0_wp
@@ -426,7 +399,7 @@ subroutine solve_step(self, shift, b, x, report, error)
       if (.not. self%groups%multiplier%free(g)) gained(:, g) = gained(:, g)/self%groups%beside(g)
    end do
    call self%pressures%note(x, gained)
-end subroutine solve_step
+end subroutine solve_square
 
 !> Size of a right hand side in the norm of the preconditioner, with the pressures that are carried
 !> in place of those of the volume; the first of a load step is what solves are relative to

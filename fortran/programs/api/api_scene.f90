@@ -1,13 +1,13 @@
 ! Python boundary of scenes: a handle in, arrays out. Python checks shapes before it calls.
 
 !> Open the scene of a deck, whose text is blank where it is a file; the arrays are those of a model
-!> and may be empty; voxels of size 0 stand for none, and so do fractions of one label and
-!> activations below 0. Not threadsafe: gfortran keeps the lengths of character function results in
-!> static storage, and keys are made of such results
-subroutine scene_open(path, text, nover, overrides, ns, nc, nb, nset, nf, source, spacing, points, &
-   & voxel, voxel_size, voxel_origin, volume, label, fraction, fraction_label, fiber, &
-   & activation, boundary_point, boundary_set, normal, area, set_names, length_unit, handle, stat, &
-   & message)
+!> and may be empty: by source point its place and spacing; by collocation point place, fiber,
+!> volume, activation and fractions, then label and voxel; by boundary entry normal and area, then
+!> point and set; size and origin of the voxels. A size of 0 stands for none, and so do fractions
+!> of one label and activations below 0. Not threadsafe: gfortran keeps the lengths of character
+!> function results in static storage, and keys are made of such results
+subroutine scene_open(path, text, nover, overrides, ns, nc, nb, nset, nf, source, point, place, &
+   & entry, entry_of, grid, fraction_label, set_names, length_unit, handle, stat, message)
    use rk_cloud, only : check_arrays, cloud_type
    use rk_error, only : error_type
    use rk_pack, only : pack_error
@@ -15,47 +15,43 @@ subroutine scene_open(path, text, nover, overrides, ns, nc, nb, nset, nf, source
    implicit none
    integer, intent(in) :: nover, ns, nc, nb, nset, nf
    character(len=*), intent(in) :: path, text, overrides(nover), set_names(nset), length_unit
-   double precision, intent(in) :: source(3, ns), spacing(3, ns), points(3, nc), fiber(3, nc)
-   double precision, intent(in) :: voxel_size(3), voxel_origin(3), volume(nc)
-   double precision, intent(in) :: fraction(nf, nc), activation(nc)
-   double precision, intent(in) :: normal(3, nb), area(nb)
-   integer, intent(in) :: voxel(3, nc), label(nc), fraction_label(nf)
-   integer, intent(in) :: boundary_point(nb), boundary_set(nb)
+   double precision, intent(in) :: source(3, 2, ns), point(8 + nf, nc), entry(4, nb), grid(3, 2)
+   integer, intent(in) :: place(4, nc), entry_of(2, nb), fraction_label(nf)
    integer, intent(out) :: handle, stat
    character(len=2048), intent(out) :: message
    type(error_type), allocatable :: error
    type(cloud_type) :: model
 
    model%nd = 3
-   model%source = source
-   model%spacing = spacing
-   model%points = points
-   if (all(voxel_size > 0)) then
-      model%voxels%index = voxel
-      model%voxels%size = voxel_size
-      model%voxels%origin = voxel_origin
-   end if
-   model%volume = volume
-   model%label = label
+   model%source = source(:, 1, :)
+   model%spacing = source(:, 2, :)
+   model%points = point(:3, :)
+   model%fiber = point(4:6, :)
+   model%volume = point(7, :)
+   if (all(point(8, :) >= 0)) model%activation = point(8, :)
    ! one tissue has no fractions
    if (nf > 1) then
-      model%fraction = fraction
+      model%fraction = point(9:, :)
       model%fraction_label = fraction_label
    end if
-   model%fiber = fiber
-   if (all(activation >= 0)) model%activation = activation
-   model%boundary_point = boundary_point
-   model%boundary_set = boundary_set
-   model%normal = normal
-   model%area = area
+   model%label = place(1, :)
+   if (all(grid(:, 1) > 0)) then
+      model%voxels%index = place(2:, :)
+      model%voxels%size = grid(:, 1)
+      model%voxels%origin = grid(:, 2)
+   end if
+   model%normal = entry(:3, :)
+   model%area = entry(4, :)
+   model%boundary_point = entry_of(1, :)
+   model%boundary_set = entry_of(2, :)
    allocate (model%set_names(nset))
    model%set_names = set_names
    model%length_unit = trim(length_unit)
    handle = 0
    call check_arrays(model, error)
    if (.not. allocated(error)) then
-      model%boundary_point = boundary_point + 1
-      model%boundary_set = boundary_set + 1
+      model%boundary_point = entry_of(1, :) + 1
+      model%boundary_set = entry_of(2, :) + 1
       call open_session(path, text, overrides, model, handle, error)
    end if
    call pack_error(error, stat, message)
@@ -187,11 +183,15 @@ subroutine scene_count_field_points(handle, n, stat, message)
    character(len=2048), intent(out) :: message
    type(error_type), allocatable :: error
    type(slot_type), pointer :: slot
+   double precision, allocatable :: place(:, :)
+   double precision :: none(3, 0), no_stress(3, 3, 0)
 
    n = 0
    call find_slot(handle, slot, error)
    call pack_error(error, stat, message)
-   if (stat == 0) n = size(slot%full%load_points(), 2)
+   if (stat > 0) return
+   call slot%full%set_point_loads(none, none, no_stress, place)
+   n = size(place, 2)
 end subroutine scene_count_field_points
 
 !> Points where scene_set_fields wants values
@@ -206,11 +206,15 @@ subroutine scene_field_points(handle, nd, n, place, stat, message)
    character(len=2048), intent(out) :: message
    type(error_type), allocatable :: error
    type(slot_type), pointer :: slot
+   double precision, allocatable :: points(:, :)
+   double precision :: none(3, 0), no_stress(3, 3, 0)
 
    place = 0
    call find_slot(handle, slot, error)
    call pack_error(error, stat, message)
-   if (stat == 0) place = slot%full%load_points()
+   if (stat > 0) return
+   call slot%full%set_point_loads(none, none, no_stress, points)
+   place = points
 end subroutine scene_field_points
 
 !> Body force, prescribed displacement and the stress whose traction is prescribed, all at full load

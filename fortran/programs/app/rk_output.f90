@@ -135,7 +135,7 @@ subroutine open_output(self, problem, folder, deck, version, error, history, who
    call self%results%add_lattice(place, surface_triangles(place), error)
    if (allocated(error)) return
    call self%results%describe(deck%overrides, approximation_text(deck), error)
-   if (allocated(error) .or. problem%is_linear()) return
+   if (allocated(error) .or. problem%linear) return
    call self%journal%open(folder//journal_name, whole, error)
    if (whole > 0) self%journaled = self%repeated
    if (allocated(error) .or. whole > 0) return
@@ -287,7 +287,7 @@ subroutine step(self, st, x)
          & to_text(self%problem%scene%motion%end), to_text(self%last%seconds, 3)
       call self%say(trim(line), level=1)
       return
-   else if (self%problem%is_linear()) then
+   else if (self%problem%linear) then
       write (line, '("linear: one least squares solve, ", a, "  relative |A''r| ", a, '// &
          & '"  ", a, " s")') self%last%solver, to_power(st%gradient, 1), &
          & to_text(self%last%seconds, 3)

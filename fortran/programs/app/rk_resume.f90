@@ -56,7 +56,7 @@ subroutine resume_run(folder, deck, problem, start, history, worst, journal, dam
    history = ''
    journal = 0
    damage = ''
-   if (problem%is_linear()) return
+   if (problem%linear) return
    call read_run(folder, found, path, history, journal, damage, error)
    if (allocated(error) .or. .not. allocated(found%load)) return
    if (size(found%load) == 0) return
@@ -198,7 +198,7 @@ subroutine start_from(words, deck, problem, start, error)
    integer :: colon, stat, step
    logical :: exists
 
-   if (problem%is_linear()) then
+   if (problem%linear) then
       call fatal_error(error, err_input, '--start-from '//words//': a linear problem is solved ' &
          & //'or marched from its own start; leave the option out')
       return

@@ -10,9 +10,9 @@ import numpy as np
 
 from myork import errors
 from myork.model_file import checked_cloud, read_model
-from myork.records import PointCloud
+from myork.records import PointCloud, Voxels
 
-__all__ = ["NO_CLOUD", "check_cloud", "model_of", "model_path", "with_cloud"]
+__all__ = ["NO_CLOUD", "check_cloud", "model_of", "model_path", "packed", "with_cloud"]
 
 # One unused point: the wrapper cannot tell the shape of nothing.
 NO_CLOUD = PointCloud(
@@ -65,6 +65,26 @@ def with_cloud(tables: Mapping[str, Any], cloud: PointCloud) -> dict[str, Any]:
             )
     units = {"force": "N", "length": cloud.length_unit or "cm"}
     return {"units": units, **tables, "geometry": {"kind": "model"}}
+
+
+def packed(cloud: PointCloud) -> tuple[Any, ...]:
+    """The cloud as the core takes it: one array by source point, two by point, two by entry."""
+    n = len(cloud.points)
+    parts = np.zeros((n, 1)) if cloud.fraction is None else cloud.fraction
+    active = -np.ones(n) if cloud.activation is None else cloud.activation
+    # a size of zero stands for no voxels
+    voxels = cloud.voxels or Voxels(np.zeros((n, 3), np.int32), np.zeros(3), np.zeros(3))
+    return (
+        np.stack([cloud.source.T, cloud.spacing.T], axis=1),
+        np.vstack([cloud.points.T, cloud.fiber.T, cloud.volume, active, parts.T]),
+        np.vstack([cloud.label, voxels.index.T]),
+        np.vstack([cloud.normal.T, cloud.area]),
+        np.vstack([cloud.boundary_point, cloud.boundary_set]),
+        np.stack([voxels.size, voxels.origin], axis=1),
+        [0] if cloud.fraction is None else sorted(cloud.label_names),
+        np.char.ljust(np.array([name.encode() for name in cloud.set_names]), 32),
+        cloud.length_unit.encode() or b" ",
+    )
 
 
 def check_cloud(deck: Mapping[str, Any], cloud: PointCloud) -> PointCloud:

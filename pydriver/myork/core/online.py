@@ -12,11 +12,12 @@ from myork.types import F64, I32, I64
 __all__ = [
     "Cells",
     "Model",
+    "Record",
     "Wish",
     "assemble",
     "cell_stresses",
     "online_states",
-    "padded",
+    "record",
     "triples",
 ]
 
@@ -129,15 +130,42 @@ class Wish(NamedTuple):
     given: F64
 
 
+class Record(NamedTuple):
+    """A model as the core takes it, packed once: sizes and indices, then all other numbers."""
+
+    whole: I32
+    number: F64
+
+
+def record(model: Model, cells: Cells) -> Record:
+    """Pack a model with its own cells or others; its volume may be that of `triples` already.
+
+    Gradients have the amplitudes first, with zeros up to a multiple of eight.
+    """
+    s, nc = cells.h.shape[2], cells.h.shape[1]
+    wide = np.zeros((8 * (-(-s // 8)), 9, nc), order="F")
+    wide[:s] = np.moveaxis(cells.h, 2, 0)
+    volume = triples(model.volume) if model.volume.ndim == 4 else model.volume
+    slope = model.volume_slope
+    # factors of pieces of eight changes from those of each
+    pieces = slope[::8] if len(slope) else np.zeros((1, slope.shape[1]))
+    sizes = [model.r, s, len(wide), nc, len(cells.tissue), volume.shape[2], volume.shape[1]]
+    sizes += [model.fibers.shape[1], slope.shape[1]]
+    arrays = (wide, *cells[1:4], *cells[6:], model.constant, model.constant_slope, volume, pieces)
+    return Record(
+        np.concatenate([sizes, cells.first, cells.tissue]).astype(np.int32),
+        np.concatenate([np.ravel(a, order="F") for a in (*arrays, model.fibers)]),
+    )
+
+
 def assemble(model: Model, wish: Wish, z: F64) -> tuple[F64, F64, F64, float]:
     """Residual and tangent by all amplitudes, stresses times weights `(nc, 9)`, and smallest J.
 
     `wish` holds one state; its prescribed amplitudes are those of `z`.
     """
     residual, tangent, stress, min_j = _core.online_assemble(
-        model.r, *padded(model.cells), model.constant, model.constant_slope, triples(model.volume),
-        _of_pieces(model.volume_slope), model.fibers, wish.state[:, :, 0], wish.modulus[:, 0], z,
-    )  # fmt: skip
+        *record(model, model.cells), _columns(wish)[:, 0], model.cells.h.shape[1], z
+    )
     return residual, tangent, stress.T, float(min_j)
 
 
@@ -146,32 +174,30 @@ def cell_stresses(cells: Cells, fibers: F64, wish: Wish, gradient: F64) -> F64:
 
     The gradients of `cells` are not looked at; `fibers` are those of a `Model`.
     """
-    moduli = len(wish.modulus)
-    none = np.zeros((1, 1, moduli), order="F")
+    nc, moduli = gradient.shape[1], len(wish.modulus)
     # one amplitude, of size one, that makes the gradients, and no volume
-    one = padded(cells._replace(h=np.zeros((9, gradient.shape[1], 1))))
-    volume = triples(np.zeros((2, 2, 2, 1)))
+    one = cells._replace(h=np.zeros((9, nc, 1)))
+    none = np.zeros((1, 1, moduli))
+    packed = record(
+        Model(1, one, np.zeros((1, 1)), none, np.zeros((2, 2, 2, 1)), none[0], fibers), one
+    )
+    place = packed.number[: 72 * nc].reshape((8, 9, nc), order="F")[0]
+    columns = _columns(wish)
     found = np.empty(gradient.shape)
     for i, h in enumerate(gradient):
-        one.h[0] = h.T
-        found[i] = _core.online_assemble(
-            1, *one, none[..., 0], none, volume, none[0], fibers, wish.state[:, :, i],
-            wish.modulus[:, i], np.ones(1),
-        )[2].T  # fmt: skip
+        place[:] = h.T
+        found[i] = _core.online_assemble(*packed, columns[:, i], nc, np.ones(1))[2].T
     return found
 
 
 def online_states(
-    model: Model,
-    cells: Cells,
-    volume: F64,
-    whole: Cells,
+    model: Record,
+    whole: Record,
     wish: Wish,
     start: F64,
     parts: I32,
     known: Wish,
-    least: float,
-    tolerance: float,
+    limits: tuple[float, float],
     most: int,
     threads: int,
     wanted: I32,
@@ -179,9 +205,10 @@ def online_states(
 ) -> tuple[Any, ...]:
     """States by Newton's iteration, each with the forces on the amplitudes wanted, from 1.
 
-    Cells and volume are those of `padded` and `triples`; `wish` is what is asked for, `known` what
-    states at which the way begins were asked for. Amplitudes of the modes below `least` are none;
-    `lift` tells how they follow the amplitudes wanted, shape `(r, nf, n)`.
+    `whole` has the cells by which forces are found; `wish` is what is asked for, `known` what
+    states at which the way begins were asked for. `limits` are the size of amplitudes of the modes
+    below which they are none, and the tolerance; `lift` says how they follow the amplitudes
+    wanted, shape `(r, nf, n)`.
 
     Returns
     -------
@@ -191,19 +218,10 @@ def online_states(
     """
     return tuple(
         _core.online_states(
-            model.r, *cells, model.constant, model.constant_slope, volume,
-            _of_pieces(model.volume_slope), model.fibers, *whole, *wish, start, parts, *known,
-            least, tolerance, most, threads, wanted, lift,
+            *model, *whole, _columns(wish), _columns(known), start, parts, limits, most, threads,
+            wanted, lift,
         )
     )  # fmt: skip
-
-
-def padded(cells: Cells) -> Cells:
-    """Cells as the core takes them: amplitudes first, with zeros up to a multiple of eight."""
-    s = cells.h.shape[2]
-    wide = np.zeros((8 * (-(-s // 8)), 9, cells.h.shape[1]), order="F")
-    wide[:s] = np.moveaxis(cells.h, 2, 0)
-    return cells._replace(h=wide)
 
 
 def triples(volume: F64) -> F64:
@@ -217,6 +235,7 @@ def triples(volume: F64) -> F64:
     return np.asfortranarray(np.moveaxis(wide.reshape(len(n), -1, 8), (0, 1, 2), (1, 2, 0)))
 
 
-def _of_pieces(slope: F64) -> F64:
-    """Factors of pieces of eight changes from those of each."""
-    return np.asfortranarray(slope[::8] if len(slope) else np.zeros((1, slope.shape[1])))
+def _columns(wish: Wish) -> F64:
+    """All that each state is asked for in one column."""
+    state = wish.state.reshape(-1, wish.state.shape[2], order="F")
+    return np.asfortranarray(np.concatenate([state, wish.modulus, wish.given]))

@@ -24,7 +24,7 @@ from myork.core.checks import (
     shaped,
     unknowns_of,
 )
-from myork.core.cloud import NO_CLOUD, check_cloud, model_of, with_cloud
+from myork.core.cloud import NO_CLOUD, check_cloud, model_of, packed, with_cloud
 from myork.core.deck import (
     as_texts,
     check_deck,
@@ -34,7 +34,7 @@ from myork.core.deck import (
     text_of_tables,
 )
 from myork.core.states import VERDICTS, Fields, States, states_of
-from myork.records import PointCloud, Voxels
+from myork.records import PointCloud
 from myork.results import RestartState
 from myork.tables import override_text, read_only
 from myork.types import F64, I32
@@ -165,34 +165,11 @@ class Scene:
     ) -> None:
         """Hand deck and points to the core; the text is empty where the deck is a file."""
         self.deck = read_only(deck)
-        cloud = NO_CLOUD if model is None else model
-        # a size of zero stands for none
-        none = Voxels(np.zeros((len(cloud.points), 3), np.int32), np.zeros(3), np.zeros(3))
-        voxels = cloud.voxels or none
-        fraction = np.zeros((len(cloud.points), 1)) if cloud.fraction is None else cloud.fraction
-        names = np.char.ljust(np.array([name.encode() for name in cloud.set_names]), 32)
         handle, stat, message = _core.scene_open(
             os.fsencode(deck["path"]),
             text.encode() or b" ",
             as_texts(overrides),
-            cloud.source.T,
-            cloud.spacing.T,
-            cloud.points.T,
-            voxels.index.T,
-            voxels.size,
-            voxels.origin,
-            cloud.volume,
-            cloud.label,
-            fraction.T,
-            sorted(cloud.label_names) if cloud.fraction is not None else [0],
-            cloud.fiber.T,
-            -np.ones(len(cloud.points)) if cloud.activation is None else cloud.activation,
-            cloud.boundary_point,
-            cloud.boundary_set,
-            cloud.normal.T,
-            cloud.area,
-            names,
-            cloud.length_unit.encode() or b" ",
+            *packed(NO_CLOUD if model is None else model),
         )
         check_deck(stat, message, text)
         self._handle = handle

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from myork.core.online import Cells, Model, Wish, online_states, padded, triples
+from myork.core.online import Cells, Model, Wish, online_states, record
 from myork.errors import InputError
 from myork.rom.projection import Laws
 from myork.types import F64, I64, Mask
@@ -133,10 +133,8 @@ class Solver:
         least: float = 1e-300,
     ) -> None:
         self.model = model
-        self._cells = padded(model.cells)
-        self._whole = self._cells if whole is model.cells else padded(whole)
-        volume = model.volume
-        self._volume = triples(volume) if volume.ndim == 4 else volume
+        self._record = record(model, model.cells)
+        self._whole = self._record if whole is model.cells else record(model, whole)
         self.threads = threads
         self.least = least
         # the wrapper takes no empty arrays
@@ -173,9 +171,9 @@ class Solver:
             lift = np.zeros((n, r, len(self._wanted)))
         known = known or conditions
         z, iterations, change, min_j, force = online_states(
-            self.model, self._cells, self._volume, self._whole, conditions.columns(), begin,
-            np.full(n, parts, np.int32), known.columns(), self.least, tolerance, most, self.threads,
-            self._wanted, np.asfortranarray(np.moveaxis(lift, 0, 2)),
+            self._record, self._whole, conditions.columns(), begin, np.full(n, parts, np.int32),
+            known.columns(), (self.least, tolerance), most, self.threads, self._wanted,
+            np.asfortranarray(np.moveaxis(lift, 0, 2)),
         )  # fmt: skip
         answer = Answer(z[:r].T, force[: self._count].T, np.abs(iterations), iterations > 0, min_j)
         return answer, change
