@@ -13,49 +13,25 @@ import numpy as np
 import pytest
 
 from myork.cli import main
+from myork.core.deck import text_of_tables
 from myork.errors import FileError
 from myork.files import claimed
 from myork.report import make_report
 from myork.results import Results
 from myork.stations.solve import find_executable
 from myork.summary import failures, renewing, update_summary
+from tests.scenes import box, held, scene
 
 #: Longest wait for something that takes a second or two; a failure, not a measurement [s]
 PATIENCE = 120
 
-DECK = """\
-title = "Sheared sheet"
-[units]
-force = "N"
-length = "cm"
-[scene]
-dimension = 2
-method = "rkcm"
-[geometry]
-kind = "box"
-size = [4, 1]
-source = [17, 5]
-collocation = [33, 9]
-[[material]]
-name = "rubber"
-model = "polynomial"
-A10 = 37.3
-K = 1e3
-[[boundary]]
-set = "y0"
-u_x = 0
-u_y = 0
-[[boundary]]
-set = "y1"
-u_x = 1
-u_y = 0
-[load]
-steps = 4
-[[probe]]
-name = "pull"
-quantity = "force_x"
-set = "y1"
-"""
+DECK = scene(
+    "rkcm", box(17, 5, size=[4, 1]), title="Sheared sheet", load={"steps": 4},
+    units={"force": "N", "length": "cm"},
+    material=[{"name": "rubber", "model": "polynomial", "A10": 37.3, "K": 1e3}],
+    boundary=[held("y0", 2), held("y1", 2, u_x=1)],
+    probe=[{"name": "pull", "quantity": "force_x", "set": "y1"}],
+)  # fmt: skip
 #: Takes many seconds, in steps of some hundredths of a second
 LONG = ("--set", "load.steps=4000")
 
@@ -63,7 +39,7 @@ LONG = ("--set", "load.steps=4000")
 @pytest.fixture
 def deck(tmp_path: Path) -> Path:
     path = tmp_path / "deck.toml"
-    path.write_text(DECK)
+    path.write_text(text_of_tables(DECK))
     return path
 
 

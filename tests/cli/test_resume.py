@@ -17,28 +17,18 @@ from myork import Results, Scene
 from myork.core.deck import text_of_tables
 from myork.errors import FileError, InputError
 from myork.stations.solve import find_executable, run_deck
+from tests.scenes import box, held, scene
 
-MUSCLE = {
-    "scene": {"dimension": 3, "method": "rkpm-gauss"},
-    "geometry": {"kind": "box", "size": [1, 1, 2], "source": [5, 5, 7], "collocation": [7, 7, 9]},
-    "material": [
-        {"name": "muscle", "model": "muscle", "A10": 10, "K": 1000, "fiber_angle": 30},
-    ],
-    "boundary": [
-        {"set": "z0", "u_x": 0, "u_y": 0, "u_z": 0},
-        {"set": "z1", "u_x": 0, "u_y": 0, "u_z": 0.2},
-    ],
-    "load": {"steps": 8, "activation": 0.3},
-    "probe": [{"name": "force", "quantity": "force", "set": "z1"}],
-}
-RUBBER = {
-    **MUSCLE,
-    "geometry": {"kind": "box", "size": [1, 1, 1], "source": [4, 4, 4], "collocation": [6, 6, 6]},
+MUSCLE = scene(
+    "rkpm-gauss", box(5, 5, 7, size=[1, 1, 2], places=(7, 7, 9)),
+    material=[{"name": "muscle", "model": "muscle", "A10": 10, "K": 1000, "fiber_angle": 30}],
+    boundary=[held("z0"), held("z1", u_z=0.2)], load={"steps": 8, "activation": 0.3},
+    probe=[{"name": "force", "quantity": "force", "set": "z1"}],
+)  # fmt: skip
+RUBBER = MUSCLE | {
+    "geometry": box(4, 4, 4, places=(6, 6, 6)),
     "material": [{"name": "rubber", "model": "neo-hookean", "mu": 10, "K": 500}],
-    "boundary": [
-        {"set": "z0", "u_x": 0, "u_y": 0, "u_z": 0},
-        {"set": "z1", "u_x": 0.3, "u_y": 0, "u_z": 0.3},
-    ],
+    "boundary": [held("z0"), held("z1", u_x=0.3, u_z=0.3)],
     "load": {"steps": 6},
 }
 #: Quantities of a summary that tell of the run, not of the answer
@@ -176,8 +166,8 @@ def test_a_changed_journal_is_cut_or_refused(tmp_path, write_deck):
     The journal ends behind its fifth step. What stands before the change is gone on with, so that
     all end in the same numbers.
     """
-    box = {**RUBBER["geometry"], "source": [3] * 3, "collocation": [4] * 3}
-    deck = write_deck({**RUBBER, "geometry": box, "load": {"steps": 10}})
+    coarse = {**RUBBER["geometry"], "source": [3] * 3, "collocation": [4] * 3}
+    deck = write_deck({**RUBBER, "geometry": coarse, "load": {"steps": 10}})
     whole, killed, out = (tmp_path / name for name in ("whole", "killed", "out"))
     run(deck, whole, "--no-error")
     expected = datasets(whole / "results.vtkhdf")

@@ -3,9 +3,8 @@
 !> What a deck may contain and what is said about a wrong one is tested in tests/unit/test_deck.py.
 program test_deck
    use, intrinsic :: ieee_arithmetic, only : ieee_is_nan, ieee_quiet_nan, ieee_value
-   use, intrinsic :: iso_fortran_env, only : output_unit
-   use rk_deck, only : deck_type, open_deck, parse_deck
-   use rk_error, only : err_file, err_input, error_type
+   use rk_deck, only : deck_type, parse_deck
+   use rk_error, only : err_file, error_type
    use rk_json, only : json_type
    use rk_precision, only : i8, wp
    use tap, only : check, finish
@@ -26,8 +25,6 @@ program test_deck
       & 'K = 5e3'//nl
 
    call test_values
-   call test_overrides
-   call test_errors
    call test_json_text
    call test_json_numbers
    call test_json_file
@@ -82,51 +79,15 @@ subroutine test_values
    call check('folder', deck%folder == 'folder' .and. deck%path == 'folder/sheet.toml')
    call check('text of the deck', deck%text == sheet)
    copy = deck
+   call parse_deck(deck, sheet, 'sheet.toml', [character(len=40) :: 'solver.weight_essential=2.5'], &
+      & error)
+   call deck%get('solver.weight_essential', number)
+   call check('a text or a number: number', abs(number - 2.5_wp) <= 0.0_wp .and. &
+      & .not. deck%is_text('solver.weight_essential'))
    call parse_deck(deck, '', 'empty.toml', none, error)
    call copy%get('material.2.name', text)
    call check('a copy stands alone', text == 'skin')
 end subroutine test_values
-
-!> Overrides
-subroutine test_overrides
-   type(deck_type) :: deck, plain
-   type(error_type), allocatable :: error
-   real(wp) :: number
-
-   call parse_deck(plain, sheet, 'sheet.toml', none, error)
-   call parse_deck(deck, sheet, 'sheet.toml', [character(len=40) :: 'material.skin.K = 7e3', '', &
-      & 'solver.weight_essential=2.5'], error)
-   call check('overrides', .not. allocated(error))
-   call deck%get('material.2.K', number)
-   call check('an entry by its name', abs(number - 7.0e3_wp) <= 0.0_wp)
-   call deck%get('solver.weight_essential', number)
-   call check('a text or a number: number', abs(number - 2.5_wp) <= 0.0_wp .and. &
-      & .not. deck%is_text('solver.weight_essential'))
-   call check('place of an override', deck%where('material.2.K') == '--set material.skin.K = 7e3')
-   call check('the hash covers overrides', len(deck%sha256) == 64 .and. deck%sha256 /= plain%sha256)
-end subroutine test_overrides
-
-!> Errors
-subroutine test_errors
-   type(deck_type) :: deck
-   type(error_type), allocatable :: error
-
-   call parse_deck(deck, sheet//'Z = 1'//nl//'A10 = "x"'//nl, 'sheet.toml', none, error)
-   call check_error('all complaints, a line each', error, err_input, 'sheet.toml:24: '// &
-      & 'material.skin.Z: unknown key; known keys are: name, label, where, model, A10, A01, '// &
-      & 'A20, A11, A02, A30, A21, A12, A03, mu, C1, C2, C3, K, sigma_max, lambda_o, gamma1, '// &
-      & 'gamma2, curve, fiber, fiber_angle, activation, activation_field, amplitude'//nl// &
-      & 'sheet.toml:25: material.skin.A10: must be a number, not the text ''x''')
-   call open_deck(deck, 'nowhere/sheet.toml', none, error)
-   call check_error('missing file', error, err_file, 'nowhere/sheet.toml: the deck cannot be '// &
-      & 'read: No such file or directory; there is no folder ''nowhere''')
-   call parse_deck(deck, sheet, 'sheet.toml', none, error)
-   call deck%require('segment', error)
-   call check('a command that needs nothing', .not. allocated(error))
-   call deck%require('solve', error)
-   call check_error('a table that a command needs', error, err_input, &
-      & 'sheet.toml:1: boundary: missing, solve needs this table')
-end subroutine test_errors
 
 !> Nesting, keys and escapes
 subroutine test_json_text
@@ -217,24 +178,5 @@ subroutine test_json_file
       & index(error%message, 'no/such/folder/test_deck.json') == 1 .and. &
       & index(error%message, 'cannot be written: ') > 0)
 end subroutine test_json_file
-
-!> The last call must have failed in this way
-subroutine check_error(name, error, code, message)
-   !> What is tested
-   character(len=*), intent(in) :: name
-   !> Error
-   type(error_type), allocatable, intent(in) :: error
-   !> Kind of error
-   integer, intent(in) :: code
-   !> Message
-   character(len=*), intent(in) :: message
-
-   if (.not. allocated(error)) then
-      call check(name//': an error', .false.)
-   else
-      call check(name, error%code == code .and. error%message == message)
-      if (error%message /= message) write (output_unit, '(2a)') '# ', error%message
-   end if
-end subroutine check_error
 
 end program test_deck

@@ -5,20 +5,18 @@ import pytest
 
 from myork import Scene
 from myork.errors import InputError
+from tests.scenes import box, held, scene, solved
 
-TABLES = {
-    "scene": {"dimension": 3, "method": "rkpm-gauss"},
-    "geometry": {"kind": "box", "size": [1, 1, 2], "source": [4, 4, 5], "collocation": [5, 5, 7]},
-    "material": [{"name": "muscle", "model": "muscle", "A10": 10, "K": 300, "fiber_angle": 30}],
-    "boundary": [
-        {"set": "z0", "u_x": 0, "u_y": 0, "u_z": 0},
-        {"set": "z1", "u_x": 0, "u_y": 0, "u_z": 0.2, "amplitude": "pull"},
-        {"set": "x1", "traction": [0.1, 0, 0]},
+TABLES = scene(
+    "rkpm-gauss", box(4, 4, 5, size=[1, 1, 2], places=(5, 5, 7)),
+    material=[{"name": "muscle", "model": "muscle", "A10": 10, "K": 300, "fiber_angle": 30}],
+    boundary=[
+        held("z0"), held("z1", u_z=0.2, amplitude="pull"), {"set": "x1", "traction": [0.1, 0, 0]},
     ],
-    "amplitude": [{"name": "pull", "time": [0, 0.5, 1], "value": [0, 1, 1]}],
-    "load": {"steps": 2, "activation": 0.1},
-    "probe": [{"name": "force", "quantity": "force_z", "set": "z1"}],
-}
+    amplitude=[{"name": "pull", "time": [0, 0.5, 1], "value": [0, 1, 1]}],
+    load={"steps": 2, "activation": 0.1},
+    probe=[{"name": "force", "quantity": "force_z", "set": "z1"}],
+)  # fmt: skip
 CHANGES = [
     {"material.muscle.K": 120.0},
     {"load.activation": 0.2},
@@ -38,30 +36,28 @@ CHANGES = [
 def test_ten_changes_are_ten_fresh_scenes(method):
     tables = {**TABLES, "scene": {"dimension": 3, "method": method}}
     overrides: list[str] = []
-    with Scene.from_tables(tables, threads=1) as scene:
-        scene.solve(error=False)
+    with Scene.from_tables(tables, threads=1) as opened:
+        opened.solve(error=False)
         for change in CHANGES:
-            scene.update(change)
+            opened.update(change)
             overrides += [f"{key}={value}" for key, value in change.items()]
-            found = scene.solve(error=False)
+            found = opened.solve(error=False)
             with Scene.from_tables(tables, overrides=overrides, threads=1) as fresh:
                 expected = fresh.solve(error=False)
-                assert scene.deck == fresh.deck
-                assert (scene.steps, scene.rows) == (fresh.steps, fresh.rows)
+                assert opened.deck == fresh.deck
+                assert (opened.steps, opened.rows) == (fresh.steps, fresh.rows)
                 assert np.array_equal(found.x, expected.x)
                 assert np.array_equal(found.load, expected.load)
                 assert np.array_equal(
-                    scene.probes(found.x, found.load), fresh.probes(expected.x, expected.load)
+                    opened.probes(found.x, found.load), fresh.probes(expected.x, expected.load)
                 )
 
 
 def test_error_bars_are_those_of_the_changed_scene():
-    change = {"load.activation": 0.25}
-    with Scene.from_tables(TABLES, threads=1) as scene:
-        scene.update(change)
-        found = scene.solve()
-    with Scene.from_tables(TABLES, overrides=["load.activation=0.25"], threads=1) as fresh:
-        expected = fresh.solve()
+    with Scene.from_tables(TABLES, threads=1) as opened:
+        opened.update({"load.activation": 0.25})
+        found = opened.solve()
+    expected = solved(TABLES, "load.activation=0.25", error=True).states
     assert found.verdict == expected.verdict
     assert np.array_equal(found.probe_errors, expected.probe_errors, equal_nan=True)
 
@@ -83,21 +79,21 @@ def test_error_bars_are_those_of_the_changed_scene():
     ],
 )
 def test_what_cannot_be_changed_says_so_and_leaves_the_scene(changes, message):
-    with Scene.from_tables(TABLES, threads=1) as scene:
-        before = scene.solve(error=False)
-        deck = dict(scene.deck)
+    with Scene.from_tables(TABLES, threads=1) as opened:
+        before = opened.solve(error=False)
+        deck = dict(opened.deck)
         with pytest.raises(InputError) as caught:
-            scene.update({"load.steps": 4, **changes})
+            opened.update({"load.steps": 4, **changes})
         assert message in str(caught.value)
-        assert dict(scene.deck) == deck
-        assert np.array_equal(scene.solve(error=False).x, before.x)
+        assert dict(opened.deck) == deck
+        assert np.array_equal(opened.solve(error=False).x, before.x)
 
 
 def test_loads_change_where_pressures_are_unknowns():
     tables = {**TABLES, "material": [{**TABLES["material"][0], "K": float("inf")}]}
-    with Scene.from_tables(tables, threads=1) as scene:
-        scene.update({"load.activation": 0.2})
-        found = scene.solve(error=False)
+    with Scene.from_tables(tables, threads=1) as opened:
+        opened.update({"load.activation": 0.2})
+        found = opened.solve(error=False)
     with Scene.from_tables(tables, overrides=["load.activation=0.2"], threads=1) as fresh:
         assert np.array_equal(found.x, fresh.solve(error=False).x)
 
@@ -105,11 +101,11 @@ def test_loads_change_where_pressures_are_unknowns():
 def test_a_scene_with_loads_of_its_own_is_not_changed():
     tables = {key: value for key, value in TABLES.items() if key != "amplitude"}
     tables["boundary"] = [TABLES["boundary"][0]]
-    with Scene.from_tables(tables) as scene:
-        n = len(scene.field_points())
-        scene.set_fields(np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3, 3)))
+    with Scene.from_tables(tables) as opened:
+        n = len(opened.field_points())
+        opened.set_fields(np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3, 3)))
         with pytest.raises(InputError, match="set_fields"):
-            scene.update({"load.activation": 0.2})
+            opened.update({"load.activation": 0.2})
 
 
 @pytest.mark.parametrize("method", ["rkcm", "rkpm-scni", "rkpm-gauss"])
@@ -117,20 +113,20 @@ def test_loads_of_its_own_have_no_second_solution(method):
     """Weak forms compared with a body that had none of these loads."""
     tables = {key: value for key, value in TABLES.items() if key != "amplitude"}
     tables |= {"boundary": [TABLES["boundary"][0]], "scene": {"dimension": 3, "method": method}}
-    with Scene.from_tables(tables, threads=1) as scene:
-        n = len(scene.field_points())
-        scene.set_fields(np.ones((n, 3)), np.zeros((n, 3)), np.zeros((n, 3, 3)))
-        states = scene.solve()
+    with Scene.from_tables(tables, threads=1) as opened:
+        n = len(opened.field_points())
+        opened.set_fields(np.ones((n, 3)), np.zeros((n, 3)), np.zeros((n, 3, 3)))
+        states = opened.solve()
     assert np.any(states.x) and np.isnan(states.probe_errors).all()
     assert any("set point by point" in reason for reason in states.reasons)
 
 
 def test_a_reduced_model_is_made_anew_after_a_change():
     tables = {key: value for key, value in TABLES.items() if key != "probe"}
-    with Scene.from_tables(tables, threads=1) as scene:
-        states = scene.solve(error=False)
+    with Scene.from_tables(tables, threads=1) as opened:
+        states = opened.solve(error=False)
         modes, _ = np.linalg.qr(states.x.T)
-        scene.reduce(modes)
-        scene.update({"load.activation": 0.2})
+        opened.reduce(modes)
+        opened.update({"load.activation": 0.2})
         with pytest.raises(InputError):
-            scene.solve_reduced("")
+            opened.solve_reduced("")
