@@ -8,7 +8,6 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -187,36 +186,17 @@ def _read_names(path: Path) -> dict[int, str]:
     if not path.is_file():
         return {}
     try:
-        table = json.loads(read_text(path), object_pairs_hook=tuple)
+        table = json.loads(read_text(path))
     except (ValueError, RecursionError) as reason:
         raise InputError(f'{path}: must hold {{"name": label}}: {reason}') from None
-    if not isinstance(table, tuple):
-        raise InputError(f'{path}: must hold {{"name": label}}, not {str(table)[:40]}')
-    names: dict[int, str] = {}
-    for name, label in table:
-        number = _label(label)
-        if number is None:
-            raise InputError(
-                f'{path}: must hold {{"name": label}} with labels from 0 to {_LAST_LABEL}, but '
-                f'"{name[:40]}" has {str(label)[:40]}'
-            )
-        if number in names or name in names.values():
-            raise InputError(
-                f'{path}: "{name[:40]}", label {number}: the name or the label stands there twice'
-            )
-        names[number] = name
-    return names
-
-
-def _label(value: Any) -> int | None:
-    """Label that a value of a table of names stands for, None where it is none."""
-    try:
-        number = int(value)
-    except (ValueError, TypeError, OverflowError):
-        return None
-    if isinstance(value, bool) or (isinstance(value, float) and value != number):
-        return None
-    return number if 0 <= number <= _LAST_LABEL else None
+    labels = list(table.values()) if isinstance(table, dict) else [None]
+    right = all(type(label) is int and 0 <= label <= _LAST_LABEL for label in labels)
+    if not right or len(set(labels)) < len(labels):
+        raise InputError(
+            f'{path}: must hold {{"name": label}}, each name with a label of its own from 0 to '
+            f"{_LAST_LABEL}"
+        )
+    return {label: name for name, label in table.items()}
 
 
 def _write(path: Path, data: np.ndarray, affine: np.ndarray) -> None:

@@ -13,17 +13,15 @@ import resource
 import subprocess
 import sys
 import tempfile
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from myork.errors import FileError, InputError, InstallationError
-from myork.types import I64
+from myork.types import F64, I64
 
 __all__ = ["Mesh", "main", "read_mesh"]
-
 
 # What the reader may take beside the file's size [bytes]: most is its libraries' address space.
 _MEMORY = 4 << 30
@@ -33,8 +31,7 @@ _SECONDS = 60.0
 _PER_SECOND = 1e6
 
 
-@dataclass(frozen=True)
-class Mesh:
+class Mesh(NamedTuple):
     """What a file of VTK holds.
 
     Attributes
@@ -52,10 +49,10 @@ class Mesh:
         Its numbers of points ni, nj and nk, zeros for other meshes.
     """
 
-    points: NDArray[np.floating]
+    points: F64
     triangles: I64
     open_edges: int
-    grid: NDArray[np.floating]
+    grid: F64
     dimensions: tuple[int, int, int]
 
 
@@ -65,41 +62,29 @@ def read_mesh(path: Path) -> Mesh:
         raise InstallationError(f"{path}: surfaces need pyvista: pip install 'myork[viz]'")
     if not path.is_file():
         raise FileError(f"{path}: there is no such file")
-    seconds = _SECONDS + path.stat().st_size / _PER_SECOND
     one = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "VTK_SMP_MAX_THREADS"), "1")
     places = {"PYTHONPATH": os.pathsep.join(place for place in sys.path if place)}
     with tempfile.TemporaryDirectory() as folder:
         arrays = Path(folder, "mesh.npz")
         call = "from myork.model.mesh_file import main; main()"
         try:
-            done = subprocess.run(
+            subprocess.run(
                 [sys.executable, "-c", call, os.path.abspath(path), arrays],
                 env={**os.environ, **one, **places},
                 stdin=subprocess.DEVNULL,
                 capture_output=True,
-                timeout=seconds,
-                check=False,
+                timeout=_SECONDS + path.stat().st_size / _PER_SECOND,
+                check=True,
             )
-        except subprocess.TimeoutExpired:
-            raise FileError(
-                f"{path}: cannot be read: the reader did not end within {seconds:.0f} s; the file "
-                "is damaged"
-            ) from None
-        if done.returncode != 0:
-            said = done.stderr.decode("utf-8", "replace").strip().splitlines()
-            reason = said[-1] if done.returncode == 2 and said else (
-                f"the reader ended with status {done.returncode}")  # fmt: skip
+        except subprocess.SubprocessError as ended:
+            said = (getattr(ended, "stderr", None) or b"").decode("utf-8", "replace").strip()
+            status = getattr(ended, "returncode", "no answer in time")
+            reason = said.split("\n")[-1] if status == 2 else f"the reader ended with {status}"
             raise FileError(
                 f"{path}: cannot be read: {reason}; the file is damaged or no mesh: write it again"
-            )
+            ) from None
         with np.load(arrays) as found:
-            mesh = Mesh(
-                found["points"],
-                found["triangles"],
-                int(found["open_edges"]),
-                found["grid"],
-                (int(found["ni"]), int(found["nj"]), int(found["nk"])),
-            )
+            mesh = Mesh(**found)
     if mesh.triangles.size and not 0 <= mesh.triangles.min() <= mesh.triangles.max() < len(
         mesh.points
     ):
@@ -123,17 +108,11 @@ def main() -> None:
             raise ValueError("a point is not finite")
         skin = mesh.extract_surface(algorithm="dataset_surface").triangulate().clean()
         structured = hasattr(mesh, "dimensions")
-        ni, nj, nk = mesh.dimensions if structured else (0, 0, 0)
-        np.savez(
-            arrays,
-            points=skin.points,
-            triangles=np.reshape(skin.faces, (-1, 4))[:, 1:].astype(np.int64),
-            open_edges=skin.n_open_edges,
-            grid=mesh.points if structured else np.zeros((0, 3)),
-            ni=ni,
-            nj=nj,
-            nk=nk,
-        )
+        triangles = np.reshape(skin.faces, (-1, 4))[:, 1:].astype(np.int64)
+        grid = mesh.points if structured else np.zeros((0, 3))
+        dimensions = mesh.dimensions if structured else (0, 0, 0)
+        found = Mesh(skin.points, triangles, skin.n_open_edges, grid, dimensions)
+        np.savez(arrays, **found._asdict())
     except Exception as reason:  # VTK's readers raise what they like
         print(" ".join(str(reason).split()) or type(reason).__name__, file=sys.stderr)
         sys.exit(2)
