@@ -6,12 +6,12 @@ The form of a deck is tested in test_deck.
 from collections.abc import Callable
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 
-from myork import Scene, run_deck
+from myork import Results, Scene, run_deck
 from myork.errors import InputError
+from tests.scenes import annulus, scene
 
 #: The tests below change lines of it; lines count from 1
 BLOCK = """\
@@ -140,18 +140,11 @@ def test_annulus(inputs: Path) -> None:
 
 
 def test_radial_displacements_are_for_round_sides() -> None:
-    tables = {
-        "scene": {"dimension": 2},
-        "geometry": {
-            "kind": "annulus",
-            "inner_radius": 1,
-            "outer_radius": 2,
-            "source": [3, 5],
-            "collocation": [4, 7],
-        },
-        "material": [{"name": "rubber", "model": "neo-hookean", "mu": 1, "K": 10}],
-        "boundary": [{"set": "outer", "radial": 1}, {"set": "y0", "radial": 1}],
-    }
+    tables = scene(
+        "auto", annulus(3, 5, radii=(1, 2)),
+        material=[{"name": "rubber", "model": "neo-hookean", "mu": 1, "K": 10}],
+        boundary=[{"set": "outer", "radial": 1}, {"set": "y0", "radial": 1}],
+    )  # fmt: skip
     message = "^tables: boundary.y0.radial: only on the sets inner and outer$"
     with pytest.raises(InputError, match=message):
         Scene.from_tables(tables)
@@ -171,17 +164,9 @@ def test_fiber_angle_gives_the_fiber(write: Write, tmp_path: Path) -> None:
         overrides=["load.steps=1", *RIGHT],
         verbosity=-1,
     )
-    found = []
-
-    def note(name: str, item: object) -> None:
-        if name.endswith("PointData/fiber") and isinstance(item, h5py.Dataset):
-            found.append(np.asarray(item))
-
-    with h5py.File(tmp_path / "out" / "results.vtkhdf") as file:
-        file.visititems(note)
-    assert found
-    for fiber in found:
-        np.testing.assert_allclose(fiber, np.broadcast_to([0.5, 0, 0.75**0.5], fiber.shape), 1e-6)
+    with Results(tmp_path / "out") as results:
+        fiber = results.fiber
+    np.testing.assert_allclose(fiber, np.broadcast_to([0.5, 0, 0.75**0.5], fiber.shape), 1e-6)
 
 
 @pytest.mark.parametrize(("full", "loads"), [(0.01, [0.5, 1.0]), (0.005, [1.0]), (0.0, [])])
