@@ -7,26 +7,22 @@ import pytest
 
 from myork import Scene
 from myork.errors import InputError
+from tests.scenes import box, scene, solved
 
 
 def plate(boundary: list[dict[str, Any]], **other: Any) -> dict[str, Any]:
     """Tables of a small plate, of one compressible rubber, with a probe at its middle."""
-    return {
-        "title": "plate",
-        "units": {"force": "N", "length": "cm"},
-        "scene": {"dimension": 2, "method": "rkpm-gauss"},
-        "geometry": {"kind": "box", "size": [1, 1], "source": [6, 6], "collocation": [11, 11]},
-        "material": [{"name": "rubber", "model": "neo-hookean", "mu": 1.0, "K": 10.0}],
-        "boundary": boundary,
-        "probe": [{"name": "middle", "quantity": "u", "point": [0.5, 0.5]}],
-    } | other
+    return scene(
+        "rkpm-gauss", box(6, 6), boundary=boundary, title="plate",
+        units={"force": "N", "length": "cm"},
+        material=[{"name": "rubber", "model": "neo-hookean", "mu": 1.0, "K": 10.0}],
+        probe=[{"name": "middle", "quantity": "u", "point": [0.5, 0.5]}],
+    ) | other  # fmt: skip
 
 
 def probes_of(tables: dict[str, Any], *overrides: str) -> np.ndarray:
     """Last values of the probes, shape (probes, 3)."""
-    with Scene.from_tables(tables, overrides=overrides) as scene:
-        states = scene.solve()
-        return scene.probes(states.x, states.load)[-1]
+    return np.array([value[-1] for value in solved(tables, *overrides).probes.values()])
 
 
 def probe_of(tables: dict[str, Any], *overrides: str) -> np.ndarray:

@@ -13,10 +13,10 @@ import math
 import numpy as np
 import pytest
 
-from myork import Scene
 from myork.core import material as cm
 from myork.core.deck import load_tables
 from myork.errors import InputError
+from tests.scenes import box, held, scene, solved
 
 RUBBER = cm.Material("rubber", A10=37.3, A20=-3.1, A30=0.5, K=1e3)
 MATRIX = {"A10": 6.43, "A01": -3.8, "A20": 0.94, "A02": 0.0005, "A11": -0.0043}
@@ -537,20 +537,14 @@ def test_named_materials_refuse_impossible_parameters(material, words):
 @pytest.mark.parametrize(("named", "polynomial"), NAMED, ids=lambda m: m.model)
 def test_decks_with_named_materials_solve_as_polynomials(named, polynomial):
     """A sheared and stretched cube, nine collocation points in each direction of the plane."""
-    states = []
-    for law in (named, polynomial):
-        tables = {
-            "scene": {"dimension": 2, "method": "rkcm"},
-            "geometry": {"kind": "box", "size": [1, 1], "source": [5, 5], "collocation": [9, 9]},
-            "material": [{"name": "rubber", **law.parameters}],
-            "boundary": [
-                {"set": "y0", "u_x": 0, "u_y": 0},
-                {"set": "y1", "u_x": 0.2, "u_y": 0.1},
-            ],
-            "load": {"steps": 1},
-        }
-        with Scene.from_tables(tables) as scene:
-            states.append(scene.solve().x)
+    sheared = [held("y0", 2), held("y1", 2, u_x=0.2, u_y=0.1)]
+    states = [
+        solved(
+            scene("rkcm", box(5, 5), material=[{"name": "rubber", **law.parameters}],
+                  boundary=sheared, load={"steps": 1})
+        ).states.x
+        for law in (named, polynomial)
+    ]  # fmt: skip
     np.testing.assert_array_equal(*states)
 
 

@@ -103,7 +103,7 @@ def test_patch(open_scene, name, essential):
     u = np.zeros((len(x), 3))
     u[:, :nd] = x @ SLOPE[:nd, :nd].T
     opened.set_fields(np.zeros_like(u), u, np.zeros((len(x), 3, 3)))
-    fields = opened.fields(opened.solve().x[-1], 1.0)
+    fields = opened.fields(opened.solve(error=False).x[-1], 1.0)
     right = opened.points() @ SLOPE[:nd, :nd].T
     f = np.eye(3)
     f[:nd, :nd] += SLOPE[:nd, :nd]
@@ -220,7 +220,7 @@ def test_simple_shear_without_change_of_volume_is_exact(open_scene, method):
     u = np.zeros_like(x)
     u[:, 0] = 0.8 * x[:, 1]
     opened.set_fields(np.zeros_like(u), u, np.zeros((len(x), 3, 3)))
-    fields = opened.fields(opened.solve().x[-1], 1.0)
+    fields = opened.fields(opened.solve(error=False).x[-1], 1.0)
     wanted = exact.simple_shear(exact.Polynomial.from_deck(RIGID, np.inf), 0.8)
     assert_allclose(fields.cauchy[:, 3], wanted, rtol=1e-8)
     assert_allclose(fields.cauchy[:, 2], 0.0, atol=1e-8 * wanted)
