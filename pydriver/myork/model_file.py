@@ -23,6 +23,9 @@ from myork.records import PointCloud, Voxels
 __all__ = ["checked_cloud", "model_bytes", "model_of_bytes", "read_model", "write_model"]
 
 FORMAT = "myork-model 3"
+#: Edges of a voxel that its point may be off its centre: `build` moves points onto the surface, at
+#: shallow ends by three edges
+_MOVED = 10.0
 #: Arrays of every cloud; fortran/scene/rk_cloud.f90 asks for the same of what it is given
 _ARRAYS = {
     "source": real("source points", 3),
@@ -162,9 +165,23 @@ def _with_voxels(arrays: dict[str, Any]) -> dict[str, Any]:
 
 
 def _fitted(found: Mapping[str, Any], sizes: Mapping[str, int]) -> dict[str, Any]:
-    """Arrays as the rules want them; whether they make a body, the core tells (`check_arrays`)."""
+    """Arrays as the rules want them, of a body that has volume and lies in its voxels."""
     rules = _ARRAYS | {name: rule for name, rule in _OTHERS.items() if name in found}
-    return fitted(rules, found, sizes)
+    arrays = fitted(rules, found, sizes)
+    if not arrays["volume"].any():
+        raise InputError("'volume' must not be 0 everywhere")
+    if _GRID[0] in arrays:
+        place, size, origin = (arrays[name] for name in _GRID)
+        with np.errstate(all="ignore"):
+            far = np.abs(arrays["points"] - (origin + place * size)).max(axis=1)
+            near = far <= _MOVED * size.max()
+        if not near.all():
+            entry = int(np.argmin(near))
+            raise InputError(
+                f"'voxels/index', 'voxels/size' and 'voxels/origin' put the voxel of point {entry} "
+                f"at a distance of {far[entry]:g} from it"
+            )
+    return arrays
 
 
 def _label(line: str) -> tuple[int, str]:
