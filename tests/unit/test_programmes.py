@@ -205,9 +205,9 @@ def test_a_plane_body_turns_about_z() -> None:
 def test_amplitudes_that_cannot_be(change: dict[str, Any], complaint: str) -> None:
     deck = block()
     deck["amplitude"][0].update(change)
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as said:
         load_tables(deck, ())
-    assert complaint in str(told.value)
+    assert complaint in str(said.value)
 
 
 @pytest.mark.parametrize(
@@ -225,9 +225,9 @@ def test_amplitudes_that_cannot_be(change: dict[str, Any], complaint: str) -> No
 )
 def test_motions_that_cannot_be(table: dict[str, Any], complaint: str) -> None:
     deck = block(boundary=[held("z0"), {"set": "z1", **table}])
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as said:
         load_tables(deck, ())
-    assert complaint in str(told.value)
+    assert complaint in str(said.value)
 
 
 @pytest.mark.parametrize(
@@ -240,9 +240,9 @@ def test_motions_that_cannot_be(table: dict[str, Any], complaint: str) -> None:
 def test_activations_that_cannot_be(load: dict[str, Any], complaint: str) -> None:
     deck = block(load=load)
     deck["amplitude"][0]["value"] = [0, 2, 1, 0]
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as said:
         Scene.from_tables(deck)
-    assert complaint in str(told.value)
+    assert complaint in str(said.value)
 
 
 def test_two_sets_that_meet_must_move_alike() -> None:
@@ -330,9 +330,9 @@ def test_stretch_and_pennation_of_a_stretched_block(method: str) -> None:
     ],
 )
 def test_probes_that_cannot_be(probe: dict[str, Any], complaint: str) -> None:
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as said:
         load_tables(block(probe=[{"name": "p", **probe}]), ())
-    assert complaint in str(told.value)
+    assert complaint in str(said.value)
 
 
 def test_collocation_does_not_know_the_parts_of_a_force() -> None:

@@ -387,12 +387,10 @@ def test_datasets_of_another_kind_are_refused(
     assert f"{model}: '{dataset}': {message}" in refused(model)
 
 
-@pytest.mark.parametrize("claimed", [(10**6, 3), (2**57, 3)])
-def test_shapes_that_the_file_cannot_fill_are_refused(
-    model: Path, claimed: tuple[int, int]
-) -> None:
+@pytest.mark.parametrize("shape", [(10**6, 3), (2**57, 3)])
+def test_shapes_that_the_file_cannot_fill_are_refused(model: Path, shape: tuple[int, int]) -> None:
     """As a damaged header would have it: far more numbers than bytes; none is stored here."""
     with h5py.File(model, "a") as file:
         del file["points"]
-        file.create_dataset("points", claimed, chunks=(1000, 3), dtype=float)
+        file.create_dataset("points", shape, chunks=(1000, 3), dtype=float)
     assert "its shape claims far more numbers than the file holds" in refused(model)

@@ -46,8 +46,8 @@ def test_limit_is_that_of_a_uniform_lattice() -> None:
     solved(string(21, 0.999 * limit, velocity="cos(pi*x)"))
     with pytest.raises(MyorkError) as error:
         solved(string(21, 1.01 * limit, velocity="cos(pi*x)"))
-    told = str(error.value).split("at most ")[1].split()[0]
-    assert float(told) == pytest.approx(limit, rel=1e-3)
+    said = str(error.value).split("at most ")[1].split()[0]
+    assert float(said) == pytest.approx(limit, rel=1e-3)
 
 
 def test_free_bodies_fly() -> None:

@@ -212,7 +212,7 @@ def test_sets_of_a_model() -> None:
 
 
 def test_a_plane_map_has_as_many_sets_as_asked() -> None:
-    """A single slice, which has one side: its ends are told apart by their normals."""
+    """A single slice, which has one side: its ends differ in their normals."""
     cloud = voxels(np.ones((24, 8, 1)), 1.0, source_stride=[2] * 3)
     assert cloud.set_names == ("surface",)
     tables = scene(

@@ -176,7 +176,7 @@ def least_curvature(scene: Scene, x: np.ndarray, load: float, start: np.ndarray)
 def test_no_solver_ends_at_a_saddle(inputs: Path) -> None:
     """Second derivatives of a minimum are positive definite, and the way there does not matter.
 
-    Rounding alone told the solvers apart here: each Gauss-Newton iteration makes a turn that
+    Rounding alone made the solvers differ here: each Gauss-Newton iteration makes a turn that
     rounding began 17 times as large, so one more or one less decided between |r| = 1.88 and 0.90.
     Condition and answer are asked of every solver, and of Newton's method, which is drawn to
     saddles as well.

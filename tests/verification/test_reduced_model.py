@@ -353,6 +353,7 @@ def test_half_the_range_of_activation(deck: Path) -> None:
     assert 0.3 * error < estimate < 3.0 * error
 
 
+@pytest.mark.slow
 def test_no_more_modes_than_states(deck: Path) -> None:
     """A tolerance that nothing meets takes the rank of the states, with kinked curves."""
     change = ["material.muscle.curve=published", "boundary.z1.u_z=0"]
@@ -553,6 +554,7 @@ def test_sweep_by_the_model(deck: Path, trained: Path, tmp_path: Path) -> None:
         sweep(other, both, tmp_path / "other", model=trained)
 
 
+@pytest.mark.slow
 def test_commands(trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     values = ["--set", "load.activation=0.4", "--set", "u_z=0.1"]
     assert main(["rom", "solve", str(trained), *values, "--json"]) == 0

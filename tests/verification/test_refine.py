@@ -59,16 +59,16 @@ def test_all_probes_are_wanted_by_default_and_cost_ends_the_search() -> None:
 @pytest.mark.slow
 def test_the_summary_tells_each_lattice(tmp_path: Path) -> None:
     summary = run_deck(cantilever(error=0.02, probe="tip"), tmp_path)
-    told = summary["refine"]
-    assert told["met"] and told["error"] == 0.02 and told["cpu_s"] > 0
-    assert told["levels"][0].startswith("refine 1: [9,3] points, tip known to ")
-    lattice = re.match(r"refine \d+: \[(\d+),(\d+)\]", told["levels"][-1])
+    said = summary["refine"]
+    assert said["met"] and said["error"] == 0.02 and said["cpu_s"] > 0
+    assert said["levels"][0].startswith("refine 1: [9,3] points, tip known to ")
+    lattice = re.match(r"refine \d+: \[(\d+),(\d+)\]", said["levels"][-1])
     assert lattice is not None
     assert summary["deck"]["geometry"]["source"] == [int(n) for n in lattice.groups()]
     assert summary["source_points"] == int(lattice[1]) * int(lattice[2])
-    assert json.loads((tmp_path / "summary.json").read_text())["refine"] == told
+    assert json.loads((tmp_path / "summary.json").read_text())["refine"] == said
     page = make_report(tmp_path).read_text(encoding="utf-8")
-    assert told["reason"] in page
+    assert said["reason"] in page
 
 
 def bar(**refine: Any) -> Scene:

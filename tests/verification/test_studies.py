@@ -367,6 +367,7 @@ def test_wrong_doubts(spindle: Path, tmp_path: Path) -> None:
         uncertainty(spindle, tmp_path / "out", samples=2, probe="pull")
 
 
+@pytest.mark.slow
 def test_commands(trained: Path, deck: Path, tmp_path: Path, capsys: Any) -> None:
     words = [str(trained), "--out", str(tmp_path), "-q", "--threads", "1"]
     assert main(["study", "sensitivity", *words, "--samples", "16"]) == 0

@@ -140,7 +140,7 @@ def test_log_summary_and_tables_show_one_unit(tmp_path: Path) -> None:
     tables = body(2, {"force_x", "energy", "J", "u", "cauchy_xx"})
     tables["material"] = [RUBBER]
     run_deck(tables, tmp_path, threads=1)
-    told = dict(
+    said = dict(
         re.findall(
             r"^  (\w+) .*\+- (?:\([^)]*\)|\S+)(.*?)(?:  not resolved)?$",
             (tmp_path / "run.log").read_text(),
@@ -148,7 +148,7 @@ def test_log_summary_and_tables_show_one_unit(tmp_path: Path) -> None:
         )
     )
     summary = json.loads((tmp_path / "summary.json").read_text())
-    assert summary["probe_units"] == {name: unit.strip() for name, unit in told.items()}
+    assert summary["probe_units"] == {name: unit.strip() for name, unit in said.items()}
     assert summary["probe_units"]["force_x"] == "N/cm" and summary["probe_units"]["energy"] == "N"
     with Results(tmp_path) as results:
         units = results.history().attrs["units"]

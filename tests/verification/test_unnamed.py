@@ -143,12 +143,12 @@ def test_an_odd_number_of_cells_is_as_good_as_an_even_one() -> None:
 def test_halved_steps_are_told(tmp_path: Path) -> None:
     summary = run_deck(cantilever([17, 5], 20.0), tmp_path / "out", threads=1, verbosity=-1)
     assert [step["load"] for step in summary["steps"] if step["load"] > 0] == [1.0]
-    told = [
+    said = [
         line
         for line in (tmp_path / "out" / "run.log").read_text(encoding="utf-8").splitlines()
         if "the load step is halved to" in line
     ]
-    assert told and all(line.startswith("  load ") for line in told)
+    assert said and all(line.startswith("  load ") for line in said)
     assert not any("halved" in text for text in summary["warnings"])
 
 

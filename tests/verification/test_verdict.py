@@ -46,7 +46,7 @@ def solved(deck: Any, overrides: tuple[str, ...], **how: Any) -> tuple[States, d
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["rkcm", "rkcm-mixed"])
 def test_collocation_that_bends_is_refused(method: str) -> None:
-    """Its bar reaches the truth, 80 to 95 % away; a finer cloud would not have told."""
+    """Its bar reaches the truth, 80 to 95 % away; a finer cloud would not have shown it."""
     states, found = solved(cantilever(method, 33, 9), ())
     assert states.verdict == "refused"
     tip, bar = found["tip"][0][0], found["tip"][1][0]
