@@ -5,26 +5,14 @@ from typing import Any
 import pytest
 
 from myork.core.deck import load_tables
+from tests.scenes import annulus, box, held, scene
 
 #: Tables of small bodies, and what a form gives where they name nothing
 RUBBER = {"name": "rubber", "model": "polynomial", "A10": 10.0, "K": 500.0}
-SHEET: dict[str, Any] = {
-    "scene": {"dimension": 2},
-    "geometry": {"kind": "box", "size": [2, 1], "source": [5, 3], "collocation": [9, 5]},
-    "material": [RUBBER],
-    "boundary": [{"set": "y0", "u_x": 0, "u_y": 0}],
-}
-ANNULUS = {
-    "kind": "annulus",
-    "inner_radius": 1,
-    "outer_radius": 2,
-    "source": [5, 9],
-    "collocation": [9, 17],
-}
-CUBE: dict[str, Any] = {
-    "scene": {"dimension": 3},
-    "geometry": {"kind": "box", "size": [1, 1, 1], "source": [3] * 3, "collocation": [5] * 3},
-}
+SHEET = scene("auto", box(5, 3, size=[2, 1]), material=[RUBBER], boundary=[held("y0", 2)])
+del SHEET["scene"]["method"]
+ANNULUS = annulus(5, 9, radii=(1, 2))
+CUBE = {"scene": {"dimension": 3}, "geometry": box(3, 3, 3)}
 GALERKIN = {
     "order": 1,
     "support": None,

@@ -13,15 +13,15 @@ import pytest
 from myork.core.calls import call_in_thread
 from myork.core.scene import Scene
 from myork.errors import InputError, StoppedError
+from tests import scenes
 
 #: Some tenths of a second in 40 steps: long enough to be interrupted at many places
-LONG = {
-    "scene": {"dimension": 2, "method": "rkcm"},
-    "geometry": {"kind": "box", "size": [4, 1], "source": [25, 7], "collocation": [49, 13]},
-    "material": [{"name": "rubber", "model": "polynomial", "A10": 37.3, "K": 1e3}],
-    "boundary": [{"set": "y0", "u_x": 0, "u_y": 0}, {"set": "y1", "u_x": 1, "u_y": 0}],
-    "load": {"steps": 40},
-}
+LONG = scenes.scene(
+    "rkcm", scenes.box(25, 7, size=[4, 1]),
+    boundary=[scenes.held("y0", 2), scenes.held("y1", 2, u_x=1)],
+    material=[{"name": "rubber", "model": "polynomial", "A10": 37.3, "K": 1e3}],
+    load={"steps": 40},
+)  # fmt: skip
 
 
 def long_scene(**changes):

@@ -14,29 +14,20 @@ from myork.errors import ConvergenceError, InputError
 from myork.model_file import write_model
 from myork.records import PointCloud
 from myork.tables import deck_text
-from tests.scenes import execute, held, scene
+from tests.scenes import box, execute, held, scene
 
 METHODS = ("rkcm", "rkcm-mixed", "rkpm-gauss", "rkpm-scni")
 BLOCK: dict[str, Any] = {
-    "geometry": {"kind": "box", "size": [1, 1, 2], "source": [3, 3, 4], "collocation": [4, 4, 7]},
     "material": [{"name": "rubber", "model": "polynomial", "A10": 10.0, "K": 500.0}],
 }
 
 
-def tables(dimension: int, method: str, **sets: str) -> dict[str, Any]:
+def tables(nd: int, method: str, **sets: str) -> dict[str, Any]:
     """A block, or its plane, with the given components of these sets at rest."""
-    geometry = {
-        key: value if isinstance(value, str) else value[:dimension]
-        for key, value in BLOCK["geometry"].items()
-    }
-    held = [{"set": name, **{f"u_{axis}": 0 for axis in axes}} for name, axes in sets.items()]
-    return {
-        **BLOCK,
-        "scene": {"dimension": dimension, "method": method},
-        "approximation": {"order": 1 if method.startswith("rkpm") else 2, "support": 2.5},
-        "geometry": geometry,
-        "boundary": held,
-    }
+    geometry = box(*[3, 3, 4][:nd], size=[1, 1, 2][:nd], places=[4, 4, 7][:nd])
+    approximation = {"order": 1 if method.startswith("rkpm") else 2, "support": 2.5}
+    still = [{"set": name, **{f"u_{axis}": 0 for axis in axes}} for name, axes in sets.items()]
+    return scene(method, geometry, boundary=still, approximation=approximation, **BLOCK)
 
 
 #: Motions that prescribed components do not hinder, counted by hand; in the last line of space the
