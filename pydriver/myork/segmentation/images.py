@@ -289,7 +289,7 @@ def segment_images(
 def _shading(
     image: Image, mask: Mask, method: str, evolve: Evolve, progress: ProgressCallback
 ) -> tuple[F64 | None, dict[str, Any]]:
-    """Shading told by the body (None: none), and what to say about it."""
+    """Shading estimated in the body, None without one, and its record."""
     if method == "none":
         return None, {"method": "none"}
     progress(f"bias field by {method}")
