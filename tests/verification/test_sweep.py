@@ -26,43 +26,22 @@ from myork.errors import InputError, InstallationError
 from myork.model_file import write_model
 from myork.sweeps import run
 from myork.sweeps.plan import make_plan
+from tests.scenes import box, held, scene
 from tests.unit.test_scene_from_tables import BLOCK, cloud
 
 #: A strip that is pulled; quick to solve
-STRIP = """
-title = "strip"
-[units]
-force = "N"
-length = "cm"
-[scene]
-dimension = 2
-[geometry]
-kind = "box"
-size = [2, 1]
-source = [5, 3]
-collocation = [5, 3]
-[[material]]
-name = "rubber"
-model = "neo-hookean"
-mu = 10
-K = 1000
-[[boundary]]
-set = "x0"
-u_x = 0
-u_y = 0
-[[boundary]]
-set = "x1"
-u_x = 0.2
-u_y = 0
-[[probe]]
-name = "pull"
-quantity = "force_x"
-set = "x1"
-[[probe]]
-name = "middle"
-quantity = "u"
-point = [1, 0.5]
-"""
+STRIP = text_of_tables(
+    {"title": "strip", "units": {"force": "N", "length": "cm"}}
+    | scene(
+        "auto", box(5, 3, size=[2, 1], places=(5, 3)),
+        material=[{"name": "rubber", "model": "neo-hookean", "mu": 10, "K": 1000}],
+        boundary=[held("x0", 2), held("x1", 2, u_x=0.2)],
+        probe=[
+            {"name": "pull", "quantity": "force_x", "set": "x1"},
+            {"name": "middle", "quantity": "u", "point": [1, 0.5]},
+        ],
+    )
+)  # fmt: skip
 
 
 @pytest.fixture
