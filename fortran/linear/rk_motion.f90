@@ -16,21 +16,31 @@ module rk_motion
    implicit none
    private
 
-   public :: moving_type, loads_vary, march
+   public :: form_motion, moving_type, loads_vary, march
 
    !> A body in motion
    type, abstract :: moving_type
       !> Unknowns
       integer :: n = 0
+   contains
+      !> Coefficients at the start, and one time step later
+      procedure(start_interface), deferred :: start
+      !> Coefficients at the next time
+      procedure(advance_interface), deferred :: advance
+   end type moving_type
+
+   !> That of a form
+   type, abstract, extends(moving_type) :: form_motion
       !> Equations of a time step
       integer :: m = 0
       !> Whether loads or prescribed values change with time
       logical :: varies = .false.
       !> Whether the equations have symmetric matrices, as many as unknowns
       logical :: symmetric = .false.
+      !> Loads at the last time and their work since the start, of forms that count it, shape (n)
+      real(wp), allocatable :: force(:)
+      real(wp) :: work = 0.0_wp
    contains
-      !> Coefficients at the start, and one time step later
-      procedure(start_interface), deferred :: start
       !> L times the coefficients of the new time
       procedure(left_interface), deferred :: left
       !> B (2 a(n) - a(n-1)) - dt^2 K a(n)
@@ -39,15 +49,12 @@ module rk_motion
       procedure(loads_interface), deferred :: add_loads
       !> Coefficients that fulfil the equations, or come nearest to it
       procedure(solve_interface), deferred :: solve
-      !> Coefficients at the next time
       procedure :: advance
-      !> Take notice of a time step that was made
-      procedure :: note
       !> Largest time step that is stable
       procedure(limit_interface), deferred :: limit
       !> Kinetic and strain energy, and the work of the loads since the start
       procedure(energy_interface), deferred :: energy
-   end type moving_type
+   end type form_motion
 
    abstract interface
       subroutine start_interface(self, first, second, error)
@@ -59,28 +66,41 @@ module rk_motion
          !> Error handling
          type(error_type), allocatable, intent(out) :: error
       end subroutine start_interface
-      subroutine left_interface(self, x, y)
-         import :: moving_type, wp
+      subroutine advance_interface(self, before, now, time, next, error)
+         import :: moving_type, error_type, wp
          !> Body
-         class(moving_type), intent(in) :: self
+         class(moving_type), intent(inout) :: self
+         !> Coefficients at the last two times, shape (n)
+         real(wp), contiguous, intent(in) :: before(:), now(:)
+         !> The later one of these times
+         real(wp), intent(in) :: time
+         !> Coefficients one time step later, shape (n)
+         real(wp), contiguous, intent(inout) :: next(:)
+         !> Error handling: an expression without a value somewhere
+         type(error_type), allocatable, intent(out) :: error
+      end subroutine advance_interface
+      subroutine left_interface(self, x, y)
+         import :: form_motion, wp
+         !> Body
+         class(form_motion), intent(in) :: self
          !> Coefficients, shape (n)
          real(wp), contiguous, intent(in) :: x(:)
          !> Product, shape (m)
          real(wp), contiguous, intent(inout) :: y(:)
       end subroutine left_interface
       subroutine carry_interface(self, before, now, y)
-         import :: moving_type, wp
+         import :: form_motion, wp
          !> Body
-         class(moving_type), intent(in) :: self
+         class(form_motion), intent(in) :: self
          !> Coefficients at the last two times, shape (n)
          real(wp), contiguous, intent(in) :: before(:), now(:)
          !> Right hand side without loads, shape (m)
          real(wp), contiguous, intent(inout) :: y(:)
       end subroutine carry_interface
       subroutine loads_interface(self, time, y, error)
-         import :: moving_type, error_type, wp
+         import :: form_motion, error_type, wp
          !> Body
-         class(moving_type), intent(inout) :: self
+         class(form_motion), intent(inout) :: self
          !> The time from which the step goes
          real(wp), intent(in) :: time
          !> Right hand side, to which the loads are added, shape (m)
@@ -88,21 +108,19 @@ module rk_motion
          !> Error handling
          type(error_type), allocatable, intent(out) :: error
       end subroutine loads_interface
-      subroutine solve_interface(self, y, x, error)
-         import :: moving_type, error_type, wp
+      subroutine solve_interface(self, y, x)
+         import :: form_motion, wp
          !> Body
-         class(moving_type), intent(in) :: self
+         class(form_motion), intent(in) :: self
          !> Right hand side, shape (m)
          real(wp), contiguous, intent(in) :: y(:)
          !> Coefficients, shape (n)
          real(wp), contiguous, intent(inout) :: x(:)
-         !> Error handling
-         type(error_type), allocatable, intent(out) :: error
       end subroutine solve_interface
       subroutine limit_interface(self, step, found, error)
-         import :: moving_type, error_type, wp
+         import :: form_motion, error_type, wp
          !> Body
-         class(moving_type), intent(inout) :: self
+         class(form_motion), intent(inout) :: self
          !> Largest stable step
          real(wp), intent(out) :: step
          !> Whether it is known
@@ -111,9 +129,9 @@ module rk_motion
          type(error_type), allocatable, intent(out) :: error
       end subroutine limit_interface
       function energy_interface(self, now, next) result(energy)
-         import :: moving_type, wp
+         import :: form_motion, wp
          !> Body
-         class(moving_type), intent(in) :: self
+         class(form_motion), intent(in) :: self
          !> Coefficients at two times, shape (n)
          real(wp), contiguous, intent(in) :: now(:), next(:)
          real(wp) :: energy(3)
@@ -128,7 +146,7 @@ contains
 !> Coefficients at the next time
 subroutine advance(self, before, now, time, next, error)
    !> Body
-   class(moving_type), intent(inout) :: self
+   class(form_motion), intent(inout) :: self
    !> Coefficients at the last two times, shape (n)
    real(wp), contiguous, intent(in) :: before(:), now(:)
    !> The later one of these times
@@ -141,20 +159,10 @@ subroutine advance(self, before, now, time, next, error)
 
    call self%carry(before, now, side)
    call self%add_loads(time, side, error)
-   if (.not. allocated(error)) call self%solve(side, next, error)
-   if (.not. allocated(error)) call self%note(before, next)
+   if (allocated(error)) return
+   call self%solve(side, next)
+   if (allocated(self%force)) self%work = self%work + 0.5_wp*dot_product(self%force, next - before)
 end subroutine advance
-
-!> Take notice of a time step that was made: nothing but for forms that count the work of the loads
-subroutine note(self, before, next)
-   !> Body
-   class(moving_type), intent(inout) :: self
-   !> Coefficients at the time before the step began, and at its end, shape (n)
-   real(wp), contiguous, intent(in) :: before(:), next(:)
-
-   associate (unused => self, unused_before => before, unused_next => next)
-   end associate
-end subroutine note
 
 !> Whether loads or prescribed values change with time
 logical function loads_vary(scene)
@@ -195,7 +203,11 @@ subroutine march(body, motion, method, x, recorder, timer, error)
    call system_clock(clock)
    allocate (before(body%n), now(body%n), next(body%n))
    steps = nint(motion%end/motion%step)
-   call body%limit(limit, known, error)
+   known = .false.
+   select type (body)
+   class is (form_motion)
+      call body%limit(limit, known, error)
+   end select
    if (.not. allocated(error) .and. known) then
       call recorder%note('largest stable time step '//to_text(limit, 4)//', used ' &
          & //to_text(motion%step, 4))
@@ -257,7 +269,11 @@ contains
       st%iterations = 1
       st%min_j = none
       st%max_j = none
-      st%energy = body%energy(now, next)
+      st%energy = [none, none, none]
+      select type (body)
+      class is (form_motion)
+         st%energy = body%energy(now, next)
+      end select
       call recorder%step(st, now)
    end subroutine tell
 

@@ -3,7 +3,7 @@ module rk_new_motion
    use rk_discretisation, only : discretisation_type
    use rk_error, only : error_type, fatal_error, err_input
    use rk_linear, only : linear_problem
-   use rk_motion, only : moving_type
+   use rk_motion, only : form_motion
    use rk_strong_motion, only : new_strong_motion, strong_motion
    use rk_weak_linear, only : weak_linear_problem
    use rk_weak_motion, only : new_weak_motion, weak_motion
@@ -17,7 +17,7 @@ contains
 !> Set up the motion of a problem, whose scene has one
 subroutine new_motion(body, problem, error)
    !> Body in motion, not associated after an error; the problem must outlive it
-   class(moving_type), pointer, intent(out) :: body
+   class(form_motion), pointer, intent(out) :: body
    !> Linear problem
    class(discretisation_type), target, intent(inout) :: problem
    !> Error handling: a mass that is not positive, too many rows, a problem that cannot move

@@ -10,7 +10,7 @@ module rk_strong_motion
    use rk_error, only : error_type, fatal_error, err_memory
    use rk_lapack, only : svd
    use rk_linear, only : linear_problem
-   use rk_motion, only : loads_vary, moving_type
+   use rk_motion, only : form_motion, loads_vary
    use rk_precision, only : wp
    use rk_spectrum, only : spectral_radius
    use rk_text, only : to_text
@@ -25,7 +25,7 @@ module rk_strong_motion
    real(wp), parameter :: heavy = 100.0_wp, harmless = 1.05_wp
 
    !> Body in motion
-   type, extends(moving_type) :: strong_motion
+   type, extends(form_motion) :: strong_motion
       !> Problem with its rows
       type(linear_problem), pointer :: problem => null()
       !> What moves it
@@ -299,18 +299,14 @@ subroutine add_loads(self, time, y, error)
 end subroutine add_loads
 
 !> Least squares solution of the rows
-subroutine solve(self, y, x, error)
+subroutine solve(self, y, x)
    !> Body
    class(strong_motion), intent(in) :: self
    !> Right hand side, shape (m)
    real(wp), contiguous, intent(in) :: y(:)
    !> Coefficients, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
-   !> Error handling: none
-   type(error_type), allocatable, intent(out) :: error
 
-   associate (unused => error)
-   end associate
    x = matmul(self%inverse, y)
 end subroutine solve
 

@@ -8,7 +8,7 @@ module rk_weak_motion
    use rk_equation, only : motion_type
    use rk_error, only : error_type
    use rk_gradient, only : gradient_type
-   use rk_motion, only : loads_vary, moving_type
+   use rk_motion, only : form_motion, loads_vary
    use rk_operator, only : square_report
    use rk_precision, only : wp
    use rk_sparse, only : factor_upper, sparse_factor
@@ -22,7 +22,7 @@ module rk_weak_motion
    public :: weak_motion, new_weak_motion
 
    !> Body in motion
-   type, extends(moving_type) :: weak_motion
+   type, extends(form_motion) :: weak_motion
       !> Problem with its stiffness
       type(weak_linear_problem), pointer :: problem => null()
       !> What moves it
@@ -31,10 +31,8 @@ module rk_weak_motion
       real(wp), allocatable :: mass(:)
       !> Entries of the stiffness without the penalty
       real(wp), allocatable :: stiffness(:)
-      !> Loads inside and on the surface, and those of the penalty, at the last two times, shape (n)
-      real(wp), allocatable :: force(:), held(:)
-      !> Work of the loads since the start
-      real(wp) :: work = 0.0_wp
+      !> Loads of the penalty at the new time, shape (n)
+      real(wp), allocatable :: held(:)
       !> Factor of mass and penalty, the same in all time steps
       type(sparse_factor) :: factor
    contains
@@ -43,7 +41,6 @@ module rk_weak_motion
       procedure :: carry
       procedure :: add_loads
       procedure :: solve
-      procedure :: note
       procedure :: limit
       procedure :: energy
       final :: free_motion
@@ -183,7 +180,7 @@ subroutine start(self, first, second, error)
       call matrix%product(self%stiffness, first, image)
       side = side + 0.5_wp*dt**2*(self%force - image)
       call hold_at(self, dt, side, error)
-      if (.not. allocated(error)) call self%solve(side, second, error)
+      if (.not. allocated(error)) call self%solve(side, second)
    end associate
 end subroutine start
 
@@ -250,31 +247,17 @@ subroutine hold_at(self, time, y, error)
 end subroutine hold_at
 
 !> Solve with mass and penalty
-subroutine solve(self, y, x, error)
+subroutine solve(self, y, x)
    !> Body
    class(weak_motion), intent(in) :: self
    !> Right hand side, shape (n)
    real(wp), contiguous, intent(in) :: y(:)
    !> Coefficients, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
-   !> Error handling: none
-   type(error_type), allocatable, intent(out) :: error
 
-   associate (unused => error)
-   end associate
    x = y
    call self%factor%solve(x)
 end subroutine solve
-
-!> Count the work of the loads
-subroutine note(self, before, next)
-   !> Body
-   class(weak_motion), intent(inout) :: self
-   !> Coefficients at the time before the step began, and at its end, shape (n)
-   real(wp), contiguous, intent(in) :: before(:), next(:)
-
-   self%work = self%work + 0.5_wp*dot_product(self%force, next - before)
-end subroutine note
 
 !> Initial displacement or velocity by the consistent mass: what is nearest to it
 subroutine project(self, displacement, x, error)

@@ -107,9 +107,9 @@ module rk_recorder
    type, abstract :: recorder_type
    contains
       !> An iteration was done
-      procedure(iteration_interface), deferred :: iteration
+      procedure :: iteration
       !> A load step converged
-      procedure(step_interface), deferred :: step
+      procedure :: step
       !> Whether the user wants to stop
       procedure(stop_interface), deferred :: stopped
       !> Something deserves attention
@@ -119,22 +119,6 @@ module rk_recorder
    end type recorder_type
 
    abstract interface
-      subroutine iteration_interface(self, it)
-         import :: recorder_type, iteration_type
-         !> Receiver
-         class(recorder_type), intent(inout) :: self
-         !> Iteration
-         type(iteration_type), intent(in) :: it
-      end subroutine iteration_interface
-      subroutine step_interface(self, st, x)
-         import :: recorder_type, step_type, wp
-         !> Receiver
-         class(recorder_type), intent(inout) :: self
-         !> Load step
-         type(step_type), intent(in) :: st
-         !> Converged unknowns, shape (n)
-         real(wp), contiguous, intent(in) :: x(:)
-      end subroutine step_interface
       logical function stop_interface(self)
          import :: recorder_type
          !> Receiver
@@ -143,6 +127,30 @@ module rk_recorder
    end interface
 
 contains
+
+!> An iteration was done, of which not every receiver takes notice
+subroutine iteration(self, it)
+   !> Receiver
+   class(recorder_type), intent(inout) :: self
+   !> Iteration
+   type(iteration_type), intent(in) :: it
+
+   associate (unused => self, unused_it => it)
+   end associate
+end subroutine iteration
+
+!> A load step converged
+subroutine step(self, st, x)
+   !> Receiver
+   class(recorder_type), intent(inout) :: self
+   !> Load step
+   type(step_type), intent(in) :: st
+   !> Converged unknowns, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+
+   associate (unused => self, unused_step => st, unused_x => x)
+   end associate
+end subroutine step
 
 !> Something deserves attention; a receiver without a reader keeps still
 subroutine warn(self, line)

@@ -5,7 +5,7 @@ module rk_reduced
    use rk_discretisation, only : discretisation_type
    use rk_equilibrium, only : equilibrium_problem, reduce_rows
    use rk_error, only : error_type, fatal_error, err_input
-   use rk_motion, only : moving_type
+   use rk_motion, only : form_motion
    use rk_new_motion, only : new_motion
    use rk_precision, only : wp
    use rk_problem, only : problem_type
@@ -96,7 +96,7 @@ subroutine new_reduced_motion(reduced, full, modes, projection, error)
    !> Error handling: a problem that does not move, Galerkin projection of collocation
    type(error_type), allocatable, intent(out) :: error
    type(moving_problem), pointer :: moving
-   class(moving_type), pointer :: body
+   class(form_motion), pointer :: body
 
    nullify (reduced)
    if (.not. allocated(full%scene%motion)) then

@@ -9,12 +9,11 @@
 !> Reference: Carlberg, Bou-Mosleh, Farhat, Int. J. Numer. Meth. Engng. 86 (2011),
 !> doi:10.1002/nme.3050
 module rk_reduced_motion
-   use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
    use rk_error, only : error_type, fatal_error, err_input
    use rk_lapack, only : cholesky, solve_pivoted_qr, solve_triangular
    use rk_lstsq, only : row_operator
    use rk_matrix, only : matrix_rows
-   use rk_motion, only : moving_type
+   use rk_motion, only : form_motion, moving_type
    use rk_precision, only : wp
    use rk_problem, only : evaluation_type, problem_type, stage_type
    implicit none
@@ -25,7 +24,7 @@ module rk_reduced_motion
    !> Body whose unknowns are amplitudes
    type, extends(moving_type) :: reduced_motion
       !> Body in motion
-      class(moving_type), pointer :: full => null()
+      class(form_motion), pointer :: full => null()
       !> Orthonormal modes, shape (full n, r), L U and test vectors W, shape (full m, r)
       real(wp), allocatable :: modes(:, :), image(:, :), test(:, :)
       !> Whether W = L U, and whether that is solved by QR of L U
@@ -40,12 +39,7 @@ module rk_reduced_motion
       logical :: is_pushed = .false.
    contains
       procedure :: start
-      procedure :: left
-      procedure :: carry
-      procedure :: add_loads
-      procedure :: solve
-      procedure :: limit
-      procedure :: energy
+      procedure :: advance
       final :: free_reduced
    end type reduced_motion
 
@@ -67,7 +61,7 @@ subroutine new_moving_problem(self, full, modes, projection, error)
    !> Reduced problem
    type(moving_problem), intent(inout) :: self
    !> Body in motion, which is the reduced problem's from now on
-   class(moving_type), pointer, intent(in) :: full
+   class(form_motion), pointer, intent(in) :: full
    !> Orthonormal modes, shape (full n, r)
    real(wp), intent(in) :: modes(:, :)
    !> auto, galerkin or least-squares
@@ -79,9 +73,6 @@ subroutine new_moving_problem(self, full, modes, projection, error)
    associate (body => self%body)
       body%full => full
       body%n = size(modes, 2)
-      ! the march sees the equations after their solution
-      body%m = body%n
-      body%varies = full%varies
       body%modes = modes
       allocate (body%image(full%m, body%n))
       do j = 1, body%n
@@ -183,45 +174,21 @@ subroutine start(self, first, second, error)
    second = matmul(other, self%modes)
 end subroutine start
 
-!> The new amplitudes themselves
-subroutine left(self, x, y)
-   !> Body
-   class(reduced_motion), intent(in) :: self
-   !> Amplitudes, shape (r)
-   real(wp), contiguous, intent(in) :: x(:)
-   !> The same, shape (r)
-   real(wp), contiguous, intent(inout) :: y(:)
-
-   associate (unused => self)
-   end associate
-   y = x
-end subroutine left
-
-!> New amplitudes without loads
-subroutine carry(self, before, now, y)
-   !> Body
-   class(reduced_motion), intent(in) :: self
-   !> Amplitudes at the last two times, shape (r)
-   real(wp), contiguous, intent(in) :: before(:), now(:)
-   !> New amplitudes, shape (r)
-   real(wp), contiguous, intent(inout) :: y(:)
-
-   y = matmul(self%from_now, now) + matmul(self%from_before, before)
-end subroutine carry
-
-!> What the loads add to them
-subroutine add_loads(self, time, y, error)
+!> Amplitudes at the next time
+subroutine advance(self, before, now, time, next, error)
    !> Body
    class(reduced_motion), intent(inout) :: self
-   !> The time from which the step goes
+   !> Amplitudes at the last two times, shape (r)
+   real(wp), contiguous, intent(in) :: before(:), now(:)
+   !> The later one of these times
    real(wp), intent(in) :: time
-   !> New amplitudes, shape (r)
-   real(wp), contiguous, intent(inout) :: y(:)
+   !> Amplitudes one time step later, shape (r)
+   real(wp), contiguous, intent(inout) :: next(:)
    !> Error handling: an expression without a value somewhere
    type(error_type), allocatable, intent(out) :: error
    real(wp), allocatable :: side(:)
 
-   if (self%varies .or. .not. self%is_pushed) then
+   if (self%full%varies .or. .not. self%is_pushed) then
       allocate (side(self%full%m), source=0.0_wp)
       if (.not. allocated(self%pushed)) allocate (self%pushed(self%n))
       call self%full%add_loads(time, side, error)
@@ -229,54 +196,8 @@ subroutine add_loads(self, time, y, error)
       if (allocated(error)) return
       self%is_pushed = .true.
    end if
-   y = y + self%pushed
-end subroutine add_loads
-
-!> The new amplitudes are what the step is written in
-subroutine solve(self, y, x, error)
-   !> Body
-   class(reduced_motion), intent(in) :: self
-   !> New amplitudes, shape (r)
-   real(wp), contiguous, intent(in) :: y(:)
-   !> The same, shape (r)
-   real(wp), contiguous, intent(inout) :: x(:)
-   !> Error handling: none
-   type(error_type), allocatable, intent(out) :: error
-
-   associate (unused => self, unused_too => error)
-   end associate
-   x = y
-end subroutine solve
-
-!> Largest time step that is stable: that of the full body has been looked at
-subroutine limit(self, step, found, error)
-   !> Body
-   class(reduced_motion), intent(inout) :: self
-   !> Largest stable step
-   real(wp), intent(out) :: step
-   !> Whether it is known
-   logical, intent(out) :: found
-   !> Error handling: none
-   type(error_type), allocatable, intent(out) :: error
-
-   associate (unused => self, unused_too => error)
-   end associate
-   step = huge(1.0_wp)
-   found = .false.
-end subroutine limit
-
-!> Energies are not numbers here: full states have them
-function energy(self, now, next)
-   !> Body
-   class(reduced_motion), intent(in) :: self
-   !> Amplitudes at two times, shape (r)
-   real(wp), contiguous, intent(in) :: now(:), next(:)
-   real(wp) :: energy(3)
-
-   associate (unused => self, unused_now => now, unused_next => next)
-   end associate
-   energy = ieee_value(energy, ieee_quiet_nan)
-end function energy
+   next = matmul(self%from_now, now) + matmul(self%from_before, before) + self%pushed
+end subroutine advance
 
 !> Give the full body back
 subroutine free_reduced(self)

@@ -16,7 +16,7 @@ module rk_companion
    use rk_error, only : error_type, err_memory
    use rk_new_problem, only : new_problem
    use rk_precision, only : i8, wp
-   use rk_recorder, only : iteration_type, recorder_type, step_type
+   use rk_recorder, only : recorder_type, step_type
    use rk_run, only : solve_problem
    use rk_scene, only : scene_type
    use rk_shape, only : shape_type
@@ -84,7 +84,6 @@ module rk_companion
       !> Unknowns, shape (n, m)
       real(wp), allocatable :: x(:, :)
    contains
-      procedure :: iteration
       procedure :: step
       procedure :: stopped
    end type keeper_type
@@ -368,17 +367,6 @@ subroutine look(self, problem, keeper, first, answer, error)
    self%distance = sqrt(most(1)/max(most(2), tiny(1.0_wp)))
    self%difference = sqrt(most(1)/sum(problem%scene%cloud%volume))
 end subroutine look
-
-!> An iteration was done
-subroutine iteration(self, it)
-   !> Receiver
-   class(keeper_type), intent(inout) :: self
-   !> Iteration
-   type(iteration_type), intent(in) :: it
-
-   associate (unused => self, unused_too => it)
-   end associate
-end subroutine iteration
 
 !> Keep a state that is compared
 subroutine step(self, st, x)

@@ -9,7 +9,7 @@ module rk_run
    use rk_error_norms, only : error_norms, norms_type
    use rk_force, only : set_forces
    use rk_linear_solve, only : solve_linear
-   use rk_motion, only : march, moving_type
+   use rk_motion, only : form_motion, march
    use rk_new_motion, only : new_motion
    use rk_newton, only : newton_type
    use rk_precision, only : i8, wp
@@ -200,7 +200,7 @@ subroutine solve_motion(problem, scene, linear, x, recorder, timer, error)
    type(timer_type), intent(inout) :: timer
    !> Error handling: a step that is not stable
    type(error_type), allocatable, intent(out) :: error
-   class(moving_type), pointer :: body
+   class(form_motion), pointer :: body
 
    select type (problem)
    class is (moving_problem)
