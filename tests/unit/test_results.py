@@ -127,6 +127,7 @@ def test_points_of_a_step_for_pyvista(sample: Path) -> None:
         for step in range(results.nstep):
             cloud = results.to_pyvista(step)
             assert cloud.n_points == cloud.n_verts == results.npoint
+            assert_array_equal(cloud.regular_faces, results.surface)
             assert_array_equal(cloud.points, results.points)
             assert set(cloud.point_data.keys()) == set(results.fields)
             assert_array_equal(cloud.point_data["u"], results.field("u", step))
