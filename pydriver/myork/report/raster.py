@@ -144,14 +144,14 @@ class _Picture:
         front = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0] > 0.0
         corners, light = corners[front].astype(np.float32), light[front]
         values = panel.values[triangles][front]
-        if panel.colours.startswith("#"):
-            # between two tissues lies none of the colours between theirs
-            values = np.repeat(np.median(values, axis=1)[:, None], 3, axis=1)
         owner, weight = _samples(corners[:, :, :2])
         pixels, own = self._nearest(_mean(weight, corners, owner))
         weight, owner = weight[own], owner[own]
         shade = _AMBIENT + _DIFFUSE * _mean(weight, light, owner).clip(0.0, 1.0)
-        colour = _coloured(panel, _mean(weight, values, owner))
+        # between two tissues lies none of the colours between theirs
+        words = panel.colours.startswith("#")
+        mixed = values[owner, weight.argmax(axis=1)] if words else _mean(weight, values, owner)
+        colour = _coloured(panel, mixed)
         self.colour[pixels] = colour * np.minimum(shade, 1.0)[:, None]
 
     def add_points(self, panel: Panel) -> None:
