@@ -80,42 +80,25 @@ def voxel_rom(tmp_path_factory: pytest.TempPathFactory) -> Path:
     import numpy as np
 
     from myork import ReducedModel
-    from myork.core.deck import table_defaults, text_of_tables
-    from myork.model.cloud import build_cloud
+    from myork.core.deck import text_of_tables
     from myork.model_file import write_model
-    from myork.records import Labels
+    from tests.scenes import held, scene, voxels
 
-    held = {"u_x": 0, "u_y": 0, "u_z": 0}
+    muscle = {"name": "muscle", "label": 1, "model": "muscle", "A10": 6.43, "K": 500}
     middle = [1.5, 1.5, 1.5]
-    tables = {
-        "title": "Muscle of voxels",
-        "units": {"force": "N", "length": "cm"},
-        "scene": {"dimension": 3, "method": "rkpm-scni"},
-        "geometry": {"kind": "model", "file": "model.h5"},
-        "approximation": {"order": 1, "support": 1.6},
-        "material": [
-            {
-                "name": "muscle",
-                "label": 1,
-                "model": "muscle",
-                "A10": 6.43,
-                "K": 500,
-                "sigma_max": 30,
-            }
-        ],
-        "boundary": [{"set": "bottom", **held}, {"set": "top", **held, "u_z": 0.1}],
-        "load": {"steps": 1, "activation": 0.5},
-        "probe": [
+    tables = scene(
+        "rkpm-scni", {"kind": "model", "file": "model.h5"}, title="Muscle of voxels",
+        units={"force": "N", "length": "cm"}, approximation={"order": 1, "support": 1.6},
+        material=[{**muscle, "sigma_max": 30}], boundary=[held("bottom"), held("top", u_z=0.1)],
+        load={"steps": 1, "activation": 0.5},
+        probe=[
             {"name": "pull", "quantity": "force", "set": "bottom"},
             {"name": "middle", "quantity": "u", "point": middle},
             {"name": "stress", "quantity": "cauchy_zz", "point": middle},
         ],
-    }
+    )  # fmt: skip
     folder = tmp_path_factory.mktemp("rom")
-    filled = np.pad(np.ones((4, 4, 4), np.int32), 1)
-    cloud = build_cloud(
-        Labels(filled, np.diag([5.0, 5.0, 5.0, 1.0])), None, table_defaults("build"), "cm"
-    )[0]
+    cloud = voxels(np.pad(np.ones((4, 4, 4)), 1), 5.0, source_stride=[2] * 3)
     along = np.tile([0.0, 0.0, 1.0], (len(cloud.points), 1))
     write_model(folder / "model.h5", replace(cloud, fiber=along))
     (folder / "muscle.toml").write_text(text_of_tables(tables), encoding="utf-8")
