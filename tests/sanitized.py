@@ -9,8 +9,8 @@ from pathlib import Path
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from myork.bench.runs import INPUTS
 from myork.core.deck import text_of_tables
+from myork.files import INPUTS
 from myork.model_file import write_model
 from tests.faults.damage import ARRAY, BYTES, SETTINGS, Edit, damaged
 from tests.unit.test_scene_from_tables import BLOCK, cloud

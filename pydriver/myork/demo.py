@@ -8,12 +8,12 @@ from typing import Any
 
 from myork.console import ProgressCallback, silent
 from myork.errors import RefusedError
+from myork.files import INPUTS
 from myork.summary import printed
 
 __all__ = ["run_demo"]
 
-# The build installs the decks of inputs/ with the package.
-_DECK = Path(__file__).parent / "inputs" / "mg_muscle.toml"
+_DECK = INPUTS / "mg_muscle.toml"
 
 
 def run_demo(

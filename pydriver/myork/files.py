@@ -11,12 +11,14 @@ import os
 import stat
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from myork.errors import FileError
 
 __all__ = [
+    "INPUTS",
     "claimed",
     "open_output",
     "read_json",
@@ -26,6 +28,10 @@ __all__ = [
     "write_json",
     "write_text",
 ]
+
+
+#: Decks of the installation; of an editable one those of the checkout
+INPUTS = Path(str(resources.files("myork") / "inputs" / "mg_muscle.toml")).parent
 
 
 def open_output(path: Path, *, new: bool) -> int:

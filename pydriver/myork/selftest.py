@@ -21,7 +21,7 @@ import myork
 from myork.console import ProgressCallback, silent
 from myork.core.scene import Scene
 from myork.errors import InputError, MyorkError
-from myork.files import write_json
+from myork.files import INPUTS, write_json
 from myork.report import make_report
 from myork.results import Results
 from myork.stations.check import Check, check_deck
@@ -31,7 +31,7 @@ from myork.stations.solve import find_executable, run_deck
 __all__ = ["run_selftest"]
 
 #: Its solution is known: an eighth of a bar stretched to six times its length
-_BAR = Path(__file__).parent / "inputs" / "uniaxial_tension.toml"
+_BAR = INPUTS / "uniaxial_tension.toml"
 #: Displacement of the patch tests at a point X is this times X
 _SLOPE = np.array([[0.10, 0.05, -0.02], [0.04, -0.06, 0.03], [-0.03, 0.02, 0.05]])
 #: Rounding times the bulk modulus over the shear modulus stays far below

@@ -236,7 +236,7 @@ def test_interrupt_waits_for_the_clean_end(
         f"sys.executable = {str(fake)!r}; solve.__file__ = '/'; sys.exit(cli.main())"
     )
     process = subprocess.Popen(
-        [os.path.realpath("/proc/self/exe"), "-c", code, "solve", deck, "--out", tmp_path / "out"],
+        [Path(sys.prefix, "bin", "python3"), "-c", code, "solve", deck, "--out", tmp_path / "out"],
         env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

@@ -23,9 +23,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from myork import ReducedModel, Scene, make_report, run_deck, run_rom
-from myork.bench.runs import INPUTS
 from myork.core.deck import load_deck, text_of_tables
 from myork.errors import FileError, InputError, MyorkError
+from myork.files import INPUTS
 from myork.imaging.gradients import read_gradients
 from myork.imaging.io import read_image, read_labels
 from myork.model.mesh import read_tracts, voxelise

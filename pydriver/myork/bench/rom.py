@@ -24,12 +24,13 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from myork.bench.chapter_6 import GALERKIN, MODES, MOTIONS, PATHS, LoadPath, Motion
-from myork.bench.runs import INPUTS, lattice
+from myork.bench.runs import lattice
 from myork.bench.tables import Columns, table
 from myork.console import ProgressCallback
 from myork.core.scene import Scene
 from myork.core.states import Fields
 from myork.errors import ConvergenceError
+from myork.files import INPUTS
 from myork.reduced_fields import ReducedFields
 from myork.report.beside import reduced_figure
 from myork.rom.basis import Basis, proper_orthogonal_basis

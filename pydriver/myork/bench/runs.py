@@ -19,12 +19,12 @@ from typing import Any, NamedTuple
 from myork.core.cloud import with_cloud
 from myork.core.deck import load_deck, load_tables, text_of_tables
 from myork.errors import InputError
+from myork.files import INPUTS
 from myork.model_file import write_model
 from myork.records import PointCloud
 from myork.stations.solve import find_executable
 
 __all__ = [
-    "INPUTS",
     "METHODS",
     "PUBLISHED_BLOCK",
     "Deck",
@@ -49,9 +49,6 @@ PUBLISHED_BLOCK = (
     "solver.weight_traction=1",
     'material.curve="published"',
 )
-
-#: The decks that are installed with the package
-INPUTS = Path(__file__).parent.parent / "inputs"
 
 _KEPT = (
     "title",
