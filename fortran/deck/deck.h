@@ -18,7 +18,8 @@ namespace rk {
 
 enum class Type { text, integer, number, boolean, texts, integers, numbers };
 
-// Holds where the value of `key` (of the same table, "table.key", or a fact) is one of `values`.
+// Holds where the value of `key` (of the same table, "table.key", or a fact) is one of `values`; where
+// there are none, beside a key of the same table.
 struct Condition {
    std::string key;
    std::vector<std::string> values;
@@ -41,10 +42,12 @@ struct KeySpec {
    std::vector<std::string> choices;        // numbers as text
    std::optional<double> min, max, above, below;
    int length;
-   bool or_number, scalar, nonzero, infinite, unique;
+   bool or_number, scalar, nonzero, infinite, unique, ascending;
    std::string refers_to;
    std::string expression; // what may stand in an expression: place, surface, time; "" for none
    std::vector<Condition> required_if, only_if;
+   std::vector<std::string> not_beside; // keys of the same table that cannot be there as well
+   std::vector<std::string> as_many_as; // arrays of the same table, one of which is as long
    std::vector<Choice> default_if; // the first one that holds, before default_toml
 };
 
@@ -54,7 +57,7 @@ struct TableSpec {
    std::string named_by;
    std::string not_beside; // a table that may stand in place of this one
    std::size_t most;       // entries
-   std::vector<std::string> needed_by, at_least, at_most;
+   std::vector<std::string> needed_by, at_least;
    std::vector<KeySpec> keys;
 
    const KeySpec *find(const std::string &key) const;

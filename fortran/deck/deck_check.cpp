@@ -167,6 +167,11 @@ static std::string spelled(const Condition &condition) {
 static const Condition *failing(const Deck &deck, const Section &section,
                                 const std::vector<Condition> &conditions, bool unknown) {
    for (const Condition &condition : conditions) {
+      if (condition.values.empty()) {
+         if (section.find(condition.key) || (unknown && section.refused.count(condition.key)))
+            continue;
+         return &condition;
+      }
       const std::string value = deck.lookup(section, condition.key);
       if (value.empty() && unknown)
          continue;
@@ -212,24 +217,28 @@ static std::set<std::string> check_presence(Deck &deck, Section &section) {
          if (!value)
             continue;
          deck.complain(value->origin, deck.address(section, key.name),
-                       "only for " + spelled(*broken) + "; here " + broken->key + " = " +
-                           deck.lookup(section, broken->key));
+                       broken->values.empty() ? "needs " + broken->key + " beside it"
+                                              : "only for " + spelled(*broken) + "; here " + broken->key +
+                                                   " = " + deck.lookup(section, broken->key));
          wrong.insert(key.name);
          continue;
       }
       if (value || section.refused.count(key.name))
          continue;
-      const bool conditional =
-          !key.required_if.empty() && !failing(deck, section, key.required_if, false);
-      if (key.required || conditional) {
+      const std::vector<Condition> &when = key.required ? key.only_if : key.required_if;
+      if ((key.required || !when.empty()) && !failing(deck, section, when, false)) {
          std::string what = "missing, " + wanted(key) + " is needed";
-         if (!key.required) {
-            const std::string &other = key.required_if.front().key;
-            what += " for " + other + " = " + deck.lookup(section, other);
+         const Value *other = nullptr;
+         if (!when.empty()) {
+            what += " for " + when.front().key;
+            if (when.front().values.empty())
+               other = section.find(when.front().key);
+            else
+               what += " = " + deck.lookup(section, when.front().key);
          }
          if (!key.choices.empty())
             what += ": " + join(key.choices, ", ");
-         deck.complain(section.origin, deck.address(section, key.name), what);
+         deck.complain(other ? other->origin : section.origin, deck.address(section, key.name), what);
          wrong.insert(key.name);
       } else if (!failing(deck, section, key.only_if, false)) {
          fill_default(deck, section, key);
@@ -238,27 +247,46 @@ static std::set<std::string> check_presence(Deck &deck, Section &section) {
    return wrong;
 }
 
-// Keys of which some, or only some, must be there; silent about those in `wrong`
+// Keys of which some must be there, or not two; silent about those in `wrong`
 static void check_groups(Deck &deck, const Section &section, const std::set<std::string> &wrong) {
    const auto is_wrong = [&](const std::string &key) { return wrong.count(key) > 0; };
-   const auto present = [&](const std::vector<std::string> &keys) {
-      std::vector<std::string> found;
-      for (const std::string &key : keys) {
-         if ((section.find(key) || section.refused.count(key)) && !is_wrong(key))
-            found.push_back(key);
-      }
-      return found;
+   const auto is_there = [&](const std::string &key) {
+      return (section.find(key) || section.refused.count(key)) && !is_wrong(key);
    };
    const std::vector<std::string> &some = section.spec->at_least;
-   if (!some.empty() && present(some).empty() && std::none_of(some.begin(), some.end(), is_wrong))
+   if (!some.empty() && std::none_of(some.begin(), some.end(), is_there) &&
+       std::none_of(some.begin(), some.end(), is_wrong))
       deck.complain(section.origin, deck.address(section),
                     "needs one of the keys " + join(some, ", "));
-   const std::vector<std::string> together = present(section.spec->at_most);
-   if (together.size() < 2)
+   for (const KeySpec &key : section.spec->keys) {
+      const Value *value = section.find(key.name);
+      for (const std::string &other : key.not_beside) {
+         if (is_there(key.name) && is_there(other))
+            deck.complain(value ? value->origin : section.origin, deck.address(section, key.name),
+                          "cannot be given beside " + other);
+      }
+   }
+}
+
+// Arrays of numbers whose lengths or orders depend on each other
+static void check_series(Deck &deck, const Section &section, const KeySpec &key, const Value &value) {
+   for (const std::string &name : key.as_many_as) {
+      const Value *other = section.find(name);
+      if (other && other->items.size() != value.items.size())
+         deck.complain(value.origin, deck.address(section, key.name),
+                       "must have as many items as " + name + ", " +
+                           std::to_string(other->items.size()) + ", not " +
+                           std::to_string(value.items.size()));
+   }
+   for (std::size_t i = 1; key.ascending && i < value.items.size(); ++i) {
+      const Value &before = value.items[i - 1], &item = value.items[i];
+      if (item.number() > before.number())
+         continue;
+      deck.complain(value.origin, deck.address(section, key.name),
+                    "must ascend: item " + std::to_string(i + 1) + ", " + item.plain() + ", follows " +
+                        before.plain());
       return;
-   const Value *last = section.find(together.back());
-   deck.complain(last ? last->origin : section.origin, deck.address(section, together.back()),
-                 "cannot be given beside " + together.front());
+   }
 }
 
 static void check_length(Deck &deck, Section &section, const KeySpec &key, Value &value) {
@@ -416,6 +444,10 @@ void check_schema(Deck &deck) {
       }
       for (const std::string &key : section.refused)
          section.values.erase(key);
+      for (const KeySpec &key : section.spec->keys) {
+         if (const Value *value = section.find(key.name))
+            check_series(deck, section, key, *value);
+      }
    }
 }
 

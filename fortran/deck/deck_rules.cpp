@@ -40,56 +40,21 @@ static void check_materials(Deck &deck) {
          deck.complain(bulk->origin, deck.address(*material, "K"),
                        "inf needs a pressure that is an unknown: take scene.method = rkpm-gauss, "
                        "rkpm-scni or rkcm-mixed instead of rkcm");
+      const Value *activation = material->find("activation");
+      if (activation && activation->kind == Value::Kind::text && method.compare(0, 4, "rkpm") != 0)
+         deck.complain(activation->origin, deck.address(*material, "activation"),
+                       "an expression is only for scene.method = rkpm-gauss or rkpm-scni");
       if (!regions && materials.size() > 1 && !material->find("label") && !material->refused.count("label"))
          deck.complain(material->origin, deck.address(*material, "label"),
                        "missing, an integer is needed where there are several materials");
    }
 }
 
-// A rotation needs its axis, and prescribes all components
-static void check_rotation(Deck &deck, Section &section, int dimension) {
-   const Value *rotation = section.find("rotation");
-   if (!rotation) {
-      for (const char *key : {"axis", "about"}) {
-         if (const Value *value = section.find(key))
-            deck.complain(value->origin, deck.address(section, key), "needs rotation beside it");
-      }
-      return;
-   }
-   for (const char *key : {"radial", "traction", "pressure", "spring"}) {
-      if (section.find(key))
-         deck.complain(rotation->origin, deck.address(section, "rotation"),
-                       std::string("cannot be given beside ") + key);
-   }
-   for (const char *key : {"axis", "about"}) {
-      const bool needed = dimension == 3 || std::string(key) == "about";
-      if (needed && !section.find(key) && !section.refused.count(key))
-         deck.complain(rotation->origin, deck.address(section, key),
-                       "missing, an array of numbers is needed for rotation");
-   }
-}
-
-// A tendon needs its direction, and the plate at its end moves as nothing else says
+// The plate at the end of a tendon moves as nothing else says
 static void check_tendon(Deck &deck, Section &section) {
-   const Value *tendon = section.find("tendon"), *direction = section.find("direction");
-   if (!tendon) {
-      for (const char *key : {"direction", "pull"}) {
-         if (const Value *value = section.find(key))
-            deck.complain(value->origin, deck.address(section, key), "needs tendon beside it");
-      }
+   const Value *direction = section.find("tendon") ? section.find("direction") : nullptr;
+   if (!direction)
       return;
-   }
-   for (const char *key : {"radial", "rotation"}) {
-      if (section.find(key))
-         deck.complain(tendon->origin, deck.address(section, "tendon"),
-                       std::string("cannot be given beside ") + key);
-   }
-   if (!direction) {
-      if (!section.refused.count("direction"))
-         deck.complain(tendon->origin, deck.address(section, "direction"),
-                       "missing, an array of numbers is needed for tendon");
-      return;
-   }
    const char *component[] = {"u_x", "u_y", "u_z"};
    for (std::size_t i = 0; i < std::min<std::size_t>(direction->items.size(), 3); ++i) {
       const Value *held = section.find(component[i]);
@@ -99,13 +64,8 @@ static void check_tendon(Deck &deck, Section &section) {
    }
 }
 
-static void check_boundary(Deck &deck, const std::string &kind, int dimension) {
+static void check_boundary(Deck &deck) {
    for (Section *section : deck.entries("boundary")) {
-      const Value *radial = section->find("radial");
-      if (radial && kind == "annulus" && (section->find("u_x") || section->find("u_y")))
-         deck.complain(radial->origin, deck.address(*section, "radial"),
-                       "cannot be given beside u_x or u_y");
-      check_rotation(deck, *section, dimension);
       const Value *amplitude = section->find("amplitude");
       const bool stiff = section->find("spring") || section->find("tendon");
       const bool driven = std::any_of(
@@ -127,36 +87,13 @@ static void check_boundary(Deck &deck, const std::string &kind, int dimension) {
    }
 }
 
-static void check_sets(Deck &deck) {
-   for (Section *section : deck.entries("set")) {
-      const Value *angle = section->find("angle");
-      if (angle && !section->find("normal") && !section->refused.count("normal"))
-         deck.complain(angle->origin, deck.address(*section, "angle"), "needs normal beside it");
-   }
-}
-
-// An amplitude starts at load time 0 and has a value for each of its times
+// An amplitude starts at load time 0
 static void check_amplitudes(Deck &deck) {
    for (Section *amplitude : deck.entries("amplitude")) {
-      const Value *time = amplitude->find("time"), *value = amplitude->find("value");
-      if (!time || !value)
-         continue;
-      if (time->items.size() != value->items.size())
-         deck.complain(value->origin, deck.address(*amplitude, "value"),
-                       "must have as many items as time, " + std::to_string(time->items.size()) +
-                           ", not " + std::to_string(value->items.size()));
-      if (time->items.front().number() != 0.0)
+      const Value *time = amplitude->find("time");
+      if (time && time->items.front().number() != 0.0)
          deck.complain(time->origin, deck.address(*amplitude, "time"),
                        "must start at 0, not " + time->items.front().plain());
-      for (std::size_t i = 1; i < time->items.size(); ++i) {
-         const Value &before = time->items[i - 1], &item = time->items[i];
-         if (item.number() > before.number())
-            continue;
-         deck.complain(time->origin, deck.address(*amplitude, "time"),
-                       "must ascend: item " + std::to_string(i + 1) + ", " + item.plain() +
-                           ", follows " + before.plain());
-         break;
-      }
    }
 }
 
@@ -199,9 +136,6 @@ static void check_geometry(Deck &deck, const Section &geometry, int dimension) {
       deck.complain(outer->origin, deck.address(geometry, "outer_radius"),
                     "must be greater than inner_radius = " + inner->plain() + ", not " +
                         outer->plain());
-   const Value *origin = geometry.find("labels_origin");
-   if (origin && !geometry.find("labels") && !geometry.refused.count("labels"))
-      deck.complain(origin->origin, deck.address(geometry, "labels_origin"), "needs labels beside it");
    const Value *kind = geometry.find("kind");
    if (kind && kind->text != "box" && dimension != 0 &&
        dimension != (kind->text == "annulus" ? 2 : 3))
@@ -240,30 +174,15 @@ static void check_compared(Deck &deck) {
    }
 }
 
-static void check_references(Deck &deck) {
-   for (Section *reference : deck.entries("reference")) {
-      const Value *activation = reference->find("activation"), *value = reference->find("value");
-      const Value *load = activation ? activation : reference->find("load");
-      if (load && value && load->items.size() != value->items.size())
-         deck.complain(value->origin, deck.address(*reference, "value"),
-                       "must have as many items as " +
-                           std::string(activation ? "activation" : "load") + ", " +
-                           std::to_string(load->items.size()) + ", not " +
-                           std::to_string(value->items.size()));
-   }
-}
-
 void check_rules(Deck &deck) {
    const int dimension = static_cast<int>(number_of(deck.single("scene"), "dimension", 0.0));
    const Section *geometry = deck.single("geometry");
    const std::string kind = geometry ? geometry->text("kind") : "";
    check_materials(deck);
-   check_sets(deck);
-   check_boundary(deck, kind, dimension);
+   check_boundary(deck);
    check_amplitudes(deck);
    check_probes(deck, dimension);
    check_compared(deck);
-   check_references(deck);
    check_linear(deck, kind, dimension);
    if (geometry)
       check_geometry(deck, *geometry, dimension);

@@ -140,31 +140,8 @@ void read_tables(Deck &deck) {
       const std::string fault = name ? table_name_fault(name->text) : "";
       if (!fault.empty())
          deck.complain(name->origin, deck.address(*table, "name"), fault);
-      if (const Value *file = table->find("file")) {
-         if (const Value *own = table->find("value"))
-            deck.complain(own->origin, deck.address(*table, "value"), "cannot be given beside file");
-         else
-            fill_from_file(deck, *table, *file, contents);
-         continue;
-      }
-      const Value *x = table->find("x"), *value = table->find("value");
-      if (x && !value && !table->refused.count("value"))
-         deck.complain(x->origin, deck.address(*table, "value"),
-                       "missing, an array of numbers is needed beside x");
-      if (!x || !value)
-         continue;
-      if (x->items.size() != value->items.size())
-         deck.complain(value->origin, deck.address(*table, "value"),
-                       "must have as many items as x, " + std::to_string(x->items.size()) + ", not " +
-                           std::to_string(value->items.size()));
-      for (std::size_t i = 1; i < x->items.size(); ++i) {
-         if (x->items[i].number() > x->items[i - 1].number())
-            continue;
-         deck.complain(x->origin, deck.address(*table, "x"),
-                       "must ascend: item " + std::to_string(i + 1) + ", " + x->items[i].plain() +
-                           ", follows " + x->items[i - 1].plain());
-         break;
-      }
+      if (const Value *file = table->find("file"))
+         fill_from_file(deck, *table, *file, contents);
    }
    if (contents.empty())
       return;

@@ -1,8 +1,9 @@
-"""Turn schema.toml into the C++ table of the deck reader and into the deck reference.
+"""Turn schema.toml into the C++ table of the deck reader, Fortran records and the deck reference.
 
 Usage::
 
-    python make_schema.py --table schema.toml schema_table.cpp   (the build does this)
+    python make_schema.py --table schema.toml schema_table.cpp   (the build does this and the next)
+    python make_schema.py --records schema.toml deck_records.inc
     python make_schema.py --reference                            (rewrites docs/decks.md)
 
 Needs nothing but Python 3.10 and a TOML parser: ``tomllib`` (Python 3.11), ``tomli``, or the copy
@@ -22,12 +23,12 @@ HERE = Path(__file__).resolve().parent
 TYPES = ("text", "integer", "number", "boolean", "texts", "integers", "numbers")
 TABLE_ATTRIBUTES = {
     "about", "example", "many", "named_by", "required", "needed_by", "not_beside", "at_least",
-    "at_most", "most",
+    "most", "record",
 }  # fmt: skip
 KEY_ATTRIBUTES = {
     "type", "help", "unit", "default", "required", "choices", "min", "max", "above", "below",
     "length", "or_number", "scalar", "nonzero", "infinite", "refers_to", "unique", "required_if",
-    "only_if", "default_if", "expression",
+    "only_if", "default_if", "expression", "not_beside", "as_many_as", "ascending",
 }  # fmt: skip
 #: Entries of an array of tables, where it does not say itself
 MOST_ENTRIES = 1000
@@ -83,7 +84,7 @@ def check(tables: dict[str, dict[str, Any]]) -> None:
         wrong += [f"[{name}]: {word}" for word in table.keys() - TABLE_ATTRIBUTES - {"keys"}]
         if "about" not in table:
             wrong.append(f"[{name}]: about is missing")
-        for word in [table.get("named_by"), *table.get("at_least", []), *table.get("at_most", [])]:
+        for word in [table.get("named_by"), *table.get("at_least", [])]:
             if word and word not in table["keys"]:
                 wrong.append(f"[{name}]: no key {word}")
         if table.get("not_beside", name) not in tables:
@@ -101,6 +102,7 @@ def check(tables: dict[str, dict[str, Any]]) -> None:
                 wrong.append(f"[{name}.{key}]: default_if takes `is` and `when`")
                 continue
             others = [other for choice in choices for other in choice["when"]]
+            others += [*spec.get("not_beside", []), *spec.get("as_many_as", [])]
             for other in [*spec.get("required_if", {}), *spec.get("only_if", {}), *others]:
                 where, _, what = other.rpartition(".")
                 if other in FACTS:
@@ -165,11 +167,14 @@ def cpp_key(name: str, spec: dict[str, Any]) -> str:
         texts(spec.get("choices", [])),
         *(number(spec, bound) for bound in ("min", "max", "above", "below")),
         "dimension_length" if length == "dimension" else str(length),
-        *(flag(spec, word) for word in ("or_number", "scalar", "nonzero", "infinite", "unique")),
+        *(flag(spec, word) for word in ("or_number", "scalar", "nonzero", "infinite")),
+        *(flag(spec, word) for word in ("unique", "ascending")),
         quoted(spec.get("refers_to", "")),
         quoted(spec.get("expression", "")),
         conditions(spec.get("required_if", {})),
         conditions(spec.get("only_if", {})),
+        texts(spec.get("not_beside", [])),
+        texts(spec.get("as_many_as", [])),
         choices(spec),
     ]
     return "         {" + ", ".join(members) + "},\n"
@@ -195,11 +200,51 @@ def cpp_table(tables: dict[str, dict[str, Any]]) -> str:
         head.append(quoted(table.get("named_by", "")))
         head.append(quoted(table.get("not_beside", "")))
         head.append(str(most(table)))
-        head += [texts(table.get(word, [])) for word in ("needed_by", "at_least", "at_most")]
+        head += [texts(table.get(word, [])) for word in ("needed_by", "at_least")]
         keys = "".join(cpp_key(key, spec) for key, spec in table["keys"].items())
         lines.append(f"      {{{', '.join(head)}, {{\n{keys}      }}}},\n")
     lines.append("   };\n   return tables;\n}\n\n} // namespace rk\n")
     return "".join(lines)
+
+
+# ---- Fortran -----------------------------------------------------------------------------------
+
+#: Components by the types of keys
+COMPONENTS = {
+    "text": "character(len=:), allocatable :: {}",
+    "integer": "integer :: {} = 0",
+    "integers": "integer, allocatable :: {}(:)",
+    "number": "real(wp) :: {} = 0.0_wp",
+    "numbers": "real(wp), allocatable :: {}(:)",
+    "boolean": "logical :: {} = .false.",
+}
+
+
+def records(tables: dict[str, dict[str, Any]]) -> str:
+    """Types with the plain values of tables with `record`, and their readers."""
+    types, readers = [], []
+    for name, table in tables.items():
+        if not table.get("record"):
+            continue
+        # names of other tables and expressions are not plain
+        plain = {
+            key: spec
+            for key, spec in table["keys"].items()
+            if not spec.keys() & {"refers_to", "expression", "or_number"}
+        }
+        parts = [f"      {COMPONENTS[spec['type']].format(key)}\n" for key, spec in plain.items()]
+        types.append(
+            f"   public :: {name}_keys\n   type :: {name}_keys\n{''.join(parts)}   contains\n"
+            f"      procedure :: read => read_{name}\n   end type {name}_keys\n\n"
+        )
+        parts = [f"   call deck%get(at//'.{key}', self%{key})\n" for key in plain]
+        readers.append(
+            f"\nsubroutine read_{name}(self, deck, at)\n"
+            f"   class({name}_keys), intent(inout) :: self\n"
+            "   type(deck_type), intent(in) :: deck\n   character(len=*), intent(in) :: at\n\n"
+            f"{''.join(parts)}end subroutine read_{name}\n"
+        )
+    return "".join(types) + "contains\n" + "".join(readers)
 
 
 # ---- reference -----------------------------------------------------------------------------------
@@ -251,8 +296,11 @@ def allowed(spec: dict[str, Any]) -> str:
         parts.append("one per dimension" if one_each else f"{spec['length']} items")
     if spec.get("refers_to"):
         parts.append(f"name of a [[{spec['refers_to']}]]")
-    if spec.get("unique"):
-        parts.append("unique")
+    parts += [word for word in ("unique", "ascending") if spec.get(word)]
+    if "as_many_as" in spec:
+        parts.append(f"as many as {' or '.join(code([word]) for word in spec['as_many_as'])}")
+    if "not_beside" in spec:
+        parts.append(f"not beside {code(spec['not_beside'])}")
     if "expression" in spec:
         parts.append("in " + EXPRESSIONS[spec["expression"]])
     return "; ".join(parts)
@@ -260,7 +308,7 @@ def allowed(spec: dict[str, Any]) -> str:
 
 def needed(spec: dict[str, Any]) -> str:
     """Default of a key, or when it is needed."""
-    if spec.get("required"):
+    if spec.get("required") and "only_if" not in spec:
         return "needed"
     words = []
     if "default" in spec:
@@ -270,8 +318,8 @@ def needed(spec: dict[str, Any]) -> str:
         for choice in spec.get("default_if", [])
     ]
     if "only_if" in spec:
-        need = "needed for" if spec.get("required_if") == spec["only_if"] else "only for"
-        words.append(f"{need} {condition_text(spec['only_if'])}")
+        need, text = "needed" if spec.get("required") else "only", condition_text(spec["only_if"])
+        words.append(f"{need} {text if text.startswith('beside') else 'for ' + text}")
     return ", ".join(words)
 
 
@@ -281,6 +329,9 @@ def condition_text(conditions: dict[str, list[Any]]) -> str:
     for key, values in conditions.items():
         if key in FACTS:
             parts.append(FACTS[key])
+            continue
+        if not values:
+            parts.append(f"beside {code([key])}")
             continue
         short = [*values[:2], "…", values[-1]] if len(values) > 4 else values
         parts.append(f"{key} = {' or '.join(str(value) for value in short)}")
@@ -318,11 +369,8 @@ def section(name: str, table: dict[str, Any]) -> str:
         sentences.append(f"An entry is named by its `{table['named_by']}`.")
     if table.get("many"):
         sentences.append(f"There may be {most(table):,} at most.")
-    some, one = table.get("at_least"), table.get("at_most")
-    if some:
-        sentences.append(f"{'Exactly' if some == one else 'At least'} one of {code(some)}.")
-    elif one:
-        sentences.append(f"At most one of {code(one)}.")
+    if "at_least" in table:
+        sentences.append(f"At least one of {code(table['at_least'])}.")
     lines = [f"\n## `{title}`\n\n" if name else "\n## Before the first table\n"]
     lines.append(" ".join(sentences) + "\n\n" if name else "\n")
     lines.append("| key | type | default | allowed | unit | meaning |\n|---|---|---|---|---|---|\n")
@@ -347,6 +395,8 @@ def main(arguments: list[str]) -> None:
     """Do what the command line says."""
     if len(arguments) == 3 and arguments[0] == "--table":
         Path(arguments[2]).write_text(cpp_table(read_schema(Path(arguments[1]))), encoding="utf-8")
+    elif len(arguments) == 3 and arguments[0] == "--records":
+        Path(arguments[2]).write_text(records(read_schema(Path(arguments[1]))), encoding="utf-8")
     elif arguments == ["--reference"]:
         target = HERE.parents[1] / "docs" / "decks.md"
         target.parent.mkdir(exist_ok=True)

@@ -8,6 +8,7 @@
 !> ramp, which is the load itself; one for each amplitude; and two for each rotation by an angle
 !> theta about a fixed axis n, since (R - I)d = sin(theta) n x d + (1 - cos(theta)) n x (n x d).
 module rk_programme
+   use rk_deck_records, only : amplitude_keys
    use rk_precision, only : wp
    use rk_sort, only : sort
    implicit none
@@ -24,13 +25,7 @@ module rk_programme
    real(wp), parameter :: largest_turn = 0.8_wp
 
    !> A function of load time: between its knots linear or smooth, then what it was last
-   type :: amplitude_type
-      !> Name in the deck
-      character(len=:), allocatable :: name
-      !> Load times of the knots, ascending from 0, shape (n) [-]
-      real(wp), allocatable :: time(:)
-      !> Values there, shape (n) [-]
-      real(wp), allocatable :: value(:)
+   type, extends(amplitude_keys) :: amplitude_type
       !> Without slope and curvature at the knots; otherwise linear between them
       logical :: smooth = .false.
    end type amplitude_type

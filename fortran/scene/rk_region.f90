@@ -1,5 +1,5 @@
-!> Parts of the surface of a body that have names of their own, told by side, material, direction of
-!> the normal or an expression.
+!> Parts of the surface of a body that have names of their own, told by side, material or an
+!> expression.
 module rk_region
    use rk_error, only : error_type
    use rk_expression, only : expression_type
@@ -18,10 +18,6 @@ module rk_region
       !> Where the tissue lies told by expressions: its own, not given for everywhere, and those of
       !> tissues that take their place from it; not allocated where labels tell it
       type(expression_type), allocatable :: tissue(:)
-      !> Unit vector near which outward normals lie [-]
-      real(wp) :: normal(3) = 0.0_wp
-      !> Cosine of the largest angle between them, below -1 for any [-]
-      real(wp) :: cosine = -2.0_wp
       !> Where it is not zero; not given for everywhere
       type(expression_type) :: where
    contains
@@ -30,7 +26,7 @@ module rk_region
    end type region_type
 
    !> Criteria of a region, in the order in which they are looked at
-   character(len=*), parameter :: criteria(4) = ['side  ', 'on    ', 'normal', 'where ']
+   character(len=*), parameter :: criteria(3) = ['side ', 'on   ', 'where']
 
 contains
 
@@ -63,10 +59,9 @@ subroutine look(self, x, normal, side, label, met, error)
          met(2) = met(2) .and. (abs(value) > 0.0_wp .eqv. k == 1)
       end do
    end if
-   met(3) = dot_product(normal, self%normal(:size(normal))) >= self%cosine
    if (.not. self%where%given()) return
    call self%where%at(x, value, error, normal=normal)
-   met(4) = abs(value) > 0.0_wp
+   met(3) = abs(value) > 0.0_wp
 end subroutine look
 
 end module rk_region

@@ -5,7 +5,8 @@ module rk_scene
    use rk_error, only : error_type
    use rk_expression, only : expression_type
    use rk_material, only : material_type
-   use rk_options, only : galerkin_options, interface_options, load_options, mixed_options, &
+   use rk_deck_records, only : exact_keys, mixed_keys, reference_keys
+   use rk_options, only : galerkin_options, interface_options, load_options, &
       & solver_options
    use rk_precision, only : wp
    use rk_programme, only : plan_type, programme_type, ramp
@@ -99,25 +100,15 @@ module rk_scene
    end type probe_type
 
    !> A homogeneous exact solution for a probe
-   type :: exact_type
+   type, extends(exact_keys) :: exact_type
       !> Probe
       integer :: probe = 0
-      !> Kind of deformation
-      character(len=:), allocatable :: solution
-      !> Shear or stretch at full load [-]
-      real(wp) :: amount = 0.0_wp
    end type exact_type
 
    !> Values from elsewhere for a probe
-   type :: reference_type
+   type, extends(reference_keys) :: reference_type
       !> Probe
       integer :: probe = 0
-      !> Fractions of the full load [-]
-      real(wp), allocatable :: load(:)
-      !> Values
-      real(wp), allocatable :: value(:)
-      !> Where they come from
-      character(len=:), allocatable :: source
    end type reference_type
 
    !> Everything a solve needs
@@ -159,7 +150,7 @@ module rk_scene
       !> Iteration, linear solver, weights of boundary rows
       type(solver_options) :: solver
       !> Mixed form
-      type(mixed_options) :: mixed
+      type(mixed_keys) :: mixed
       !> Galerkin form
       type(galerkin_options) :: galerkin
       !> Probes

@@ -123,23 +123,17 @@ subroutine read_probes(scene, deck, error)
    do k = 1, size(scene%exact)
       at = 'exact.'//to_text(k)
       scene%exact(k)%probe = probe_number(scene, deck, at)
-      call deck%get(at//'.solution', scene%exact(k)%solution)
-      call deck%get(at//'.amount', scene%exact(k)%amount)
+      call scene%exact(k)%read(deck, at)
    end do
    do k = 1, size(scene%reference)
       at = 'reference.'//to_text(k)
       associate (reference => scene%reference(k))
          reference%probe = probe_number(scene, deck, at)
-         call deck%get(at//'.value', reference%value)
-         call deck%get(at//'.source', reference%source)
-         if (deck%has(at//'.activation')) then
-            if (scene%load%amplitude > 0) call deck%complain(at//'.activation', 'needs an ' &
-               & //'activation that grows with the load, not by load.amplitude: give load', error)
-            call deck%get(at//'.activation', reference%load)
-            reference%load = reference%load/max(scene%load%activation, tiny(1.0_wp))
-         else
-            call deck%get(at//'.load', reference%load)
-         end if
+         call reference%read(deck, at)
+         if (size(reference%activation) == 0) cycle
+         if (scene%load%amplitude > 0) call deck%complain(at//'.activation', 'needs an ' &
+            & //'activation that grows with the load, not by load.amplitude: give load', error)
+         reference%load = reference%activation/max(scene%load%activation, tiny(1.0_wp))
       end associate
    end do
 end subroutine read_probes

@@ -1,7 +1,6 @@
 !> From the tables [[material]] of a checked deck to materials, and which one fills which point.
 module rk_deck_materials
    use rk_deck, only : deck_type, word_length
-   use rk_deck_expression, only : read_expression
    use rk_deck_programme, only : read_activation
    use rk_deck_regions, only : has_regions, label_regions, read_parts
    use rk_error, only : error_type, fatal_error, err_input
@@ -17,8 +16,8 @@ module rk_deck_materials
    public :: read_materials
 
    !> Keys that place a material in the body and drive it; all others are parameters of its law
-   character(len=*), parameter :: placing(8) = [character(len=16) :: 'name', 'label', 'where', &
-      & 'fiber', 'fiber_angle', 'activation', 'amplitude', 'activation_field']
+   character(len=*), parameter :: placing(7) = [character(len=16) :: 'name', 'label', 'where', &
+      & 'fiber', 'fiber_angle', 'activation', 'amplitude']
 
 contains
 
@@ -79,7 +78,6 @@ subroutine read_materials(scene, deck, error)
             call read_direction(deck, at, scene%cloud%nd, direction)
             call set_fibers(scene, k, direction, deck, at, error)
             call read_activation(scene, deck, at, k, error)
-            call read_expression(deck, at//'.activation_field', tissue%level)
          else
             call clear_fibers(scene, k)
          end if

@@ -1,6 +1,7 @@
 !> From a checked deck to the load programme: amplitudes, output times, what follows them.
 module rk_deck_programme
    use rk_deck, only : deck_type
+   use rk_deck_expression, only : read_value
    use rk_error, only : error_type
    use rk_precision, only : pi, wp
    use rk_programme, only : programme_type, rotation_type
@@ -19,18 +20,15 @@ subroutine read_programme(programme, deck)
    type(programme_type), intent(out) :: programme
    !> Deck
    type(deck_type), intent(in) :: deck
-   character(len=:), allocatable :: at, curve
+   character(len=:), allocatable :: at
    integer :: k
 
    allocate (programme%amplitude(deck%count('amplitude')), programme%rotation(0))
    do k = 1, size(programme%amplitude)
       at = 'amplitude.'//to_text(k)
       associate (amplitude => programme%amplitude(k))
-         call deck%get(at//'.name', amplitude%name)
-         call deck%get(at//'.time', amplitude%time)
-         call deck%get(at//'.value', amplitude%value)
-         call deck%get(at//'.curve', curve)
-         amplitude%smooth = curve == 'smooth'
+         call amplitude%read(deck, at)
+         amplitude%smooth = amplitude%curve == 'smooth'
       end associate
    end do
    if (deck%has('load.at')) call deck%get('load.at', programme%output)
@@ -71,7 +69,10 @@ subroutine read_activation(scene, deck, at, k, error)
 
    associate (tissue => scene%tissue(k))
       tissue%activation = scene%load%activation
-      if (deck%has(at//'.activation')) call deck%get(at//'.activation', tissue%activation)
+      if (deck%has(at//'.activation')) call read_value(deck, at//'.activation', &
+         & tissue%activation, tissue%level)
+      ! an expression says all of it
+      if (tissue%level%given()) tissue%activation = 1.0_wp
       tissue%amplitude = scene%load%amplitude
       key = 'load.amplitude'
       if (deck%has(at//'.amplitude')) then

@@ -233,22 +233,12 @@ subroutine read_solver(scene, deck)
    type(scene_type), intent(inout) :: scene
    !> Deck
    type(deck_type), intent(in) :: deck
-   character(len=:), allocatable :: word
 
-   call deck%get('load.steps', scene%load%steps)
-   call deck%get('load.activation', scene%load%activation)
-   call deck%get('load.max_halvings', scene%load%max_halvings)
-   call deck%get('solver.linear', scene%solver%linear)
-   call deck%get('solver.newton', scene%solver%newton)
-   call deck%get('solver.tolerance', scene%solver%tolerance)
-   call deck%get('solver.max_iterations', scene%solver%max_iterations)
-   call deck%get('mixed.volume_weight', scene%mixed%volume_weight)
-   call deck%get('mixed.edge_exponent', scene%mixed%edge_exponent)
-   call deck%get('galerkin.gauss', scene%galerkin%gauss)
-   call deck%get('galerkin.essential', word)
-   scene%galerkin%transformation = word == 'transformation'
-   call deck%get('galerkin.penalty', scene%galerkin%penalty)
-   call deck%get('galerkin.direct_limit', scene%galerkin%direct_limit)
+   call scene%load%read(deck, 'load')
+   call scene%solver%read(deck, 'solver')
+   call scene%mixed%read(deck, 'mixed')
+   call scene%galerkin%read(deck, 'galerkin')
+   scene%galerkin%transformation = scene%galerkin%essential == 'transformation'
 end subroutine read_solver
 
 !> Weights of boundary rows beside equilibrium rows of weight 1. The residuals are stress over

@@ -6,7 +6,6 @@ module rk_deck_sets
    use rk_deck_regions, only : has_regions
    use rk_error, only : error_type
    use rk_named_sets, only : add_set
-   use rk_precision, only : pi, wp
    use rk_region, only : criteria, region_type
    use rk_scene, only : scene_type
    use rk_text, only : to_text
@@ -64,8 +63,6 @@ subroutine read_region(region, scene, deck, at, error)
    !> Error handling, one line more for an unknown side
    type(error_type), allocatable, intent(inout) :: error
    character(len=:), allocatable :: word
-   real(wp), allocatable :: normal(:)
-   real(wp) :: angle
    integer :: k
 
    if (deck%has(at//'.side')) then
@@ -85,14 +82,6 @@ subroutine read_region(region, scene, deck, at, error)
       else if (size(scene%tissue) > 1) then
          region%label = scene%tissue(k)%label
       end if
-   end if
-   if (deck%has(at//'.normal')) then
-      call deck%get(at//'.normal', normal)
-      region%normal(:size(normal)) = normal/norm2(normal)
-      angle = 45.0_wp
-      if (deck%has(at//'.angle')) call deck%get(at//'.angle', angle)
-      ! the border belongs to the set, whatever the rounding
-      region%cosine = cos(angle*pi/180.0_wp) - 1.0e-9_wp
    end if
    call read_expression(deck, at//'.where', region%where)
 end subroutine read_region
@@ -115,12 +104,8 @@ function what_is_left(deck, at, all_, left) result(text)
       if (.not. deck%has(at//'.'//trim(criteria(c)))) cycle
       text = text//', `'//trim(criteria(c))//'` leaves '//to_text(left(c))
       if (left(c) > 0) cycle
-      select case (criteria(c))
-      case ('normal')
-         text = text//'; widen `angle`, or turn `normal` round: it points out of the body'
-      case ('where')
-         text = text//'; coordinates are those of the body at rest'
-      end select
+      if (criteria(c) == 'where') text = text//'; coordinates are those of the body at rest, and ' &
+         & //'normals point out of it'
       return
    end do
 end function what_is_left

@@ -462,7 +462,7 @@ COLOURS = np.zeros(DARK.shape, [("R", "u1"), ("G", "u1"), ("B", "u1")])
         ("reference", -DARK, "must not be negative"),
         ("reference", DARK.astype(np.int64) * 2**40, "must not exceed"),
         ("reference", DARK[:, :, :1], "resample one to the grid"),
-        ("truth", 0 * DARK, "no voxel has one of image.truth_labels"),
+        ("truth", 0 * DARK, "the truth is empty"),
         ("truth", DARK * 1j, "values are complex"),
         ("region", 0 * DARK, "the region is empty"),
         *(

@@ -79,14 +79,7 @@ def test_channels_count_by_their_noise():
     assert noise_weight(0.0, 1.0) == noise_weight(1.0, 0.0) == 1.0
 
 
-def test_weights_of_the_deck_stand_in_for_those_of_the_noise(folder):
-    keys = {"anatomy": "anatomy.nii.gz", "channels": ["t2.nii.gz"], "tolerance": 0.01}
-    summary, _ = run(folder, keys | {"channel_weights": [3.0]})
-    assert [one["weight"] for one in summary["segmentation"]["channels"]] == [3.0]
-    with pytest.raises(InputError, match="channel_weights has 2 weights; give 1, one for each of"):
-        run(folder, keys | {"channel_weights": [3.0, 1.0]})
-    with pytest.raises(InputError, match="channel_weights needs image.fat, image.channels or"):
-        run(folder, {"anatomy": "anatomy.nii.gz", "channel_weights": [1.0]})
+def test_channels_belong_to_an_anatomy(folder):
     with pytest.raises(InputError, match="image.channels needs image.anatomy"):
         run(folder, {"channels": ["t2.nii.gz"]})
 

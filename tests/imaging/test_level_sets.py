@@ -15,7 +15,8 @@ from myork.segmentation.scores import dice
 from myork.segmentation.starts import kmeans, level_sets_of, regions_of
 
 DEFAULTS = table_defaults("image")
-STEERING = {key: DEFAULTS[key] for key in ("mu", "nu", "tolerance", "iterations")} | {
+STEERING = {key: DEFAULTS[key] for key in ("mu", "tolerance", "iterations")} | {
+    "nu": 0.0,
     "epsilon": 0.5,
     "dt": 500.0,
 }

@@ -190,10 +190,10 @@ def test_region_of_a_label_map(own):
     write_labels(folder / "near.nii.gz", Labels(soleus, labels.affine))
     summary = run(
         "image.region_margin=1.3",
-        "image.truth_labels=[3]",
+        "image.label=soleus",
         names=("anatomy=t1", "truth=truth", "region=near"),
     )
-    assert summary["segmentation"]["scores"]["muscle"]["dice"] > 0.95
+    assert summary["segmentation"]["scores"]["soleus"]["dice"] > 0.95
 
 
 @pytest.mark.slow
@@ -230,7 +230,6 @@ def test_bias_corrected_image_and_grouping_by_a_reference(own):
         "bias.method=level-sets",
         "image.reference=truth.nii.gz",
         "image.regions=3",
-        "image.volume=true",
         "image.tolerance=0.001",
     )
     found = summary["segmentation"]
@@ -265,7 +264,7 @@ def test_errors_name_file_or_key_and_what_to_do(own):
         run(names=("anatomy=t1", "truth=moved"))
     with pytest.raises(InputError, match=r"empty.nii.gz: the region is empty"):
         run(names=("anatomy=t1", "region=empty"))
-    with pytest.raises(InputError, match=r"empty.nii.gz: no voxel has one of image.truth_labels"):
+    with pytest.raises(InputError, match=r"empty.nii.gz: the truth is empty"):
         run(names=("anatomy=t1", "truth=empty"))
     with pytest.raises(InputError, match=r"dti.nii.gz: a 3-D image is needed"):
         run(names=("anatomy=dti",))

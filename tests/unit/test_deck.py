@@ -174,7 +174,7 @@ def test_defaults_and_absent_keys(write: Write) -> None:
     muscle, fat = deck["material"]
     assert muscle["sigma_max"] == 30.0 and muscle["curve"] == "smooth"
     assert "sigma_max" not in fat and "fiber" not in fat, "a key of another model"
-    assert deck["image"]["truth_labels"] == [] and "anatomy" not in deck["image"]
+    assert deck["image"]["channels"] == [] and "anatomy" not in deck["image"]
     assert deck["boundary"][0] == {"set": "z0", "u_x": 0.0}
     assert deck["folder"] == "."
     without = load_deck(write('title = "x"\nunits = {force = "N", length = "cm"}\n'))
@@ -479,7 +479,7 @@ def test_annulus(inputs: Path) -> None:
     tube = inputs / "tube.toml"
     for override, message in {
         "geometry.outer_radius=5": "must be greater than inner_radius = 6, not 5",
-        "boundary.inner.u_x=1": "cannot be given beside u_x or u_y",
+        "boundary.inner.u_x=1": "cannot be given beside u_x",
         "scene.dimension=3": "annulus needs scene.dimension = 2, not 3",
         "probe.radial_stress.quantity=u_z": "u_z is always zero in two dimensions",
         "boundary.inner.u_z=1": "only for scene.dimension = 3; here scene.dimension = 2",

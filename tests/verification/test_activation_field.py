@@ -38,7 +38,7 @@ def unknowns(tables: dict[str, Any], cloud: PointCloud | None = None) -> NDArray
 @pytest.mark.parametrize("method", ["rkpm-gauss", "rkpm-scni"])
 def test_a_constant_field_is_a_number(method: str) -> None:
     """To the last bit: a half of 1 and all of a half."""
-    field = block([MUSCLE | {"activation": 1, "activation_field": "0.3"}], method)
+    field = block([MUSCLE | {"activation": "0.3"}], method)
     number = block([MUSCLE | {"activation": 0.3}], method)
     assert np.array_equal(unknowns(field), unknowns(number))
 
@@ -49,7 +49,7 @@ def test_halves_that_are_active_are_two_muscles() -> None:
 
     Moduli are the same, so that mixing at the border mixes activations only.
     """
-    step = block([MUSCLE | {"activation": 0.4, "activation_field": "x < 0.5"}])
+    step = block([MUSCLE | {"activation": "0.4*(x < 0.5)"}])
     parts = block(
         [
             MUSCLE | {"activation": 0.0},
@@ -71,7 +71,7 @@ def test_halves_that_are_active_are_two_muscles() -> None:
 def test_isometric_stress_of_a_field_along_the_muscle() -> None:
     """All sections carry one force: it lies between that of the least and of the most active."""
     table = [{"name": "rise", "x": [0, 2], "value": [0.2, 1]}]
-    graded = MUSCLE | {"activation": 0.5, "activation_field": "rise(z)"}
+    graded = MUSCLE | {"activation": "0.5*rise(z)"}
     forces = []
     for material in (MUSCLE | {"activation": 0.1}, graded, MUSCLE | {"activation": 0.5}):
         forces.append(solved(block([material], table=table)).last()["pull"])
@@ -115,7 +115,7 @@ def test_points_of_a_model_have_activations(tmp_path: Path) -> None:
     whole = solved(model_tables(activation=0.3), cloud=plain).last()["pull"]
     assert found.last()["pull"] == pytest.approx(0.5 * whole, rel=0.1)
     # an expression of the deck stands in the place of the points' own
-    field = model_tables(activation=1.0, activation_field="0.3")
+    field = model_tables(activation="0.3")
     assert np.array_equal(unknowns(field, again), number)
 
 
@@ -133,22 +133,19 @@ def test_images_on_turned_grids_are_turned() -> None:
 @pytest.mark.parametrize(
     ("tables", "what"),
     [
+        (block([MUSCLE | {"activation": "1.5*x"}]), "must be between 0 and 1"),
+        (block([MUSCLE | {"activation": "1/x"}]), "is not finite"),
+        (block([MUSCLE | {"activation": "x +"}]), "is not an expression"),
         (
-            block([MUSCLE | {"activation": 1, "activation_field": "1.5*x"}]),
-            "must be between 0 and 1",
-        ),
-        (block([MUSCLE | {"activation_field": "1/x"}]), "is not finite"),
-        (block([MUSCLE | {"activation_field": "x +"}]), "is not an expression"),
-        (
-            block([MUSCLE | {"activation_field": "x"}], "rkcm"),
-            "activation_field: only for scene.method = rkpm",
+            block([MUSCLE | {"activation": "x"}], "rkcm"),
+            "activation: an expression is only for scene.method = rkpm",
         ),
     ],
 )
 def test_fields_that_cannot_be(tables: dict[str, Any], what: str) -> None:
     with pytest.raises(InputError, match=what.replace("(", r"\(")) as caught:
         solved(tables)
-    assert "activation_field" in str(caught.value)
+    assert "activation" in str(caught.value)
 
 
 def test_activations_of_points_that_cannot_be() -> None:

@@ -80,7 +80,7 @@ def test_a_set_that_is_a_whole_side_is_that_side(what: dict[str, Any], method: s
     """To the last bit, for all conditions; probes of Galerkin forms too."""
     found = []
     for name in ("y1", "end"):
-        sets = [{"name": "end", "normal": [0, 2]}]
+        sets = [{"name": "end", "where": "ny > 0.7"}]
         tables = column(method, sets, [{"set": name, **what}])
         tables["geometry"] |= {"source": [4, 13], "collocation": [7, 25]}
         found.append(solved(tables).states.x)
@@ -152,8 +152,8 @@ def test_all_of_a_curved_wall_by_its_normals() -> None:
     tables = scene(
         "auto", annulus(7, 13, radii=(1, 2), places=(7, 13)), material=[CORK],
         set=[
-            {"name": "steep", "side": "outer", "normal": [1, 0], "angle": 30},
-            {"name": "flat", "side": "outer", "normal": [0, 1], "angle": 60},
+            {"name": "steep", "side": "outer", "where": "nx > cos(pi/6)"},
+            {"name": "flat", "side": "outer", "where": "ny > 0.5"},
         ],
         boundary=[
             {"set": "x0", "u_x": 0},
@@ -189,9 +189,9 @@ def test_sets_of_a_model() -> None:
     tables = scene(
         "auto", {}, material=[{**CORK, "mu": 10.0, "K": 20 / 3}],
         set=[
-            {"name": "right", "side": "surface", "normal": [1, 0, 0], "angle": 90},
+            {"name": "right", "side": "surface", "where": "nx > -1e-9"},
             {"name": "upper", "side": "surface", "where": "z > 0.75"},
-            {"name": "cap", "normal": [0, 0, 1]},
+            {"name": "cap", "where": "nz > 0.7071"},
         ],
         boundary=[
             held("bottom"),
@@ -217,7 +217,7 @@ def test_a_plane_map_has_as_many_sets_as_asked() -> None:
     assert cloud.set_names == ("surface",)
     tables = scene(
         "auto", {}, material=[CORK],
-        set=[{"name": "left", "normal": [-1, 0, 0]}, {"name": "right", "normal": [1, 0, 0]}],
+        set=[{"name": "left", "where": "nx < -0.7071"}, {"name": "right", "where": "nx > 0.7071"}],
         boundary=[held("left"), {"set": "right", "traction": [PULL, 0, 0]}],
         probe=[
             {"name": "f", "quantity": "force_x", "set": "right"},
@@ -236,19 +236,19 @@ SIDE = {"name": "pad", "side": "y1"}
 @pytest.mark.parametrize(
     ("sets", "boundary", "what"),
     [
-        ([{"name": "pad"}], {}, "set.pad: needs one of the keys side, on, normal, where"),
+        ([{"name": "pad"}], {}, "set.pad: needs one of the keys side, on, where"),
         ([SIDE | {"name": "x1"}], {}, "'x1' is a side of this body"),
         ([SIDE, SIDE], {}, "taken already"),
         ([SIDE | {"side": "z1"}], {}, "'z1' is not a side of this box; there are x0, x1, y0, y1"),
         ([SIDE, {"name": "b", "side": "pad"}], {}, "is not a side, but another"),
         ([SIDE | {"on": "wood"}], {}, "no [[material]] is called 'wood'"),
-        ([SIDE | {"angle": 3}], {}, "set.pad.angle: needs normal beside it"),
+        ([SIDE | {"angle": 3}], {}, "set.pad.angle: unknown key"),
         ([SIDE | {"where": "z > 1"}], {}, "unknown name 'z'"),
         ([SIDE | {"where": "1/(x - 0.5)"}], {}, "is not finite at (0.5, 0)"),
         (
-            [SIDE | {"normal": [0, -1]}],
+            [SIDE | {"where": "ny < -0.7"}],
             {},
-            "`side` leaves 9, `normal` leaves 0; widen `angle`, or turn `normal` round",
+            "`side` leaves 9, `where` leaves 0; coordinates are those of the body at rest, and",
         ),
         ([SIDE | {"where": "x > 2"}], {}, "`side` leaves 9, `where` leaves 0; coordinates are"),
         (
@@ -315,7 +315,7 @@ def test_overlaps_are_told() -> None:
 @pytest.mark.slow
 def test_explain_and_report_name_them(write_deck: Callable[..., Path], tmp_path: Path) -> None:
     pad = {"name": "pad", "side": "y1", "where": "x > 0.3"}
-    tables = column("auto", [pad, {"name": "end", "normal": [0, 1]}], [
+    tables = column("auto", [pad, {"name": "end", "where": "ny > 0.7"}], [
         {"set": "pad", "traction": [0, 0.01]},
     ], geometry=box(5, 9, size=[1, 2], places=(5, 9)))  # fmt: skip
     deck = write_deck({"title": "pad", "units": {"force": "N", "length": "cm"}, **tables})

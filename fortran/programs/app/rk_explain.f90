@@ -142,8 +142,8 @@ subroutine explain_load(scene)
    do k = 1, size(scene%tissue)
       associate (level => scene%tissue(k)%level)
          if (level%given()) then
-            print '(a)', '  activation    '//scene%tissue(k)%name//': a part '//level%text &
-               & //' of it at each place'
+            print '(a)', '  activation    '//scene%tissue(k)%name//': '//level%text &
+               & //' at each place'
          else if (allocated(scene%cloud%activation) .and. scene%tissue(k)%material%fibered) then
             print '(a)', '  activation    '//scene%tissue(k)%name//': a part of it at each ' &
                & //'point of the model, mean ' &

@@ -178,8 +178,8 @@ def read_tensors(table: Mapping[str, Any], folder: Path) -> Image | None:
     Parameters
     ----------
     table : mapping
-        Table `image` of the deck: `tensor` with `tensor_frame`, or `dwi` with `bval` and `bvec`
-        (by default beside it under the same name); `gradient_axes`.
+        Table `image` of the deck: `tensor` with `tensor_frame`, or `dwi` with .bval and .bvec
+        beside it under the same name; `gradient_axes`.
     folder : Path
         Where the deck's relative paths start.
 
@@ -189,9 +189,6 @@ def read_tensors(table: Mapping[str, Any], folder: Path) -> Image | None:
         Shape `(ni, nj, nk, 6)`; None where the deck names neither.
     """
     if "dwi" not in table:
-        stray = [key for key in ("bval", "bvec") if key in table]
-        if stray:
-            raise InputError(f"image.{stray[0]} needs image.dwi, the images it belongs to")
         if "tensor" not in table:
             return None
         tensor = read_image(folder / table["tensor"], values=6)
@@ -204,10 +201,7 @@ def read_tensors(table: Mapping[str, Any], folder: Path) -> Image | None:
     path = folder / table["dwi"]
     dwi = read_image(path, values=None)
     stem = path.name.removesuffix(".gz").removesuffix(".nii")
-    files = [
-        folder / table[key] if key in table else path.with_name(f"{stem}.{key}")
-        for key in ("bval", "bvec")
-    ]
+    files = [path.with_name(f"{stem}.{kind}") for kind in ("bval", "bvec")]
     gradients = read_gradients(files[0], files[1], dwi.affine, dwi.data.shape[3])
     return _turned(fit_tensors(dwi, gradients), table["gradient_axes"], "world")
 

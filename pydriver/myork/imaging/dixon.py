@@ -72,27 +72,25 @@ class WaterFat(NamedTuple):
     doubt: str
 
 
-def echo(magnitude: F64, phase: F64, turn: float | None = None) -> C128:
+def echo(magnitude: F64, phase: F64) -> C128:
     """Complex image of an echo.
+
+    A turn of the phase is the least of the usual ones (radians, degrees, 4096, thousandths of a
+    radian, 8192, 65536) that holds its range.
 
     Parameters
     ----------
     magnitude, phase : NDArray
         Shape `(ni, nj, nk)`.
-    turn : float, optional
-        What the phase image counts as one turn; without it the least of the usual ones (radians,
-        degrees, 4096, thousandths of a radian, 8192, 65536) that holds its range.
     """
-    if turn is None:
-        reach = float(np.ptp(phase))
-        fitting = [one for one in _TURNS if reach <= 1.001 * one]
-        if not fitting:
-            raise InputError(
-                f"the values of a phase image span {reach:g}, more than any usual turn; set "
-                "dixon.turn"
-            )
-        turn = fitting[0]
-    return np.asarray(magnitude * np.exp(2j * np.pi * phase / turn))
+    reach = float(np.ptp(phase))
+    fitting = [one for one in _TURNS if reach <= 1.001 * one]
+    if not fitting:
+        raise InputError(
+            f"the values of a phase image span {reach:g}, more than any usual turn; scale them to "
+            "radians"
+        )
+    return np.asarray(magnitude * np.exp(2j * np.pi * phase / fitting[0]))
 
 
 def fat_factors(times: Sequence[float], strength: float) -> tuple[complex, complex]:
@@ -117,8 +115,6 @@ def separate_images(
     *,
     times: Sequence[float] = (),
     strength: float = 0.0,
-    rim: str = "fat",
-    turn: float | None = None,
 ) -> WaterFat:
     """Part two echoes, given by magnitude and phase, into water and fat.
 
@@ -132,8 +128,6 @@ def separate_images(
         Echo times; none: in phase first, then in opposed phase [ms].
     strength : float
         Field of the scanner, with times [T].
-    rim, turn
-        As of `separate` and `echo`.
     """
     factors = (complex(1.0), complex(-1.0))
     if len(times) or strength > 0:
@@ -143,8 +137,8 @@ def separate_images(
                 f"ms and {strength:g} T; without both the first is in phase, the second opposed"
             )
         factors = fat_factors(times, strength)
-    one, two = (echo(m.data, p.data, turn) for m, p in zip(magnitudes, phases, strict=True))
-    return separate(one, two, body, spacing=magnitudes[0].spacing, factors=factors, rim=rim)
+    one, two = (echo(m.data, p.data) for m, p in zip(magnitudes, phases, strict=True))
+    return separate(one, two, body, spacing=magnitudes[0].spacing, factors=factors)
 
 
 def separate(
@@ -154,7 +148,6 @@ def separate(
     *,
     spacing: ArrayLike,
     factors: tuple[complex, complex] = (1.0, -1.0),
-    rim: str = "fat",
 ) -> WaterFat:
     """Part two echoes into water and fat.
 
@@ -168,8 +161,6 @@ def separate(
         Voxel sizes, shape `(3,)` [mm].
     factors : tuple
         Of fat in both echoes, see `fat_factors`; by default in phase and in opposed phase [-].
-    rim : str
-        What lies under the skin: `fat` or `water`.
     """
     if not body.any():
         raise InputError("dixon: the body is empty; check image.body")
@@ -185,7 +176,7 @@ def separate(
         raise InputError("dixon: one of the echoes has no signal in the body; check the files")
     trust = trust / typical
     state, group = _states(trust * (phasors[0] - phasors[1]), body, size)
-    state, doubt = _rim_decides(state, group, fractions, trust, body, size, rim)
+    state, doubt = _rim_decides(state, group, fractions, trust, body, size)
     smooth = np.zeros(len(state), complex)
     for _ in range(_ROUNDS):
         chosen = np.asarray(np.where(state > 0, phasors[0], phasors[1]), complex)
@@ -300,9 +291,8 @@ def _rim_decides(
     trust: F64,
     body: Mask,
     size: F64,
-    rim: str,
 ) -> tuple[I64, str]:
-    """States of all large groups such that fat (or water) lies under the skin; doubts."""
+    """States of all large groups such that fat lies under the skin; doubts."""
     axis = slice_axis(size, body.shape)
     depth = np.zeros(body.shape)
     pixel = np.delete(size, axis)
@@ -324,14 +314,12 @@ def _rim_decides(
                 if trust[part].any()
             ]
             contrast.append(means[0] - means[1] if len(means) == 2 else 0.0)
-        if rim == "water":
-            contrast = [-one for one in contrast]
         if contrast[1] > contrast[0]:
             result[mine] *= -1
         if max(contrast) < _UNLIKE:
             doubt = (
-                f"dixon: next to the skin there is not more {rim} than inside (fractions differ by "
-                f"{max(contrast):.2f}); look whether water and fat are exchanged, and set dixon.rim"
+                "dixon: next to the skin there is not more fat than inside (fractions differ by "
+                f"{max(contrast):.2f}); look whether water and fat are exchanged"
             )
     return result, doubt
 

@@ -123,9 +123,9 @@ def train(
         if "rotation" in entry and key not in varied:
             raise InputError(f"{deck}: {key}: a reduced model knows it as a parameter: vary it")
     for entry in values.get("material", []):
-        if "activation_field" in entry:
+        if isinstance(entry.get("activation"), str):
             raise InputError(
-                f"{deck}: material.{entry['name']}.activation_field: a reduced model does not know "
+                f"{deck}: material.{entry['name']}.activation: a reduced model does not know "
                 "it: its cells have the activation of their muscle"
             )
     named = {entry["name"] for entry in values.get("set", [])}

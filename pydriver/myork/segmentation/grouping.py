@@ -107,7 +107,7 @@ def group_by_rules(region: I32, image: Image, muscles: Sequence[Muscle]) -> tupl
     names = [m.name for m, claim in zip(muscles, claims, strict=True) if (claim & shared).any()]
     return label, [
         f"{', '.join(names)} share pieces of regions ({int(shared.sum())} voxels), which were "
-        "split by the nearest seed; raise image.regions or image.fiber_weight"
+        "split by the nearest seed; raise image.regions"
     ]
 
 

@@ -40,6 +40,8 @@ __all__ = ["Images", "Segmentation", "segment_images"]
 
 # Width of the Gaussian over the tensors before the fiber channels are taken [mm]
 _SMOOTHING = 1.0
+# Weight of the misfit of fiber channels against that of the grey values
+_FIBER_WEIGHT = 5.0
 # Regions in which the true image is even, for a bias field by level sets
 _EVEN = 3
 
@@ -56,8 +58,6 @@ class Images:
         Fat of a Dixon sequence.
     others : tuple of Image
         Further channels.
-    weights : tuple of float
-        Of fat and others against the anatomy; empty: by the noise.
     tensor : Image or None
         Diffusion tensors.
     truth, seeds : Labels or None
@@ -77,7 +77,6 @@ class Images:
     anatomy: Image
     fat: Image | None = None
     others: tuple[Image, ...] = ()
-    weights: tuple[float, ...] = ()
     tensor: Image | None = None
     truth: Labels | None = None
     seeds: Labels | None = None
@@ -120,13 +119,6 @@ class Images:
     def values(self, region: Mask, first: F64) -> tuple[list[F64], list[float]]:
         """Channels scaled to the region and their weights against the first channel."""
         scaled = [scaled_values(one, region) for one in self.channels]
-        if self.weights:
-            if len(self.weights) != len(scaled):
-                raise InputError(
-                    f"image.channel_weights has {len(self.weights)} weights; give {len(scaled)}, "
-                    f"one for each of {[one.name for one in self.channels]}"
-                )
-            return scaled, list(self.weights)
         noise = noise_level(first, region)
         return scaled, [noise_weight(noise, noise_level(one, region)) for one in scaled]
 
@@ -139,10 +131,8 @@ class Images:
         scaled += [scaled_values(one, region) for one in self.others]
         if not scaled:
             return None
-        weights = list(self.weights)
-        if not weights:
-            noise = noise_level(scaled_values(self.whole, region), region)
-            weights = [noise_weight(noise, noise_level(one, region)) for one in scaled]
+        noise = noise_level(scaled_values(self.whole, region), region)
+        weights = [noise_weight(noise, noise_level(one, region)) for one in scaled]
         return np.stack(
             [one * min(1.0, w) ** 0.5 for one, w in zip(scaled, weights, strict=True)], -1
         )
@@ -237,7 +227,7 @@ def segment_images(
     shown = np.stack([grey, *more], axis=-1)
     fibers = _fiber_channels(images.tensor, region, table["fiber_channels"])
     values = np.concatenate([shown, fibers], axis=3)
-    every = [1.0, *weights, *[table["fiber_weight"]] * fibers.shape[3]]
+    every = [1.0, *weights, *[_FIBER_WEIGHT] * fibers.shape[3]]
     known, start = None, table["start"]
     if start == "seeds":
         everywhere = np.where(region, 0, -1).astype(np.int32)

@@ -39,9 +39,8 @@ _STANDS_OUT = 2.5
 _SKIN = 3.0
 # Two phases of a slice. The choice is this method's own: a leg has no keys for it.
 _PHASES = LevelSets(
-    regions=2, volume=False, start="otsu", mu=0.01, nu=0.0, lambdas=(1.0,), tolerance=1e-4,
-    iterations=300,
-)  # fmt: skip
+    regions=2, start="otsu", mu=0.01, lambdas=(1.0,), tolerance=1e-4, iterations=300
+)
 
 
 @dataclass(frozen=True)

@@ -37,7 +37,7 @@ Evolve = Callable[..., dict[str, NDArray[Any]]]
 
 @dataclass(frozen=True)
 class LevelSets:
-    """What to segment with; decks have the defaults of all but `epsilon` and `dt`.
+    """What to segment with; decks have the defaults of what has none here.
 
     Attributes
     ----------
@@ -62,13 +62,13 @@ class LevelSets:
     """
 
     regions: int
-    volume: bool
     start: str
     mu: float
-    nu: float
     lambdas: Sequence[float]
     tolerance: float
     iterations: int
+    volume: bool = False
+    nu: float = 0.0
     epsilon: float = 0.5
     dt: float = 500.0
 

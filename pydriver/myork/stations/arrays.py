@@ -133,9 +133,6 @@ def water_and_fat(
     echo_times: Sequence[float] = (),
     field_strength: float = 0.0,
     body: ArrayLike | None = None,
-    *,
-    rim: str = "fat",
-    turn: float | None = None,
 ) -> tuple[F64, F64, F64, str]:
     """Water and fat of two echoes (two-point Dixon).
 
@@ -151,10 +148,6 @@ def water_and_fat(
         Of the scanner, with echo times [T].
     body : ArrayLike, optional
         Voxels of the body; default found by threshold.
-    rim : str
-        What lies under the skin, `fat` or `water`.
-    turn : float, optional
-        What the phases count as one turn; default told by their range.
 
     Returns
     -------
@@ -171,9 +164,7 @@ def water_and_fat(
         raise InputError("magnitudes and phases of the same shape are needed")
     whole = Image(images[0].data + images[1].data, images[0].affine)
     mask = body_mask(whole, rim=0.0) if body is None else _body(whole, body)
-    found = separate_images(
-        images[:2], images[2:], mask, times=echo_times, strength=field_strength, rim=rim, turn=turn
-    )
+    found = separate_images(images[:2], images[2:], mask, times=echo_times, strength=field_strength)
     return found.water, found.fat, found.fraction, found.doubt
 
 

@@ -162,7 +162,7 @@ def _of_surface(table: Mapping[str, Any], folder: Path) -> _Body:
     """Voxels in a closed surface, and fibers along tracts."""
     unit = 1.0 / length_factor(table["surface_unit"], "build.surface_unit")
     path = folder / table["surface"]
-    labels = voxelise(path, unit, table["voxel"], table["surface_label"])
+    labels = voxelise(path, unit, table["voxel"], "muscle")
     if "tracts" not in table:
         return _Body(labels, [path])
     tracts = folder / table["tracts"]

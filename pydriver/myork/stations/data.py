@@ -17,8 +17,6 @@ PATHS = (
     "image.anatomy",
     "image.tensor",
     "image.dwi",
-    "image.bval",
-    "image.bvec",
     "image.channels",
     "image.fat",
     "image.truth",

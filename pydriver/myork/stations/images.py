@@ -71,10 +71,7 @@ def read_images(
             tensor=read_tensors(table, folder),
             truth=labels("truth"),
             others=tuple(read_image(folder / name) for name in table["channels"]),
-            weights=tuple(table["channel_weights"]),
         )
-    if found.weights and not found.channels:
-        raise InputError("image.channel_weights needs image.fat, image.channels or [dixon]")
     found = replace(
         found,
         reference=labels("reference"),
@@ -88,19 +85,15 @@ def read_images(
             check_same_grid(one, found.anatomy)
     if found.reference is not None:
         check_same_grid(found.reference, found.drawn_in or found.anatomy)
-    _check_labels(found, table["truth_labels"])
+    _check_labels(found)
     return found if body is None else replace(found, body=_checked_body(body, found.region))
 
 
-def _check_labels(images: Images, wanted: list[int]) -> None:
-    """Refuse a truth without a voxel of what should be found, and an empty reference."""
+def _check_labels(images: Images) -> None:
+    """Refuse an empty truth and an empty reference."""
     truth, reference = images.truth, images.reference
-    there = [] if truth is None else np.unique(truth.data[truth.data > 0]).tolist()
-    if truth is not None and (not there or (wanted and not set(wanted) & set(there))):
-        raise InputError(
-            f"{truth.name}: no voxel has one of image.truth_labels = {list(wanted)}; the labels "
-            f"there are: {there}"
-        )
+    if truth is not None and not truth.data.any():
+        raise InputError(f"{truth.name}: the truth is empty, no label is above zero")
     if reference is not None and not reference.data.any():
         raise InputError(
             f"{reference.name}: the reference is empty, no voxel has a label above zero; give the "
@@ -151,8 +144,6 @@ def _echoes(deck: Mapping[str, Any], folder: Path) -> Images | None:
         keys.get("echo_times", ()),
         keys.get("field_strength", 0.0),
         body,
-        rim=keys["rim"],
-        turn=keys.get("turn"),
     )
     return Images(
         Image(water, first.affine, f"water of {first.name}"),

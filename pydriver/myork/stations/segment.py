@@ -268,7 +268,7 @@ def _scores(table: Mapping[str, Any], labels: Labels, truth: Labels) -> dict[str
     by_name = {truth.label_name(number): [number] for number in there}
     pairs: dict[str, tuple[int, list[int]]] = {}
     if set(labels.names.values()) == {table["label"]}:
-        pairs[table["label"]] = (1, table["truth_labels"] or there)
+        pairs[table["label"]] = (1, by_name.get(table["label"], there))
     else:
         pairs = {name: (n, by_name[name]) for n, name in labels.names.items() if name in by_name}
     return label_scores(labels.data, truth.data, pairs)
