@@ -1,13 +1,13 @@
 !> Facets of nodal cells, collected one by one, and the integration points that they enclose.
 module rk_facets
    use rk_cells, only : cells_type
-   use rk_csr, only : csr_type, group_by, sort
-   use rk_precision, only : i8, wp
+   use rk_csr, only : csr_type, group_by
+   use rk_precision, only : wp
    use rk_tensor, only : vector_product
    implicit none
    private
 
-   public :: facets_type, add_flat, close_cells, join_small
+   public :: facets_type, add_flat, close_cells
 
    !> Points of facets, grown as they come
    type :: facets_type
@@ -134,55 +134,6 @@ subroutine grow(a, columns)
    wide(:, :size(a, 2)) = a
    call move_alloc(wide, a)
 end subroutine grow
-
-!> Join groups of few cells to the group with which they share the largest area, the smallest first
-subroutine join_small(group, facets, least)
-   !> Group of each cell, from 1, shape (cells)
-   integer, intent(inout) :: group(:)
-   !> Facets
-   type(facets_type), intent(in) :: facets
-   !> Cells of a group at least; a body apart from all others keeps what it has
-   integer, intent(in) :: least
-   type(csr_type) :: of_cell
-   integer, allocatable :: own(:), near(:)
-   integer(i8) :: e
-   integer :: members(maxval(group)), g, i, k, other
-   real(wp) :: shared(maxval(group))
-
-   call group_by(size(group), reshape(facets%side(:, :facets%n), [2*facets%n]), of_cell)
-   members = 0
-   do i = 1, size(group)
-      members(group(i)) = members(group(i)) + 1
-   end do
-   do
-      if (all(members == 0 .or. members >= least)) return
-      g = minloc(members, dim=1, mask=members > 0)
-      shared = 0.0_wp
-      own = pack([(i, i=1, size(group))], group == g)
-      near = [((of_cell%index(e), e=of_cell%offset(own(i)) + 1, of_cell%offset(own(i) + 1)), &
-         & i=1, size(own))]
-      near = (near + 1)/2
-      call sort(near)
-      do i = 1, size(near)
-         k = near(i)
-         if (facets%side(2, k) == 0) cycle
-         associate (a => group(facets%side(1, k)), b => group(facets%side(2, k)))
-            if (a == b) cycle
-            if (a == g) shared(b) = shared(b) + norm2(facets%area(:, k))
-            if (b == g) shared(a) = shared(a) + norm2(facets%area(:, k))
-         end associate
-      end do
-      other = maxloc(shared, dim=1)
-      if (.not. shared(other) > 0.0_wp) then
-         ! alone: never asked again
-         members(g) = least
-         cycle
-      end if
-      where (group == g) group = other
-      members(other) = members(other) + members(g)
-      members(g) = 0
-   end do
-end subroutine join_small
 
 !> Integration points from facets: volumes, centres and moments by the divergence theorem
 subroutine close_cells(self, cells, facets, group, filled)

@@ -1,10 +1,11 @@
 !> Gauss points in the cells between the source points of a lattice.
 !>
 !> Cells come in groups of two in each direction, within which the volume change is projected. Where
-!> their number is odd, one is left over. In space it is a group of its own in the middle, without a
-!> pressure that varies along its width: in groups of three cells volume goes from cell to cell
-!> almost for nothing (a rubber cube of 5^3 cells between plates, 30 % shorter: J from 0.08 to 4.0).
-!> In the plane such groups do no harm.
+!> their number is odd, one or three are left over. In space they are groups of their own in the
+!> middle, without a pressure that varies along their width: in groups of three cells volume goes
+!> from cell to cell almost for nothing (a rubber cube of 5^3 cells between plates, 30 % shorter: J
+!> from 0.08 to 4.0). In the plane such groups do no harm, but of five cells there is one in the
+!> middle.
 !>
 !> Faces that the border of a named set cuts have finer points, which lie on one side of it each.
 module rk_gauss_cells
@@ -304,32 +305,29 @@ pure subroutine compose(rule, share, parts, fine_rule, fine_share)
    end do
 end subroutine compose
 
-!> Groups of cells in one direction, which lie symmetrically where they can
+!> Groups of cells in one direction, which lie symmetrically: a mirrored body is the same one
 elemental subroutine arrange(cells, in_space, pairs, ones, groups)
    !> Cells in this direction
    integer, intent(in) :: cells
    !> Body in three dimensions
    logical, intent(in) :: in_space
-   !> Groups of two before the single cells; 0 in the plane
+   !> Groups of two before the single cells; 0 where there are none of these
    integer, intent(out) :: pairs
-   !> Single cells, in space only
+   !> Single cells
    integer, intent(out) :: ones
    !> All groups
    integer, intent(out) :: groups
 
-   pairs = 0
    ones = 0
-   if (in_space) then
-      if (mod(cells, 2) == 1) ones = merge(1, mod(cells, 4), cells == 3)
-      ! of three cells the pair comes first; three single ones would lock
-      pairs = merge(1, (cells - ones)/4, cells == 3)
+   groups = max(1, cells/group_size)
+   if (mod(cells, 2) == 1 .and. (in_space .or. cells == 5)) then
+      ones = merge(mod(cells, 4), 1, in_space)
       groups = ones + (cells - ones)/group_size
-   else
-      groups = max(1, cells/group_size)
-      ! an odd cell is in the middle of a symmetric row of groups, or there is no such row; groups
-      ! of one cell would make the pressure oscillate
-      if (mod(cells, 2) == 1 .and. mod(groups, 2) == 0 .and. groups > 2) groups = groups - 1
+   else if (mod(cells, 2) == 1 .and. mod(groups, 2) == 0) then
+      ! an odd cell is in the middle group of an odd number of groups
+      groups = groups - 1
    end if
+   pairs = (cells - ones)/4
 end subroutine arrange
 
 !> First cell of a group, from 0

@@ -11,6 +11,7 @@ module rk_nodal_cells
    use rk_cloud, only : cloud_type
    use rk_error, only : error_type
    use rk_facets, only : close_cells, facets_type
+   use rk_groups, only : threes
    use rk_lattice, only : digits_of, lattice_frame, place_of, set_number
    use rk_precision, only : wp
    use rk_voronoi, only : voronoi_facets
@@ -49,8 +50,8 @@ subroutine nodal_cells(self, cloud, error)
       end if
       lattice = 1
       lattice(:cloud%nd) = cloud%lattice
-      last = group_of(lattice - 1, lattice)
-      group = [(place_of(group_of(lattice_index(cloud, is), lattice), last + 1), &
+      last = threes(lattice - 1, lattice)
+      group = [(place_of(threes(lattice_index(cloud, is), lattice), last + 1), &
          & is=1, size(cloud%source, 2))]
    else
       call voxel_facets(facets, cloud, group, filled, error)
@@ -58,39 +59,6 @@ subroutine nodal_cells(self, cloud, error)
    if (allocated(error)) return
    call close_cells(self, size(group), facets, group, filled)
 end subroutine nodal_cells
-
-!> Group of a cell in one direction of a lattice, from 0: threes, as symmetric as can be
-!>
-!> Between groups of two, linear pressures can alternate almost without work: their inf-sup constant
-!> falls with the spacing, that of groups of three does not.
-elemental integer function group_of(cell, cells) result(group)
-   !> Cell, from 0
-   integer, intent(in) :: cell
-   !> Cells in this direction
-   integer, intent(in) :: cells
-   integer :: threes
-
-   threes = cells/3
-   group = cell/3
-   ! five are three and two
-   if (cells <= 5) then
-      if (cells == 4) group = 0
-      return
-   end if
-   select case (mod(cells, 3))
-   case (1)
-      if (mod(threes, 2) == 1) then
-         ! a group of four in the middle
-         if (cell > 3*(threes/2) + 2) group = (cell - 1)/3
-      else
-         ! one cell alone in the middle
-         if (cell > 3*(threes/2)) group = (cell + 2)/3
-      end if
-   case (2)
-      ! fours at the ends
-      group = min(max(cell - 1, 0)/3, threes - 1)
-   end select
-end function group_of
 
 !> Place of a source point in its lattice, from 0
 pure function lattice_index(cloud, is) result(index)

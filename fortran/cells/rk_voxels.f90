@@ -4,7 +4,8 @@ module rk_voxels
    use rk_cloud, only : cloud_type
    use rk_csr, only : csr_type, group_by
    use rk_error, only : error_type, fatal_error, err_input
-   use rk_facets, only : facets_type, join_small
+   use rk_facets, only : facets_type
+   use rk_groups, only : join_small, threes, twos
    use rk_precision, only : i8, wp
    use rk_text, only : to_text
    implicit none
@@ -21,11 +22,10 @@ module rk_voxels
       procedure :: nearest => nearest_entry
    end type face_entries
 
-   !> Source spacings that make a group, in each direction: linear pressures on two do not satisfy
-   !> the inf-sup condition with nodal integration, on three they do
-   integer, parameter :: group_size = 3
-   !> Blocks between source points that make a group, in each direction
-   integer, parameter :: pair = 2
+   !> Nodal cells that a group has at least, half of 3 x 3 x 3, and blocks, half of 2 x 2 x 2
+   integer, parameter :: least_nodal = 14, least_blocks = 4
+   !> Normals that are as near to a face's
+   real(wp), parameter :: same = 1.0e-6_wp
 
 contains
 
@@ -45,7 +45,7 @@ subroutine voxel_facets(facets, cloud, group, filled, error)
    type(error_type), allocatable, intent(out) :: error
    real(wp) :: area(3), x(3), part
    real(wp), allocatable :: centre(:, :), share(:)
-   integer, allocatable :: owner(:), at(:, :), voxel(:, :, :)
+   integer, allocatable :: owner(:), at(:, :), voxel(:, :, :), least(:)
    type(face_entries) :: entries
    integer :: n(3), cells, ip, other, d, side, next(3), entry
 
@@ -109,13 +109,8 @@ subroutine voxel_facets(facets, cloud, group, filled, error)
          end do
       end do
    end do
-   if (allocated(cloud%block)) then
-      group = pairs_of(cloud%block, owner, cells)
-      call join_small(group, facets, pair**3/2)
-   else
-      group = threes_of(cloud)
-      call join_small(group, facets, (group_size**3 + 1)/2)
-   end if
+   call find_groups(cloud, owner, cells, group, least)
+   call join_small(group, facets, least)
 end subroutine voxel_facets
 
 !> Cell of each voxel: that of its block, or of the nearest source point
@@ -158,43 +153,44 @@ subroutine find_owners(cloud, owner, cells, error)
    owner = number(place)
 end subroutine find_owners
 
-!> Groups of two blocks in each direction; of an odd number one in the middle is alone
-pure function pairs_of(block, owner, cells) result(group)
-   !> Block of each voxel, from 0, shape (3, nc)
-   integer, intent(in) :: block(:, :)
-   !> Its cell, shape (nc)
+!> Groups of two blocks in each direction, or of three source spacings
+pure subroutine find_groups(cloud, owner, cells, group, least)
+   !> Cloud of a model
+   type(cloud_type), intent(in) :: cloud
+   !> Cell of each voxel, shape (nc)
    integer, intent(in) :: owner(:)
    !> Number of cells
    integer, intent(in) :: cells
-   integer :: group(cells)
-   integer :: n(3), at(3), ip
-
-   n = maxval(block, dim=2) + 1
-   do ip = 1, size(owner)
-      at = block(:, ip)/pair
-      where (mod(n, pair) == 1 .and. block(:, ip) > pair*((n - 1)/(2*pair))) &
-         & at = (block(:, ip) + 1)/pair
-      group(owner(ip)) = 1 + at(1) + n(1)*(at(2) + n(2)*at(3))
-   end do
-end function pairs_of
-
-!> Groups of three source spacings in each direction
-pure function threes_of(cloud) result(group)
-   !> Cloud of a model
-   type(cloud_type), intent(in) :: cloud
-   integer :: group(size(cloud%source, 2))
+   !> Group of each cell, from 1
+   integer, allocatable, intent(out) :: group(:)
+   !> Cells that a group has at least, shape (groups)
+   integer, allocatable, intent(out) :: least(:)
    real(wp) :: step(3), low(3)
-   integer :: blocks(3), next(3), is
+   integer :: at(3, cells), full(3), n(3), d, i, k
 
-   step = minval(cloud%spacing, dim=2)
-   low = minval(cloud%source, dim=2)
-   blocks = 1 + int((maxval(cloud%source, dim=2) - low)/(group_size*step) + 0.5_wp)
-   do is = 1, size(group)
-      next = min(int((cloud%source(:, is) - low)/(group_size*step) + 0.25_wp/group_size), &
-         & blocks - 1)
-      group(is) = 1 + next(1) + blocks(1)*(next(2) + blocks(2)*next(3))
+   if (allocated(cloud%block)) then
+      at(:, owner) = cloud%block
+   else
+      step = minval(cloud%spacing, dim=2)
+      low = minval(cloud%source, dim=2)
+      do i = 1, cells
+         at(:, i) = nint((cloud%source(:, i) - low)/step)
+      end do
+   end if
+   n = maxval(at, dim=2) + 1
+   allocate (group(cells), least(product(n)))
+   least = least_nodal
+   do i = 1, cells
+      if (allocated(cloud%block)) then
+         full = [(count(twos([(d, d=0, n(k) - 1)], n(k)) == twos(at(k, i), n(k))), k=1, 3)]
+         at(:, i) = twos(at(:, i), n)
+      else
+         at(:, i) = threes(at(:, i), n)
+      end if
+      group(i) = 1 + at(1, i) + n(1)*(at(2, i) + n(2)*at(3, i))
+      if (allocated(cloud%block)) least(group(i)) = min(least_blocks, (product(full) + 1)/2)
    end do
-end function threes_of
+end subroutine find_groups
 
 !> Mean of the voxels of each cell
 pure function mean_of(values, owner, cells) result(mean)
@@ -226,7 +222,8 @@ pure subroutine find_entries(self, cloud)
    call group_by(size(cloud%points, 2), cloud%boundary_point, self%of)
 end subroutine find_entries
 
-!> Boundary entry of a voxel's face: the one whose normal is nearest to the face's, 0 without one
+!> Boundary entry of a voxel's face: the one whose normal is nearest to the face's, of several that
+!> of the first set; 0 without one
 pure integer function nearest_entry(self, cloud, ip, area)
    !> Entries
    class(face_entries), intent(in) :: self
@@ -239,11 +236,16 @@ pure integer function nearest_entry(self, cloud, ip, area)
    real(wp) :: most
    integer(i8) :: k
 
-   most = -huge(1.0_wp)
    nearest_entry = 0
    do k = self%of%offset(ip) + 1, self%of%offset(ip + 1)
       associate (e => self%of%index(k))
-         if (dot_product(cloud%normal(:, e), area) <= most) cycle
+         if (nearest_entry > 0) then
+            associate (more => dot_product(cloud%normal(:, e), area) - most)
+               if (more < -same*norm2(area)) cycle
+               if (more <= same*norm2(area) .and. cloud%boundary_set(e) &
+                  & >= cloud%boundary_set(nearest_entry)) cycle
+            end associate
+         end if
          most = dot_product(cloud%normal(:, e), area)
          nearest_entry = e
       end associate

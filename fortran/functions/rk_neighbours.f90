@@ -8,7 +8,7 @@ module rk_neighbours
    implicit none
    private
 
-   public :: find_neighbours, nearest_points, covers
+   public :: find_neighbours, nearest_points, all_nearest, most_central, covers
 
    !> Source points sorted into boxes of the size of the largest support
    type :: boxes_type
@@ -20,6 +20,10 @@ module rk_neighbours
 
    !> Points on the rim of a support, where the window vanishes, stay out whatever their rounding
    real(wp), parameter :: inside = 1.0_wp - 1.0e-12_wp
+   !> Distances that differ by less than this share of the spacing of points are the same
+   real(wp), parameter :: same = 1.0e-6_wp
+   !> Points that may be nearest to one place, the corners of a cell of a lattice
+   integer, parameter :: most_ties = 8
 
 contains
 
@@ -73,51 +77,96 @@ subroutine find_neighbours(self, source, support, place, window, error)
    !$omp end parallel do
 end subroutine find_neighbours
 
-!> Number of the point nearest to each place; of equally near ones the first, shape (places)
+!> Number of the point nearest to each place, of equally near ones the most central, shape (places)
 function nearest_points(point, place) result(nearest)
    !> Points, at least one, shape (nd, np) [length]
    real(wp), intent(in) :: point(:, :)
    !> Places, shape (nd, places) [length]
    real(wp), intent(in) :: place(:, :)
    integer :: nearest(size(place, 2))
+   integer, allocatable :: near(:, :)
+   integer :: ip
+
+   call all_nearest(point, place, near)
+   nearest = near(1, :)
+   do ip = 1, size(nearest)
+      if (near(2, ip) > 0) nearest(ip) = most_central(point, pack(near(:, ip), near(:, ip) > 0))
+   end do
+end function nearest_points
+
+!> Of some points the one nearest to the middle of all, and of these the lowest in x, in y, in z: a
+!> choice between equals that hangs neither on their order nor on where the body lies, and seldom on
+!> its handedness
+pure integer function most_central(point, among)
+   !> Points, shape (nd, np) [length]
+   real(wp), intent(in) :: point(:, :)
+   !> Numbers of some, at least one
+   integer, intent(in) :: among(:)
+   real(wp) :: middle(size(point, 1)), slack
+   real(wp), allocatable :: away(:)
+   integer, allocatable :: left(:)
+   integer :: d, k
+
+   middle = 0.5_wp*(maxval(point, dim=2) + minval(point, dim=2))
+   slack = same*spacing_of(point)
+   away = [(norm2(point(:, among(k)) - middle), k=1, size(among))]
+   left = pack(among, away <= minval(away) + slack)
+   do d = 1, size(point, 1)
+      left = pack(left, point(d, left) <= minval(point(d, left)) + slack)
+   end do
+   most_central = left(1)
+end function most_central
+
+!> Spacing of points, if they were a lattice [length]
+pure real(wp) function spacing_of(point)
+   !> Points, shape (nd, np) [length]
+   real(wp), intent(in) :: point(:, :)
+
+   spacing_of = max(maxval(maxval(point, dim=2) - minval(point, dim=2)) &
+      & /real(size(point, 2), wp)**(1.0_wp/size(point, 1)), tiny(1.0_wp))
+end function spacing_of
+
+!> Numbers of the points nearest to each place, several where these are equally near
+subroutine all_nearest(point, place, near)
+   !> Points, at least one, shape (nd, np) [length]
+   real(wp), intent(in) :: point(:, :)
+   !> Places, shape (nd, places) [length]
+   real(wp), intent(in) :: place(:, :)
+   !> Numbers ascending, 0 behind them, shape (most_ties, places)
+   integer, allocatable, intent(out) :: near(:, :)
    type(boxes_type) :: cells
-   real(wp) :: radius(size(point, 1), size(point, 2)), distance
-   integer, allocatable :: found(:)
+   real(wp) :: radius(size(point, 1), size(point, 2)), slack
+   real(wp), allocatable :: distance(:)
+   integer, allocatable :: found(:), ties(:)
    integer :: ip, k, n
    logical :: all_in
 
    ! of points on a lattice those of one spacing around
-   radius = maxval(maxval(point, dim=2) - minval(point, dim=2)) &
-      & /real(size(point, 2), wp)**(1.0_wp/size(point, 1))
-   radius = max(radius, tiny(1.0_wp))
-   nearest = 0
+   radius = spacing_of(point)
+   slack = same*radius(1, 1)
+   allocate (near(most_ties, size(place, 2)), source=0)
    do
       call fill_cells(cells, point, radius)
       all_in = .true.
-      !$omp parallel do default(none) schedule(static) private(ip, k, n, found, distance) &
-      !$omp shared(cells, point, place, radius, nearest) reduction(.and.: all_in)
+      !$omp parallel do default(none) schedule(static) private(ip, k, n, found, distance, ties) &
+      !$omp shared(cells, point, place, radius, near, slack) reduction(.and.: all_in)
       do ip = 1, size(place, 2)
-         if (nearest(ip) > 0) cycle
+         if (near(1, ip) > 0) cycle
          if (.not. allocated(found)) allocate (found(size(point, 2)))
          call search(cells, point, radius, place(:, ip), window_radial, n, found)
          all_in = all_in .and. n > 0
-         distance = huge(1.0_wp)
-         do k = 1, n
-            associate (d => sum((point(:, found(k)) - place(:, ip))**2))
-               ! the square of a distance may overflow
-               if (nearest(ip) == 0 .or. d < distance .or. (.not. d > distance &
-                  .and. found(k) < nearest(ip))) then
-                  distance = d
-                  nearest(ip) = found(k)
-               end if
-            end associate
-         end do
+         if (n == 0) cycle
+         distance = [(norm2(point(:, found(k)) - place(:, ip)), k=1, n)]
+         ties = pack(found(:n), distance <= minval(distance) + slack)
+         call sort(ties)
+         n = min(size(ties), most_ties)
+         near(:n, ip) = ties(:n)
       end do
       !$omp end parallel do
       if (all_in) return
       radius = 2.0_wp*radius
    end do
-end function nearest_points
+end subroutine all_nearest
 
 !> Whether the support of a source point contains a place
 pure logical function covers(r, a, window)

@@ -19,6 +19,10 @@ module rk_discretisation
 
    !> Stresses below this share of a modulus are roundings [-]
    real(wp), parameter :: rounding = 1.0e4_wp*epsilon(1.0_wp)
+   !> Strains below this share of what moves and turns the body are left by iterations [-]
+   real(wp), parameter :: of_motion = 1.0e-6_wp
+   !> Strains above this never are [-]
+   real(wp), parameter :: most_slack = 1.0e-5_wp
 
    !> A discretised scene
    type, abstract, extends(problem_type) :: discretisation_type
@@ -60,6 +64,8 @@ module rk_discretisation
       procedure, non_overridable :: at_point
       !> Largest stress of a state, and the stiffness of which it may be a rounding
       procedure, non_overridable :: largest_stress
+      !> Whether nothing is strained in a state
+      procedure, non_overridable :: unstrained
    end type discretisation_type
 
    abstract interface
@@ -376,6 +382,41 @@ subroutine largest_stress(self, state, stress, stiffness)
       stress = max(stress, maxval(abs(local%p)))
    end do
 end subroutine largest_stress
+
+!> Whether strains and stresses of a state are roundings: of a body at rest, or carried and turned
+!> as a whole
+logical function unstrained(self, state)
+   !> Problem
+   class(discretisation_type), intent(in) :: self
+   !> State
+   type(field_state), intent(in) :: state
+   type(point_state) :: local
+   real(wp) :: h(3, 3), strain, stress, stiffness, motion(2)
+   integer :: i, ip
+
+   unstrained = .false.
+   if (self%linear) return
+   motion = 0.0_wp
+   strain = 0.0_wp
+   associate (points => self%scene%cloud%points)
+      do ip = 1, size(points, 2)
+         call self%at_point(state, ip, local)
+         h = matmul(transpose(local%f), local%f)
+         do i = 1, 3
+            h(i, i) = h(i, i) - 1.0_wp
+            local%f(i, i) = local%f(i, i) - 1.0_wp
+         end do
+         strain = max(strain, 0.5_wp*norm2(h))
+         if (.not. strain <= most_slack) return
+         motion = max(motion, [norm2(local%u), norm2(local%f)])
+      end do
+      motion(1) = motion(1)/norm2(maxval(points, dim=2) - minval(points, dim=2))
+   end associate
+   call self%largest_stress(state, stress, stiffness)
+   associate (least => max(rounding, min(most_slack, of_motion*sum(motion))))
+      unstrained = strain <= least .and. stress <= least*stiffness
+   end associate
+end function unstrained
 
 !> Deformation gradient (5.28), (5.29) and its derivatives from the displacement's derivatives
 pure subroutine deformation(nd, u, f, h)

@@ -93,6 +93,8 @@ module rk_newton
       integer :: limit = 0
       !> |A^T r| at the last converged state, or |r| where steps are solved to few digits
       real(wp) :: first_gradient = 0.0_wp
+      !> The first step, over the size of the unknowns [-]
+      real(wp) :: first_step = huge(1.0_wp)
       !> Sizes of the unknowns that steps are small against
       real(wp) :: extent(2) = 0.0_wp
       !> |r| before the last iterations, the latest first
@@ -133,6 +135,9 @@ module rk_newton
    real(wp), parameter :: caution = 10.0_wp
    !> Steps below this share of the unknowns, or of the size of the body, are rounding [-]
    real(wp), parameter :: rounding = 1.0e-13_wp
+   !> Steps below this share of the unknowns where all were below the tolerance: the load step began
+   !> where it ends, as where a programme stands still, and its gradient is a rounding [-]
+   real(wp), parameter :: stands = 1.0e-10_wp
 
 contains
 
@@ -296,6 +301,7 @@ contains
       end if
       if (scale > 0.0_wp) moved = scale*moved
       self%step_norm = maxval(moved/now%extent)
+      if (self%iterations == 1) now%first_step = self%step_norm
       now%still = scale > 0.0_wp .and. problem%extent > 0.0_wp .and. all(moved <= rounding)
       it%step = step
       it%load = load
@@ -573,7 +579,8 @@ pure logical function converged(self, now)
       & .or. self%gradient < now%balance)) .or. (now%free .and. now%left < nothing) &
       ! a full Newton step may end where rounding keeps every further one from being accepted
       & .or. self%gradient < rounding
-   converged = converged .or. (self%iterations > 0 .and. now%whole .and. now%still)
+   converged = converged .or. (self%iterations > 0 .and. now%whole .and. now%still) &
+      & .or. (now%first_step < self%tolerance .and. now%whole .and. self%step_norm < stands)
    ! where rounding lets no step through, the last one is damped without an end
    converged = converged .or. (self%iterations > 0 .and. self%step_norm < rounding &
       & .and. self%gradient < now%balance)

@@ -2,6 +2,7 @@
 module rk_probes
    use rk_discretisation, only : discretisation_type
    use rk_error, only : error_type
+   use rk_neighbours, only : nearest_points
    use rk_precision, only : pi, wp
    use rk_scene, only : probe_type, scene_type
    use rk_shape, only : shape_type
@@ -34,15 +35,12 @@ subroutine new_probes(self, scene, error)
    integer :: i, nd
 
    nd = scene%cloud%nd
-   allocate (self%nearest(size(scene%probe)))
    do i = 1, size(scene%probe)
-      self%nearest(i) = 1
       place(:, i) = scene%cloud%points(:, 1)
       if (.not. scene%probe(i)%at_a_place()) cycle
       place(:, i) = scene%probe(i)%point(:nd)
-      self%nearest(i) = minloc(sum((scene%cloud%points - spread(place(:, i), 2, &
-         & size(scene%cloud%points, 2)))**2, dim=1), dim=1)
    end do
+   self%nearest = nearest_points(scene%cloud%points, place)
    if (size(scene%probe) == 0) return
    call scene%shape_at(place, self%shape, error)
    if (allocated(error)) error%message = 'probe: '//error%message

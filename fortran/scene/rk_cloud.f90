@@ -4,7 +4,7 @@ module rk_cloud
    use rk_error, only : error_type, fatal_error, err_input
    use rk_kernel, only : window_product
    use rk_memory, only : available_bytes
-   use rk_neighbours, only : find_neighbours, nearest_points
+   use rk_neighbours, only : all_nearest, find_neighbours, most_central
    use rk_precision, only : i8, wp
    use rk_region, only : region_type
    use rk_text, only : to_text
@@ -112,6 +112,7 @@ module rk_cloud
       !> Centres of the voxels, or the collocation points
       procedure :: centres
       !> Source point nearest to each collocation point
+      procedure :: nearest_sources
       procedure :: nearest_source
    end type cloud_type
 
@@ -224,19 +225,31 @@ pure function centres(self) result(at)
    end do
 end function centres
 
-!> Source point nearest to each collocation point, or to the centre of its voxel where it has one,
-!> in source spacings
-function nearest_source(self) result(owner)
+!> Source points nearest to each collocation point, or to the centre of its voxel where it has one,
+!> in source spacings: several where these are equally near, 0 behind them, shape (:, nc)
+function nearest_sources(self) result(near)
    !> Cloud
    class(cloud_type), intent(in) :: self
-   integer, allocatable :: owner(:)
+   integer, allocatable :: near(:, :)
    real(wp), allocatable :: at(:, :)
    real(wp) :: step(size(self%source, 1))
 
    at = self%centres()
    step = minval(self%spacing, dim=2)
-   owner = nearest_points(self%source/spread(step, 2, size(self%source, 2)), &
-      & at/spread(step, 2, size(at, 2)))
+   call all_nearest(self%source/spread(step, 2, size(self%source, 2)), &
+      & at/spread(step, 2, size(at, 2)), near)
+end function nearest_sources
+
+!> The most central of these
+function nearest_source(self) result(owner)
+   !> Cloud
+   class(cloud_type), intent(in) :: self
+   integer, allocatable :: owner(:)
+   integer, allocatable :: near(:, :)
+   integer :: ip
+
+   near = self%nearest_sources()
+   owner = [(most_central(self%source, pack(near(:, ip), near(:, ip) > 0)), ip=1, size(near, 2))]
 end function nearest_source
 
 !> Refuse arrays from a file or from Python that do not fit together, or that point to what is not

@@ -13,6 +13,8 @@ module rk_coarse_cloud
    integer, parameter :: least_layers = 2
    !> Share of a block from which on it belongs to the body [-]
    real(wp), parameter :: least_share = 1.0_wp/3.0_wp
+   !> Shares that differ by less are the same [-]
+   real(wp), parameter :: same = 1.0e-6_wp
 
 contains
 
@@ -86,9 +88,9 @@ contains
       integer :: best(3)
 
       best = place
-      if (volume(place(1), place(2), place(3)) > least_share*whole) return
-      best = place + maxloc(volume(place(1) - 1:place(1) + 1, place(2) - 1:place(2) + 1, &
-         & place(3):place(3))) - 2
+      if (volume(place(1), place(2), place(3)) > (1.0_wp + same)*least_share*whole) return
+      best = place + maxloc(nint(volume(place(1) - 1:place(1) + 1, place(2) - 1:place(2) + 1, &
+         & place(3):place(3))/(same*whole))) - 2
       best(3) = place(3)
    end function home
 
@@ -151,8 +153,8 @@ subroutine merge_points(cloud, coarse, block)
       ! points that hold some of a label but have another bring no fiber of it; a label of points
       ! may have no fraction at all
       if (.not. any(present(:, f))) present(:, f) = .true.
-      coarse%label(f) = coarse%fraction_label(maxloc(coarse%fraction(:, f), dim=1, &
-         & mask=present(:, f)))
+      coarse%label(f) = coarse%fraction_label(maxloc(nint(coarse%fraction(:, f)/same), &
+         & dim=1, mask=present(:, f)))
       if (norm2(coarse%fiber(:, f)) > 0.0_wp) &
          & coarse%fiber(:, f) = coarse%fiber(:, f)/norm2(coarse%fiber(:, f))
    end do

@@ -1,7 +1,7 @@
 !> Fractions of tissues at places, and the points whose fibers a tissue has there.
 module rk_fractions
    use rk_material, only : kind_i4
-   use rk_neighbours, only : nearest_points
+   use rk_neighbours, only : all_nearest, nearest_points
    use rk_precision, only : wp
    use rk_scene, only : scene_type
    use rk_shape, only : shape_type
@@ -38,31 +38,34 @@ function shares(scene) result(share)
    !> Scene
    type(scene_type), intent(in) :: scene
    real(wp), allocatable :: share(:, :)
-   real(wp) :: volume(size(scene%cloud%source, 2))
-   integer, allocatable :: nearest(:), owner(:)
-   integer :: ip, is
+   real(wp) :: volume(size(scene%cloud%source, 2)), part
+   integer, allocatable :: near(:, :), owner(:, :)
+   integer :: ip, is, k, n
 
    allocate (share(size(scene%tissue), size(volume)), source=0.0_wp)
-   nearest = nearest_points(scene%cloud%points, scene%cloud%source)
-   if (.not. allocated(scene%tissue_part)) then
-      do is = 1, size(volume)
-         share(scene%tissue_of(nearest(is)), is) = 1.0_wp
-      end do
-      return
-   end if
-   owner = scene%cloud%nearest_source()
    volume = 0.0_wp
-   do ip = 1, size(owner)
-      associate (is => owner(ip), part => scene%cloud%volume(ip))
-         volume(is) = volume(is) + part
-         share(:, is) = share(:, is) + part*scene%tissue_part(:, ip)
-      end associate
-   end do
+   if (allocated(scene%tissue_part)) then
+      owner = scene%cloud%nearest_sources()
+      do ip = 1, size(owner, 2)
+         n = count(owner(:, ip) > 0)
+         part = scene%cloud%volume(ip)/n
+         do k = 1, n
+            associate (at => owner(k, ip))
+               volume(at) = volume(at) + part
+               share(:, at) = share(:, at) + part*scene%tissue_part(:, ip)
+            end associate
+         end do
+      end do
+   end if
+   call all_nearest(scene%cloud%points, scene%cloud%source, near)
    do is = 1, size(volume)
       if (volume(is) > 0.0_wp) then
          share(:, is) = share(:, is)/volume(is)
       else
-         share(:, is) = scene%tissue_part(:, nearest(is))
+         n = count(near(:, is) > 0)
+         do k = 1, n
+            share(:, is) = share(:, is) + own_parts(scene, near(k, is))/n
+         end do
       end if
    end do
 end function shares

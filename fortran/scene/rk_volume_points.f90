@@ -6,7 +6,7 @@
 !> the row stands at the centroid of each: patches reach to the surface, however ragged it is.
 module rk_volume_points
    use rk_cloud, only : cloud_type
-   use rk_neighbours, only : nearest_points
+   use rk_neighbours, only : most_central, nearest_points
    use rk_precision, only : wp
    implicit none
    private
@@ -18,6 +18,8 @@ module rk_volume_points
    !> Rounds in which patches and their centroids follow each other (Lloyd's iteration); patches
    !> even out in the first few
    integer, parameter :: rounds = 6
+   !> Distances that differ by less are the same, in spacings
+   real(wp), parameter :: as_far = 1.0e-6_wp
 
 contains
 
@@ -64,8 +66,10 @@ subroutine choose_seeds(cloud, pitch, width)
    real(wp), intent(in) :: width
    real(wp) :: distance(size(pitch, 2))
    logical :: free(size(pitch, 2))
+   real(wp) :: scaled(cloud%nd, size(pitch, 2))
    integer :: near(size(pitch, 2)), seed(size(pitch, 2)), ip, n
 
+   scaled = cloud%points/spread(sum(cloud%spacing, dim=2)/size(cloud%spacing, 2), 2, size(near))
    near = owners(cloud, cloud%source)
    do ip = 1, size(distance)
       distance(ip) = sum(((cloud%points(:, ip) - cloud%source(:, near(ip)))/pitch(:, ip))**2)
@@ -74,10 +78,11 @@ subroutine choose_seeds(cloud, pitch, width)
    n = 0
    do while (any(free))
       n = n + 1
-      seed(n) = maxloc(distance, dim=1, mask=free)
+      seed(n) = most_central(scaled, pack([(ip, ip=1, size(free))], free &
+         & .and. distance >= maxval(distance, mask=free) - as_far))
       do ip = 1, size(free)
          if (free(ip)) free(ip) = sum(((cloud%points(:, ip) - cloud%points(:, seed(n))) &
-            & /pitch(:, ip))**2) >= width**2
+            & /pitch(:, ip))**2) >= (width - as_far)**2
       end do
       ! whatever the rounding
       free(seed(n)) = .false.

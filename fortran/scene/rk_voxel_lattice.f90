@@ -38,7 +38,10 @@ subroutine corner_sources(cloud, blocks, single)
    allocate (cloud%block, mold=cloud%voxels%index)
    allocate (taken(0:cells(1), 0:cells(2), 0:cells(3)), source=.false.)
    do ip = 1, size(cloud%voxels%index, 2)
-      cloud%block(:, ip) = (2*(cloud%voxels%index(:, ip) - low) + 1)*cells/(2*n)
+      ! a centre between two blocks belongs to the inner one
+      associate (at => 2*(cloud%voxels%index(:, ip) - low) + 1)
+         cloud%block(:, ip) = (at*cells - merge(1, 0, at > n))/(2*n)
+      end associate
       associate (at => cloud%block(:, ip))
          taken(at(1):at(1) + 1, at(2):at(2) + 1, at(3):at(3) + 1) = .true.
       end associate

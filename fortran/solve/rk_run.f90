@@ -53,6 +53,8 @@ module rk_run
       real(wp), allocatable :: load(:)
       !> Their unknowns, shape (unknowns, n)
       real(wp), allocatable :: x(:, :)
+      !> Nothing is strained in any of them: the body is at rest, or moved as a whole
+      logical :: unstrained = .false.
       !> The one of them with the largest displacements
       type(field_state) :: peak
       !> Error of a linear problem, whose solution is known
@@ -264,8 +266,10 @@ subroutine find_imbalance(problem, outcome)
    most = 0.0_wp
    size_ = -1.0_wp
    if (.not. allocated(outcome%load)) return
+   outcome%unstrained = .true.
    do k = 1, size(outcome%load)
       call problem%state(outcome%x(:, k), outcome%load(k), state)
+      if (outcome%unstrained) outcome%unstrained = problem%unstrained(state)
       call set_forces(problem, state, left, largest)
       most = max(most, [left, largest])
       norms = problem%scaled_norms(state%x)

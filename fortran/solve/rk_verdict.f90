@@ -112,7 +112,8 @@ subroutine judge(self, problem, deck, model, with_companion, receiver, outcome)
    end if
    if (problem%linear) then
       call judge_norms(self, outcome)
-   else
+   else if (.not. outcome%unstrained) then
+      ! roundings would be compared with roundings
       call judge_works(self, problem, outcome)
       call self%compare(outcome%imbalance, of_balance, 'the forces on all boundary ' &
          & //'sets do not balance: # of the largest is left')
@@ -150,6 +151,7 @@ subroutine judge(self, problem, deck, model, with_companion, receiver, outcome)
    if (self%companion%finer) kind = more_points
    if (self%companion%other_form) kind = another_form
    call bars_by_other(self%bars, problem, self%companion%seen, kind, self%companion%difference)
+   if (outcome%unstrained) return
    if (self%companion%coarse .and. problem%scene%method == 'rkpm-gauss' &
       & .and. allocated(problem%scene%cloud%lattice) .and. any([(self%bars%unresolved(i), &
       & i=1, size(self%bars%size))])) then

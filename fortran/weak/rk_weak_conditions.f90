@@ -196,7 +196,7 @@ subroutine set_penalty(self, scene, cells, shear)
    !> Modulus at each integration point whose multiple the penalty is, shape (np) [stress]
    real(wp), intent(in) :: shear(:)
    real(wp) :: spacing, step(size(cells%outward, 1))
-   integer :: q, s
+   integer :: s
 
    allocate (self%penalty(size(cells%set)))
    self%area = cells%part*norm2(cells%outward, dim=1)
@@ -212,10 +212,11 @@ subroutine set_penalty(self, scene, cells, shear)
    self%penalty = 0.0_wp
    if (scene%galerkin%transformation) return
    do s = 1, size(cells%set)
-      q = cells%lift_point(cells%lift_first(s) + 1)
       ! the spacing across the surface
       spacing = norm2(cells%outward(:, s)*step)/norm2(cells%outward(:, s))
-      self%penalty(s) = scene%galerkin%penalty/spacing*self%area(s)*shear(q)
+      ! of several tissues behind it the stiffest
+      self%penalty(s) = scene%galerkin%penalty/spacing*self%area(s) &
+         & *maxval(shear(cells%lift_point(cells%lift_first(s) + 1:cells%lift_first(s + 1))))
    end do
 end subroutine set_penalty
 
@@ -448,7 +449,9 @@ subroutine add_point_force(self, cells, s, state, held, traction, force, displac
    call self%shape%interpolate(s, state%x, 1, 1, u)
    p = lifted_stress(cells, s, state)
    part = 1.0_wp
-   if (allocated(state%part)) part = state%part(cells%lift_point(cells%lift_first(s) + 1))
+   associate (behind => cells%lift_point(cells%lift_first(s) + 1:cells%lift_first(s + 1)))
+      if (allocated(state%part)) part = sum(state%part(behind))/size(behind)
+   end associate
    do i = 1, size(u, 1)
       if (self%essential(i, s)) then
          force(i) = force(i) + dot_product(p(i, :size(cells%outward, 1)), cells%outward(:, s)) &

@@ -1,0 +1,138 @@
+!> Groups of cells within which the volume change is projected: symmetric rows in each direction,
+!> and those cut small by the surface joined to others. Which cells share a group hangs neither on
+!> the order of the points nor on where the body lies.
+module rk_groups
+   use rk_csr, only : csr_type, group_by, sort
+   use rk_facets, only : facets_type
+   use rk_precision, only : i8, wp
+   implicit none
+   private
+
+   public :: twos, threes, join_small
+
+   !> Distances and areas that differ by less than this share are the same
+   real(wp), parameter :: same = 1.0e-6_wp
+
+contains
+
+!> Group of a cell in one direction, from 0: twos, of an odd number one or three alone in the middle
+elemental integer function twos(cell, cells) result(group)
+   !> Cell, from 0
+   integer, intent(in) :: cell
+   !> Cells in this direction
+   integer, intent(in) :: cells
+   integer :: ones, pairs
+
+   ones = 0
+   if (mod(cells, 2) == 1) ones = mod(cells, 4)
+   pairs = (cells - ones)/4
+   group = cell/2
+   if (cell >= 2*pairs) group = cell - pairs
+   if (cell >= 2*pairs + ones) group = (cell + ones)/2
+end function twos
+
+!> Group of a nodal cell in one direction, from 0: threes, as symmetric rows
+!>
+!> Between groups of two, linear pressures can alternate almost without work: their inf-sup constant
+!> falls with the spacing, that of groups of three does not.
+elemental integer function threes(cell, cells) result(group)
+   !> Cell, from 0
+   integer, intent(in) :: cell
+   !> Cells in this direction
+   integer, intent(in) :: cells
+   integer :: n
+
+   n = cells/3
+   group = cell/3
+   ! three in the middle of five, whose outer cells are halves
+   if (cells <= 5) then
+      if (cells == 4) group = 0
+      if (cells == 5) group = (cell + 2)/3
+      return
+   end if
+   select case (mod(cells, 3))
+   case (1)
+      if (mod(n, 2) == 1) then
+         ! a group of four in the middle
+         if (cell > 3*(n/2) + 2) group = (cell - 1)/3
+      else
+         ! one cell alone in the middle
+         if (cell > 3*(n/2)) group = (cell + 2)/3
+      end if
+   case (2)
+      ! fours at the ends
+      group = min(max(cell - 1, 0)/3, n - 1)
+   end select
+end function threes
+
+!> Join groups of few cells to the group with which they share the largest area, the smallest and
+!> outermost first; of equal areas that of the innermost group
+subroutine join_small(group, facets, least)
+   !> Group of each cell, from 1, shape (cells)
+   integer, intent(inout) :: group(:)
+   !> Facets
+   type(facets_type), intent(in) :: facets
+   !> Cells of each group at least; a body apart from all others keeps what it has, shape (groups)
+   integer, intent(in) :: least(:)
+   type(csr_type) :: of_cell
+   integer, allocatable :: own(:), near(:)
+   logical, allocatable :: small(:)
+   integer(i8) :: e
+   integer :: members(size(least)), g, i, k, other
+   real(wp), dimension(size(least)) :: shared, away, weight
+   real(wp) :: centre(size(facets%x, 1), size(least)), middle(size(facets%x, 1)), extent
+
+   call group_by(size(group), reshape(facets%side(:, :facets%n), [2*facets%n]), of_cell)
+   associate (x => facets%x(:, :facets%n))
+      middle = 0.5_wp*(maxval(x, dim=2) + minval(x, dim=2))
+      extent = maxval(maxval(x, dim=2) - minval(x, dim=2))
+   end associate
+   centre = 0.0_wp
+   weight = 0.0_wp
+   do k = 1, facets%n
+      do i = 1, 2
+         if (facets%side(i, k) == 0) cycle
+         g = group(facets%side(i, k))
+         weight(g) = weight(g) + norm2(facets%area(:, k))
+         centre(:, g) = centre(:, g) + norm2(facets%area(:, k))*(facets%x(:, k) - middle)
+      end do
+   end do
+   away = norm2(centre, dim=1)/max(weight, tiny(1.0_wp))
+   members = 0
+   do i = 1, size(group)
+      members(group(i)) = members(group(i)) + 1
+   end do
+   do
+      small = members > 0 .and. members < least
+      if (.not. any(small)) return
+      small = small .and. members == minval(members, mask=small)
+      g = findloc(small .and. away >= maxval(away, mask=small) - same*extent, .true., dim=1)
+      shared = 0.0_wp
+      own = pack([(i, i=1, size(group))], group == g)
+      near = [((of_cell%index(e), e=of_cell%offset(own(i)) + 1, of_cell%offset(own(i) + 1)), &
+         & i=1, size(own))]
+      near = (near + 1)/2
+      call sort(near)
+      do i = 1, size(near)
+         k = near(i)
+         if (facets%side(2, k) == 0) cycle
+         associate (a => group(facets%side(1, k)), b => group(facets%side(2, k)))
+            if (a == b) cycle
+            if (a == g) shared(b) = shared(b) + norm2(facets%area(:, k))
+            if (b == g) shared(a) = shared(a) + norm2(facets%area(:, k))
+         end associate
+      end do
+      if (.not. any(shared > 0.0_wp)) then
+         ! alone: never asked again
+         members(g) = least(g)
+         cycle
+      end if
+      small = shared >= (1.0_wp - same)*maxval(shared)
+      other = findloc(small .and. away <= minval(away, mask=small) + same*extent, .true., dim=1)
+      where (group == g) group = other
+      members(other) = members(other) + members(g)
+      members(g) = 0
+   end do
+end subroutine join_small
+
+end module rk_groups
