@@ -295,21 +295,33 @@ def test_a_refused_gather_leaves_nothing_behind(deck: Path, tmp_path: Path, here
     assert len(rows_of(out)) == 2
 
 
-@pytest.mark.parametrize("change", [{"point": 7}, {"point": "1"}, {"errors": ...}, None], ids=str)
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda line: line.replace('"point": 1', '"point": 0'),
+        lambda line: line.replace('"point": 1', '"point": -1'),
+        lambda line: line.replace('"failed"', '"accepted"'),
+        lambda line: line.replace('"probes": {}', '"probes": {"pull": 3.0}'),
+        lambda line: line.replace('"cpu_s": 1.0', '"cpu_s": 1.5'),
+        lambda line: line[: len(line) // 2],
+        lambda line: "[" * 100_000,
+        lambda line: "3",
+    ],
+)
 def test_points_that_are_read_back_are_checked(
-    deck: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, here: None, change: dict | None
-) -> None:
+    deck: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, here: None,
+    damage: Callable[[str], str],
+) -> None:  # fmt: skip
     solved = {"verdict": "failed", "message": "", "probes": {}, "errors": {}, "cpu_s": 1.0}
     monkeypatch.setattr(run, "solve_point", lambda *call: solved)
     sweep(deck, ["material.rubber.mu=5,10"], tmp_path)
     path = tmp_path / "points.jsonl"
     *before, last = path.read_text().splitlines()
-    row = {**json.loads(last), **(change or {})}
-    row = {name: entry for name, entry in row.items() if entry is not ...}
-    line = '{"point": 1, "pro' if change is None else json.dumps(row)
-    path.write_text("\n".join([*before, line]) + "\n")
-    with pytest.raises(InputError, match=r"points\.jsonl:3: is not what a sweep writes; remove"):
-        sweep(deck, ["material.rubber.mu=5,10"], tmp_path)
+    assert damage(last) != last
+    for line, said in ((damage(last), "is not what a sweep wrote"), (before[-1], "second time")):
+        path.write_text("\n".join([*before, line]) + "\n")
+        with pytest.raises(InputError, match=rf"points\.jsonl:3: .*{said}; remove the line"):
+            sweep(deck, ["material.rubber.mu=5,10"], tmp_path)
     path.write_text("\n".join(before) + "\n")
     sweep(deck, ["material.rubber.mu=5,10"], tmp_path)
     assert path.read_text().splitlines() == [*before, last]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import zlib
 from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
@@ -15,10 +16,6 @@ from myork.files import open_output, whole_file, write_csv, write_json, write_te
 from myork.sweeps.inputs import LAST_COLUMNS, Inputs
 
 __all__ = ["Store", "has_parquet", "read_points"]
-
-
-#: Entries of a finished point
-_ENTRIES = ("point", "probes", "errors", *LAST_COLUMNS)
 
 
 def read_points(path: Path, inputs: Inputs) -> dict[int, dict[str, Any]]:
@@ -41,16 +38,14 @@ def read_points(path: Path, inputs: Inputs) -> dict[int, dict[str, Any]]:
     if refusal := inputs.refusal(path, head):
         raise InputError(refusal)
     rows: dict[int, dict[str, Any]] = {}
-    of = range(len(inputs.head["points"]))
     for number, line in enumerate(lines, 2):
-        try:
-            row = json.loads(line)
-            rows[of[row["point"]]] = row | {name: row[name] for name in _ENTRIES}
-        except (ValueError, LookupError, TypeError):
+        row = _checked(line)
+        if row is None or row["point"] in rows:
+            what = "is not what a sweep wrote" if row is None else "has a point for the second time"
             raise InputError(
-                f"{path}:{number}: is not what a sweep writes; remove the line, and its point is "
-                "solved again"
-            ) from None
+                f"{path}:{number}: {what}; remove the line, and its point is solved again"
+            )
+        rows[row["point"]] = row
     return rows
 
 
@@ -87,8 +82,8 @@ class Store:
         """
         self._inputs.check()
         if not self._begun:
-            before = [{"sweep": self._inputs.head}, *self.rows.values()]
-            write_text(self._path, "".join(_line(entry) for entry in before))
+            head = json.dumps({"sweep": self._inputs.head}) + "\n"
+            write_text(self._path, head + "".join(map(_line, self.rows.values())))
             write_json(self._folder / "sweep.json", self._about)
             self._begun = True
         self.rows[row["point"]] = row
@@ -122,8 +117,20 @@ def has_parquet() -> bool:
     return find_spec("pyarrow") is not None
 
 
-def _line(entry: Mapping[str, Any]) -> str:
-    return json.dumps(entry) + "\n"
+def _line(row: Mapping[str, Any]) -> str:
+    """A finished point and its checksum."""
+    text = json.dumps(row)
+    return f'{text[:-1]}, "check": {zlib.crc32(text.encode())}}}\n'
+
+
+def _checked(line: str) -> dict[str, Any] | None:
+    """The point of a line; None where the line is not as it was written."""
+    try:
+        row = json.loads(line)
+        del row["check"]
+    except (ValueError, LookupError, TypeError, RecursionError):
+        return None
+    return row if _line(row) == f"{line}\n" else None
 
 
 def _cell(value: Any) -> Any:
