@@ -10,6 +10,7 @@ import argparse
 import importlib
 import json
 import os
+import resource
 import signal
 import sys
 import traceback
@@ -34,6 +35,9 @@ refused; 2 bad input; 3 a missing or broken part of the installation"""
 
 _KINDS = "box, annulus, muscle, labels, images, leg or reduced"
 
+#: OpenBLAS does not end where its buffers are refused; `myork-solve` has the same limit
+_LEAST_BYTES = 800_000_000
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command.
@@ -53,6 +57,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # commands of a trained model stand beside `rom DECK`
         words[:2] = [" ".join(words[:2])]
     options = _parser().parse_args(words)
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if limit != resource.RLIM_INFINITY and limit < _LEAST_BYTES:
+        return _complain(
+            f"the limit of the memory (ulimit -v) is {limit / 1e6:.0f} MB: at least "
+            f"{_LEAST_BYTES / 1e6:.0f} MB are needed",
+            2,
+        )
     if sys.stdout is sys.__stdout__:
         sys.stdout, sys.stderr = Unheard(sys.stdout), Unheard(sys.stderr)
     # SIGTERM (time limits, schedulers) ends a run as cleanly as Ctrl-C does.
@@ -68,9 +79,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         with Console(options.verbosity) as console:
-            told = options.run(options, console)
-        if told:
-            print(told)
+            result = options.run(options, console)
+        if result:
+            print(result)
     except KeyboardInterrupt:
         return _complain("stopped; what was finished is written", 1)
     except Exception as error:
@@ -113,9 +124,9 @@ def _overrides(options: argparse.Namespace) -> list[str]:
     return [*options.set, *found, *(f"{key}={v}" for key, v in named.items() if v is not None)]
 
 
-def _out(options: argparse.Namespace, source: Path, ending: str = "") -> Path:
+def _out(options: argparse.Namespace, source: Path) -> Path:
     """Folder of the results; all commands of one deck or model share the default one."""
-    out: Path = options.out or Path("out", source.name.split(".")[0] + ending)
+    out: Path = options.out or Path("out", source.name.split(".")[0])
     return out
 
 
@@ -273,7 +284,7 @@ def _rom_check(options: argparse.Namespace, console: Console) -> str:
 
 def _sweep(options: argparse.Namespace, console: Console) -> str:
     table = _load("sweeps:sweep")(
-        options.deck, options.vary, _out(options, options.deck, "_sweep"),
+        options.deck, options.vary, options.out or Path("out", f"{options.deck.stem}_sweep"),
         samples=options.samples, seed=options.seed, workers=options.workers, dask=options.dask,
         model=options.model, overrides=_overrides(options), dry_run=options.dry_run,
         part=options.part, progress=print if options.dry_run else console,
@@ -336,10 +347,10 @@ def _uncertainty(options: argparse.Namespace, console: Console) -> str:
 
 
 def _cost(cost: dict[str, Any]) -> str:
-    told = f"{cost['states']} states by {cost['by']}: {cost['cpu_s']:.1f} s of processor time"
+    line = f"{cost['states']} states by {cost['by']}: {cost['cpu_s']:.1f} s of processor time"
     if "full_cpu_s" in cost:
-        told += f"; full solves as in the training would take {cost['full_cpu_s']:.0f} s"
-    return told
+        line += f"; full solves as in the training would take {cost['full_cpu_s']:.0f} s"
+    return line
 
 
 # ---- options -------------------------------------------------------------------------------------

@@ -71,13 +71,13 @@ def read_reduced(path: Path) -> ReducedFields:
     shapes = ((n, 3), (m,), (m + 1, n, 3), (m + 1, n), (len(np.atleast_1d(found.surface)), 3))
     for (name, values), shape in zip(found._asdict().items(), shapes, strict=True):
         whole = name in ("modes", "surface")
-        size = np.abs(np.nan_to_num(values) if name == "stress" else values)
-        most = n - 1 if name == "surface" else _LARGEST
-        if (
-            values.shape != shape
-            or values.dtype.kind not in ("iu" if whole else "f")
-            or not (size <= most).all()
-        ):
+        right = values.shape == shape and values.dtype.kind in ("iu" if whole else "f")
+        if right and name == "surface":
+            right = bool(((values >= 0) & (values < n)).all())
+        elif right:
+            size = np.abs(np.nan_to_num(values) if name == "stress" else values)
+            right = bool((size <= _LARGEST).all())
+        if not right:
             raise FileError(
                 f"{path}: {name}: finite numbers of shape {shape} are needed; run `myork rom` again"
             )

@@ -34,6 +34,8 @@ _DAMAGES = (KeyError, AttributeError, OSError, ValueError, TypeError, IndexError
 _SYMMETRIC = [0, 3, 5, 3, 1, 4, 5, 4, 2]
 # Components of scalars, vectors, symmetric and other tensors
 _WIDTHS = (1, 3, 6, 9)
+# In the largest plane of a lattice, for each point
+_MOST_CELLS = 100
 
 
 @dataclass(frozen=True)
@@ -188,8 +190,14 @@ class Results:
     def lattice(self) -> I32:
         """Place of each point in its lattice, shape `(np, dimension)`; `(0, 3)` without one."""
         found = self._joined("lattice")
-        cells = np.prod(np.ptp(found, axis=0) + 1.0) if len(found) else 0.0
-        if len(found) not in (0, self.npoint) or cells > 2**31:
+        right = len(found) in (0, self.npoint)
+        if right and len(found):
+            # pictures have a place for each cell of a plane, most of which lie in the body
+            cells = np.ptp(found.astype(float), axis=0) + 1.0
+            axes = np.flatnonzero(np.ptp(self.points, axis=0))
+            right = axes.max(initial=0) < len(cells)
+            right = right and cells.prod() / cells.min() <= _MOST_CELLS * self.npoint
+        if not right:
             raise FileError(f"{self.path}: damaged: the lattice does not fit the points")
         return found
 

@@ -322,7 +322,7 @@ def test_a_symmetry_plane_beside_a_held_wall_carries_its_force(method):
 
     p = 15.588823 N/cm2 at r = 12 cm is the radial boundary value problem of `inputs/tube.toml`.
     The first point of the held wall is a fraction of a spacing away from the plane, so that no
-    section below the plane tells the force. The tolerance is the error of the wall's stress, 1e-4
+    section below the plane gives the force. The tolerance is the error of the wall's stress, 1e-4
     (docs/verification.md), with room for the integral over 101 or 17 points.
     """
     tables = scene(

@@ -332,6 +332,12 @@ def test_states_of_other_materials_or_points_are_refused(study_of):
 # ---- modes (6.13)-(6.26), (6.32) -----------------------------------------------------------------
 
 
+@pytest.mark.parametrize("way", ["svd", "eigen", "snapshots"])
+def test_no_modes_without_states(way) -> None:
+    with pytest.raises(InputError, match="not all zero"):
+        proper_orthogonal_basis(np.zeros((3, 6)), way, unit=True)
+
+
 @pytest.mark.parametrize("way", ["eigen", "snapshots"])
 def test_eigenvalue_problems_have_the_modes_of_the_singular_values(full, way) -> None:
     """But for signs, and for what rounding of squares leaves of small values."""

@@ -24,7 +24,7 @@ from myork.cli import main
 from myork.core.deck import text_of_tables
 from myork.errors import InputError, InstallationError
 from myork.model_file import write_model
-from myork.sweeps import run
+from myork.sweeps import inputs, run
 from myork.sweeps.plan import make_plan
 from tests.scenes import box, held, scene
 from tests.unit.test_scene_from_tables import BLOCK, cloud
@@ -204,8 +204,8 @@ def wait_for(met: Callable[[], bool], seconds: float) -> None:
 def here(monkeypatch: pytest.MonkeyPatch) -> None:
     """Points are solved in this process, without the seconds in which others start."""
 
-    one_thread = lambda *_: contextlib.nullcontext((lambda: ThreadPoolExecutor(1), 1))  # noqa: E731
-    monkeypatch.setattr(run, "_workers", one_thread)
+    workers = (lambda: ThreadPoolExecutor(1)), 1, (RuntimeError,)
+    monkeypatch.setattr(run, "_workers", lambda *_: contextlib.nullcontext(workers))
 
 
 def test_another_sweep_in_the_folder(deck: Path, tmp_path: Path, here: None) -> None:
@@ -370,6 +370,51 @@ def test_wrong_keys_before_anything_runs(deck: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="unknown key"):
         sweep(deck, ["material.rubber.nu=0.1,0.2"], tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("error", "caught"), [(KeyError("a mistake"), KeyError), (RuntimeError("killed"), None)]
+)
+def test_only_a_death_costs_a_point_a_message(
+    deck: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, here: None,
+    error: Exception, caught: type[Exception] | None,
+) -> None:  # fmt: skip
+    def solve_point(*call: str) -> None:
+        raise error
+
+    monkeypatch.setattr(run, "solve_point", solve_point)
+    with pytest.raises(caught) if caught else contextlib.nullcontext():
+        sweep(deck, ["material.rubber.mu=5,6"], tmp_path)
+    if caught is None:
+        assert {row["message"] for row in rows_of(tmp_path)} == {
+            "the process of this point died: killed"
+        }
+        lines: list[str] = []
+        sweep(deck, ["material.rubber.mu=5,6"], tmp_path, dry_run=True, progress=lines.append)
+        assert "nan" not in "".join(lines)
+
+
+def test_inputs_that_have_not_changed_are_not_read_again(
+    deck: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan = make_plan(["material.rubber.mu=5,6"])
+    own = inputs.Inputs(plan, deck, [], tmp_path)
+    assert "another sweep" in own.refusal(tmp_path, {**own.head, "inputs": ["deck"]})
+    monkeypatch.setattr(inputs, "_digest", lambda path: "another")
+    own.check()
+    deck.touch()
+    with pytest.raises(InputError, match="has changed"):
+        own.check()
+
+
+def test_the_folder_of_a_sweep_keeps_the_whole_name(
+    deck: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    deck.rename("strip.1.toml")
+    monkeypatch.setattr("myork.sweeps.sweep", lambda deck, vary, out, **_: out)
+    assert main(["sweep", "strip.1.toml", "--vary", "material.rubber.mu=5,6"]) == 0
+    assert "strip.1_sweep" in capsys.readouterr().out
 
 
 def test_dry_run(deck: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -90,9 +90,11 @@ def of_checkout(module: str) -> ModuleType:
     try:
         return import_module(f"benchmarks.{module}")
     except ModuleNotFoundError as error:
+        if not (error.name or "").startswith("benchmarks"):
+            raise
         raise InputError(
             f"benchmarks.{module} ({error}) belongs to a checkout of MyoRK: call it in the folder "
-            "that holds benchmarks/"
+            "that contains benchmarks/"
         ) from None
 
 

@@ -76,7 +76,7 @@ def echo(magnitude: F64, phase: F64) -> C128:
     """Complex image of an echo.
 
     A turn of the phase is the least of the usual ones (radians, degrees, 4096, thousandths of a
-    radian, 8192, 65536) that holds its range.
+    radian, 8192, 65536) that covers its range.
 
     Parameters
     ----------

@@ -179,6 +179,8 @@ def _read_history(path: Path) -> dict[str, NDArray[Any]]:
         head, *rows = list(csv.reader(text.splitlines(), strict=True)) or [[]]
         if not {"step", "load"} <= set(head) or not text.endswith("\n"):
             raise ValueError("cut off, or without the columns step and load")
+        if len(set(head)) < len(head):
+            raise ValueError("two columns of one name")
         columns = zip(head, zip(*rows, strict=True), strict=True) if rows else ()
         return {
             name: np.array(own if name in _TEXTS else [float(entry or "nan") for entry in own])

@@ -56,6 +56,8 @@ def proper_orthogonal_basis(snapshots: F64, way: str = "svd", *, unit: bool = Fa
         size = np.linalg.norm(snapshots, axis=1)
         snapshots = snapshots[size > 0.0] / size[size > 0.0, np.newaxis]
     s = len(snapshots)
+    if not s:
+        raise InputError("modes come from states that are not all zero; there is none")
     if way == "svd":
         modes, singular, _ = np.linalg.svd(snapshots.T, full_matrices=False)
         values = singular**2 / s

@@ -87,7 +87,7 @@ def _of_folder(scene: Scene, out: Path, threads: int) -> States:
     """States in a folder, of this very version and number of threads."""
     summary = solution_of(out)
     for key, value in {"version": myork.__version__, "threads": threads}.items():
-        if summary.get(key, value) != value:
+        if summary.get(key) != value:
             raise InputError(f"the solution has {key} {summary.get(key)}, not {value}")
     x, load, steps = stored_states(scene, out, summary, apart={"rom"})
     model = model_path(scene.deck, Path(scene.deck["folder"]), out)

@@ -179,7 +179,7 @@ def clustered_bias(
             mean = field[mask].mean()
             if not (mean > 0 and np.isfinite(field).all()):
                 raise InputError(
-                    f"bias: too few of the {int(mask.sum())} voxels lie away from edges to tell a "
+                    f"bias: too few of the {int(mask.sum())} voxels lie away from edges to find a "
                     "field; set bias.method = 'none'"
                 )
             field /= mean

@@ -102,7 +102,7 @@ def _check_labels(images: Images) -> None:
 
 
 def _checked_body(labels: Labels, region: Labels | None) -> Mask:
-    """The body that the user names, which holds the region."""
+    """The body that the user names, which contains the region."""
     body = labels.data > 0
     if not body.any():
         raise InputError(f"{labels.name}: image.body is empty, no label is above zero")

@@ -160,8 +160,10 @@ def sweep(
             if rom is not None:
                 _reduced(rom, values, left, store)
             elif left:
-                with _workers(dask, min(workers, len(left))) as (make, size):
-                    _full(plan, left, deck, out, overrides, make, size, store, progress)
+                with _workers(dask, min(workers, len(left))) as (make, size, deaths):
+                    _full(
+                        plan, left, deck, out, overrides, make, size, deaths, store, progress
+                    )  # fmt: skip
         finally:
             # a run that found nothing leaves nothing
             if store.rows or not left:
@@ -199,17 +201,19 @@ def _share(part: str, count: int) -> range:
 def _cost(plan: Plan, deck: Path, out: Path, overrides: Sequence[str], inputs: Inputs) -> list[str]:
     """What all points cost: by those that are finished, else by one solution of the equations."""
     count = len(plan.points)
-    finished = [row["cpu_s"] for row in read_points(out / "points.jsonl", inputs).values()]
+    times = [row["cpu_s"] for row in read_points(out / "points.jsonl", inputs).values()]
+    # a point whose process died has none
+    finished = [seconds for seconds in times if np.isfinite(seconds)]
     if finished:
-        mean = np.nanmean(finished)
+        mean = np.mean(finished)
         return [
             f"  {len(finished)} finished points took {mean:.3g} CPU s each: "
             f"{count * mean / 3600.0:.3g} CPU hours for all"
         ]
-    told: list[str] = []
+    lines: list[str] = []
     middle = [*overrides, *plan.settings(plan.points[count // 2])]
-    explain_deck(deck, out=out, overrides=middle, progress=told.append)
-    once = re.search(_ONCE, "\n".join(told))
+    explain_deck(deck, out=out, overrides=middle, progress=lines.append)
+    once = re.search(_ONCE, "\n".join(lines))
     if once is None:
         return []
     steps = int(load_deck(deck, middle, "solve")["load"]["steps"])
@@ -237,6 +241,7 @@ def _full(
     overrides: Sequence[str],
     make: Callable[[], Executor],
     size: int,
+    deaths: tuple[type[Exception], ...],
     store: Store,
     progress: ProgressCallback,
 ) -> None:
@@ -258,10 +263,7 @@ def _full(
                 number, own = running.pop(future)
                 try:
                     row = future.result()
-                except (CancelledError, OSError):
-                    # the scheduler of Dask has ended
-                    raise
-                except Exception as died:
+                except deaths as died:
                     # a process that dies takes its pool with it
                     if isinstance(died, BrokenProcessPool) and own is pool:
                         pool = make()
@@ -314,12 +316,12 @@ def _reduced(rom: ReducedModel, values: F64, left: Sequence[int], store: Store) 
     cpu = (time.process_time() - start) / len(left)
     probes = answer.scalars()
     for i, number in enumerate(left):
-        told = {
+        doubts = {
             "the reduced model found no state": not answer.converged[i],
             "outside the range of the training": not answer.inside[i],
             f"estimated error {answer.indicator[i]:.1e}": not answer.indicator[i] <= _INDICATOR,
         }
-        reasons = [reason for reason, holds in told.items() if holds]
+        reasons = [reason for reason, holds in doubts.items() if holds]
         verdict = "doubtful" if reasons else "accepted"
         store.add(
             {
@@ -331,8 +333,13 @@ def _reduced(rom: ReducedModel, values: F64, left: Sequence[int], store: Store) 
 
 
 @contextmanager
-def _workers(dask: str | None, workers: int) -> Iterator[tuple[Callable[[], Executor], int]]:
-    """Maker of an executor and its size: processes with one thread each, or workers of Dask."""
+def _workers(
+    dask: str | None, workers: int
+) -> Iterator[tuple[Callable[[], Executor], int, tuple[type[Exception], ...]]]:
+    """Maker of an executor, its size, and what a call raises whose worker died.
+
+    Workers are processes with one thread each, or those of Dask.
+    """
     before = {name: os.environ.get(name) for name in _ONE_THREAD}
     os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))
     try:
@@ -341,11 +348,15 @@ def _workers(dask: str | None, workers: int) -> Iterator[tuple[Callable[[], Exec
             yield (
                 lambda: ProcessPoolExecutor(workers, mp_context=context, initializer=_begin),
                 workers,
+                (OSError, RuntimeError),
             )
         else:
             with _client(dask, workers) as client:
                 size = max(1, sum(client.nthreads().values()))
-                yield lambda: client.get_executor(pure=False), size
+                from distributed import KilledWorker
+
+                # an error of the system says that the scheduler has ended
+                yield lambda: client.get_executor(pure=False), size, (RuntimeError, KilledWorker)
     finally:
         for name, value in before.items():
             os.environ.pop(name)
