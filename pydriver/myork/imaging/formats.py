@@ -1,12 +1,15 @@
 """NRRD and MetaImage by SimpleITK, an extra of the package.
 
-Its world has x to the left and y backwards; here it is right, anterior, superior.
+Its world has x to the left and y backwards; here it is right, anterior, superior. What its
+readers do not refuse themselves is refused here.
 """
 
 from __future__ import annotations
 
 import importlib
-import re
+import os
+import zlib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +26,10 @@ ITK_SUFFIXES = (".nrrd", ".nhdr", *_META_SUFFIXES)
 FLIP = np.diag([-1.0, -1.0, 1.0, 1.0])
 # No header is longer [bytes].
 _LONGEST_HEADER = 1 << 20
+# No field of a NRRD header is longer; SimpleITK does not survive a thousand [characters].
+_LONGEST_FIELD = 500
+# Keys of the file with the data
+_DATA_KEYS = ("elementdatafile", "data file", "datafile")
 # Units of a NRRD header, in mm
 _UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 0.001, "microns": 0.001}
 
@@ -30,14 +37,20 @@ _UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 0.001, "microns": 0.001}
 def load_itk(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Values as they are stored, shape `(ni, nj, nk)` or with more axes, and the affine [mm]."""
     itk = library("SimpleITK", "formats", path)
-    header = _header(path)
-    # SimpleITK does not survive other numbers of axes, nor long fields of a NRRD header.
+    header, length = _header(path)
+    # SimpleITK does not survive other numbers of axes, and drops the sign of a size.
     if path.suffix in _META_SUFFIXES:
-        wrong = not re.search(r"(?im)^NDims *= *[1-4]\s*$", header)
+        size_text = header.get("elementspacing", "").replace("e-", "")
+        wrong = header.get("ndims") not in ("1", "2", "3", "4") or "-" in size_text
     else:
-        wrong = bool(re.search(r"(?m)^(?!#|content|.*:=).{500}", header))
+        wrong = any(
+            len(key) + len(value) > _LONGEST_FIELD
+            for key, value in header.items()
+            if not (key.startswith("#") or value.startswith("=") or key == "content")
+        )
     if wrong:
         raise FileError(f"{path}: cannot be read: its header is damaged; write the file again")
+    place = _data_file(path, header)
     unit = _nrrd_unit(path, header)
     try:
         image = itk.ReadImage(str(path))
@@ -59,6 +72,8 @@ def load_itk(path: Path) -> tuple[np.ndarray, np.ndarray]:
     affine[:n, 3] = image.GetOrigin()[:n]
     affine[:3] *= unit
     data = data.transpose(order)
+    if place is not None:
+        _check_stored(path, header, place, length if place == path else 0, data)
     if dimension == 2 and vectors:
         data = data[:, :, np.newaxis, :]
     return data, FLIP @ affine
@@ -88,16 +103,65 @@ def _said(reason: Exception) -> str:
     return (text.partition("): ")[2] or text).strip()
 
 
-def _header(path: Path) -> str:
-    """Lines at the beginning of a file, up to an empty one."""
+def _header(path: Path) -> tuple[dict[str, str], int]:
+    """Keys and values at the beginning of a file, and their length with the line that ends them."""
+    sign, last = ("=", "elementdatafile") if path.suffix in _META_SUFFIXES else (":", "")
+    found: dict[str, str] = {}
+    length = 0
     with path.open("rb") as file:
-        return re.split(r"\r?\n\r?\n", file.read(_LONGEST_HEADER).decode("latin-1"), maxsplit=1)[0]
+        for line in file.read(_LONGEST_HEADER).split(b"\n"):
+            length += len(line) + 1
+            key, _, value = line.decode("latin-1").strip().partition(sign)
+            key = key.strip().lower()
+            if key or value:
+                found[key] = value.strip()
+            if key == last:
+                break
+    return found, length
 
 
-def _nrrd_unit(path: Path, header: str) -> float:
+def _data_file(path: Path, header: Mapping[str, str]) -> Path | None:
+    """The file with the data; None for a list or a pattern of several."""
+    name = next((header[key] for key in _DATA_KEYS if key in header), "local")
+    own = name.lower() == "local"
+    place = path if own else path.parent / name
+    if not os.path.exists(place):
+        return None
+    if not place.is_file() or (place.samefile(path) and not own):
+        raise FileError(f"{path}: cannot be read: {name[:80]!r} is no file of data")
+    return place
+
+
+def _check_stored(
+    path: Path, header: Mapping[str, str], place: Path, begin: int, data: np.ndarray
+) -> None:
+    """Refuse damaged packed data, and more of them than the header promises."""
+    if {"byte skip", "line skip", "headersize"} & set(header):
+        return
+    more = place.stat().st_size - begin - data.nbytes
+    if header.get("compresseddata", "f")[:1] in "tT":
+        stream = zlib.decompressobj(zlib.MAX_WBITS | 32)  # zlib or gzip
+        try:
+            whole = len(stream.decompress(place.read_bytes()[begin:], data.nbytes + 1))
+        except zlib.error:
+            whole = -1
+        if whole != data.nbytes or not stream.eof:
+            raise FileError(
+                f"{path}: cannot be read: the compressed data are damaged; copy the file again"
+            )
+        return
+    plain = header.get("encoding", "raw") == "raw" and header.get("binarydata", "t")[:1] in "tT"
+    plane = data.nbytes // max(data.shape[2] if data.ndim > 2 else 1, 1)
+    if plain and more >= max(plane, 1):
+        raise FileError(
+            f"{path}: has {more} bytes more than its header promises (shape {data.shape}, "
+            f"{data.dtype}); the header is damaged: write the file again"
+        )
+
+
+def _nrrd_unit(path: Path, header: Mapping[str, str]) -> float:
     """Length of the unit in which a NRRD header gives its axes [mm]; 1 where it gives none."""
-    found = re.search(r"(?im)^space units: *(.*)$", header)
-    words = found[1].replace('"', " ").split() if found else []
+    words = header.get("space units", "").replace('"', " ").split()
     known = {_UNITS[word] for word in words if word in _UNITS}
     if words and len(known) != 1:
         raise InputError(

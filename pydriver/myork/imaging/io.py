@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -186,7 +187,7 @@ def _read_names(path: Path) -> dict[int, str]:
     if not path.is_file():
         return {}
     try:
-        table = json.loads(read_text(path))
+        table = json.loads(read_text(path), object_pairs_hook=_once)
     except (ValueError, RecursionError) as reason:
         raise InputError(f'{path}: must hold {{"name": label}}: {reason}') from None
     labels = list(table.values()) if isinstance(table, dict) else [None]
@@ -197,6 +198,14 @@ def _read_names(path: Path) -> dict[int, str]:
             f"{_LAST_LABEL}"
         )
     return {label: name for name, label in table.items()}
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Entries of a table, in which no name stands twice."""
+    table = dict(pairs)
+    if len(table) < len(pairs):
+        raise ValueError("a name stands twice")
+    return table
 
 
 def _write(path: Path, data: np.ndarray, affine: np.ndarray) -> None:
