@@ -205,6 +205,8 @@ SHARE = {"rom": 4, "voxels": 4, **dict.fromkeys(("surface", *FOLDERS[1:]), 10)}
 PAGE = "report.html"  # written into the folder that is read
 BESIDE = ("model/deck.toml", "names/sound.nii", "history/summary.json", "labels/anatomy.nii.gz",
           "voxels/plain.toml", "voxels/active.toml", "voxels/both.toml")  # fmt: skip
+#: Cases of a kind in the nightly tests; 4000 are a thousand of a reduced model and of a model
+CASES = int(os.environ.get("MYORK_CASES", "400"))
 #: Kinds of which no part may be missing without notice
 WHOLE = ("model", "nifti", "gzip", "itk", "dicom", "tracts", "states", "results", "labels")
 
@@ -282,7 +284,7 @@ def end_of(worker: Worker, path: Path, edits: Sequence[Edit]) -> Verdict:
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize(
     "count",
-    [pytest.param(20, marks=pytest.mark.slow), pytest.param(400, marks=pytest.mark.nightly)],
+    [pytest.param(20, marks=pytest.mark.slow), pytest.param(CASES, marks=pytest.mark.nightly)],
 )
 def test_any_damage(sound: Path, worker: Worker, kind: str, count: int) -> None:
     files = sorted((sound / kind).iterdir())
@@ -300,6 +302,8 @@ def test_any_damage(sound: Path, worker: Worker, kind: str, count: int) -> None:
         assert end_of(worker, path, []).outcome == "right"
     ends_well()
     assert any(refused)
+    # not every number matters
+    assert count < 400 or kind not in ("rom", "voxels") or not all(refused)
 
 
 # ---- what ended badly once and random damage hardly finds ----------------------------------------

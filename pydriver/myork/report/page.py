@@ -52,7 +52,9 @@ def make_report(folder: str | Path) -> Path:
     if (path / SWEEP_FILE).is_file():
         text = sweep_page(read_sweep(path), myork.__version__)
     else:
-        text = _whole(lambda: _page(read_folder(path)), path)
+        # what cannot be read is refused there
+        content = read_folder(path)
+        text = _whole(lambda: _page(content), path)
     write_text(path / _NAME, text)
     return path / _NAME
 
@@ -84,7 +86,9 @@ def _whole(make: Callable[[], str], folder: Path) -> str:
         LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RuntimeError
     ) as reason:  # fmt: skip
         raise FileError(
-            f"{folder}: summary.json or another file is damaged: {reason!r}; run the command again"
+            f"{folder}: summary.json or another file is damaged, or the page has a fault "
+            f"of its own: {reason!r}; run the command again, and report it with the output of -v "
+            "if that changes nothing"
         ) from reason
 
 
