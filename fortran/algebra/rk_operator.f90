@@ -1,7 +1,7 @@
 !> What the least squares solvers may know of a matrix, and of a factor of it.
 module rk_operator
    use rk_envelope, only : envelope_type
-   use rk_error, only : error_type
+   use rk_error, only : err_linalg, error_type, fatal_error
    use rk_precision, only : i8, wp
    use rk_text, only : to_text
    implicit none
@@ -162,6 +162,8 @@ subroutine solve_as_it_is(op, shift, b, x, report, error)
    select type (op)
    class is (square_operator)
       call op%solve_square(shift, b, x, report, error)
+   class default
+      call fatal_error(error, err_linalg, 'these equations are not square')
    end select
 end subroutine solve_as_it_is
 

@@ -218,6 +218,8 @@ pure function literal(value) result(text)
       text = trim(merge('true ', 'false', value))
    type is (character(len=*))
       text = quoted(value)
+   class default
+      text = 'null'
    end select
 end function literal
 

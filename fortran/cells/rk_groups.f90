@@ -8,30 +8,14 @@ module rk_groups
    implicit none
    private
 
-   public :: twos, threes, join_small
+   public :: threes, join_small
 
    !> Distances and areas that differ by less than this share are the same
    real(wp), parameter :: same = 1.0e-6_wp
 
 contains
 
-!> Group of a cell in one direction, from 0: twos, of an odd number one or three alone in the middle
-elemental integer function twos(cell, cells) result(group)
-   !> Cell, from 0
-   integer, intent(in) :: cell
-   !> Cells in this direction
-   integer, intent(in) :: cells
-   integer :: ones, pairs
-
-   ones = 0
-   if (mod(cells, 2) == 1) ones = mod(cells, 4)
-   pairs = (cells - ones)/4
-   group = cell/2
-   if (cell >= 2*pairs) group = cell - pairs
-   if (cell >= 2*pairs + ones) group = (cell + ones)/2
-end function twos
-
-!> Group of a nodal cell in one direction, from 0: threes, as symmetric rows
+!> Group of a nodal cell in one direction, from 0: threes, as symmetric as can be
 !>
 !> Between groups of two, linear pressures can alternate almost without work: their inf-sup constant
 !> falls with the spacing, that of groups of three does not.
@@ -44,10 +28,9 @@ elemental integer function threes(cell, cells) result(group)
 
    n = cells/3
    group = cell/3
-   ! three in the middle of five, whose outer cells are halves
+   ! five are three and two, the one row that is not symmetric: those that are cost accuracy
    if (cells <= 5) then
       if (cells == 4) group = 0
-      if (cells == 5) group = (cell + 2)/3
       return
    end if
    select case (mod(cells, 3))
@@ -72,15 +55,15 @@ subroutine join_small(group, facets, least)
    integer, intent(inout) :: group(:)
    !> Facets
    type(facets_type), intent(in) :: facets
-   !> Cells of each group at least; a body apart from all others keeps what it has, shape (groups)
-   integer, intent(in) :: least(:)
+   !> Cells of a group at least; a body apart from all others keeps what it has
+   integer, intent(in) :: least
    type(csr_type) :: of_cell
    integer, allocatable :: own(:), near(:)
    logical, allocatable :: small(:)
    integer(i8) :: e
-   integer :: members(size(least)), g, i, k, other
-   real(wp), dimension(size(least)) :: shared, away, weight
-   real(wp) :: centre(size(facets%x, 1), size(least)), middle(size(facets%x, 1)), extent
+   integer :: members(maxval(group)), g, i, k, other
+   real(wp), dimension(maxval(group)) :: shared, away, weight
+   real(wp) :: centre(size(facets%x, 1), maxval(group)), middle(size(facets%x, 1)), extent
 
    call group_by(size(group), reshape(facets%side(:, :facets%n), [2*facets%n]), of_cell)
    associate (x => facets%x(:, :facets%n))
@@ -124,7 +107,7 @@ subroutine join_small(group, facets, least)
       end do
       if (.not. any(shared > 0.0_wp)) then
          ! alone: never asked again
-         members(g) = least(g)
+         members(g) = least
          cycle
       end if
       small = shared >= (1.0_wp - same)*maxval(shared)

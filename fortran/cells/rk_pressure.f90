@@ -12,6 +12,7 @@ module rk_pressure
    use rk_csr, only : csr_type
    use rk_error, only : error_type
    use rk_kernel, only : window_product, window_radial
+   use rk_lapack, only : svd
    use rk_neighbours, only : covers, find_neighbours
    use rk_precision, only : i8, wp
    use rk_tensor, only : cross, determinant
@@ -129,6 +130,10 @@ subroutine new_pressure(self, cells, softness, place, curved, error)
             self%monomial(:, n, g) = c/factor
          end do
          self%count(g) = n
+         if (n > 1 .and. n <= nd .and. .not. allocated(cells%thin)) &
+            & call flatten(x, w, self%centre(:, g), self%reach(:, g), self%monomial(2:, 2:n, g), &
+            & error)
+         if (allocated(error)) return
          self%total(:n, g) = matmul(w, m(:, :n))
          self%basis(:n, cells%first(g) + 1:cells%first(g + 1)) = transpose(m(:, :n))
       end associate
@@ -139,6 +144,32 @@ subroutine new_pressure(self, cells, softness, place, curved, error)
       & error)
    if (.not. allocated(error)) call weigh_slopes(self, cells)
 end subroutine new_pressure
+
+!> Slopes of a group whose points lie on a line or a plane, taken along it: the points say nothing
+!> of those across. Slopes along the first axis alone grow without bound as the line turns away from
+!> it, and so do pressures beside the line
+subroutine flatten(x, w, centre, reach, slope, error)
+   !> Points of the group, shape (nd, n) [length]
+   real(wp), intent(in) :: x(:, :)
+   !> Their volumes, shape (n) [length^nd]
+   real(wp), intent(in) :: w(:)
+   !> Centre and size of the group, shape (nd) each [length]
+   real(wp), intent(in) :: centre(:), reach(:)
+   !> Slopes of its polynomials by (x - centre)/reach, shape (nd, polynomials)
+   real(wp), intent(inout) :: slope(:, :)
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   real(wp), allocatable :: u(:, :), size_of(:), axis(:, :), along(:, :)
+   integer :: q
+
+   call svd(transpose(reshape([(sqrt(w(q))*(x(:, q) - centre)/reach, q=1, size(w))], shape(x))), &
+      & u, size_of, axis, error)
+   if (allocated(error)) return
+   associate (own => axis(:size(slope, 2), :))
+      along = matmul(transpose(own), matmul(own, slope))
+   end associate
+   if (any(abs(along - slope) > dependent*maxval(abs(slope)))) slope = along
+end subroutine flatten
 
 !> Least squares weights of the slopes around each group, and its second moments, in the plane
 subroutine weigh_slopes(self, cells)

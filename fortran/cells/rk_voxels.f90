@@ -5,7 +5,7 @@ module rk_voxels
    use rk_csr, only : csr_type, group_by
    use rk_error, only : error_type, fatal_error, err_input
    use rk_facets, only : facets_type
-   use rk_groups, only : join_small, threes, twos
+   use rk_groups, only : join_small
    use rk_precision, only : i8, wp
    use rk_text, only : to_text
    implicit none
@@ -22,8 +22,6 @@ module rk_voxels
       procedure :: nearest => nearest_entry
    end type face_entries
 
-   !> Nodal cells that a group has at least, half of 3 x 3 x 3, and blocks, half of 2 x 2 x 2
-   integer, parameter :: least_nodal = 14, least_blocks = 4
    !> Normals that are as near to a face's
    real(wp), parameter :: same = 1.0e-6_wp
 
@@ -45,9 +43,9 @@ subroutine voxel_facets(facets, cloud, group, filled, error)
    type(error_type), allocatable, intent(out) :: error
    real(wp) :: area(3), x(3), part
    real(wp), allocatable :: centre(:, :), share(:)
-   integer, allocatable :: owner(:), at(:, :), voxel(:, :, :), least(:)
+   integer, allocatable :: owner(:), at(:, :), voxel(:, :, :)
    type(face_entries) :: entries
-   integer :: n(3), cells, ip, other, d, side, next(3), entry
+   integer :: n(3), cells, ip, other, d, side, next(3), entry, least
 
    if (.not. allocated(cloud%voxels%index)) then
       call fatal_error(error, err_input, 'nodal cells need a model of voxels, or a box, ' &
@@ -153,7 +151,8 @@ subroutine find_owners(cloud, owner, cells, error)
    owner = number(place)
 end subroutine find_owners
 
-!> Groups of two blocks in each direction, or of three source spacings
+!> Groups of two blocks in each direction, of an odd number one in the middle alone, or of three
+!> source spacings; groups of which the surface leaves less than half are joined to others
 pure subroutine find_groups(cloud, owner, cells, group, least)
    !> Cloud of a model
    type(cloud_type), intent(in) :: cloud
@@ -163,32 +162,31 @@ pure subroutine find_groups(cloud, owner, cells, group, least)
    integer, intent(in) :: cells
    !> Group of each cell, from 1
    integer, allocatable, intent(out) :: group(:)
-   !> Cells that a group has at least, shape (groups)
-   integer, allocatable, intent(out) :: least(:)
+   !> Cells that a group has at least
+   integer, intent(out) :: least
    real(wp) :: step(3), low(3)
-   integer :: at(3, cells), full(3), n(3), d, i, k
+   integer :: at(3), n(3), i
 
+   allocate (group(cells))
    if (allocated(cloud%block)) then
-      at(:, owner) = cloud%block
-   else
-      step = minval(cloud%spacing, dim=2)
-      low = minval(cloud%source, dim=2)
-      do i = 1, cells
-         at(:, i) = nint((cloud%source(:, i) - low)/step)
+      least = 4
+      n = maxval(cloud%block, dim=2) + 1
+      do i = 1, size(owner)
+         at = cloud%block(:, i)/2
+         where (mod(n, 2) == 1 .and. cloud%block(:, i) > 2*((n - 1)/4)) &
+            & at = (cloud%block(:, i) + 1)/2
+         group(owner(i)) = 1 + at(1) + n(1)*(at(2) + n(2)*at(3))
       end do
+      return
    end if
-   n = maxval(at, dim=2) + 1
-   allocate (group(cells), least(product(n)))
-   least = least_nodal
+   ! linear pressures on two do not satisfy the inf-sup condition with nodal integration
+   least = 14
+   step = 3.0_wp*minval(cloud%spacing, dim=2)
+   low = minval(cloud%source, dim=2)
+   n = 1 + int((maxval(cloud%source, dim=2) - low)/step + 0.5_wp)
    do i = 1, cells
-      if (allocated(cloud%block)) then
-         full = [(count(twos([(d, d=0, n(k) - 1)], n(k)) == twos(at(k, i), n(k))), k=1, 3)]
-         at(:, i) = twos(at(:, i), n)
-      else
-         at(:, i) = threes(at(:, i), n)
-      end if
-      group(i) = 1 + at(1, i) + n(1)*(at(2, i) + n(2)*at(3, i))
-      if (allocated(cloud%block)) least(group(i)) = min(least_blocks, (product(full) + 1)/2)
+      at = min(int((cloud%source(:, i) - low)/step + 0.25_wp/3.0_wp), n - 1)
+      group(i) = 1 + at(1) + n(1)*(at(2) + n(2)*at(3))
    end do
 end subroutine find_groups
 

@@ -1,5 +1,5 @@
 // What depends on more than the schema can say and can be told without points. What follows from
-// the values, and all that needs points, is Fortran's (io/).
+// the values, and all that needs points, is Fortran's (solve/).
 #include "deck.h"
 
 #include <algorithm>

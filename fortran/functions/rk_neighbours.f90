@@ -8,7 +8,8 @@ module rk_neighbours
    implicit none
    private
 
-   public :: find_neighbours, nearest_points, all_nearest, most_central, covers
+   public :: find_neighbours, nearest_points, all_nearest, covers
+   public :: most_central, most_central_of
 
    !> Source points sorted into boxes of the size of the largest support
    type :: boxes_type
@@ -85,37 +86,70 @@ function nearest_points(point, place) result(nearest)
    real(wp), intent(in) :: place(:, :)
    integer :: nearest(size(place, 2))
    integer, allocatable :: near(:, :)
-   integer :: ip
 
    call all_nearest(point, place, near)
-   nearest = near(1, :)
-   do ip = 1, size(nearest)
-      if (near(2, ip) > 0) nearest(ip) = most_central(point, pack(near(:, ip), near(:, ip) > 0))
-   end do
+   nearest = most_central_of(point, near)
 end function nearest_points
 
-!> Of some points the one nearest to the middle of all, and of these the lowest in x, in y, in z: a
-!> choice between equals that hangs neither on their order nor on where the body lies, and seldom on
-!> its handedness
+!> The most central of each place's points, shape (places)
+function most_central_of(point, near) result(chosen)
+   !> Points, shape (nd, np) [length]
+   real(wp), intent(in) :: point(:, :)
+   !> Numbers of some for each place, at least one, 0 behind them, shape (:, places)
+   integer, intent(in) :: near(:, :)
+   integer :: chosen(size(near, 2))
+   real(wp) :: middle(size(point, 1)), slack
+   integer :: ip
+
+   middle = middle_of(point)
+   slack = same*spacing_of(point)
+   chosen = near(1, :)
+   do ip = 1, size(chosen)
+      if (near(2, ip) > 0) chosen(ip) = first_among(point, pack(near(:, ip), near(:, ip) > 0), &
+         & middle, slack)
+   end do
+end function most_central_of
+
+!> Of some points the most central one
 pure integer function most_central(point, among)
    !> Points, shape (nd, np) [length]
    real(wp), intent(in) :: point(:, :)
    !> Numbers of some, at least one
    integer, intent(in) :: among(:)
-   real(wp) :: middle(size(point, 1)), slack
+
+   most_central = first_among(point, among, middle_of(point), same*spacing_of(point))
+end function most_central
+
+!> Of some points the one nearest to the middle of all, and of these the lowest in x, in y, in z: a
+!> choice between equals that hangs neither on their order nor on where the body lies, and seldom on
+!> its handedness
+pure integer function first_among(point, among, middle, slack)
+   !> Points, shape (nd, np) [length]
+   real(wp), intent(in) :: point(:, :)
+   !> Numbers of some, at least one
+   integer, intent(in) :: among(:)
+   !> Middle of all points, shape (nd), and distances that are the same [length]
+   real(wp), intent(in) :: middle(:), slack
    real(wp), allocatable :: away(:)
    integer, allocatable :: left(:)
    integer :: d, k
 
-   middle = 0.5_wp*(maxval(point, dim=2) + minval(point, dim=2))
-   slack = same*spacing_of(point)
    away = [(norm2(point(:, among(k)) - middle), k=1, size(among))]
    left = pack(among, away <= minval(away) + slack)
    do d = 1, size(point, 1)
       left = pack(left, point(d, left) <= minval(point(d, left)) + slack)
    end do
-   most_central = left(1)
-end function most_central
+   first_among = left(1)
+end function first_among
+
+!> Middle of the box around points, shape (nd) [length]
+pure function middle_of(point) result(middle)
+   !> Points, shape (nd, np) [length]
+   real(wp), intent(in) :: point(:, :)
+   real(wp) :: middle(size(point, 1))
+
+   middle = 0.5_wp*(maxval(point, dim=2) + minval(point, dim=2))
+end function middle_of
 
 !> Spacing of points, if they were a lattice [length]
 pure real(wp) function spacing_of(point)

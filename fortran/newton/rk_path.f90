@@ -177,6 +177,7 @@ contains
          stage%behind(:, k) = self%at(x, done, stage%behind_load(k), some)
       end do
       call problem%assemble(ahead, stage, new, seen)
+      if (seen%size < 0.0_wp) seen%size = norm2(new)
    end subroutine go_ahead
 
 end subroutine lead

@@ -93,6 +93,8 @@ subroutine assemble(self, x, stage, r, seen)
    integer :: j
 
    call self%full%assemble(matmul(self%modes, x), stage, self%residual, seen)
+   ! the size of what modes can balance, not of all
+   seen%size = -1.0_wp
    if (self%square) then
       r = matmul(self%residual, self%modes)
    else

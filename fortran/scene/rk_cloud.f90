@@ -4,7 +4,7 @@ module rk_cloud
    use rk_error, only : error_type, fatal_error, err_input
    use rk_kernel, only : window_product
    use rk_memory, only : available_bytes
-   use rk_neighbours, only : all_nearest, find_neighbours, most_central
+   use rk_neighbours, only : all_nearest, find_neighbours, most_central_of
    use rk_precision, only : i8, wp
    use rk_region, only : region_type
    use rk_text, only : to_text
@@ -245,11 +245,8 @@ function nearest_source(self) result(owner)
    !> Cloud
    class(cloud_type), intent(in) :: self
    integer, allocatable :: owner(:)
-   integer, allocatable :: near(:, :)
-   integer :: ip
 
-   near = self%nearest_sources()
-   owner = [(most_central(self%source, pack(near(:, ip), near(:, ip) > 0)), ip=1, size(near, 2))]
+   owner = most_central_of(self%source, self%nearest_sources())
 end function nearest_source
 
 !> Refuse arrays from a file or from Python that do not fit together, or that point to what is not

@@ -1,4 +1,4 @@
-!> Parts of the surface of a body that have names of their own, told by side, material or an
+!> Parts of the surface of a body that have names of their own, given by side, material or an
 !> expression.
 module rk_region
    use rk_error, only : error_type

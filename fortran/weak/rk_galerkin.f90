@@ -90,7 +90,7 @@ module rk_galerkin
       procedure :: renew
    end type galerkin_problem
 
-   !> Source points across four groups of two spacings each, that curvature is told by in boxes
+   !> Source points across four groups of two spacings each, which curvature needs in boxes
    integer, parameter :: least_across = 9
 
 contains
@@ -563,7 +563,7 @@ subroutine hold_points(self, error)
 end subroutine hold_points
 
 !> State of the body with stresses
-subroutine state(self, x, load, at, tissue)
+recursive subroutine state(self, x, load, at, tissue)
    !> Problem
    class(galerkin_problem), intent(in) :: self
    !> Unknowns, shape (n)

@@ -136,8 +136,8 @@ def test_modes_of_all_snapshots_give_the_weak_solution(weak):
     e1, e2 = reduced_errors(scene, states, modes, "")
     assert e1 < 1e-7
     assert e2 < 1e-7
-    # the tangent is the full one: so are the iterations
-    assert scene.states.iterations.tolist() == states.iterations.tolist()
+    # the tangent is the full one, and no error leaves the span of the modes
+    assert (scene.states.iterations <= states.iterations).all()
 
 
 def test_fewer_modes_come_near_to_the_best_that_they_can(weak):
@@ -180,7 +180,7 @@ def test_a_deck_without_a_method_or_steps_is_reduced(tmp_path):
     with Scene.from_tables(tables, threads=1) as scene:
         pull = scene.probes(scene.solve(error=False).x, [1.0])[-1, 0]
     assert errors[0] > 10 * errors[2]
-    assert_allclose(study["full"]["probes"]["pull"][-1], pull, rtol=1e-6)
+    assert_allclose(study["full"]["probes"]["pull"][-1], pull, rtol=1e-6, atol=1e-6 * max(abs(pull)))
 
 
 def test_pressures_that_are_unknowns_are_not_reduced():

@@ -6,6 +6,7 @@ that of the powers of 1000 and 10 which its unit names, in space, in the plane a
 
 import json
 import re
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -18,19 +19,16 @@ from myork.stations.solve import run_deck
 from myork.summary import printed
 from tests.scenes import box, held, scene, solved
 
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    from pip._vendor import tomli as tomllib
+
 ROOT = Path(__file__).parents[2]
 FORCE, LENGTH = 1000.0, 10.0
 #: All quantities of the schema
-QUANTITIES = set(
-    re.findall(
-        r'"(\w+)"',
-        re.search(
-            r"\[probe\.quantity\].*?choices = \[(.*?)\]",
-            (ROOT / "fortran/deck/schema.toml").read_text(encoding="utf-8"),
-            re.DOTALL,
-        )[1],
-    )
-)
+SCHEMA = tomllib.loads((ROOT / "fortran/deck/schema.toml").read_text(encoding="utf-8"))
+QUANTITIES = set(SCHEMA["probe"]["quantity"]["choices"])
 RUBBER = {"name": "rubber", "model": "neo-hookean", "mu": 10, "K": 50}
 PULL = (("x", 0.1), ("y", 0.05), ("z", 0.05))
 PLANE = {q for q in QUANTITIES if not re.search(r"z|torque_[xy]", q)} | {"torque_z", "cauchy_zz"}
