@@ -65,7 +65,7 @@ def model_bytes(cloud: PointCloud) -> bytes:
     content = io.BytesIO()
     with h5py.File(content, "w") as file:
         file.attrs["format"] = np.bytes_(FORMAT)
-        file.attrs["length_unit"] = np.bytes_(cloud.length_unit)
+        file.attrs["length_unit"] = np.bytes_(cloud.length_unit.encode())
         file.attrs["source_images"] = np.bytes_(cloud.source_images.encode())
         for name, array in _arrays_of(cloud).items():
             file[name] = array

@@ -312,6 +312,12 @@ def refused(path: Path) -> str:
     return done.stderr
 
 
+def test_a_unit_of_any_letters_comes_back(tmp_path: Path) -> None:
+    path = tmp_path / "model.h5"
+    write_model(path, replace(CLOUD, length_unit="µm"))
+    assert model_file.read_model(path).length_unit == "µm"
+
+
 def test_model_round_trip(model: Path) -> None:
     """Names are those of the record; the core reads the same (test_scene_from_tables.py)."""
     again = model_file.read_model(model)
