@@ -48,11 +48,10 @@ subroutine solve_static(problem, newton, planned, max_halvings, x, recorder, tim
    real(wp), allocatable :: before(:)
    real(wp) :: load, part, most, target_load, done, from
    integer :: step, first, halvings
-   logical :: aside, settled
+   logical :: aside
 
    done = 0.0_wp
    aside = any(abs(x) > 0.0_wp) .and. .not. present(last)
-   settled = present(last)
    halvings = 0
    first = 1
    if (present(last)) then
@@ -87,7 +86,7 @@ subroutine solve_static(problem, newton, planned, max_halvings, x, recorder, tim
       record%iterations = 0
       do
          call choose_load()
-         if (nothing_moves()) then
+         if (at_rest(problem, x, load)) then
             ! iterations would work on roundings
             done = load
             record%load = load
@@ -131,12 +130,6 @@ contains
       newton%impatient = halvings < min(early, max_halvings)
    end subroutine choose_load
 
-   !> Whether the last state is that of the next load as well
-   logical function nothing_moves()
-      nothing_moves = at_rest(problem, x, load)
-      if (settled .and. .not. nothing_moves) nothing_moves = .not. problem%scene%changes(done, load)
-   end function nothing_moves
-
    !> Iterate at the load; x is changed only on success
    subroutine try_step()
       before = x
@@ -168,7 +161,6 @@ contains
       ! the way from a start beside the path says nothing about the path
       if (.not. aside) call newton%path%note(before, x, done, load, problem%inexact)
       aside = .false.
-      settled = .true.
       done = load
       call note_state(load)
       if (halvings > 0 .and. 2*newton%iterations <= newton%max_iterations) halvings = halvings - 1
