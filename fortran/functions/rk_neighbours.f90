@@ -130,7 +130,7 @@ pure integer function first_among(point, among, middle, slack)
    integer, intent(in) :: among(:)
    !> Middle of all points, shape (nd), and distances that are the same [length]
    real(wp), intent(in) :: middle(:), slack
-   real(wp), allocatable :: away(:)
+   real(wp) :: away(size(among))
    integer, allocatable :: left(:)
    integer :: d, k
 
