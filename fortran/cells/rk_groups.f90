@@ -1,6 +1,6 @@
-!> Groups of cells within which the volume change is projected: symmetric rows in each direction,
-!> and those cut small by the surface joined to others. Which cells share a group hangs neither on
-!> the order of the points nor on where the body lies.
+!> Groups of cells within which the volume change is projected: rows of nodal cells of a lattice,
+!> and groups cut small by the surface joined to others. Which cells share a group depends neither on
+!> the order of the points nor on where the body lies; five cells in a row are not symmetric.
 module rk_groups
    use rk_csr, only : csr_type, group_by, sort
    use rk_facets, only : facets_type

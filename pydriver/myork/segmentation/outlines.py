@@ -17,19 +17,19 @@ from myork.types import F64, I32, Mask
 __all__ = ["pull_of_outlines", "signed_distances"]
 
 
-# Chosen on `benchmarks/outlines.py tuned`: rate of a walk's end where outlines foretell a label,
+# Chosen on `benchmarks/outlines.py tuned`: rate of a walk's end where outlines predict a label,
 # against steps of rate 1 where there is no edge [-],
 _RATE = 3e-4
-# and how far foretold outlines are off: at drawn slices [mm], and more by this part of the way [-]
+# and how far predicted outlines are off: at drawn slices [mm], and more by this part of the way [-]
 _OFF = 2.0
 _DRIFT = 0.2
 
 
 def pull_of_outlines(known: I32, spacing: F64) -> NDArray[np.float32] | None:
-    """Rates at which walks between drawn slices end in the labels that outlines foretell there.
+    """Rates at which walks between drawn slices end in the labels that outlines predict there.
 
-    Seeds of a label in several slices foretell its shape in those between them. What is drawn thin,
-    or elsewhere in the next slice, foretells nothing.
+    Seeds of a label in several slices predict its shape in those between them. What is drawn thin,
+    or elsewhere in the next slice, predicts nothing.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def pull_of_outlines(known: I32, spacing: F64) -> NDArray[np.float32] | None:
     Returns
     -------
     NDArray or None
-        For the labels in their order, shape `(nlabel, ni, nj, nk)` [-]; None: nothing is foretold.
+        For the labels in their order, shape `(nlabel, ni, nj, nk)` [-]; None: nothing is predicted.
     """
     axis = slice_axis(spacing, known.shape)
     known, thickness, size = np.moveaxis(known, axis, 2), spacing[axis], np.delete(spacing, axis)
@@ -59,14 +59,14 @@ def pull_of_outlines(known: I32, spacing: F64) -> NDArray[np.float32] | None:
             depth[number][..., between] = (
                 distance[..., above - 1] * (1.0 - share) + distance[..., above] * share
             )
-    foretold = depth.max(axis=0) > 0
-    if not foretold.any():
+    predicted = depth.max(axis=0) > 0
+    if not predicted.any():
         return None
     drawn = np.flatnonzero((known >= 0).any(axis=(0, 1)))
     way = thickness * np.abs(drawn[:, np.newaxis] - np.arange(known.shape[2])).min(axis=0)
     width = (_OFF + _DRIFT * way).astype(np.float32)
-    pull = np.exp((depth - np.where(foretold, depth.max(axis=0), 0.0)) / width)
-    pull *= _RATE * foretold / pull.sum(axis=0, where=foretold, initial=1e-30)
+    pull = np.exp((depth - np.where(predicted, depth.max(axis=0), 0.0)) / width)
+    pull *= _RATE * predicted / pull.sum(axis=0, where=predicted, initial=1e-30)
     return np.moveaxis(pull, 3, axis + 1)
 
 
