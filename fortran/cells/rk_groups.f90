@@ -1,5 +1,5 @@
 !> Groups of cells within which the volume change is projected: rows of nodal cells of a lattice,
-!> and groups cut small by the surface joined to others. Which cells share a group depends neither on
+!> and groups cut small by the surface joined to others. Which cells share one depends neither on
 !> the order of the points nor on where the body lies; five cells in a row are not symmetric.
 module rk_groups
    use rk_csr, only : csr_type, group_by, sort
