@@ -239,11 +239,7 @@ class ReducedModel:
         InputError
             What it holds is no reduced model of this version.
         """
-        arrays = read_arrays(Path(path))
-        try:
-            return cls(arrays, threads)
-        except InputError as reason:
-            raise InputError(f"{path}: {reason}; train it again") from None
+        return cls(read_arrays(Path(path)), threads)
 
     def save(self, path: str | Path) -> Path:
         """Write the model to a file."""
