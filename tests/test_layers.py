@@ -24,7 +24,6 @@ FORTRAN_LAYERS = [
     {"scene"},
     {"cells", "newton", "h5"},
     {"strong", "weak", "results"},
-    {"linear"},
     {"reduced"},
     {"solve"},
     {"app", "api"},

@@ -21,10 +21,12 @@ module rk_gradient
 
    public :: gradient_type, new_gradient
 
-   !> Gradient of each component of the displacement at each point
+   !> Gradient of each component of the fields at each point; fields are the displacement, or one
+   !> alone
    type :: gradient_type
-      !> Space dimension
+      !> Space dimension, and components of the fields
       integer :: nd = 0
+      integer :: fields = 0
       !> Points of a cell, which follow one another
       integer :: per_cell = 1
       !> Point q has entries start(q)+1 : start(q+1), shape (np + 1)
@@ -34,12 +36,12 @@ module rk_gradient
       !> Source points of each group, ascending
       type(csr_type) :: member
       !> Component i of point q has its values at value(:, first(i, q)+1 : ), which other points may
-      !> have as well, shape (nd, np)
+      !> have as well, shape (fields, np)
       integer(i8), allocatable :: first(:, :)
       !> Gradients of the shape functions, shape (nd, :) [1/length]
       real(wp), allocatable :: value(:, :)
-      !> Part of the gradient that essential values make, for each load factor, shape (nd, nd, np,
-      !> factors), index (i, A) [-]
+      !> Part of the gradient that essential values make, for each load factor, shape (fields, nd,
+      !> np, factors), index (i, A) [-]
       real(wp), allocatable :: given(:, :, :, :)
    contains
       !> Displacement gradient at a point
@@ -70,9 +72,10 @@ subroutine new_gradient(self, cells, ns, inside, facet, surface, essential, foll
    integer, intent(in) :: ns
    !> Shape functions at the points, the facets and the surface
    type(shape_type), target, intent(in) :: inside, facet, surface
-   !> Components prescribed at each surface point, shape (nd, ms)
+   !> Components prescribed at each surface point, shape (fields, ms)
    logical, intent(in) :: essential(:, :)
-   !> Block whose unknown an essential component follows, 0 where it follows none, shape (nd, ms)
+   !> Block whose unknown an essential component follows, 0 where it follows none, shape
+   !> (fields, ms)
    integer, intent(in), optional :: follows(:, :)
    type(csr_type) :: facets, lifts, surfaces
    integer, allocatable :: surface_of(:), touched(:)
@@ -80,13 +83,15 @@ subroutine new_gradient(self, cells, ns, inside, facet, surface, essential, foll
    real(wp), pointer, contiguous :: psi(:, :)
    integer, pointer, contiguous :: nodes(:)
    logical, allocatable :: seen(:)
-   integer :: nd, np, n, pass, q, s
+   integer :: fields, nd, np, n, pass, q, s
    integer(i8) :: entries, values
    logical :: lifted
 
    nd = size(cells%point, 1)
    np = size(cells%point, 2)
+   fields = size(essential, 1)
    self%nd = nd
+   self%fields = fields
    self%per_cell = cells%per_cell
    allocate (surface_of(size(cells%lift_point)))
    do s = 1, size(cells%set)
@@ -96,8 +101,8 @@ subroutine new_gradient(self, cells, ns, inside, facet, surface, essential, foll
    call group_by(np/cells%per_cell, reshape(cells%side, [size(cells%side)]), facets)
    call group_by(np/cells%per_cell, [(1 + (cells%lift_point(cells%lift_first(s) + 1) - 1) &
       & /cells%per_cell, s=1, size(cells%set))], surfaces)
-   allocate (self%start(np + 1), self%first(nd, np))
-   allocate (plain(nd, ns), taken(nd, nd, ns), touched(ns), seen(ns))
+   allocate (self%start(np + 1), self%first(fields, np))
+   allocate (plain(nd, ns), taken(nd, fields, ns), touched(ns), seen(ns))
    seen = .false.
    plain = 0.0_wp
    taken = 0.0_wp
@@ -112,7 +117,7 @@ subroutine new_gradient(self, cells, ns, inside, facet, surface, essential, foll
          self%start(q) = entries
          if (pass == 2) call keep(q)
          entries = entries + n
-         values = values + merge(nd*n, n, lifted)
+         values = values + merge(fields*n, n, lifted)
          seen(touched(:n)) = .false.
       end do
       self%start(np + 1) = entries
@@ -172,12 +177,12 @@ contains
       integer :: d, k
 
       self%local(entries + 1:entries + n) = touched(:n)
-      do d = 1, nd
+      do d = 1, fields
          self%first(d, q) = values
          if (lifted) self%first(d, q) = values + (d - 1)*n
       end do
       do k = 1, n
-         do d = 1, merge(nd, 1, lifted)
+         do d = 1, merge(fields, 1, lifted)
             self%value(:, self%first(d, q) + k) = plain(:, touched(k)) - taken(:, d, touched(k))
          end do
       end do
@@ -234,13 +239,13 @@ contains
       do j = 1, size(nodes)
          call touch(nodes(j))
          if (pass == 1) cycle
-         do c = 1, nd
+         do c = 1, fields
             if (.not. essential(c, ip)) cycle
             taken(:, c, nodes(j)) = taken(:, c, nodes(j)) + factor*psi(1, j)*cells%outward(:, ip)
          end do
       end do
       if (.not. present(follows)) return
-      do c = 1, nd
+      do c = 1, fields
          if (follows(c, ip) == 0) cycle
          call touch(follows(c, ip))
          if (pass == 1) cycle
@@ -308,19 +313,19 @@ subroutine set_essential(self, cells, essential, value)
    class(gradient_type), intent(inout) :: self
    !> Integration points
    type(cells_type), intent(in) :: cells
-   !> Components prescribed at each surface point, shape (nd, ms)
+   !> Components prescribed at each surface point, shape (fields, ms)
    logical, intent(in) :: essential(:, :)
-   !> Their values that each load factor makes, shape (factors, nd, ms) [length]
+   !> Their values that each load factor makes, shape (factors, fields, ms) [length]
    real(wp), intent(in) :: value(:, :, :)
    integer :: a, c, k, s
 
    if (allocated(self%given)) deallocate (self%given)
-   allocate (self%given(self%nd, self%nd, size(self%start) - 1, size(value, 1)), source=0.0_wp)
+   allocate (self%given(self%fields, self%nd, size(self%start) - 1, size(value, 1)), source=0.0_wp)
    do a = 1, size(value, 1)
       do s = 1, size(cells%set)
          do k = cells%lift_first(s) + 1, cells%lift_first(s + 1)
             associate (given => self%given(:, :, cells%lift_point(k), a))
-               do c = 1, self%nd
+               do c = 1, self%fields
                   if (essential(c, s)) given(c, :) = given(c, :) &
                      & + cells%lift(k)*value(a, c, s)*cells%outward(:, s)
                end do
@@ -342,7 +347,7 @@ subroutine share(self)
    integer :: q
 
    associate (entries => self%start(2:) - self%start(:size(self%start) - 1))
-      number = merge(1, self%nd, self%first(1, :) == self%first(self%nd, :))*entries
+      number = merge(1, self%fields, self%first(1, :) == self%first(self%fields, :))*entries
    end associate
    call find_alike(self%nd*self%first(1, :), self%nd*number, self%value, same)
    values = sum(number, mask=same == [(q, q=1, size(same))])
@@ -370,18 +375,18 @@ pure subroutine gradient_at(self, q, x, factor, h)
    class(gradient_type), intent(in) :: self
    !> Point
    integer, intent(in) :: q
-   !> Coefficients of the group's source points, shape (nd, members) [length]
+   !> Coefficients of the group's source points, shape (fields, members) [length]
    real(wp), contiguous, intent(in) :: x(:, :)
    !> Load factors, shape (factors); without any no values are lifted [-]
    real(wp), intent(in) :: factor(:)
-   !> Gradient u_i,A with the lifting, shape (nd, nd) [-]
+   !> Gradient u_i,A with the lifting, shape (fields, nd) [-]
    real(wp), intent(out) :: h(:, :)
-   real(wp) :: flat(2, 2)
+   real(wp) :: flat(2, self%fields)
    integer(i8) :: e
    integer :: i, k
 
    h = self%lifted(q, factor)
-   if (self%nd == 3 .and. self%first(1, q) == self%first(self%nd, q)) then
+   if (self%fields == 3 .and. self%first(1, q) == self%first(self%fields, q)) then
       ! nearly all points of a solid
       call solid_gradient(int(self%start(q + 1) - self%start(q)), self%local(self%start(q) &
          & + 1:), self%value(:, self%first(1, q) + 1:), x, h)
@@ -391,14 +396,14 @@ pure subroutine gradient_at(self, q, x, factor, h)
       flat = 0.0_wp
       do e = self%start(q) + 1, self%start(q + 1)
          k = int(e - self%start(q))
-         do i = 1, 2
+         do i = 1, self%fields
             flat(:, i) = flat(:, i) + x(i, self%local(e))*self%value(:2, self%first(i, q) + k)
          end do
       end do
       h = h + transpose(flat)
       return
    end if
-   if (self%nd == 3) then
+   if (self%fields == 3) then
       do i = 1, 3
          call component_gradient(int(self%start(q + 1) - self%start(q)), self%local(self%start(q) &
             & + 1:), self%value(:, self%first(i, q) + 1:), i, x, h)
@@ -407,7 +412,9 @@ pure subroutine gradient_at(self, q, x, factor, h)
    end if
    do e = self%start(q) + 1, self%start(q + 1)
       k = int(e - self%start(q))
-      h = h + x(1, self%local(e))*self%value(1, self%first(1, q) + k)
+      do i = 1, self%fields
+         h(i, :) = h(i, :) + x(i, self%local(e))*self%value(:, self%first(i, q) + k)
+      end do
    end do
 end subroutine gradient_at
 
@@ -419,7 +426,7 @@ pure function lifted(self, q, factor) result(h)
    integer, intent(in) :: q
    !> Load factors or their change, shape (factors); without any there is none [-]
    real(wp), intent(in) :: factor(:)
-   real(wp) :: h(self%nd, self%nd)
+   real(wp) :: h(self%fields, self%nd)
    integer :: a
 
    h = 0.0_wp
@@ -437,12 +444,12 @@ pure subroutine add_force(self, q, p, force)
    integer, intent(in) :: q
    !> First Piola-Kirchhoff stress times weight, shape (3, 3), index (i, A) [stress length^nd]
    real(wp), intent(in) :: p(:, :)
-   !> Forces on the group's source points, shape (nd, members) [force]
+   !> Forces on the group's source points, shape (fields, members) [force]
    real(wp), contiguous, intent(inout) :: force(:, :)
    integer(i8) :: at, e
    integer :: i, k
 
-   if (self%nd == 3 .and. self%first(1, q) == self%first(self%nd, q)) then
+   if (self%fields == 3 .and. self%first(1, q) == self%first(self%fields, q)) then
       call solid_force(int(self%start(q + 1) - self%start(q)), self%local(self%start(q) + 1:), &
          & self%value(:, self%first(1, q) + 1:), p(:3, :3), force)
       return
@@ -450,7 +457,7 @@ pure subroutine add_force(self, q, p, force)
    if (self%nd == 2) then
       do e = self%start(q) + 1, self%start(q + 1)
          k = int(e - self%start(q))
-         do i = 1, 2
+         do i = 1, self%fields
             at = self%first(i, q) + k
             force(i, self%local(e)) = force(i, self%local(e)) + p(i, 1)*self%value(1, at) &
                & + p(i, 2)*self%value(2, at)
@@ -458,7 +465,7 @@ pure subroutine add_force(self, q, p, force)
       end do
       return
    end if
-   if (self%nd == 3) then
+   if (self%fields == 3) then
       do i = 1, 3
          call component_force(int(self%start(q + 1) - self%start(q)), &
             & self%local(self%start(q) + 1:), self%value(:, self%first(i, q) + 1:), i, &
@@ -468,8 +475,10 @@ pure subroutine add_force(self, q, p, force)
    end if
    do e = self%start(q) + 1, self%start(q + 1)
       k = int(e - self%start(q))
-      at = self%first(1, q) + k
-      force(1, self%local(e)) = force(1, self%local(e)) + p(1, 1)*self%value(1, at)
+      do i = 1, self%fields
+         force(i, self%local(e)) = force(i, self%local(e)) &
+            & + dot_product(p(i, :self%nd), self%value(:, self%first(i, q) + k))
+      end do
    end do
 end subroutine add_force
 
@@ -483,7 +492,7 @@ pure subroutine add_work(self, q, p, factor, rows)
    real(wp), intent(in) :: p(:, :)
    !> Factor of each row, shape (b)
    real(wp), intent(in) :: factor(:)
-   !> Rows by the displacements of the group's source points, shape (nd*members, b)
+   !> Rows by the displacements of the group's source points, shape (fields*members, b)
    real(wp), intent(inout) :: rows(:, :)
    real(wp) :: work(size(rows, 1))
    integer(i8) :: at, e
@@ -493,8 +502,8 @@ pure subroutine add_work(self, q, p, factor, rows)
    work = 0.0_wp
    do e = self%start(q) + 1, self%start(q + 1)
       k = int(e - self%start(q))
-      do i = 1, self%nd
-         row = self%nd*(self%local(e) - 1) + i
+      do i = 1, self%fields
+         row = self%fields*(self%local(e) - 1) + i
          at = self%first(i, q) + k
          work(row) = p(i, 1)*self%value(1, at)
          if (self%nd > 1) work(row) = work(row) + p(i, 2)*self%value(2, at)
@@ -515,7 +524,7 @@ subroutine add_stiffness(self, o, c4, part)
    !> Moduli times weight at its points, shape (3, 3, 3, 3, n) [stress length^nd]
    real(wp), intent(in) :: c4(:, :, :, :, :)
    !> Stiffness of its source points, of which the upper triangle is added, shape
-   !> (nd*members, nd*members) [force/length]
+   !> (fields*members, fields*members) [force/length]
    real(wp), intent(inout) :: part(:, :)
    integer :: n, first
 
@@ -536,15 +545,16 @@ subroutine add_points(self, o, c4, part)
    integer, intent(in) :: o
    !> Moduli times weight, shape (3, 3, 3, 3, n) [stress length^nd]
    real(wp), intent(in) :: c4(:, :, :, :, :)
-   !> Stiffness of the group's source points, shape (nd*members, nd*members) [force/length]
+   !> Stiffness of the group's source points, shape (fields*members, fields*members) [force/length]
    real(wp), intent(inout) :: part(:, :)
    real(wp), allocatable :: stack(:, :, :), right(:, :), block(:, :)
    !> Where each source point of the group stands in the stack, and the other way
-   integer :: place(size(part, 1)/self%nd), member(size(part, 1)/self%nd)
-   integer :: nd, a, c, i, j, k, l, m, n, q, kinds
+   integer :: place(size(part, 1)/self%fields), member(size(part, 1)/self%fields)
+   integer :: fields, nd, a, c, i, j, k, l, m, n, q, kinds
    integer(i8) :: e
 
    nd = self%nd
+   fields = self%fields
    n = size(c4, 5)
    place = 0
    place(self%local(self%start(o + 1) + 1:self%start(o + n + 1))) = 1
@@ -553,12 +563,12 @@ subroutine add_points(self, o, c4, part)
       if (place(k) == 0) cycle
       m = m + 1
       place(k) = m
-      member(m) = nd*(k - 1)
+      member(m) = fields*(k - 1)
    end do
    ! where nothing is lifted, all components have the same gradients
-   kinds = merge(1, nd, all(self%first(1, o + 1:o + n) == self%first(nd, o + 1:o + n)))
+   kinds = merge(1, fields, all(self%first(1, o + 1:o + n) == self%first(fields, o + 1:o + n)))
    allocate (stack(m, nd*n, kinds), source=0.0_wp)
-   allocate (right(nd*m, nd*n), block(m, nd*m))
+   allocate (right(fields*m, nd*n), block(m, fields*m))
    do i = 1, kinds
       do q = 1, n
          do e = self%start(o + q) + 1, self%start(o + q + 1)
@@ -568,11 +578,11 @@ subroutine add_points(self, o, c4, part)
          end do
       end do
    end do
-   do i = 1, nd
+   do i = 1, fields
       do q = 1, n
          c = nd*(q - 1)
          do a = 1, nd
-            do j = i, nd
+            do j = i, fields
                associate (to => right((j - i)*m + 1:(j - i + 1)*m, c + a), k => min(j, kinds))
                   if (nd == 3) then
                      to = c4(i, a, j, 1, q)*stack(:, c + 1, k) + c4(i, a, j, 2, q) &
@@ -585,9 +595,9 @@ subroutine add_points(self, o, c4, part)
             end do
          end do
       end do
-      call dgemm('n', 't', m, (nd - i + 1)*m, nd*n, 1.0_wp, stack(:, :, min(i, kinds)), m, &
-         & right, nd*m, 0.0_wp, block, m)
-      do j = i, nd
+      call dgemm('n', 't', m, (fields - i + 1)*m, nd*n, 1.0_wp, stack(:, :, min(i, kinds)), m, &
+         & right, fields*m, 0.0_wp, block, m)
+      do j = i, fields
          do l = 1, m
             c = (j - i)*m + l
             do k = 1, l

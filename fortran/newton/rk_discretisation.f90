@@ -2,7 +2,9 @@
 !> and the state of the material at a place. Output and forces know no more of a problem than this.
 module rk_discretisation
    use rk_basis, only : second_index
+   use rk_coefficients, only : coefficient_at, moduli
    use rk_conditions, only : boundary_type
+   use rk_equation, only : equation_type
    use rk_error, only : error_type, fatal_error, err_input
    use rk_mixture, only : mixture_type
    use rk_precision, only : wp
@@ -15,7 +17,7 @@ module rk_discretisation
    private
 
    public :: discretisation_type, free_discretisation, deformation, entry_displacement, rounding
-   public :: at_rest, turns_over
+   public :: at_rest, small_strain, turns_over
 
    !> Stresses below this share of a modulus are roundings [-]
    real(wp), parameter :: rounding = 1.0e4_wp*epsilon(1.0_wp)
@@ -60,6 +62,8 @@ module rk_discretisation
       procedure :: renew
       !> Whether the pressure is a field of its own
       procedure, non_overridable :: has_pressure
+      !> State at a place of a linear problem
+      procedure, non_overridable :: linear_place
       !> State at a collocation point
       procedure, non_overridable :: at_point
       !> Largest stress of a state, and the stiffness of which it may be a rounding
@@ -235,6 +239,10 @@ subroutine at_place(self, state, ip, x, u, local)
    type(point_state), intent(out) :: local
    real(wp) :: h(3, 3, 3)
 
+   if (self%linear) then
+      call self%linear_place(ip, x, u, local)
+      return
+   end if
    local%x(:size(x)) = x
    local%u(:size(x)) = u(:size(x), 1)
    call deformation(size(x), u, local%f, h)
@@ -244,6 +252,78 @@ subroutine at_place(self, state, ip, x, u, local)
    ! (5.31b)
    local%cauchy = matmul(local%p, transpose(local%f))/local%j
 end subroutine at_place
+
+!> Small strain stress at a place; of a scalar problem the value alone
+subroutine linear_place(self, ip, x, u, local, pressure)
+   !> Problem
+   class(discretisation_type), intent(in) :: self
+   !> Collocation point nearest to the place
+   integer, intent(in) :: ip
+   !> Place, shape (nd) [length]
+   real(wp), intent(in) :: x(:)
+   !> Fields with derivatives, shape (fields, nq)
+   real(wp), intent(in) :: u(:, :)
+   !> State there
+   type(point_state), intent(out) :: local
+   !> Stress in the place of that by lambda [stress]
+   real(wp), intent(in), optional :: pressure
+   type(error_type), allocatable :: error
+   real(wp) :: pair(2)
+
+   ! what is interpolated is not known between collocation points
+   pair = self%mixture%pair(:, ip)
+   if (.not. self%scene%equation%smoothing > 0.0_wp) &
+      & call coefficient_at(self%scene%equation, x, pair, error)
+   call small_strain(self%scene%equation, pair, x, u, local, pressure)
+end subroutine linear_place
+
+!> Small strain stress of the derivatives at a place; of a scalar problem the value alone
+pure subroutine small_strain(equation, pair, x, u, local, pressure)
+   !> Equation
+   type(equation_type), intent(in) :: equation
+   !> Lambda and mu there [stress]
+   real(wp), intent(in) :: pair(2)
+   !> Place, shape (nd) [length]
+   real(wp), intent(in) :: x(:)
+   !> Fields with derivatives, shape (fields, nq)
+   real(wp), intent(in) :: u(:, :)
+   !> State there
+   type(point_state), intent(out) :: local
+   !> Stress in the place of that by lambda [stress]
+   real(wp), intent(in), optional :: pressure
+   real(wp), allocatable :: modulus(:, :, :, :)
+   real(wp) :: lambda
+   integer :: a, d, k, nd
+   logical :: across
+
+   nd = size(x)
+   local%x(:nd) = x
+   local%u(:size(u, 1)) = u(:, 1)
+   do a = 1, 3
+      local%f(a, a) = 1.0_wp
+   end do
+   if (equation%kind == 'poisson') return
+   local%f(:nd, :nd) = local%f(:nd, :nd) + u(:, 2:1 + nd)
+   local%j = determinant(local%f)
+   lambda = pair(1)
+   if (present(pressure)) lambda = 0.0_wp
+   modulus = moduli(equation, nd, [lambda, pair(2)])
+   do d = 1, nd
+      do k = 1, nd
+         do a = 1, nd
+            local%p(:nd, a) = local%p(:nd, a) + modulus(:, a, k, d)*u(k, 1 + d)
+         end do
+      end do
+   end do
+   across = nd == 2 .and. .not. equation%plane_stress
+   if (across) local%p(3, 3) = lambda*(u(1, 2) + u(2, 3))
+   if (present(pressure)) then
+      do a = 1, merge(3, nd, across)
+         local%p(a, a) = local%p(a, a) + pressure
+      end do
+   end if
+   local%cauchy = local%p
+end subroutine small_strain
 
 !> Set what varies over the points and has no place in a deck, at full load of the ramp
 subroutine set_point_loads(self, body_force, displacement, stress, place)

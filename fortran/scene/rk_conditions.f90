@@ -8,7 +8,7 @@ module rk_conditions
    use rk_error, only : error_type, fatal_error, err_input
    use rk_precision, only : wp
    use rk_programme, only : ramp
-   use rk_scene, only : condition_type
+   use rk_scene, only : condition_type, scene_type
    use rk_tensor, only : vector_product
    use rk_text, only : to_text
    implicit none
@@ -37,8 +37,69 @@ module rk_conditions
 
 contains
 
-!> Resolve the conditions
-subroutine new_boundary(self, cloud, condition, factors, error, time)
+!> Resolve the conditions of a scene; of a linear problem with a known solution values are
+!> prescribed on sets of its own
+subroutine new_boundary(self, scene, error, time)
+   !> Boundary points
+   type(boundary_type), intent(out) :: self
+   !> Scene
+   type(scene_type), intent(in) :: scene
+   !> Error handling: contradicting conditions; of a linear problem a pin that is no boundary point,
+   !> nothing prescribed
+   type(error_type), allocatable, intent(out) :: error
+   !> Time of expressions in it, 0 without
+   real(wp), intent(in), optional :: time
+   type(condition_type), allocatable :: known(:)
+   integer :: k
+
+   if (scene%equation%is_own()) then
+      call find_boundary(self, scene%cloud, scene%condition, scene%programme%count(), error, time)
+   else
+      allocate (known(size(scene%equation%essential)))
+      do k = 1, size(known)
+         known(k)%set = scene%equation%essential(k)
+         known(k)%fixed = .true.
+      end do
+      call find_boundary(self, scene%cloud, known, scene%programme%count(), error)
+   end if
+   if (.not. allocated(error) .and. allocated(scene%equation%pin)) call add_pins(self, scene, error)
+end subroutine new_boundary
+
+!> Prescribe components at the pins of a linear problem
+subroutine add_pins(self, scene, error)
+   !> Boundary points
+   type(boundary_type), intent(inout) :: self
+   !> Scene with an equation
+   type(scene_type), intent(in) :: scene
+   !> Error handling: a pin that is no boundary point, nothing prescribed
+   type(error_type), allocatable, intent(out) :: error
+   real(wp) :: distance(size(self%point))
+   integer :: b, k
+
+   associate (cloud => scene%cloud, equation => scene%equation)
+      do k = 1, size(equation%pin)
+         distance = [(norm2(cloud%points(:, self%point(b)) &
+            & - equation%pin(k)%point(:cloud%nd)), b=1, size(distance))]
+         b = minloc(distance, dim=1)
+         if (distance(b) > 1.0e-6_wp*minval(cloud%spacing)) then
+            call fatal_error(error, err_input, 'pin: no boundary point lies at ' &
+               & //to_text(equation%pin(k)%point(:cloud%nd))//', the nearest one is ' &
+               & //to_text(cloud%points(:, self%point(b))))
+            return
+         end if
+         where (equation%pin(k)%fixed(:cloud%nd)) self%essential(:, b) = .true.
+      end do
+      ! what moves need not be held
+      if (allocated(scene%motion)) return
+      if (.not. any(self%essential(:equation%fields(cloud%nd), :))) call fatal_error(error, &
+         & err_input, 'linear: no value is prescribed anywhere: '//trim(merge( &
+         & 'give u in a [[boundary]]      ', 'name sides in linear.essential', &
+         & equation%is_own()))//', or give a pin')
+   end associate
+end subroutine add_pins
+
+!> Resolve conditions
+subroutine find_boundary(self, cloud, condition, factors, error, time)
    !> Boundary points
    type(boundary_type), intent(out) :: self
    !> Points
@@ -126,7 +187,7 @@ subroutine new_boundary(self, cloud, condition, factors, error, time)
          self%traction(:, i, b) = self%traction(:, i, b)/length
       end do
    end do
-end subroutine new_boundary
+end subroutine find_boundary
 
 !> First load factor for which two displacements are not the same, 0 where they are
 pure integer function contradiction(one, other)

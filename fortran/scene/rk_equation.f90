@@ -58,6 +58,8 @@ module rk_equation
       procedure :: is_own
       !> Whether a solution is known
       procedure :: is_known
+      !> Components of the solution
+      procedure :: fields
    end type equation_type
 
    !> What makes a linear problem move
@@ -135,12 +137,13 @@ pure logical function varies(self)
    varies = self%young_of%given() .or. self%ratio_of%given() .or. self%conductivity_of%given()
 end function varies
 
-!> Whether the deck has the loads, and not the solution
+!> Whether the deck has the loads, and not the solution; so it is in nonlinear scenes
 pure logical function is_own(self)
    !> Equation
    class(equation_type), intent(in) :: self
 
-   is_own = self%solution == 'none'
+   is_own = .true.
+   if (allocated(self%solution)) is_own = self%solution == 'none'
 end function is_own
 
 !> Whether a solution is known
@@ -150,5 +153,16 @@ pure logical function is_known(self)
 
    is_known = .not. self%is_own() .or. self%exact_of(1)%given()
 end function is_known
+
+!> Components of the solution: one of Poisson's problem, else those of the displacement
+pure integer function fields(self, nd)
+   !> Equation
+   class(equation_type), intent(in) :: self
+   !> Space dimension
+   integer, intent(in) :: nd
+
+   fields = nd
+   if (allocated(self%kind)) fields = merge(1, nd, self%kind == 'poisson')
+end function fields
 
 end module rk_equation

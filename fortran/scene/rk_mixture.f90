@@ -19,8 +19,12 @@
 !> interface, which the integrals of a Galerkin form allow and the divergence of a strong form does
 !> not.
 !>
+!> A linear problem has the coefficients of its operator in place of tissues: its stress is linear
+!> in the gradient, which stands in the place of F.
+!>
 !> Reference: thesis section 4.2.2
 module rk_mixture
+   use rk_coefficients, only : coefficients_type, moduli, new_coefficients
    use rk_error, only : error_type
    use rk_fiber_gradient, only : fiber_divergence, fiber_divergence_curvature, fiber_gradients
    use rk_fractions, only : fibered_points, fractions, has_fibers, own_parts, shares
@@ -34,6 +38,9 @@ module rk_mixture
    private
 
    public :: mixture_type, new_mixture
+
+   !> Share of the largest lambda of a body that counts for none [-]
+   real(wp), parameter :: least = 1.0e-6_wp
 
    !> Tissues at places in compressed rows
    type :: mixture_type
@@ -56,6 +63,10 @@ module rk_mixture
       !> Part of its muscle's activation that each entry has, shape (entries); not allocated where
       !> all have all of it [-]
       real(wp), allocatable :: level(:)
+      !> Lambda and mu of a linear problem at each place, shape (2, np) [stress]
+      real(wp), allocatable, public :: pair(:, :)
+      !> Least lambda that acts: where it is none beside others, as much as counts for none [stress]
+      real(wp) :: least_lambda = -huge(1.0_wp)
    contains
       !> Tissues with their fractions and fibers
       procedure :: parts
@@ -96,6 +107,7 @@ subroutine new_mixture(self, scene, position, nearest, error)
    integer, intent(in) :: nearest(:)
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
+   type(coefficients_type) :: coefficient
    type(shape_type) :: shape
    real(wp) :: part(size(scene%tissue)), gradient(3, size(scene%tissue))
    real(wp), allocatable :: fiber_gradient(:, :, :), share(:, :)
@@ -103,6 +115,13 @@ subroutine new_mixture(self, scene, position, nearest, error)
    integer :: ip, k, n, np, round
 
    self%scene => scene
+   if (allocated(scene%equation%kind)) then
+      call new_coefficients(coefficient, scene, position, .false., error)
+      if (allocated(error)) return
+      call move_alloc(coefficient%pair, self%pair)
+      if (any(self%pair(1, :) > 0.0_wp)) self%least_lambda = least*maxval(self%pair(1, :))
+      return
+   end if
    call fiber_gradients(scene, fiber_gradient, error)
    if (allocated(error)) return
    np = size(position, 2)
@@ -214,6 +233,10 @@ pure real(wp) function bulk_at_one_pressure(self, ip) result(bulk)
    real(wp) :: compliance
    integer :: e
 
+   if (allocated(self%pair)) then
+      bulk = max(self%pair(1, ip), self%least_lambda)
+      return
+   end if
    compliance = 0.0_wp
    associate (first => self%first(ip) + 1, last => self%first(ip + 1))
       bulk = self%scene%tissue(self%tissue(first))%material%bulk
@@ -237,6 +260,10 @@ pure real(wp) function shear_modulus(self, ip, f)
    real(wp), intent(in) :: f(3, 3)
    integer :: e
 
+   if (allocated(self%pair)) then
+      shear_modulus = maxval(linear_moduli(self, ip))
+      return
+   end if
    shear_modulus = 0.0_wp
    do e = self%first(ip) + 1, self%first(ip + 1)
       shear_modulus = shear_modulus &
@@ -317,9 +344,13 @@ pure subroutine stress(self, ip, f, load, p, volumetric, tissue)
    logical, intent(in) :: volumetric
    !> The part of this tissue alone
    integer, intent(in), optional :: tissue
-   real(wp) :: part(3, 3)
+   real(wp) :: part(3, 3), c4(3, 3, 3, 3)
    integer :: e
 
+   if (allocated(self%pair)) then
+      call self%tangent(ip, f, load, p, c4, volumetric)
+      return
+   end if
    p = 0.0_wp
    do e = self%first(ip) + 1, self%first(ip + 1)
       if (present(tissue)) then
@@ -349,9 +380,18 @@ pure subroutine tangent(self, ip, f, load, p, c4, volumetric)
    !> Include K/2 (J-1)^2?
    logical, intent(in) :: volumetric
    real(wp) :: part(3, 3), part4(3, 3, 3, 3)
-   integer :: e
+   integer :: b, e, k
 
    p = 0.0_wp
+   if (allocated(self%pair)) then
+      c4 = linear_moduli(self, ip)
+      do b = 1, 3
+         do k = 1, 3
+            p = p + c4(:, :, k, b)*f(k, b)
+         end do
+      end do
+      return
+   end if
    c4 = 0.0_wp
    do e = self%first(ip) + 1, self%first(ip + 1)
       associate (material => self%scene%tissue(self%tissue(e))%material)
@@ -362,6 +402,20 @@ pure subroutine tangent(self, ip, f, load, p, c4, volumetric)
       c4 = c4 + self%fraction(e)*part4
    end do
 end subroutine tangent
+
+!> Moduli C4(i,A,j,B) of a linear problem without lambda, whose stress is a pressure [stress]
+pure function linear_moduli(self, ip) result(c4)
+   !> Mixture
+   class(mixture_type), intent(in) :: self
+   !> Place
+   integer, intent(in) :: ip
+   real(wp) :: c4(3, 3, 3, 3)
+
+   c4 = 0.0_wp
+   associate (fields => self%scene%equation%fields(3))
+      c4(:fields, :, :fields, :) = moduli(self%scene%equation, 3, [0.0_wp, self%pair(2, ip)])
+   end associate
+end function linear_moduli
 
 !> Divergence of the stress, and everything a row of the strong form needs
 pure subroutine strong(self, ip, nd, f, h, load, divergence, p, c4, t, volumetric)

@@ -9,10 +9,9 @@
 module rk_bars
    use, intrinsic :: ieee_arithmetic, only : ieee_is_finite, ieee_is_nan, ieee_quiet_nan, ieee_value
    use rk_cloud, only : cloud_type
-   use rk_discretisation, only : discretisation_type
+   use rk_discretisation, only : discretisation_type, small_strain
    use rk_error, only : error_type
    use rk_coefficients, only : coefficient_at
-   use rk_linear, only : small_strain
    use rk_precision, only : wp
    use rk_probes, only : new_probes, probe_value, probes_type, quantity, &
       & quantity_kind, quantity_size

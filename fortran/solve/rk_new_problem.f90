@@ -7,7 +7,6 @@ module rk_new_problem
    use rk_islands, only : check_islands
    use rk_linear, only : linear_problem, new_linear
    use rk_scene, only : scene_type
-   use rk_weak_linear, only : new_weak_linear, weak_linear_problem
    implicit none
    private
 
@@ -26,24 +25,18 @@ subroutine new_problem(problem, scene, error)
    type(equilibrium_problem), allocatable :: strong
    type(galerkin_problem), allocatable :: galerkin
    type(linear_problem), allocatable :: linear
-   type(weak_linear_problem), allocatable :: weak
 
-   if (allocated(scene%equation%kind) .and. scene%method == 'rkpm-gauss') then
-      allocate (weak)
-      call new_weak_linear(weak, scene, error)
-      call move_alloc(weak, problem)
-      return
-   else if (allocated(scene%equation%kind)) then
-      allocate (linear)
-      call new_linear(linear, scene, error)
-      call move_alloc(linear, problem)
-      return
-   end if
    select case (scene%method)
    case ('rkcm', 'rkcm-mixed')
-      allocate (strong)
-      call new_equilibrium(strong, scene, scene%method == 'rkcm-mixed', error)
-      call move_alloc(strong, problem)
+      if (allocated(scene%equation%kind)) then
+         allocate (linear)
+         call new_linear(linear, scene, error)
+         call move_alloc(linear, problem)
+      else
+         allocate (strong)
+         call new_equilibrium(strong, scene, scene%method == 'rkcm-mixed', error)
+         call move_alloc(strong, problem)
+      end if
    case ('rkpm', 'rkpm-gauss', 'rkpm-scni')
       allocate (galerkin)
       call new_galerkin(galerkin, scene, error)
@@ -51,7 +44,7 @@ subroutine new_problem(problem, scene, error)
    case default
       call fatal_error(error, err_input, "unknown method '"//scene%method//"'")
    end select
-   if (allocated(error)) return
+   if (allocated(error) .or. problem%linear) return
    select type (problem)
    type is (galerkin_problem)
       ! its collocation points are places of output, and may be few

@@ -112,7 +112,7 @@ subroutine new_equilibrium(self, scene, mixed, error)
    self%compares_works = .true.
    allocate (further(nd, 0))
    if (mixed) further = scene%cloud%volume_points
-   call new_boundary(self%boundary, scene%cloud, scene%condition, scene%programme%count(), error)
+   call new_boundary(self%boundary, scene, error)
    if (allocated(error)) return
    nc = size(scene%cloud%points, 2)
    nb = size(self%boundary%point)
@@ -171,7 +171,7 @@ subroutine renew(self, materials, error)
    type(error_type), allocatable, intent(out) :: error
 
    associate (scene => self%scene)
-      call new_boundary(self%boundary, scene%cloud, scene%condition, scene%programme%count(), error)
+      call new_boundary(self%boundary, scene, error)
    end associate
    if (self%has_pressure() .and. materials) call set_extent(self)
 end subroutine renew

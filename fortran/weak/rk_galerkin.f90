@@ -1,10 +1,15 @@
-!> Galerkin form of hyperelasticity (RKPM), total Lagrangian (4.22)-(4.33).
+!> Galerkin form (RKPM) of hyperelasticity, total Lagrangian (4.22)-(4.33), and of linear problems,
+!> whose law is linear in the gradient of the fields.
 !>
 !> The energy of the body is integrated with Gauss points, or with smoothed gradients in nodal cells
 !> (SCNI). Prescribed displacements hold weakly: they are lifted into the gradients (rk_gradient)
 !> and held by the penalty of (4.22), which needs not be large then, or exactly at source points
 !> (rk_held). The volume change is projected (rk_pressure). Residual and tangent are the exact
 !> derivatives of that energy.
+!>
+!> In linear problems the gradient of the fields stands in the place of F, its trace in that of
+!> J - 1: lambda acts on the projected change of volume, so that nearly incompressible bodies do not
+!> lock.
 module rk_galerkin
    use rk_blas, only : dsyrk
    use rk_cells, only : cells_type
@@ -31,6 +36,7 @@ module rk_galerkin
    use rk_scene, only : scene_type
    use rk_section, only : cut_through, inner_force
    use rk_shape, only : shape_type
+   use rk_solutions, only : source_at
    use rk_split_cells, only : split_cells
    use rk_stabilisation, only : share_bulk
    use rk_states, only : field_state, point_state
@@ -39,11 +45,12 @@ module rk_galerkin
    use rk_tangent, only : new_tangent, tangent_type
    use rk_tensor, only : add_cross_form, cross, determinant, identity
    use rk_text, only : to_text
-   use rk_weak_conditions, only : add_body_force, set_conditions, surface_type
+   use rk_weak_conditions, only : add_body_force, new_pins, prescribed_at, set_conditions, &
+      & surface_type
    implicit none
    private
 
-   public :: galerkin_problem, new_galerkin
+   public :: galerkin_problem, new_galerkin, sources
 
    !> Galerkin problem of a scene
    type, extends(discretisation_type) :: galerkin_problem
@@ -61,8 +68,8 @@ module rk_galerkin
       !> Part of the bulk modulus that acts at each collocation and integration point, shape
       !> (nc + np), and that which acts on the projected volume ratio, shape (groups) [stress]
       real(wp), allocatable :: local_bulk(:), bulk(:)
-      !> Surface
-      type(surface_type) :: surface
+      !> Surface, and pins of a linear problem
+      type(surface_type) :: surface, pins
       !> Tangent, and the part of it that never changes: penalty and stabilisation
       type(tangent_type) :: matrix
       real(wp), allocatable :: constant(:)
@@ -88,6 +95,9 @@ module rk_galerkin
       procedure :: section_force
       procedure :: set_point_loads
       procedure :: renew
+      !> Gradients that prescribed values of a time make, and the forces of stresses
+      procedure :: lift_at
+      procedure :: inner_forces
    end type galerkin_problem
 
    !> Source points across four groups of two spacings each, which curvature needs in boxes
@@ -109,15 +119,16 @@ subroutine new_galerkin(self, scene, error)
    integer :: blocks, ip, nc, nd, np, ns
 
    self%scene => scene
+   self%linear = allocated(scene%equation%kind)
    self%costly = .true.
    nd = scene%cloud%nd
    nc = size(scene%cloud%points, 2)
    ns = size(scene%cloud%source, 2)
-   self%fields = nd
-   call new_boundary(self%boundary, scene%cloud, scene%condition, scene%programme%count(), error)
+   self%fields = scene%equation%fields(nd)
+   call new_boundary(self%boundary, scene, error)
    if (allocated(error)) return
    allocate (self%shape)
-   call scene%shape_at(scene%cloud%points, self%shape, error, first=.true.)
+   call scene%shape_at(scene%cloud%points, self%shape, error, first=.not. self%linear)
    if (allocated(error)) return
    if (allocated(scene%cloud%block)) then
       call nodal_cells(self%cells, scene%cloud, error)
@@ -157,13 +168,13 @@ subroutine new_galerkin(self, scene, error)
    call new_pressure(self%pressure, self%cells, softness, scene%cloud%points, curved(self), error)
    if (allocated(error)) return
    call new_multiplier(self%multiplier, self%cells, self%bulk, shear, blocks, self%gradient%member)
-   self%n = nd*(blocks + self%multiplier%extra)
+   self%n = self%fields*(blocks + self%multiplier%extra)
    self%m = self%n
    if (self%cells%smoothed) call new_recovery(self%recovery, scene, self%cells, error)
    if (allocated(error)) return
    if (scene%galerkin%transformation) call hold_points(self, error)
    if (allocated(error)) return
-   self%energetic = self%multiplier%extra == 0 .and. .not. allocated(self%held)
+   self%energetic = self%multiplier%extra == 0 .and. .not. (allocated(self%held) .or. self%linear)
    covering = csr_type([0_i8], [integer ::])
    if (allocated(self%held)) covering = self%held%points%shape%neighbour
    call new_tangent(self%matrix, blocks, self%cells, self%gradient, self%multiplier, self%surface, &
@@ -179,15 +190,18 @@ subroutine new_galerkin(self, scene, error)
       & //'boundary.pressure moves freely, which makes the tangent unsymmetric, and above ' &
       & //'galerkin.direct_limit its skew part is left out: take galerkin.direct_limit = ' &
       & //to_text(self%n)//' where memory allows, hold the rim, or load it by less'
-   call set_constants(self, shear)
+   if (self%linear) call new_pins(self%pins, scene, scene%galerkin%penalty*maxval(shear), error)
+   if (.not. allocated(error)) call set_constants(self, shear, error)
 end subroutine new_galerkin
 
 !> Penalty, stabilisation, tendons, and forces of what is prescribed
-subroutine set_constants(self, shear)
+subroutine set_constants(self, shear, error)
    !> Problem with conditions and the places of its matrix
    type(galerkin_problem), intent(inout) :: self
    !> Shear modulus at each integration point, shape (np) [stress]
    real(wp), intent(in) :: shear(:)
+   !> Error handling: an expression without a value somewhere
+   type(error_type), allocatable, intent(inout) :: error
 
    if (allocated(self%constant)) deallocate (self%constant, self%force)
    allocate (self%constant(size(self%matrix%value, kind=i8)), source=0.0_wp)
@@ -202,7 +216,30 @@ subroutine set_constants(self, shear)
    ! minimal residuals need a symmetric matrix
    if (self%matrix%formed .and. has_free_rim(self%scene)) &
       & allocate (self%matrix%skew, source=0.0_wp*self%constant)
+   if (.not. self%linear) return
+   call self%pins%add_penalty(self%matrix%symmetric_matrix, self%constant)
+   call self%pins%add_forces(self%force)
+   call add_body_force(self%inside, self%cells%weight, sources(self, 0.0_wp, error), &
+      & self%force(:, ramp))
 end subroutine set_constants
+
+!> Body forces of a linear problem, shape (fields, np) [force/length^3]
+function sources(self, time, error) result(b)
+   !> Problem with its cells
+   class(galerkin_problem), intent(in) :: self
+   !> Time, of no meaning where nothing moves
+   real(wp), intent(in) :: time
+   !> Error handling: an expression without a value somewhere
+   type(error_type), allocatable, intent(inout) :: error
+   real(wp) :: b(self%fields, size(self%cells%weight))
+   integer :: q
+
+   b = 0.0_wp
+   do q = 1, size(b, 2)
+      call source_at(self%scene%equation, self%cells%point(:, q), time, b(:, q), error)
+      if (allocated(error)) return
+   end do
+end function sources
 
 !> Take other loads and material parameters from the scene
 subroutine renew(self, materials, error)
@@ -215,6 +252,10 @@ subroutine renew(self, materials, error)
    real(wp), allocatable :: shear(:), softness(:)
    integer :: ip, nc
 
+   if (self%linear) then
+      call fatal_error(error, err_input, 'a linear problem cannot be changed: open another scene')
+      return
+   end if
    associate (scene => self%scene)
       if (materials) then
          do ip = 1, size(scene%tissue)
@@ -230,7 +271,7 @@ subroutine renew(self, materials, error)
          if (allocated(error)) return
       end if
       nc = size(scene%cloud%points, 2)
-      call new_boundary(self%boundary, scene%cloud, scene%condition, scene%programme%count(), error)
+      call new_boundary(self%boundary, scene, error)
       if (allocated(error)) return
       shear = [(self%mixture%shear_modulus(nc + ip, identity), ip=1, size(self%cells%weight))]
       call set_conditions(self%surface, scene, self%cells, shear, error)
@@ -247,7 +288,7 @@ subroutine renew(self, materials, error)
       if (allocated(self%held)) call hold_points(self, error)
       if (allocated(error)) return
    end associate
-   call set_constants(self, shear)
+   call set_constants(self, shear, error)
    if (allocated(self%base)) deallocate (self%base)
    if (allocated(self%origin)) deallocate (self%origin)
 end subroutine renew
@@ -393,20 +434,21 @@ subroutine group_part(self, g, at, change, load, tangent, force, part)
    real(wp), intent(in) :: load
    !> Stiffness wanted
    logical, intent(in) :: tangent
-   !> Forces, shape (nd, members) [force]
+   !> Forces, shape (fields, members) [force]
    real(wp), allocatable, intent(inout) :: force(:, :)
-   !> Upper triangle of the stiffness, shape (nd*members, nd*members) [force/length]
+   !> Upper triangle of the stiffness, shape (fields*members, fields*members) [force/length]
    real(wp), allocatable, intent(inout) :: part(:, :)
    real(wp), allocatable :: c4(:, :, :, :, :), volume(:, :)
-   real(wp) :: h(self%gradient%nd, self%gradient%nd), p(3, 3), cofactor(3, 3), own
+   real(wp) :: h(self%fields, self%gradient%nd), p(3, 3), cofactor(3, 3), own
    real(wp) :: linear(size(at%pressure, 1)), jump(size(at%pressure, 1))
-   integer :: nc, nd, n, q, o, i, k, members, b
+   integer :: fields, nc, nd, n, q, o, i, k, members, b
    logical :: formed, jumps, stacked
 
    formed = tangent .and. self%matrix%formed
    ! what the volume of the group changes by is wanted as rows
    jumps = size(change) > 0
    stacked = formed .or. jumps
+   fields = self%fields
    nd = self%gradient%nd
    nc = size(self%scene%cloud%points, 2)
    o = self%cells%first(g)
@@ -414,11 +456,11 @@ subroutine group_part(self, g, at, change, load, tangent, force, part)
    b = self%pressure%count(g)
    members = int(self%gradient%member%offset(g + 1) - self%gradient%member%offset(g))
    if (allocated(force)) deallocate (force)
-   allocate (force(nd, members), source=0.0_wp)
+   allocate (force(fields, members), source=0.0_wp)
    if (allocated(part)) then
-      if (size(part, 1) /= nd*members) deallocate (part)
+      if (size(part, 1) /= fields*members) deallocate (part)
    end if
-   if (formed .and. .not. allocated(part)) allocate (part(nd*members, nd*members))
+   if (formed .and. .not. allocated(part)) allocate (part(fields*members, fields*members))
    ! no stress exists; the caller rejects the state
    if (.not. all(at%j(o + 1:o + n) > 0.0_wp)) then
       if (formed) part = 0.0_wp
@@ -437,15 +479,16 @@ subroutine group_part(self, g, at, change, load, tangent, force, part)
          end if
       end if
       allocate (c4(3, 3, 3, 3, n))
-      if (stacked) allocate (volume(nd*members, b), source=0.0_wp)
+      if (stacked) allocate (volume(fields*members, b), source=0.0_wp)
    end if
    do q = 1, n
       associate (f => at%f(:, :, o + q), j => at%j(o + q))
-         cofactor = 0.5_wp*cross(f, f)
+         cofactor = volume_slope(self, f)
          own = self%local_bulk(nc + o + q)*(j - 1.0_wp)
          if (tangent .or. jumps) then
             call self%mixture%tangent(nc + o + q, f, load, p, c4(:, :, :, :, q), volumetric=.false.)
-            call add_cross_form(own + self%pressure%value(g, o + q, linear), f, c4(:, :, :, :, q))
+            if (.not. self%linear) call add_cross_form(own &
+               & + self%pressure%value(g, o + q, linear), f, c4(:, :, :, :, q))
             do k = 1, 3
                do i = 1, 3
                   c4(:, :, i, k, q) = self%cells%weight(o + q)*(c4(:, :, i, k, q) &
@@ -459,12 +502,12 @@ subroutine group_part(self, g, at, change, load, tangent, force, part)
       end associate
       if (jumps) then
          h = self%gradient%lifted(o + q, change)
-         do i = 1, nd
+         do i = 1, fields
             do k = 1, nd
                p(:nd, :nd) = p(:nd, :nd) + c4(:nd, :nd, i, k, q)*h(i, k)/self%cells%weight(o + q)
             end do
          end do
-         jump(:b) = jump(:b) + self%cells%weight(o + q)*sum(cofactor(:nd, :nd)*h) &
+         jump(:b) = jump(:b) + self%cells%weight(o + q)*sum(cofactor(:fields, :nd)*h) &
             & *self%pressure%basis(:b, o + q)
       end if
       p = self%cells%weight(o + q)*p
@@ -488,11 +531,23 @@ subroutine group_part(self, g, at, change, load, tangent, force, part)
       part = 0.0_wp
       call self%multiplier%set_stiffness(g, volume, part)
    else
-      call dsyrk('u', 'n', nd*members, b, self%bulk(g), volume, nd*members, 0.0_wp, part, &
-         & nd*members)
+      call dsyrk('u', 'n', fields*members, b, self%bulk(g), volume, fields*members, 0.0_wp, part, &
+         & fields*members)
    end if
    call self%gradient%add_stiffness(o, c4, part)
 end subroutine group_part
+
+!> Derivative of the volume ratio by F, of a linear problem that of the trace [-]
+pure function volume_slope(self, f) result(slope)
+   !> Problem
+   class(galerkin_problem), intent(in) :: self
+   !> Deformation gradient [-]
+   real(wp), intent(in) :: f(3, 3)
+   real(wp) :: slope(3, 3)
+
+   slope = identity
+   if (.not. self%linear) slope = 0.5_wp*cross(f, f)
+end function volume_slope
 
 !> Pressures on the curve through the last converged states
 subroutine extrapolate(self, stage)
@@ -547,6 +602,11 @@ subroutine hold_points(self, error)
    type(error_type), allocatable, intent(out) :: error
    integer :: h
 
+   if (allocated(self%scene%motion)) then
+      call fatal_error(error, err_input, 'galerkin.essential = "transformation" is for problems ' &
+         & //'at rest: motions take galerkin.essential = "penalty"')
+      return
+   end if
    if (self%surface%plates%count > 0 .or. has_free_rim(self%scene)) then
       call fatal_error(error, err_input, 'galerkin.essential = "transformation" knows neither ' &
          & //'tendons nor pressures with a free rim: take galerkin.essential = "penalty"')
@@ -556,7 +616,7 @@ subroutine hold_points(self, error)
       & self%surface, error)
    if (allocated(error) .or. .not. allocated(self%held)) return
    associate (near => self%held%nearest + size(self%scene%cloud%points, 2), mixture => self%mixture)
-      call self%held%set_deck(self%scene, [(mixture%shear_modulus(near(h), identity), &
+      call self%held%set(self%scene, [(mixture%shear_modulus(near(h), identity), &
          & h=1, size(near))], [(mixture%bulk_at_one_pressure(near(h)), h=1, size(near))], self%n, &
          & error)
    end associate
@@ -575,6 +635,8 @@ recursive subroutine state(self, x, load, at, tissue)
    !> Tissue whose stress alone is wanted, with its fraction of the pressure
    integer, intent(in), optional :: tissue
    type(field_state) :: whole
+   type(gradient_type) :: lift
+   type(error_type), allocatable :: error
    real(wp), allocatable :: part(:)
    integer :: g, nc, q
 
@@ -583,6 +645,11 @@ recursive subroutine state(self, x, load, at, tissue)
    at%x = x
    at%load = load
    at%factor = self%scene%factors(load)
+   ! of a motion the load is the time; its expressions had values then
+   if (allocated(self%scene%motion)) then
+      at%factor = [0.0_wp]
+      call self%lift_at(load, lift, error)
+   end if
    allocate (at%p(3, 3, size(at%j)), part(size(at%j)))
    part = 1.0_wp
    if (present(tissue)) then
@@ -590,9 +657,9 @@ recursive subroutine state(self, x, load, at, tissue)
       part = [(self%mixture%part_of(nc + q, tissue), q=1, size(part))]
    end if
    !$omp parallel do default(none) schedule(static, 1) private(g, q) &
-   !$omp shared(self, x, load, at, nc, part, tissue)
+   !$omp shared(self, x, load, at, nc, part, tissue, lift)
    do g = 1, size(self%cells%first) - 1
-      call deform_group(self, g, x, at)
+      call deform_group(self, g, x, at, lift)
       do q = self%cells%first(g) + 1, self%cells%first(g + 1)
          at%p(:, :, q) = 0.0_wp
          ! no stress exists
@@ -600,8 +667,7 @@ recursive subroutine state(self, x, load, at, tissue)
          call self%mixture%stress(nc + q, at%f(:, :, q), load, at%p(:, :, q), &
             & volumetric=.false., tissue=tissue)
          at%p(:, :, q) = at%p(:, :, q) + part(q)*(self%local_bulk(nc + q)*(at%j(q) - 1.0_wp) &
-            & + self%pressure%value(g, q, at%pressure(:, g))) &
-            & *(0.5_wp*cross(at%f(:, :, q), at%f(:, :, q)))
+            & + self%pressure%value(g, q, at%pressure(:, g)))*volume_slope(self, at%f(:, :, q))
       end do
    end do
    !$omp end parallel do
@@ -624,17 +690,30 @@ function forces(self, state) result(r)
    type(field_state), intent(in) :: state
    !> Forces, shape (n) [force]
    real(wp) :: r(self%n)
-   real(wp), allocatable :: part(:, :)
    type(symmetric_matrix) :: none
-   integer :: g, q
 
    r = 0.0_wp
    call self%matrix%constant_product(self%constant, state%x(:self%matrix%n), r(:self%matrix%n))
    r = r - matmul(self%force, state%factor)
+   call self%inner_forces(state, r)
+   call add_pressure(self%surface, self%cells, state%factor, state%x, .false., none, r)
+end function forces
+
+!> Add the forces of the stresses of a state
+subroutine inner_forces(self, state, r)
+   !> Problem
+   class(galerkin_problem), intent(in) :: self
+   !> State with stresses
+   type(field_state), intent(in) :: state
+   !> Forces, shape (n) [force]
+   real(wp), intent(inout) :: r(:)
+   real(wp), allocatable :: part(:, :)
+   integer :: g, q
+
    do g = 1, size(self%cells%first) - 1
       associate (member => self%gradient%member%index(self%gradient%member%offset(g) + 1: &
          & self%gradient%member%offset(g + 1)))
-         allocate (part(self%gradient%nd, size(member)), source=0.0_wp)
+         allocate (part(self%fields, size(member)), source=0.0_wp)
          do q = self%cells%first(g) + 1, self%cells%first(g + 1)
             call self%gradient%add_force(q, self%cells%weight(q)*state%p(:, :, q), part)
          end do
@@ -642,8 +721,28 @@ function forces(self, state) result(r)
          deallocate (part)
       end associate
    end do
-   call add_pressure(self%surface, self%cells, state%factor, state%x, .false., none, r)
-end function forces
+end subroutine inner_forces
+
+!> Gradients that the prescribed values of a time make
+subroutine lift_at(self, time, lift, error)
+   !> Problem
+   class(galerkin_problem), intent(in) :: self
+   !> Time
+   real(wp), intent(in) :: time
+   !> Gradients of which only what is given is there
+   type(gradient_type), intent(out) :: lift
+   !> Error handling: an expression without a value somewhere
+   type(error_type), allocatable, intent(out) :: error
+   real(wp), allocatable :: value(:, :, :), traction(:, :, :)
+   logical, allocatable :: essential(:, :)
+
+   call prescribed_at(self%scene, self%cells, essential, value, traction, error, time)
+   if (allocated(error)) return
+   lift%nd = self%gradient%nd
+   lift%fields = self%fields
+   lift%start = self%gradient%start
+   call lift%set_essential(self%cells, essential, value)
+end subroutine lift_at
 
 !> Energy of the deformation, with that of the projected change of volume; of the whole body with
 !> that of its supports [force length]
@@ -688,36 +787,49 @@ pure subroutine new_state(self, at)
 end subroutine new_state
 
 !> Deformation of a group of points, and the pressure that its change of volume makes
-pure subroutine deform_group(self, g, x, at)
+pure subroutine deform_group(self, g, x, at, lift)
    !> Problem
    class(galerkin_problem), intent(in) :: self
    !> Group
    integer, intent(in) :: g
    !> Unknowns [length]
-   real(wp), intent(in) :: x(self%gradient%nd, self%n/self%gradient%nd)
+   real(wp), intent(in) :: x(self%fields, self%n/self%fields)
    !> State with the load factors of the essential values in the gradients, of which F, J and
    !> pressure of the group are set
    type(field_state), intent(inout) :: at
+   !> Gradients that prescribed values make in a motion
+   type(gradient_type), intent(in), optional :: lift
    real(wp), allocatable :: local(:, :)
-   real(wp) :: h(self%gradient%nd, self%gradient%nd), value(size(at%pressure, 1))
-   integer :: b, nd, q
+   real(wp) :: h(self%fields, self%gradient%nd), value(size(at%pressure, 1)), change
+   integer :: b, k, nd, q
 
    nd = self%gradient%nd
    b = self%pressure%count(g)
    associate (member => self%gradient%member%index(self%gradient%member%offset(g) + 1: &
       & self%gradient%member%offset(g + 1)))
-      allocate (local(nd, size(member)))
+      allocate (local(self%fields, size(member)))
       local = x(:, member)
    end associate
    value = 0.0_wp
    do q = self%cells%first(g) + 1, self%cells%first(g + 1)
       call self%gradient%at(q, local, at%factor, h)
-      at%f(:, :, q) = identity
-      at%f(:nd, :nd, q) = at%f(:nd, :nd, q) + h
-      at%j(q) = determinant(at%f(:, :, q))
-      value(:b) = value(:b) + self%cells%weight(q)*at%j(q)*self%pressure%basis(:b, q)
+      if (self%linear) then
+         if (present(lift)) then
+            if (allocated(lift%given)) h = h + lift%given(:, :, q, 1)
+         end if
+         at%f(:, :, q) = 0.0_wp
+         at%f(:self%fields, :nd, q) = h
+         at%j(q) = 1.0_wp
+         change = sum([(at%f(k, k, q), k=1, nd)])
+      else
+         at%f(:, :, q) = identity
+         at%f(:nd, :nd, q) = at%f(:nd, :nd, q) + h
+         at%j(q) = determinant(at%f(:, :, q))
+         change = at%j(q)
+      end if
+      value(:b) = value(:b) + self%cells%weight(q)*change*self%pressure%basis(:b, q)
    end do
-   value(:b) = value(:b) - self%pressure%total(:b, g)
+   if (.not. self%linear) value(:b) = value(:b) - self%pressure%total(:b, g)
    at%volume(:, g) = value
    if (self%multiplier%free(g)) then
       at%pressure(:, g) = self%multiplier%pressure(g, local)
@@ -764,9 +876,13 @@ subroutine at_place(self, state, ip, x, u, local)
    type(point_state), intent(out) :: local
    real(wp) :: h(3, 3, 3), pressure
 
+   pressure = self%pressure%at(ip, x, state%pressure)
+   if (self%linear) then
+      call self%linear_place(ip, x, u, local, pressure)
+      return
+   end if
    local%x(:size(x)) = x
    local%u(:size(x)) = u(:size(x), 1)
-   pressure = self%pressure%at(ip, x, state%pressure)
    if (self%cells%smoothed) then
       local%f = self%recovery%at(ip, x, state%f)
       local%j = determinant(local%f)
@@ -818,14 +934,20 @@ function set_force(self, set, state, share, about) result(force)
    !> Point about which the moment is wanted [length]
    real(wp), intent(in), optional :: about(3)
    real(wp) :: force(3)
+   type(error_type), allocatable :: error
+   real(wp), allocatable :: value(:, :, :), traction(:, :, :)
+   logical, allocatable :: essential(:, :)
 
    associate (unused => share)
    end associate
+   ! of a motion the load is the time; its expressions had values then
+   if (allocated(self%scene%motion)) call prescribed_at(self%scene, self%cells, essential, value, &
+      & traction, error, state%load)
    if (present(about)) then
       force = self%surface%torque(self%cells, set, state, about)
       if (allocated(self%held)) force = force + self%held%torque(set, state%held, state%x, about)
    else
-      force = self%surface%force(self%cells, set, state)
+      force = self%surface%force(self%cells, set, state, value, traction)
       if (allocated(self%held)) force = force + self%held%force(set, state%held)
    end if
 end function set_force

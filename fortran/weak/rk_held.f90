@@ -25,8 +25,9 @@ module rk_held
    use rk_neighbours, only : nearest_points
    use rk_nodal_cells, only : lattice_index
    use rk_precision, only : i8, wp
-   use rk_programme, only : combined
+   use rk_programme, only : combined, ramp
    use rk_scene, only : scene_type
+   use rk_solutions, only : flux_at
    use rk_symmetric, only : symmetric_matrix
    use rk_tensor, only : vector_product
    use rk_text, only : to_text
@@ -69,8 +70,6 @@ module rk_held
    contains
       !> Values and rows
       procedure :: set
-      procedure :: deck_values
-      procedure :: set_deck
       !> Add the resistance of the rows to the stiffness
       procedure :: resist
       procedure :: bind
@@ -240,62 +239,46 @@ elemental logical function in_set(self, e, set)
    end if
 end function in_set
 
-!> What the conditions of the deck prescribe
-subroutine deck_values(self, scene, by, value, error)
+!> What the deck or a known solution prescribes
+subroutine prescribed(self, scene, by, value, error)
    !> What is held
-   class(held_type), intent(in) :: self
+   type(held_type), intent(in) :: self
    !> Scene
    type(scene_type), intent(in) :: scene
-   !> Whether an entry's sets hold a component, shape (nd, ne)
+   !> Whether an entry's sets hold a component, shape (fields, ne)
    logical, allocatable, intent(out) :: by(:, :)
-   !> Its value that each load factor makes, shape (factors, nd, ne) [length]
+   !> Its value that each load factor makes, shape (factors, fields, ne) [length]
    real(wp), allocatable, intent(out) :: value(:, :, :)
    !> Error handling: no direction on the axis, an expression that is not finite
    type(error_type), allocatable, intent(out) :: error
-   real(wp), dimension(scene%programme%count(), 3) :: own, traction
+   real(wp), dimension(scene%programme%count(), 3) :: own, push
    logical :: fixed(3)
-   integer :: e, nd
+   integer :: e, fields
 
-   nd = scene%cloud%nd
-   allocate (by(nd, size(self%at%side)))
-   allocate (value(size(own, 1), nd, size(self%at%side)))
+   fields = scene%equation%fields(scene%cloud%nd)
+   allocate (by(fields, size(self%at%side)))
+   allocate (value(size(own, 1), fields, size(self%at%side)))
    do e = 1, size(self%at%side)
-      call conditions_at(scene%cloud, scene%condition, &
-         & self%at%in_set(e, scene%condition%set), self%at%x(:, self%at%place(e)), fixed, own, &
-         & traction, error)
+      associate (x => self%at%x(:, self%at%place(e)))
+         if (scene%equation%is_own()) then
+            call conditions_at(scene%cloud, scene%condition, &
+               & self%at%in_set(e, scene%condition%set), x, fixed, own, push, error)
+         else
+            fixed = any(self%at%in_set(e, scene%equation%essential))
+            call flux_at(scene%equation, x, 0.0_wp*x, own(ramp, :fields), push(ramp, :fields), &
+               & error)
+         end if
+      end associate
       if (allocated(error)) return
-      by(:, e) = fixed(:nd)
-      value(:, :, e) = own(:, :nd)
+      by(:, e) = fixed(:fields)
+      value(:, :, e) = own(:, :fields)
    end do
-end subroutine deck_values
-
-!> Take the values of the deck
-subroutine set_deck(self, scene, shear, bulk, n, error)
-   !> What is held
-   class(held_type), intent(inout) :: self
-   !> Scene
-   type(scene_type), intent(in) :: scene
-   !> Shear modulus at each place, and bulk modulus, which may be infinite, shape (nh) [stress]
-   real(wp), intent(in) :: shear(:), bulk(:)
-   !> Unknowns in all
-   integer, intent(in) :: n
-   !> Error handling: two values of one point, rows that depend on each other
-   type(error_type), allocatable, intent(out) :: error
-   real(wp), allocatable :: value(:, :, :)
-   logical, allocatable :: by(:, :)
-
-   call self%deck_values(scene, by, value, error)
-   if (.not. allocated(error)) call self%set(by, value, scene, shear, bulk, n, error)
-end subroutine set_deck
+end subroutine prescribed
 
 !> Values and rows
-subroutine set(self, by, value, scene, shear, bulk, n, error)
+subroutine set(self, scene, shear, bulk, n, error)
    !> What is held, with places and their shape functions
    class(held_type), target, intent(inout) :: self
-   !> Whether an entry's sets hold a component, shape (fields, ne)
-   logical, intent(in) :: by(:, :)
-   !> Its value that each load factor makes, shape (factors, fields, ne) [length]
-   real(wp), intent(in) :: value(:, :, :)
    !> Scene
    type(scene_type), intent(in) :: scene
    !> Shear modulus at each place, and bulk modulus, which may be infinite, shape (nh) [stress]
@@ -305,12 +288,15 @@ subroutine set(self, by, value, scene, shear, bulk, n, error)
    !> Error handling: two values of one point, more points held than there are to hold them
    type(error_type), allocatable, intent(out) :: error
    type(csr_type) :: unknown
-   real(wp), allocatable :: weight(:), resistance(:)
+   real(wp), allocatable :: value(:, :, :), weight(:), resistance(:)
+   logical, allocatable :: by(:, :)
    real(wp), pointer, contiguous :: values(:, :)
    integer, pointer, contiguous :: nodes(:)
    integer(i8) :: k
    integer :: a, e, h, i, nf, nh
 
+   call prescribed(self, scene, by, value, error)
+   if (allocated(error)) return
    nf = size(by, 1)
    nh = size(shear)
    self%by = by

@@ -152,7 +152,7 @@ subroutine new_tangent(self, ns, cells, gradient, multiplier, surface, inside, h
       return
    end if
    if (self%formed) then
-      call new_symmetric(self%symmetric_matrix, gradient%nd, ns + multiplier%extra, &
+      call new_symmetric(self%symmetric_matrix, gradient%fields, ns + multiplier%extra, &
          & joined(gradient%member, held))
       self%indefinite = multiplier%extra > 0
       return

@@ -9,23 +9,24 @@ module rk_weak_conditions
    use rk_programme, only : combined, ramp
    use rk_scene, only : scene_type
    use rk_shape, only : shape_type
+   use rk_solutions, only : flux_at
    use rk_states, only : field_state
    use rk_symmetric, only : symmetric_matrix
    use rk_tensor, only : cofactor, identity, vector_product
    implicit none
    private
 
-   public :: surface_type, set_conditions, add_body_force
+   public :: surface_type, set_conditions, prescribed_at, add_body_force, new_pins
 
    !> What holds at the surface points of integration cells
    type :: surface_type
       !> Shape functions
       type(shape_type) :: shape
-      !> Components prescribed at each point, shape (nd, ms)
+      !> Components prescribed at each point, shape (fields, ms)
       logical, allocatable :: essential(:, :)
-      !> Their values that each load factor makes, shape (factors, nd, ms) [length]
+      !> Their values that each load factor makes, shape (factors, fields, ms) [length]
       real(wp), allocatable :: value(:, :, :)
-      !> Tractions of the others that each makes, shape (factors, nd, ms) [force/area]
+      !> Tractions of the others that each makes, shape (factors, fields, ms) [force/area]
       real(wp), allocatable :: traction(:, :, :)
       !> Pressures that follow the surface, that each load factor makes, shape (factors, ms); not
       !> allocated where there are none [force/area]
@@ -81,26 +82,14 @@ subroutine set_conditions(self, scene, cells, shear, error)
    real(wp), intent(in) :: shear(:)
    !> Error handling: no direction on the axis
    type(error_type), allocatable, intent(out) :: error
-   real(wp), dimension(scene%programme%count(), 3) :: value, traction
-   logical :: fixed(3)
    integer :: i, s, n, nd, ms
 
    n = scene%programme%count()
    nd = scene%cloud%nd
    ms = size(cells%set)
-   if (allocated(self%essential)) deallocate (self%essential, self%value, self%traction, &
-      & self%penalty)
-   allocate (self%essential(nd, ms), self%value(n, nd, ms), self%traction(n, nd, ms))
-   do s = 1, ms
-      call conditions_at(scene%cloud, scene%condition, cells%in_set(s, scene%condition%set), &
-         & cells%surface(:, s), fixed, value, traction, error)
-      if (allocated(error)) return
-      self%essential(:, s) = fixed(:nd)
-      self%value(:, :, s) = value(:, :nd)
-      do i = 1, nd
-         self%traction(:, i, s) = merge(0.0_wp, traction(:, i), fixed(i))
-      end do
-   end do
+   if (allocated(self%penalty)) deallocate (self%penalty)
+   call prescribed_at(scene, cells, self%essential, self%value, self%traction, error)
+   if (allocated(error)) return
    call self%set_penalty(scene, cells, shear)
    call new_plates(self%plates, scene, cells, self%shape%ns)
    if (allocated(self%pressure)) deallocate (self%pressure)
@@ -120,6 +109,83 @@ subroutine set_conditions(self, scene, cells, shear, error)
       end associate
    end do
 end subroutine set_conditions
+
+!> What is prescribed at surface points, by the deck or by a known solution
+subroutine prescribed_at(scene, cells, essential, value, traction, error, time)
+   !> Scene
+   type(scene_type), intent(in) :: scene
+   !> Integration points
+   type(cells_type), intent(in) :: cells
+   !> Prescribed components, shape (fields, ms)
+   logical, allocatable, intent(out) :: essential(:, :)
+   !> Values of these and tractions of the others that each load factor makes, shape
+   !> (factors, fields, ms) [length], [force/area]
+   real(wp), allocatable, intent(out) :: value(:, :, :), traction(:, :, :)
+   !> Error handling: no direction on the axis, an expression that is not finite
+   type(error_type), allocatable, intent(out) :: error
+   !> Time of expressions, 0 without
+   real(wp), intent(in), optional :: time
+   real(wp), dimension(scene%programme%count(), 3) :: own, push
+   logical :: fixed(3)
+   integer :: fields, i, ms, s
+
+   fields = scene%equation%fields(scene%cloud%nd)
+   ms = size(cells%set)
+   allocate (essential(fields, ms), value(size(own, 1), fields, ms))
+   allocate (traction(size(own, 1), fields, ms))
+   do s = 1, ms
+      associate (x => cells%surface(:, s), outward => cells%outward(:, s))
+         if (scene%equation%is_own()) then
+            call conditions_at(scene%cloud, scene%condition, &
+               & cells%in_set(s, scene%condition%set), x, fixed, own, push, error, time)
+         else
+            fixed = any(cells%in_set(s, scene%equation%essential))
+            call flux_at(scene%equation, x, outward/norm2(outward), own(ramp, :fields), &
+               & push(ramp, :fields), error)
+         end if
+      end associate
+      if (allocated(error)) return
+      essential(:, s) = fixed(:fields)
+      value(:, :, s) = own(:, :fields)
+      do i = 1, fields
+         traction(:, i, s) = merge(0.0_wp, push(:, i), fixed(i))
+      end do
+   end do
+end subroutine prescribed_at
+
+!> Springs at the pins of a linear problem, which hold what nothing pushes
+subroutine new_pins(self, scene, stiffness, error)
+   !> Points at which values are held
+   type(surface_type), intent(inout) :: self
+   !> Scene with an equation
+   type(scene_type), intent(in) :: scene
+   !> Penalty of the pins [stress]
+   real(wp), intent(in) :: stiffness
+   !> Error handling: a place that too few source points cover
+   type(error_type), allocatable, intent(out) :: error
+   real(wp) :: flux(scene%equation%fields(scene%cloud%nd)), normal(scene%cloud%nd)
+   real(wp) :: at(scene%cloud%nd, size(scene%equation%pin))
+   integer :: b, k, pin, pins
+
+   pins = size(scene%equation%pin)
+   allocate (self%essential(size(flux), pins), self%bearing(pins), self%penalty(pins))
+   allocate (self%value(1, size(flux), pins), self%traction(1, size(flux), pins), source=0.0_wp)
+   self%bearing = 0.0_wp
+   self%penalty = stiffness*scene%cloud%mean_spacing()**(scene%cloud%nd - 2)
+   normal = 0.0_wp
+   associate (points => scene%cloud%points, nd => scene%cloud%nd)
+      do pin = 1, pins
+         b = minloc([(norm2(points(:, k) - scene%equation%pin(pin)%point(:nd)), &
+            & k=1, size(points, 2))], dim=1)
+         at(:, pin) = points(:, b)
+         self%essential(:, pin) = scene%equation%pin(pin)%fixed(:size(flux))
+         if (.not. scene%equation%is_own()) call flux_at(scene%equation, points(:, b), normal, &
+            & self%value(1, :, pin), flux, error)
+         if (allocated(error)) return
+      end do
+   end associate
+   call scene%shape_at(at, self%shape, error, first=.true.)
+end subroutine new_pins
 
 !> Deformation gradient of the approximation at a surface point
 pure function gradient_at(self, s, x) result(f)

@@ -139,7 +139,11 @@ subroutine find_galerkin(handle, problem, error)
    if (allocated(error)) return
    select type (full => slot%full)
    type is (galerkin_problem)
-      if (full%multiplier%extra == 0) then
+      if (full%linear) then
+         call fatal_error(error, err_input, 'a reduced model that is trained is one of a ' &
+            & //'nonlinear problem')
+         return
+      else if (full%multiplier%extra == 0) then
          problem => full
          return
       end if

@@ -7,15 +7,15 @@
 module rk_weak_motion
    use rk_equation, only : motion_type
    use rk_error, only : error_type
-   use rk_gradient, only : gradient_type
+   use rk_galerkin, only : galerkin_problem, sources
    use rk_motion, only : form_motion, loads_vary
    use rk_operator, only : square_report
    use rk_precision, only : wp
+   use rk_problem, only : evaluation_type
    use rk_sparse, only : factor_upper, sparse_factor
    use rk_spectrum, only : largest_eigenvalue
-   use rk_weak_conditions, only : add_body_force
-   use rk_weak_linear, only : add_given, lift_at, surface_at, weak_linear_problem
-   use rk_weak_loads, only : body_force
+   use rk_states, only : field_state
+   use rk_weak_conditions, only : add_body_force, prescribed_at
    implicit none
    private
 
@@ -24,7 +24,7 @@ module rk_weak_motion
    !> Body in motion
    type, extends(form_motion) :: weak_motion
       !> Problem with its stiffness
-      type(weak_linear_problem), pointer :: problem => null()
+      type(galerkin_problem), pointer :: problem => null()
       !> What moves it
       type(motion_type) :: motion
       !> Entries of the mass matrix in the places of the stiffness
@@ -53,12 +53,13 @@ subroutine new_weak_motion(self, problem, error)
    !> Body
    type(weak_motion), intent(out) :: self
    !> Problem
-   type(weak_linear_problem), target, intent(inout) :: problem
+   type(galerkin_problem), target, intent(inout) :: problem
    !> Error handling: a density that is not positive
    type(error_type), allocatable, intent(out) :: error
    real(wp), pointer, contiguous :: psi(:, :)
    integer, pointer, contiguous :: nodes(:)
-   real(wp), allocatable :: part(:, :)
+   type(evaluation_type) :: seen
+   real(wp), allocatable :: part(:, :), r(:)
    real(wp) :: density
    integer :: i, k, l, nf, q
 
@@ -68,6 +69,8 @@ subroutine new_weak_motion(self, problem, error)
    self%m = problem%n
    self%symmetric = .true.
    nf = problem%fields
+   allocate (r(problem%n))
+   call problem%linearise(0.0_wp*r, 0.0_wp, r, seen)
    allocate (self%mass(size(problem%matrix%value)), source=0.0_wp)
    do q = 1, size(problem%cells%weight)
       call self%motion%density_at(problem%cells%point(:, q), density, error)
@@ -85,12 +88,12 @@ subroutine new_weak_motion(self, problem, error)
       call problem%matrix%add(self%mass, nodes, part)
       deallocate (part)
    end do
-   self%stiffness = problem%matrix%value - problem%penalty
+   self%stiffness = problem%matrix%value - problem%constant
    self%varies = loads_vary(problem%scene)
    call loads_at(problem, 0.0_wp, self%force, self%held, error)
    if (allocated(error)) return
    call factor_upper(self%factor, self%n, problem%matrix%start, problem%matrix%row, self%mass &
-      & + self%motion%step**2*problem%penalty, error)
+      & + self%motion%step**2*problem%constant, error)
 end subroutine new_weak_motion
 
 !> Give the factor back
@@ -104,15 +107,15 @@ end subroutine free_motion
 !> Loads at a time: those inside, on the free surface and of lifted values, and those of the penalty
 subroutine loads_at(self, time, force, held, error)
    !> Problem
-   type(weak_linear_problem), intent(in) :: self
+   type(galerkin_problem), intent(in) :: self
    !> Time
    real(wp), intent(in) :: time
    !> Loads without the penalty, and its own, shape (n)
    real(wp), allocatable, intent(out) :: force(:), held(:)
    !> Error handling: an expression without a value somewhere
    type(error_type), allocatable, intent(out) :: error
-   type(gradient_type) :: lift
-   logical :: essential(self%fields, size(self%cells%set))
+   type(field_state) :: at
+   logical, allocatable :: essential(:, :)
    real(wp), allocatable :: value(:, :, :), traction(:, :, :)
    real(wp), pointer, contiguous :: psi(:, :)
    integer, pointer, contiguous :: nodes(:)
@@ -120,13 +123,17 @@ subroutine loads_at(self, time, force, held, error)
 
    nf = self%fields
    allocate (force(self%n), held(self%n), source=0.0_wp)
-   call surface_at(self, time, essential, value, traction, error)
-   if (.not. allocated(error)) call lift_at(self, time, lift, error)
-   if (.not. allocated(error)) call add_body_force(self%inside, self%cells%weight, &
-      & body_force(self%scene, self%cells%point, self%coefficient%pair, self%fields, time, error), &
-      & force)
+   call prescribed_at(self%scene, self%cells, essential, value, traction, error, time)
    if (allocated(error)) return
-   call add_given(self, lift, force)
+   if (any(abs(value) > 0.0_wp)) then
+      ! what prescribed values alone make of the body
+      call self%state(force, time, at)
+      call self%inner_forces(at, held)
+      force = -held
+      held = 0.0_wp
+   end if
+   call add_body_force(self%inside, self%cells%weight, sources(self, time, error), force)
+   if (allocated(error)) return
    do s = 1, size(self%cells%set)
       call self%surface%shape%row(s, nodes, psi)
       do k = 1, size(nodes)
@@ -154,8 +161,8 @@ subroutine limit(self, step, found, error)
    type(error_type), allocatable, intent(out) :: error
    real(wp) :: value
 
-   call largest_eigenvalue(self%problem%matrix, self%stiffness - self%problem%penalty, self%mass, &
-      & value, error)
+   call largest_eigenvalue(self%problem%matrix%symmetric_matrix, self%stiffness &
+      & - self%problem%constant, self%mass, value, error)
    found = .not. allocated(error)
    step = huge(1.0_wp)
    if (value > 0.0_wp) step = 2.0_wp/sqrt(value)
@@ -193,7 +200,7 @@ subroutine left(self, x, y)
    !> Product, shape (n)
    real(wp), contiguous, intent(inout) :: y(:)
 
-   call self%problem%matrix%product(self%mass + self%motion%step**2*self%problem%penalty, x, y)
+   call self%problem%matrix%product(self%mass + self%motion%step**2*self%problem%constant, x, y)
 end subroutine left
 
 !> Right hand side of the last two states

@@ -7,13 +7,15 @@
 !>             Timoshenko, Goodier, Theory of Elasticity, McGraw-Hill (1970), section 21
 module rk_solutions
    use rk_basis, only : second_index
+   use rk_coefficients, only : coefficient_at, moduli
    use rk_equation, only : equation_type
    use rk_error, only : error_type
    use rk_precision, only : pi, wp
+   use rk_shape, only : derivative_count
    implicit none
    private
 
-   public :: exact_field, solution_at, source_at
+   public :: exact_field, flux_at, solution_at, source_at
 
    !> Distance of values whose differences are derivatives, in sizes of the body [-]
    real(wp), parameter :: difference = 1.0e-3_wp
@@ -46,7 +48,7 @@ subroutine solution_at(equation, x, time, u, error)
    end do
 end subroutine solution_at
 
-!> Source or body force of a problem with loads of its own
+!> Source or body force: that of the deck, or minus the operator of the known solution
 subroutine source_at(equation, x, time, f, error)
    !> Problem
    type(equation_type), intent(in) :: equation
@@ -58,13 +60,55 @@ subroutine source_at(equation, x, time, f, error)
    real(wp), intent(out) :: f(:)
    !> Error handling: an expression without a value there
    type(error_type), allocatable, intent(inout) :: error
-   integer :: i
+   real(wp) :: u(size(f), derivative_count(size(x))), pair(2)
+   real(wp), allocatable :: c(:, :, :, :)
+   integer :: a, d, i
 
+   if (.not. equation%is_own()) then
+      call exact_field(equation, x, u)
+      call coefficient_at(equation, x, pair, error)
+      c = moduli(equation, size(x), pair)
+      f = 0.0_wp
+      do d = 1, size(x)
+         do a = 1, size(x)
+            f = f - matmul(c(:, a, :, d), u(:, second_index(size(x), min(a, d), max(a, d))))
+         end do
+      end do
+      return
+   end if
    f = equation%source(:size(f))
    do i = 1, size(f)
       if (equation%source_of(i)%given()) call equation%source_of(i)%at(x, f(i), error, time)
    end do
 end subroutine source_at
+
+!> Value of a known solution on the surface, and what flows in there: its traction
+subroutine flux_at(equation, x, normal, value, flux, error)
+   !> Problem, whose solution is known
+   type(equation_type), intent(in) :: equation
+   !> Place, shape (nd) [length]
+   real(wp), intent(in) :: x(:)
+   !> Outward unit normal, shape (nd)
+   real(wp), intent(in) :: normal(:)
+   !> Value and flux of each field, shape (fields) [length], [force/area]
+   real(wp), intent(out) :: value(:), flux(:)
+   !> Error handling: coefficients without a value there
+   type(error_type), allocatable, intent(inout) :: error
+   real(wp) :: u(size(value), derivative_count(size(x))), pair(2)
+   real(wp), allocatable :: c(:, :, :, :)
+   integer :: a, d
+
+   call exact_field(equation, x, u)
+   call coefficient_at(equation, x, pair, error)
+   c = moduli(equation, size(x), pair)
+   value = u(:, 1)
+   flux = 0.0_wp
+   do d = 1, size(x)
+      do a = 1, size(x)
+         flux = flux + normal(a)*matmul(c(:, a, :, d), u(:, 1 + d))
+      end do
+   end do
+end subroutine flux_at
 
 !> Value and derivatives of the solution at a place
 pure subroutine exact_field(equation, x, u)

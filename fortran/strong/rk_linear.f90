@@ -10,26 +10,20 @@
 !> boundary as well the L2 errors are 4 to 7 times larger and fall more slowly.
 module rk_linear
    use rk_basis, only : second_index
-   use rk_coefficients, only : coefficient_at, coefficients_type, moduli, new_coefficients
+   use rk_coefficients, only : coefficients_type, moduli, new_coefficients
    use rk_conditions, only : boundary_type, new_boundary
-   use rk_discretisation, only : discretisation_type
-   use rk_equation, only : equation_type
-   use rk_error, only : error_type, fatal_error, err_input
+   use rk_error, only : error_type
+   use rk_mixture, only : new_mixture
    use rk_precision, only : wp
    use rk_problem, only : evaluation_type, stage_type
    use rk_rows, only : new_rows
-   use rk_scene, only : condition_type, scene_type
+   use rk_scene, only : scene_type
    use rk_solutions, only : exact_field, source_at
-   use rk_states, only : field_state, point_state
    use rk_strong, only : strong_problem
-   use rk_tensor, only : determinant
-   use rk_text, only : to_text
    implicit none
    private
 
    public :: linear_problem, new_linear, set_essential_weight
-   ! what the Galerkin form of the same problems shares
-   public :: find_boundary, small_strain
 
    !> Linear problem of a scene
    type, extends(strong_problem) :: linear_problem
@@ -43,7 +37,6 @@ module rk_linear
       !> Weighted right hand side of loads of the deck's own
       procedure :: own_side
       procedure :: assemble
-      procedure :: at_place
    end type linear_problem
 
 contains
@@ -62,8 +55,10 @@ subroutine new_linear(self, scene, error)
    self%scene => scene
    self%linear = .true.
    nd = scene%cloud%nd
-   self%fields = merge(1, nd, scene%equation%kind == 'poisson')
-   call find_boundary(self, error)
+   self%fields = scene%equation%fields(nd)
+   call new_boundary(self%boundary, scene, error)
+   if (.not. allocated(error)) call new_mixture(self%mixture, scene, scene%cloud%points, &
+      & [integer ::], error)
    if (.not. allocated(error)) call new_coefficients(self%coefficient, scene, scene%cloud%points, &
       & .true., error)
    if (allocated(error)) return
@@ -89,48 +84,6 @@ subroutine new_linear(self, scene, error)
    call set_rows(self)
    if (scene%equation%is_own()) call self%own_side(0.0_wp, self%b, error)
 end subroutine new_linear
-
-!> Which components are prescribed where
-subroutine find_boundary(self, error)
-   !> Problem with its scene and the number of its fields
-   class(discretisation_type), intent(inout) :: self
-   !> Error handling: a pin that is no boundary point, nothing prescribed
-   type(error_type), allocatable, intent(out) :: error
-   type(condition_type), allocatable :: condition(:)
-   real(wp), allocatable :: distance(:)
-   integer :: b, k
-
-   associate (cloud => self%scene%cloud, equation => self%scene%equation)
-      if (equation%is_own()) then
-         condition = self%scene%condition
-      else
-         allocate (condition(size(equation%essential)))
-         do k = 1, size(condition)
-            condition(k)%set = equation%essential(k)
-            condition(k)%fixed = .true.
-         end do
-      end if
-      call new_boundary(self%boundary, cloud, condition, self%scene%programme%count(), error)
-      if (allocated(error)) return
-      do k = 1, size(equation%pin)
-         distance = [(norm2(cloud%points(:, self%boundary%point(b)) &
-            & - equation%pin(k)%point(:cloud%nd)), b=1, size(self%boundary%point))]
-         b = minloc(distance, dim=1)
-         if (distance(b) > 1.0e-6_wp*minval(cloud%spacing)) then
-            call fatal_error(error, err_input, 'pin: no boundary point lies at ' &
-               & //to_text(equation%pin(k)%point(:cloud%nd))//', the nearest one is ' &
-               & //to_text(cloud%points(:, self%boundary%point(b))))
-            return
-         end if
-         where (equation%pin(k)%fixed(:cloud%nd)) self%boundary%essential(:, b) = .true.
-      end do
-   end associate
-   ! what moves need not be held
-   if (allocated(self%scene%motion)) return
-   if (.not. any(self%boundary%essential(:self%fields, :))) call fatal_error(error, err_input, &
-      & 'linear: no value is prescribed anywhere: '//trim(merge('give u in a [[boundary]]      ', &
-      & 'name sides in linear.essential', self%scene%equation%is_own()))//', or give a pin')
-end subroutine find_boundary
 
 !> Rows and, of a known solution, the right hand side (5.13)-(5.15)
 subroutine set_rows(self)
@@ -226,7 +179,7 @@ subroutine own_side(self, time, side, error)
    integer :: b, i, row
 
    associate (scene => self%scene)
-      call new_boundary(boundary, scene%cloud, scene%condition, 1, error, time)
+      call new_boundary(boundary, scene, error, time)
       if (allocated(error)) return
       do b = 1, size(self%rows%place)
          row = self%rows%row(b)
@@ -238,8 +191,7 @@ subroutine own_side(self, time, side, error)
             cycle
          end if
          do i = 1, self%fields
-            ! that of the problem knows the pins, whose value is 0
-            if (self%boundary%essential(i, b - self%inside)) then
+            if (boundary%essential(i, b - self%inside)) then
                side(row + i) = scene%solver%weight_essential*boundary%value(1, i, b - self%inside)
             else
                side(row + i) = scene%solver%weight_traction*boundary%traction(1, i, b - self%inside)
@@ -287,68 +239,5 @@ subroutine assemble(self, x, stage, r, seen)
    r = r - stage%load*self%b
    seen%valid = all(abs(r) <= huge(1.0_wp))
 end subroutine assemble
-
-!> Small strain stress at a place; of a scalar problem the value alone
-subroutine at_place(self, state, ip, x, u, local)
-   !> Problem
-   class(linear_problem), intent(in) :: self
-   !> State of the body
-   type(field_state), intent(in) :: state
-   !> Collocation point nearest to the place
-   integer, intent(in) :: ip
-   !> Place, shape (nd) [length]
-   real(wp), intent(in) :: x(:)
-   !> Fields with derivatives, shape (fields, nq)
-   real(wp), intent(in) :: u(:, :)
-   !> State there
-   type(point_state), intent(out) :: local
-
-   type(error_type), allocatable :: error
-   real(wp) :: pair(2)
-
-   associate (unused => state)
-   end associate
-   ! what is interpolated is not known between collocation points
-   pair = self%coefficient%pair(:, ip)
-   if (.not. self%scene%equation%smoothing > 0.0_wp) &
-      & call coefficient_at(self%scene%equation, x, pair, error)
-   call small_strain(self%scene%equation, pair, x, u, local)
-end subroutine at_place
-
-!> Small strain stress of the derivatives at a place; of a scalar problem the value alone
-pure subroutine small_strain(equation, pair, x, u, local)
-   !> Equation
-   type(equation_type), intent(in) :: equation
-   !> Lambda and mu there [stress]
-   real(wp), intent(in) :: pair(2)
-   !> Place, shape (nd) [length]
-   real(wp), intent(in) :: x(:)
-   !> Fields with derivatives, shape (fields, nq)
-   real(wp), intent(in) :: u(:, :)
-   !> State there
-   type(point_state), intent(out) :: local
-   real(wp), allocatable :: modulus(:, :, :, :)
-   integer :: a, d, k, nd
-
-   nd = size(x)
-   local%x(:nd) = x
-   local%u(:size(u, 1)) = u(:, 1)
-   do a = 1, 3
-      local%f(a, a) = 1.0_wp
-   end do
-   if (equation%kind == 'poisson') return
-   local%f(:nd, :nd) = local%f(:nd, :nd) + u(:, 2:1 + nd)
-   local%j = determinant(local%f)
-   modulus = moduli(equation, nd, pair)
-   do d = 1, nd
-      do k = 1, nd
-         do a = 1, nd
-            local%p(:nd, a) = local%p(:nd, a) + modulus(:, a, k, d)*u(k, 1 + d)
-         end do
-      end do
-   end do
-   if (nd == 2 .and. .not. equation%plane_stress) local%p(3, 3) = pair(1)*(u(1, 2) + u(2, 3))
-   local%cauchy = local%p
-end subroutine small_strain
 
 end module rk_linear

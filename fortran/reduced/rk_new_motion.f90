@@ -2,10 +2,10 @@
 module rk_new_motion
    use rk_discretisation, only : discretisation_type
    use rk_error, only : error_type, fatal_error, err_input
+   use rk_galerkin, only : galerkin_problem
    use rk_linear, only : linear_problem
    use rk_motion, only : form_motion
    use rk_strong_motion, only : new_strong_motion, strong_motion
-   use rk_weak_linear, only : weak_linear_problem
    use rk_weak_motion, only : new_weak_motion, weak_motion
    implicit none
    private
@@ -27,7 +27,7 @@ subroutine new_motion(body, problem, error)
 
    nullify (body)
    select type (problem)
-   type is (weak_linear_problem)
+   type is (galerkin_problem)
       allocate (weak)
       call new_weak_motion(weak, problem, error)
       body => weak
