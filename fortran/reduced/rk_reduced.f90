@@ -54,10 +54,10 @@ subroutine new_reduced(reduced, full, modes, way, error)
       return
    end if
    if (way%projection == 'galerkin' .and. .not. full%energetic) then
-      call fatal_error(error, err_input, 'rom.projection: collocation has more equations than ' &
+      call fatal_error(error, err_input, 'projection: collocation has more equations than ' &
          & //'unknowns, which "galerkin" cannot project: take "least-squares"')
    else if (way%projection == 'least-squares' .and. full%energetic) then
-      call fatal_error(error, err_input, 'rom.projection: nonlinear Galerkin forms have as many ' &
+      call fatal_error(error, err_input, 'projection: nonlinear Galerkin forms have as many ' &
          & //'equations as unknowns and are projected by "galerkin"')
    end if
    if (allocated(error)) return

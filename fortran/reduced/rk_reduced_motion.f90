@@ -85,7 +85,7 @@ subroutine new_moving_problem(self, full, modes, projection, error)
       else if (full%symmetric) then
          body%test = modes
       else
-         call fatal_error(error, err_input, 'rom.projection: collocation has more equations ' &
+         call fatal_error(error, err_input, 'projection: collocation has more equations ' &
             & //'than unknowns, which "galerkin" cannot project: take "least-squares"')
          return
       end if

@@ -25,6 +25,7 @@ class Motion(NamedTuple):
     deck: str
     overrides: tuple[str, ...]
     published: tuple[float, ...] = ()
+    projection: str = "auto"
 
 
 #: Published numbers of modes of the motions
@@ -53,7 +54,8 @@ MOTIONS = (
     Motion(
         "wave, Galerkin form, least squares",
         "wave_1d",
-        ("scene.method=rkpm-gauss", "rom.projection=least-squares"),
+        ("scene.method=rkpm-gauss",),
+        projection="least-squares",
     ),
     Motion(
         "bar of two stiffnesses (table 6.2)",

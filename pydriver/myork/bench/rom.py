@@ -33,7 +33,7 @@ from myork.errors import ConvergenceError
 from myork.files import INPUTS
 from myork.reduced_fields import ReducedFields
 from myork.report.beside import reduced_figure
-from myork.rom.basis import Basis, proper_orthogonal_basis
+from myork.rom.basis import proper_orthogonal_modes, unit_states
 from myork.rom.check import measure, solve_tests, started
 from myork.rom.model import ReducedModel
 from myork.rom.parameters import spread_points
@@ -62,12 +62,15 @@ _SEED = 7919
 
 
 class _Full(NamedTuple):
-    """States of the full model, and what they took."""
+    """States of the full model, their modes, those of unit states, and what they took."""
 
     path: PathStates
     cpu: float
     wall: float
     iterations: int
+    modes: F64
+    unit_modes: F64
+    modes_s: float
 
 
 class _Path(NamedTuple):
@@ -134,16 +137,16 @@ def _motion_cases(motion: Motion, progress: ProgressCallback) -> list[dict[str, 
     with Scene(INPUTS / f"{motion.deck}.toml", motion.overrides, threads=1) as scene:
         states = scene.solve(error=False)
         full = PathStates.of(scene, states.x, states.load)
-        basis = proper_orthogonal_basis(states.x)
-        table_ = scene.deck["rom"]
+        modes, values = proper_orthogonal_modes(states.x)
         for k, r in enumerate(MODES):
-            modes = basis.modes[:, :r]
             case: dict[str, Any] = {"name": motion.name, "r": r}
-            case["energy_lost"] = float(max(1.0 - basis.values[:r].sum() / basis.values.sum(), 0.0))
+            case["energy_lost"] = float(max(1.0 - values[:r].sum() / values.sum(), 0.0))
             if motion.published:
                 case["published_e1"] = motion.published[k]
-            for solver in ("qr", "cholesky"):
-                found, _ = reduced_path(scene, full, modes, solver, table_["projection"])
+            for solver, published in (("qr", False), ("cholesky", True)):
+                found, _ = reduced_path(
+                    scene, full, modes[:, :r], motion.projection, published=published
+                )
                 case |= {f"e1_{solver}": found["e1"], "best_e1": found["best_e1"]}
             case["full_error"] = states.errors.get("relative_L2")
             cases.append(case)
@@ -180,16 +183,17 @@ def _path_cases(
     with Scene(INPUTS / f"{path.deck}.toml", overrides, model, threads=1) as scene:
         states, cpu, wall = _timed(lambda: scene.solve(error=False))
         all_states = PathStates.of(scene, states.x, states.load)
-        full = _Full(all_states, cpu, wall, int(states.iterations.sum()))
-        plain = proper_orthogonal_basis(states.x)
-        unit = proper_orthogonal_basis(states.x, unit=True)
+        (modes, values), _, modes_s = _timed(lambda: proper_orthogonal_modes(states.x))
+        unit, _ = proper_orthogonal_modes(unit_states(states.x))
+        iterations = int(states.iterations.sum())
+        full = _Full(all_states, cpu, wall, iterations, modes, unit, modes_s)
         cases = [_full_case(path, form, scene, full)]
         ways = ["full", "reduced"] if strong else ["projected"]
         last: dict[int, Fields] = {}
         for way in ways:
             for k, r in enumerate(path.modes):
                 progress(f"{path.name}, {form}: r = {r}, rows {way}")
-                cases.append(_reduced_case(path, form, scene, full, (plain, unit), k, way, last))
+                cases.append(_reduced_case(path, form, scene, full, k, way, last))
         drawn = [
             (r, reduced_fields(scene, [r], [full.path.fields[-1], last[r]]))
             for r in path.drawn[1]
@@ -202,7 +206,7 @@ def _path_cases(
     for case in cases:
         if case["cpu"] is not None:
             case["saved"] = 100.0 * (1.0 - case["cpu"] / dense)
-    return _Path(cases, plain.values, drawn, dict(scene.deck["result_units"]))
+    return _Path(cases, values, drawn, dict(scene.deck["result_units"]))
 
 
 def _full_case(path: LoadPath, form: str, scene: Scene, full: _Full) -> dict[str, Any]:
@@ -246,7 +250,6 @@ def _reduced_case(
     form: str,
     scene: Scene,
     full: _Full,
-    bases: tuple[Basis, Basis],
     k: int,
     way: str,
     last: dict[int, Fields],
@@ -256,15 +259,12 @@ def _reduced_case(
     Its last fields are added to `last` by the number of modes.
     """
     r = path.modes[k]
-    plain, unit = bases
-    solver, assembly = ("cholesky", "full") if way == "full" else ("qr", "reduced")
-    modes = plain.modes[:, :r]
     case = _full_case(path, form, scene, full) | {
         "model": f"r = {r}, " + ("Galerkin" if way == "projected" else f"LSG, rows {way}"),
         "r": r,
     }
     try:
-        found, last[r] = reduced_path(scene, full.path, modes, solver, assembly=assembly)
+        found, last[r] = reduced_path(scene, full.path, full.modes[:, :r], published=way == "full")
     except ConvergenceError as reason:
         return case | {"outcome": str(reason), "iterations": None, "cpu": None, "wall": None}
     errors = ("e1", "e2", "force_error")
@@ -272,7 +272,7 @@ def _reduced_case(
         "iterations": sum(found["iterations"]),
         "cpu": found["cpu_s"],
         "wall": found["online_s"],
-        "offline": plain.seconds + found["offline_s"],
+        "offline": full.modes_s + found["offline_s"],
         **{name: found[name] for name in errors},
     }
     if full.cpu > found["cpu_s"]:
@@ -284,7 +284,7 @@ def _reduced_case(
     case |= {"shown": "errors", "best_e1": found["best_e1"]}
     if path.e1:
         case |= {"published_e1": path.e1[k], "published_e2": path.e2[k]}
-    other, _ = reduced_path(scene, full.path, unit.modes[:, :r])
+    other, _ = reduced_path(scene, full.path, full.unit_modes[:, :r])
     return case | {f"{name}_unit": other[name] for name in errors}
 
 

@@ -2,78 +2,53 @@
 
 from __future__ import annotations
 
-import time
-from typing import NamedTuple
-
 import numpy as np
 
 from myork.errors import InputError
 from myork.types import F64
 
-__all__ = ["Basis", "modes_for_energy", "proper_orthogonal_basis"]
+__all__ = ["proper_orthogonal_modes", "unit_states"]
 
-#: Where modes may come from
-_WAYS = ("svd", "eigen", "snapshots")
-
-
-class Basis(NamedTuple):
-    """Modes and how much of the snapshots each holds.
-
-    Attributes
-    ----------
-    modes : F64
-        Orthonormal columns, shape `(dofs, n)`.
-    values : F64
-        Proper orthogonal values (6.22), shape `(n,)`, falling.
-    seconds : float
-        Wall time of the decomposition [s].
-    """
-
-    modes: F64
-    values: F64
-    seconds: float
+#: Eigenvalues of products below this, of the largest, are rounding
+_ROUNDING = 1e-13
 
 
-def proper_orthogonal_basis(snapshots: F64, way: str = "svd", *, unit: bool = False) -> Basis:
-    """Proper orthogonal modes of snapshots.
+def proper_orthogonal_modes(snapshots: F64, image: F64 | None = None) -> tuple[F64, F64]:
+    """Proper orthogonal modes of snapshots, and their values.
 
     Parameters
     ----------
     snapshots : F64
         One state a row, shape `(s, dofs)`.
-    way : str
-        `svd` for singular values (6.22), `eigen` for the eigenvalue problem of the averaged
-        autocorrelation (6.15), of size n, `snapshots` for that of the method of snapshots (6.19),
-        of size s. The last two lose modes whose values are below rounding of the largest.
-    unit : bool
-        Divide every snapshot by its norm: errors that are relative to each state want modes that
-        know the small ones as well as the large ones.
+    image : F64, optional
+        Their products with the matrix in whose inner product modes are wanted, shape `(dofs, s)`:
+        by the method of snapshots (6.19), which loses modes whose values are below rounding of the
+        largest. Without it the product is Euclid's, and modes come from singular values (6.22).
+
+    Returns
+    -------
+    modes : F64
+        Orthonormal columns, shape `(dofs, n)`.
+    values : F64
+        Proper orthogonal values, shape `(n,)`, falling.
     """
-    started = time.perf_counter()
-    if way not in _WAYS:
-        raise InputError(f"modes come from {', '.join(_WAYS)}, not from {way!r}")
-    if unit:
-        size = np.linalg.norm(snapshots, axis=1)
-        snapshots = snapshots[size > 0.0] / size[size > 0.0, np.newaxis]
-    s = len(snapshots)
-    if not s:
+    if not snapshots.any():
         raise InputError("modes come from states that are not all zero; there is none")
-    if way == "svd":
+    if image is None:
         modes, singular, _ = np.linalg.svd(snapshots.T, full_matrices=False)
-        values = singular**2 / s
-    else:
-        products = snapshots.T @ snapshots if way == "eigen" else snapshots @ snapshots.T
-        values, modes = np.linalg.eigh(products / s)
-        # what is below rounding of the largest is no mode
-        kept = np.flatnonzero(values > len(values) * np.finfo(float).eps * values[-1])
-        kept = kept[: -min(snapshots.shape) - 1 : -1]
-        values, modes = values[kept], modes[:, kept]
-        if way == "snapshots":
-            # (6.21)
-            modes = snapshots.T @ modes / np.sqrt(s * values)
-    return Basis(modes, values, time.perf_counter() - started)
+        return modes, singular**2 / len(snapshots)
+    values, vectors = np.linalg.eigh(snapshots @ image)
+    values, vectors = values[::-1], vectors[:, ::-1]
+    real = values > _ROUNDING * values[0]
+    values, vectors = values[real], vectors[:, real]
+    return snapshots.T @ vectors / np.sqrt(values), values / len(snapshots)
 
 
-def modes_for_energy(values: F64, share: float) -> int:
-    """Number of modes that hold a share of the sum of all proper orthogonal values (6.32)."""
-    return int(np.searchsorted(np.cumsum(values), share * values.sum())) + 1
+def unit_states(snapshots: F64) -> F64:
+    """Snapshots over their norms.
+
+    Errors that are relative to each state want modes that know the small ones as well as the large
+    ones.
+    """
+    size = np.linalg.norm(snapshots, axis=1, keepdims=True)
+    return snapshots / np.maximum(size, np.finfo(float).tiny)

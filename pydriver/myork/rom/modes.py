@@ -11,6 +11,7 @@ from myork.core.galerkin import modal_products
 from myork.core.online import Model
 from myork.core.scene import Scene
 from myork.rom import projection
+from myork.rom.basis import proper_orthogonal_modes
 from myork.rom.full import FullState
 from myork.rom.online import Answer, Regression, Solver
 from myork.rom.parameters import Parameter
@@ -185,11 +186,7 @@ def _basis(
         parts.append((beyond, _sizes(scene, beyond)[0], weight))
     scaled = np.vstack([fields * weight[:, None] for fields, _, weight in parts])
     image = np.hstack([product * weight for _, product, weight in parts])
-    values, vectors = np.linalg.eigh(scaled @ image)
-    values, vectors = values[::-1], vectors[:, ::-1]
-    real = values > 1e-13 * values[0]
-    values, vectors = values[real], vectors[:, real]
-    modes = scaled.T @ vectors / np.sqrt(values)
+    modes, values = proper_orthogonal_modes(scaled, image)
     rest = 1.0 - np.cumsum(values) / values.sum()
     r = int(np.searchsorted(-rest, -((_SHARE * tolerance) ** 2)) + 1)
     r = max(1, min(r, most, len(values)))

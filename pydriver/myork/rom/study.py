@@ -16,7 +16,7 @@ from myork.core.states import Fields
 from myork.core.threads import thread_count
 from myork.errors import InputError
 from myork.reduced_fields import REDUCED_FILE, ReducedFields, write_reduced
-from myork.rom.basis import Basis, modes_for_energy, proper_orthogonal_basis
+from myork.rom.basis import proper_orthogonal_modes, unit_states
 from myork.rom.decks import NOT_TABLES
 from myork.rom.probes import force_names, named_probes
 from myork.rom.snapshots import States, full_states
@@ -34,8 +34,6 @@ __all__ = [
     "times_faster",
 ]
 
-# The reduced least squares problem: Householder QR, or Cholesky of (A'U)^T A'U (6.67).
-_SOLVERS = {"qr": "dgels", "cholesky": "normal"}
 # Load steps that give the snapshots where the deck takes its load in one.
 _STEPS = 10
 
@@ -157,14 +155,16 @@ def _study(
 ) -> tuple[dict[str, Any], ReducedFields | None]:
     """Modes and reduced models of the full states, and all last fields where there are stresses."""
     table = scene.deck["rom"]
-    basis = proper_orthogonal_basis(full.x, table["basis"], unit=table["snapshots"] == "unit")
+    started = time.perf_counter()
+    modes, values = proper_orthogonal_modes(
+        unit_states(full.x) if table["snapshots"] == "unit" else full.x
+    )
+    basis_s = time.perf_counter() - started
     path = PathStates.of(scene, full.x, full.load)
     models, last = [], [path.fields[-1]]
-    wanted = _numbers(table, basis)
+    wanted = list(dict.fromkeys(table["modes"]))
     for number, r in enumerate(wanted, start=1):
-        found, fields = reduced_path(
-            scene, path, basis.modes[:, :r], table["solver"], table["projection"], table["assembly"]
-        )
+        found, fields = reduced_path(scene, path, modes[:, :r])
         last.append(fields)
         del found["cpu_s"]
         online = found["online_s"] / scene.steps
@@ -173,8 +173,8 @@ def _study(
             "r": r,
             "points": scene.collocation_points,
             **found,
-            "offline_s": found["offline_s"] + basis.seconds,
-            "energy": float(basis.values[:r].sum() / basis.values.sum()),
+            "offline_s": found["offline_s"] + basis_s,
+            "energy": float(values[:r].sum() / values.sum()),
             "online_s_per_state": online,
             "speedup_vs_full": full.seconds / scene.steps / online,
         }
@@ -186,7 +186,7 @@ def _study(
         )
     study = {
         "snapshots": len(full.x),
-        "pov": basis.values.tolist(),
+        "pov": values.tolist(),
         "full": {
             "dofs": scene.dofs,
             "rows": scene.rows,
@@ -234,9 +234,9 @@ def reduced_path(
     scene: Scene,
     full: PathStates,
     modes: F64,
-    solver: str = "qr",
     projection: str = "auto",
-    assembly: str = "reduced",
+    *,
+    published: bool = False,
 ) -> tuple[dict[str, Any], Fields]:
     """Project a scene on modes and solve all its load steps; errors, times and the last fields.
 
@@ -248,18 +248,17 @@ def reduced_path(
         Its states.
     modes : F64
         Orthonormal columns, shape `(dofs, r)`.
-    solver : str
-        `qr` or `cholesky`.
     projection : str
-        `auto`, `galerkin` or `least-squares`.
-    assembly : str
-        `reduced`, or `full` for rows that are assembled in full and then projected.
+        As of `Scene.reduce`.
+    published : bool
+        Rows assembled in full and then projected, and Cholesky's factor of (A'U)^T A'U (6.67),
+        instead of rows in the span of the modes and Householder's QR.
     """
     started = time.perf_counter()
-    scene.reduce(modes, projection, assembled=assembly == "full")
+    scene.reduce(modes, projection, assembled=published)
     offline_s = time.perf_counter() - started
     started, cpu = time.perf_counter(), time.process_time()
-    states = scene.solve_reduced(_SOLVERS[solver])
+    states = scene.solve_reduced("normal" if published else "dgels")
     online_s, cpu = time.perf_counter() - started, time.process_time() - cpu
     found = PathStates.of(scene, states.x @ modes.T, full.load)
     best = PathStates.of(scene, full.x @ modes @ modes.T, full.load)
@@ -330,16 +329,3 @@ def reduced_fields(scene: Scene, modes: Sequence[int], last: Sequence[Fields]) -
         np.array([fields.named["principal_stress"][:, 0] for fields in last]),
         scene.surface(),
     )
-
-
-def _numbers(table: Mapping[str, Any], basis: Basis) -> list[int]:
-    """Numbers of modes of the models: those that are named, and that of the energy."""
-    wanted = list(table["modes"])
-    if "energy" in table:
-        wanted.append(modes_for_energy(basis.values, table["energy"]))
-    if max(wanted) > len(basis.values):
-        raise InputError(
-            f"rom.modes: {max(wanted)} modes are wanted, but rom.basis = {table['basis']} finds "
-            f"{len(basis.values)}: take svd or fewer modes"
-        )
-    return list(dict.fromkeys(wanted))
