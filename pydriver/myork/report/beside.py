@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from myork.reduced_fields import ReducedFields
 from myork.report.numbers import unit_of
-from myork.report.raster import Panel, show
 from myork.report.sketch import (
     draw_bar,
     draw_ruler,
@@ -23,6 +22,7 @@ from myork.report.sketch import (
     views_of,
 )
 from myork.report.sources import Deformation
+from myork.report.surface import Panel, show
 from myork.types import F64
 
 __all__ = ["compared_figure", "reduced_figure"]
@@ -153,10 +153,10 @@ def _beside(
     for axes, panel in zip(grid.ravel(), (panel for row in rows for panel in row), strict=True):
         if flat:
             _draw_plane(axes, panel, middle)
+            axes.set(xlim=(-half[0], half[0]), ylim=(-half[1], half[1]), aspect="equal")
+            axes.set_axis_off()
         else:
             show(axes, panel, view, middle, half)
-        axes.set(xlim=(-half[0], half[0]), ylim=(-half[1], half[1]), aspect="equal")
-        axes.set_axis_off()
     if not flat:
         draw_triad(grid[0, 0], view, half)
     draw_ruler(grid[0, 0], half, length)

@@ -14,7 +14,6 @@ from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 
 from myork.report.numbers import unit_of
-from myork.report.raster import Panel, show
 from myork.report.sketch import (
     draw_bar,
     draw_ruler,
@@ -26,6 +25,7 @@ from myork.report.sketch import (
     views_of,
 )
 from myork.report.sources import Deformation
+from myork.report.surface import Panel, show
 from myork.types import F64, I32
 
 __all__ = [
