@@ -53,7 +53,7 @@ program bench_kernels
 
    call time_machine(repeats)
    call problem%start(x, 0.1_wp, .false.)
-   call problem%linearise(x, 0.1_wp, r, state)
+   call problem%evaluate(x, 0.1_wp, r, state, tangent=.true.)
    op => problem%operator()
    call kernels()
 
@@ -72,7 +72,7 @@ contains
       allocate (best(8), source=huge(1.0_wp))
       do k = 1, repeats
          start = now()
-         call problem%linearise(x, 0.1_wp, r, state)
+         call problem%evaluate(x, 0.1_wp, r, state, tangent=.true.)
          best(1) = min(best(1), now() - start)
          start = now()
          call op%envelope(factor%matrix, error)
@@ -101,13 +101,15 @@ contains
          call factor%solve(t)
          best(8) = min(best(8), now() - start)
       end do
-      entries = op%entries()
+      entries = 0.0_wp
       width = 0.0_wp
       select type (op)
       class is (rows_type)
          do k = 1, size(op%place)
-            width = width + real(op%row(k + 1) - op%row(k), wp) &
-               & *real(op%nc*op%shape%count(op%place(k)), wp)**2
+            associate (columns => real(op%nc*op%shape%count(op%place(k)), wp))
+               entries = entries + (op%row(k + 1) - op%row(k))*columns
+               width = width + (op%row(k + 1) - op%row(k))*columns**2
+            end associate
          end do
       end select
       flops = 0.0_wp

@@ -1,8 +1,7 @@
 !> A stored matrix as a row operator: small dense least squares of reduced models.
 module rk_matrix
-   use rk_envelope, only : envelope_type, new_envelope
    use rk_error, only : error_type
-   use rk_lapack, only : matvec, solve_qr, syrk
+   use rk_lapack, only : matvec, solve_qr
    use rk_operator, only : square_operator, square_report
    use rk_precision, only : i8, wp
    implicit none
@@ -17,8 +16,6 @@ module rk_matrix
    contains
       procedure :: apply
       procedure :: apply_transposed
-      procedure :: envelope
-      procedure :: normal
       procedure :: dense
       procedure :: compressed
       !> Solve with as many rows as columns
@@ -50,37 +47,6 @@ subroutine apply_transposed(self, x, y)
 
    call matvec(self%a, x, y, transposed=.true.)
 end subroutine apply_transposed
-
-!> A^T A
-subroutine envelope(self, a, error)
-   !> Matrix
-   class(matrix_rows), intent(in) :: self
-   !> Product
-   type(envelope_type), intent(inout) :: a
-   !> Error handling: no memory
-   type(error_type), allocatable, intent(out) :: error
-   real(wp), allocatable :: product(:, :)
-   integer :: j
-
-   call new_envelope(a, [(j, j=1, self%n)], [(1, j=1, self%n)], error)
-   if (allocated(error)) return
-   allocate (product(self%n, self%n))
-   call syrk(self%a, self%m, self%n, product)
-   call a%clear()
-   do j = 1, size(a%first)
-      call a%add(j, a%position, [1, self%n + 1], product)
-   end do
-end subroutine envelope
-
-!> Upper triangle of A^T A
-subroutine normal(self, a)
-   !> Matrix
-   class(matrix_rows), intent(in) :: self
-   !> Product, shape (n, n)
-   real(wp), contiguous, intent(inout) :: a(:, :)
-
-   call syrk(self%a, self%m, self%n, a)
-end subroutine normal
 
 !> A itself
 subroutine dense(self, a)

@@ -1,7 +1,8 @@
 !> What the least squares solvers may know of a matrix, and of a factor of it.
 module rk_operator
-   use rk_envelope, only : envelope_type
+   use rk_envelope, only : envelope_type, new_envelope
    use rk_error, only : err_linalg, error_type, fatal_error
+   use rk_lapack, only : syrk
    use rk_precision, only : i8, wp
    use rk_text, only : to_text
    implicit none
@@ -30,15 +31,13 @@ module rk_operator
       !> x = A^T y
       procedure(apply_interface), deferred :: apply_transposed
       !> A^T A
-      procedure(envelope_interface), deferred :: envelope
+      procedure :: envelope
       !> Upper triangle of A^T A as a dense matrix
-      procedure(normal_interface), deferred :: normal
+      procedure :: normal
       !> A itself
-      procedure(dense_interface), deferred :: dense
+      procedure :: dense
       !> A in compressed rows
       procedure(compressed_interface), deferred :: compressed
-      !> Number of nonzero entries
-      procedure :: entries
       !> What an unknown stands for, for messages
       procedure :: unknown
    end type row_operator
@@ -97,32 +96,6 @@ module rk_operator
          !> Product
          real(wp), contiguous, intent(inout) :: y(:)
       end subroutine apply_interface
-      !> Normal matrix with the envelope that suits the matrix
-      subroutine envelope_interface(self, a, error)
-         import :: envelope_type, error_type, row_operator
-         !> Matrix
-         class(row_operator), intent(in) :: self
-         !> A^T A; its storage is used again where it fits
-         type(envelope_type), intent(inout) :: a
-         !> Error handling: no memory
-         type(error_type), allocatable, intent(out) :: error
-      end subroutine envelope_interface
-      !> Upper triangle of the normal matrix
-      subroutine normal_interface(self, a)
-         import :: row_operator, wp
-         !> Matrix
-         class(row_operator), intent(in) :: self
-         !> A^T A, shape (n, n)
-         real(wp), contiguous, intent(inout) :: a(:, :)
-      end subroutine normal_interface
-      !> Entries of a dense matrix
-      subroutine dense_interface(self, a)
-         import :: row_operator, wp
-         !> Matrix
-         class(row_operator), intent(in) :: self
-         !> Entries, shape (m, n)
-         real(wp), contiguous, intent(inout) :: a(:, :)
-      end subroutine dense_interface
       !> Entries in compressed rows
       subroutine compressed_interface(self, start, column, value)
          import :: i8, row_operator, wp
@@ -167,13 +140,56 @@ subroutine solve_as_it_is(op, shift, b, x, report, error)
    end select
 end subroutine solve_as_it_is
 
-!> Number of nonzero entries; all, where the matrix does not know better
-pure real(wp) function entries(self)
+!> A itself, column by column
+subroutine dense(self, a)
    !> Matrix
    class(row_operator), intent(in) :: self
+   !> Entries, shape (m, n)
+   real(wp), contiguous, intent(inout) :: a(:, :)
+   real(wp) :: unit(self%n)
+   integer :: j
 
-   entries = real(self%m, wp)*self%n
-end function entries
+   unit = 0.0_wp
+   do j = 1, self%n
+      unit(j) = 1.0_wp
+      call self%apply(unit, a(:, j))
+      unit(j) = 0.0_wp
+   end do
+end subroutine dense
+
+!> Upper triangle of A^T A, of a matrix small enough to be written
+subroutine normal(self, a)
+   !> Matrix
+   class(row_operator), intent(in) :: self
+   !> Product, shape (n, n)
+   real(wp), contiguous, intent(inout) :: a(:, :)
+   real(wp), allocatable :: full(:, :)
+
+   allocate (full(self%m, self%n))
+   call self%dense(full)
+   call syrk(full, self%m, self%n, a)
+end subroutine normal
+
+!> A^T A of a matrix without structure
+subroutine envelope(self, a, error)
+   !> Matrix
+   class(row_operator), intent(in) :: self
+   !> Product; its storage is used again where it fits
+   type(envelope_type), intent(inout) :: a
+   !> Error handling: no memory
+   type(error_type), allocatable, intent(out) :: error
+   real(wp), allocatable :: product(:, :)
+   integer :: j
+
+   call new_envelope(a, [(j, j=1, self%n)], [(1, j=1, self%n)], error)
+   if (allocated(error)) return
+   allocate (product(self%n, self%n))
+   call self%normal(product)
+   call a%clear()
+   do j = 1, size(a%first)
+      call a%add(j, a%position, [1, self%n + 1], product)
+   end do
+end subroutine envelope
 
 !> What an unknown stands for
 function unknown(self, j) result(text)

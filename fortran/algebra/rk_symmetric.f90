@@ -3,13 +3,11 @@
 module rk_symmetric
    use rk_csr, only : csr_type, sort
    use rk_cuthill, only : cuthill_mckee
-   use rk_envelope, only : envelope_type
-   use rk_error, only : error_type, fatal_error, err_input, err_linalg, err_memory
+   use rk_error, only : error_type, err_input, err_memory
    use rk_lapack, only : solve_band
    use rk_operator, only : square_operator, square_report
    use rk_precision, only : i8, wp
    use rk_sparse, only : kept_factor, solve_again_sparse, solve_sparse
-   use rk_text, only : to_text
    implicit none
    private
 
@@ -39,11 +37,7 @@ module rk_symmetric
    contains
       procedure :: apply
       procedure :: apply_transposed
-      procedure :: envelope
-      procedure :: normal
-      procedure :: dense
       procedure :: compressed
-      procedure :: entries
       procedure :: solve_square
       !> Solve with other entries in the same places
       procedure :: solve_with
@@ -243,52 +237,6 @@ subroutine product_with(self, value, x, y)
    end do
 end subroutine product_with
 
-!> The matrix has no tall rows whose product A^T A were worth an envelope
-subroutine envelope(self, a, error)
-   !> Matrix
-   class(symmetric_matrix), intent(in) :: self
-   !> Unused
-   type(envelope_type), intent(inout) :: a
-   !> Error handling: always
-   type(error_type), allocatable, intent(out) :: error
-
-   associate (unused => a)
-   end associate
-   call fatal_error(error, err_linalg, 'a square matrix of '//to_text(self%n) &
-      & //' unknowns is solved directly, not by least squares')
-end subroutine envelope
-
-!> Upper triangle of A^T A
-subroutine normal(self, a)
-   !> Matrix
-   class(symmetric_matrix), intent(in) :: self
-   !> Product, shape (n, n)
-   real(wp), contiguous, intent(inout) :: a(:, :)
-   real(wp), allocatable :: full(:, :)
-
-   allocate (full(self%n, self%n))
-   call self%dense(full)
-   a = matmul(transpose(full), full)
-end subroutine normal
-
-!> A itself, both triangles
-subroutine dense(self, a)
-   !> Matrix
-   class(symmetric_matrix), intent(in) :: self
-   !> Entries, shape (n, n)
-   real(wp), contiguous, intent(inout) :: a(:, :)
-   integer(i8) :: k
-   integer :: j
-
-   a = 0.0_wp
-   do j = 1, self%n
-      do k = self%start(j) + 1, self%start(j + 1)
-         a(self%row(k) + 1, j) = self%value(k)
-         a(j, self%row(k) + 1) = self%value(k)
-      end do
-   end do
-end subroutine dense
-
 !> Both triangles in compressed rows
 subroutine compressed(self, start, column, value)
    !> Matrix
@@ -355,14 +303,6 @@ subroutine both_triangles(self, given, sign, start, column, value)
       end do
    end do
 end subroutine both_triangles
-
-!> Number of entries of both triangles
-pure real(wp) function entries(self)
-   !> Matrix
-   class(symmetric_matrix), intent(in) :: self
-
-   entries = 2.0_wp*real(self%start(self%n + 1), wp) - self%n
-end function entries
 
 !> Solve (A + shift |D|) x = b with the diagonal D of A
 recursive subroutine solve_square(self, shift, b, x, report, error)

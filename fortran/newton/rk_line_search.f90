@@ -65,7 +65,7 @@ subroutine search(problem, load, a, da, r, slope, blind, downhill, last, trial, 
       if (plain) then
          call problem%evaluate(trial, load, new, state)
       else
-         call problem%linearise(trial, load, new, state)
+         call problem%evaluate(trial, load, new, state, tangent=.true.)
       end if
       ! as a product of differences, which keeps its digits where the merit hardly changes
       gain = 0.5_wp*sum((r - new)*(r + new))
@@ -77,7 +77,7 @@ subroutine search(problem, load, a, da, r, slope, blind, downhill, last, trial, 
          accepted = merit - gain <= growth**2*merit
       end if
       if (state%valid .and. accepted) then
-         if (plain .and. .not. last) call problem%linearise(trial, load, new, state)
+         if (plain .and. .not. last) call problem%evaluate(trial, load, new, state, tangent=.true.)
          return
       end if
       scale = 0.5_wp*scale

@@ -43,7 +43,7 @@ subroutine solve_linear(problem, method, x, recorder, timer, error)
    x = 0.0_wp
    call system_clock(clock)
    call problem%start(x, 1.0_wp, .false.)
-   call problem%linearise(x, 1.0_wp, r, state)
+   call problem%evaluate(x, 1.0_wp, r, state, tangent=.true.)
    op => problem%operator()
    timer%assemble = tick(clock)
    call op%apply_transposed(r, g)

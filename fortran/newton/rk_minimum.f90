@@ -189,7 +189,7 @@ subroutine leave_saddle(problem, load, v, x, r, state, left)
       best = gain
    end do
    if (left) x = x + 2.0_wp**(k - 1)*step*v
-   if (left) call problem%linearise(x, load, r, state)
+   if (left) call problem%evaluate(x, load, r, state, tangent=.true.)
 end subroutine leave_saddle
 
 end module rk_minimum

@@ -236,7 +236,7 @@ contains
    !> Linearise at a
    subroutine linearise()
       call system_clock(clock)
-      call problem%linearise(a, load, r, self%state)
+      call problem%evaluate(a, load, r, self%state, tangent=.true.)
       call note_place(self, problem, a, load)
       timer%assemble = timer%assemble + tick(clock)
       now%linearised = .true.
@@ -290,7 +290,7 @@ contains
          ! back to where the step began, with more damping
          now%rejected = now%rejected + 1
          call self%damping%reject()
-         call problem%linearise(a, load, r, self%state)
+         call problem%evaluate(a, load, r, self%state, tangent=.true.)
       end if
       if (now%linearised) call note_place(self, problem, a, load)
       timer%assemble = timer%assemble + tick(clock)
@@ -325,7 +325,7 @@ contains
       returned = .true.
       ! a state as good as Newton's method finds
       a = now%saddle%x
-      call problem%linearise(a, load, r, self%state)
+      call problem%evaluate(a, load, r, self%state, tangent=.true.)
       self%gradient = now%saddle%gradient
       self%step_norm = now%saddle%step_norm
    end function gave_up
@@ -404,9 +404,9 @@ subroutine take_over(self, problem, load, carried)
    self%path%earlier = carried%held
    if (.not. allocated(carried%place)) return
    call problem%start(carried%origin, load, .false.)
-   call problem%predict(carried%origin, carried%held, load, .false., r, self%state)
+   call problem%evaluate(carried%origin, load, r, self%state, .true., lifted=carried%held)
    call problem%start(carried%origin, load, .true.)
-   call problem%linearise(carried%place, load, r, self%state)
+   call problem%evaluate(carried%place, load, r, self%state, tangent=.true.)
 end subroutine take_over
 
 !> See whether the iteration ended at a minimum, and go on below a saddle
@@ -499,7 +499,8 @@ subroutine begin(self, problem, load, a, r, g, first_gradient)
 
    call problem%start(a, load, .false.)
    ! the last converged state has a matrix yet; that of the start will be another one
-   call problem%predict(a, self%done, load, self%path%states() > 0, r, self%state)
+   call problem%evaluate(a, load, r, self%state, lifted=self%done, &
+      & tangent=.not. (problem%costly .and. self%path%states() > 0))
    self%prescribed = self%done
    call problem%start(a, load, .true.)
    op => problem%operator()
@@ -515,7 +516,7 @@ subroutine begin(self, problem, load, a, r, g, first_gradient)
       self%state = state
       self%prescribed = load
    else
-      call problem%predict(a, self%done, load, .false., r, self%state)
+      call problem%evaluate(a, load, r, self%state, .true., lifted=self%done)
    end if
 end subroutine begin
 

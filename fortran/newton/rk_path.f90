@@ -166,7 +166,7 @@ contains
       now = some
       ahead = self%at(x, done, load, some)
       if (.not. problem%inexact) then
-         call problem%linearise(ahead, load, new, seen)
+         call problem%evaluate(ahead, load, new, seen, tangent=.true.)
          return
       end if
       stage = stage_type(load=load, lifted=load, tangent=.true., &

@@ -86,12 +86,8 @@ module rk_problem
       procedure :: apply_curvature
       !> What speaks against a converged state
       procedure :: rejection
-      !> Residuals; the linearisation stays what it was
+      !> Residuals, with their linearisation where wanted
       procedure, non_overridable :: evaluate
-      !> Residuals and their linearisation
-      procedure, non_overridable :: linearise
-      !> The same at the start of a load step
-      procedure, non_overridable :: predict
       !> Size of a change of the unknowns
       procedure, non_overridable :: scaled_norms
       !> What a user can do where steps vanish but the gradient does not
@@ -138,8 +134,8 @@ subroutine start(self, x, load, iteration)
    end associate
 end subroutine start
 
-!> Residuals
-subroutine evaluate(self, x, load, r, seen)
+!> Residuals and, where wanted, their linearisation, which otherwise stays what it was
+subroutine evaluate(self, x, load, r, seen, tangent, lifted)
    !> Problem
    class(problem_type), target, intent(inout) :: self
    !> Unknowns, shape (n)
@@ -150,50 +146,20 @@ subroutine evaluate(self, x, load, r, seen)
    real(wp), contiguous, intent(inout) :: r(:)
    !> What was seen
    type(evaluation_type), intent(out) :: seen
+   !> Linearise
+   logical, intent(in), optional :: tangent
+   !> Load of the last converged state, whose unknowns are a start of this load step: where the load
+   !> enters in a way that makes them no good state, a problem may linearise in the load as well [-]
+   real(wp), intent(in), optional :: lifted
+   type(stage_type) :: stage
 
-   call self%assemble(x, stage_type(load=load, lifted=load), r, seen)
+   stage%load = load
+   stage%lifted = load
+   if (present(lifted)) stage%lifted = lifted
+   if (present(tangent)) stage%tangent = tangent
+   call self%assemble(x, stage, r, seen)
    if (seen%size < 0.0_wp) seen%size = norm2(r)
 end subroutine evaluate
-
-!> Residuals and their linearisation
-subroutine linearise(self, x, load, r, seen)
-   !> Problem
-   class(problem_type), target, intent(inout) :: self
-   !> Unknowns, shape (n)
-   real(wp), contiguous, intent(in) :: x(:)
-   !> Load, 0..1 [-]
-   real(wp), intent(in) :: load
-   !> Residuals, shape (m)
-   real(wp), contiguous, intent(inout) :: r(:)
-   !> What was seen
-   type(evaluation_type), intent(out) :: seen
-
-   call self%assemble(x, stage_type(load=load, lifted=load, tangent=.true.), r, seen)
-   if (seen%size < 0.0_wp) seen%size = norm2(r)
-end subroutine linearise
-
-!> Residuals and linearisation at the start of a load step. Where the load enters in a way that
-!> makes the start no good state, a problem may linearise in the load as well.
-subroutine predict(self, x, done, load, residuals, r, seen)
-   !> Problem
-   class(problem_type), target, intent(inout) :: self
-   !> Unknowns of the last converged state, shape (n)
-   real(wp), contiguous, intent(in) :: x(:)
-   !> Its load, 0..1 [-]
-   real(wp), intent(in) :: done
-   !> Load, 0..1 [-]
-   real(wp), intent(in) :: load
-   !> Residuals will do where a linearisation is costly: it stays what it was
-   logical, intent(in) :: residuals
-   !> Residuals, shape (m)
-   real(wp), contiguous, intent(inout) :: r(:)
-   !> What was seen
-   type(evaluation_type), intent(out) :: seen
-
-   call self%assemble(x, stage_type(load=load, lifted=done, tangent=.not. (residuals .and. &
-      & self%costly)), r, seen)
-   if (seen%size < 0.0_wp) seen%size = norm2(r)
-end subroutine predict
 
 !> Norms of the kinds of unknowns in a vector, each in units of its own: displacements in sizes of
 !> the body, pressures, where there are any, in shear moduli. Pressures may be 1e8 times as large as

@@ -14,7 +14,7 @@ module rk_cell_law
    implicit none
    private
 
-   public :: law_type, cell_stress, cell_tangent
+   public :: law_type, cell_law
 
    !> Fibers of one tissue
    type :: law_type
@@ -120,8 +120,8 @@ pure subroutine set_fiber(f, jm, fiber, law, passive, active, g4, r4, u4, u44)
    u44 = k**2*(d(2) - d(1)/stretch)/stretch**2
 end subroutine set_fiber
 
-!> First Piola-Kirchhoff stress
-pure subroutine cell_stress(f, a, local_bulk, laws, tissue, fiber, passive, active, p, j)
+!> First Piola-Kirchhoff stress and, where wanted, its derivative by F
+pure subroutine cell_law(f, a, local_bulk, laws, tissue, fiber, passive, active, p, j, c)
    !> F [-]
    real(wp), intent(in) :: f(9)
    !> A10, A01, A20, A11, A02, A30, A21, A12, A03 [stress]
@@ -140,52 +140,15 @@ pure subroutine cell_stress(f, a, local_bulk, laws, tissue, fiber, passive, acti
    real(wp), intent(out) :: p(9)
    !> Volume ratio [-]
    real(wp), intent(out) :: j
-   type(invariants_type) :: at
-   real(wp) :: g4(9), r4, u4, u44, wj
-   integer :: e
-
-   p = 0.0_wp
-   call set_invariants(at, f, a, j)
-   if (.not. j > 0.0_wp) return
-   wj = -at%inverse*(2.0_wp*t*at%r1*at%u1 + 4.0_wp*t*at%r2*at%u2) + local_bulk*(j - 1.0_wp)
-   p = 2.0_wp*at%jm*at%u1*f + at%jm2*at%u2*at%g2
-   do e = 1, size(tissue)
-      call set_fiber(f, at%jm, fiber(:, e), laws(tissue(e)), passive(e), active(e), g4, r4, u4, u44)
-      p = p + at%jm*u4*g4
-      wj = wj - 2.0_wp*t*at%inverse*r4*u4
-   end do
-   p = p + wj*at%cof
-end subroutine cell_stress
-
-!> Stress and its derivative by F
-pure subroutine cell_tangent(f, a, local_bulk, laws, tissue, fiber, passive, active, p, c, j)
-   !> F [-]
-   real(wp), intent(in) :: f(9)
-   !> A10, A01, A20, A11, A02, A30, A21, A12, A03 [stress]
-   real(wp), intent(in) :: a(9)
-   !> Bulk modulus of the cell itself [stress]
-   real(wp), intent(in) :: local_bulk
-   !> Fibers of all tissues
-   type(law_type), intent(in) :: laws(:)
-   !> Tissues with fibers in the cell, shape (k)
-   integer, intent(in) :: tissue(:)
-   !> Their directions, shape (3, k)
-   real(wp), intent(in) :: fiber(:, :)
-   !> Largest isometric stress times fraction, and that times activation, shape (k) [stress]
-   real(wp), intent(in) :: passive(:), active(:)
-   !> Stress [stress]
-   real(wp), intent(out) :: p(9)
    !> Symmetric tangent [stress]
-   real(wp), intent(out) :: c(9, 9)
-   !> Volume ratio [-]
-   real(wp), intent(out) :: j
+   real(wp), intent(out), optional :: c(9, 9)
    type(invariants_type) :: at
    real(wp) :: g4(9), r4, u4, u44, s, wj, wjj, w1, w2, w11, w12, w22, w1j, w2j, w4j, i1
    real(wp) :: left(9, 3)
    integer :: e, k, l, m
 
    p = 0.0_wp
-   c = 0.0_wp
+   if (present(c)) c = 0.0_wp
    call set_invariants(at, f, a, j)
    if (.not. j > 0.0_wp) return
    w1 = at%jm*at%u1
@@ -205,6 +168,7 @@ pure subroutine cell_tangent(f, a, local_bulk, laws, tissue, fiber, passive, act
       call set_fiber(f, at%jm, fiber(:, e), laws(tissue(e)), passive(e), active(e), g4, r4, u4, u44)
       p = p + at%jm*u4*g4
       wj = wj - 2.0_wp*t*at%inverse*r4*u4
+      if (.not. present(c)) cycle
       wjj = wjj + at%inverse**2*(2.0_wp*t*r4*u4 + 4.0_wp*t**2*r4*(u4 + r4*u44))
       w4j = -at%inverse*at%jm*2.0_wp*t*(u4 + r4*u44)
       do k = 1, 9
@@ -219,6 +183,7 @@ pure subroutine cell_tangent(f, a, local_bulk, laws, tissue, fiber, passive, act
       end do
    end do
    p = p + wj*at%cof
+   if (.not. present(c)) return
    left(:, 1) = 4.0_wp*(w11 + w2)*f + 2.0_wp*w12*at%g2 + 2.0_wp*w1j*at%cof
    left(:, 2) = 2.0_wp*w12*f + w22*at%g2 + w2j*at%cof
    left(:, 3) = 2.0_wp*w1j*f + w2j*at%g2 + wjj*at%cof
@@ -227,7 +192,7 @@ pure subroutine cell_tangent(f, a, local_bulk, laws, tissue, fiber, passive, act
    end do
    i1 = at%c(1, 1) + at%c(2, 2) + at%c(3, 3)
    call add_second(c, f, at%c, w2, 2.0_wp*(w1 + w2*i1), wj)
-end subroutine cell_tangent
+end subroutine cell_law
 
 !> Second derivatives of I1, I2' (without 4 F F, which is with the products) and J by F
 pure subroutine add_second(c, f, right, w2, w1, wj)

@@ -16,7 +16,7 @@
 !>            doi:10.1002/nme.4820 (cells with weights that keep the energy)
 module rk_online
    use, intrinsic :: iso_c_binding, only : c_double, c_int
-   use rk_cell_law, only : cell_stress, cell_tangent, law_type
+   use rk_cell_law, only : cell_law, law_type
    use rk_fiber, only : active_curve, passive_curve
    use rk_precision, only : wp
    implicit none
@@ -320,11 +320,11 @@ subroutine assemble_cells(model, work, z, condition, tangent)
                active(e) = passive(e)*condition%activation(model%tissue(first - 1 + e))
             end do
             if (tangent) then
-               call cell_tangent(work%f(:, q), a, bulk, model%laws, model%tissue(first:last), &
-                  & fiber(:, :l), passive(:l), active(:l), p, work%moduli(:, :, q - o), j)
+               call cell_law(work%f(:, q), a, bulk, model%laws, model%tissue(first:last), &
+                  & fiber(:, :l), passive(:l), active(:l), p, j, work%moduli(:, :, q - o))
                work%moduli(:, :, q - o) = model%weight(q)*work%moduli(:, :, q - o)
             else
-               call cell_stress(work%f(:, q), a, bulk, model%laws, model%tissue(first:last), &
+               call cell_law(work%f(:, q), a, bulk, model%laws, model%tissue(first:last), &
                   & fiber(:, :l), passive(:l), active(:l), p, j)
             end if
          end associate

@@ -63,7 +63,6 @@ module rk_rows
       procedure :: apply_second
       procedure :: dense
       procedure :: compressed
-      procedure :: entries
       procedure :: unknown
    end type rows_type
 
@@ -567,19 +566,6 @@ subroutine compressed(self, start, column, value)
    !$omp end do
    !$omp end parallel
 end subroutine compressed
-
-!> Number of entries of compressed rows
-pure real(wp) function entries(self)
-   !> Rows
-   class(rows_type), intent(in) :: self
-   integer :: b
-
-   entries = 0.0_wp
-   do b = 1, size(self%place)
-      entries = entries + real(self%row(b + 1) - self%row(b), wp)*self%nc &
-         & *self%shape%count(self%place(b))
-   end do
-end function entries
 
 !> Source point and field of an unknown, and where it is
 function unknown(self, j) result(text)

@@ -52,7 +52,6 @@ module rk_constraint
    contains
       procedure :: apply
       procedure :: apply_transposed
-      procedure :: dense
       procedure :: solve_square
    end type constrained_matrix
 
@@ -206,23 +205,6 @@ subroutine apply_transposed(self, x, y)
    call self%matrix%apply_transposed(projected(self%constraint, x), y)
    call self%constraint%add_transposed(self%constraint%resistance*self%constraint%times(x), y)
 end subroutine apply_transposed
-
-!> All entries
-subroutine dense(self, a)
-   !> Matrix
-   class(constrained_matrix), intent(in) :: self
-   !> Entries, shape (n, n)
-   real(wp), contiguous, intent(inout) :: a(:, :)
-   real(wp) :: unit(self%n)
-   integer :: j
-
-   unit = 0.0_wp
-   do j = 1, self%n
-      unit(j) = 1.0_wp
-      call self%apply(unit, a(:, j))
-      unit(j) = 0.0_wp
-   end do
-end subroutine dense
 
 !> Solve A x = b, with shift times the diagonal of K in K
 recursive subroutine solve_square(self, shift, b, x, report, error)

@@ -83,7 +83,6 @@ module rk_tangent
       procedure :: constant_product
       procedure :: apply
       procedure :: apply_transposed
-      procedure :: dense
       !> Newton's step
       procedure :: solve_square
    end type tangent_type
@@ -331,23 +330,6 @@ subroutine apply_transposed(self, x, y)
    call self%apply(x, y)
    call self%add_skew(-2.0_wp, x, y)
 end subroutine apply_transposed
-
-!> All entries, both triangles
-subroutine dense(self, a)
-   !> Tangent
-   class(tangent_type), intent(in) :: self
-   !> Entries, shape (n, n)
-   real(wp), contiguous, intent(inout) :: a(:, :)
-   real(wp) :: unit(size(a, 1))
-   integer :: j
-
-   unit = 0.0_wp
-   do j = 1, size(unit)
-      unit(j) = 1.0_wp
-      call self%apply(unit, a(:, j))
-      unit(j) = 0.0_wp
-   end do
-end subroutine dense
 
 !> Newton's step, by as many digits as the iteration can use
 recursive subroutine solve_square(self, shift, b, x, report, error)

@@ -70,7 +70,7 @@ subroutine new_weak_motion(self, problem, error)
    self%symmetric = .true.
    nf = problem%fields
    allocate (r(problem%n))
-   call problem%linearise(0.0_wp*r, 0.0_wp, r, seen)
+   call problem%evaluate(0.0_wp*r, 0.0_wp, r, seen, tangent=.true.)
    allocate (self%mass(size(problem%matrix%value)), source=0.0_wp)
    do q = 1, size(problem%cells%weight)
       call self%motion%density_at(problem%cells%point(:, q), density, error)

@@ -279,7 +279,7 @@ subroutine evaluate_session(handle, reduced, start, x, load, problem, r, error)
    if (allocated(error)) return
    allocate (r(problem%m))
    call problem%start(start, load, .false.)
-   call problem%linearise(x, load, r, state)
+   call problem%evaluate(x, load, r, state, tangent=.true.)
    if (.not. state%valid) call fatal_error(error, err_input, 'the state is not valid: smallest J ' &
       & //to_text(state%min_j, 4)//' at collocation point '//to_text(state%worst))
 end subroutine evaluate_session
