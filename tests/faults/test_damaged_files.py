@@ -191,10 +191,10 @@ KINDS: dict[str, tuple[Callable[[Path], Any], st.SearchStrategy[Edit]]] = {
     "gradients": (read_table, BYTES | TEXT),
     "tracts": (read_lines, BYTES | ARRAY),
     "surface": (read_surface, BYTES | TEXT),
-    "states": (read_states, BYTES | ARRAY),
+    "states": (read_states, BYTES),
     "summary": (make_report, BYTES | TEXT),
     "history": (make_report, BYTES | TEXT),
-    "results": (make_report, BYTES | ARRAY),
+    "results": (make_report, BYTES),
     "labels": (make_report, BYTES),
 }
 #: Kinds that are read as a folder, kinds that take longer, and files that stand beside the damaged

@@ -77,7 +77,7 @@ def test_sweep_page(swept: Path, open_page: Callable[[str], Any]) -> None:
 def test_effects_are_those_of_the_function(swept: Path) -> None:
     sweep = read_sweep(swept)
     fit = Fit.of(sweep.keys, sweep.probes[0])
-    assert fit is not None and fit.degree == 2 and fit.foretold > 1.0 - 1e-9
+    assert fit is not None and fit.degree == 2 and fit.predicted > 1.0 - 1e-9
     places = [np.array(key.values) for key in sweep.keys]
     low, high = (np.array([end(place) for place in places]) for end in (np.min, np.max))
     middle = 0.5 * (low + high)
@@ -91,12 +91,12 @@ def test_effects_are_those_of_the_function(swept: Path) -> None:
     assert [label.get_text() for label in axes.get_yticklabels()][-1] == "m.sigma_max"
 
 
-def test_noise_is_not_foretold() -> None:
+def test_noise_is_not_predicted() -> None:
     rng = np.random.default_rng(0)
     key = Column("a", "", rng.random(40).tolist(), [])
     noise = Column("b", "", rng.normal(size=40).tolist(), [])
     fit = Fit.of([key], noise)
-    assert fit is not None and fit.foretold < 0.3
+    assert fit is not None and fit.predicted < 0.3
     assert Fit.of([key], Column("c", "", [1.0] * 40, [])) is None
 
 

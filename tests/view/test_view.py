@@ -501,7 +501,7 @@ def test_report_with_states(
     assert main(["report", str(folder)]) == 0
     assert "the report holds no states of it" in capsys.readouterr().err
     (folder / "states.json").write_text('{"title": "x"}')
-    with pytest.raises(FileError, match="states.json: is damaged"):
+    with pytest.raises(FileError, match="another file is damaged"):
         make_report(folder)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,11 +12,12 @@ from myork.errors import FileError
 from myork.report.beside import compared_figure
 from myork.report.figures import COLOURS, DASHES, MARKERS
 from myork.report.frame import Section, figure, render, table
-from myork.report.numbers import DASH, fraction, labelled, number, probe_units, with_error
+from myork.report.numbers import DASH, fraction, labelled, number, plain, probe_units, with_error
 from myork.report.sketch import panels_of
 from myork.report.sources import RunFolder
 from myork.report.story import Answer
 from myork.summary import printed, read_summary
+from myork.tables import differing_keys
 
 __all__ = ["compare_page"]
 
@@ -77,11 +78,11 @@ def _probes(runs: Sequence[RunFolder]) -> dict[str, str]:
 def _story(runs: Sequence[RunFolder], names: Sequence[str]) -> Iterator[Answer]:
     titles = [str(run.summary.get("title") or name) for run, name in zip(runs, names, strict=True)]
     same = len(set(titles)) == 1
-    told = [
+    different = [
         f"{name}: {title}, {run.summary.get('method', '?')}"
         for name, title, run in zip(names, titles, runs, strict=True)
     ]
-    yield Answer("Problem", [titles[0], *names] if same else ["Different problems", *told])
+    yield Answer("Problem", [titles[0], *names] if same else ["Different problems", *different])
     lines: list[str | Markup] = []
     outside = []
     for name, unit in _probes(runs).items():
@@ -219,40 +220,18 @@ def _curves(runs: Sequence[RunFolder], names: Sequence[str]) -> Iterator[Markup]
 
 def _decks(runs: Sequence[RunFolder], names: Sequence[str]) -> Iterator[Markup]:
     """Keys whose values are not those of all; of a list, its entries by their names."""
-    decks = [dict(_flat("", read_summary(run.path).get("deck") or {})) for run in runs]
-    keys = dict.fromkeys(key for deck in decks for key in deck)
-    rows = [
-        [key, *(_told(deck.get(key)) for deck in decks)]
-        for key in keys
-        if any(deck.get(key) != decks[0].get(key) for deck in decks)
-    ]
+    first, *others = (read_summary(run.path).get("deck") or {} for run in runs)
+    changes = [differing_keys(first, other) for other in others]
+    rows = []
+    for key in dict.fromkeys(key for change in changes for key in change):
+        own = next(change[key][0] for change in changes if key in change)
+        values = [own, *(change.get(key, (own, own))[1] for change in changes)]
+        rows.append([key, *(plain(value) for value in values)])
     if not rows:
         yield Markup("<p>Nothing: all keys have the same values.</p>")
         return
     more = f"; {len(rows) - _MOST_KEYS} more" if len(rows) > _MOST_KEYS else ""
     yield table(("key", *names), rows[:_MOST_KEYS], f"Keys with different values{more}")
-
-
-def _flat(prefix: str, value: Any) -> Iterator[tuple[str, Any]]:
-    if isinstance(value, Mapping):
-        for key, own in value.items():
-            yield from _flat(f"{prefix}.{key}".lstrip("."), own)
-    elif isinstance(value, list) and value and all(isinstance(own, Mapping) for own in value):
-        for number_, own in enumerate(value):
-            name = own.get("name") or own.get("set") or number_
-            yield from _flat(f"{prefix}.{name}", own)
-    else:
-        yield prefix, value
-
-
-def _told(value: Any) -> str:
-    if value is None:
-        return DASH
-    if isinstance(value, list):
-        return f"({', '.join(_told(part) for part in value)})"
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return str(value)
-    return fraction(value)
 
 
 def _cost(runs: Sequence[RunFolder], names: Sequence[str]) -> Iterator[Markup]:

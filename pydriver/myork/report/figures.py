@@ -1,6 +1,6 @@
 """Figures of a report, drawn off-screen; each function takes arrays and returns a figure.
 
-Colours: Okabe and Ito's palette for lines, viridis for fields; both are told apart by colour-blind
+Colours: Okabe and Ito's palette for lines, viridis for fields; both are distinct to colour-blind
 readers (https://jfly.uni-koeln.de/color). Lines differ in marker or dash as well.
 """
 

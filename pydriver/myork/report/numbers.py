@@ -8,7 +8,16 @@ from typing import Any
 
 from markupsafe import Markup
 
-__all__ = ["DASH", "fraction", "labelled", "number", "probe_units", "unit_of", "with_error"]
+__all__ = [
+    "DASH",
+    "fraction",
+    "labelled",
+    "number",
+    "plain",
+    "probe_units",
+    "unit_of",
+    "with_error",
+]
 
 DASH = "–"
 _MINUS = "\u2212"
@@ -57,6 +66,16 @@ def with_error(value: Any, error: Any) -> Markup:
 def fraction(value: Any) -> str:
     """A load or an activation: given numbers, so no zeros are added to show their precision."""
     return f"{value:.4g}" if isinstance(value, (int, float)) else DASH
+
+
+def plain(value: Any) -> str:
+    """A value of a deck."""
+    if value is None:
+        return DASH
+    if isinstance(value, list):
+        return f"({', '.join(plain(part) for part in value)})"
+    number_ = isinstance(value, int | float) and not isinstance(value, bool)
+    return fraction(value) if number_ else str(value)
 
 
 def unit_of(units: Mapping[str, str], name: str, missing: str = "?") -> str:

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import UndefinedError
 from markupsafe import Markup
 
 import myork
-from myork.errors import FileError, InputError
-from myork.files import write_text
+from myork.errors import FileError, InputError, MyorkError
+from myork.files import read_json, write_text
 from myork.report import figures, image_figures, pictures, tables
 from myork.report.beside import reduced_figure
 from myork.report.compare import compare_page
@@ -82,13 +80,12 @@ def _whole(make: Callable[[], str], folder: Path) -> str:
     """A page, or an error where the numbers of its files do not fit together."""
     try:
         return make()
-    except (
-        LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RuntimeError
-    ) as reason:  # fmt: skip
+    except MyorkError:
+        raise
+    except Exception as reason:
         raise FileError(
             f"{folder}: summary.json or another file is damaged, or the page has a fault "
-            f"of its own: {reason!r}; run the command again, and report it with the output of -v "
-            "if that changes nothing"
+            f"of its own: {reason!r}; run the command again"
         ) from reason
 
 
@@ -141,12 +138,12 @@ def _warnings(folder: RunFolder) -> list[str]:
     """Warnings of the run and of the segmentation, and what is old; reasons stand in the story."""
     warnings = folder.summary.get("warnings", [])
     reasons = (folder.summary.get("verdict") or {}).get("reasons", [])
-    told = folder.summary.get("refine")
+    refine = folder.summary.get("refine")
     return [
         *failures(folder.summary),
         *folder.summary.get("segmentation", {}).get("warnings", []),
         *(text for text in warnings if not any(text in reason for reason in reasons)),
-        *([told["reason"]] if told and not told["met"] else []),
+        *([refine["reason"]] if refine and not refine["met"] else []),
     ]
 
 
@@ -303,7 +300,7 @@ def _reduced_fields(folder: RunFolder, models: Sequence[Mapping[str, Any]]) -> I
     for k in dict.fromkeys((best, fewest)):
         model = numbers[fields.modes[k]]
         modes = Markup("{} {}").format(number(model["r"]), "mode" if model["r"] == 1 else "modes")
-        told = Markup(
+        caption = Markup(
             "The last state of the full model and of the reduced one with {}, deformed to scale, "
             "in one scale of colours, and their difference, with the largest of it at any point. "
             "Over all {} states the errors are e<sub>1</sub> = {}, e<sub>2</sub> = {}."
@@ -313,7 +310,7 @@ def _reduced_fields(folder: RunFolder, models: Sequence[Mapping[str, Any]]) -> I
             number(model.get("e1"), 2),
             number(model.get("e2"), 2),
         )
-        shown = figure(reduced_figure(fields, k, folder.summary.get("units", {})), told)
+        shown = figure(reduced_figure(fields, k, folder.summary.get("units", {})), caption)
         folded = "<details><summary>The same with {}</summary>{}</details>"
         yield shown if k == best else Markup(folded).format(modes, shown)
 
@@ -323,13 +320,7 @@ def _touch(folder: RunFolder) -> list[Markup]:
     path = folder.path / "states.json"
     if not path.is_file():
         return []
-    try:
-        about = json.loads(path.read_text(encoding="utf-8"))
-        return [render("touch.html", about=about)]
-    except (OSError, ValueError, UndefinedError, TypeError, AttributeError) as reason:
-        raise FileError(
-            f"{path}: is damaged: {reason}; remove it, or `myork report` beside its model"
-        ) from None
+    return [render("touch.html", about=read_json(path))]
 
 
 def _convergence(folder: RunFolder) -> list[Markup]:

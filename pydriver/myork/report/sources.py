@@ -27,10 +27,6 @@ T = TypeVar("T")
 _TEXTS = ("solver",)
 # Fields of a deformation that not every result file has
 _OTHERS = ("cauchy", "fiber", "label")
-# Those that have no value where the material is turned inside out
-_STRESSES = ("stress", "cauchy")
-# Beyond this a number is damage, or of no use in a picture
-_LARGEST = 1e150
 
 
 @dataclass(frozen=True)
@@ -176,15 +172,12 @@ def _read_history(path: Path) -> dict[str, NDArray[Any]]:
     """Columns as numbers, but for the names of solvers; an empty entry is not a number."""
     try:
         text = path.read_text(encoding="utf-8")
-        head, *rows = list(csv.reader(text.splitlines(), strict=True)) or [[]]
-        if not {"step", "load"} <= set(head) or not text.endswith("\n"):
-            raise ValueError("cut off, or without the columns step and load")
-        if len(set(head)) < len(head):
-            raise ValueError("two columns of one name")
-        columns = zip(head, zip(*rows, strict=True), strict=True) if rows else ()
+        if not text.endswith("\n"):
+            raise ValueError("cut off")
+        head, *rows = csv.reader(text.splitlines(), strict=True)
         return {
             name: np.array(own if name in _TEXTS else [float(entry or "nan") for entry in own])
-            for name, own in columns
+            for name, own in zip(head, zip(*rows, strict=True), strict=True)
         }
     except (OSError, ValueError, csv.Error) as error:
         raise FileError(f"{path}: damaged: {error}") from None
@@ -199,7 +192,7 @@ def _read_deformation(path: Path) -> Deformation | None:
         others: dict[str, Any] = {
             name: results.field(name) for name in _OTHERS if name in results.fields
         }
-        found = Deformation(
+        return Deformation(
             points=results.points,
             displacement=displacement,
             stress=results.field("principal_stress")[:, 0],
@@ -210,8 +203,3 @@ def _read_deformation(path: Path) -> Deformation | None:
             lattice=results.lattice,
             **others,
         )
-    for name, values in vars(found).items():
-        known = np.nan_to_num(values) if name in _STRESSES else values
-        if values is not None and not (np.abs(known) <= _LARGEST).all():
-            raise FileError(f"{path}: {name}: finite numbers are needed; the file is damaged")
-    return found

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from markupsafe import Markup
 
-from myork.report.numbers import fraction, number, probe_units, unit_of, with_error
+from myork.report.numbers import fraction, number, plain, probe_units, unit_of, with_error
 from myork.report.sources import Deformation, RunFolder
 from myork.summary import printed
 
@@ -74,8 +74,8 @@ def _asked(summary: Mapping[str, Any]) -> Iterator[str | Markup]:
         if not given:
             held.append(where)
         else:
-            told = ", ".join(f"{key} = {_plain(value)}" for key, value in given.items())
-            moved.append(f"{where}: {told}")
+            values = ", ".join(f"{key} = {plain(value)}" for key, value in given.items())
+            moved.append(f"{where}: {values}")
     activation = (deck.get("load") or {}).get("activation")
     loads = [f"held at {', '.join(held)}"] if held else []
     loads += moved
@@ -122,12 +122,6 @@ def _where(probe: Mapping[str, Any], length: str) -> str:
     return ""
 
 
-def _plain(value: Any) -> str:
-    if isinstance(value, list):
-        return f"({', '.join(_plain(part) for part in value)})"
-    return fraction(value) if isinstance(value, int | float) else str(value)
-
-
 def _came_out(
     summary: Mapping[str, Any], deformation: Deformation | None
 ) -> Iterator[str | Markup]:
@@ -151,8 +145,8 @@ def _came_out(
         size = np.linalg.norm(deformation.displacement, axis=1)
         stress = np.nan_to_num(deformation.stress, nan=-np.inf)
         most, tense = int(np.argmax(size)), int(np.argmax(stress))
-        told = "Largest displacement {} {} at {}, largest principal stress {} {} at {}"
-        yield Markup(told).format(
+        line = "Largest displacement {} {} at {}, largest principal stress {} {} at {}"
+        yield Markup(line).format(
             number(float(size[most]), 3), unit_of(units, "length"), _place(deformation, most),
             number(float(deformation.stress[tense]), 3), unit_of(units, "stress"),
             _place(deformation, tense),
@@ -280,7 +274,7 @@ def _data(summary: Mapping[str, Any]) -> Iterator[str | Markup]:
         if own.get("dice") is not None
     ]
     if scores:
-        told = Markup(", ").join(
+        each = Markup(", ").join(
             Markup("{} {}").format(name, number(dice, 3)) for name, dice in scores
         )
-        yield Markup("Segmentation against the truth: Dice {}").format(told)
+        yield Markup("Segmentation against the truth: Dice {}").format(each)

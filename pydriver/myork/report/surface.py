@@ -86,7 +86,8 @@ def show(axes: Axes, panel: Panel, view: F64, middle: F64, half: F64) -> None:
     place = (panel.positions - middle) @ view.T
     if not len(panel.triangles):
         order = np.argsort(place[:, 2])
-        axes.scatter(*place[order, :2].T, s=12, c=_coloured(panel, panel.values[order]))
+        x, y, _ = place[order].T
+        axes.scatter(x, y, s=12, c=_coloured(panel, panel.values[order]))
         return
     sharp = _edges(panel.rest, panel.triangles, float(half.min()))
     parts = [_facets(panel, place, view)]
@@ -100,7 +101,7 @@ def show(axes: Axes, panel: Panel, view: F64, middle: F64, half: F64) -> None:
     order = np.argsort(corners[:, :, 2].mean(axis=1), kind="stable")
     x, y, _ = corners[order].reshape(-1, 3).T
     mesh = TriMesh(Triangulation(x, y, np.arange(len(x)).reshape(-1, 3)))
-    mesh.set_facecolor(colours[order].reshape(-1, 3))
+    mesh.set_facecolor([tuple(colour) for colour in colours[order].reshape(-1, 3).tolist()])
     axes.add_collection(mesh, autolim=False)
 
 

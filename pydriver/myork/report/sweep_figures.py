@@ -77,15 +77,15 @@ class Fit:
         2 where there are points enough, else 1.
     coefficients : NDArray
         One a term.
-    foretold : float
-        Part of the variance foretold for points left out one at a time, 1 is all [-].
+    predicted : float
+        Part of the variance predicted for points left out one at a time, 1 is all [-].
     """
 
     probe: Column
     keys: list[Column]
     degree: int
     coefficients: F64
-    foretold: float
+    predicted: float
 
     @classmethod
     def of(cls, keys: Sequence[Column], probe: Column) -> Fit | None:
@@ -107,10 +107,10 @@ class Fit:
         left = y[known] - rows @ found
         # residual of each point where it is left out, by the diagonal of the projection
         own = np.clip(np.sum(np.linalg.qr(rows)[0] ** 2, axis=1), 0.0, 1.0 - 1e-9)
-        foretold = 1.0 - float(
+        predicted = 1.0 - float(
             np.sum((left / (1.0 - own)) ** 2) / np.sum((y[known] - y[known].mean()) ** 2)
         )
-        return cls(probe, varied, degree, found, foretold)
+        return cls(probe, varied, degree, found, predicted)
 
     def at(self, places: F64) -> F64:
         """Values at places scaled to -1..1, shape `(n, keys)`."""
@@ -165,7 +165,7 @@ def trend_figure(keys: Sequence[Column], probe: Column, verdicts: Sequence[str])
     figure, panels = panels_of(len(keys), sharey=True)
     y = np.array(probe.values, float)
     bars = np.array(probe.errors or np.full(len(y), np.nan), float)
-    told = np.array(verdicts)
+    given = np.array(verdicts)
     for axes, key in zip(panels, keys, strict=True):
         x = key.numbers()
         if x is None:
@@ -177,7 +177,7 @@ def trend_figure(keys: Sequence[Column], probe: Column, verdicts: Sequence[str])
             axes.plot(x[order], y[order], color="#BBBBBB", linewidth=1.0, zorder=1)
         for verdict in dict.fromkeys(verdicts):
             colour, mark = VERDICTS.get(verdict, ("#666666", "."))
-            own = told == verdict
+            own = given == verdict
             if np.isfinite(y[own]).any():
                 axes.errorbar(
                     x[own], y[own], np.nan_to_num(bars[own]), fmt=mark, color=colour,
@@ -222,7 +222,7 @@ def tornado_figure(fits: Sequence[Fit]) -> Figure:
         axes.ticklabel_format(axis="x", useOffset=False)
         label = labelled(fit.probe.name, fit.probe.unit)
         axes.set_xlabel(f"{label} (↓ key at its lowest, ↑ at its highest)")
-        axes.set_title(f"degree {fit.degree}, Q² = {fit.foretold:.3f}", fontsize=10)
+        axes.set_title(f"degree {fit.degree}, Q² = {fit.predicted:.3f}", fontsize=10)
         for side in ("top", "right", "left"):
             axes.spines[side].set_visible(False)
     for axes in panels[len(fits) :]:
@@ -255,9 +255,9 @@ def response_figure(fit: Fit, verdicts: Sequence[str]) -> Figure:
         *shape, value, levels=np.asarray(drawn.levels)[::3], colors="white", linewidths=0.6
     )
     axes.clabel(lines, fontsize=8)
-    told = np.array(verdicts)
+    given = np.array(verdicts)
     for verdict in dict.fromkeys(verdicts):
-        own = told == verdict
+        own = given == verdict
         mark = VERDICTS.get(verdict, ("", "."))[1]
         axes.plot(
             x[own], y[own], mark, color="white", markeredgecolor="black", markersize=4.5,

@@ -16,7 +16,7 @@ from markupsafe import Markup
 from myork.errors import FileError
 from myork.report import sweep_figures
 from myork.report.frame import Section, figure, render, table
-from myork.report.numbers import DASH, fraction, labelled, number, unit_of
+from myork.report.numbers import DASH, fraction, labelled, number, plain, unit_of
 from myork.report.story import Answer
 from myork.report.sweep_figures import VERDICTS, Column, Fit
 
@@ -145,21 +145,21 @@ def _counts(sweep: SweepFolder) -> list[tuple[str, int]]:
 
 
 def _story(sweep: SweepFolder) -> Iterator[Answer]:
-    told = []
+    ranges = []
     for key in sweep.keys:
         values = key.numbers()
         if values is None:
-            told.append(f"{key.name}: {', '.join(dict.fromkeys(map(str, key.values)))}")
+            ranges.append(f"{key.name}: {', '.join(dict.fromkeys(map(str, key.values)))}")
         else:
-            told.append(f"{key.name} from {fraction(values.min())} to {fraction(values.max())}")
+            ranges.append(f"{key.name} from {fraction(values.min())} to {fraction(values.max())}")
     who = f"the reduced model {sweep.model}" if sweep.model else "full solutions"
-    yield Answer("Problem", [f"{sweep.total} points by {who}", "; ".join(told)])
-    ranges: list[Markup] = []
+    yield Answer("Problem", [f"{sweep.total} points by {who}", "; ".join(ranges)])
+    found: list[Markup] = []
     for probe in sweep.probes[:_MOST_PROBES]:
         values = np.array(probe.values, float)
         values = values[np.isfinite(values)]
         if len(values):
-            ranges.append(
+            found.append(
                 Markup("<b>{}</b> from {} to {} {}").format(
                     probe.name, number(float(values.min())), number(float(values.max())), probe.unit
                 )
@@ -170,7 +170,7 @@ def _story(sweep: SweepFolder) -> Iterator[Answer]:
         number(float(seconds.sum()), 3),
         number(float(np.median(seconds)) if len(seconds) else None, 3),
     )
-    yield Answer("Results", [Markup(", ").join(ranges) or "nothing", cost])
+    yield Answer("Results", [Markup(", ").join(found) or "nothing", cost])
     counts = _counts(sweep)
     lines: list[str | Markup] = [
         ", ".join(f"{count} {word}" for word, count in counts)
@@ -207,7 +207,7 @@ def _effects(fits: list[Fit | None]) -> Iterator[Markup]:
             sweep_figures.tornado_figure(shown),
             "Change of each probe from the lowest to the highest value of a key, all others in "
             "the middle, by a polynomial through the points; its degree and the part of the "
-            "variance that it foretells for points left out (Q²) stand above.",
+            "variance that it predicts for points left out (Q²) stand above.",
         )
 
 
@@ -225,14 +225,14 @@ def _failures(sweep: SweepFolder) -> Iterator[Markup]:
     wrong = [k for k, verdict in enumerate(sweep.verdicts) if verdict != "accepted"]
     if not wrong:
         return
-    # alike but for their numbers: told once
+    # alike but for their numbers: listed once
     kinds = Counter(_kind(sweep.messages[k]) for k in wrong)
     if len(kinds) > _MOST_ROWS:
         yield Markup("<p>The first {} of {} messages.</p>").format(_MOST_ROWS, len(kinds))
     rows = []
     for kind, count in kinds.most_common(_MOST_ROWS):
         first = next(k for k in wrong if _kind(sweep.messages[k]) == kind)
-        where = ", ".join(f"{key.name} = {_plain(key.values[first])}" for key in sweep.keys)
+        where = ", ".join(f"{key.name} = {plain(key.values[first])}" for key in sweep.keys)
         rows.append((sweep.verdicts[first], number(count), where, sweep.messages[first] or DASH))
     yield Markup('<div class="facts">{}</div>').format(
         table(("verdict", "points", "first at", "message"), rows, "Points that are not accepted")
@@ -248,16 +248,14 @@ def _points(sweep: SweepFolder) -> Iterator[Markup]:
     head += [labelled(probe.name, probe.unit) for probe in sweep.probes]
     rows = [
         [
-            *(_plain(key.values[k]) for key in sweep.keys),
+            *(plain(key.values[k]) for key in sweep.keys),
             *(number(float(probe.values[k])) for probe in sweep.probes),
             verdict,
         ]
         for k, verdict in enumerate(sweep.verdicts[:_MOST_ROWS])
     ]
-    told = f"The first {len(rows)} points; all: sweep.csv" if len(rows) < sweep.total else "Points"
+    caption = (
+        f"The first {len(rows)} points; all: sweep.csv" if len(rows) < sweep.total else "Points"
+    )
     details = "<details><summary>{}</summary>{}</details>"
-    yield Markup(details).format(told, table([*head, "verdict"], rows))
-
-
-def _plain(value: Any) -> str:
-    return fraction(value) if isinstance(value, int | float) else str(value)
+    yield Markup(details).format(caption, table([*head, "verdict"], rows))

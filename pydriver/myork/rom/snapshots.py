@@ -16,8 +16,8 @@ from myork.core.galerkin import stored_unknowns
 from myork.core.scene import Scene
 from myork.errors import InputError, MyorkError
 from myork.results import Results
-from myork.rom.decks import differing_keys, in_words
 from myork.summary import read_summary
+from myork.tables import differing_keys, in_words
 from myork.types import F64
 
 __all__ = ["States", "full_states", "solution_of", "stored_states"]

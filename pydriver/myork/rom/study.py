@@ -17,10 +17,10 @@ from myork.core.threads import thread_count
 from myork.errors import InputError
 from myork.reduced_fields import REDUCED_FILE, ReducedFields, write_reduced
 from myork.rom.basis import proper_orthogonal_modes, unit_states
-from myork.rom.decks import NOT_TABLES
 from myork.rom.probes import force_names, named_probes
 from myork.rom.snapshots import States, full_states
 from myork.summary import read_summary, renewing, update_summary
+from myork.tables import NOT_TABLES
 from myork.types import F64
 
 __all__ = [
