@@ -10,6 +10,9 @@ module rk_split_cells
 
    public :: split_cells
 
+   !> Widths that differ by less than this share are the same
+   real(wp), parameter :: same = 1.0e-6_wp
+
 contains
 
 !> Put 2^nd points in the place of one in each cell
@@ -34,7 +37,7 @@ subroutine split_cells(self)
    do g = 1, size(self%first) - 1
       associate (o => self%first(g) + 1, e => self%first(g + 1))
          self%thin(:, g) = [(maxval(self%point(d, o:e)) - minval(self%point(d, o:e)) &
-            & < sqrt(sum(self%moment(d, d, o:e))/sum(self%weight(o:e))), d=1, nd)]
+            & < (1.0_wp - same)*sqrt(sum(self%moment(d, d, o:e))/sum(self%weight(o:e))), d=1, nd)]
       end associate
    end do
    volume = self%weight

@@ -403,6 +403,9 @@ subroutine take_over(self, problem, load, carried)
    if (allocated(carried%bend)) self%path%bend = carried%bend
    self%path%earlier = carried%held
    if (.not. allocated(carried%place)) return
+   self%place = carried%place
+   self%origin%x = carried%origin
+   self%origin%load = carried%held
    call problem%start(carried%origin, load, .false.)
    call problem%evaluate(carried%origin, load, r, self%state, .true., lifted=carried%held)
    call problem%start(carried%origin, load, .true.)

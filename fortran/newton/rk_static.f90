@@ -48,13 +48,18 @@ subroutine solve_static(problem, newton, planned, max_halvings, x, recorder, tim
    real(wp), allocatable :: before(:)
    real(wp) :: load, part, most, target_load, done, from
    integer :: step, first, halvings
-   logical :: aside
+   logical :: aside, settled
 
    done = 0.0_wp
    aside = any(abs(x) > 0.0_wp) .and. .not. present(last)
+   settled = present(last)
    halvings = 0
    first = 1
    if (present(last)) then
+      record%gradient = last%gradient
+      record%step_norm = last%step_norm
+      record%min_j = last%min_j
+      record%max_j = last%max_j
       first = last%step + 1
       done = last%load
       if (allocated(last%carried)) then
@@ -86,7 +91,7 @@ subroutine solve_static(problem, newton, planned, max_halvings, x, recorder, tim
       record%iterations = 0
       do
          call choose_load()
-         if (at_rest(problem, x, load)) then
+         if (nothing_moves()) then
             ! iterations would work on roundings
             done = load
             record%load = load
@@ -130,6 +135,12 @@ contains
       newton%impatient = halvings < min(early, max_halvings)
    end subroutine choose_load
 
+   !> Whether the last state is that of the next load as well
+   logical function nothing_moves()
+      nothing_moves = at_rest(problem, x, load)
+      if (settled .and. .not. nothing_moves) nothing_moves = .not. problem%scene%changes(done, load)
+   end function nothing_moves
+
    !> Iterate at the load; x is changed only on success
    subroutine try_step()
       before = x
@@ -161,6 +172,7 @@ contains
       ! the way from a start beside the path says nothing about the path
       if (.not. aside) call newton%path%note(before, x, done, load, problem%inexact)
       aside = .false.
+      settled = .true.
       done = load
       call note_state(load)
       if (halvings > 0 .and. 2*newton%iterations <= newton%max_iterations) halvings = halvings - 1

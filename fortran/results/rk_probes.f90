@@ -47,7 +47,7 @@ subroutine new_probes(self, scene, error)
 end subroutine new_probes
 
 !> Value of a probe, 1 or 3 numbers
-subroutine probe_value(problem, probes, i, state, value)
+subroutine probe_value(problem, probes, i, state, value, whole)
    !> Full problem
    class(discretisation_type), intent(in) :: problem
    !> Probes
@@ -58,6 +58,8 @@ subroutine probe_value(problem, probes, i, state, value)
    type(field_state), intent(in) :: state
    !> Value, shape (3); the first quantity_size numbers count
    real(wp), intent(out) :: value(3)
+   !> Norm of the vector or tensor of which it is a component, or its own
+   real(wp), intent(out), optional :: whole
    type(field_state) :: own
    type(point_state) :: local
    real(wp) :: u(problem%fields, problem%shape%nq)
@@ -66,6 +68,7 @@ subroutine probe_value(problem, probes, i, state, value)
       if (probe%of_body()) then
          value = 0.0_wp
          value(1) = muscle_value(problem, probe, state)
+         if (present(whole)) whole = abs(value(1))
          return
       end if
       select case (quantity_kind(probe%quantity))
@@ -85,9 +88,18 @@ subroutine probe_value(problem, probes, i, state, value)
             call probes%shape%interpolate(i, state%x, 1, 1 + nd, u)
             call problem%at_place(state, probes%nearest(i), probe%point(:nd), u, local)
             value = quantity(probe%quantity, local)
+            if (.not. present(whole)) return
+            whole = norm2(value)
+            select case (quantity_kind(probe%quantity))
+            case ('length')
+               whole = norm2(local%u)
+            case ('stress')
+               whole = max(whole, norm2(local%cauchy))
+            end select
             return
          end if
       end select
+      if (present(whole)) whole = norm2(value)
       if (quantity_size(probe%quantity) == 1) value(1) = value(component(probe%quantity, &
          & len(probe%quantity)))
    end associate

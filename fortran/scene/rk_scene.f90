@@ -172,6 +172,8 @@ module rk_scene
       procedure :: has_own_activations
       !> Whether a muscle is active or a condition acts at a load
       procedure :: is_loaded
+      !> Whether something prescribed is another at another load
+      procedure :: changes
       !> Shape functions at places
       procedure :: shape_at
       !> Largest ratio of a bulk modulus to its shear modulus
@@ -258,6 +260,20 @@ pure logical function is_loaded(self, load)
    is_loaded = any([(self%activation_at(k, load) > 0.0_wp, k=1, size(self%tissue))]) &
       & .or. any([(self%condition(k)%acts(self%factors(load)), k=1, size(self%condition))])
 end function is_loaded
+
+!> Whether a muscle or a condition acts otherwise at one load than at another
+pure logical function changes(self, from, to)
+   !> Scene
+   class(scene_type), intent(in) :: self
+   !> Loads [-]
+   real(wp), intent(in) :: from, to
+   integer :: k
+
+   changes = allocated(self%body_force) .or. any([(abs(self%activation_at(k, to) &
+      & - self%activation_at(k, from)) > 0.0_wp, k=1, size(self%tissue))]) &
+      & .or. any([(self%condition(k)%acts(self%factors(to) - self%factors(from)), k=1, &
+      & size(self%condition))])
+end function changes
 
 !> Whether displacements are prescribed that are not the same everywhere
 pure logical function moves_unevenly(self)

@@ -46,7 +46,8 @@ module rk_bars
    real(wp), parameter :: share_of_all = 0.2_wp
    !> Collocation against the weak form: 94 % of 388, 2.0 times the error
    real(wp), parameter :: factor_forms = 2.0_wp
-   !> No bar is below these shares of the value and of the size [-]
+   !> No bar is below these shares of the value, of a component the vector or tensor that it is of,
+   !> so that it does not depend on the axes, and of the size [-]
    real(wp), parameter :: least_of_value = 1.0e-3_wp, least_of_size = 1.0e-6_wp
    !> Least size of a probe, of that of its kind, and of a stress inside the body [-]
    real(wp), parameter :: share_of_kind = 0.1_wp, share_inside = 0.3_wp
@@ -70,6 +71,8 @@ module rk_bars
       real(wp), allocatable :: change(:)
       !> Bar over difference of each probe, shape (probes) [-]
       real(wp), allocatable :: factor(:)
+      !> Norm of what each probe is a component of, at these loads, shape (probes, n)
+      real(wp), allocatable :: whole(:, :)
       !> Largest own size, at least a tenth of that of its kind, shape (probes)
       real(wp), allocatable :: size(:)
       !> Largest own size, at least that of its kind, shape (probes)
@@ -108,6 +111,7 @@ subroutine new_bars(self, problem, load, x, error)
    n = size(problem%scene%probe)
    self%load = load
    allocate (self%values(3, n, size(load)), self%bars(3, n, size(load)))
+   allocate (self%whole(n, size(load)))
    allocate (self%value(3, n), self%bar(3, n), self%change(n), self%at_surface(n))
    allocate (self%size(n), self%kind(n), self%open(n), source=0.0_wp)
    allocate (self%factor(n), source=1.0_wp)
@@ -119,13 +123,13 @@ subroutine new_bars(self, problem, load, x, error)
    if (allocated(error)) return
    do k = 1, size(load)
       call problem%state(x(:, k), load(k), state)
-      call look_at(self, problem, probes, state, self%values(:, :, k))
+      call look_at(self, problem, probes, state, self%values(:, :, k), self%whole(:, k))
    end do
    self%value = self%values(:, :, size(load))
 end subroutine new_bars
 
 !> Values of a state, and sizes where they are larger than those of others
-subroutine look_at(self, problem, probes, state, value)
+subroutine look_at(self, problem, probes, state, value, whole)
    !> Bars
    type(bars_type), intent(inout) :: self
    !> Problem
@@ -136,6 +140,8 @@ subroutine look_at(self, problem, probes, state, value)
    type(field_state), intent(in) :: state
    !> Values, shape (3, probes)
    real(wp), intent(out) :: value(:, :)
+   !> Norms of what they are components of, shape (probes)
+   real(wp), intent(out) :: whole(:)
    type(point_state) :: local
    real(wp) :: stresses(size(problem%scene%cloud%points, 2)), displacement, stress, force, share, &
       & own, kind
@@ -156,7 +162,7 @@ subroutine look_at(self, problem, probes, state, value)
             & norm2(problem%set_force(set, state, 1.0_wp)))
       end do
       do i = 1, size(value, 2)
-         call probe_value(problem, probes, i, state, value(:, i))
+         call probe_value(problem, probes, i, state, value(:, i), whole(i))
          share = share_of_kind
          select case (quantity_kind(scene%probe(i)%quantity))
          case ('force')
@@ -221,9 +227,10 @@ subroutine bars_by_other(self, problem, other, kind, difference)
    type(bars_type), intent(in) :: other
    !> fewer_points, few_fewer, more_points or another_form
    integer, intent(in) :: kind
-   !> Root mean square of the difference of all displacements [length]
-   real(wp), intent(in) :: difference
-   real(wp) :: least_change, left, share
+   !> Root mean square of the difference of all displacements at the same loads, shape (loads)
+   !> [length]
+   real(wp), intent(in) :: difference(:)
+   real(wp) :: least_change(size(difference)), left, share
    logical :: blocks
    integer :: i
 
@@ -299,7 +306,7 @@ subroutine bars_by_solution(self, problem, time, error)
                exact = quantity(probe%quantity, local)
             end if
             call set_bar(self, i, quantity_size(probe%quantity), reshape(exact, [3, 1]), &
-               & 0.0_wp, 0.0_wp)
+               & [0.0_wp], 0.0_wp)
          end associate
       end do
    end associate
@@ -328,8 +335,8 @@ subroutine set_bar(self, i, n, other, least_change, left)
    integer, intent(in) :: n
    !> The other values at the same loads, shape (3, loads)
    real(wp), intent(in) :: other(:, :)
-   !> Least difference that counts
-   real(wp), intent(in) :: least_change
+   !> Least difference that counts, shape (loads)
+   real(wp), intent(in) :: least_change(:)
    !> Share of its value that the voxels leave open [-]
    real(wp), intent(in) :: left
    real(wp) :: difference(n, size(self%load))
@@ -339,26 +346,26 @@ subroutine set_bar(self, i, n, other, least_change, left)
    self%bar(:, i) = self%bars(:, i, 1)
    self%change(i) = self%bar(1, i)
    if (.not. all(ieee_is_finite(self%values(:n, i, :) - other(:n, :)))) return
-   difference = max(abs(self%values(:n, i, :) - other(:n, :)), least_change)
+   difference = max(abs(self%values(:n, i, :) - other(:n, :)), spread(least_change, 1, n))
    do k = 1, size(self%load)
       self%bars(:n, i, k) = max(self%factor(i)*difference(:, k) &
-         & + left*norm2(self%values(:n, i, k)), least(self, i, self%values(:n, i, k)))
+         & + left*norm2(self%values(:n, i, k)), least(self, i, self%whole(i, k)))
    end do
    self%bar(:n, i) = self%bars(:n, i, size(self%load))
    self%change(i) = maxval(difference)/max(self%size(i), tiny(1.0_wp))
    self%open(i) = left*norm2(self%value(:n, i))/max(self%size(i), tiny(1.0_wp))
 end subroutine set_bar
 
-!> Least bar of a value
-pure real(wp) function least(self, i, value)
+!> Least bar of a probe
+pure real(wp) function least(self, i, whole)
    !> Bars
    type(bars_type), intent(in) :: self
    !> Probe
    integer, intent(in) :: i
-   !> Its value
-   real(wp), intent(in) :: value(:)
+   !> Norm of what it is a component of
+   real(wp), intent(in) :: whole
 
-   least = max(least_of_value*norm2(value), least_of_size*self%size(i))
+   least = max(least_of_value*whole, least_of_size*self%size(i))
 end function least
 
 !> Bars of a probe at a load: of a ramp those of full load in proportion to it
@@ -378,7 +385,8 @@ pure function at(self, i, load, value) result(bar)
       return
    end if
    bar = self%bar(:size(value), i)
-   where (.not. ieee_is_nan(bar)) bar = max(load*bar, least(self, i, value))
+   where (.not. ieee_is_nan(bar)) bar = max(load*bar, least(self, i, max(norm2(value), &
+      & load*self%whole(i, 1))))
 end function at
 
 !> Value as it is printed beside its bar: far below that it is rounding

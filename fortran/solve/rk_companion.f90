@@ -71,8 +71,8 @@ module rk_companion
       !> Largest norm of the difference of the displacements, of the largest of the displacements
       !> [-]
       real(wp) :: distance = 0.0_wp
-      !> Root mean square of that difference over the volume [length]
-      real(wp) :: difference = 0.0_wp
+      !> Root mean square of that difference over the volume at each load, shape (loads) [length]
+      real(wp), allocatable :: difference(:)
    end type companion_type
 
    !> Receiver that keeps the states that are compared and is as patient as the caller's
@@ -351,6 +351,7 @@ subroutine look(self, problem, keeper, first, answer, error)
       call first%scene%shape_at(cloud%points, shape, error)
       if (allocated(error)) return
       most = 0.0_wp
+      self%difference = [(0.0_wp, k=1, size(keeper%load))]
       do k = 1, size(keeper%load)
          call problem%state(keeper%x(:, k), keeper%load(k), state)
          difference = 0.0_wp
@@ -362,10 +363,10 @@ subroutine look(self, problem, keeper, first, answer, error)
             total = total + cloud%volume(ip)*max(sum(u(:n, 1)**2), sum(local%u(:n)**2))
          end do
          most = max(most, [difference, total])
+         self%difference(k) = sqrt(difference/sum(cloud%volume))
       end do
    end associate
    self%distance = sqrt(most(1)/max(most(2), tiny(1.0_wp)))
-   self%difference = sqrt(most(1)/sum(problem%scene%cloud%volume))
 end subroutine look
 
 !> Keep a state that is compared
