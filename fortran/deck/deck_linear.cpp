@@ -30,39 +30,8 @@ static void check_without(Deck &deck, int dimension) {
                     "1 is only for linear problems: the table [linear] is missing");
 }
 
-// A known solution fits one operator, and its loads follow from it
-static void check_known(Deck &deck, const Section &linear, int dimension) {
-   const std::string problem = linear.text("problem"), solution = linear.text("solution");
-   const Value *name = linear.find("solution");
-   const auto complain = [&](const std::string &what) {
-      deck.complain(name->origin, "linear.solution", solution + what);
-   };
-   if ((solution == "exp_x" && dimension != 1) || (solution == "exp_xy" && dimension != 2) ||
-       (solution == "cantilever" && dimension != 2))
-      complain(" needs scene.dimension = " + std::string(solution == "exp_x" ? "1" : "2") +
-               ", not " + std::to_string(dimension));
-   if (is_one_of(solution, {"exp_x", "exp_xy", "cantilever"})) {
-      const std::string fits = solution == "cantilever" ? "elasticity" : "poisson";
-      if (!problem.empty() && problem != fits)
-         complain(" is a solution of problem = " + fits + ", not " + problem);
-   }
-   for (const char *key : {"E", "nu"}) {
-      const Value *value = linear.find(key);
-      if (value && value->kind == Value::Kind::text)
-         deck.complain(value->origin, deck.address(linear, key),
-                       "an expression is only for solution = none; here solution = " + solution);
-   }
-   if (const Section *dynamics = deck.single("dynamics"))
-      deck.complain(dynamics->origin, "dynamics",
-                    "needs loads of its own, linear.solution = none; here solution = " + solution);
-   for (Section *boundary : deck.entries("boundary"))
-      deck.complain(boundary->origin, deck.address(*boundary),
-                    "has no place in a linear problem with solution = " + solution +
-                        ", which tells all values; loads of your own need solution = none");
-}
-
-// Loads of one's own: keys of the operator, one value for each unknown
-static void check_own(Deck &deck, const Section &linear, int dimension) {
+// Keys of the operator, one value for each unknown
+static void check_values(Deck &deck, const Section &linear, int dimension) {
    const std::string problem = linear.text("problem");
    const bool scalar = problem == "poisson";
    for (Section *boundary : deck.entries("boundary")) {
@@ -106,9 +75,10 @@ static void check_own(Deck &deck, const Section &linear, int dimension) {
 }
 
 static void check_linear_probes(Deck &deck, const Section &linear, const std::string &method) {
-   const std::string problem = linear.text("problem"), solution = linear.text("solution");
+   const std::string problem = linear.text("problem");
    // collocation knows forces from virtual work, which does not know sources and inertia
-   const bool forces = solution == "none" ? method == "rkpm-gauss" : solution == "cantilever";
+   const bool forces =
+       method == "rkpm-gauss" || (!linear.find("source") && !deck.single("dynamics"));
    for (Section *probe : deck.entries("probe")) {
       const std::string quantity = probe->text("quantity");
       const bool force = quantity.compare(0, 5, "force") == 0;
@@ -123,9 +93,8 @@ static void check_linear_probes(Deck &deck, const Section &linear, const std::st
                        quantity + (moved && !force && !of_whole_body(quantity)
                                        ? " of a set or section"
                                        : "") +
-                           " is not known in a linear problem of " + problem +
-                           (solution == "none" ? " by " + method : " with " + solution) +
-                           (force && !forces && problem != "poisson" && solution == "none"
+                           " is not known in a linear problem of " + problem + " by " + method +
+                           (force && !forces && problem != "poisson"
                                ? ", whose virtual work has no sources and no inertia: take "
                                  "scene.method = rkpm-gauss"
                                : ""));
@@ -159,11 +128,7 @@ void check_linear(Deck &deck, const std::string &geometry, int dimension) {
    if (method && method->text != "rkcm" && method->text != "rkpm-gauss")
       deck.complain(method->origin, "scene.method",
                     "must be rkpm-gauss or rkcm for a linear problem, not " + method->text);
-   const std::string solution = linear->text("solution");
-   if (solution == "none")
-      check_own(deck, *linear, dimension);
-   else if (!solution.empty())
-      check_known(deck, *linear, dimension);
+   check_values(deck, *linear, dimension);
    check_linear_probes(deck, *linear, method ? method->text : "");
 }
 

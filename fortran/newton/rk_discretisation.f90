@@ -315,7 +315,7 @@ pure subroutine small_strain(equation, pair, x, u, local, pressure)
          end do
       end do
    end do
-   across = nd == 2 .and. .not. equation%plane_stress
+   across = nd == 2
    if (across) local%p(3, 3) = lambda*(u(1, 2) + u(2, 3))
    if (present(pressure)) then
       do a = 1, merge(3, nd, across)

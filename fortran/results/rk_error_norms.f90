@@ -8,7 +8,7 @@ module rk_error_norms
    use rk_gauss, only : gauss_rule
    use rk_precision, only : wp
    use rk_shape, only : shape_type
-   use rk_solutions, only : solution_at
+   use rk_equation, only : solution_at
    implicit none
    private
 

@@ -90,7 +90,6 @@ subroutine coefficient_at(equation, x, pair, error)
       return
    end if
    here%kind = equation%kind
-   here%plane_stress = equation%plane_stress
    here%young = equation%young
    here%poisson_ratio = equation%poisson_ratio
    here%conductivity = equation%conductivity
@@ -218,7 +217,7 @@ pure function moduli(equation, nd, pair) result(c)
    end do
 end function moduli
 
-!> Lamé's constants; in plane stress the lambda that leaves no stress across the plane
+!> Lamé's constants
 pure function lame_constants(equation) result(lame)
    !> Equation of elasticity
    type(equation_type), intent(in) :: equation
@@ -228,7 +227,6 @@ pure function lame_constants(equation) result(lame)
    associate (v => equation%poisson_ratio)
       lame(2) = 0.5_wp*equation%young/(1.0_wp + v)
       lame(1) = 2.0_wp*lame(2)*v/(1.0_wp - 2.0_wp*v)
-      if (equation%plane_stress) lame(1) = 2.0_wp*lame(2)*v/(1.0_wp - v)
    end associate
 end function lame_constants
 

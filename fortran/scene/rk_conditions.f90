@@ -37,8 +37,7 @@ module rk_conditions
 
 contains
 
-!> Resolve the conditions of a scene; of a linear problem with a known solution values are
-!> prescribed on sets of its own
+!> Resolve the conditions of a scene
 subroutine new_boundary(self, scene, error, time)
    !> Boundary points
    type(boundary_type), intent(out) :: self
@@ -49,19 +48,8 @@ subroutine new_boundary(self, scene, error, time)
    type(error_type), allocatable, intent(out) :: error
    !> Time of expressions in it, 0 without
    real(wp), intent(in), optional :: time
-   type(condition_type), allocatable :: known(:)
-   integer :: k
 
-   if (scene%equation%is_own()) then
-      call find_boundary(self, scene%cloud, scene%condition, scene%programme%count(), error, time)
-   else
-      allocate (known(size(scene%equation%essential)))
-      do k = 1, size(known)
-         known(k)%set = scene%equation%essential(k)
-         known(k)%fixed = .true.
-      end do
-      call find_boundary(self, scene%cloud, known, scene%programme%count(), error)
-   end if
+   call find_boundary(self, scene%cloud, scene%condition, scene%programme%count(), error, time)
    if (.not. allocated(error) .and. allocated(scene%equation%pin)) call add_pins(self, scene, error)
 end subroutine new_boundary
 
@@ -91,10 +79,9 @@ subroutine add_pins(self, scene, error)
       end do
       ! what moves need not be held
       if (allocated(scene%motion)) return
-      if (.not. any(self%essential(:equation%fields(cloud%nd), :))) call fatal_error(error, &
-         & err_input, 'linear: no value is prescribed anywhere: '//trim(merge( &
-         & 'give u in a [[boundary]]      ', 'name sides in linear.essential', &
-         & equation%is_own()))//', or give a pin')
+      if (.not. any(self%essential(:equation%fields(cloud%nd), :))) &
+         & call fatal_error(error, err_input, 'linear: no value is prescribed anywhere: give u ' &
+         & //'in a [[boundary]], or a pin')
    end associate
 end subroutine add_pins
 

@@ -1,4 +1,4 @@
-!> What a linear problem is, as plain data: operator, loads or known solution, motion.
+!> What a linear problem is, as plain data: operator, loads, motion.
 module rk_equation
    use rk_error, only : error_type, fatal_error, err_input
    use rk_expression, only : expression_type
@@ -8,6 +8,10 @@ module rk_equation
    private
 
    public :: equation_type, motion_type, pin_type
+   public :: solution_at, source_at
+
+   !> Distance of values whose differences are derivatives, in sizes of the body [-]
+   real(wp), parameter :: difference = 1.0e-3_wp
 
    !> A boundary point where components of a linear problem's solution are prescribed
    type :: pin_type
@@ -17,20 +21,16 @@ module rk_equation
       logical :: fixed(3) = .false.
    end type pin_type
 
-   !> A linear problem, with a known solution or with loads of its own
+   !> A linear problem
    type :: equation_type
       !> poisson or elasticity; not allocated in nonlinear scenes
       character(len=:), allocatable :: kind
-      !> Name of the solution; none where source and conditions are those of the deck
-      character(len=:), allocatable :: solution
-      !> Then what the solution is, where somebody knows, by component
+      !> What the solution is, where somebody knows, by component
       type(expression_type) :: exact_of(3)
-      !> and the source or body force, a number or an expression for each component
+      !> Source or body force, a number or an expression for each component
       !> [force/length^3]
       real(wp) :: source(3) = 0.0_wp
       type(expression_type) :: source_of(3)
-      !> Degree of a polynomial solution
-      integer :: degree = 0
       !> Young's modulus [force/length^2] and Poisson's ratio [-]
       real(wp) :: young = 1.0_wp
       real(wp) :: poisson_ratio = 0.0_wp
@@ -41,21 +41,13 @@ module rk_equation
       !> Support of functions that interpolate the coefficients between source points, in spacings;
       !> 0 for the coefficients themselves [-]
       real(wp) :: smoothing = 0.0_wp
-      !> Plane stress instead of plane strain
-      logical :: plane_stress = .false.
-      !> Shear force on the end of the cantilever, per thickness [force/length]
-      real(wp) :: force = 0.0_wp
       !> Size of the body [length]
       real(wp) :: extent(3) = 1.0_wp
-      !> Boundary sets where the solution's values are prescribed; elsewhere its flux is
-      integer, allocatable :: essential(:)
-      !> Single points where they are
+      !> Single points where it is 0
       type(pin_type), allocatable :: pin(:)
    contains
       !> Whether its coefficients vary over the body
       procedure :: varies
-      !> Whether the deck has the loads, and not the solution
-      procedure :: is_own
       !> Whether a solution is known
       procedure :: is_known
       !> Components of the solution
@@ -137,21 +129,12 @@ pure logical function varies(self)
    varies = self%young_of%given() .or. self%ratio_of%given() .or. self%conductivity_of%given()
 end function varies
 
-!> Whether the deck has the loads, and not the solution; so it is in nonlinear scenes
-pure logical function is_own(self)
-   !> Equation
-   class(equation_type), intent(in) :: self
-
-   is_own = .true.
-   if (allocated(self%solution)) is_own = self%solution == 'none'
-end function is_own
-
 !> Whether a solution is known
 pure logical function is_known(self)
    !> Equation
    class(equation_type), intent(in) :: self
 
-   is_known = .not. self%is_own() .or. self%exact_of(1)%given()
+   is_known = self%exact_of(1)%given()
 end function is_known
 
 !> Components of the solution: one of Poisson's problem, else those of the displacement
@@ -164,5 +147,47 @@ pure integer function fields(self, nd)
    fields = nd
    if (allocated(self%kind)) fields = merge(1, nd, self%kind == 'poisson')
 end function fields
+
+!> Value and first derivatives of the solution
+subroutine solution_at(equation, x, time, u, error)
+   !> Problem, whose solution is known
+   type(equation_type), intent(in) :: equation
+   !> Place, shape (nd) [length]
+   real(wp), intent(in) :: x(:)
+   !> Time, of no meaning where nothing moves
+   real(wp), intent(in) :: time
+   !> Value and first derivatives of each field, behind them what is not known, shape (fields, nq)
+   real(wp), intent(out) :: u(:, :)
+   !> Error handling: an expression without a value there
+   type(error_type), allocatable, intent(inout) :: error
+   integer :: i
+
+   u = 0.0_wp
+   do i = 1, size(u, 1)
+      call equation%exact_of(i)%at(x, u(i, 1), error, time)
+      call equation%exact_of(i)%gradient(x, difference*minval(equation%extent(:size(x))), &
+         & u(i, 2:1 + size(x)), error, time)
+   end do
+end subroutine solution_at
+
+!> Source or body force
+subroutine source_at(equation, x, time, f, error)
+   !> Problem
+   type(equation_type), intent(in) :: equation
+   !> Place, shape (nd) [length]
+   real(wp), intent(in) :: x(:)
+   !> Time, of no meaning where nothing moves
+   real(wp), intent(in) :: time
+   !> Source of each field, shape (fields) [force/length^3]
+   real(wp), intent(out) :: f(:)
+   !> Error handling: an expression without a value there
+   type(error_type), allocatable, intent(inout) :: error
+   integer :: i
+
+   f = equation%source(:size(f))
+   do i = 1, size(f)
+      if (equation%source_of(i)%given()) call equation%source_of(i)%at(x, f(i), error, time)
+   end do
+end subroutine source_at
 
 end module rk_equation

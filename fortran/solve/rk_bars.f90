@@ -15,7 +15,7 @@ module rk_bars
    use rk_precision, only : wp
    use rk_probes, only : new_probes, probe_value, probes_type, quantity, &
       & quantity_kind, quantity_size
-   use rk_solutions, only : solution_at
+   use rk_equation, only : solution_at
    use rk_sort, only : sort
    use rk_states, only : field_state, point_state
    use rk_voxel_shape, only : surface_share

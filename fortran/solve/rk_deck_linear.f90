@@ -1,7 +1,7 @@
 !> From the table [linear] of a checked deck to the equation of a scene.
 module rk_deck_linear
-   use rk_deck, only : deck_type, word_length
-   use rk_deck_boundary, only : find_named_set, read_conditions
+   use rk_deck, only : deck_type
+   use rk_deck_boundary, only : read_conditions
    use rk_deck_expression, only : read_value, read_values
    use rk_error, only : error_type
    use rk_linear, only : set_essential_weight
@@ -15,7 +15,7 @@ module rk_deck_linear
 
 contains
 
-!> Operators, known solution and where its values are prescribed
+!> Operators, loads and where the solution is prescribed
 subroutine read_linear(scene, deck, error)
    !> Scene with points and solver
    type(scene_type), intent(inout) :: scene
@@ -24,38 +24,23 @@ subroutine read_linear(scene, deck, error)
    !> Error handling, one line more for each unknown side
    type(error_type), allocatable, intent(inout) :: error
    character(len=:), allocatable :: at, word
-   character(len=word_length), allocatable :: side(:)
    real(wp), allocatable :: point(:)
    real(wp) :: no_numbers(3)
-   integer :: k, set
+   integer :: k
 
    associate (equation => scene%equation)
       call deck%get('linear.problem', equation%kind)
-      call deck%get('linear.solution', equation%solution)
-      if (equation%solution == 'polynomial') call deck%get('linear.degree', equation%degree)
       if (equation%kind == 'elasticity') then
          call read_value(deck, 'linear.E', equation%young, equation%young_of)
          if (deck%has('linear.nu')) call read_value(deck, 'linear.nu', equation%poisson_ratio, &
             & equation%ratio_of)
-         call deck%get('linear.plane', word)
-         equation%plane_stress = word == 'stress'
       end if
-      if (equation%solution == 'cantilever') call deck%get('linear.force', equation%force)
       if (deck%has('linear.conductivity')) call read_value(deck, 'linear.conductivity', &
          & equation%conductivity, equation%conductivity_of)
       if (deck%has('linear.smoothing')) call deck%get('linear.smoothing', equation%smoothing)
       call read_values(deck, 'linear.source', equation%source, equation%source_of)
       call read_values(deck, 'linear.exact', no_numbers, equation%exact_of)
       equation%extent(:scene%cloud%nd) = maxval(scene%cloud%points, dim=2)
-      call deck%get('linear.essential', side)
-      allocate (equation%essential(size(side)))
-      do k = 1, size(side)
-         call find_named_set(scene%cloud, deck, 'linear.essential', side(k), &
-            & equation%essential(k), error)
-      end do
-      ! in the order of the sets, whatever that of the deck
-      equation%essential = pack([(set, set=1, size(scene%cloud%set_names))], &
-         & [(any(equation%essential == set), set=1, size(scene%cloud%set_names))])
       allocate (equation%pin(deck%count('pin')))
       do k = 1, size(equation%pin)
          at = 'pin.'//to_text(k)

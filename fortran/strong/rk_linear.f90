@@ -3,8 +3,8 @@
 !> L u = f in the body, B^h u = h and B^g u = g on its boundary (5.7), for operators of second order
 !> with constant coefficients: (L u)_i = c(i,A,k,B) u_k,AB, (B^h u)_i = c(i,A,k,B) n_A u_k,B and
 !> B^g u = u. Poisson's problem has c = 1 for A = B, elasticity its moduli. The rows are weighted as
-!> in (5.15); f, h and g follow from a known solution, or the deck gives them. Coefficients that
-!> vary add first derivatives: (c u_k,B),A = c u_k,AB + c,A u_k,B.
+!> in (5.15); the deck gives f, h and g. Coefficients that vary add first derivatives:
+!> (c u_k,B),A = c u_k,AB + c,A u_k,B.
 !>
 !> Collocation points inside carry L, those on the boundary B^h or B^g only (5.10). With L on the
 !> boundary as well the L2 errors are 4 to 7 times larger and fall more slowly.
@@ -18,7 +18,7 @@ module rk_linear
    use rk_problem, only : evaluation_type, stage_type
    use rk_rows, only : new_rows
    use rk_scene, only : scene_type
-   use rk_solutions, only : exact_field, source_at
+   use rk_equation, only : source_at
    use rk_strong, only : strong_problem
    implicit none
    private
@@ -34,7 +34,7 @@ module rk_linear
       !> Weighted right hand side, shape (m)
       real(wp), allocatable :: b(:)
    contains
-      !> Weighted right hand side of loads of the deck's own
+      !> Weighted right hand side
       procedure :: own_side
       procedure :: assemble
    end type linear_problem
@@ -82,15 +82,14 @@ subroutine new_linear(self, scene, error)
    self%n = self%rows%n
    allocate (self%b(self%m), source=0.0_wp)
    call set_rows(self)
-   if (scene%equation%is_own()) call self%own_side(0.0_wp, self%b, error)
+   call self%own_side(0.0_wp, self%b, error)
 end subroutine new_linear
 
-!> Rows and, of a known solution, the right hand side (5.13)-(5.15)
+!> Rows (5.13)-(5.15)
 subroutine set_rows(self)
    !> Problem
    class(linear_problem), intent(inout) :: self
-   real(wp) :: u(self%fields, self%shape%nq)
-   integer :: b, i, row
+   integer :: b
 
    do b = 1, size(self%rows%place)
       if (b <= self%inside) then
@@ -98,12 +97,6 @@ subroutine set_rows(self)
       else
          self%rows%coefficient(:, :, :, b) = boundary_rows(self, b - self%inside)
       end if
-      if (self%scene%equation%is_own()) cycle
-      call exact_field(self%scene%equation, self%scene%cloud%points(:, self%rows%place(b)), u)
-      row = self%rows%row(b)
-      do i = 1, self%fields
-         self%b(row + i) = sum(self%rows%coefficient(i, :, :, b)*u)
-      end do
    end do
 end subroutine set_rows
 
@@ -163,8 +156,7 @@ pure function boundary_rows(self, b) result(rows)
    end do
 end function boundary_rows
 
-!> Weighted right hand side of loads of the deck's own at a time: sources inside, values and
-!> tractions at the boundary
+!> Weighted right hand side at a time: sources inside, values and tractions at the boundary
 subroutine own_side(self, time, side, error)
    !> Problem
    class(linear_problem), intent(in) :: self

@@ -16,6 +16,7 @@ module rk_galerkin
    use rk_conditions, only : new_boundary
    use rk_csr, only : csr_type
    use rk_discretisation, only : deformation, discretisation_type, entry_displacement
+   use rk_equation, only : source_at
    use rk_error, only : err_input, error_type, fatal_error
    use rk_follower, only : add_pressure, has_free_rim
    use rk_gauss_cells, only : gauss_cells
@@ -36,7 +37,6 @@ module rk_galerkin
    use rk_scene, only : scene_type
    use rk_section, only : cut_through, inner_force
    use rk_shape, only : shape_type
-   use rk_solutions, only : source_at
    use rk_split_cells, only : split_cells
    use rk_stabilisation, only : share_bulk
    use rk_states, only : field_state, point_state

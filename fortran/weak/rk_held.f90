@@ -25,9 +25,8 @@ module rk_held
    use rk_neighbours, only : nearest_points
    use rk_nodal_cells, only : lattice_index
    use rk_precision, only : i8, wp
-   use rk_programme, only : combined, ramp
+   use rk_programme, only : combined
    use rk_scene, only : scene_type
-   use rk_solutions, only : flux_at
    use rk_symmetric, only : symmetric_matrix
    use rk_tensor, only : vector_product
    use rk_text, only : to_text
@@ -260,14 +259,8 @@ subroutine prescribed(self, scene, by, value, error)
    allocate (value(size(own, 1), fields, size(self%at%side)))
    do e = 1, size(self%at%side)
       associate (x => self%at%x(:, self%at%place(e)))
-         if (scene%equation%is_own()) then
-            call conditions_at(scene%cloud, scene%condition, &
-               & self%at%in_set(e, scene%condition%set), x, fixed, own, push, error)
-         else
-            fixed = any(self%at%in_set(e, scene%equation%essential))
-            call flux_at(scene%equation, x, 0.0_wp*x, own(ramp, :fields), push(ramp, :fields), &
-               & error)
-         end if
+         call conditions_at(scene%cloud, scene%condition, self%at%in_set(e, &
+            & scene%condition%set), x, fixed, own, push, error)
       end associate
       if (allocated(error)) return
       by(:, e) = fixed(:fields)

@@ -9,7 +9,6 @@ module rk_weak_conditions
    use rk_programme, only : combined, ramp
    use rk_scene, only : scene_type
    use rk_shape, only : shape_type
-   use rk_solutions, only : flux_at
    use rk_states, only : field_state
    use rk_symmetric, only : symmetric_matrix
    use rk_tensor, only : cofactor, identity, vector_product
@@ -110,7 +109,7 @@ subroutine set_conditions(self, scene, cells, shear, error)
    end do
 end subroutine set_conditions
 
-!> What is prescribed at surface points, by the deck or by a known solution
+!> What is prescribed at surface points
 subroutine prescribed_at(scene, cells, essential, value, traction, error, time)
    !> Scene
    type(scene_type), intent(in) :: scene
@@ -134,16 +133,8 @@ subroutine prescribed_at(scene, cells, essential, value, traction, error, time)
    allocate (essential(fields, ms), value(size(own, 1), fields, ms))
    allocate (traction(size(own, 1), fields, ms))
    do s = 1, ms
-      associate (x => cells%surface(:, s), outward => cells%outward(:, s))
-         if (scene%equation%is_own()) then
-            call conditions_at(scene%cloud, scene%condition, &
-               & cells%in_set(s, scene%condition%set), x, fixed, own, push, error, time)
-         else
-            fixed = any(cells%in_set(s, scene%equation%essential))
-            call flux_at(scene%equation, x, outward/norm2(outward), own(ramp, :fields), &
-               & push(ramp, :fields), error)
-         end if
-      end associate
+      call conditions_at(scene%cloud, scene%condition, cells%in_set(s, scene%condition%set), &
+         & cells%surface(:, s), fixed, own, push, error, time)
       if (allocated(error)) return
       essential(:, s) = fixed(:fields)
       value(:, :, s) = own(:, :fields)
@@ -163,25 +154,21 @@ subroutine new_pins(self, scene, stiffness, error)
    real(wp), intent(in) :: stiffness
    !> Error handling: a place that too few source points cover
    type(error_type), allocatable, intent(out) :: error
-   real(wp) :: flux(scene%equation%fields(scene%cloud%nd)), normal(scene%cloud%nd)
    real(wp) :: at(scene%cloud%nd, size(scene%equation%pin))
-   integer :: b, k, pin, pins
+   integer :: b, fields, k, pin, pins
 
+   fields = scene%equation%fields(scene%cloud%nd)
    pins = size(scene%equation%pin)
-   allocate (self%essential(size(flux), pins), self%bearing(pins), self%penalty(pins))
-   allocate (self%value(1, size(flux), pins), self%traction(1, size(flux), pins), source=0.0_wp)
+   allocate (self%essential(fields, pins), self%bearing(pins), self%penalty(pins))
+   allocate (self%value(1, fields, pins), self%traction(1, fields, pins), source=0.0_wp)
    self%bearing = 0.0_wp
    self%penalty = stiffness*scene%cloud%mean_spacing()**(scene%cloud%nd - 2)
-   normal = 0.0_wp
    associate (points => scene%cloud%points, nd => scene%cloud%nd)
       do pin = 1, pins
          b = minloc([(norm2(points(:, k) - scene%equation%pin(pin)%point(:nd)), &
             & k=1, size(points, 2))], dim=1)
          at(:, pin) = points(:, b)
-         self%essential(:, pin) = scene%equation%pin(pin)%fixed(:size(flux))
-         if (.not. scene%equation%is_own()) call flux_at(scene%equation, points(:, b), normal, &
-            & self%value(1, :, pin), flux, error)
-         if (allocated(error)) return
+         self%essential(:, pin) = scene%equation%pin(pin)%fixed(:fields)
       end do
    end associate
    call scene%shape_at(at, self%shape, error, first=.true.)

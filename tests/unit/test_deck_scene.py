@@ -150,12 +150,6 @@ def test_radial_displacements_are_for_round_sides() -> None:
         Scene.from_tables(tables)
 
 
-def test_sides_of_linear_problems(inputs: Path) -> None:
-    lines = complaints(inputs / "cantilever.toml", 'linear.essential=["x0","z1"]')
-    assert len(lines) == 1
-    assert "linear.essential: 'z1' is not a side of this box; there are x0, x1, y0, y1" in lines[0]
-
-
 def test_fiber_angle_gives_the_fiber(write: Write, tmp_path: Path) -> None:
     """From the last axis towards x, in the deck's own words."""
     run_deck(

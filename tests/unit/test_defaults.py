@@ -54,7 +54,7 @@ def test_the_form_that_auto_takes(tables: dict[str, Any], method: str) -> None:
 
 
 def test_linear_problems_are_integrated_as_well() -> None:
-    linear = {"problem": "poisson", "solution": "exp_xy", "essential": ["x0"]}
+    linear = {"problem": "poisson"}
     tables = {key: SHEET[key] for key in ("scene", "geometry")}
     assert load_tables({**tables, "linear": linear})["scene"]["method"] == "rkpm-gauss"
 

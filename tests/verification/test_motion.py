@@ -153,7 +153,6 @@ def test_membrane_in_the_plane() -> None:
         ),
         ({"dynamics": {"density": "x - 1"}}, "dynamics.density: must be positive, not"),
         ({"dynamics": {"velocity": "t"}}, "unknown name 't' at position 1"),
-        ({"linear": {"solution": "sine"}}, "dynamics: needs loads of its own"),
     ],
 )
 def test_what_does_not_fit_is_refused(change: dict[str, Any], what: str) -> None:

@@ -164,13 +164,11 @@ subroutine explain_equation(scene)
    !> Scene with an equation
    type(scene_type), intent(in) :: scene
    character(len=:), allocatable :: text
-   integer :: k
 
    associate (equation => scene%equation)
       text = 'linear '//equation%kind
       if (equation%kind == 'elasticity') then
-         if (scene%cloud%nd == 2) text = text//' in plane ' &
-            & //trim(merge('stress', 'strain', equation%plane_stress))
+         if (scene%cloud%nd == 2) text = text//' in plane strain'
          if (equation%young_of%given()) text = text//', E '//equation%young_of%text
          if (.not. equation%young_of%given()) text = text//', E '//to_text(equation%young)
          if (equation%ratio_of%given()) text = text//', nu '//equation%ratio_of%text
@@ -180,18 +178,7 @@ subroutine explain_equation(scene)
       end if
       print '(a)', '  equation      '//text//': one assembly, one ' &
          & //trim(merge('least squares ', '              ', scene%method == 'rkcm'))//' solve'
-      if (equation%is_own()) then
-         print '(a)', '  solution      '//trim(merge('given    ', 'not known', equation%is_known()))
-         return
-      end if
-      print '(a)', '  solution      '//equation%solution//', known: the summary has the L2 and ' &
-         & //'H1 errors'
-      text = ''
-      do k = 1, size(equation%essential)
-         text = text//trim(scene%cloud%set_names(equation%essential(k)))//' '
-      end do
-      print '(a)', '  boundary      values on '//text//merge('and ', '    ', text /= '') &
-         & //to_text(size(equation%pin))//' pins, flux elsewhere'
+      print '(a)', '  solution      '//trim(merge('given    ', 'not known', equation%is_known()))
    end associate
 end subroutine explain_equation
 

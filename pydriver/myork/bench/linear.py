@@ -23,6 +23,11 @@ from myork.errors import ConvergenceError
 
 __all__ = ["run"]
 
+#: A displacement of sines in both directions, and its stress and body force with E = 1, nu = 1/4
+_U = ("sin(pi*x)*sin(pi*y)", "sin(pi*(x + 1/4))*sin(pi*(y + 1/4))")
+_XX = "pi*(1.2*cos(pi*x)*sin(pi*y) + 0.4*sin(pi*(x + 1/4))*cos(pi*(y + 1/4)))"
+_YY = "pi*(0.4*cos(pi*x)*sin(pi*y) + 1.2*sin(pi*(x + 1/4))*cos(pi*(y + 1/4)))"
+_XY = "pi*(0.4*sin(pi*x)*cos(pi*y) + 0.4*cos(pi*(x + 1/4))*sin(pi*(y + 1/4)))"
 _ELASTICITY = {
     "title": "Plane strain with a smooth solution",
     "units": {"force": "N", "length": "m"},
@@ -30,11 +35,20 @@ _ELASTICITY = {
     "geometry": {"kind": "box", "size": [1, 1], "source": [10, 10], "collocation": [20, 20]},
     "linear": {
         "problem": "elasticity",
-        "solution": "sine",
         "E": 1,
         "nu": 0.25,
-        "essential": ["x0", "y0"],
+        "exact": list(_U),
+        "source": [
+            f"pi^2*(1.6*{_U[0]} - 0.8*cos(pi*(x + 1/4))*cos(pi*(y + 1/4)))",
+            f"pi^2*(1.6*{_U[1]} - 0.8*cos(pi*x)*cos(pi*y))",
+        ],
     },
+    "boundary": [
+        {"set": "x0", "u_x": _U[0], "u_y": _U[1]},
+        {"set": "y0", "u_x": _U[0], "u_y": _U[1]},
+        {"set": "x1", "traction": [_XX, _XY]},
+        {"set": "y1", "traction": [_XY, _YY]},
+    ],
 }
 
 Sizes = tuple[tuple[int, ...], ...]
