@@ -13,7 +13,12 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from benchmarks.problems import PROBLEMS
+from benchmarks.runner import Truths, solve_rivals
+from benchmarks.truths.manufactured import Problem as Manufactured
+from benchmarks.voxel_bodies import BODIES
 from myork.bench.runs import METHODS, Deck
+from myork.console import silent
 from myork.records import PointCloud
 
 __all__ = ["DOUBTED", "EXPLAINED", "FORMS", "RIGHT", "WARNED", "Case", "bound", "judge"]
@@ -63,10 +68,8 @@ class Case(NamedTuple):
         Why the verdict is neither of these two.
     fast : bool
         Takes a second or two.
-    station : str
-        What is run: `solve`, or a function of `benchmarks.hard.stations`.
-    subject : str
-        What is wrong with its input, or which of its ways is taken.
+    manufactured : tuple of Problem and str, or None
+        Problem with a chosen solution in place of a deck, and its form.
     """
 
     name: str
@@ -82,8 +85,7 @@ class Case(NamedTuple):
     expected: str = ""
     why: str = ""
     fast: bool = True
-    station: str = "solve"
-    subject: str = ""
+    manufactured: tuple[Manufactured, str] | None = None
 
     @property
     def wanted(self) -> str:
@@ -144,13 +146,18 @@ def judge(case: Case, record: dict[str, Any]) -> str:
     return RIGHT if accepted else DOUBTED if named else "unexplained"
 
 
+@cache
+def _truths_of(name: str) -> Truths:
+    """Right values of a problem of `benchmarks`, by two meshes of finite elements."""
+    problem: Any = next(problem for problem in (*PROBLEMS, *BODIES) if problem.name == name)
+    return solve_rivals(problem._replace(elements=problem.elements[:2]), silent)[0]
+
+
 def _errors(case: Case, record: Mapping[str, Any]) -> dict[str, float]:
     """Relative errors of the probes whose values are known, by name."""
     probes = record.get("probes", {})
     if case.rival:
-        from benchmarks.hard.stations import truths_of
-
-        return dict(truths_of(case.rival).errors(probes, {})["error"])
+        return dict(_truths_of(case.rival).errors(probes, {})["error"])
     return {name: abs(probes[name] / value - 1.0) for name, value in case.right.items()}
 
 

@@ -1,10 +1,8 @@
-"""Hard cases of input that makes no sense: points, fibers, images, sizes."""
+"""Hard cases of input that makes no sense: points, fibers, sizes."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -17,12 +15,10 @@ from myork.records import PointCloud
 
 __all__ = ["input_cases"]
 
-_PLAIN: Mapping[str, Any] = {"title": "Damaged images", "scene": {"dimension": 3}}
-
 
 def input_cases() -> list[Case]:
     """All of them."""
-    return [*_bad_points(), *_fibers(), *_images(), _too_large()]
+    return [*_bad_points(), *_fibers(), _too_large()]
 
 
 def _bad_points() -> list[Case]:
@@ -86,28 +82,6 @@ def _fibers() -> list[Case]:
             Case(name, deck, cloud=replace(body, fiber=fiber), words=("fiber",))
             for name, fiber in wrong.items()
         ),
-    ]
-
-
-def _images() -> list[Case]:
-    """Label maps and images that are broken."""
-    labels = {**_PLAIN, "build": {"labels": "image.nii.gz"}}
-    anatomy = {"anatomy": "image.nii.gz", "label": "muscle", "phase": "dark"}
-    return [
-        Case(name, labels, words=words, station="build", subject=damage)
-        for name, damage, words in (
-            ("NaN in the label map", "nan", ("image.nii",)),
-            ("singular affine", "affine", ("affine",)),
-            ("empty label", "empty", ("label",)),
-        )
-    ] + [
-        Case(
-            "NaN in the image",
-            {**_PLAIN, "image": anatomy},
-            words=("not finite",),
-            station="segment",
-            subject="nan",
-        )
     ]
 
 

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import mixed
 from benchmarks.truths.finite_elements import solve_half_block
 from myork.bench.materials import along_fibers
 from myork.core.deck import load_deck
@@ -62,14 +61,3 @@ def test_rival_block_agrees_with_the_references(inputs: Path) -> None:
         wanted = entry["value"][entry["activation"].index(0.05)]
         rel = 0.04 if entry["probe"] in ("stress_xz", "reaction_x") else 0.01
         assert found[entry["probe"]][0] == pytest.approx(wanted, rel=rel), entry["probe"]
-
-
-@pytest.mark.slow
-def test_study_has_all_its_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Tables have as many columns as heads, and the maps the points of the middle plane."""
-    monkeypatch.setattr(mixed, "_CHOICES", mixed._CHOICES[3:4])
-    record = mixed.run(tmp_path, lambda line: None, quick=True)
-    for table in record["tables"]:
-        assert table["rows"], table["caption"]
-        assert {len(row) for row in table["rows"]} == {len(table["head"])}, table["caption"]
-    assert [len(entry["value"]) for entry in record["maps"]] == [9 * 17] * 2

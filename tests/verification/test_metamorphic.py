@@ -553,9 +553,7 @@ def split(case: Case, base: Answer, rng: np.random.Generator) -> list[str]:
         return []
     # row weights are those of the state at which a load step begins
     within = case.tables["scene"]["method"].startswith("rkcm")
-    return differences(case, base, paths[0], SAME, within) + differences(
-        case, *paths, SAME, within
-    )
+    return differences(case, base, paths[0], SAME, within) + differences(case, *paths, SAME, within)
 
 
 def zero(case: Case, base: Answer, rng: np.random.Generator) -> list[str]:

@@ -47,8 +47,6 @@ _CHECKOUT = {
     "aging": "aging.run",
     "isometric": "isometric.run",
     "stability": "stability.run",
-    "mixed": "mixed.run",
-    "clouds": "clouds.run",
 }
 BENCHES = (*_PACKAGED, *_CHECKOUT)
 
