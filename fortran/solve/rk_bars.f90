@@ -51,6 +51,9 @@ module rk_bars
    real(wp), parameter :: least_of_value = 1.0e-3_wp, least_of_size = 1.0e-6_wp
    !> Least size of a probe, of that of its kind, and of a stress inside the body [-]
    real(wp), parameter :: share_of_kind = 0.1_wp, share_inside = 0.3_wp
+   !> Least size at the end of a programme, of the largest on the way: loads that are taken off
+   !> again leave what iterations leave [-]
+   real(wp), parameter :: share_of_peak = 1.0e-3_wp
    !> Share of the volume that is not singular: the mean stress of bodies without collapsed corners,
    !> also of those that bend or are pressed at a point, is below what nine tenths stay below [-]
    real(wp), parameter :: ordinary = 0.9_wp
@@ -73,10 +76,12 @@ module rk_bars
       real(wp), allocatable :: factor(:)
       !> Norm of what each probe is a component of, at these loads, shape (probes, n)
       real(wp), allocatable :: whole(:, :)
-      !> Largest own size, at least a tenth of that of its kind, shape (probes)
+      !> Own size at full load, at least a tenth of that of its kind, shape (probes)
       real(wp), allocatable :: size(:)
-      !> Largest own size, at least that of its kind, shape (probes)
+      !> Own size at full load, at least that of its kind, shape (probes)
       real(wp), allocatable :: kind(:)
+      !> Largest size at these loads, shape (probes)
+      real(wp), allocatable :: peak(:)
       !> Stresses at the surface, shape (probes)
       logical, allocatable :: at_surface(:)
       !> Part of each bar that the voxels of a body leave open, whatever the points, over the size,
@@ -106,6 +111,7 @@ subroutine new_bars(self, problem, load, x, error)
    type(error_type), allocatable, intent(out) :: error
    type(probes_type) :: probes
    type(field_state) :: state
+   real(wp) :: peak(size(problem%scene%probe))
    integer :: k, n
 
    n = size(problem%scene%probe)
@@ -113,7 +119,8 @@ subroutine new_bars(self, problem, load, x, error)
    allocate (self%values(3, n, size(load)), self%bars(3, n, size(load)))
    allocate (self%whole(n, size(load)))
    allocate (self%value(3, n), self%bar(3, n), self%change(n), self%at_surface(n))
-   allocate (self%size(n), self%kind(n), self%open(n), source=0.0_wp)
+   allocate (self%size(n), self%kind(n), self%peak(n), self%open(n), source=0.0_wp)
+   peak = 0.0_wp
    allocate (self%factor(n), source=1.0_wp)
    self%bar = ieee_value(1.0_wp, ieee_quiet_nan)
    self%bars = ieee_value(1.0_wp, ieee_quiet_nan)
@@ -124,11 +131,16 @@ subroutine new_bars(self, problem, load, x, error)
    do k = 1, size(load)
       call problem%state(x(:, k), load(k), state)
       call look_at(self, problem, probes, state, self%values(:, :, k), self%whole(:, k))
+      self%peak = max(self%peak, self%size)
+      peak = max(peak, self%kind)
    end do
+   ! the end is judged by what it is, whatever the way there
+   self%size = max(self%size, share_of_peak*self%peak)
+   self%kind = max(self%kind, share_of_peak*peak)
    self%value = self%values(:, :, size(load))
 end subroutine new_bars
 
-!> Values of a state, and sizes where they are larger than those of others
+!> Values and sizes of a state
 subroutine look_at(self, problem, probes, state, value, whole)
    !> Bars
    type(bars_type), intent(inout) :: self
@@ -184,8 +196,8 @@ subroutine look_at(self, problem, probes, state, value, whole)
             if (.not. self%at_surface(i)) share = share_inside
          end select
          own = norm2(value(:quantity_size(scene%probe(i)%quantity), i))
-         self%kind(i) = max(self%kind(i), kind, own)
-         self%size(i) = max(self%size(i), share*kind, own)
+         self%kind(i) = max(kind, own)
+         self%size(i) = max(share*kind, own)
       end do
    end associate
 end subroutine look_at
@@ -352,7 +364,8 @@ subroutine set_bar(self, i, n, other, least_change, left)
          & + left*norm2(self%values(:n, i, k)), least(self, i, self%whole(i, k)))
    end do
    self%bar(:n, i) = self%bars(:n, i, size(self%load))
-   self%change(i) = maxval(difference)/max(self%size(i), tiny(1.0_wp))
+   self%change(i) = max(maxval(difference(:, size(self%load)))/max(self%size(i), tiny(1.0_wp)), &
+      & maxval(difference)/max(self%size(i), self%peak(i), tiny(1.0_wp)))
    self%open(i) = left*norm2(self%value(:n, i))/max(self%size(i), tiny(1.0_wp))
 end subroutine set_bar
 
