@@ -1,5 +1,6 @@
 """The page of a reduced model: what it shows is what the model says, in a real browser."""
 
+import contextlib
 import io
 import json
 import os
@@ -10,9 +11,11 @@ import socket
 import struct
 import subprocess
 import sys
+import threading
+import time
 import urllib.error
 import urllib.request
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -27,7 +30,9 @@ from myork.core.deck import text_of_tables
 from myork.errors import FileError
 from myork.report import make_report
 from myork.stations.solve import run_deck
+from myork.view import server as server_module
 from myork.view.answers import FIELDS, Answers, verdict_of
+from myork.view.server import _Server
 
 pytestmark = pytest.mark.nightly
 
@@ -294,10 +299,13 @@ def test_curves_pass_through_the_state(answers: Answers) -> None:
         ("curves?p=0.1,-1e300,30&probe=0", 400, "u_z = -1e+300 is far from the trained range"),
         ("state?p=0.1,0,30&field=heat", 400, "heat: no field; there are von_mises"),
         ("state?field=J", 400, "p: is missing"),
+        ("state?p=0.1,0,30&field=J&p=1", 400, "p: is given 2 times"),
         ("curves?p=0.1,0,30&probe=9", 400, "probe 9: there are 4"),
         ("curves?p=0.1,0,30&probe=1e999", 400, "probe: '1e999' is not a number from 0 on"),
+        ("curves?p=0.1,0,30&probe=0,1", 400, "probe: one number is needed"),
         ("curves?p=0.1,0,30&probe=0&of=3", 400, "numbers from 0 to 2"),
-        ("curves?p=0.1,0,30&probe=0&of=x", 400, "of: 'x' is not a number from 0 on"),
+        ("curves?p=0.1,0,30&probe=0&of=", 400, "of: '' is not a number from 0 on"),
+        ("curves?p=0.1,0,30&probe=0&of=" + "1," * 1999 + "1", 400, "name each parameter once"),
         ("state?p=" + "0," * 40000, 414, "Too Long"),
         ("../etc/passwd", 404, "no such page"),
     ],
@@ -305,6 +313,13 @@ def test_curves_pass_through_the_state(answers: Answers) -> None:
 def test_wrong_questions(address: str, path: str, status: int, message: str) -> None:
     found, text = answer(address, path)
     assert found == status and message in text
+
+
+@pytest.mark.parametrize("body", [b'{"p": [NaN', b"x" * 20_000_000])
+def test_a_body_is_not_read(address: str, body: bytes) -> None:
+    for method in ("POST", "GET"):
+        found, text = answer(address, "state?p=0.1,0,30&field=J", method, body)
+        assert found == 400 and f"{method} state: ask by GET, without a body" in text
 
 
 @pytest.mark.parametrize(
@@ -334,6 +349,107 @@ def test_who_is_answered(address: str, path: str, host: str, status: int, messag
         content = connection.makefile("rb").read()
     assert content.startswith(f"HTTP/1.1 {status} ".encode())
     assert message in content.decode("utf-8", "replace")
+
+
+@pytest.fixture
+def near(answers: Answers) -> Iterator[_Server]:
+    """A server in this process."""
+    with _Server(0) as server:
+        server.answers = answers
+        thread = threading.Thread(target=server.serve_forever, args=(0.05,))
+        thread.start()
+        yield server
+        server.shutdown()
+        thread.join()
+        server.turn.shutdown()
+
+
+def until(state: Callable[[], bool]) -> None:
+    end = time.monotonic() + 30.0
+    while not state():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def connected(server: _Server, content: bytes = b"") -> socket.socket:
+    found = socket.create_connection(server.server_address[:2], timeout=30)
+    found.sendall(content)
+    return found
+
+
+def test_connections_that_wait_are_ended(near: _Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Idle ones, halves of questions that trickle, and those that do not read their answer."""
+    monkeypatch.setattr(server_module, "_IDLE", 0.3)
+    silent, half = connected(near), connected(near, b"GET / HTTP/1.1\r\n")
+    half.settimeout(0.05)
+    with pytest.raises((BrokenPipeError, ConnectionResetError)):
+        while True:
+            half.sendall(b"X")
+            with contextlib.suppress(TimeoutError):
+                if half.recv(1) == b"":
+                    raise BrokenPipeError
+    assert silent.recv(1) == b""
+    deaf = socket.socket()
+    deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    deaf.connect(near.server_address[:2])
+    one = f"GET /{near.token}/ HTTP/1.1\r\nHost: localhost:{near.server_port}\r\n\r\n".encode()
+    # answers of 50 MB: more than buffers take
+    deaf.sendall(2000 * one)
+    until(lambda: not near._since)
+    assert answer(near.address, "surface")[0] == 200
+    for each in (silent, half, deaf):
+        each.close()
+
+
+def test_the_longest_idle_of_many_are_ended(near: _Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(server_module, "_CONNECTIONS", 4)
+    crowd = [connected(near) for _ in range(10)]
+    for one in crowd[:6]:
+        assert one.recv(1) == b""
+    assert answer(near.address, "surface")[0] == 200
+    for one in crowd:
+        one.close()
+
+
+def test_who_has_left_gets_nothing_computed(near: _Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    begun: list[list[int]] = []
+    curves = near.answers.curves
+
+    def counted(*given: Any, **more: Any) -> Any:
+        begun.append(given[2])
+        return curves(*given, **more)
+
+    monkeypatch.setattr(near.answers, "curves", counted)
+    goes_on = threading.Event()
+    near.turn.submit(goes_on.wait)
+    question = f"GET /{near.token}/curves?p=0.4,0.1,30&probe=0 HTTP/1.1\r\n"
+    question += f"Host: localhost:{near.server_port}\r\n\r\n"
+    leaving, staying = (connected(near, question.encode()) for _ in range(2))
+    until(lambda: list(near._since.values()) == [np.inf, np.inf])
+    leaving.close()
+    goes_on.set()
+    assert staying.recv(12) == b"HTTP/1.1 200" and begun == [[0], [1], [2]]
+    staying.close()
+
+
+def test_an_honest_client_beside_a_crowd(trained: Path) -> None:
+    """`python tests/view/crowd.py` prints the times, for crowds ten times as large."""
+    program = [sys.executable, str(Path(__file__).with_name("crowd.py")), str(trained), "--json"]
+    counts = ["--clients", "50", "--questions", "2", "--idle", "300", "--seconds", "0.5"]
+    record = json.loads(subprocess.run([*program, *counts], capture_output=True, check=True).stdout)
+    got = {name: one["got"] for name, one in record.items()}
+    # those that stay are of the hundred connections that may be open
+    assert got.pop("idle")["ended"] >= 200
+    assert got == {
+        "nobody": {},
+        "no token": {"403": 100},
+        "foreign Host": {"403": 100},
+        "2,000-fold questions": {"400": 100},
+        "not a number": {"400": 100},
+        "states": {"200": 100},
+        "curves, leaving": {"left": 100},
+    }
+    assert all(one["answers"] >= 50 for one in record.values())
 
 
 @pytest.mark.parametrize(
