@@ -39,10 +39,12 @@ from tests.faults.damage import (
     ELEMENT,
     FIELDS,
     MODEL,
+    ROM,
     SETTINGS,
     TEXT,
     Edit,
     damaged,
+    sign,
 )
 from tests.faults.isolated import Verdict, Worker, isolated
 from tests.imaging.test_formats import series
@@ -181,7 +183,7 @@ read_surface = partial(voxelise, to_mm=1.0, spacing=(8.0, 8.0, 8.0), name="muscl
 KINDS: dict[str, tuple[Callable[[Path], Any], st.SearchStrategy[Edit]]] = {
     "deck": (read_deck, BYTES | TEXT),
     "model": (read_cloud, BYTES),
-    "rom": (use_rom, BYTES),
+    "rom": (use_rom, ROM),
     "voxels": (solve_model, MODEL),
     "nifti": (read_grey, BYTES | FIELDS),
     "gzip": (read_grey, BYTES),
@@ -301,7 +303,7 @@ def test_any_damage(sound: Path, worker: Worker, kind: str, count: int) -> None:
     ends_well()
     assert any(refused)
     # not every number matters
-    assert count < 400 or kind != "voxels" or not all(refused)
+    assert count < 400 or kind not in ("rom", "voxels") or not all(refused)
 
 
 # ---- what ended badly once and random damage hardly finds ----------------------------------------
@@ -404,6 +406,33 @@ def test_places_without_a_file(tmp_path: Path, name: str) -> None:
     for read in (read_image, load_deck, read_model, read_lines, read_surface):
         with pytest.raises(MyorkError, match=str(tmp_path / name)):
             read(tmp_path / name)
+
+
+def rewritten(voxel_rom: Path, path: Path, **changes: Any) -> Path:
+    """A reduced model with other entries, by place, and a checksum of these."""
+    shutil.copy(voxel_rom, path)
+    with h5py.File(path, "r+") as file:
+        for name, (place, value) in changes.items():
+            file[name][place] = value
+        sign(file)
+    return path
+
+
+@pytest.mark.parametrize("name", ["force/first", "force/tissue", "indicator/tissue"])
+@pytest.mark.parametrize("value", [10**6, 2**31 - 1, -(2**31)])
+def test_indices_that_ended_the_process(
+    voxel_rom: Path, tmp_path: Path, name: str, value: int
+) -> None:
+    path = rewritten(voxel_rom, tmp_path / "wrong.rom.h5", **{name: (3, value)})
+    with pytest.raises(InputError, match=rf"^{path}: '{name}' must hold .*entry 3 is {value}"):
+        ReducedModel.load(path)
+
+
+def test_states_that_determine_no_function(voxel_rom: Path, tmp_path: Path) -> None:
+    alike = {"training/parameters": (slice(None), 0.1)}
+    path = rewritten(voxel_rom, tmp_path / "wrong.rom.h5", **alike)
+    with pytest.raises(InputError, match=rf"^{path}: states of the training are the same"):
+        ReducedModel.load(path)
 
 
 def test_shapes_and_types_are_under_the_checksum(voxel_rom: Path, tmp_path: Path) -> None:

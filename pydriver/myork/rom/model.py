@@ -239,7 +239,11 @@ class ReducedModel:
         InputError
             What it holds is no reduced model of this version.
         """
-        return cls(read_arrays(Path(path)), threads)
+        arrays = read_arrays(Path(path))
+        try:
+            return cls(arrays, threads)
+        except InputError as reason:
+            raise InputError(f"{path}: {reason}; train it again") from None
 
     def save(self, path: str | Path) -> Path:
         """Write the model to a file."""

@@ -12,6 +12,7 @@ from myork.errors import InputError
 from myork.types import F64
 
 __all__ = [
+    "KINDS",
     "Parameter",
     "as_parameters",
     "numbers_of",
@@ -27,6 +28,8 @@ _POSSIBLE = (
     "load.activation, material.NAME.KEY with activation, sigma_max, fiber_angle, K and the other "
     "moduli, and prescribed values such as boundary.SET.u_z or boundary.SET.rotation are possible"
 )
+#: What a parameter may be
+KINDS = ("activation", "sigma_max", "fiber_angle", "modulus", "load", "rotation")
 #: Displacements that a condition prescribes
 _PRESCRIBED = ("u_x", "u_y", "u_z", "radial", "rotation")
 #: Constants of the materials on which the energy depends linearly, beside K
@@ -45,7 +48,7 @@ class Parameter(NamedTuple):
     low, high : float
         Range of the training.
     kind : str
-        `activation`, `sigma_max`, `fiber_angle`, `modulus`, `load` or `rotation`.
+        One of `KINDS`.
     tissues : tuple of int
         Materials that it changes, from 0; none for a load or a rotation.
     """
