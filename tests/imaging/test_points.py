@@ -11,7 +11,6 @@ from myork.errors import InputError
 from myork.imaging.phantom import make_phantom
 from myork.model import points
 from myork.model.cloud import build_cloud
-from myork.model_file import read_model, write_model
 from myork.records import Image, Labels
 from tests.images import angle
 
@@ -272,22 +271,6 @@ def test_empty_map_and_unknown_unit():
         build_cloud(empty, None, TABLE, "cm")
     with pytest.raises(InputError, match="units.length = 'inch'"):
         build_cloud(box(), None, TABLE, "inch")
-
-
-def test_model_file_comes_back(tmp_path, mg):
-    cloud, _ = mg
-    write_model(tmp_path / "model.h5", cloud)
-    again = read_model(tmp_path / "model.h5")
-    for name, value in vars(cloud).items():
-        if isinstance(value, np.ndarray):
-            # the file has the spacing of each source point
-            value = np.broadcast_to(value, cloud.source.shape) if name == "spacing" else value
-            assert np.array_equal(getattr(again, name), value), name
-        elif name != "voxels":
-            assert getattr(again, name) == value, name
-    for name, value in vars(cloud.voxels).items():
-        assert np.array_equal(getattr(again.voxels, name), value), name
-    assert [path.name for path in tmp_path.iterdir()] == ["model.h5"]
 
 
 def test_surface_points_lie_on_the_surface():

@@ -266,17 +266,6 @@ def test_active_fibers_pull_at_rest_with_sigma_max(curve):
     assert_close(p, 30 * 0.4 * (np.outer(FIBER, FIBER) - np.eye(3) / 3), 1e-12)
 
 
-def test_simple_shear_has_its_closed_form():
-    """A transposed tensor anywhere on the way from Fortran would be seen here."""
-    gamma, material = 0.7, cm.Material("neo-Hooke", A10=5, K=100)
-    f = np.eye(3)
-    f[0, 1] = gamma
-    p = cm.stress(material, f[None])[0]
-    inverse_transposed = np.eye(3)
-    inverse_transposed[1, 0] = -gamma
-    assert_close(p, 10 * (f - (3 + gamma**2) / 3 * inverse_transposed), 1e-14)
-
-
 @pytest.mark.parametrize("bulk", [1e3, 1e7, 1e10])
 def test_volumetric_part_is_exact_for_any_bulk_modulus(bulk):
     rng = np.random.default_rng(2)

@@ -182,15 +182,6 @@ def iterations(inputs, out, *overrides):
 
 
 @pytest.mark.slow
-def test_more_states_make_load_steps_begin_nearer(inputs, tmp_path):
-    """Where four states are known a load step takes 0.82 of the iterations on the secant."""
-    counts = list(map(sum, iterations(inputs, tmp_path, "load.steps=6", "load.activation=0.12")))
-    assert len(counts) == 6
-    assert counts[1] < 0.9 * counts[0]
-    assert max(counts[3:]) < 0.9 * counts[1]
-
-
-@pytest.mark.slow
 def test_iterations_do_not_grow_with_the_points(inputs, tmp_path):
     """Groups with an inf-sup constant and a preconditioner like the stiffness: half the spacing
     took 1.7 times the iterations without them. Newton's first step wants few digits.

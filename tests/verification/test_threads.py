@@ -8,18 +8,13 @@ without the hold every case with a dense or sparse factor differs, between 1e-16
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
-import h5py
 import pytest
-
-from myork.stations.solve import find_executable
 
 _BLOCK = ("geometry.source=[4,4,7]", "geometry.collocation=[7,7,13]", "load.steps=2",
           "load.activation=0.01")  # fmt: skip
@@ -124,40 +119,6 @@ def clean_environment() -> dict[str, str]:
     """Without the limits that the tests run under: libraries may use what the machine has."""
     kept = {k: v for k, v in os.environ.items() if not k.startswith(("OMP_", "OPENBLAS_"))}
     return {**kept, "OMP_WAIT_POLICY": "passive", "PYTHONPATH": os.pathsep.join(sys.path)}
-
-
-def solved(deck: Path, overrides: tuple[str, ...], out: Path, threads: int) -> dict[str, str]:
-    """Hashes of all that the executable writes of a solution."""
-    words = [word for text in overrides for word in ("--set", text)]
-    command = [find_executable(), deck, "-o", out, "-q", "-t", threads, "--no-error", *words]
-    done = subprocess.run(
-        [str(word) for word in command], env=clean_environment(), capture_output=True, text=True
-    )
-    # bodies too small for their form are refused, and their numbers written
-    assert done.returncode in (0, 1), done.stderr
-    found = {}
-
-    def note(name: str, item: Any) -> None:
-        if isinstance(item, h5py.Dataset):
-            found[name] = hashlib.sha256(item[()].tobytes()).hexdigest()
-
-    with h5py.File(out / "results.vtkhdf") as file:
-        file.visititems(note)
-    summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
-    assert summary["converged"], done.stderr
-    return {**found, "steps": json.dumps(summary["steps"])}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("case", CASES)
-def test_executable(case: str, inputs: Path, tmp_path: Path) -> None:
-    deck, overrides = CASES[case]
-    one, two = (
-        solved(inputs / f"{deck}.toml", overrides, tmp_path / str(threads), threads)
-        for threads in (1, 2)
-    )
-    assert len(one) > 10
-    assert [name for name in one if one[name] != two[name]] == []
 
 
 @pytest.mark.slow
