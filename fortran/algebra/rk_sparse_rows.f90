@@ -121,14 +121,11 @@ subroutine multiply(place, first, value, x, y, add)
    ! lengths that the compiler knows: one loop for all takes 1.2 to 1.6 times as long on rows of
    ! 7 entries
    associate (offset => place%offset, index => place%index)
-      select case (size(x, 1))
-      case (3)
+      if (size(x, 1) == 3) then
          call three(size(offset) - 1, offset, first, index, value, x, y, add)
-      case (2)
-         call two(size(offset) - 1, offset, first, index, value, x, y, add)
-      case default
-         call one(size(offset) - 1, offset, first, index, value, x, y, add)
-      end select
+      else
+         call some(size(x, 1), size(offset) - 1, offset, first, index, value, x, y, add)
+      end if
    end associate
 end subroutine multiply
 
@@ -168,10 +165,10 @@ subroutine three(rows, offset, first, index, value, x, y, add)
    !$omp end parallel do
 end subroutine three
 
-!> The same for two vectors
-subroutine two(rows, offset, first, index, value, x, y, add)
-   !> Rows
-   integer, intent(in) :: rows
+!> The same for any number of vectors
+subroutine some(vectors, rows, offset, first, index, value, x, y, add)
+   !> Vectors, rows
+   integer, intent(in) :: vectors, rows
    !> Row i has entries offset(i)+1 : offset(i+1), shape (rows + 1)
    integer(i8), intent(in) :: offset(rows + 1)
    !> Its values are behind value(first(i))
@@ -181,12 +178,12 @@ subroutine two(rows, offset, first, index, value, x, y, add)
    !> Entries
    real(wp), intent(in) :: value(*)
    !> Factor
-   real(wp), intent(in) :: x(2, *)
+   real(wp), intent(in) :: x(vectors, *)
    !> Product
-   real(wp), intent(inout) :: y(2, rows)
+   real(wp), intent(inout) :: y(vectors, rows)
    !> Add to what is there
    logical, intent(in) :: add
-   real(wp) :: sum(2)
+   real(wp) :: sum(vectors)
    integer(i8) :: k, o
    integer :: i
 
@@ -202,42 +199,6 @@ subroutine two(rows, offset, first, index, value, x, y, add)
       y(:, i) = sum
    end do
    !$omp end parallel do
-end subroutine two
-
-!> The same for one vector
-subroutine one(rows, offset, first, index, value, x, y, add)
-   !> Rows
-   integer, intent(in) :: rows
-   !> Row i has entries offset(i)+1 : offset(i+1), shape (rows + 1)
-   integer(i8), intent(in) :: offset(rows + 1)
-   !> Its values are behind value(first(i))
-   integer(i8), intent(in) :: first(*)
-   !> Columns
-   integer, intent(in) :: index(*)
-   !> Entries
-   real(wp), intent(in) :: value(*)
-   !> Factor
-   real(wp), intent(in) :: x(*)
-   !> Product
-   real(wp), intent(inout) :: y(rows)
-   !> Add to what is there
-   logical, intent(in) :: add
-   real(wp) :: sum
-   integer(i8) :: k, o
-   integer :: i
-
-   !$omp parallel do default(none) schedule(static) private(k, o, sum) if (rows > few) &
-   !$omp shared(rows, offset, first, index, value, x, y, add)
-   do i = 1, rows
-      sum = 0.0_wp
-      if (add) sum = y(i)
-      o = first(i) - offset(i)
-      do k = offset(i) + 1, offset(i + 1)
-         sum = sum + value(k + o)*x(index(k))
-      end do
-      y(i) = sum
-   end do
-   !$omp end parallel do
-end subroutine one
+end subroutine some
 
 end module rk_sparse_rows

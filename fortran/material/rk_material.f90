@@ -172,8 +172,8 @@ pure function energy(self, f, fiber, activation, volumetric) result(w)
    real(wp), intent(in) :: fiber(3)
    !> Activation, 0..1 [-]
    real(wp), intent(in) :: activation
-   !> Include K/2 (J-1)^2? Default true
-   logical, intent(in), optional :: volumetric
+   !> Include K/2 (J-1)^2?
+   logical, intent(in) :: volumetric
    real(wp) :: w
    type(invariants_type) :: inv
    type(energy_derivatives) :: r
@@ -184,7 +184,7 @@ pure function energy(self, f, fiber, activation, volumetric) result(w)
    call set_state(inv, activation, state, power)
    call self%reduced(state, 0, r)
    w = r%energy
-   if (with_volume(volumetric)) w = w + 0.5_wp*self%bulk*(inv%value(1) - 1.0_wp)**2
+   if (volumetric) w = w + 0.5_wp*self%bulk*(inv%value(1) - 1.0_wp)**2
 end function energy
 
 !> First Piola-Kirchhoff stress
@@ -199,13 +199,13 @@ pure subroutine stress(self, f, fiber, activation, p, volumetric)
    real(wp), intent(in) :: activation
    !> Stress P(i,A) = dW/dF_iA [stress]
    real(wp), intent(out) :: p(3, 3)
-   !> Include K/2 (J-1)^2? Default true
-   logical, intent(in), optional :: volumetric
+   !> Include K/2 (J-1)^2?
+   logical, intent(in) :: volumetric
    type(invariants_type) :: inv
    type(derivatives_type) :: w
 
    call set_invariants(inv, f, fiber, self%active, gradients=.true.)
-   call set_derivatives(self, inv, activation, with_volume(volumetric), 1, w)
+   call set_derivatives(self, inv, activation, volumetric, 1, w)
    call first_tensor(inv, w, p)
 end subroutine stress
 
@@ -223,13 +223,13 @@ pure subroutine tangent(self, f, fiber, activation, p, c4, volumetric)
    real(wp), intent(out) :: p(3, 3)
    !> Tangent C4(i,A,j,B) = dP_iA/dF_jB [stress]
    real(wp), intent(out) :: c4(3, 3, 3, 3)
-   !> Include K/2 (J-1)^2? Default true
-   logical, intent(in), optional :: volumetric
+   !> Include K/2 (J-1)^2?
+   logical, intent(in) :: volumetric
    type(invariants_type) :: inv
    type(derivatives_type) :: w
 
    call set_invariants(inv, f, fiber, self%active, gradients=.true.)
-   call set_derivatives(self, inv, activation, with_volume(volumetric), 2, w)
+   call set_derivatives(self, inv, activation, volumetric, 2, w)
    call first_tensor(inv, w, p)
    call second_tensor(3, inv, w, c4)
 end subroutine tangent
@@ -255,14 +255,14 @@ pure subroutine strong(self, nd, f, h, fiber, activation, p, c4, t, volumetric)
    real(wp), intent(out) :: c4(3, 3, 3, 3)
    !> Contraction T(i,k,C); zero where an index is above nd [stress/length]
    real(wp), intent(out) :: t(3, 3, 3)
-   !> Include K/2 (J-1)^2? Default true
-   logical, intent(in), optional :: volumetric
+   !> Include K/2 (J-1)^2?
+   logical, intent(in) :: volumetric
    type(invariants_type) :: inv
    type(derivatives_type) :: w
    real(wp) :: plane(3, 3, 3)
 
    call set_invariants(inv, f, fiber, self%active, gradients=.true.)
-   call set_derivatives(self, inv, activation, with_volume(volumetric), 3, w)
+   call set_derivatives(self, inv, activation, volumetric, 3, w)
    call first_tensor(inv, w, p)
    if (nd == 3) then
       call second_tensor(3, inv, w, c4)
@@ -291,13 +291,13 @@ pure subroutine stress_curvature(self, f, r, fiber, activation, form, volumetric
    real(wp), intent(in) :: activation
    !> Second derivatives of P_iA R_iA by F [stress]
    real(wp), intent(out) :: form(9, 9)
-   !> Include K/2 (J-1)^2? Default true
-   logical, intent(in), optional :: volumetric
+   !> Include K/2 (J-1)^2?
+   logical, intent(in) :: volumetric
    type(invariants_type) :: inv
    type(derivatives_type) :: w
 
    call set_invariants(inv, f, fiber, self%active, gradients=.true.)
-   call set_derivatives(self, inv, activation, with_volume(volumetric), 3, w)
+   call set_derivatives(self, inv, activation, volumetric, 3, w)
    call third_form(inv, w, r, form)
 end subroutine stress_curvature
 
@@ -322,15 +322,15 @@ pure subroutine strong_curvature(self, nd, f, h, r, fiber, activation, ff, fh, v
    real(wp), intent(out) :: ff(9, 9)
    !> s_,FH = r_i C6_iAjBkC with indices (kC, jB, A); zero for A above nd [stress]
    real(wp), intent(out) :: fh(9, 9, 3)
-   !> Include K/2 (J-1)^2? Default true
-   logical, intent(in), optional :: volumetric
+   !> Include K/2 (J-1)^2?
+   logical, intent(in) :: volumetric
    type(invariants_type) :: inv
    type(derivatives_type) :: w
    real(wp) :: direction(3, 3)
    integer :: a
 
    call set_invariants(inv, f, fiber, self%active, gradients=.true.)
-   call set_derivatives(self, inv, activation, with_volume(volumetric), 4, w)
+   call set_derivatives(self, inv, activation, volumetric, 4, w)
    fh = 0.0_wp
    do a = 1, nd
       direction = 0.0_wp
@@ -560,14 +560,5 @@ pure subroutine put(t, i, value)
       end do
    end do
 end subroutine put
-
-!> Value of the optional switch for the volumetric part
-pure logical function with_volume(volumetric)
-   !> Switch, may be absent
-   logical, intent(in), optional :: volumetric
-
-   with_volume = .true.
-   if (present(volumetric)) with_volume = volumetric
-end function with_volume
 
 end module rk_material

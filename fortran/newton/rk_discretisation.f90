@@ -53,7 +53,7 @@ module rk_discretisation
       !> Displacement of the middle of a set
       procedure :: set_displacement => entry_displacement
       !> Force through a plane section of the body
-      procedure :: section_force
+      procedure(section_interface), deferred :: section_force
       !> Energy of the deformation
       procedure :: strain_energy
       !> Set what varies over the points and has no place in a deck
@@ -89,6 +89,19 @@ module rk_discretisation
          real(wp), intent(in), optional :: about(3)
          real(wp) :: force(3)
       end function force_interface
+      !> Force through a plane section: that of the part behind the normal on the part before it
+      function section_interface(self, place, normal, state) result(force)
+         import :: discretisation_type, field_state, wp
+         !> Problem
+         class(discretisation_type), intent(in) :: self
+         !> Point of the plane, shape (nd) [length]
+         real(wp), intent(in) :: place(:)
+         !> Its unit normal, shape (nd)
+         real(wp), intent(in) :: normal(:)
+         !> State
+         type(field_state), intent(in) :: state
+         real(wp) :: force(3)
+      end function section_interface
    end interface
 
 contains
@@ -168,24 +181,6 @@ function entry_displacement(self, set, state) result(value)
    end associate
    value = value/total
 end function entry_displacement
-
-!> Force through a plane section: that of the part behind the normal on the part before it;
-!> nonlinear forms know it
-function section_force(self, place, normal, state) result(force)
-   !> Problem
-   class(discretisation_type), intent(in) :: self
-   !> Point of the plane, shape (nd) [length]
-   real(wp), intent(in) :: place(:)
-   !> Its unit normal, shape (nd)
-   real(wp), intent(in) :: normal(:)
-   !> State
-   type(field_state), intent(in) :: state
-   real(wp) :: force(3)
-
-   associate (unused => self, unused_place => place, unused_normal => normal, unused_state => state)
-   end associate
-   force = 0.0_wp
-end function section_force
 
 !> Energy of the deformation at the activation of the state: what elastic work has stored, and of
 !> active fibers what they could still do [force length]

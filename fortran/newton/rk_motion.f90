@@ -210,7 +210,7 @@ subroutine march(body, motion, method, x, recorder, timer, error)
    end select
    if (.not. allocated(error) .and. known) then
       call recorder%note('largest stable time step '//to_text(limit, 4)//', used ' &
-         & //to_text(motion%step, 4))
+         & //to_text(motion%step, 4), warning=.false.)
       if (motion%step > limit) call fatal_error(error, err_input, 'dynamics.time_step: ' &
          & //to_text(motion%step)//' is not stable, central differences allow ' &
          & //'at most '//to_text(limit, 4)//' with these points')

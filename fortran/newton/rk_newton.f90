@@ -214,7 +214,8 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
    end do
    x = a
    call self%damping%finish()
-   if (now%saddles > 0) call recorder%warn(saddle_text(now, load, norm2(r)))
+   if (now%saddles > 0) call recorder%note(saddle_text(now, load, norm2(r)), &
+      & warning=.true.)
 
 contains
 

@@ -112,9 +112,7 @@ module rk_recorder
       procedure :: step
       !> Whether the user wants to stop
       procedure(stop_interface), deferred :: stopped
-      !> Something deserves attention
-      procedure :: warn
-      !> Something happened on the way
+      !> Something happened on the way, or deserves attention
       procedure :: note
    end type recorder_type
 
@@ -152,25 +150,16 @@ subroutine step(self, st, x)
    end associate
 end subroutine step
 
-!> Something deserves attention; a receiver without a reader keeps still
-subroutine warn(self, line)
-   !> Receiver
-   class(recorder_type), intent(inout) :: self
-   !> Warning
-   character(len=*), intent(in) :: line
-
-   associate (unused => self, unused_line => line)
-   end associate
-end subroutine warn
-
-!> Something happened on the way that says nothing about the answer; kept still as well
-subroutine note(self, line)
+!> Something happened on the way; a receiver without a reader keeps still
+subroutine note(self, line, warning)
    !> Receiver
    class(recorder_type), intent(inout) :: self
    !> What happened
    character(len=*), intent(in) :: line
+   !> It deserves attention; otherwise it says nothing about the answer
+   logical, intent(in) :: warning
 
-   associate (unused => self, unused_line => line)
+   associate (unused => self, unused_line => line, unused_too => warning)
    end associate
 end subroutine note
 

@@ -32,8 +32,6 @@ module rk_states
       !> Weak forms: coefficients of the pressure, the projected K (J - 1) of each group of points,
       !> shape (1 + nd, groups) [stress length^(nd/2)]
       real(wp), allocatable :: pressure(:, :)
-      !> Weak forms: projected J - 1 of each group, shape (1 + nd, groups) [length^(nd/2)]
-      real(wp), allocatable :: volume(:, :)
    end type field_state
 
    !> State of the material at one place

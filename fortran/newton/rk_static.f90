@@ -161,7 +161,7 @@ contains
    subroutine halve()
       halvings = halvings + 1
       call recorder%note('load '//to_text(load, 4)//': '//error%message &
-         & //'; the load step is halved to '//to_text(0.5_wp*part, 4))
+         & //'; the load step is halved to '//to_text(0.5_wp*part, 4), warning=.false.)
       deallocate (error)
       ! the secant may have pointed the wrong way
       call newton%path%forget()
@@ -206,7 +206,7 @@ contains
       if (allocated(error)) then
          if (.not. any(error%code == [err_convergence, err_linalg])) return
          call recorder%note('no equilibrium at the beginning of the programme from the start: ' &
-            & //error%message//'; the way there begins at rest')
+            & //error%message//'; the way there begins at rest', warning=.false.)
          deallocate (error)
          return
       end if

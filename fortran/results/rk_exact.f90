@@ -156,7 +156,7 @@ contains
       do i = first, nd
          f(i, i) = exp(logarithm)
       end do
-      call material%stress(f, [0.0_wp, 0.0_wp, 0.0_wp], 0.0_wp, p)
+      call material%stress(f, [0.0_wp, 0.0_wp, 0.0_wp], 0.0_wp, p, volumetric=.true.)
       stress_at = p(nd, nd)
    end function stress_at
 

@@ -118,7 +118,7 @@ subroutine refine(self, deck, model, receiver, error)
          & mask=counts))%name//' known to '//to_text(100.0_wp*worst, 2)//' %, '// &
          & to_text(now - before, 2)//' CPU s'
       self%levels = self%levels//line//new_line('a')
-      call receiver%note(line)
+      call receiver%note(line, warning=.false.)
       self%seconds = now - start
       if (worst <= self%wanted) then
          self%met = .true.

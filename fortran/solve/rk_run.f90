@@ -80,8 +80,7 @@ module rk_run
       procedure :: iteration
       procedure :: step
       procedure :: stopped
-      procedure :: warn => pass_on
-      procedure :: note => pass_note
+      procedure :: note => pass_on
    end type watcher_type
 
 contains
@@ -249,7 +248,7 @@ subroutine warn(self, line, recorder)
    class(recorder_type), intent(inout) :: recorder
 
    self%warnings = self%warnings//line//new_line('a')
-   call recorder%warn(line)
+   call recorder%note(line, warning=.true.)
 end subroutine warn
 
 !> What is left of the forces in the states that are judged, and the peak among these
@@ -375,25 +374,21 @@ subroutine keep(outcome, load, x, all)
    end if
 end subroutine keep
 
-!> Something deserves attention
-subroutine pass_on(self, line)
-   !> Watcher
-   class(watcher_type), intent(inout) :: self
-   !> Warning
-   character(len=*), intent(in) :: line
-
-   call self%outcome%warn(line, self%receiver)
-end subroutine pass_on
-
-!> Something happened between two steps
-subroutine pass_note(self, line)
+!> Something happened between two steps, or deserves attention
+subroutine pass_on(self, line, warning)
    !> Watcher
    class(watcher_type), intent(inout) :: self
    !> What happened
    character(len=*), intent(in) :: line
+   !> It deserves attention
+   logical, intent(in) :: warning
 
-   call self%receiver%note(line)
-end subroutine pass_note
+   if (warning) then
+      call self%outcome%warn(line, self%receiver)
+   else
+      call self%receiver%note(line, warning)
+   end if
+end subroutine pass_on
 
 !> Whether the caller wants to stop
 logical function stopped(self)

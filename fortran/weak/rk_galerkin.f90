@@ -367,6 +367,7 @@ subroutine assemble(self, x, stage, r, seen)
    type(evaluation_type), intent(out) :: seen
    type(field_state) :: at
    real(wp), allocatable :: part(:, :), force(:, :), factor(:), jump(:)
+   real(wp) :: excess(1 + self%gradient%nd)
    integer :: g
    logical :: tangent
 
@@ -388,13 +389,13 @@ subroutine assemble(self, x, stage, r, seen)
    call self%matrix%groups%attach(self%cells, self%gradient, self%pressure, self%multiplier)
    if (tangent) call self%matrix%carry(x)
    ! parts are added in the order of the groups, so that sums do not depend on the threads
-   !$omp parallel do default(none) schedule(static, 1) ordered private(g, part, force) &
+   !$omp parallel do default(none) schedule(static, 1) ordered private(g, part, force, excess) &
    !$omp shared(self, x, jump, stage, tangent, r, at)
    do g = 1, size(self%cells%first) - 1
       associate (member => self%gradient%member%index(self%gradient%member%offset(g) + 1: &
          & self%gradient%member%offset(g + 1)))
-         call deform_group(self, g, x, at)
-         call group_part(self, g, at, jump, stage%load, tangent, force, part)
+         call deform_group(self, g, x, at, excess=excess)
+         call group_part(self, g, at, excess, jump, stage%load, tangent, force, part)
          !$omp ordered
          call add_forces(member, force, r)
          if (tangent .and. self%matrix%formed) call self%matrix%add(self%matrix%value, member, part)
@@ -420,13 +421,15 @@ subroutine assemble(self, x, stage, r, seen)
 end subroutine assemble
 
 !> Forces and stiffness of a group of points
-subroutine group_part(self, g, at, change, load, tangent, force, part)
+subroutine group_part(self, g, at, excess, change, load, tangent, force, part)
    !> Problem; a tangent that is not formed keeps moduli and cofactors of the group
    class(galerkin_problem), intent(inout) :: self
    !> Group
    integer, intent(in) :: g
    !> State with the deformation of the group
    type(field_state), intent(in) :: at
+   !> Projected change of its volume, shape (1 + nd) [length^(nd/2)]
+   real(wp), intent(in) :: excess(:)
    !> Change of the load factors of the essential values in the gradients up to the load, shape
    !> (factors); without any there is none [-]
    real(wp), intent(in) :: change(:)
@@ -518,7 +521,7 @@ subroutine group_part(self, g, at, change, load, tangent, force, part)
          & volume)
    end do
    if (self%multiplier%free(g)) then
-      call self%multiplier%set_rows(g, at%volume(:b, g) + jump(:b), force)
+      call self%multiplier%set_rows(g, excess(:b) + jump(:b), force)
    else if (stacked) then
       force = force + self%bulk(g)*reshape(matmul(volume, jump(:b)), shape(force))
    end if
@@ -783,11 +786,11 @@ pure subroutine new_state(self, at)
    type(field_state), intent(out) :: at
 
    allocate (at%f(3, 3, size(self%cells%weight)), at%j(size(self%cells%weight)))
-   allocate (at%pressure, at%volume, mold=self%pressure%total)
+   allocate (at%pressure, mold=self%pressure%total)
 end subroutine new_state
 
 !> Deformation of a group of points, and the pressure that its change of volume makes
-pure subroutine deform_group(self, g, x, at, lift)
+pure subroutine deform_group(self, g, x, at, lift, excess)
    !> Problem
    class(galerkin_problem), intent(in) :: self
    !> Group
@@ -799,6 +802,8 @@ pure subroutine deform_group(self, g, x, at, lift)
    type(field_state), intent(inout) :: at
    !> Gradients that prescribed values make in a motion
    type(gradient_type), intent(in), optional :: lift
+   !> Projected change of volume by the group's polynomials, shape (1 + nd) [length^(nd/2)]
+   real(wp), intent(out), optional :: excess(:)
    real(wp), allocatable :: local(:, :)
    real(wp) :: h(self%fields, self%gradient%nd), value(size(at%pressure, 1)), change
    integer :: b, k, nd, q
@@ -830,7 +835,7 @@ pure subroutine deform_group(self, g, x, at, lift)
       value(:b) = value(:b) + self%cells%weight(q)*change*self%pressure%basis(:b, q)
    end do
    if (.not. self%linear) value(:b) = value(:b) - self%pressure%total(:b, g)
-   at%volume(:, g) = value
+   if (present(excess)) excess = value
    if (self%multiplier%free(g)) then
       at%pressure(:, g) = self%multiplier%pressure(g, local)
    else

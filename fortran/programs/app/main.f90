@@ -121,9 +121,9 @@ contains
          & level=huge(1))
       call output%say(scene%title//': '//to_text(problem%n)//' unknowns, '//to_text(problem%m) &
          & //' equations', level=0)
-      if (damaged) call output%warn('the summary.json that was there is damaged: what earlier ' &
-         & //'stations wrote into it is lost')
-      if (damage /= '') call output%warn(damage)
+      if (damaged) call output%note('the summary.json that was there is damaged: what earlier ' &
+         & //'stations wrote into it is lost', warning=.true.)
+      if (damage /= '') call output%note(damage, warning=.true.)
       if (output%repeated > 0) call output%say('resumed behind load step ' &
          & //to_text(output%repeated), level=0)
       if (config%start /= '' .and. output%repeated == 0) call output%say('begins at ' &

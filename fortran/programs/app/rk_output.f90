@@ -82,9 +82,7 @@ module rk_output
       procedure :: loaded_states
       !> A line to the log and, unless quiet, to the terminal
       procedure :: say
-      !> A warning to the log and the terminal
-      procedure :: warn
-      !> What happens between steps, to the log and the terminal
+      !> What happens between steps, and warnings, to the log and the terminal
       procedure :: note
       !> Probes with their error bars, and the verdict into the log
       procedure :: tell_verdict
@@ -326,24 +324,20 @@ subroutine say(self, line, level)
    if (self%verbosity >= level) call tell(line)
 end subroutine say
 
-!> A warning
-subroutine warn(self, line)
+!> What happened between two steps, or deserves attention
+subroutine note(self, line, warning)
    !> Files
    class(output_type), intent(inout) :: self
    !> Line
    character(len=*), intent(in) :: line
+   !> It deserves attention
+   logical, intent(in) :: warning
 
-   call self%say('warning: '//line, level=0)
-end subroutine warn
-
-!> What happened between two steps
-subroutine note(self, line)
-   !> Files
-   class(output_type), intent(inout) :: self
-   !> Line
-   character(len=*), intent(in) :: line
-
-   call self%say('  '//line, level=0)
+   if (warning) then
+      call self%say('warning: '//line, level=0)
+   else
+      call self%say('  '//line, level=0)
+   end if
 end subroutine note
 
 !> Probes with their error bars, and the verdict into the log

@@ -29,13 +29,15 @@ logical function stopped(self)
 end function stopped
 
 !> Something happened on the way
-subroutine note(self, line)
+subroutine note(self, line, warning)
    !> Receiver
    class(search_type), intent(inout) :: self
    !> What happened
    character(len=*), intent(in) :: line
+   !> It deserves attention, which the run that follows will ask for again
+   logical, intent(in) :: warning
 
-   if (self%verbosity >= 0) call tell(line)
+   if (self%verbosity >= 0 .and. .not. warning) call tell(line)
 end subroutine note
 
 end module rk_search

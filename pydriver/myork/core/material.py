@@ -128,12 +128,7 @@ def energy(
     InputError
         Impossible parameter of the material, or wrong shapes.
     """
-    f, n = _points(gradient, fiber)
-    w, stat, message = _core.material_energy(
-        *_parameters(material, volumetric), f, n, float(activation)
-    )
-    errors.check(stat, message)
-    return np.asarray(w)
+    return _at_points(material, gradient, None, 3, fiber, activation, volumetric)[0]
 
 
 def stress(
@@ -151,12 +146,7 @@ def stress(
     F64
         Stresses `P[p, i, A]`, shape `(n, 3, 3)` [stress].
     """
-    f, n = _points(gradient, fiber)
-    p, stat, message = _core.material_stress(
-        *_parameters(material, volumetric), f, n, float(activation)
-    )
-    errors.check(stat, message)
-    return np.moveaxis(p, -1, 0)
+    return _at_points(material, gradient, None, 3, fiber, activation, volumetric)[1]
 
 
 def strong(
@@ -180,17 +170,10 @@ def strong(
         3, or 2 for plane strain: `F[:, 2, 2] = 1`; then entries of the results with an index 2
         are zero, apart from those of the stress.
     """
-    f, n = _points(gradient, fiber)
-    h = np.asarray(second, float)
-    if h.shape != (f.shape[-1], 3, 3, 3):
-        raise errors.InputError(f"second must have shape ({f.shape[-1]}, 3, 3, 3), not {h.shape}")
     if dimension not in (2, 3):
         raise errors.InputError(f"dimension must be 2 or 3, not {dimension}")
-    p, c4, t, stat, message = _core.material_strong(
-        *_parameters(material, volumetric), dimension, f, _last(h), n, float(activation)
-    )
-    errors.check(stat, message)
-    return Tangents(*(np.moveaxis(array, -1, 0) for array in (p, c4, t)))
+    found = _at_points(material, gradient, second, dimension, fiber, activation, volumetric)
+    return Tangents(*found[1:])
 
 
 def fiber_curves(stretch: ArrayLike, **parameters: float | str) -> FiberCurves:
@@ -212,6 +195,28 @@ def fiber_curves(stretch: ArrayLike, **parameters: float | str) -> FiberCurves:
     return FiberCurves(
         *_core.fiber_curves(int(curve == "smooth"), gamma1, gamma2, np.atleast_1d(stretch))
     )
+
+
+def _at_points(
+    material: Material,
+    gradient: ArrayLike,
+    second: ArrayLike | None,
+    dimension: int,
+    fiber: ArrayLike,
+    activation: float,
+    volumetric: bool,
+) -> list[F64]:
+    """Energy, stress, tangent and contraction with second derivatives, the point as first axis."""
+    f, n = _points(gradient, fiber)
+    count = f.shape[-1]
+    h = np.zeros((count, 3, 3, 3)) if second is None else np.asarray(second, float)
+    if h.shape != (count, 3, 3, 3):
+        raise errors.InputError(f"second must have shape ({count}, 3, 3, 3), not {h.shape}")
+    *found, stat, message = _core.material_at_points(
+        *_parameters(material, volumetric), dimension, f, _last(h), n, float(activation)
+    )
+    errors.check(stat, message)
+    return [np.moveaxis(array, -1, 0) for array in found]
 
 
 def _parameters(material: Material, volumetric: bool) -> tuple[object, ...]:
