@@ -28,8 +28,10 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """What is neither slow nor nightly is core."""
+    """What is neither slow nor nightly is core; what trains a reduced model is slow."""
     for item in items:
+        if {"trained", "voxel_rom"} & set(getattr(item, "fixturenames", ())):
+            item.add_marker(pytest.mark.slow)
         if not any(item.get_closest_marker(name) for name in ("slow", "nightly")):
             item.add_marker(pytest.mark.core)
 

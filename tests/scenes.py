@@ -4,21 +4,29 @@ from __future__ import annotations
 
 import json
 import subprocess
+import sys
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import pytest
 from numpy.testing import assert_allclose
 
 from myork import Scene
 from myork.bench import materials
 from myork.core.deck import table_defaults
 from myork.core.states import Fields, States
+from myork.errors import InputError
 from myork.model.cloud import build_cloud
 from myork.records import Labels, PointCloud
 from myork.stations.solve import find_executable
 from myork.types import F64
+
+if sys.version_info >= (3, 11):
+    import tomllib  # noqa: F401
+else:
+    from pip._vendor import tomli as tomllib  # noqa: F401
 
 #: Of the reference, with a bulk modulus that needs no treatment
 RUBBER = {**materials.RUBBER, "K": 1e3}
@@ -96,6 +104,16 @@ def cantilever(method: str = "auto", *source: int, **tables: Any) -> dict[str, A
     ) | tables  # fmt: skip
 
 
+def contracting(*source: int, **tables: Any) -> dict[str, Any]:
+    """A deck of a block of active muscle with inclined fibers, one end of which moves."""
+    return scene(
+        "rkpm-scni", box(*source, size=[1, 1, 2], places=source),
+        title="block", units={"force": "N", "length": "cm"},
+        material=[{**materials.MUSCLE, "sigma_max": 30, "fiber_angle": 20}],
+        boundary=[held("z0"), held("z1", u_z=0.1)], load={"steps": 3, "activation": 0.5},
+    ) | tables  # fmt: skip
+
+
 class Answer(NamedTuple):
     """What a solve gave: states, probes by name of each state, fields of the last one."""
 
@@ -133,6 +151,15 @@ def solved(
         opened = Scene.from_tables(deck, cloud, overrides=overrides, threads=1)
     with opened:
         return solved(opened, error=error)
+
+
+def refused(
+    tables: Mapping[str, Any], cloud: PointCloud | None = None, overrides: Iterable[str] = ()
+) -> str:
+    """What is said of tables that cannot be opened."""
+    with pytest.raises(InputError) as caught:
+        Scene.from_tables(tables, cloud, overrides=overrides).close()
+    return str(caught.value)
 
 
 def execute(

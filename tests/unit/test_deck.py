@@ -6,7 +6,6 @@ All checks are the compiled reader's; tomllib and hashlib are the independent wi
 import hashlib
 import importlib.util
 import json
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
@@ -17,11 +16,7 @@ import pytest
 from myork.core import deck as core_deck
 from myork.core.deck import deck_key, load_deck
 from myork.errors import FileError, InputError
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    from pip._vendor import tomli as tomllib
+from tests.scenes import tomllib
 
 ROOT = Path(__file__).parents[2]
 DECKS = sorted((ROOT / "inputs").rglob("*.toml"))

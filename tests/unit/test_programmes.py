@@ -10,7 +10,7 @@ from myork import Scene, run_deck
 from myork.core.deck import load_tables
 from myork.errors import InputError
 from tests import scenes
-from tests.scenes import box, held, scene
+from tests.scenes import box, held, refused, scene
 
 MUSCLE = {"name": "muscle", "model": "muscle", "A10": 1.0, "K": 500.0}
 #: Forms with options that let a coarse block converge
@@ -205,9 +205,7 @@ def test_a_plane_body_turns_about_z() -> None:
 def test_amplitudes_that_cannot_be(change: dict[str, Any], complaint: str) -> None:
     deck = block()
     deck["amplitude"][0].update(change)
-    with pytest.raises(InputError) as said:
-        load_tables(deck, ())
-    assert complaint in str(said.value)
+    assert complaint in refused(deck)
 
 
 @pytest.mark.parametrize(
@@ -225,9 +223,7 @@ def test_amplitudes_that_cannot_be(change: dict[str, Any], complaint: str) -> No
 )
 def test_motions_that_cannot_be(table: dict[str, Any], complaint: str) -> None:
     deck = block(boundary=[held("z0"), {"set": "z1", **table}])
-    with pytest.raises(InputError) as said:
-        load_tables(deck, ())
-    assert complaint in str(said.value)
+    assert complaint in refused(deck)
 
 
 @pytest.mark.parametrize(
@@ -240,9 +236,7 @@ def test_motions_that_cannot_be(table: dict[str, Any], complaint: str) -> None:
 def test_activations_that_cannot_be(load: dict[str, Any], complaint: str) -> None:
     deck = block(load=load)
     deck["amplitude"][0]["value"] = [0, 2, 1, 0]
-    with pytest.raises(InputError) as said:
-        Scene.from_tables(deck)
-    assert complaint in str(said.value)
+    assert complaint in refused(deck)
 
 
 def test_two_sets_that_meet_must_move_alike() -> None:
@@ -330,9 +324,7 @@ def test_stretch_and_pennation_of_a_stretched_block(method: str) -> None:
     ],
 )
 def test_probes_that_cannot_be(probe: dict[str, Any], complaint: str) -> None:
-    with pytest.raises(InputError) as said:
-        load_tables(block(probe=[{"name": "p", **probe}]), ())
-    assert complaint in str(said.value)
+    assert complaint in refused(block(probe=[{"name": "p", **probe}]))
 
 
 def test_collocation_does_not_know_the_parts_of_a_force() -> None:

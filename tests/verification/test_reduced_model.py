@@ -4,6 +4,7 @@ import json
 import shutil
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import h5py
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 
 from myork import ReducedModel, Scene, sweep
 from myork.cli import main
+from myork.core.deck import text_of_tables
 from myork.core.galerkin import galerkin_parts, load_parts, modal_products
 from myork.core.online import Model, Wish, assemble
 from myork.errors import FileError, InputError
@@ -19,69 +21,24 @@ from myork.rom.beyond import values_beyond
 from myork.rom.check import CellErrors
 from myork.rom.cubature import few_cells
 from myork.rom.parameters import Parameter
+from tests.scenes import contracting
 
-#: A contracting block with inclined fibers, held at both ends, one of which moves
-BLOCK = """
-title = "block"
-[units]
-force = "N"
-length = "cm"
-[scene]
-dimension = 3
-method = "rkpm-scni"
-[geometry]
-kind = "box"
-size = [1, 1, 2]
-source = [4, 4, 6]
-collocation = [4, 4, 6]
-[[material]]
-name = "muscle"
-model = "muscle"
-A10 = 6.43
-A01 = -3.8
-A20 = 0.94
-A02 = 0.0005
-A11 = -0.0043
-K = 5000
-sigma_max = 30
-fiber_angle = 20
-[[boundary]]
-set = "z0"
-u_x = 0
-u_y = 0
-u_z = 0
-[[boundary]]
-set = "z1"
-u_x = 0
-u_y = 0
-u_z = 0.1
-[load]
-steps = 3
-activation = 0.5
-[[probe]]
-name = "reaction"
-quantity = "force_z"
-set = "z1"
-[[probe]]
-name = "pull"
-quantity = "force"
-set = "z0"
-[[probe]]
-name = "middle"
-quantity = "u"
-point = [0.5, 0.5, 1.0]
-[[probe]]
-name = "stress"
-quantity = "cauchy_zz"
-point = [0.5, 0.5, 1.0]
-"""
+BLOCK = contracting(
+    4, 4, 6,
+    probe=[
+        {"name": "reaction", "quantity": "force_z", "set": "z1"},
+        {"name": "pull", "quantity": "force", "set": "z0"},
+        {"name": "middle", "quantity": "u", "point": [0.5, 0.5, 1.0]},
+        {"name": "stress", "quantity": "cauchy_zz", "point": [0.5, 0.5, 1.0]},
+    ],
+)  # fmt: skip
 RANGES = {"load.activation": (0.0, 1.0), "boundary.z1.u_z": (-0.2, 0.3)}
 
 
 @pytest.fixture(scope="module")
 def deck(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("rom") / "block.toml"
-    path.write_text(BLOCK)
+    path.write_text(text_of_tables(BLOCK))
     return path
 
 
@@ -128,20 +85,28 @@ def test_values_beyond_the_largest_stress_stay_few(loads: int, combined: bool) -
     assert np.all(np.ptp(share, axis=0) >= 0.5)
 
 
+#: Two muscles, each with an activation, a strength and fibers of its own
+OTHER = BLOCK["material"][0] | {"name": "other", "activation": 0.2, "where": "x > 0.4",
+                                "sigma_max": 20, "fiber_angle": -10}  # fmt: skip
+TWO = {**BLOCK, "material": [*BLOCK["material"], OTHER]}
+
+
 @pytest.mark.parametrize(
-    "change",
+    ("tables", "change"),
     [
-        [],
-        ["scene.method=rkpm-gauss", "approximation.order=1"],
-        ["material.muscle.A30=0.3", "material.muscle.A21=0.2", "material.muscle.A12=0.1",
-         "material.muscle.A03=0.05", "material.muscle.curve=published"],
-        ["scene.method=rkpm-gauss", "material.muscle.lambda_o=0.9", "load.activation=0"],
+        (BLOCK, []),
+        (TWO, []),
+        (BLOCK, ["scene.method=rkpm-gauss", "approximation.order=1"]),
+        (BLOCK, ["material.muscle.A30=0.3", "material.muscle.A21=0.2", "material.muscle.A12=0.1",
+                 "material.muscle.A03=0.05", "material.muscle.curve=published"]),
+        (BLOCK, ["scene.method=rkpm-gauss", "material.muscle.lambda_o=0.9", "load.activation=0"]),
     ],
 )  # fmt: skip
-def test_all_cells_are_the_full_model(deck: Path, change: list[str]) -> None:
+def test_all_cells_are_the_full_model(tables: dict[str, Any], change: list[str]) -> None:
     """Residual, reaction and tangent of all cells are those of the full model, projected."""
-    with Scene(deck, change) as scene:
+    with Scene.from_tables(tables, overrides=change) as scene:
         model, laws, basis = projected(scene, 3)
+        assert len(np.unique(laws.activation)) == len(tables["material"])
         mass = modal_products(scene, np.asfortranarray(scene.states.x[-1:].T))[1][:, 0]
         a = basis.T @ mass
         full = scene.linearise(basis @ a, 1.0, np.zeros(scene.dofs))[0]
@@ -166,11 +131,10 @@ def test_all_cells_are_the_full_model(deck: Path, change: list[str]) -> None:
 @pytest.mark.slow
 def test_a_set_that_turns_and_moves(deck: Path, tmp_path: Path) -> None:
     """Rotation and translation of one end, each a parameter: as the full model at unseen states."""
-    turning = "u_z = 0.1\nrotation = 5\naxis = [1, 0, 0]\nabout = [0.5, 0.5, 2]\n"
-    text = deck.read_text()
-    assert text.count("u_z = 0.1\n") == 1
+    turned = {"rotation": 5, "axis": [1, 0, 0], "about": [0.5, 0.5, 2]}
     path = tmp_path / "turning.toml"
-    path.write_text(text.replace("u_z = 0.1\n", turning))
+    ends = [BLOCK["boundary"][0], BLOCK["boundary"][1] | turned]
+    path.write_text(text_of_tables({**BLOCK, "boundary": ends}))
     key = "boundary.z1.rotation"
     with pytest.raises(InputError, match=rf"{key}: a reduced model knows it as a parameter"):
         ReducedModel.train(path, RANGES)
@@ -182,27 +146,6 @@ def test_a_set_that_turns_and_moves(deck: Path, tmp_path: Path) -> None:
     assert rom.conditions(np.array([[0.1, 90.0, 0.2]])).given[0, 1:4] == pytest.approx([1, 1, 0.2])
     error, force, _, converged = true_error(rom, [0.4, 31.0, 0.1])
     assert converged and error < 2e-2 and force < 1e-2
-
-
-def test_several_muscles_are_the_full_model(deck: Path) -> None:
-    """Each muscle has its own activation, strength and fibers in the reduced model."""
-    own = BLOCK[BLOCK.index("[[material]]") : BLOCK.index("[[boundary]]")]
-    second = own.replace('"muscle"\nmodel', '"other"\nactivation = 0.2\nwhere = "x > 0.4"\nmodel')
-    second = second.replace("sigma_max = 30", "sigma_max = 20").replace("= 20\n\n", "= -10\n\n")
-    two = deck.parent / "two.toml"
-    two.write_text(BLOCK.replace("[[boundary]]", second + "[[boundary]]", 1))
-    with Scene(two) as scene:
-        model, laws, basis = projected(scene, 3)
-        mass = modal_products(scene, np.asfortranarray(scene.states.x[-1:].T))[1][:, 0]
-        a = basis.T @ mass
-        full = scene.linearise(basis @ a, 1.0, np.zeros(scene.dofs))[0]
-    z = np.concatenate([a, [1.0]])
-    state = np.stack([laws.activation, laws.sigma_max, 0.0 * laws.angle], axis=1)[..., None]
-    assert len(np.unique(laws.activation)) == 2 and len(np.unique(laws.sigma_max)) == 2
-    wish = Wish(np.asfortranarray(state), np.zeros((1, 1)), z[3:, None])
-    residual, tangent, _, _ = assemble(model, wish, z)
-    scale = np.abs(tangent[:3, :3]).max() * np.abs(a).max()
-    assert np.abs(residual[:3] - basis.T @ full).max() < 1e-12 * scale
 
 
 @pytest.mark.slow
@@ -239,14 +182,14 @@ def test_unseen_states(rom: ReducedModel) -> None:
 def test_stresses_are_those_of_the_full_scene(tmp_path: Path, change: list[str]) -> None:
     """At the same unknowns, whatever their error: at a point, between points, near sides."""
     named = ["cauchy_zz", "cauchy_xz", "J", "pressure", "principal_max"]
-    places = ["[0.4, 0.55, 1.1]", "[0.5, 0.5, 1.0]", "[0.9, 0.1, 0.3]", "[0.2, 0.9, 1.9]"]
-    probes = "".join(
-        f'[[probe]]\nname = "{name}{k}"\nquantity = "{name}"\npoint = {place}\n'
+    places = [[0.4, 0.55, 1.1], [0.5, 0.5, 1.0], [0.9, 0.1, 0.3], [0.2, 0.9, 1.9]]
+    probes = [
+        {"name": f"{name}{k}", "quantity": name, "point": place}
         for k, place in enumerate(places)
         for name in named
-    )
+    ]
     deck = tmp_path / "block.toml"
-    deck.write_text(BLOCK + probes)
+    deck.write_text(text_of_tables({**BLOCK, "probe": [*BLOCK["probe"], *probes]}))
     ranges = {"load.activation": (0.0, 0.6), "material.muscle.fiber_angle": (10.0, 30.0)}
     rom = ReducedModel.train(deck, ranges, full_solves=6, tests=0, threads=1, overrides=change)
     rows = np.array([[0.25, 20.0], [0.5, 28.0]])
@@ -548,7 +491,8 @@ def test_sweep_by_the_model(deck: Path, trained: Path, tmp_path: Path) -> None:
         with pytest.raises(InputError, match=message):
             sweep(deck, vary, tmp_path / "none", model=trained, overrides=overrides)
     other = tmp_path / "other.toml"
-    other.write_text(BLOCK.replace("K = 5000", "K = 2000"))
+    softer = {**BLOCK["material"][0], "K": 2000}
+    other.write_text(text_of_tables({**BLOCK, "material": [softer]}))
     both = [*vary, "boundary.z1.u_z=0.1"]
     with pytest.raises(InputError, match="was trained on another deck"):
         sweep(other, both, tmp_path / "other", model=trained)

@@ -18,27 +18,15 @@ from myork.records import Labels
 from myork.studies import identify, sensitivity, uncertainty
 from myork.studies.forward import Forward, Values, open_forward, ranges_of
 from myork.studies.uncertainty import Doubt, perturbed
+from tests.scenes import contracting, held
 
-N = [3, 3, 5]
-BLOCK: dict[str, Any] = {
-    "title": "block",
-    "units": {"force": "N", "length": "cm"},
-    "scene": {"dimension": 3, "method": "rkpm-scni"},
-    "geometry": {"kind": "box", "size": [1, 1, 2], "source": N, "collocation": N},
-    "material": [
-        {"name": "muscle", "model": "muscle", "A10": 6.43, "A01": -3.8, "A20": 0.94, "K": 5000,
-         "sigma_max": 30, "fiber_angle": 20},
-    ],
-    "boundary": [
-        {"set": "z0", "u_x": 0, "u_y": 0, "u_z": 0},
-        {"set": "z1", "u_x": 0, "u_y": 0, "u_z": 0.1},
-    ],
-    "load": {"steps": 3, "activation": 0.5},
-    "probe": [
+BLOCK = contracting(
+    3, 3, 5,
+    probe=[
         {"name": "reaction", "quantity": "force_z", "set": "z1"},
         {"name": "belly", "quantity": "u", "point": [1.0, 0.5, 1.0]},
     ],
-}  # fmt: skip
+)  # fmt: skip
 RANGES = {
     "load.activation": (0.0, 0.8),
     "boundary.z1.u_z": (-0.1, 0.2),
@@ -311,18 +299,12 @@ def spindle(tmp_path: Path) -> Path:
     x, y, z = np.meshgrid(*(np.arange(n) + 0.5 for n in (18, 18, 20)), indexing="ij")
     labels = (np.hypot(x - 9, y - 9) < 5 + 2 * np.sin(np.pi * z / 20)).astype(np.int16)
     nibabel.save(nibabel.Nifti1Image(labels, np.diag([1, 1, 1, 1])), tmp_path / "labels.nii.gz")
-    tables = {
-        "title": "spindle",
-        "units": {"force": "N", "length": "cm"},
-        "scene": {"dimension": 3, "method": "rkpm-scni"},
+    tables = BLOCK | {
         "build": {"labels": "labels.nii.gz", "source_stride": [4, 4, 4],
                   "collocation_stride": [2, 2, 2]},
         "geometry": {"kind": "model"},
         "material": [{**BLOCK["material"][0], "label": 1, "fiber": [0, 0, 1]}],
-        "boundary": [
-            {"set": "bottom", "u_x": 0, "u_y": 0, "u_z": 0},
-            {"set": "top", "u_x": 0, "u_y": 0, "u_z": 0},
-        ],
+        "boundary": [held("bottom"), held("top")],
         "load": {"steps": 2, "activation": 0.2},
         "probe": [{"name": "force", "quantity": "force_z", "set": "top"}],
     }  # fmt: skip

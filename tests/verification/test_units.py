@@ -6,7 +6,6 @@ that of the powers of 1000 and 10 which its unit names, in space, in the plane a
 
 import json
 import re
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -17,12 +16,7 @@ from myork import Results, Scene, load_deck
 from myork.core.deck import load_tables
 from myork.stations.solve import run_deck
 from myork.summary import printed
-from tests.scenes import box, held, scene, solved
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    from pip._vendor import tomli as tomllib
+from tests.scenes import box, held, scene, solved, tomllib
 
 ROOT = Path(__file__).parents[2]
 FORCE, LENGTH = 1000.0, 10.0

@@ -33,29 +33,17 @@ from myork.stations.solve import run_deck
 from myork.view import server as server_module
 from myork.view.answers import FIELDS, Answers, verdict_of
 from myork.view.server import _Server
+from tests.scenes import contracting
 
 pytestmark = pytest.mark.nightly
 
-N = [3, 3, 5]
-DECK = {
-    "title": "block <of> muscle",
-    "units": {"force": "N", "length": "cm"},
-    "scene": {"dimension": 3, "method": "rkpm-scni"},
-    "geometry": {"kind": "box", "size": [1, 1, 2], "source": N, "collocation": N},
-    "material": [
-        {"name": "muscle", "model": "muscle", "A10": 6.43, "A01": -3.8, "A20": 0.94, "K": 5000,
-         "sigma_max": 30, "fiber_angle": 20},
-    ],
-    "boundary": [
-        {"set": "z0", "u_x": 0, "u_y": 0, "u_z": 0},
-        {"set": "z1", "u_x": 0, "u_y": 0, "u_z": 0.1},
-    ],
-    "load": {"steps": 3, "activation": 0.5},
-    "probe": [
+DECK = contracting(
+    3, 3, 5, title="block <of> muscle",
+    probe=[
         {"name": "middle", "quantity": "u", "point": [0.5, 0.5, 1.0]},
         {"name": "reaction", "quantity": "force_z", "set": "z1"},
     ],
-}  # fmt: skip
+)  # fmt: skip
 RANGES = {
     "load.activation": (0.0, 0.8),
     "boundary.z1.u_z": (-0.2, 0.3),
