@@ -25,7 +25,7 @@ from myork.segmentation.outlines import pull_of_outlines
 from myork.segmentation.regions import body_mask
 from myork.segmentation.scores import dice
 from myork.segmentation.shading import shading
-from myork.segmentation.walk import edge_strength, heights_of, random_walk
+from myork.segmentation.walk import heights_of, random_walk
 from myork.types import F64, I32
 
 SIZE = (96, 96, 17)
@@ -91,9 +91,7 @@ def main(half: str) -> None:
                 if pull is not None:
                     alone = np.where(pull.any(axis=0), pull.argmax(axis=0) + 1, 0)
                 found = [alone] + [
-                    random_walk(
-                        edge_strength(heights), region, known, SPACING, WEIGHT, heights, rates
-                    )
+                    random_walk(heights, region, known, SPACING, WEIGHT, rates)
                     for rates in (None, pull)
                 ]
                 line = f"SNR {snr:g}, shifts {most:g} mm, {kind:8s} every {step}th slice:"

@@ -95,12 +95,9 @@ def calf(data: Path, out: Path) -> None:
         write_labels(out / "reference.nii.gz", reference)
         write_image(out / "earlier.nii.gz", picture)
         line = f"{title:14s}"
-        # Without a reach the voxels of the muscle phase take the labels as they lie.
-        ways = {"lies": "reference_reach=0", "reach 8": "reference_reach=8"}
-        ways |= {"bent": f"reference_anatomy={out / 'earlier.nii.gz'}"}
-        for way, key in ways.items():
-            keys = [f"image.reference={out / 'reference.nii.gz'}", f"image.{key}"]
-            keys += ["image.reference_reach=0"] if way == "bent" else []
+        lies = [f"image.reference={out / 'reference.nii.gz'}"]
+        bends = [*lies, f"image.reference_anatomy={out / 'earlier.nii.gz'}"]
+        for way, keys in (("lies", lies), ("bent", bends)):
             deck = DECKS / f"{name}.toml"
             found = segment(deck, out / "moved", overrides=[*where, *keys])["segmentation"]
             scores = [score["dice"] for score in found["scores"].values()]

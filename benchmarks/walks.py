@@ -29,7 +29,7 @@ from myork.records import Image
 from myork.segmentation.regions import body_mask
 from myork.segmentation.scores import dice
 from myork.segmentation.shading import shading
-from myork.segmentation.walk import edge_strength, heights_of, random_walk
+from myork.segmentation.walk import heights_of, random_walk
 from myork.types import F64, I32, Mask
 
 HALVES: dict[str, list[dict[str, Any]]] = {
@@ -89,7 +89,7 @@ def ours(image: F64, region: Mask, known: I32, spacing: F64, weight: float = WEI
     """Labels by our walks."""
     heights = heights_of(image, region)
     free = np.where(region & (known > 0), known, -1).astype(np.int32)
-    return random_walk(edge_strength(heights), region, free, spacing, weight, heights)
+    return random_walk(heights, region, free, spacing, weight)
 
 
 def theirs(image: F64, region: Mask, known: I32, spacing: F64, beta: float) -> I32:

@@ -3,28 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from myork.errors import InputError
 from myork.records import Image, Labels
-from myork.segmentation.alignment import align_labels
 from myork.segmentation.grouping import (
     Muscle,
     group_by_reference,
     group_by_rules,
     nearest_labels,
-    reference_seeds,
     rule_seeds,
 )
 from myork.segmentation.level_sets import Regions, wanted_phase
 from myork.segmentation.outlines import pull_of_outlines
 from myork.segmentation.regions import piece_with_seed
-from myork.segmentation.walk import edge_strength, heights_of, random_walk
-from myork.types import F64, I32, Mask
+from myork.segmentation.walk import heights_of, random_walk
+from myork.types import F64
 
 __all__ = ["BACKGROUND", "label_by_phase", "label_by_reference", "label_by_rules", "label_by_seeds"]
 
@@ -47,7 +43,7 @@ def label_by_rules(
     if table["split"] == "walk":
         where, known = rule_seeds(result.region, image, muscles, table["seed_radius"])
         heights = heights_of(image.data, result.region >= 0, others)
-        label = _walk(heights, where, known, image, table)
+        label = random_walk(heights, where, known, image.spacing, table["edge_weight"])
         return Labels(np.maximum(label, 0), image.affine, names, "segmentation"), []
     label, warnings = group_by_rules(result.region, image, muscles)
     return Labels(label, image.affine, names, "segmentation"), warnings
@@ -84,7 +80,8 @@ def label_by_seeds(
         known[known == number] = _LAST
         del names[number]
     heights, pull = heights_of(image.data, where, others), pull_of_outlines(known, image.spacing)
-    label = np.maximum(_walk(heights, where, known, image, table, pull), 0)
+    label = random_walk(heights, where, known, image.spacing, table["edge_weight"], pull)
+    label = np.maximum(label, 0)
     label[label == _LAST] = 0
     return Labels(label, image.affine, names, "segmentation"), warnings
 
@@ -106,48 +103,14 @@ def label_by_phase(table: Mapping[str, Any], image: Image, grey: F64, result: Re
 
 
 def label_by_reference(
-    table: Mapping[str, Any],
-    image: Image,
-    grey: F64,
-    result: Regions,
-    reference: Labels,
-    others: F64 | None = None,
+    table: Mapping[str, Any], image: Image, grey: F64, result: Regions, reference: Labels
 ) -> Labels:
-    """Labels by a reference label map, moved onto the image if the deck says so."""
-    inside = result.region >= 0
-    wanted = wanted_phase(result, grey, table["phase"]) if table["regions"] == 2 else inside
-
-    @cache
-    def heights() -> F64:
-        return heights_of(image.data, inside, others)
-
-    @cache
-    def edges() -> F64:
-        return edge_strength(heights())
-
-    if table["reference_reach"] > 0:
-        reference = align_labels(reference, edges(), wanted, inside, table["reference_reach"])
+    """Labels by a reference label map."""
     if table["split"] == "pieces":
         return group_by_reference(result.region, reference)
-    margin, spacing = table["reference_margin"], image.spacing
-    if table["split"] == "nearest":
-        label = nearest_labels(wanted, reference.data, spacing, margin)
-    else:
-        known = reference_seeds(reference, margin)
-        label = random_walk(edges(), wanted, known, spacing, table["edge_weight"], heights())
-        label = np.maximum(label, 0)
+    wanted = result.region >= 0
+    if table["regions"] == 2:
+        wanted = wanted_phase(result, grey, table["phase"])
+    label = nearest_labels(wanted, reference.data, image.spacing, table["reference_margin"])
     names = {n: reference.label_name(n) for n in np.unique(label[label > 0]).tolist()}
     return Labels(label, image.affine, names, "segmentation")
-
-
-def _walk(
-    heights: F64,
-    where: Mask,
-    known: I32,
-    image: Image,
-    table: Mapping[str, Any],
-    pull: NDArray[np.float32] | None = None,
-) -> I32:
-    """Labels by random walks over heights, -1 where no seed can be reached."""
-    edges = edge_strength(heights)
-    return random_walk(edges, where, known, image.spacing, table["edge_weight"], heights, pull)

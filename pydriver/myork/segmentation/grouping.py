@@ -20,7 +20,6 @@ __all__ = [
     "group_by_reference",
     "group_by_rules",
     "nearest_labels",
-    "reference_seeds",
     "rule_seeds",
 ]
 
@@ -182,31 +181,6 @@ def rule_seeds(
                     f"muscle.{muscles[known[place] - 1].name}; lower image.seed_radius"
                 )
     return where, known
-
-
-def reference_seeds(reference: Labels, margin: float) -> I32:
-    """Labels of a reference where they are certain, -1 closer than a margin to other labels.
-
-    Where a label is thin the middle of it stays: half of its largest depth in the slice.
-
-    Parameters
-    ----------
-    reference : Labels
-        Label map; no label (0) counts as one.
-    margin : float
-        How far borders may be off [mm].
-    """
-    known = np.full(reference.data.shape, -1, np.int32)
-    for k in range(reference.data.shape[2]):
-        label = reference.data[:, :, k]
-        for number in np.unique(label):
-            mine = np.pad(label == number, 1, mode="edge")
-            if mine.all():
-                known[:, :, k] = number
-                break
-            depth = _depth(mine, reference.spacing)[1:-1, 1:-1]
-            known[:, :, k][depth > min(margin, 0.5 * depth.max())] = number
-    return known
 
 
 def nearest_labels(where: Mask, known: I32, spacing: F64, margin: float) -> I32:

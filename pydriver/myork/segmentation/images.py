@@ -252,7 +252,7 @@ def segment_images(
     others = images.heights(fraction, region) if table["split"] == "walk" else None
     doubts: list[str] = []
     if reference is not None:
-        labels = label_by_reference(table, seen, grey, result, reference, others)
+        labels = label_by_reference(table, seen, grey, result, reference)
     elif images.seeds is not None:
         labels, doubts = label_by_seeds(table, seen, result, images.seeds, others)
     elif muscles:

@@ -21,7 +21,7 @@ from scipy.sparse.linalg import LinearOperator, cg, splu
 from myork.errors import InputError
 from myork.types import F64, I32, Mask
 
-__all__ = ["edge_strength", "heights_of", "random_walk"]
+__all__ = ["heights_of", "random_walk"]
 
 
 # Standard deviation of the derivative of a Gaussian that finds edges [pixel]: lines of one or two
@@ -68,48 +68,29 @@ def heights_of(values: F64, where: Mask, others: F64 | None = None) -> F64:
     return height if others is None else np.concatenate([height, others], axis=3)
 
 
-def edge_strength(heights: F64) -> F64:
-    """Slope of the heights in each slice, of all channels together [1/pixel].
-
-    Parameters
-    ----------
-    heights : NDArray
-        See `heights_of`, shape `(ni, nj, nk, nchannel)`.
-    """
-    slopes = [
-        ndimage.gaussian_filter(height, (_BLUR, _BLUR, 0.0), order=order)
-        for height in np.moveaxis(heights, 3, 0)
-        for order in ((1, 0, 0), (0, 1, 0))
-    ]
-    return np.asarray(np.hypot.reduce(slopes))
-
-
 def random_walk(
-    edges: F64,
+    heights: F64,
     where: Mask,
     seeds: I32,
     spacing: F64,
     shyness: float,
-    heights: F64 | None = None,
     pull: NDArray[np.float32] | None = None,
 ) -> I32:
     """Label voxels by the seeds that random walks from them reach first.
 
     Parameters
     ----------
-    edges : NDArray
-        Strength of edges, shape `(ni, nj, nk)` [1/pixel].
+    heights : NDArray
+        See `heights_of`, shape `(ni, nj, nk, nchannel)` [-].
     where : NDArray
-        Voxels that take part, same shape.
+        Voxels that take part, shape `(ni, nj, nk)`.
     seeds : NDArray
         Labels that are known, -1 where they are not, same shape.
     spacing : NDArray
         Voxel sizes, shape `(3,)` [mm].
     shyness : float
-        Steps onto an edge of strength s are `exp(-shyness s)` times as likely [pixel].
-    heights : NDArray, optional
-        With heights, a step over the height d near an edge of strength s is
-        `exp(-shyness (d / (1 + 2 d) + s/4))` times as likely, shape `(ni, nj, nk, nchannel)` [-].
+        A step over the height d near a slope s is `exp(-shyness (d / (1 + 2 d) + s/4))` times as
+        likely [pixel].
     pull : NDArray, optional
         Rates at which walks end in each label before they reach a seed, against steps of rate 1
         where there is no edge; labels in their order, shape `(nlabel, ni, nj, nk)` [-].
@@ -124,7 +105,7 @@ def random_walk(
     if not inside.any():
         return found
     known = seeds[inside]
-    laplacian = _laplacian(edges, inside, spacing, shyness, heights)
+    laplacian = _laplacian(heights, inside, spacing, shyness)
     free = known < 0
     names = np.unique(seeds[where & (seeds >= 0)])
     result = known.copy()
@@ -161,10 +142,19 @@ def _reached(where: Mask, seeds: Mask) -> Mask:
     return with_seed[pieces]
 
 
-def _laplacian(
-    edges: F64, inside: Mask, spacing: F64, shyness: float, heights: F64 | None
-) -> sparse.csr_matrix:
+def _slopes(heights: F64) -> F64:
+    """Slope of the heights in each slice, of all channels together [1/pixel]."""
+    slopes = [
+        ndimage.gaussian_filter(height, (_BLUR, _BLUR, 0.0), order=order)
+        for height in np.moveaxis(heights, 3, 0)
+        for order in ((1, 0, 0), (0, 1, 0))
+    ]
+    return np.asarray(np.hypot.reduce(slopes))
+
+
+def _laplacian(heights: F64, inside: Mask, spacing: F64, shyness: float) -> sparse.csr_matrix:
     """Graph Laplacian of voxels that share a face."""
+    slopes = _slopes(heights)
     number = np.full(inside.shape, -1)
     number[inside] = np.arange(int(inside.sum()))
     row, column, weight = [], [], []
@@ -173,13 +163,12 @@ def _laplacian(
         low[axis], high[axis] = slice(None, -1), slice(1, None)
         a, b = number[tuple(low)], number[tuple(high)]
         both = (a >= 0) & (b >= 0)
-        worst = np.maximum(edges[tuple(low)], edges[tuple(high)])[both]
-        if heights is not None:
-            step = np.linalg.norm(heights[tuple(high)][both] - heights[tuple(low)][both], axis=-1)
-            worst = step / (1.0 + step / _STEEP) + _SLOPE * worst
+        slope = np.maximum(slopes[tuple(low)], slopes[tuple(high)])[both]
+        step = np.linalg.norm(heights[tuple(high)][both] - heights[tuple(low)][both], axis=-1)
+        edge = step / (1.0 + step / _STEEP) + _SLOPE * slope
         row.append(a[both])
         column.append(b[both])
-        weight.append((np.exp(-shyness * worst) + _LEAST) / size**2)
+        weight.append((np.exp(-shyness * edge) + _LEAST) / size**2)
     count = int(inside.sum())
     one = sparse.coo_matrix(
         (np.concatenate(weight), (np.concatenate(row), np.concatenate(column))), (count, count)

@@ -40,6 +40,12 @@ from myork.types import F64
 
 __all__ = ["segment"]
 
+# What says which muscle is where, for each way of parting them
+_SPLITS = {
+    "pieces": ("image.reference", "[[muscle]]"),
+    "nearest": ("image.reference",),
+    "walk": ("image.seeds", "[[muscle]]"),
+}
 # Kind of voxels without a label that take no part in the segmentation
 _BEYOND = (0,)
 
@@ -220,32 +226,21 @@ def _fat_doubts(fat: Mapping[str, float], phase: str) -> list[str]:
 
 def _check_rules(table: Mapping[str, Any], muscles: list[Muscle]) -> None:
     """Refuse rules that contradict each other before anything is computed."""
-    split, rims = table["split"], [muscle.name for muscle in muscles if muscle.rim]
     if table["start"] == "seeds" and not muscles:
         raise InputError("image.start = 'seeds' needs [[muscle]] with seeds or a rim")
-    if "reference" not in table:
-        for key in ("reference_reach", "reference_anatomy"):
-            if table.get(key):
-                raise InputError(f"image.{key} needs image.reference")
-    if "seeds" in table:
-        if muscles or "reference" in table:
-            other = "[[muscle]]" if muscles else "image.reference"
-            raise InputError(f"image.seeds and {other} both say what is where; take one out")
-        if split != "walk":
-            raise InputError("image.seeds needs image.split = 'walk'")
-        return
-    if "reference" in table:
-        if muscles:
-            raise InputError("image.reference and [[muscle]] both group the regions; take one out")
-        return
+    if "reference_anatomy" in table and "reference" not in table:
+        raise InputError("image.reference_anatomy needs image.reference")
+    split, rims = table["split"], [muscle.name for muscle in muscles if muscle.rim]
+    given = [f"image.{key}" for key in ("seeds", "reference") if key in table]
+    given += ["[[muscle]]"] if muscles else []
+    if len(given) > 1:
+        raise InputError(f"{given[0]} and {given[1]} both say what is where; take one out")
+    fitting = _SPLITS[split]
+    if (given or split != "pieces") and not set(given) & set(fitting):
+        also = f", not with {given[0]}" if given else ""
+        raise InputError(f"image.split = '{split}' goes with {' or '.join(fitting)}{also}")
     if rims and split != "walk":
         raise InputError(f"muscle.{rims[0]}.rim needs image.split = 'walk'")
-    if muscles and split == "nearest":
-        raise InputError("image.split = 'nearest' needs image.reference; seeds go with 'walk'")
-    if not muscles and split != "pieces":
-        raise InputError(
-            f"image.split = '{split}' needs image.reference, image.seeds or [[muscle]] with seeds"
-        )
 
 
 def _muscles(deck: Mapping[str, Any]) -> list[Muscle]:
