@@ -24,18 +24,7 @@ def input_cases() -> list[Case]:
 def _bad_points() -> list[Case]:
     """Points that cannot carry an approximation, or a body that nothing holds."""
     cube = box((1.0, 1.0, 1.0), (4, 4, 4), (7, 7, 7))
-    twice = replace(cube, source=np.vstack([cube.source, cube.source[10:11]]))
-    points = np.vstack([cube.points, cube.points[100:101]])
-    place = replace(
-        cube,
-        points=points,
-        label=np.append(cube.label, 1).astype(np.int32),
-        fiber=np.vstack([cube.fiber, cube.fiber[:1]]),
-        volume=np.append(cube.volume, 1.0),
-    )
     bodies = [
-        ("a source point twice", twice, "point"),
-        ("a collocation point twice", place, "point"),
         ("one layer of points", box((1.0, 1.0, 0.2), (5, 5, 1), (9, 9, 1)), "point"),
         ("an island that nothing holds", _with_island(cube), "island"),
         ("a coordinate that is NaN", _spoilt(cube, "points"), "point"),

@@ -17,7 +17,6 @@ from myork.core.deck import text_of_tables
 from myork.errors import FileError
 from myork.files import claimed
 from myork.report import make_report
-from myork.results import Results
 from myork.stations.solve import find_executable
 from myork.summary import failures, renewing, update_summary
 from tests.scenes import box, held, scene
@@ -262,32 +261,6 @@ def test_a_link_in_place_of_the_folder_is_refused(deck: Path, tmp_path: Path) ->
     assert refused.returncode == 2 and "previous in it is not a folder" in refused.stderr
     assert told(out)[:2] == (False, "refused") and told_of(out / "summary.json.previous")[0]
     assert files_of(out) == before and files_of(theirs) == {"run.log": b"theirs"}
-
-
-def test_a_stopped_run_without_an_earlier_one_is_written(deck: Path, tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    run = start(deck, out)
-    run.send_signal(signal.SIGTERM)
-    assert run.wait(PATIENCE) == 1
-    summary = summary_of(out)
-    assert summary["converged"] is False
-    with Results(out) as results:
-        assert 0.0 < results.loads[-1] < 1.0
-        assert results.loads[-1] == pytest.approx(summary["steps"][-1]["load"], rel=1e-15)
-
-
-@pytest.mark.slow
-def test_a_run_that_fails_at_once_does_not_replace_states(deck: Path, tmp_path: Path) -> None:
-    """The earlier run is unfinished as well, but it has states under load."""
-    out = tmp_path / "out"
-    run = start(deck, out)
-    run.send_signal(signal.SIGINT)
-    assert run.wait(PATIENCE) == 1
-    before = files_of(out)
-    failed = solve(deck, out, "--set", "solver.max_iterations=1", "--set", "load.max_halvings=0")
-    assert failed.returncode == 1, failed.stderr
-    assert files_of(out / "previous") == before
-    assert summary_of(out / "previous")["steps"] and not summary_of(out)["steps"]
 
 
 @pytest.mark.slow

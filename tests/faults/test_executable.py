@@ -17,7 +17,7 @@ from myork.cli import main
 from myork.core.deck import load_tables, text_of_tables
 from myork.core.scene import Scene
 from myork.errors import InputError
-from myork.model_file import read_model, write_model
+from myork.model_file import write_model
 from myork.stations.solve import find_executable
 from tests.unit.test_scene_from_tables import BLOCK, PULLED, cloud
 
@@ -38,33 +38,6 @@ def explain(folder: Path, *words: str, **more) -> subprocess.CompletedProcess[st
 def limited(size: int) -> dict[str, Callable[[], None]]:
     """Words of a process that has so much address space [bytes]."""
     return {"preexec_fn": lambda: resource.setrlimit(resource.RLIMIT_AS, (size, size))}
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "message"),
-    [
-        ("volume", -1.0, "'volume' must hold finite numbers not below 0, but entry 5 is -1"),
-        ("area", -1.0, "'area' must hold finite numbers not below 0, but entry 5 is -1"),
-        (
-            "boundary_point",
-            2**31 - 1,
-            "'boundary_point' must hold indices from 0 to 440, but entry 5 is 2147483647",
-        ),
-        ("boundary_set", 3, "'boundary_set' must hold indices from 0 to 1, but entry 5 is 3"),
-    ],
-)
-def test_impossible_numbers_of_a_model(
-    tmp_path: Path, name: str, value: float, message: str
-) -> None:
-    path = tmp_path / "model.h5"
-    write_model(path, cloud())
-    assert explain(tmp_path).returncode == 0
-    with h5py.File(path, "r+") as file:
-        file[name][5] = value
-    done = explain(tmp_path)
-    assert done.returncode == 2 and message in done.stderr
-    with pytest.raises(InputError, match=message):
-        read_model(path)
 
 
 def test_many_names_take_little_memory(tmp_path: Path) -> None:

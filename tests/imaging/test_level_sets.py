@@ -194,42 +194,6 @@ def test_ball_in_a_volume_of_thick_slices():
     assert dice(found, ball) > 0.97
 
 
-def five_regions(noise, n=96):
-    """Background and a disc cut into four sectors: triple junctions on the rim."""
-    i, j = np.mgrid[:n, :n] - (n - 1) / 2
-    region = np.where(np.hypot(i, j) < 0.38 * n, 1 + (i > 0) + 2 * (j > 0.2 * i), 0)
-    values = np.array([0.0, 0.25, 0.5, 0.75, 1.0])[region]
-    return region, values + np.random.default_rng(8).normal(0, noise, (n, n))
-
-
-def test_three_level_sets_find_five_regions_with_triple_junctions():
-    truth, u = five_regions(0.05)
-    result = segment_regions(
-        u[..., None, None], np.ones((*u.shape, 1), bool), evolve_level_sets,
-        choice(regions=5, mu=0.02), spacing=(1, 1, 1),
-    )  # fmt: skip
-    for number in range(5):
-        mine = result.region[..., 0][truth == number]
-        major = np.bincount(mine).argmax()
-        # Noise of a fifth of the steps: errors are pixels on the rim and spare regions.
-        assert dice(result.region[..., 0] == major, truth == number) > 0.95
-    assert (np.diff(result.energy) <= 0).all()
-
-
-def test_colours_part_what_no_channel_parts_alone():
-    truth, _ = five_regions(0.0)
-    truth = np.minimum(truth, 2)
-    colours = np.array([[0.2, 0.2, 0.7], [0.7, 0.2, 0.2], [0.2, 0.7, 0.2]])[truth]
-    colours = colours + np.random.default_rng(6).normal(0, 0.1, colours.shape)
-    result = segment_regions(
-        colours[:, :, None], np.ones((*truth.shape, 1), bool), evolve_level_sets,
-        choice(regions=3, mu=0.02), spacing=(1, 1, 1),
-    )  # fmt: skip
-    for number in range(3):
-        major = np.bincount(result.region[..., 0][truth == number]).argmax()
-        assert dice(result.region[..., 0] == major, truth == number) > 0.97
-
-
 def test_length_weight_removes_small_regions():
     image, inside = disc(noise=0.0)
     image.data[4:6, 4:6] = 0.3
@@ -238,13 +202,6 @@ def test_length_weight_removes_small_regions():
     assert kept[4:6, 4:6].all()
     assert not gone[4:6, 4:6].any()
     assert dice(gone, inside) > 0.97
-
-
-def test_area_weight_shrinks_what_is_inside():
-    image, inside = disc(noise=0.1)
-    # Level set 1 is positive in the brighter region
-    sizes = [phase_of(image, inside >= 0, "bright", nu=nu)[0].sum() for nu in (-0.3, 0.0, 0.3)]
-    assert sizes[0] > sizes[1] > sizes[2]
 
 
 def test_labels_of_ones_own_as_start():

@@ -59,6 +59,7 @@ def test_files_and_summary_of_the_phantom(mg):
     assert any("Dice" in line for line in lines)
 
 
+@pytest.mark.slow
 def test_fibers_of_the_model_lean_as_the_phantoms_do(mg):
     out, _ = mg
     model = read_model(out / "model.h5")

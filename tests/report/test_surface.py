@@ -84,6 +84,7 @@ def test_voxels(body) -> None:
     assert volume(points, triangles) == pytest.approx(cloud.volume.sum(), rel=0.05)
 
 
+@pytest.mark.slow
 def test_without_a_lattice_there_is_no_surface() -> None:
     body = BODIES[0]
     cloud = replace(body_cloud(body, body.sizes[0]), voxels=None)
@@ -111,6 +112,7 @@ def picture(triangles: I32) -> F64:
     return picture_of(panel, middle, half)
 
 
+@pytest.mark.slow
 def test_no_third_colour_between_two_tissues() -> None:
     """Numbers of labels have no values between them."""
     points = np.stack([a.ravel() for a in np.meshgrid(*[np.arange(9.0)] * 2, [0.0])], axis=1)
@@ -127,6 +129,7 @@ def test_points_are_drawn_where_there_is_no_surface() -> None:
     assert (seen.min(axis=2) < 60).any() and (seen.min(axis=2) > 250).any()
 
 
+@pytest.mark.slow
 def test_what_is_nearer_hides_what_is_behind() -> None:
     """The front of a block is seen, not its back, and a stroke inside it is hidden."""
     points = np.stack([a.ravel() for a in np.meshgrid(*[np.arange(5.0)] * 3)], axis=1)

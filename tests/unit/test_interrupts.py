@@ -76,14 +76,6 @@ def test_keys_pressed_again_and_again_do_not_leave_a_call_behind():
     assert ended.is_set() and asked
 
 
-def test_what_a_call_raises_is_raised():
-    def work():
-        raise ValueError("of the call")
-
-    with pytest.raises(ValueError, match="of the call"):
-        call_in_thread(work, lambda: None, lambda: None)
-
-
 @pytest.mark.slow
 def test_an_interrupted_scene_solves_again(whole):
     with long_scene() as scene:

@@ -141,16 +141,6 @@ def test_points_of_a_step_for_pyvista(sample: Path) -> None:
             results.to_pyvista(9)
 
 
-def test_a_reader_of_pyvista_reaches_all_steps(sample: Path) -> None:
-    import pyvista
-
-    reader = pyvista.get_reader(sample)
-    with Results(sample) as results:
-        for step in range(results.nstep):
-            reader.reader.SetStep(step)
-            assert_allclose(reader.read().point_data["u"], results.field("u", step))
-
-
 def test_what_is_missing_names_its_cure(sample: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # None in the table of modules is an import that fails
     for name, extra in (("pyvista", "viz"), ("pandas", "pandas")):
@@ -344,6 +334,8 @@ def test_model_round_trip(model: Path) -> None:
         ("boundary_point", np.array([0, 3, 1]), "indices from 0 to 2, but entry 1 is 3"),
         ("boundary_set", np.array([0, 0, -1]), "indices from 0 to 1, but entry 2 is -1"),
         ("area", np.ones(2), "'area' has shape (2), but (3) is needed"),
+        ("area", -np.ones(3), "'area' must hold finite numbers not below 0, but entry 0 is -1"),
+        ("volume", -np.ones(3), "'volume' must hold finite numbers not below 0, but entry 0"),
         ("source", np.ones(6), "'source' has 1 dimension(s), but 2 are needed"),
         ("voxels/index", np.ones((2, 3), int), "'voxels/index' has shape (2, 3), but (3, 3)"),
         ("voxels/index", np.full((3, 3), -(2**30)), "an index beyond any image in entry 0"),

@@ -53,6 +53,7 @@ def pull(cloud: PointCloud, rate: float, activation: float) -> NDArray[Any]:
     return total
 
 
+@pytest.mark.slow
 def test_turning_fibers_pull() -> None:
     """The residual of the undeformed body is the divergence of the active stress, to the order of
     the linear fit over neighbours: 4 times better with half the spacing, 1 % at 9 sources.
@@ -147,6 +148,7 @@ def test_a_rotated_problem_has_the_rotated_answer() -> None:
     assert_allclose(other.f, turn @ plain.f @ turn.T, rtol=0, atol=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["rkcm", "rkcm-mixed"])
 @pytest.mark.parametrize("order", [2, 3])
 @pytest.mark.parametrize(

@@ -164,6 +164,7 @@ def test_points_have_the_labels_of_the_voxels_that_they_lie_in(tmp_path: Path) -
     assert len(np.unique(label)) == 3
 
 
+@pytest.mark.slow
 def test_materials_by_label_and_by_where_and_one_that_fills_the_rest(tmp_path: Path) -> None:
     path = save(tmp_path / "half.nii.gz", halves(), spaced(1, 0.5, 0.5))
     end = STIFF | {"name": "end", "mu": 9.0, "where": "x > 0.8"}
