@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from myork.core.deck import load_tables
+from myork.core.deck import load_deck
 from tests.scenes import annulus, box, held, scene
 
 #: Tables of small bodies, and what a form gives where they name nothing
@@ -50,22 +50,22 @@ _ON, _WITHIN = [0.5, 1.0], [0.5, 0.5]
     ],
 )
 def test_the_form_that_auto_takes(tables: dict[str, Any], method: str) -> None:
-    assert load_tables({**SHEET, **tables})["scene"]["method"] == method
+    assert load_deck({**SHEET, **tables})["scene"]["method"] == method
 
 
 def test_linear_problems_are_integrated_as_well() -> None:
     linear = {"problem": "poisson"}
     tables = {key: SHEET[key] for key in ("scene", "geometry")}
-    assert load_tables({**tables, "linear": linear})["scene"]["method"] == "rkpm-gauss"
+    assert load_deck({**tables, "linear": linear})["scene"]["method"] == "rkpm-gauss"
 
 
 @pytest.mark.parametrize("method", ["rkpm-gauss", "rkpm-scni"])
 def test_defaults_of_the_galerkin_forms(method: str) -> None:
-    deck = load_tables({**SHEET, "scene": {"dimension": 2, "method": method}})
+    deck = load_deck({**SHEET, "scene": {"dimension": 2, "method": method}})
     assert deck["approximation"] == {**GALERKIN, "support": [2.0, 2.0]}
     assert deck["galerkin"]["gauss"] == 2
     assert deck["load"] == {"steps": 1, "activation": 0.0, "max_halvings": 10}
-    deck = load_tables(
+    deck = load_deck(
         {**SHEET, "scene": {"dimension": 2, "method": method}, "load": {"steps": 5}},
     )
     assert deck["load"]["max_halvings"] == 6, "asked for: as many as ever"
@@ -80,19 +80,19 @@ def test_references_on_the_way_ask_for_steps(where: dict[str, Any], steps: int) 
     values = [0.0] * len(next(iter(where.values())))
     reference = {"probe": "u", "value": values, "source": "nobody", **where}
     tables = {**SHEET, "probe": [probe], "reference": [reference], "load": {"activation": 0.4}}
-    assert load_tables(tables)["load"]["steps"] == steps
+    assert load_deck(tables)["load"]["steps"] == steps
 
 
 @pytest.mark.parametrize("method", ["rkcm", "rkcm-mixed"])
 def test_defaults_of_the_collocation_forms(method: str) -> None:
-    deck = load_tables({**SHEET, "scene": {"dimension": 2, "method": method}})
+    deck = load_deck({**SHEET, "scene": {"dimension": 2, "method": method}})
     assert deck["approximation"] == COLLOCATION
     assert deck["load"] == {"steps": 10, "activation": 0.0, "max_halvings": 6}
 
 
 @pytest.mark.parametrize(("order", "support"), [(1, 2.0), (2, 3.0), (3, 4.0), (4, 5.0)])
 def test_a_support_that_fits_the_order(order: int, support: float) -> None:
-    deck = load_tables({**SHEET, "approximation": {"order": order}})
+    deck = load_deck({**SHEET, "approximation": {"order": order}})
     assert deck["approximation"]["support"] == [support, support]
 
 
@@ -123,7 +123,7 @@ def test_order_two_in_the_plane(
     quantity: str, point: list[float], tables: dict[str, Any], order: int, support: float
 ) -> None:
     probe = {"name": "there", "quantity": quantity, "point": point}
-    deck = load_tables({**SHEET, **tables, "probe": [probe]})
+    deck = load_deck({**SHEET, **tables, "probe": [probe]})
     assert deck["approximation"]["order"] == order
     assert set(deck["approximation"]["support"]) == {support}
 
@@ -145,7 +145,7 @@ def test_spline_and_gauss_points_of_order_two(
     with the angle, and a large penalty would spoil the force.
     """
     probe = {"name": "there", "quantity": "cauchy_xx", "point": [0.0, 1.0]}
-    deck = load_tables({**SHEET, **tables, "probe": [probe]})
+    deck = load_deck({**SHEET, **tables, "probe": [probe]})
     assert (deck["approximation"]["kernel"], deck["galerkin"]["gauss"]) == (kernel, gauss)
     turned = (deck["approximation"]["window"], deck["galerkin"]["penalty"])
     assert turned == (("polar", 10.0) if gauss == 3 else ("product", 100.0))

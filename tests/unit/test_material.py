@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from myork.core import material as cm
-from myork.core.deck import load_tables
+from myork.core.deck import load_deck
 from myork.errors import InputError
 from tests.scenes import box, held, scene, solved
 
@@ -461,7 +461,7 @@ def test_parameters_that_a_model_does_not_have_are_refused(changes, words):
 def test_defaults_are_those_of_decks(model):
     """One place for values: a deck without a key and a material without it have the same."""
     table = {"name": "it", "model": model, "K": 7.0}
-    deck = load_tables({"material": [table]})["material"][0]
+    deck = load_deck({"material": [table]})["material"][0]
     assert cm.Material("it", 7.0, model).parameters == {k: deck[k] for k in deck if k != "name"}
     assert ("gamma2" in deck) == (model == "muscle")
     with pytest.raises(AttributeError, match="has no stiffness"):
@@ -549,4 +549,4 @@ def test_decks_with_named_materials_solve_as_polynomials(named, polynomial):
 )
 def test_decks_know_the_parameters_of_named_materials(table, message):
     with pytest.raises(InputError, match=f"tables: {message}"):
-        load_tables({"material": [{"name": "it", "K": 50, **table}]})
+        load_deck({"material": [{"name": "it", "K": 50, **table}]})

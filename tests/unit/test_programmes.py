@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from myork import Scene, run_deck
-from myork.core.deck import load_tables
+from myork.core.deck import load_deck
 from myork.errors import InputError
 from tests import scenes
 from tests.scenes import box, held, refused, scene
@@ -331,4 +331,4 @@ def test_collocation_does_not_know_the_parts_of_a_force() -> None:
     probe = {"name": "p", "quantity": "force", "set": "z1", "material": "muscle"}
     deck = block("rkcm", probe=[probe])
     with pytest.raises(InputError, match="parts of forces need a Galerkin form"):
-        load_tables(deck, ())
+        load_deck(deck, ())

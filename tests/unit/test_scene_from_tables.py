@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from myork import Scene
-from myork.core.deck import load_deck, load_tables
+from myork.core.deck import load_deck
 from myork.errors import InputError
 from myork.model_file import read_model, write_model
 from myork.records import PointCloud
@@ -94,9 +94,9 @@ def test_a_dict_is_the_deck_that_it_spells(tmp_path: Path) -> None:
 
 
 def test_title_and_units_have_defaults() -> None:
-    deck = load_tables(CUBE)
+    deck = load_deck(CUBE)
     assert (deck["title"], deck["units"]) == ("untitled", {"force": "N", "length": "cm"})
-    named = load_tables({**CUBE, "title": "cube", "units": {"force": "kN", "length": "m"}})
+    named = load_deck({**CUBE, "title": "cube", "units": {"force": "kN", "length": "m"}})
     assert (named["title"], named["units"]) == ("cube", {"force": "kN", "length": "m"})
 
 
@@ -106,7 +106,7 @@ def test_text_of_tables_is_read_as_the_tables(path: Path, monkeypatch: pytest.Mo
     monkeypatch.chdir(path.parent)
     tables = tomllib.loads(path.read_text(encoding="utf-8"))
     assert tomllib.loads(deck_text(tables)) == tables
-    ours, theirs = load_tables(tables), load_deck(path)
+    ours, theirs = load_deck(tables), load_deck(path)
     for key in ("path", "folder", "sha256"):
         del ours[key], theirs[key]
     assert ours == theirs
@@ -133,8 +133,8 @@ def test_values_of_all_kinds() -> None:
 
 
 def test_no_entries_of_an_array_of_tables() -> None:
-    assert load_tables({**CUBE, "probe": []})["probe"] == []
-    assert load_tables({**CUBE, "probe": ()})["probe"] == []
+    assert load_deck({**CUBE, "probe": []})["probe"] == []
+    assert load_deck({**CUBE, "probe": ()})["probe"] == []
 
 
 # ---- what is said about wrong ones ---------------------------------------------------------------

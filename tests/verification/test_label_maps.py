@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from myork import Scene
-from myork.core.deck import load_deck, load_tables
+from myork.core.deck import load_deck
 from myork.errors import InputError
 from myork.imaging.io import read_labels
 from myork.results import Results
@@ -304,14 +304,14 @@ def test_keys_that_do_not_go_with_a_map(
     save(tmp_path / "half.nii", halves(), spaced(1, 0.5, 0.5))
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match=what):
-        load_tables(tables)
+        load_deck(tables)
 
 
 def test_another_map_in_the_file_is_another_deck(tmp_path: Path) -> None:
     path = save(tmp_path / "half.nii", halves(), spaced(1, 0.5, 0.5))
-    first = load_tables(mapped(path))["sha256"]
-    assert load_tables(mapped(path))["sha256"] == first
+    first = load_deck(mapped(path))["sha256"]
+    assert load_deck(mapped(path))["sha256"] == first
     data = halves()
     data[4] = 9
     save(tmp_path / "half.nii", data, spaced(1, 0.5, 0.5))
-    assert load_tables(mapped(path))["sha256"] != first
+    assert load_deck(mapped(path))["sha256"] != first

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from myork.core.deck import load_tables
+from myork.core.deck import load_deck
 from myork.errors import InputError, MyorkError
 from tests.scenes import box, held, scene, solved
 
@@ -124,7 +124,7 @@ def test_collocation_tells_no_forces_of_motions() -> None:
     del tables["approximation"]
     tables["probe"] = [{"name": "pull", "quantity": "force_x", "set": "x0"}]
     with pytest.raises(InputError, match=r"probe.pull.quantity: force_x is not known .* by rkcm"):
-        load_tables(tables)
+        load_deck(tables)
 
 
 def test_membrane_in_the_plane() -> None:
@@ -168,4 +168,4 @@ def test_time_has_no_meaning_at_rest() -> None:
     tables = string(11, 0.01) | {"boundary": [{"set": "x0", "u_x": "t"}]}
     del tables["dynamics"]
     with pytest.raises(InputError, match="unknown name 't' at position 1"):
-        load_tables(tables)
+        load_deck(tables)

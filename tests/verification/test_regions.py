@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from myork.core.deck import load_tables
+from myork.core.deck import load_deck
 from myork.errors import InputError
 from tests.scenes import annulus, box, held, refused, scene, solved
 
@@ -80,4 +80,4 @@ def test_models_have_labels() -> None:
     tables = pulled([SOFT | {"where": "x < 1"}])
     tables["geometry"] = {"kind": "model"}
     with pytest.raises(InputError, match="where: only for geometry.kind = box or annulus"):
-        load_tables(tables)
+        load_deck(tables)

@@ -10,7 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import myork
-from myork.core.deck import load_tables
+from myork.core.deck import load_deck
 from myork.core.scene import Scene
 from myork.errors import InputError, RefusedError
 from myork.reduced_fields import REDUCED_FILE, read_reduced
@@ -328,7 +328,7 @@ def test_states_of_other_materials_or_points_are_refused(study_of):
     stiffer = {**STUDY, "material": [{**BLOCK["material"][0], "K": 101.0}]}
     wider = {**STUDY, "geometry": {**BLOCK["geometry"], "size": [1, 1.001, 2]}}
     for tables in (stiffer, wider):
-        change = change_summary(deck=load_tables(tables))
+        change = change_summary(deck=load_deck(tables))
         study, lines = study_of(tables, change)
         assert study["full"]["origin"] == ""
         assert any(

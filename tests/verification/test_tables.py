@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from myork import Scene
-from myork.core.deck import load_deck, load_tables, text_of_tables
+from myork.core.deck import load_deck, text_of_tables
 from myork.errors import InputError
 from myork.stations.solve import find_executable
 from tests.scenes import box, refused, scene, solved
@@ -183,4 +183,4 @@ def test_tables_that_cannot_be(table: dict[str, Any], what: str) -> None:
 @pytest.mark.parametrize("text", ["k", "k(x, 1)", "rk_table(0, x)", "k()", "kk(x)"])
 def test_calls_that_cannot_be(text: str) -> None:
     with pytest.raises(InputError, match="is not an expression"):
-        load_tables(heat(linear={"problem": "poisson", "conductivity": text}, table=[STEP]))
+        load_deck(heat(linear={"problem": "poisson", "conductivity": text}, table=[STEP]))

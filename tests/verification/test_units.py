@@ -13,7 +13,6 @@ import pytest
 from numpy.testing import assert_allclose
 
 from myork import Results, Scene, load_deck
-from myork.core.deck import load_tables
 from myork.stations.solve import run_deck
 from myork.summary import printed
 from tests.scenes import box, held, scene, solved, tomllib
@@ -111,7 +110,7 @@ def test_units_tell_how_numbers_change(make, dimension: int) -> None:
 
 def test_units_of_all_quantities() -> None:
     def units(dimension: int, quantities: set[str]) -> dict[str, str]:
-        return load_tables(body(dimension, quantities))["probe_units"]
+        return load_deck(body(dimension, quantities))["probe_units"]
 
     space = units(3, QUANTITIES)
     assert set(space.values()) == {"", "N", "N cm", "cm", "N/cm^2", "degree"}
@@ -121,7 +120,7 @@ def test_units_of_all_quantities() -> None:
         q for q in PLANE if "force" in q
     } | {"torque_z", "energy"}
     assert (plane["section_force_x"], plane["torque_z"], plane["energy"]) == ("N/cm", "N", "N")
-    assert load_tables(bar(1))["probe_units"] == {
+    assert load_deck(bar(1))["probe_units"] == {
         "pull": "N/cm^2", "half": "cm", "stress": "N/cm^2",
     }  # fmt: skip
     assert load_deck(ROOT / "inputs/poisson_2d.toml")["probe_units"] == {"centre": ""}

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 
 from myork import Scene, run_deck
 from myork.bench import materials
-from myork.core.deck import load_tables
+from myork.core.deck import load_deck
 from myork.core.material import Material, stress
 from tests.scenes import RUBBER, annulus, box, held, scene, solved, voxels
 
@@ -68,7 +68,7 @@ DECKS: dict[str, tuple[dict[str, Any], str]] = {
 def test_one_load_step_ends_where_eight_do(name: str) -> None:
     """Elastic bodies do not know the way; step and gradient end at 1e-6 of the first ones."""
     tables, method = DECKS[name]
-    deck = load_tables(tables)
+    deck = load_deck(tables)
     assert deck["scene"]["method"] == method and deck["load"]["steps"] == 1
     states = solved(tables, error=True).states
     slow = {**tables, "load": {**tables.get("load", {}), "steps": 8}}

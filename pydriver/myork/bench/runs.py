@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from myork.core.cloud import with_cloud
-from myork.core.deck import load_deck, load_tables, text_of_tables
+from myork.core.deck import load_deck, text_of_tables
 from myork.errors import InputError
 from myork.files import INPUTS
 from myork.model_file import write_model
@@ -136,9 +136,7 @@ def run_command(words: Sequence[str | Path], limit: float, folder: Path | None =
 
 def read_deck(deck: Deck, overrides: Sequence[str] = ()) -> dict[str, Any]:
     """All values of a deck, defaults and overrides included; see `load_deck`."""
-    if isinstance(deck, Mapping):
-        return load_tables(deck, overrides)
-    return load_deck(_path_of(deck), overrides)
+    return load_deck(deck if isinstance(deck, Mapping) else _path_of(deck), overrides)
 
 
 def lattice(source: Sequence[int], collocation: Sequence[int] = ()) -> tuple[str, str]:

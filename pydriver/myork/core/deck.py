@@ -24,8 +24,6 @@ __all__ = [
     "deck_key",
     "deck_values",
     "load_deck",
-    "load_tables",
-    "read_deck",
     "table_defaults",
     "text_of_tables",
 ]
@@ -37,13 +35,16 @@ NAME_OF_TABLES = "tables"
 _CAPACITY = 1 << 16
 
 
-def load_deck(path: str | Path, overrides: Sequence[str] = (), command: str = "") -> dict[str, Any]:
+def load_deck(
+    deck: str | Path | Mapping[str, Any], overrides: Sequence[str] = (), command: str = ""
+) -> dict[str, Any]:
     """Read and check a deck.
 
     Parameters
     ----------
-    path : str or Path
-        Deck file (TOML).
+    deck : str, Path or mapping
+        Deck file (TOML), or its tables as data: mappings with the keys of a deck, lists of them for
+        arrays of tables. Data without `title` are "untitled", those without `units` in N and cm.
     overrides : sequence of str
         `table.key=value` each, as in `--set`; checked like the deck.
     command : str
@@ -57,16 +58,20 @@ def load_deck(path: str | Path, overrides: Sequence[str] = (), command: str = ""
         a value and without a default is absent. Beside the tables `path`, `folder` (where
         relative paths of the deck start), `sha256` (of the text of the deck, followed by a
         line `--set key=value` for each override), `probe_units` (unit of each probe by its name,
-        empty for ratios) and `result_units` (those of force, length, stress and volume).
+        empty for ratios) and `result_units` (those of force, length, stress and volume). Of data
+        `path` is "tables", and relative paths start in the current folder.
 
     Raises
     ------
     InputError
-        The deck or an override is wrong; the message has all complaints, a line each.
+        The deck or an override is wrong; the message has all complaints, a line each: by file and
+        line, of data by the key.
     FileError
         The deck cannot be read.
     """
-    return deck_values(path, "", overrides, command)
+    if isinstance(deck, Mapping):
+        return deck_values(NAME_OF_TABLES, text_of_tables(deck), overrides, command)
+    return deck_values(deck, "", overrides, command)
 
 
 def text_of_tables(tables: Mapping[str, Any]) -> str:
@@ -76,43 +81,6 @@ def text_of_tables(tables: Mapping[str, Any]) -> str:
     centimetres.
     """
     return deck_text({"title": "untitled", "units": {"force": "N", "length": "cm"}, **tables})
-
-
-def load_tables(
-    tables: Mapping[str, Any], overrides: Sequence[str] = (), command: str = ""
-) -> dict[str, Any]:
-    """Check a deck that is data, as `load_deck` does with one that is a file.
-
-    Parameters
-    ----------
-    tables : mapping
-        Tables by name, with the keys of a deck; arrays of tables are lists of mappings. Without
-        `title` the title is "untitled", without `units` they are N and cm.
-    overrides : sequence of str
-        `table.key=value` each.
-    command : str
-        Command that will use the deck.
-
-    Returns
-    -------
-    dict
-        As from `load_deck`; `path` is "tables", relative paths start in the current folder.
-
-    Raises
-    ------
-    InputError
-        The tables or an override are wrong; complaints name the key, they have no line.
-    """
-    return deck_values(NAME_OF_TABLES, text_of_tables(tables), overrides, command)
-
-
-def read_deck(
-    deck: str | Path | Mapping[str, Any], overrides: Sequence[str] = (), command: str = ""
-) -> dict[str, Any]:
-    """Check a deck that is a file or data: `load_deck` or `load_tables`."""
-    if isinstance(deck, Mapping):
-        return load_tables(deck, overrides, command)
-    return load_deck(deck, overrides, command)
 
 
 @cache

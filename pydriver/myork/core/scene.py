@@ -30,7 +30,6 @@ from myork.core.deck import (
     check_deck,
     deck_values,
     load_deck,
-    load_tables,
     text_of_tables,
 )
 from myork.core.states import VERDICTS, Fields, States, states_of
@@ -146,7 +145,7 @@ class Scene:
         """
         if cloud is not None:
             tables = with_cloud(tables, cloud)
-        deck = load_tables(tables, overrides, "solve")
+        deck = load_deck(tables, overrides, "solve")
         if cloud is None:
             cloud = model_of(deck, Path(), out)
         else:

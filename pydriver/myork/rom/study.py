@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from myork.console import ProgressCallback, silent
-from myork.core.deck import read_deck
+from myork.core.deck import load_deck
 from myork.core.scene import Scene
 from myork.core.states import Fields
 from myork.core.threads import thread_count
@@ -123,7 +123,7 @@ def _with_steps(
     deck: str | Path | Mapping[str, Any], overrides: Sequence[str], progress: ProgressCallback
 ) -> Sequence[str]:
     """Overrides that give a state for each mode where the deck has a single load step."""
-    tables = read_deck(deck, overrides, "rom")
+    tables = load_deck(deck, overrides, "rom")
     wanted = max(tables["rom"]["modes"])
     if "load" not in tables or tables["load"]["steps"] > 1 or wanted == 1:
         return overrides

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from myork.core.deck import load_tables
+from myork.core.deck import load_deck
 from myork.core.level_sets import evolve_level_sets
 from myork.errors import InputError
 from myork.imaging import diffusion
@@ -308,7 +308,7 @@ def _table(name: str, keys: dict[str, Any]) -> dict[str, Any]:
     """Table of a deck with its defaults."""
     units = {"force": "N", "length": "cm"}
     tables = {"title": "arrays", "units": units, "scene": {"dimension": 3}, name: keys}
-    found: dict[str, Any] = load_tables(tables)[name]
+    found: dict[str, Any] = load_deck(tables)[name]
     return found
 
 

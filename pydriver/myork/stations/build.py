@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import myork
 from myork.console import ProgressCallback, silent
-from myork.core.deck import read_deck
+from myork.core.deck import load_deck
 from myork.errors import FileError, InputError
 from myork.imaging.dicom_choice import split_choice
 from myork.imaging.geometry import canonical, check_same_grid, length_factor
@@ -54,7 +54,7 @@ def build(
     dict
         What was added to `summary.json`.
     """
-    values, out = read_deck(deck, overrides, "build"), Path(out)
+    values, out = load_deck(deck, overrides, "build"), Path(out)
     with renewing(out, "model"):
         body = _prepared(_inputs(values, Path(values["folder"]), out), values["build"], progress)
         progress(f"points from {', '.join(path.name for path in body.paths)}")

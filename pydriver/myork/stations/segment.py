@@ -19,7 +19,7 @@ import numpy as np
 
 import myork
 from myork.console import ProgressCallback, silent
-from myork.core.deck import read_deck
+from myork.core.deck import load_deck
 from myork.core.level_sets import evolve_level_sets
 from myork.core.threads import core_threads
 from myork.errors import InputError
@@ -79,7 +79,7 @@ def segment(
     dict
         What was added to `summary.json`.
     """
-    values, out = read_deck(deck, overrides, "segment"), Path(out)
+    values, out = load_deck(deck, overrides, "segment"), Path(out)
     with renewing(out, "segmentation", "tissue"), core_threads(threads):
         return _segment(values, Path(values["folder"]), out, progress)
 

@@ -16,7 +16,7 @@ import numpy as np
 
 import myork
 from myork.console import ProgressCallback, silent
-from myork.core.deck import read_deck
+from myork.core.deck import load_deck
 from myork.errors import InputError
 from myork.imaging.diffusion import (
     full_tensors,
@@ -65,7 +65,7 @@ def write_tensors(
     dict
         What was added to `summary.json`.
     """
-    values, out = read_deck(deck, overrides, "tensors"), Path(out)
+    values, out = load_deck(deck, overrides, "tensors"), Path(out)
     table, folder = values["image"], Path(values["folder"])
     with renewing(out, "tensors"):
         tensor = read_tensors(table, folder)

@@ -13,7 +13,7 @@ from scipy import ndimage
 from scipy.special import ndtr
 
 from myork.console import ProgressCallback, silent
-from myork.core.deck import read_deck
+from myork.core.deck import load_deck
 from myork.errors import ConvergenceError, FileError, InputError
 from myork.files import write_csv, write_figure, write_json
 from myork.imaging.io import read_labels, write_labels
@@ -103,7 +103,7 @@ def uncertainty(
     if samples < 2:
         raise InputError(f"--samples {samples}: 2 at least are needed")
     deck, out = Path(deck).resolve(), Path(out)
-    values = read_deck(deck, fixed, "build")
+    values = load_deck(deck, fixed, "build")
     table = values["build"]
     if "surface" in table:
         raise InputError("build.surface: its label map is not an image's; name build.labels")
