@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterable, Mapping
@@ -173,6 +175,25 @@ def execute(
     )  # fmt: skip
     path = out / "summary.json"
     return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}, done
+
+
+def start(deck: Path, out: Path, *words: str) -> subprocess.Popen[str]:
+    """The executable on one thread, all that it says in one stream."""
+    return subprocess.Popen(
+        [find_executable(), deck, "-o", out, "-t", "1", *words],
+        env={**os.environ, "OMP_NUM_THREADS": "1"},
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+    )  # fmt: skip
+
+
+def stop_behind(child: subprocess.Popen[str], step: int, number: int = signal.SIGKILL) -> None:
+    """End a run as soon as it has a load step."""
+    assert child.stdout is not None
+    for line in child.stdout:
+        if line.startswith(f"step {step:3d}"):
+            child.send_signal(number)
+            break
+    child.communicate()
 
 
 def voxels(

@@ -19,7 +19,7 @@ from myork.files import claimed
 from myork.report import make_report
 from myork.stations.solve import find_executable
 from myork.summary import failures, renewing, update_summary
-from tests.scenes import box, held, scene
+from tests.scenes import box, held, scene, start
 
 #: Longest wait for something that takes a second or two; a failure, not a measurement [s]
 PATIENCE = 120
@@ -56,18 +56,12 @@ def solve(deck: Path, out: Path, *words: str) -> subprocess.CompletedProcess[str
     )
 
 
-def start(deck: Path, out: Path, *words: str) -> subprocess.Popen[str]:
+def begun(deck: Path, out: Path, *words: str) -> subprocess.Popen[str]:
     """A long solve, handed over when its first step has converged."""
-    run = subprocess.Popen(
-        [find_executable(), deck, "-o", out, "-t", "1", *LONG, *words],
-        env=environment(),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    run = start(deck, out, *LONG, *words)
     assert run.stdout is not None
-    while "step   1/" not in run.stdout.readline():
-        assert run.poll() is None, run.stderr
+    while "step   1/" not in (line := run.stdout.readline()):
+        assert run.poll() is None, line
     return run
 
 
@@ -95,7 +89,7 @@ def test_a_folder_is_one_run_s(deck: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     assert solve(deck, out).returncode == 0
     before = files_of(out)
-    run = start(deck, out)
+    run = begun(deck, out)
     refused = solve(deck, out)
     assert refused.returncode == 2
     assert f"in use by another run (process {run.pid})" in refused.stderr
@@ -167,7 +161,7 @@ def test_a_killed_run_leaves_no_summary_of_another(deck: Path, tmp_path: Path) -
     out = tmp_path / "out"
     assert solve(deck, out).returncode == 0
     before = files_of(out)
-    run = start(deck, out)
+    run = begun(deck, out)
     assert told(out) == (
         False,
         "refused",
@@ -189,7 +183,7 @@ def test_a_resume_that_is_refused_leaves_what_the_right_one_needs(
     deck: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "out"
-    run = start(deck, out)
+    run = begun(deck, out)
     run.send_signal(signal.SIGINT)
     assert run.wait(PATIENCE) == 1
     unfinished = files_of(out)
@@ -339,7 +333,7 @@ def test_output_does_not_follow_names(deck: Path, tmp_path: Path, how: str) -> N
 @pytest.mark.slow
 def test_a_journal_that_is_another_name_is_not_resumed(deck: Path, tmp_path: Path) -> None:
     out, theirs = tmp_path / "out", tmp_path / "theirs"
-    run = start(deck, out)
+    run = begun(deck, out)
     run.kill()
     run.wait()
     journal = out / "results.journal"

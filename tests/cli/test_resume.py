@@ -1,7 +1,6 @@
 """Runs that go on where another one ended, and runs that start from its states."""
 
 import json
-import os
 import random
 import shutil
 import signal
@@ -16,8 +15,8 @@ import pytest
 from myork import Results, Scene
 from myork.core.deck import text_of_tables
 from myork.errors import FileError, InputError
-from myork.stations.solve import find_executable, run_deck
-from tests.scenes import box, held, scene
+from myork.stations.solve import run_deck
+from tests.scenes import box, held, scene, start, stop_behind
 
 MUSCLE = scene(
     "rkpm-gauss", box(5, 5, 7, size=[1, 1, 2], places=(7, 7, 9)),
@@ -33,16 +32,6 @@ RUBBER = MUSCLE | {
 }
 #: Quantities of a summary that tell of the run, not of the answer
 OF_THE_RUN = {"timings_s", "cpu_s", "memory_peak_bytes", "companion", "refine"}
-
-
-def start(deck: Path, out: Path, *options: str) -> subprocess.Popen:
-    return subprocess.Popen(
-        [find_executable(), deck, "-o", out, "-t", "1", *options],
-        env={**os.environ, "OMP_NUM_THREADS": "1"},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    )
 
 
 def run(deck: Path, out: Path, *options: str) -> str:
@@ -147,13 +136,7 @@ def test_what_an_iteration_carries_is_resumed(tmp_path, write_deck, changes):
     run(deck, tmp_path / "whole")
     for number in (signal.SIGKILL, signal.SIGTERM):
         out = tmp_path / number.name
-        child = start(deck, out)
-        assert child.stdout is not None
-        for line in child.stdout:
-            if line.startswith("step   3"):
-                child.send_signal(number)
-                break
-        child.communicate()
+        stop_behind(start(deck, out), 3, number)
         said = run(deck, out, "--resume")
         assert "resumed behind load step" in said
         assert_equal(out, tmp_path / "whole")
@@ -174,13 +157,7 @@ def test_a_changed_journal_is_cut_or_refused(tmp_path, write_deck):
     del expected["MyoRK/step"]
     while not (killed / "results.journal").exists():
         # a quick run may have ended before it is killed
-        child = start(deck, killed, "--no-error")
-        assert child.stdout is not None
-        for line in child.stdout:
-            if line.startswith("step   5"):
-                child.kill()
-                break
-        child.communicate()
+        stop_behind(start(deck, killed, "--no-error"), 5)
     journal = (killed / "results.journal").read_bytes()
     records = records_of(journal)
     # in head, check, body and check of each kind of record, and anywhere
@@ -347,13 +324,7 @@ def test_a_run_that_began_loaded_is_resumed(tmp_path, write_deck, number):
     begin = ("--start-from", str(tmp_path / "first"))
     run(deck, tmp_path / "whole", *begin)
     out = tmp_path / "out"
-    child = start(deck, out, *begin)
-    assert child.stdout is not None
-    for line in child.stdout:
-        if line.startswith("step   3"):
-            child.send_signal(number)
-            break
-    child.communicate()
+    stop_behind(start(deck, out, *begin), 3, number)
     assert "resumed behind load step" in run(deck, out, "--resume")
     assert_equal(out, tmp_path / "whole")
 

@@ -5,7 +5,7 @@ import pytest
 import pyvista
 
 from myork.core.deck import table_defaults
-from myork.errors import FileError, InputError
+from myork.errors import InputError
 from myork.model.cloud import build_cloud
 from myork.model.mesh import read_tracts, tract_fibers, voxelise
 
@@ -75,16 +75,11 @@ def test_bad_surfaces_and_tracts_are_named(cylinder, tmp_path):
     open_.save(tmp_path / "open.stl")
     with pytest.raises(InputError, match="open.stl: the surface is not closed"):
         voxelise(tmp_path / "open.stl", 1.0, (2.0, 2.0, 2.0), "m")
-    with pytest.raises(FileError, match="there is no such file"):
-        voxelise(tmp_path / "no.stl", 1.0, (2.0, 2.0, 2.0), "m")
     with pytest.raises(InputError, match="check build.surface_unit"):
         voxelise(cylinder, 1000.0, (2.0, 2.0, 2.0), "m")
     np.savez(tmp_path / "a.npz", points=np.zeros((4, 3)))
     with pytest.raises(InputError, match="needs the arrays points and offsets"):
         read_tracts(tmp_path / "a.npz", 1.0)
-    np.savez(tmp_path / "b.npz", points=np.zeros((4, 3)), offsets=[0, 9])
-    with pytest.raises(InputError, match="offsets must rise"):
-        read_tracts(tmp_path / "b.npz", 1.0)
     np.savez(tmp_path / "c.npz", points=np.full((4, 3), np.nan), offsets=[0, 4])
     with pytest.raises(InputError, match="not finite"):
         read_tracts(tmp_path / "c.npz", 1.0)

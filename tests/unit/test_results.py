@@ -2,7 +2,6 @@
 
 import json
 import shutil
-import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -19,8 +18,8 @@ from myork.errors import FileError, InputError, InstallationError
 from myork.model_file import write_model
 from myork.records import PointCloud, Voxels
 from myork.results import Results
-from myork.stations.solve import find_executable, run_deck
-from tests.scenes import LINEAR, MUSCLE, box, execute, held, scene
+from myork.stations.solve import run_deck
+from tests.scenes import LINEAR, MUSCLE, box, execute, held, scene, start, stop_behind
 
 LOADS = [0.0, 1 / 3, 2 / 3, 1.0]
 DIRECTION = [0.0, 0.6, 0.8]
@@ -245,13 +244,7 @@ def test_a_killed_run_leaves_whole_steps(tmp_path: Path) -> None:
     """They can be rescued from the file it left."""
     deck = tmp_path / "deck.toml"
     deck.write_text(text_of_tables({**DECK, "load": {"steps": 400}}))
-    run = subprocess.Popen(
-        [find_executable(), deck, "-o", tmp_path, "--no-error"], stdout=subprocess.PIPE, text=True
-    )
-    assert run.stdout is not None
-    next(line for line in run.stdout if line.startswith("step   3"))
-    run.kill()
-    run.communicate()
+    stop_behind(start(deck, tmp_path, "--no-error"), 3)
     with Results(tmp_path / "results.vtkhdf.part") as results:
         assert results.nstep > 2
         for step in range(results.nstep):

@@ -163,3 +163,27 @@ def test_condition_estimate_is_near_the_condition():
     for name in SOLVERS:
         assert 1.0 / least_squares(a, b, name).rcond == pytest.approx(condition, rel=30.0)
         assert least_squares(a, b, name).rcond < 3.0 / condition
+
+
+@pytest.mark.parametrize("name", ["dgelsx", "qr", "refined but longer"])
+def test_unknown_methods_are_refused(open_scene, name):
+    with pytest.raises(InputError, match="unknown least squares solver"):
+        open_scene(STIFF).solve(name)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        # as many collocation points as source points, and hardly any on a boundary
+        ({"geometry": box(9, 9, 9, size=[1, 1, 2], places=(3, 3, 3))}, "more collocation points"),
+        # a support below their distance: source points between them are in no equation
+        (
+            {"geometry": box(3, 3, 30, size=[1, 1, 2], places=(33, 33, 4)),
+             "approximation": {"order": 1, "support": 2.0}},
+            "island: 1089 collocation points around",
+        ),
+    ],
+)  # fmt: skip
+def test_too_few_equations_are_refused(open_scene, changes, message):
+    with pytest.raises(InputError, match=message):
+        open_scene({**STIFF, **changes}).solve()

@@ -7,9 +7,7 @@ import pytest
 import myork
 from myork import _core
 from myork.console import silent
-from myork.core.deck import text_of_tables
 from myork.core.threads import core_threads
-from myork.results import Results
 
 BAR = {
     "scene": {"dimension": 2, "method": "rkcm"},
@@ -44,26 +42,6 @@ def test_one_signature(name: str) -> None:
     for key, default in common.items():
         assert parameters[key].kind is inspect.Parameter.KEYWORD_ONLY
         assert parameters[key].default == default
-
-
-def test_solve_of_tables_is_that_of_the_file(tmp_path) -> None:
-    path = tmp_path / "bar.toml"
-    path.write_text(text_of_tables(BAR))
-    found = []
-    overrides = ["load.steps=2", "scene.method=rkpm-gauss"]
-    for deck, out in ((path, tmp_path / "file"), (BAR, tmp_path / "data")):
-        summary = myork.run_deck(deck, out, overrides=overrides, threads=1)
-        with Results(out) as results:
-            found.append((summary["deck_sha256"], results.restart().coefficients.tobytes()))
-    assert found[0] == found[1]
-
-
-def test_reduced_models_of_tables(tmp_path) -> None:
-    lines = []
-    study = myork.run_rom(BAR, tmp_path, threads=1, progress=lines.append)
-    assert [model["r"] for model in study["models"]] == [1, 2]
-    assert study["models"][1]["e1"] < 0.1 * study["models"][0]["e1"]
-    assert any(line.startswith("model 2/2") for line in lines)
 
 
 @pytest.mark.slow
