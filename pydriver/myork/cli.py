@@ -174,10 +174,7 @@ def _new(options: argparse.Namespace, console: Console) -> str:
 
 def _bench(options: argparse.Namespace, console: Console) -> None:
     out = options.out or Path("out", "bench")
-    record = _load("bench:run_benches")(
-        options.names, out, quick=options.quick, limit=options.limit, resume=options.resume,
-        progress=console,
-    )  # fmt: skip
+    record = _load("bench:run_benches")(options.names, out, quick=options.quick, progress=console)
     print(f"benchmarks: {out / 'bench.html'}")
     ended = [name for name, bench in record["benches"].items() if "ended" in bench]
     if ended:
@@ -686,22 +683,13 @@ _COMMANDS = {
         "the tables and speed-against-error curves of the reference problems, solved anew",
         "  myork bench nonlinear\n  myork bench stability --quick\n"
         "  myork bench nonlinear stability curves mms --out out/bench\n"
-        "  myork bench all --quick --limit 300\n  myork bench all --resume",
+        "  myork bench all --quick",
         (
             _option(
                 "names", "NAME", f"{', '.join(BENCHES[:-1])} or {BENCHES[-1]}; all for every one",
                 nargs="+",
             ),
             _flag("--quick", "small cases only"),
-            _option(
-                "--limit", "SECONDS",
-                "go on with the next benchmark after this time, or when one fails; with all 3600, "
-                "600 with --quick", float,
-            ),
-            _flag(
-                "--resume",
-                "keep the results of an earlier run in the folder, run what is missing or had none",
-            ),
         ),
         "folder of bench.json and bench.html; default out/bench",
     ),

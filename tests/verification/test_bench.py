@@ -13,13 +13,10 @@ from benchmarks.hard.case import DOUBTED, EXPLAINED, RIGHT
 from benchmarks.truths.measures import oscillation
 from benchmarks.views import cost
 from myork.bench import BENCHES, run_benches
-from myork.bench.limited import run_limited
-from myork.bench.machine import machine
 from myork.bench.page import write_page
 from myork.bench.runs import METHODS
 from myork.bench.tables import Columns, plot, table
 from myork.errors import InputError
-from myork.files import write_json
 
 pytestmark = pytest.mark.nightly
 
@@ -121,38 +118,16 @@ def test_unknown_bench_is_refused(tmp_path: Path) -> None:
         run_benches(["linaer"], tmp_path)
 
 
-def test_limits_and_failures_end_no_other_bench(tmp_path: Path) -> None:
-    """A bench that takes too long is told, and the next one runs; so is one that fails."""
-    record = run_benches(["certify", "trust"], tmp_path, quick=True, limit=0.05)
-    for name in ("certify", "trust"):
-        assert record["benches"][name]["ended"] == "not done within 0.05 s"
+def test_a_failure_ends_no_other_bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_: Any) -> dict[str, Any]:
+        raise InputError("it is off")
+
+    monkeypatch.setattr("benchmarks.views.trust", fails)
+    record = run_benches(["trust", "linear"], tmp_path, quick=True)
+    assert record["benches"]["trust"]["ended"] == "InputError: it is off"
+    assert record["benches"]["linear"]["cases"]
     page = (tmp_path / "bench.html").read_text(encoding="utf-8")
-    assert "0 benchmarks have results; without: certify, trust" in page
-    missing = run_limited("nothing", tmp_path, lambda line: None, True, 60.0)
-    assert missing["ended"].startswith("InputError: there is no")
-
-
-def test_what_has_a_result_is_kept(tmp_path: Path) -> None:
-    """Of an earlier run in the folder: kept with a result, run where it had none."""
-    lines: list[str] = []
-    record = {**machine(), "quick": True, "date": "before"}
-    found = {"linear": {"title": "kept", "cases": [None]}, "trust": {"ended": "late"}}
-    write_json(tmp_path / "bench.json", {**record, "benches": found})
-    names = ["trust", "linear"]
-    made = run_benches(names, tmp_path, quick=True, limit=0.05, resume=True, progress=lines.append)
-    assert lines[0] == "bench 1/2  trust" and lines[-1] == "bench 2/2  linear, kept"
-    assert made["benches"]["linear"] == found["linear"] and made["date"] == "before"
-    assert made["benches"]["trust"]["ended"] == "not done within 0.05 s"
-    page = (tmp_path / "bench.html").read_text(encoding="utf-8")
-    assert "1 benchmarks have results, measured in 2 runs; without: trust" in page
-    with pytest.raises(InputError, match="quick was True and is False: results of both"):
-        run_benches(names, tmp_path, resume=True)
-
-
-def test_a_bench_in_a_process_of_its_own(tmp_path: Path) -> None:
-    lines: list[str] = []
-    found = run_limited("linear", tmp_path, lines.append, True, 600.0)
-    assert "ended" not in found and found["cases"] and lines
+    assert "1 benchmarks have results; without: trust" in page
 
 
 def test_nonlinear(tmp_path: Path) -> None:
@@ -280,7 +255,7 @@ def test_every_benchmark_is_run_by_a_test() -> None:
         path.read_text(encoding="utf-8") for path in Path(__file__).parent.parent.rglob("test_*.py")
     )
     for name in BENCHES:
-        called = (f'quick("{name}"', f'run_benches(["{name}"]', f'run_limited("{name}"')
+        called = (f'quick("{name}"', f'run_benches(["{name}"]')
         own = f"import {name}" in text
         assert own or any(call in text for call in called), name
 

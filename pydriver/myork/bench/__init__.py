@@ -7,7 +7,7 @@ whether small cases are enough). Its result is written to `bench.json` as it is 
 `bench.html` from these keys, all optional:
 
 - ``title``, ``about``: text;
-- ``ended``: why there is nothing else, of a benchmark that failed or took too long;
+- ``ended``: why there is nothing else, of a benchmark that failed;
 - ``pictures``: mappings with ``file`` (beside the page) and ``caption``;
 - ``cases``: one mapping a solve, with the names of `summary.json`;
 - ``tables``: mappings with ``caption``, ``head`` (texts) and ``rows`` (texts and numbers);
@@ -28,7 +28,7 @@ from typing import Any
 
 from myork.console import ProgressCallback, silent
 from myork.errors import InputError
-from myork.files import claimed, read_json, write_json
+from myork.files import claimed, write_json
 
 __all__ = ["BENCHES", "find_study", "of_checkout", "run_benches"]
 
@@ -103,13 +103,7 @@ def _checkout() -> Path | None:
 
 
 def run_benches(
-    names: list[str],
-    out: Path,
-    *,
-    quick: bool = False,
-    limit: float | None = None,
-    resume: bool = False,
-    progress: ProgressCallback = silent,
+    names: list[str], out: Path, *, quick: bool = False, progress: ProgressCallback = silent
 ) -> dict[str, Any]:
     """Run benchmarks and write `bench.json` and `bench.html`.
 
@@ -121,78 +115,37 @@ def run_benches(
         Folder of the results; made if it is missing.
     quick : bool
         Small cases only.
-    limit : float, optional
-        Time after which a benchmark is ended and the next one begins [s]; one that fails ends
-        nothing then either. Default of `all` an hour each, ten minutes where `quick`; else none.
-    resume : bool
-        Benchmarks that `bench.json` in the folder has a result of keep it and are not run.
     progress : callable
         Called with every line of progress.
 
     Returns
     -------
     dict
-        Content of `bench.json`.
+        Content of `bench.json`; a benchmark that failed has an entry `ended`.
 
     Raises
     ------
     InputError
-        A name is unknown, or what is to be kept is of another version, machine or size.
+        A name is unknown.
     """
-    if "all" in names:
-        names = list(BENCHES if _checkout() else _PACKAGED)
-        limit = limit or (600.0 if quick else 3600.0)
-    for name in names:
-        find_study(name)
-    with claimed(out):
-        record = _begun(out, quick, resume)
-        return _run_all(names, out, record, limit, progress)
-
-
-def _begun(out: Path, quick: bool, resume: bool) -> dict[str, Any]:
-    """Record without benchmarks, or with those that ended with a result in the folder before."""
     from myork.bench.machine import machine
-
-    record: dict[str, Any] = {**machine(), "quick": quick, "benches": {}}
-    place = out / "bench.json"
-    if not (resume and place.exists()):
-        return record
-    before = read_json(place)
-    for key in ("version", "processor", "cores", "quick"):
-        if before.get(key) != record[key]:
-            raise InputError(
-                f"{place}: {key} was {before.get(key)} and is {record[key]}: results of both do "
-                "not belong into one table; run without --resume, or in another folder"
-            )
-    kept = {name: found for name, found in before["benches"].items() if "ended" not in found}
-    return {**before, "resumed": [*before.get("resumed", []), record["date"]], "benches": kept}
-
-
-def _run_all(
-    names: list[str],
-    out: Path,
-    record: dict[str, Any],
-    limit: float | None,
-    progress: ProgressCallback,
-) -> dict[str, Any]:
-    """Run benchmarks in a folder of their own."""
-    from myork.bench.limited import run_limited
     from myork.bench.page import write_page
 
-    quick = record["quick"]
+    if "all" in names:
+        names = list(BENCHES if _checkout() else _PACKAGED)
     names = list(dict.fromkeys(names))
-    for number, name in enumerate(names):
-        known = name in record["benches"]
-        progress(f"bench {number + 1}/{len(names)}  {name}{', kept' if known else ''}")
-        if known:
-            continue
-        if limit is None:
-            record["benches"][name] = find_study(name)(out, progress, quick)
-        else:
-            record["benches"][name] = run_limited(name, out, progress, quick, limit)
-            if ended := record["benches"][name].get("ended"):
+    studies = {name: find_study(name) for name in names}
+    record: dict[str, Any] = {**machine(), "quick": quick, "benches": {}}
+    with claimed(out):
+        for number, (name, study) in enumerate(studies.items(), start=1):
+            progress(f"bench {number}/{len(names)}  {name}")
+            try:
+                record["benches"][name] = study(out, progress, quick)
+            except Exception as reason:
+                ended = f"{type(reason).__name__}: {reason}"
+                record["benches"][name] = {"title": name, "ended": ended}
                 progress(f"{name}: {ended}")
-        # after each one: a later one that fails or is stopped costs nothing that was measured
-        write_json(out / "bench.json", record)
-        write_page(out / "bench.html", record)
+            # after each one: a later one that is stopped costs nothing that was measured
+            write_json(out / "bench.json", record)
+            write_page(out / "bench.html", record)
     return record

@@ -47,7 +47,6 @@ def _page(record: Mapping[str, Any]) -> str:
         ],
         done=len(benches) - len(without),
         without=without,
-        resumed=len(record.get("resumed", [])),
         extent="small cases only" if record["quick"] else "all cases",
         again=" ".join(["myork bench", *benches, *(["--quick"] if record["quick"] else [])]),
         **{key: record[key] for key in ("version", "date", "processor", "cores", "load_average")},
