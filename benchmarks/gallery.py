@@ -23,7 +23,6 @@ from scipy import ndimage
 from myork.bench.tables import Columns, table
 from myork.console import ProgressCallback
 from myork.core.deck import table_defaults
-from myork.core.level_sets import evolve_level_sets
 from myork.imaging.phantom import make_phantom
 from myork.records import Image
 from myork.segmentation.bias import clustered_bias
@@ -150,9 +149,7 @@ def _segment(values: F64, choice: LevelSets, labels: NDArray[Any] | None = None)
     channels = values[:, :, None, None] if values.ndim == 2 else values[:, :, None]
     region = np.ones(channels.shape[:3], bool)
     first = None if labels is None else labels.astype(np.int32)[..., None]
-    return segment_regions(
-        channels, region, evolve_level_sets, choice, spacing=(1, 1, 1), labels=first
-    )
+    return segment_regions(channels, region, choice, spacing=(1, 1, 1), labels=first)
 
 
 def _score(name: str, result: Regions, truth: I32) -> dict[str, Any]:
@@ -281,7 +278,7 @@ def _bias(n: int) -> tuple[list[dict[str, Any]], Figure, str]:
     del n  # the phantom has its own size
     phantom = make_phantom(bias=0.6)
     image, mask = phantom.anatomy, body_mask(phantom.anatomy)
-    found = clustered_bias(image.data, mask, evolve_level_sets, spacing=image.spacing, regions=2)
+    found = clustered_bias(image.data, mask, spacing=image.spacing, regions=2)
     truth = phantom.bias.data
     cases: list[dict[str, Any]] = [
         {
@@ -327,7 +324,6 @@ def _misfit(n: int) -> tuple[list[dict[str, Any]], Figure, str]:
         result = segment_regions(
             channels,
             body,
-            evolve_level_sets,
             choice,
             spacing=(1, 1, 1),
             channel_weights=(0.25,) * 4,

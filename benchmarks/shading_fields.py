@@ -20,7 +20,6 @@ from typing import Any
 import numpy as np
 from scipy import ndimage
 
-from myork.core.level_sets import evolve_level_sets
 from myork.imaging.io import read_image, read_labels
 from myork.imaging.phantom import make_phantom
 from myork.records import Image
@@ -136,7 +135,7 @@ def main(half: str, real: list[str]) -> None:
                         result = found.field
                     else:
                         result = clustered_bias(
-                            values, body, evolve_level_sets, regions=3, spacing=image.spacing
+                            values, body, regions=3, spacing=image.spacing
                         ).field
                     took = time.process_time() - start
                     alike = np.corrcoef(result[mask], truth[mask])[0, 1]

@@ -45,7 +45,7 @@ PYTHON_LAYERS = [
     {"__main__"},
 ]
 #: Rooms that work without the compiled core
-WITHOUT_CORE = {"imaging", "segmentation", "report"}
+WITHOUT_CORE = {"imaging", "report"}
 
 F90 = sorted(FORTRAN.rglob("*.f90"))
 PYTHON = sorted(

@@ -136,7 +136,8 @@ def test_turning_in_the_voxel_frame_is_that_of_the_axes():
         components, np.array([[0, -2.0, 0, 0], [2.0, 0, 0, 0], [0, 0, 2, 0], [0, 0, 0, 1]])
     )
     axes = parse_axes("y -x z")
-    full = axes @ full_tensors(components) @ axes.T
+    turn = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]]) @ axes
+    full = turn @ full_tensors(components) @ turn.T
     turned = turn_tensors(image, axes, "voxel").data
     np.testing.assert_allclose(turned, tensor_components(full))
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from myork import imaging
 from myork.errors import InputError
-from myork.imaging.dixon import echo, fat_factors, separate
+from myork.imaging.dixon import echo, fat_factors, separate, water_and_fat
+from myork.records import Image
 from myork.segmentation.scores import dice
 
 SPACING = np.array([1.5, 1.5, 6.0])
@@ -149,17 +149,13 @@ def test_what_cannot_be_parted_is_told():
         echo(np.ones(2), np.array([0.0, 1e6]))
 
 
-def test_on_arrays():
+def test_magnitudes_and_phases():
     (one, two), water, fat, _ = legs((2.3, 4.6), 1.5)
     affine = np.diag([*SPACING, 1.0])
-    magnitudes, phases = [[f(x) for x in (one, two)] for f in (np.abs, np.angle)]
-    found = imaging.water_and_fat(magnitudes, phases, affine, (2.3, 4.6), 1.5)
+    images = [[Image(f(x), affine) for x in (one, two)] for f in (np.abs, np.angle)]
     body = water + fat > 0.5
-    assert dice((found[2] > 0.5) & body, (fat > water) & body) >= 0.98
-    assert found[3] == ""
-    with pytest.raises(InputError, match="two echoes are needed, not 1 magnitudes and 2 phases"):
-        imaging.water_and_fat(magnitudes[:1], phases, affine)
+    found = water_and_fat(*images, body, times=(2.3, 4.6), strength=1.5)
+    assert dice((found.fraction > 0.5) & body, (fat > water) & body) >= 0.98
+    assert found.doubt == ""
     with pytest.raises(InputError, match="two echo times and a field above zero"):
-        imaging.water_and_fat(magnitudes, phases, affine, (2.3, 4.6))
-    with pytest.raises(InputError, match="same shape"):
-        imaging.water_and_fat(magnitudes, [phases[0], phases[1][1:]], affine)
+        water_and_fat(*images, body, times=(2.3, 4.6))

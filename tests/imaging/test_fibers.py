@@ -7,7 +7,7 @@ import pytest
 from scipy import ndimage
 
 from myork.errors import InputError
-from myork.imaging.diffusion import fit_tensors, tensor_components
+from myork.imaging.diffusion import fit_tensors, tensor_components, turn_tensors
 from myork.imaging.geometry import canonical
 from myork.imaging.phantom import make_phantom
 from myork.model.fibers import fiber_field, fibers_at_points, lead_vector
@@ -35,9 +35,9 @@ def test_voxel_frame_is_turned_by_the_affine():
     data = np.tile(stick([1, 0, 0.5]), (3, 3, 3, 1))
     inside = np.ones((3, 3, 3), bool)
     world = np.array([-1.0, -1.0, 0.0]) * [0.5, 1.0, 0.0]
-    fibers, *_ = fiber_field(Image(data, affine), inside, 0.0, "voxel")
+    fibers, *_ = fiber_field(turn_tensors(Image(data, affine), np.eye(3), "voxel"), inside, 0.0)
     assert angle(fibers.data[1, 1, 1], world / np.linalg.norm(world)) < 1e-5
-    fibers, *_ = fiber_field(Image(data, affine), inside, 0.0, "world")
+    fibers, *_ = fiber_field(Image(data, affine), inside, 0.0)
     assert angle(fibers.data[1, 1, 1], np.array([1, 0, 0.5]) / np.sqrt(1.25)) < 1e-5
 
 

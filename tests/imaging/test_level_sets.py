@@ -166,7 +166,7 @@ def disc(n=64, radius=18.0, noise=0.0, seed=5):
 def phase_of(image, region, phase="dark", **change):
     grey = scaled_values(image, region)
     result = segment_regions(
-        grey[..., None], region, evolve_level_sets, choice(**change),
+        grey[..., None], region, choice(**change),
         spacing=image.spacing, name=image.name,
     )  # fmt: skip
     return wanted_phase(result, grey, phase), result
@@ -209,7 +209,7 @@ def test_labels_of_ones_own_as_start():
     grey = scaled_values(image, inside >= 0)
     start = 7 * np.roll(inside, 5, axis=0).astype(np.int32)
     result = segment_regions(
-        grey[..., None], inside >= 0, evolve_level_sets, choice(start="labels", mu=0.05),
+        grey[..., None], inside >= 0, choice(start="labels", mu=0.05),
         spacing=image.spacing, labels=start,
     )  # fmt: skip
     assert dice(result.region == 1, inside) > 0.985
@@ -287,7 +287,7 @@ def test_more_labels_than_regions():
     image, inside = disc()
     with pytest.raises(InputError, match="the start has 3 regions, image.regions is 2"):
         segment_regions(
-            image.data[..., None], inside >= 0, evolve_level_sets, choice(start="labels"),
+            image.data[..., None], inside >= 0, choice(start="labels"),
             spacing=(1, 1, 1), labels=np.arange(64 * 64).reshape(64, 64, 1) % 3,
         )  # fmt: skip
 
@@ -296,7 +296,7 @@ def test_not_a_number_in_the_region_is_named():
     u = np.zeros((4, 4, 3, 2))
     u[1, 1, 2, 1] = np.nan
     with pytest.raises(InputError, match=r"channel 1 is not finite at voxel \(1, 1, 2\)"):
-        segment_regions(u, np.ones((4, 4, 3), bool), evolve_level_sets, choice(),
+        segment_regions(u, np.ones((4, 4, 3), bool), choice(),
                         spacing=(1, 1, 1))  # fmt: skip
     with pytest.raises(InputError, match="must be finite"):
         evolve(u[..., :1] * 0, u[..., :1] + np.inf)

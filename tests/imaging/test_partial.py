@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from myork import imaging
 from myork.chain import run_chain
 from myork.core.deck import table_defaults, text_of_tables
 from myork.errors import InputError
@@ -129,16 +128,12 @@ def test_models_hold_the_parts_of_their_voxels(stride):
     assert np.median(np.hypot(*middle.T)) == pytest.approx(4.0, abs=0.5)
 
 
-def test_arrays_have_parts_as_well():
+def test_points_have_the_volumes_of_parts():
     labels, grey, share = halves(1.0, 0.01)
-    parts = imaging.parts_of_voxels(labels, [grey[..., 0]], np.eye(4))
-    np.testing.assert_array_equal(parts, label_parts(labels, grey, (1.0, 1.0, 1.0)))
-    with pytest.raises(InputError, match="give one at least"):
-        imaging.parts_of_voxels(labels, [], np.eye(4))
-    cloud, _ = imaging.build_points(labels, np.eye(4), fractions=parts, unit="mm")
+    parts = Image(label_parts(labels, grey, (1.0, 1.0, 1.0)), np.eye(4))
+    table = table_defaults("build")
+    cloud, _ = build_cloud(Labels(labels, np.eye(4)), None, table, "mm", fractions=parts)
     assert cloud.label_volumes()[2] == pytest.approx(share.sum(), rel=2e-3)
-    with pytest.raises(InputError, match="fractions: 1 volumes do not go with the labels"):
-        imaging.build_points(labels, np.eye(4), fractions=parts[..., :1])
 
 
 def test_parts_that_do_not_go_with_the_labels_are_refused(tmp_path):

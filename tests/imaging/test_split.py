@@ -173,7 +173,6 @@ def test_smoothing_of_tensors_stays_inside_and_skips_what_is_not_finite():
     tensor = Image(data, AFFINE, "tensor")
     smooth = smoothed_tensor(tensor, region, 2.0)
     np.testing.assert_allclose(smooth.data[region], 1.0)
-    assert smoothed_tensor(tensor, region, 0.0) is tensor
 
 
 def two_muscles():

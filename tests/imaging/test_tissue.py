@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from myork.core.deck import table_defaults
-from myork.core.level_sets import evolve_level_sets
 from myork.errors import InputError
 from myork.imaging.phantom import TISSUES, make_phantom
 from myork.model.boundary import boundary_sets
@@ -13,10 +12,10 @@ from myork.model.points import BONE, changed_volumes, coarsen, select, trimmed
 from myork.model.shares import label_shares
 from myork.records import Image, Labels
 from myork.segmentation.fuzzy import fuzzy_c_means
-from myork.segmentation.leg import LegImages, _skin, check_disjoint, find_bones, leg_tissues
+from myork.segmentation.leg import _skin, find_bones, leg_tissues
 from myork.segmentation.scores import dice
 
-KEYS = {"least_diffusivity": 0.8e-3}
+LEAST = 0.8e-3  # of the mean diffusivity of muscle
 
 
 def two_greys(noise):
@@ -64,13 +63,13 @@ def leg():
     )
 
 
-def images(leg, **parts):
-    return LegImages(leg.anatomy, **{"fat": leg.fat, "connective": leg.connective,
-                                     "tensor": leg.tensor, **parts})  # fmt: skip
+def materials(leg, least=LEAST):
+    return leg_tissues(leg.anatomy, fat=leg.fat, connective=leg.connective, tensor=leg.tensor,
+                       least_diffusivity=least)[0]  # fmt: skip
 
 
 def test_materials_of_a_leg(leg):
-    found = leg_tissues(images(leg), evolve_level_sets, KEYS)
+    found = materials(leg)
     assert found.names == TISSUES
     scores = {name: dice(found.data == i, leg.tissue.data == i) for i, name in TISSUES.items()}
     # Sheets and streaks are a pixel or two wide: half of their pixels are rim.
@@ -80,9 +79,7 @@ def test_materials_of_a_leg(leg):
 
 
 def test_fewer_images_give_fewer_materials(leg):
-    found = leg_tissues(
-        images(leg, fat=None, connective=None, tensor=None), evolve_level_sets, KEYS
-    )
+    found, _ = leg_tissues(leg.anatomy)
     assert not (found.data == 3).any()
     assert dice(found.data == 4, leg.tissue.data == 4) > 0.95
     # The skin, as grey as muscle, is told from it by its place; skin counts as fat.
@@ -93,7 +90,7 @@ def test_fewer_images_give_fewer_materials(leg):
 def test_a_single_slice_is_a_leg_as_well():
     plain = make_phantom((90, 90, 3), (1.25, 1.25, 20.0), bias=0.0)  # as after its correction
     one = Image(plain.anatomy.data[:, :, 1:2], plain.anatomy.affine)
-    found = leg_tissues(LegImages(one), evolve_level_sets, KEYS).data[..., 0]
+    found = leg_tissues(one)[0].data[..., 0]
     truth = plain.tissue.data[:, :, 1]
     # Pixels that fat between the muscles fills in part are muscle by their grey value.
     for number, least in ((1, 0.93), (2, 0.94), (4, 0.95)):
@@ -110,7 +107,7 @@ def test_skin_lies_along_air_only():
 
 def test_no_connective_tissue_where_there_is_none():
     plain = make_phantom((90, 90, 3), (1.25, 1.25, 20.0))
-    found = leg_tissues(images(plain), evolve_level_sets, KEYS)
+    found = materials(plain)
     assert not (found.data == 3).any()
     assert dice(found.data == 1, plain.tissue.data == 1) > 0.98
 
@@ -118,22 +115,12 @@ def test_no_connective_tissue_where_there_is_none():
 def test_no_bones_in_an_image_without(leg):
     plain = np.where(leg.tissue.data == 4, 1000.0, leg.anatomy.data)
     body = leg.tissue.data > 0
-    assert not find_bones(Image(plain, leg.anatomy.affine), body, evolve_level_sets).any()
+    assert not find_bones(Image(plain, leg.anatomy.affine), body).any()
 
 
 def test_tensors_in_another_unit_are_named(leg):
     with pytest.raises(InputError, match="tissue.least_diffusivity = 0.8; check its unit"):
-        leg_tissues(images(leg), evolve_level_sets, {**KEYS, "least_diffusivity": 0.8})
-
-
-def test_shared_and_lost_voxels_are_named():
-    body = np.ones((2, 2, 1), bool)
-    half = np.array([[[True], [True]], [[False], [False]]])
-    check_disjoint({"muscle": half, "fat": ~half}, body)
-    with pytest.raises(InputError, match=r"overlap in 2 voxels, the first is \(0, 0, 0\): mus"):
-        check_disjoint({"muscle": half, "fat": body}, body)
-    with pytest.raises(InputError, match=r"2 voxels are in the body or .* first is \(1, 0, 0\)"):
-        check_disjoint({"muscle": half}, body)
+        materials(leg, 0.8)
 
 
 def test_bone_bounds_the_model():

@@ -186,13 +186,13 @@ def read_tensors(table: Mapping[str, Any], folder: Path) -> Image | None:
     Returns
     -------
     Image or None
-        Shape `(ni, nj, nk, 6)`; None where the deck names neither.
+        In the world frame, shape `(ni, nj, nk, 6)`; None where the deck names neither.
     """
     if "dwi" not in table:
         if "tensor" not in table:
             return None
         tensor = read_image(folder / table["tensor"], values=6)
-        return _turned(tensor, table["gradient_axes"], table["tensor_frame"])
+        return turn_tensors(tensor, parse_axes(table["gradient_axes"]), table["tensor_frame"])
     if "tensor" in table or table["tensor_frame"] != "world":
         raise InputError(
             "image.dwi gives tensors in the world frame; leave image.tensor and image.tensor_frame "
@@ -203,11 +203,11 @@ def read_tensors(table: Mapping[str, Any], folder: Path) -> Image | None:
     stem = path.name.removesuffix(".gz").removesuffix(".nii")
     files = [path.with_name(f"{stem}.{kind}") for kind in ("bval", "bvec")]
     gradients = read_gradients(files[0], files[1], dwi.affine, dwi.data.shape[3])
-    return _turned(fit_tensors(dwi, gradients), table["gradient_axes"], "world")
+    return turn_tensors(fit_tensors(dwi, gradients), parse_axes(table["gradient_axes"]))
 
 
 def turn_tensors(tensor: Image, axes: F64, tensor_frame: str = "world") -> Image:
-    """Tensors as they would be with the voxel axes of the gradients exchanged or flipped.
+    """Tensors in the world frame with the voxel axes of the gradients exchanged or flipped.
 
     Parameters
     ----------
@@ -218,15 +218,9 @@ def turn_tensors(tensor: Image, axes: F64, tensor_frame: str = "world") -> Image
     tensor_frame : str
         Axes of the components: `world` or `voxel`.
     """
-    columns = frame(tensor.affine) if tensor_frame == "world" else np.eye(3)
-    turn = columns @ axes @ columns.T
+    columns = frame(tensor.affine)
+    turn = columns @ axes @ (columns.T if tensor_frame == "world" else np.eye(3))
+    if np.array_equal(turn, np.eye(3)):
+        return tensor
     full = turn @ full_tensors(tensor.data) @ turn.T
     return Image(tensor_components(full), tensor.affine, tensor.name)
-
-
-def _turned(tensor: Image, axes: str, tensor_frame: str) -> Image:
-    """Tensors with the gradient axes of the deck."""
-    matrix = parse_axes(axes)
-    if np.array_equal(matrix, np.eye(3)):
-        return tensor
-    return turn_tensors(tensor, matrix, tensor_frame)

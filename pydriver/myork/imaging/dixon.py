@@ -29,7 +29,7 @@ from myork.imaging.geometry import slice_axis
 from myork.records import Image
 from myork.types import C128, F64, I64, Mask
 
-__all__ = ["WaterFat", "echo", "fat_factors", "separate", "separate_images"]
+__all__ = ["WaterFat", "echo", "fat_factors", "separate", "water_and_fat"]
 
 
 # Peaks of fat: shift from water [ppm] and part of the signal
@@ -108,7 +108,7 @@ def fat_factors(times: Sequence[float], strength: float) -> tuple[complex, compl
     return complex(one), complex(two)
 
 
-def separate_images(
+def water_and_fat(
     magnitudes: Sequence[Image],
     phases: Sequence[Image],
     body: Mask,

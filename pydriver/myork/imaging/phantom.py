@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from myork.errors import InputError
+from myork.imaging.diffusion import tensor_components
 from myork.imaging.io import write_image, write_labels
 from myork.records import Image, Labels
 from myork.types import F64, I32, Mask
@@ -390,5 +391,4 @@ def _tensors(muscle: Mask, fiber: F64, body: Mask) -> F64:
     full *= muscle[..., None, None]
     base = np.where(muscle, least, np.where(body, _FREE, 0.0))
     full += base[..., None, None] * np.eye(3)
-    pairs = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-    return np.stack([full[..., i, j] for i, j in pairs], -1)
+    return tensor_components(full)

@@ -48,8 +48,8 @@ _ALIKE, _FARTHEST, _PAIRS = 0.1, 2, 100
 _SQUARES = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])  # components in the norm of a tensor
 
 
-def tensor_logarithms(tensor: Image, inside: Mask, tensor_frame: str) -> tuple[F64, Mask]:
-    """Logarithms of the tensors, in the world frame, and where there are some.
+def tensor_logarithms(tensor: Image, inside: Mask) -> tuple[F64, Mask]:
+    """Logarithms of the tensors, and where there are some.
 
     Parameters
     ----------
@@ -57,8 +57,6 @@ def tensor_logarithms(tensor: Image, inside: Mask, tensor_frame: str) -> tuple[F
         Components xx, yy, zz, xy, xz, yz, shape `(ni, nj, nk, 6)` [any unit].
     inside : NDArray
         Voxels that are wanted, shape `(ni, nj, nk)`.
-    tensor_frame : str
-        `world`, or `voxel` for components along the voxel axes of the image.
 
     Returns
     -------
@@ -67,11 +65,7 @@ def tensor_logarithms(tensor: Image, inside: Mask, tensor_frame: str) -> tuple[F
         tensor is finite and positive, shape `(ni, nj, nk)`.
     """
     usable = inside & np.isfinite(tensor.data).all(-1)
-    full = full_tensors(tensor.data[usable])
-    if tensor_frame == "voxel":
-        columns = tensor.affine[:3, :3] / tensor.spacing
-        full = columns @ full @ columns.T
-    value, vector = np.linalg.eigh(full)
+    value, vector = np.linalg.eigh(full_tensors(tensor.data[usable]))
     positive = value[:, 0] > 0
     usable[usable] = positive
     logarithm = np.zeros(tensor.data.shape)

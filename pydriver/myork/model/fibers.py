@@ -76,27 +76,23 @@ def lead_vector(components: F64) -> F64:
     return vector * sign
 
 
-def fiber_field(
-    tensor: Image, tissue: NDArray[Any], smoothing: float | None, tensor_frame: str = "world"
-) -> FiberField:
+def fiber_field(tensor: Image, tissue: NDArray[Any], smoothing: float | None) -> FiberField:
     """Fiber vector of every voxel of a tissue, zero elsewhere.
 
     Parameters
     ----------
     tensor : Image
-        Components xx, yy, zz, xy, xz, yz, shape `(ni, nj, nk, 6)` [any unit].
+        Components xx, yy, zz, xy, xz, yz in the world frame, shape `(ni, nj, nk, 6)` [any unit].
     tissue : NDArray
         Voxels of the tissue (true, or the label of a muscle); only those of one label are
         averaged, so that fibers keep their direction up to the border, shape `(ni, nj, nk)`.
     smoothing : float, optional
         Standard deviation of the Gaussian weights of the log-Euclidean average [mm]; None takes the
         one that foretells tensors best.
-    tensor_frame : str
-        `world`, or `voxel` for components along the voxel axes of the image.
     """
     label = np.asarray(tissue).astype(np.int32)
     inside = label != 0
-    logarithm, usable = tensor_logarithms(tensor, inside, tensor_frame)
+    logarithm, usable = tensor_logarithms(tensor, inside)
     trust = tensor_trust(logarithm, usable, label)
     width = smoothing
     if width is None:

@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import ndimage
 
+from myork.core.level_sets import evolve_level_sets
 from myork.errors import InputError
 from myork.records import Image
-from myork.segmentation.level_sets import Evolve
 from myork.segmentation.starts import kmeans, level_sets_of, regions_of
 from myork.types import F64, Mask
 
@@ -81,7 +81,6 @@ def check_positive(image: Image, mask: Mask) -> None:
 def clustered_bias(
     values: F64,
     mask: Mask,
-    evolve: Evolve,
     *,
     spacing: ArrayLike,
     regions: int,
@@ -103,8 +102,6 @@ def clustered_bias(
         Image, shape `(ni, nj, nk)`; its slices are one volume [-].
     mask : NDArray
         Voxels that take part, same shape.
-    evolve : callable
-        Evolution of the level sets, as `myork.core.level_sets.evolve_level_sets`.
     spacing : ArrayLike
         Voxel sizes, shape `(3,)` [mm].
     regions : int
@@ -153,7 +150,7 @@ def clustered_bias(
         while len(energy) < rounds and not converged:
             near, square = blurred(field), blurred(field**2)
             flat = np.divide(image * near, square, out=np.zeros_like(image), where=counts)
-            found = evolve(
+            found = evolve_level_sets(
                 flat[..., None],
                 trust * square,
                 phi,

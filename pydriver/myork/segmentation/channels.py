@@ -8,6 +8,7 @@ import numpy as np
 from scipy import ndimage
 
 from myork.errors import InputError
+from myork.imaging.diffusion import full_tensors, tensor_components
 from myork.records import Image
 from myork.segmentation.regions import otsu
 from myork.types import F64, Mask
@@ -18,8 +19,6 @@ __all__ = ["fiber_channels", "noise_level", "noise_weight", "scaled_values", "sm
 # The ratio of noises says little of how much regions differ: no channel counts more than this many
 # times as much as another one.
 _WEIGHTS = 16.0
-# Places of xx, yy, zz, xy, xz, yz in a tensor
-_ROWS, _COLUMNS = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)
 
 
 def scaled_values(image: Image, region: Mask) -> F64:
@@ -87,10 +86,8 @@ def smoothed_tensor(tensor: Image, region: Mask, sigma: float) -> Image:
     region : NDArray
         Voxels that count, shape `(ni, nj, nk)`.
     sigma : float
-        Standard deviation [mm]; 0 leaves the tensors as they are.
+        Standard deviation [mm].
     """
-    if sigma == 0:
-        return tensor
     usable = region & np.isfinite(tensor.data).all(axis=-1)
     blur = sigma / tensor.spacing
     weight = ndimage.gaussian_filter(usable.astype(float), blur)
@@ -124,11 +121,8 @@ def fiber_channels(tensor: Image, region: Mask, kind: str) -> F64:
     NDArray
         Shape `(ni, nj, nk, 6)` or `(ni, nj, nk, 3)` [-].
     """
-    full = np.zeros((*tensor.data.shape[:3], 3, 3))
-    full[..., _ROWS, _COLUMNS] = full[..., _COLUMNS, _ROWS] = np.where(
-        np.isfinite(tensor.data).all(axis=-1, keepdims=True), tensor.data, 0.0
-    )
-    values, vectors = np.linalg.eigh(full)
+    known = np.isfinite(tensor.data).all(axis=-1, keepdims=True)
+    values, vectors = np.linalg.eigh(full_tensors(np.where(known, tensor.data, 0.0)))
     lead, spread = vectors[..., :, 2], values[..., 2] - values[..., 0]
     if not np.ptp(spread[region]) > 0:
         raise InputError(f"{tensor.name}: no direction of diffusion differs from another")
@@ -138,5 +132,5 @@ def fiber_channels(tensor: Image, region: Mask, kind: str) -> F64:
         return strength * np.abs(lead)
     if kind == "aligned":
         return strength * np.where(lead[..., 2:] < 0, -lead, lead)
-    scale = np.where(np.equal(_ROWS, _COLUMNS), 1.0, np.sqrt(2.0))
-    return strength * scale * lead[..., _ROWS] * lead[..., _COLUMNS]
+    scale = np.sqrt([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
+    return strength * scale * tensor_components(lead[..., :, np.newaxis] * lead[..., np.newaxis, :])

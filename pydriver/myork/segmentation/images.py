@@ -30,7 +30,7 @@ from myork.segmentation.channels import (
     smoothed_tensor,
 )
 from myork.segmentation.grouping import Muscle, check_seeds, rule_seeds
-from myork.segmentation.level_sets import Evolve, LevelSets, Regions, segment_regions
+from myork.segmentation.level_sets import LevelSets, Regions, segment_regions
 from myork.segmentation.regions import body_mask, box_mask, grown_mask, piece_with_seed
 from myork.segmentation.shading import shading
 from myork.segmentation.starts import seeded_regions
@@ -181,7 +181,6 @@ class Segmentation:
 def segment_images(
     images: Images,
     table: Mapping[str, Any],
-    evolve: Evolve,
     *,
     bias: str = "none",
     muscles: Sequence[Muscle] = (),
@@ -195,8 +194,6 @@ def segment_images(
         What there is.
     table : mapping
         Table `image` of decks.
-    evolve : callable
-        Evolution of the level sets, as `myork.core.level_sets.evolve_level_sets`.
     bias : str
         Method of the shading: `auto`, `level-sets` or `none`.
     muscles : sequence
@@ -210,7 +207,7 @@ def segment_images(
         # badly, and its rim what lies under the skin.
         body = body_mask(images.whole)
         body = body if images.region is None else body | (images.region.data > 0)
-    shade, record = _shading(images.whole, body, bias, evolve, progress)
+    shade, record = _shading(images.whole, body, bias, progress)
     images = images if shade is None else images.divided(shade)
     image = images.anatomy
     reference, lost = _bent(images, body, progress)
@@ -239,7 +236,6 @@ def segment_images(
     result = segment_regions(
         values,
         region,
-        evolve,
         choice,
         spacing=image.spacing,
         channel_weights=every,
@@ -277,7 +273,7 @@ def segment_images(
 
 
 def _shading(
-    image: Image, mask: Mask, method: str, evolve: Evolve, progress: ProgressCallback
+    image: Image, mask: Mask, method: str, progress: ProgressCallback
 ) -> tuple[F64 | None, dict[str, Any]]:
     """Shading estimated in the body, None without one, and its record."""
     if method == "none":
@@ -291,7 +287,7 @@ def _shading(
             shade = best.field
             record |= {"start": best.candidates[0].start, "doubt": best.doubt}
         else:
-            found = clustered_bias(image.data, mask, evolve, spacing=image.spacing, regions=_EVEN)
+            found = clustered_bias(image.data, mask, spacing=image.spacing, regions=_EVEN)
             shade = found.field
             record |= {"converged": found.converged, "energy": found.energy.tolist()}
     except InputError as reason:

@@ -7,10 +7,6 @@ tensor are muscle and all others fat. Without tensors only the skin is taken fro
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
-
 import numpy as np
 from scipy import ndimage
 
@@ -21,11 +17,11 @@ from myork.imaging.phantom import TISSUES
 from myork.records import Image, Labels
 from myork.segmentation.channels import scaled_values
 from myork.segmentation.fuzzy import fuzzy_c_means
-from myork.segmentation.level_sets import Evolve, LevelSets, segment_regions, wanted_phase
+from myork.segmentation.level_sets import LevelSets, segment_regions, wanted_phase
 from myork.segmentation.regions import large_pieces
 from myork.types import F64, Mask
 
-__all__ = ["LegImages", "check_disjoint", "find_bones", "leg_tissues", "outer_boundary"]
+__all__ = ["find_bones", "leg_tissues", "outer_boundary"]
 
 
 # Marrow: at least this large in the slice [mm^2]; cortex is as thick as this at most [mm].
@@ -43,121 +39,99 @@ _PHASES = LevelSets(
 )
 
 
-@dataclass(frozen=True)
-class LegImages:
-    """Images of a leg, all on the grid of the anatomy; those that are missing are None.
-
-    Attributes
-    ----------
-    anatomy : Image
-        T1-like MR image, shape `(ni, nj, nk)`.
-    fat, connective : Image or None
-        Images in which fat, or connective tissue, is bright; without the first the anatomy shows
-        fat, without the second no connective tissue is found.
-    tensor : Image or None
-        Diffusion tensors; without them all that is left is muscle but for the skin.
-    """
-
-    anatomy: Image
-    fat: Image | None = None
-    connective: Image | None = None
-    tensor: Image | None = None
-
-
 def leg_tissues(
-    images: LegImages,
-    evolve: Evolve,
-    table: Mapping[str, Any],
+    anatomy: Image,
+    *,
+    fat: Image | None = None,
+    connective: Image | None = None,
+    tensor: Image | None = None,
     body: Mask | None = None,
-    memberships: dict[str, F64] | None = None,
-) -> Labels:
+    least_diffusivity: float = 0.0,
+) -> tuple[Labels, dict[str, F64]]:
     """Label every voxel of a leg with its material.
 
     Parameters
     ----------
-    images : LegImages
-        What there is.
-    evolve : callable
-        Evolution of the level sets, as `myork.core.level_sets.evolve_level_sets`.
-    table : mapping
-        Table `tissue` of the deck: `least_diffusivity`.
+    anatomy : Image
+        T1-like MR image, shape `(ni, nj, nk)`; the others lie on its grid.
+    fat, connective : Image, optional
+        Images in which fat, or connective tissue, is bright; without the first the anatomy shows
+        fat, without the second no connective tissue is found.
+    tensor : Image, optional
+        Diffusion tensors; without them all that is left is muscle but for the skin.
     body : NDArray, optional
         Voxels to label, shape `(ni, nj, nk)`; without it those inside the skin.
-    memberships : dict, optional
-        Gets the memberships of voxels in `fat` and, where there is an image of it, in
-        `connective_tissue`, 0 to 1, zero in bone and outside of the body, shape `(ni, nj, nk)`.
+    least_diffusivity : float
+        Mean diffusivity of muscle, in the unit of the tensors.
 
     Returns
     -------
-    Labels
-        Materials as in `TISSUES`.
+    tuple
+        Materials as in `TISSUES`; memberships of voxels in `fat` and, where there is an image of
+        it, in `connective_tissue`, 0 to 1, zero in bone and outside of the body, shape
+        `(ni, nj, nk)`.
     """
-    for other in (images.fat, images.connective, images.tensor):
+    for other in (fat, connective, tensor):
         if other is not None:
-            check_same_grid(other, images.anatomy)
-    body = outer_boundary(images.anatomy, evolve) if body is None else body
-    bone = find_bones(images.anatomy, body, evolve)
+            check_same_grid(other, anatomy)
+    body = outer_boundary(anatomy) if body is None else body
+    bone = find_bones(anatomy, body)
     soft = body & ~bone
+    memberships: dict[str, F64] = {}
 
     def clustered(name: str, image: Image, clusters: int, contrast: float = 0.0) -> Mask:
         found = fuzzy_c_means(image.data, soft, clusters)
         if found.centre[-1, 0] < contrast * found.centre[-2, 0]:
             return np.zeros(soft.shape, dtype=bool)
-        if memberships is not None:
-            memberships[name] = np.zeros(soft.shape)
-            memberships[name][soft] = found.membership[:, -1]
+        memberships[name] = np.zeros(soft.shape)
+        memberships[name][soft] = found.membership[:, -1]
         return found.place(soft, -1)
 
-    connective = np.zeros(body.shape, dtype=bool)
-    if images.connective is not None:
-        connective = clustered("connective_tissue", images.connective, 2, _STANDS_OUT)
+    sheets = np.zeros(body.shape, dtype=bool)
+    if connective is not None:
+        sheets = clustered("connective_tissue", connective, 2, _STANDS_OUT)
     # Fat, muscle and what is darker still stand apart in the anatomy; in a fat image there are two.
-    if images.fat is not None:
-        fat = clustered("fat", images.fat, 2)
-    else:
-        fat = clustered("fat", images.anatomy, 3)
+    fatty = clustered("fat", anatomy, 3) if fat is None else clustered("fat", fat, 2)
     # A voxel that is bright in both images lies between fat and connective tissue.
-    connective &= ~fat
-    rest = soft & ~fat & ~connective
-    muscle = rest & ~_skin(body, images.anatomy.spacing[:2])
-    if images.tensor is not None:
-        components = images.tensor.data
-        usable = np.asarray(np.isfinite(components).all(axis=-1, keepdims=True))
-        mean = mean_diffusivity(np.where(usable, components, 0.0))
-        muscle = rest & (mean > table["least_diffusivity"])
+    sheets &= ~fatty
+    rest = soft & ~fatty & ~sheets
+    muscle = rest & ~_skin(body, anatomy.spacing[:2])
+    if tensor is not None:
+        usable = np.asarray(np.isfinite(tensor.data).all(axis=-1, keepdims=True))
+        mean = mean_diffusivity(np.where(usable, tensor.data, 0.0))
+        muscle = rest & (mean > least_diffusivity)
         if not muscle.any():
             raise InputError(
-                f"{images.tensor.name}: no voxel has a mean diffusivity above "
-                f"tissue.least_diffusivity = {table['least_diffusivity']:g}; check its unit"
+                f"{tensor.name}: no voxel has a mean diffusivity above "
+                f"tissue.least_diffusivity = {least_diffusivity:g}; check its unit"
             )
-    masks = {"muscle": muscle, "fat": fat | (rest & ~muscle), "connective_tissue": connective,
+    masks = {"muscle": muscle, "fat": fatty | (rest & ~muscle), "connective_tissue": sheets,
              "bone": bone}  # fmt: skip
-    check_disjoint(masks, body)
     data = np.zeros(body.shape, dtype=np.int32)
     for label, name in TISSUES.items():
         data[masks[name]] = label
-    return Labels(data, images.anatomy.affine, TISSUES, "tissue")
+    return Labels(data, anatomy.affine, TISSUES, "tissue"), memberships
 
 
-def outer_boundary(anatomy: Image, evolve: Evolve) -> Mask:
+def outer_boundary(anatomy: Image) -> Mask:
     """Voxels inside the skin: the bright phase of the whole image with its holes filled."""
-    inside = _phase(_even(anatomy), np.ones(anatomy.data.shape, bool), evolve, "bright")
+    inside = _phase(_even(anatomy), np.ones(anatomy.data.shape, bool), "bright")
     slices = np.moveaxis(inside, -1, 0)
     body = np.stack([ndimage.binary_fill_holes(section) for section in slices], axis=-1)
     return large_pieces(body, anatomy.name)
 
 
-def find_bones(anatomy: Image, body: Mask, evolve: Evolve) -> Mask:
+def find_bones(anatomy: Image, body: Mask) -> Mask:
     """Bones: bright marrow that a ring of very dark cortex closes off in every slice.
 
     Two level sets one after the other: bright (fat, marrow) against dark, and of the dark phase
     muscle against what is darker still.
     """
-    bright = _phase(anatomy, body, evolve, "bright")
+    bright = _phase(anatomy, body, "bright")
     dark = body & ~bright
     if not dark.any():
         return np.zeros(body.shape, dtype=bool)
-    darkest = _phase(anatomy, dark, evolve, "dark")
+    darkest = _phase(anatomy, dark, "dark")
     pixel = float(anatomy.spacing[:2].prod())
     bone = np.zeros(body.shape, dtype=bool)
     for k in range(body.shape[2]):
@@ -191,24 +165,6 @@ def _wall(marrow: Mask, ring: Mask, pixel: F64) -> Mask:
     return wall
 
 
-def check_disjoint(masks: Mapping[str, Mask], body: Mask) -> None:
-    """Refuse materials that share a voxel or leave one of the body without any."""
-    count = np.sum(list(masks.values()), axis=0, dtype=np.int32)
-    shared = np.argwhere(count > 1)
-    if len(shared):
-        first = tuple(shared[0].tolist())
-        both = [name for name, mask in masks.items() if mask[first]]
-        raise InputError(
-            f"materials overlap in {len(shared)} voxels, the first is {first}: {' and '.join(both)}"
-        )
-    lost = np.argwhere((count == 1) != body)
-    if len(lost):
-        raise InputError(
-            f"{len(lost)} voxels are in the body or in a material but not in both, the first is "
-            f"{tuple(lost[0].tolist())}"
-        )
-
-
 def _skin(body: Mask, pixel: F64) -> Mask:
     """Band of the body along the air in every slice; where the picture ends there is no air."""
     skin = np.zeros(body.shape, dtype=bool)
@@ -227,15 +183,10 @@ def _even(anatomy: Image) -> Image:
     return Image(np.sqrt(np.maximum(anatomy.data, 0.0)), anatomy.affine, anatomy.name)
 
 
-def _phase(image: Image, region: Mask, evolve: Evolve, phase: str) -> Mask:
+def _phase(image: Image, region: Mask, phase: str) -> Mask:
     """Dark or bright phase of a region, by a level set in every slice."""
     grey = scaled_values(image, region)
     found = segment_regions(
-        grey[..., np.newaxis],
-        region,
-        evolve,
-        _PHASES,
-        spacing=image.spacing,
-        name=image.name,
+        grey[..., np.newaxis], region, _PHASES, spacing=image.spacing, name=image.name
     )
     return wanted_phase(found, grey, phase)

@@ -2,8 +2,7 @@
 
 n level sets make up to 2**n regions; bit k of a region's number tells whether it lies inside of
 level set k. Regions from clusters or a threshold are in ascending order of the first channel at
-the start. The evolution itself is handed in (the compiled core's, in the
-pipeline), so this file needs no compiler.
+the start. The evolution itself is the compiled core's.
 
 References
 ----------
@@ -13,13 +12,14 @@ Comput. Vis. 50 (2002), doi:10.1023/A:1020874308076
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from myork.core.level_sets import evolve_level_sets
 from myork.errors import InputError
 from myork.segmentation.starts import (
     circle_regions,
@@ -30,9 +30,7 @@ from myork.segmentation.starts import (
 )
 from myork.types import F64, I32, Mask
 
-__all__ = ["Evolve", "LevelSets", "Regions", "segment_regions", "wanted_phase"]
-
-Evolve = Callable[..., dict[str, NDArray[Any]]]
+__all__ = ["LevelSets", "Regions", "segment_regions", "wanted_phase"]
 
 
 @dataclass(frozen=True)
@@ -110,7 +108,6 @@ class Regions:
 def segment_regions(
     channels: F64,
     region: Mask,
-    evolve: Evolve,
     choice: LevelSets,
     *,
     spacing: ArrayLike,
@@ -127,8 +124,6 @@ def segment_regions(
         axis [-].
     region : NDArray
         Voxels that take part, shape `(ni, nj, nk)`.
-    evolve : callable
-        Evolution of the level sets, as `myork.core.level_sets.evolve_level_sets`.
     choice : LevelSets
         What to segment with.
     spacing : ArrayLike
@@ -155,7 +150,7 @@ def segment_regions(
         raise InputError(f"{name}: the region to segment has one grey value only")
     weights = np.ones(channels.shape[3]) if channel_weights is None else np.array(channel_weights)
     first = _first_level_sets(inside, region, choice, weights, labels)
-    result = evolve(
+    result = evolve_level_sets(
         inside,
         region,
         first,

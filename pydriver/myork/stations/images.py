@@ -12,12 +12,13 @@ import numpy as np
 from myork.console import ProgressCallback
 from myork.errors import InputError
 from myork.imaging.diffusion import read_tensors
+from myork.imaging.dixon import water_and_fat
 from myork.imaging.geometry import check_same_grid
 from myork.imaging.io import read_image, read_labels, read_reference
 from myork.imaging.phantom import make_phantom, write_phantom
 from myork.records import Image, Labels
 from myork.segmentation.images import Images
-from myork.stations.arrays import water_and_fat
+from myork.segmentation.regions import body_mask
 from myork.types import Mask
 
 __all__ = ["read_images"]
@@ -128,26 +129,28 @@ def _echoes(deck: Mapping[str, Any], folder: Path) -> Images | None:
                 f"[dixon] makes water and fat of its echoes; take image.{key} out, or list it in "
                 "image.channels"
             )
-    echoes = [read_image(folder / name) for kind in ("magnitude", "phase") for name in keys[kind]]
-    first, body = echoes[0], None
-    for one in echoes:
+    magnitudes, phases = (
+        [read_image(folder / name) for name in keys[kind]] for kind in ("magnitude", "phase")
+    )
+    first = magnitudes[0]
+    for one in (*magnitudes, *phases):
         check_same_grid(one, first)
     if "body" in table:
         mask = read_labels(folder / table["body"])
         check_same_grid(mask, first)
         body = mask.data > 0
-    arrays = [one.data for one in echoes]
-    water, fat, _, doubt = water_and_fat(
-        arrays[:2],
-        arrays[2:],
-        first.affine,
-        keys.get("echo_times", ()),
-        keys.get("field_strength", 0.0),
+    else:
+        body = body_mask(Image(first.data + magnitudes[1].data, first.affine), rim=0.0)
+    found = water_and_fat(
+        magnitudes,
+        phases,
         body,
+        times=keys.get("echo_times", ()),
+        strength=keys.get("field_strength", 0.0),
     )
     return Images(
-        Image(water, first.affine, f"water of {first.name}"),
-        Image(fat, first.affine, f"fat of {first.name}"),
+        Image(found.water, first.affine, f"water of {first.name}"),
+        Image(found.fat, first.affine, f"fat of {first.name}"),
         source=keys["magnitude"][0],
-        doubt=doubt,
+        doubt=found.doubt,
     )

@@ -20,7 +20,6 @@ import numpy as np
 import myork
 from myork.console import ProgressCallback, silent
 from myork.core.deck import load_deck
-from myork.core.level_sets import evolve_level_sets
 from myork.core.threads import core_threads
 from myork.errors import InputError
 from myork.imaging.diffusion import tensor_maps
@@ -95,7 +94,6 @@ def _segment(
     found = segment_images(
         images,
         table,
-        evolve_level_sets,
         bias=deck["bias"]["method"],
         muscles=muscles,
         progress=progress,
@@ -182,7 +180,7 @@ def _fibers(
 ) -> dict[str, Image]:
     """Fibers of the labels and maps of the tensors; the record gets what was seen of them."""
     labels, truth, warnings = found.labels, found.images.truth, record["warnings"]
-    way = fiber_field(tensor, labels.data, table.get("fiber_smoothing"), table["tensor_frame"])
+    way = fiber_field(tensor, labels.data, table.get("fiber_smoothing"))
     axes = check_orientation(way.fibers, labels if truth is None else truth)
     warnings += [axes.doubt] if axes.doubt else []
     if axes.remark:

@@ -19,13 +19,11 @@ from myork.console import ProgressCallback, silent
 from myork.core.deck import load_deck
 from myork.errors import InputError
 from myork.imaging.diffusion import (
-    full_tensors,
     known_tensors,
     read_tensors,
-    tensor_components,
     tensor_maps,
 )
-from myork.imaging.geometry import check_same_grid, frame
+from myork.imaging.geometry import check_same_grid
 from myork.imaging.io import read_image, read_labels, renew_images
 from myork.model.fibers import fiber_field
 from myork.records import Image
@@ -71,10 +69,6 @@ def write_tensors(
         tensor = read_tensors(table, folder)
         if tensor is None:
             raise InputError("myork tensors needs image.dwi or image.tensor")
-        if table["tensor_frame"] == "voxel":
-            axes = frame(tensor.affine)
-            turned = tensor_components(axes @ full_tensors(tensor.data) @ axes.T)
-            tensor = Image(turned, tensor.affine, tensor.name)
         label = _mask(tensor, table, folder)
         progress(f"{tensor.name}: fibers in {int((label > 0).sum())} voxels")
         whole = np.where(np.isfinite(tensor.data).all(axis=-1, keepdims=True), tensor.data, 0.0)

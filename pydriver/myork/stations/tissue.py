@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from myork.core.level_sets import evolve_level_sets
 from myork.errors import InputError
 from myork.imaging.geometry import length_factor
 from myork.imaging.io import read_image, read_labels, renew_images, write_labels
@@ -21,10 +20,9 @@ from myork.model.fibers import fiber_field
 from myork.records import Image
 from myork.segmentation.channels import scaled_values
 from myork.segmentation.images import Segmentation
-from myork.segmentation.leg import LegImages, leg_tissues, outer_boundary
+from myork.segmentation.leg import leg_tissues, outer_boundary
 from myork.segmentation.partial import parts_of_labels
 from myork.segmentation.scores import dice
-from myork.types import F64
 
 __all__ = ["find_tissues"]
 
@@ -63,15 +61,16 @@ def find_tissues(
             special[name] = read_image(out / f"{name}.nii.gz")
         elif name in table:
             special[name] = read_image(folder / table[name])
-    leg = LegImages(images.whole, special["fat"], special["connective"], images.tensor)
-    body = images.body
+    anatomy, body, tensor = images.whole, images.body, images.tensor
     if body is None and images.region is not None:
-        body = outer_boundary(leg.anatomy, evolve_level_sets) | (images.region.data > 0)
-    memberships: dict[str, F64] = {}
-    found = leg_tissues(leg, evolve_level_sets, table, body, memberships)
+        body = outer_boundary(anatomy) | (images.region.data > 0)
+    least = table["least_diffusivity"]
+    found, memberships = leg_tissues(
+        anatomy, **special, tensor=tensor, body=body, least_diffusivity=least
+    )
     muscle = found.data == _MUSCLE
     if not muscle.any():
-        raise InputError(f"{leg.anatomy.name}: no muscle was found; check the images of [tissue]")
+        raise InputError(f"{anatomy.name}: no muscle was found; check the images of [tissue]")
     made: dict[str, Image | None] = dict.fromkeys(
         ("tissue_fibers", "tissue_fractions", "membership_fat", "membership_connective_tissue")
     )
@@ -82,12 +81,12 @@ def find_tissues(
         "labels": {name: {"pixels": n, "volume": n * voxel} for name, n in count.items()},
         "maps": {name: f"{name}.nii.gz" for name, one in made.items() if one is not None},
     }
-    if leg.tensor is not None:
-        way = fiber_field(leg.tensor, muscle, keys.get("fiber_smoothing"), keys["tensor_frame"])
+    if tensor is not None:
+        way = fiber_field(tensor, muscle, keys.get("fiber_smoothing"))
         made["tissue_fibers"] = way.fibers
         record["fibers"] = {"filled": way.filled, "far": way.far, "distance_mm": way.distance}
     if keys["partial"]:
-        shown = [one for one in (leg.anatomy, leg.fat, leg.connective) if one is not None]
+        shown = [one for one in (anatomy, *special.values()) if one is not None]
         values = np.stack([scaled_values(one, found.data > 0) for one in shown], axis=-1)
         parts, filled = parts_of_labels(found, np.zeros_like(found.data), values, _UNMIXED)
         made["tissue_fractions"] = parts
