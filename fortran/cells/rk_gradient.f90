@@ -15,7 +15,7 @@ module rk_gradient
    use rk_csr, only : csr_type, group_by
    use rk_precision, only : i8, wp
    use rk_shape, only : shape_type
-   use rk_solid_products, only : component_force, component_gradient, solid_force, solid_gradient
+   use rk_solid_products, only : solid_force, solid_gradient
    implicit none
    private
 
@@ -403,13 +403,6 @@ pure subroutine gradient_at(self, q, x, factor, h)
       h = h + transpose(flat)
       return
    end if
-   if (self%fields == 3) then
-      do i = 1, 3
-         call component_gradient(int(self%start(q + 1) - self%start(q)), self%local(self%start(q) &
-            & + 1:), self%value(:, self%first(i, q) + 1:), i, x, h)
-      end do
-      return
-   end if
    do e = self%start(q) + 1, self%start(q + 1)
       k = int(e - self%start(q))
       do i = 1, self%fields
@@ -462,14 +455,6 @@ pure subroutine add_force(self, q, p, force)
             force(i, self%local(e)) = force(i, self%local(e)) + p(i, 1)*self%value(1, at) &
                & + p(i, 2)*self%value(2, at)
          end do
-      end do
-      return
-   end if
-   if (self%fields == 3) then
-      do i = 1, 3
-         call component_force(int(self%start(q + 1) - self%start(q)), &
-            & self%local(self%start(q) + 1:), self%value(:, self%first(i, q) + 1:), i, &
-            & [p(i, 1), p(i, 2), p(i, 3)], force)
       end do
       return
    end if

@@ -5,7 +5,7 @@ module rk_solid_products
    implicit none
    private
 
-   public :: solid_gradient, component_gradient, solid_force, component_force
+   public :: solid_force, solid_gradient
 
 contains
 
@@ -35,30 +35,6 @@ pure subroutine solid_gradient(n, local, value, x, h)
    h = h + transpose(row)
 end subroutine solid_gradient
 
-!> Add the displacement gradient of a component of a solid where something is lifted
-pure subroutine component_gradient(n, local, value, i, x, h)
-   !> Source points in sight
-   integer, intent(in) :: n
-   !> Their places among those of the group, shape (n)
-   integer, intent(in) :: local(*)
-   !> Gradients of their shape functions for the component, shape (3, n) [1/length]
-   real(wp), intent(in) :: value(3, *)
-   !> Component
-   integer, intent(in) :: i
-   !> Coefficients of the group's source points, shape (3, members) [length]
-   real(wp), intent(in) :: x(3, *)
-   !> Gradient u_i,A, shape (3, 3) [-]
-   real(wp), intent(inout) :: h(3, 3)
-   real(wp) :: row(3)
-   integer :: e
-
-   row = h(i, :)
-   do e = 1, n
-      row = row + x(i, local(e))*value(:, e)
-   end do
-   h(i, :) = row
-end subroutine component_gradient
-
 !> Add the forces of a stress in a solid where nothing is lifted
 pure subroutine solid_force(n, local, value, p, force)
    !> Source points in sight
@@ -82,27 +58,5 @@ pure subroutine solid_force(n, local, value, p, force)
       force(:, local(e)) = own
    end do
 end subroutine solid_force
-
-!> Add the forces of a component of a stress in a solid where something is lifted
-pure subroutine component_force(n, local, value, i, p, force)
-   !> Source points in sight
-   integer, intent(in) :: n
-   !> Their places among those of the group, shape (n)
-   integer, intent(in) :: local(*)
-   !> Gradients of their shape functions for the component, shape (3, n) [1/length]
-   real(wp), intent(in) :: value(3, *)
-   !> Component
-   integer, intent(in) :: i
-   !> Its stress times weight, shape (3) [stress length^3]
-   real(wp), intent(in) :: p(3)
-   !> Forces on the group's source points, shape (3, members) [force]
-   real(wp), intent(inout) :: force(3, *)
-   integer :: e
-
-   do e = 1, n
-      force(i, local(e)) = force(i, local(e)) + (p(1)*value(1, e) + p(2)*value(2, e) &
-         & + p(3)*value(3, e))
-   end do
-end subroutine component_force
 
 end module rk_solid_products
