@@ -27,6 +27,28 @@ module rk_gauss_cells
    !> Parts of a face in each direction where the border of a set cuts it, by space dimension
    integer, parameter :: parts(3) = [1, 64, 12]
 
+   !> A Gauss rule from -1 to 1: places and weights, shape (n)
+   type :: rule_type
+      real(wp), allocatable :: node(:), share(:)
+   end type rule_type
+
+   !> Cells of a lattice
+   type :: lattice_type
+      !> Space dimension, cells in each direction, 1 in those that are not there
+      integer :: nd = 0
+      integer :: cells(3) = 1
+      !> Radius and angle in the place of coordinates
+      logical :: polar = .false.
+      !> First corner and size of a cell
+      real(wp) :: low(3) = 0.0_wp
+      real(wp) :: step(3) = 0.0_wp
+   contains
+      !> Place of a point of a cell
+      procedure :: place
+      !> Gauss points of a face of a cell
+      procedure :: face_points
+   end type lattice_type
+
 contains
 
 !> Gauss points in the cells between the source points of a lattice
@@ -41,13 +63,14 @@ subroutine gauss_cells(self, cloud, count, degree, error)
    integer, intent(in) :: degree
    !> Error handling: no lattice
    type(error_type), allocatable, intent(out) :: error
-   real(wp) :: rule(count), share(count), low(3), step(3), map(3, 3), jacobian
-   real(wp) :: outer(3), fine_rule(count*parts(cloud%nd)), fine_share(count*parts(cloud%nd))
-   integer :: cells(3), groups(3), pairs(3), ones(3), at(3), cell(3), from(3), to(3), g(3)
-   integer :: points(3)
+   type(lattice_type) :: lattice
+   type(rule_type) :: rule, fine
+   real(wp), allocatable :: xi(:, :), x(:, :), area(:, :)
+   real(wp) :: jacobian
+   integer :: groups(3), pairs(3), ones(3), cell(3), next(3), from(3), to(3), at(3), points(3)
    integer, allocatable :: number(:)
    logical, allocatable :: cut(:, :)
-   integer :: nd, np, ng, i, j, d, k, side, faces, ms, mf, nl, own
+   integer :: nd, np, i, j, d, k, end, faces, ms, mf, own
 
    if (.not. allocated(cloud%lattice)) then
       call fatal_error(error, err_input, 'Gauss cells need the lattice of a box or an annulus, ' &
@@ -57,226 +80,120 @@ subroutine gauss_cells(self, cloud, count, degree, error)
       return
    end if
    nd = cloud%nd
-   call gauss_rule(rule, share)
-   call lattice_frame(cloud, low, step)
-   cells = 1
-   cells(:nd) = cloud%lattice - 1
-   call arrange(cells, nd == 3, pairs, ones, groups)
-   ng = product(groups)
+   lattice%nd = nd
+   lattice%polar = cloud%polar
+   call lattice_frame(cloud, lattice%low, lattice%step)
+   lattice%cells(:nd) = cloud%lattice - 1
+   allocate (rule%node(count), rule%share(count))
+   call gauss_rule(rule%node, rule%share)
+   fine = composed(rule, parts(nd))
+   call find_cut(cloud, lattice, fine, cut, error)
+   if (allocated(error)) return
    own = count**nd
    points = 1
    points(:nd) = count
-   np = product(cells)*own
-   faces = 0
-   mf = 0
-   do d = 1, nd
-      faces = faces + 2*product(cells)/cells(d)*count**(nd - 1)
-      mf = mf + (product(cells) - product(cells)/cells(d))*count**(nd - 1)
-   end do
-   call compose(rule, share, parts(nd), fine_rule, fine_share)
-   call find_cut(error)
-   if (allocated(error)) return
-   faces = faces + cuts()*(size(fine_rule)**(nd - 1) - count**(nd - 1))
-   self%per_cell = own
-   allocate (self%facet(nd, mf), self%area(nd, mf), self%side(2, mf), number(product(cells)))
-   allocate (self%point(nd, np), self%weight(np), self%first(ng + 1))
-   allocate (self%surface(nd, faces), self%outward(nd, faces), self%set(faces))
-   allocate (self%part(faces), source=1.0_wp)
-   allocate (self%lift_first(faces + 1), self%lift_point(faces*own), self%lift(faces*own))
-   if (nd == 3 .and. any(ones > 0)) allocate (self%thin(nd, ng))
-   self%first(1) = 0
-   self%lift_first(1) = 0
-   np = 0
-   do i = 1, ng
-      g = digits_of(i - 1, groups)
-      from = group_start(g, cells, groups, pairs, ones)
-      to = group_start(g + 1, cells, groups, pairs, ones) - 1
-      if (allocated(self%thin)) self%thin(:, i) = to == from .and. cells > 1
-      do j = 1, product(to - from + 1)
-         np = np + 1
-         number(place_of(from + digits_of(j - 1, to - from + 1), cells)) = np
-      end do
-   end do
-   np = 0
-   ms = 0
-   mf = 0
-   nl = 0
-   do i = 1, ng
-      g = digits_of(i - 1, groups)
-      from = group_start(g, cells, groups, pairs, ones)
-      to = group_start(g + 1, cells, groups, pairs, ones) - 1
-      do j = 1, product(to - from + 1)
-         cell = from + digits_of(j - 1, to - from + 1)
-         do k = 1, own
-            at = digits_of(k - 1, points)
-            call place(cell, rule(at(:nd) + 1))
-            self%point(:, np + k) = outer(:nd)
-            self%weight(np + k) = jacobian*product(share(at(:nd) + 1))
+   associate (cells => lattice%cells)
+      call arrange(cells, nd == 3, pairs, ones, groups)
+      np = product(cells)*own
+      mf = sum([(product(cells) - product(cells)/cells(d), d=1, nd)])*count**(nd - 1)
+      faces = sum([(2*product(cells)/cells(d), d=1, nd)])*count**(nd - 1) &
+         & + sum(merge(1, 0, cut))*(size(fine%node)**(nd - 1) - count**(nd - 1))
+      self%per_cell = own
+      allocate (self%facet(nd, mf), self%area(nd, mf), self%side(2, mf), number(product(cells)))
+      allocate (self%point(nd, np), self%weight(np), self%first(product(groups) + 1))
+      allocate (self%surface(nd, faces), self%outward(nd, faces), self%set(faces))
+      allocate (self%part(faces), source=1.0_wp)
+      allocate (self%lift_point(faces*own), self%lift(faces*own))
+      self%lift_first = [(own*k, k=0, faces)]
+      if (nd == 3 .and. any(ones > 0)) allocate (self%thin(nd, product(groups)))
+      self%first(1) = 0
+      np = 0
+      do i = 1, product(groups)
+         call find_group(i)
+         if (allocated(self%thin)) self%thin(:, i) = to == from .and. cells > 1
+         do j = 1, product(to - from + 1)
+            np = np + 1
+            number(place_of(from + digits_of(j - 1, to - from + 1), cells)) = np
          end do
-         do d = 1, nd
-            do side = 0, 1
-               if (cell(d) == side*(cells(d) - 1)) then
-                  if (cut(2*d - 1 + side, place_of(cell, cells))) then
-                     call add_surface(cell, d, side, fine_rule, fine_share)
-                  else
-                     call add_surface(cell, d, side, rule, share)
-                  end if
-               else if (side == 1) then
-                  call add_facet(cell, d)
-               end if
+      end do
+      np = 0
+      ms = 0
+      mf = 0
+      do i = 1, size(self%first) - 1
+         call find_group(i)
+         do j = 1, product(to - from + 1)
+            cell = from + digits_of(j - 1, to - from + 1)
+            do k = 1, own
+               at = digits_of(k - 1, points)
+               call lattice%place(cell, rule%node(at(:nd) + 1), self%point(:, np + k), jacobian)
+               self%weight(np + k) = jacobian*product(rule%share(at(:nd) + 1))
             end do
+            do d = 1, nd
+               do end = 0, 1
+                  if (cell(d) == end*(cells(d) - 1)) then
+                     if (cut(2*d - 1 + end, place_of(cell, cells))) then
+                        call add_surface(fine)
+                     else
+                        call add_surface(rule)
+                     end if
+                  else if (end == 1) then
+                     call add_facets()
+                  end if
+               end do
+            end do
+            np = np + own
          end do
-         np = np + own
+         self%first(i + 1) = np
       end do
-      self%first(i + 1) = np
-   end do
-   self%lift_point = self%lift_point(:nl)
-   self%lift = self%lift(:nl)
+   end associate
 
 contains
 
-   !> Place and Jacobian of a point of a cell
-   subroutine place(index, xi)
-      integer, intent(in) :: index(3)
-      real(wp), intent(in) :: xi(:)
-      real(wp) :: q(3)
-      integer :: e
+   !> First and last cell of a group
+   subroutine find_group(group)
+      integer, intent(in) :: group
+      integer :: g(3)
 
-      q = 0.0_wp
-      q(:nd) = low(:nd) + step(:nd)*(index(:nd) + 0.5_wp*(1.0_wp + xi))
-      map = 0.0_wp
-      if (cloud%polar) then
-         outer = [q(1)*cos(q(2)), q(1)*sin(q(2)), 0.0_wp]
-         map(:2, 1) = 0.5_wp*step(1)*[cos(q(2)), sin(q(2))]
-         map(:2, 2) = 0.5_wp*step(2)*q(1)*[-sin(q(2)), cos(q(2))]
-         jacobian = 0.25_wp*step(1)*step(2)*q(1)
-      else
-         outer = q
-         do e = 1, nd
-            map(e, e) = 0.5_wp*step(e)
-         end do
-         jacobian = product(0.5_wp*step(:nd))
-      end if
-   end subroutine place
-
-   !> A Gauss point of a face of a cell
-   subroutine face_point(index, axis, end, k, nodes, shares, xi, area)
-      integer, intent(in) :: index(3), axis, end, k
-      real(wp), intent(in) :: nodes(:), shares(:)
-      real(wp), intent(out) :: xi(:), area(:)
-      real(wp) :: length
-      integer :: e, n, sub(3)
-
-      n = 0
-      length = 1.0_wp
-      sub = digits_of(k - 1, [size(nodes), merge(size(nodes), 1, nd == 3), 1])
-      do e = 1, nd
-         if (e == axis) then
-            xi(e) = 2.0_wp*end - 1.0_wp
-         else
-            n = n + 1
-            xi(e) = nodes(sub(n) + 1)
-            length = length*shares(sub(n) + 1)
-         end if
-      end do
-      call place(index, xi)
-      ! columns of the map are orthogonal: the face's area is the product of the others' lengths
-      area = xi(axis)*length*jacobian*map(:nd, axis)/sum(map(:, axis)**2)
-      ! normals of an arc add up to its chord, so that the faces of a cell close around it
-      if (cloud%polar .and. axis == 1) area = area*2.0_wp*sin(0.5_wp*step(2)) &
-         & /sum(0.5_wp*step(2)*shares*cos(0.5_wp*step(2)*nodes))
-   end subroutine face_point
+      g = digits_of(group - 1, groups)
+      from = group_start(g, lattice%cells, groups, pairs, ones)
+      to = group_start(g + 1, lattice%cells, groups, pairs, ones) - 1
+   end subroutine find_group
 
    !> Gauss points of a face between two cells, at the upper end of the first
-   subroutine add_facet(index, axis)
-      integer, intent(in) :: index(3), axis
-      real(wp) :: xi(nd)
-      integer :: k, next(3)
-
-      next = index
-      next(axis) = index(axis) + 1
-      do k = 1, count**(nd - 1)
+   subroutine add_facets()
+      call lattice%face_points(cell, d, end, rule, xi, x, area)
+      next = cell
+      next(d) = cell(d) + 1
+      do k = 1, size(x, 2)
          mf = mf + 1
-         call face_point(index, axis, 1, k, rule, share, xi, self%area(:, mf))
-         self%facet(:, mf) = outer(:nd)
-         self%side(:, mf) = [number(place_of(index, cells)), number(place_of(next, cells))]
+         self%facet(:, mf) = x(:, k)
+         self%area(:, mf) = area(:, k)
+         self%side(:, mf) = [number(place_of(cell, lattice%cells)), &
+            & number(place_of(next, lattice%cells))]
       end do
-   end subroutine add_facet
+   end subroutine add_facets
 
    !> Points of a face on the surface
-   subroutine add_surface(index, axis, end, nodes, shares)
-      integer, intent(in) :: index(3), axis, end
-      real(wp), intent(in) :: nodes(:), shares(:)
-      real(wp) :: xi(nd), eta(nd)
-      integer :: digit(3), k, q
+   subroutine add_surface(points_of)
+      type(rule_type), intent(in) :: points_of
+      integer :: q
 
-      do k = 1, size(nodes)**(nd - 1)
+      call lattice%face_points(cell, d, end, points_of, xi, x, area)
+      do k = 1, size(x, 2)
          ms = ms + 1
-         call face_point(index, axis, end, k, nodes, shares, xi, self%outward(:, ms))
-         self%surface(:, ms) = outer(:nd)
-         self%set(ms) = set_number(cloud%polar, axis, end)
+         self%surface(:, ms) = x(:, k)
+         self%outward(:, ms) = area(:, k)
+         self%set(ms) = set_number(cloud%polar, d, end)
          do q = 1, own
-            digit = digits_of(q - 1, points)
-            eta = rule(digit(:nd) + 1)
-            nl = nl + 1
-            self%lift_point(nl) = np + q
-            self%lift(nl) = product(kernel(eta, xi)*share(digit(:nd) + 1))/self%weight(np + q)
+            at = digits_of(q - 1, points)
+            associate (eta => rule%node(at(:nd) + 1), l => own*(ms - 1) + q)
+               self%lift_point(l) = np + q
+               self%lift(l) = product(kernel(eta, xi(:, k))*rule%share(at(:nd) + 1)) &
+                  & /self%weight(np + q)
+            end associate
          end do
-         self%lift_first(ms + 1) = nl
       end do
    end subroutine add_surface
-
-   !> Faces on the surface whose finer points do not all lie in the same sets
-   subroutine find_cut(error)
-      type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: at(:, :), area(:, :)
-      integer, allocatable :: face(:), side_of(:)
-      logical, allocatable :: within(:, :)
-      real(wp) :: xi(nd)
-      integer :: c, e, end, index(3), k, n, each
-
-      allocate (cut(2*nd, product(cells)), source=.false.)
-      if (.not. allocated(cloud%region)) return
-      each = size(fine_rule)**(nd - 1)
-      n = faces/count**(nd - 1)*each
-      allocate (at(nd, n), area(nd, n), face(n), side_of(n))
-      n = 0
-      do c = 1, product(cells)
-         index = digits_of(c - 1, cells)
-         do e = 1, nd
-            do end = 0, 1
-               if (index(e) /= end*(cells(e) - 1)) cycle
-               do k = 1, each
-                  n = n + 1
-                  call face_point(index, e, end, k, fine_rule, fine_share, xi, area(:, n))
-                  at(:, n) = outer(:nd)
-                  side_of(n) = set_number(cloud%polar, e, end)
-                  face(n) = 2*e - 1 + end + 2*nd*(c - 1)
-               end do
-            end do
-         end do
-      end do
-      call sets_of(cloud, at, area, side_of, nearest_points(cloud%points, at), within, error)
-      if (allocated(error)) return
-      do k = 1, n, each
-         associate (here => within(:, k:k + each - 1))
-            cut(1 + mod(face(k) - 1, 2*nd), 1 + (face(k) - 1)/(2*nd)) &
-               & = any(any(here, dim=2) .and. .not. all(here, dim=2))
-         end associate
-      end do
-   end subroutine find_cut
-
-   !> Faces that are cut
-   integer function cuts()
-      integer :: c, e
-
-      cuts = 0
-      do c = 1, size(cut, 2)
-         do e = 1, size(cut, 1)
-            if (cut(e, c)) cuts = cuts + 1
-         end do
-      end do
-   end function cuts
 
    !> Reproducing kernel of Legendre polynomials up to the degree, in each direction
    elemental real(wp) function kernel(x, y)
@@ -288,22 +205,150 @@ contains
 
 end subroutine gauss_cells
 
+!> Place of a point of a cell
+pure subroutine place(self, cell, xi, x, jacobian, map)
+   !> Lattice
+   class(lattice_type), intent(in) :: self
+   !> Cell, from 0
+   integer, intent(in) :: cell(3)
+   !> Its point from -1 to 1, shape (nd)
+   real(wp), intent(in) :: xi(:)
+   !> Place, shape (nd) [length]
+   real(wp), intent(out) :: x(:)
+   !> Volume per that of the square from -1 to 1 [length^nd]
+   real(wp), intent(out) :: jacobian
+   !> Derivatives of the place by xi, orthogonal columns, zero beyond nd [length]
+   real(wp), intent(out), optional :: map(3, 3)
+   real(wp) :: q(3)
+   integer :: e
+
+   q = 0.0_wp
+   if (present(map)) map = 0.0_wp
+   associate (nd => self%nd, step => self%step)
+      q(:nd) = self%low(:nd) + step(:nd)*(cell(:nd) + 0.5_wp*(1.0_wp + xi))
+      if (self%polar) then
+         x = q(1)*[cos(q(2)), sin(q(2))]
+         jacobian = 0.25_wp*step(1)*step(2)*q(1)
+         if (.not. present(map)) return
+         map(:2, 1) = 0.5_wp*step(1)*[cos(q(2)), sin(q(2))]
+         map(:2, 2) = 0.5_wp*step(2)*q(1)*[-sin(q(2)), cos(q(2))]
+      else
+         x = q(:nd)
+         jacobian = product(0.5_wp*step(:nd))
+         if (.not. present(map)) return
+         do e = 1, nd
+            map(e, e) = 0.5_wp*step(e)
+         end do
+      end if
+   end associate
+end subroutine place
+
+!> Gauss points of a face of a cell
+pure subroutine face_points(self, cell, axis, end, rule, xi, x, area)
+   !> Lattice
+   class(lattice_type), intent(in) :: self
+   !> Cell, from 0
+   integer, intent(in) :: cell(3)
+   !> Direction across the face, and its lower (0) or upper (1) end
+   integer, intent(in) :: axis, end
+   !> Rule in each direction of the face
+   type(rule_type), intent(in) :: rule
+   !> Points of the cell from -1 to 1, their places [length], normals times area [length^(nd-1)],
+   !> shape (nd, n) each
+   real(wp), allocatable, intent(out) :: xi(:, :), x(:, :), area(:, :)
+   real(wp) :: length, jacobian, map(3, 3)
+   integer :: e, k, n, sub(3)
+
+   associate (nodes => rule%node, shares => rule%share, nd => self%nd, turn => self%step(2))
+      k = size(nodes)**(nd - 1)
+      allocate (xi(nd, k), x(nd, k), area(nd, k))
+      do k = 1, size(x, 2)
+         n = 0
+         length = 1.0_wp
+         sub = digits_of(k - 1, [size(nodes), merge(size(nodes), 1, nd == 3), 1])
+         do e = 1, nd
+            if (e == axis) then
+               xi(e, k) = 2.0_wp*end - 1.0_wp
+            else
+               n = n + 1
+               xi(e, k) = nodes(sub(n) + 1)
+               length = length*shares(sub(n) + 1)
+            end if
+         end do
+         call self%place(cell, xi(:, k), x(:, k), jacobian, map)
+         ! columns of the map are orthogonal: the face's area is the product of the others' lengths
+         area(:, k) = xi(axis, k)*length*jacobian*map(:nd, axis)/sum(map(:, axis)**2)
+         ! normals of an arc add up to its chord, so that the faces of a cell close around it
+         if (self%polar .and. axis == 1) area(:, k) = area(:, k)*2.0_wp*sin(0.5_wp*turn) &
+            & /sum(0.5_wp*turn*shares*cos(0.5_wp*turn*nodes))
+      end do
+   end associate
+end subroutine face_points
+
+!> Faces on the surface whose finer points do not all lie in the same sets
+subroutine find_cut(cloud, lattice, fine, cut, error)
+   !> Cloud with a lattice
+   type(cloud_type), intent(in) :: cloud
+   !> Its cells
+   type(lattice_type), intent(in) :: lattice
+   !> Finer rule
+   type(rule_type), intent(in) :: fine
+   !> Whether each face of each cell is cut, shape (2 nd, cells)
+   logical, allocatable, intent(out) :: cut(:, :)
+   !> Error handling: a set's expression that is not finite
+   type(error_type), allocatable, intent(out) :: error
+   real(wp), allocatable :: at(:, :), area(:, :), xi(:, :), x(:, :), outward(:, :)
+   integer, allocatable :: side_of(:)
+   logical, allocatable :: within(:, :), outer(:, :)
+   integer :: c, cell(3), d, end, k, n, each
+
+   associate (nd => lattice%nd, cells => lattice%cells)
+      allocate (cut(2*nd, product(cells)), source=.false.)
+      if (.not. allocated(cloud%region)) return
+      allocate (outer(2*nd, product(cells)))
+      do c = 1, size(outer, 2)
+         cell = digits_of(c - 1, cells)
+         outer(:, c) = [((cell(d) == end*(cells(d) - 1), end=0, 1), d=1, nd)]
+      end do
+      each = size(fine%node)**(nd - 1)
+      allocate (at(nd, each*count(outer)), area(nd, each*count(outer)))
+      allocate (side_of(size(at, 2)))
+      n = 0
+      do c = 1, size(outer, 2)
+         do k = 1, 2*nd
+            if (.not. outer(k, c)) cycle
+            d = (k + 1)/2
+            end = k + 1 - 2*d
+            call lattice%face_points(digits_of(c - 1, cells), d, end, fine, xi, x, outward)
+            at(:, n + 1:n + each) = x
+            area(:, n + 1:n + each) = outward
+            side_of(n + 1:n + each) = set_number(cloud%polar, d, end)
+            n = n + each
+         end do
+      end do
+      call sets_of(cloud, at, area, side_of, nearest_points(cloud%points, at), within, error)
+      if (allocated(error)) return
+      cut = unpack([(any(any(within(:, k:k + each - 1), dim=2) &
+         & .and. .not. all(within(:, k:k + each - 1), dim=2)), k=1, n, each)], outer, .false.)
+   end associate
+end subroutine find_cut
+
 !> A rule on equal parts of the line from -1 to 1
-pure subroutine compose(rule, share, parts, fine_rule, fine_share)
-   !> Points and weights, shape (n)
-   real(wp), intent(in) :: rule(:), share(:)
+pure function composed(rule, parts) result(fine)
+   !> Rule on a part
+   type(rule_type), intent(in) :: rule
    !> Parts
    integer, intent(in) :: parts
-   !> Points and weights on them, shape (n*parts)
-   real(wp), intent(out) :: fine_rule(:), fine_share(:)
+   type(rule_type) :: fine
    integer :: k, n
 
-   n = size(rule)
+   n = size(rule%node)
+   allocate (fine%node(n*parts), fine%share(n*parts))
    do k = 1, parts
-      fine_rule(n*(k - 1) + 1:n*k) = (rule + 2*k - 1)/parts - 1.0_wp
-      fine_share(n*(k - 1) + 1:n*k) = share/parts
+      fine%node(n*(k - 1) + 1:n*k) = (rule%node + 2*k - 1)/parts - 1.0_wp
+      fine%share(n*(k - 1) + 1:n*k) = rule%share/parts
    end do
-end subroutine compose
+end function composed
 
 !> Groups of cells in one direction, which lie symmetrically: a mirrored body is the same one
 elemental subroutine arrange(cells, in_space, pairs, ones, groups)
