@@ -948,13 +948,8 @@ function set_force(self, set, state, share, about) result(force)
    ! of a motion the load is the time; its expressions had values then
    if (allocated(self%scene%motion)) call prescribed_at(self%scene, self%cells, essential, value, &
       & traction, error, state%load)
-   if (present(about)) then
-      force = self%surface%torque(self%cells, set, state, about)
-      if (allocated(self%held)) force = force + self%held%torque(set, state%held, state%x, about)
-   else
-      force = self%surface%force(self%cells, set, state, value, traction)
-      if (allocated(self%held)) force = force + self%held%force(set, state%held)
-   end if
+   force = self%surface%force(self%cells, set, state, value, traction, about)
+   if (allocated(self%held)) force = force + self%held%force(set, state%held, state%x, about)
 end function set_force
 
 !> Displacement of the middle of a set: of a part of the surface that of its integration points, of

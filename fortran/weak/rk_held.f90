@@ -76,9 +76,8 @@ module rk_held
       procedure :: constrain
       !> Forces on held points
       procedure :: reaction
-      !> Force and moment through a boundary set
+      !> Force through a boundary set, or its moment
       procedure :: force => set_force
-      procedure :: torque => set_torque
    end type held_type
 
    !> Resistance of a row in shear moduli, and in bulk moduli beside it, over spacing: more takes
@@ -405,26 +404,9 @@ function reaction(self, f) result(force)
    force = unpack(self%rows%multipliers(f), self%row > 0, 0.0_wp)
 end function reaction
 
-!> Force of the supports through a boundary set; sets that hold the same component of a point have
-!> equal parts in it
-pure function set_force(self, set, held) result(force)
-   !> What is held
-   class(held_type), intent(in) :: self
-   !> Boundary set
-   integer, intent(in) :: set
-   !> Forces on held points, shape (fields, nh) [force]
-   real(wp), intent(in) :: held(:, :)
-   real(wp) :: force(3)
-   integer :: e
-
-   force = 0.0_wp
-   do e = 1, size(self%at%side)
-      if (self%at%in_set(e, set)) force = force + entry_force(self, e, held)
-   end do
-end function set_force
-
-!> Moment of these forces where the set has moved to
-pure function set_torque(self, set, held, x, about) result(torque)
+!> Force of the supports through a boundary set, or its moment where the set has moved to; sets that
+!> hold the same component of a point have equal parts in it
+pure function set_force(self, set, held, x, about) result(force)
    !> What is held
    class(held_type), intent(in) :: self
    !> Boundary set
@@ -433,23 +415,27 @@ pure function set_torque(self, set, held, x, about) result(torque)
    real(wp), intent(in) :: held(:, :)
    !> Unknowns, shape (n) [length]
    real(wp), intent(in) :: x(:)
-   !> Point about which it turns [length]
-   real(wp), intent(in) :: about(3)
-   real(wp) :: torque(3), arm(3), u(size(held, 1), self%points%shape%nq)
+   !> Point about which the moment is wanted [length]
+   real(wp), intent(in), optional :: about(3)
+   real(wp) :: force(3), own(3), arm(3), u(size(held, 1), self%points%shape%nq)
    integer :: e
 
-   torque = 0.0_wp
+   force = 0.0_wp
    do e = 1, size(self%at%side)
       if (.not. self%at%in_set(e, set)) cycle
-      associate (h => self%at%place(e))
-         call self%points%shape%interpolate(h, x, 1, 1, u)
-         arm = -about
-         arm(:size(self%at%x, 1)) = arm(:size(self%at%x, 1)) + self%at%x(:, h)
-         arm(:size(u, 1)) = arm(:size(u, 1)) + u(:, 1)
-      end associate
-      torque = torque + vector_product(arm, entry_force(self, e, held))
+      own = entry_force(self, e, held)
+      if (present(about)) then
+         associate (h => self%at%place(e))
+            call self%points%shape%interpolate(h, x, 1, 1, u)
+            arm = -about
+            arm(:size(self%at%x, 1)) = arm(:size(self%at%x, 1)) + self%at%x(:, h)
+            arm(:size(u, 1)) = arm(:size(u, 1)) + u(:, 1)
+         end associate
+         own = vector_product(arm, own)
+      end if
+      force = force + own
    end do
-end function set_torque
+end function set_force
 
 !> Part of an entry's set in the force on its point
 pure function entry_force(self, e, held) result(force)

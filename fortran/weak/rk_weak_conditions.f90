@@ -53,7 +53,7 @@ module rk_weak_conditions
       procedure :: add_forces
       !> Energy of the penalty
       procedure :: held_energy
-      !> Force through a set
+      !> Force through a set, or its moment
       procedure :: force => set_force
       !> Force of a pressure at a point, and the deformation gradient there
       procedure :: pressure_force
@@ -61,8 +61,6 @@ module rk_weak_conditions
       !> What is prescribed at a point
       procedure :: held_at
       procedure, private :: pushed_at
-      !> Moment of the forces on a set
-      procedure :: torque => set_torque
       !> Share of lifting and penalty in the forces on one side of a cut
       procedure :: held_force
    end type surface_type
@@ -370,8 +368,9 @@ subroutine add_body_force(inside, weight, body_force, force)
    end do
 end subroutine add_body_force
 
-!> Force that the surroundings exert on the body through a set: what does work when the set moves
-function set_force(self, cells, set, state, value, traction) result(force)
+!> Force that the surroundings exert on the body through a set: what does work when the set moves;
+!> or its moment where the set has moved to: what does work when it turns there
+function set_force(self, cells, set, state, value, traction, about) result(force)
    !> Surface
    class(surface_type), intent(in) :: self
    !> Integration points
@@ -381,50 +380,32 @@ function set_force(self, cells, set, state, value, traction) result(force)
    !> State
    type(field_state), intent(in) :: state
    !> Prescribed values and tractions of the state's time, in place of those of the load factors,
-   !> shape (1, nd, ms) [length], [force/area]
+   !> shape (1, fields, ms) [length], [force/area]
    real(wp), intent(in), optional :: value(:, :, :), traction(:, :, :)
-   real(wp) :: force(3), u(3)
-   integer :: s
-
-   force = 0.0_wp
-   do s = 1, size(cells%set)
-      if (.not. cells%in_set(s, set)) cycle
-      if (present(value)) then
-         call add_point_force(self, cells, s, state, value(1, :, s), traction(1, :, s), force, u)
-      else
-         call add_point_force(self, cells, s, state, self%held_at(s, state), &
-            & self%pushed_at(s, state), force, u)
-      end if
-   end do
-end function set_force
-
-!> Moment of these forces where the set has moved to: what does work when it turns there
-function set_torque(self, cells, set, state, about) result(torque)
-   !> Surface
-   class(surface_type), intent(in) :: self
-   !> Integration points
-   type(cells_type), intent(in) :: cells
-   !> Boundary set
-   integer, intent(in) :: set
-   !> State
-   type(field_state), intent(in) :: state
-   !> Point about which it turns [length]
-   real(wp), intent(in) :: about(3)
-   real(wp) :: torque(3), arm(3), force(3), u(3)
+   !> Point about which the moment is wanted [length]
+   real(wp), intent(in), optional :: about(3)
+   real(wp) :: force(3), own(3), arm(3), u(3)
    integer :: nd, s
 
    nd = size(cells%surface, 1)
-   torque = 0.0_wp
+   force = 0.0_wp
    do s = 1, size(cells%set)
       if (.not. cells%in_set(s, set)) cycle
-      force = 0.0_wp
-      call add_point_force(self, cells, s, state, self%held_at(s, state), &
-         & self%pushed_at(s, state), force, u)
-      arm = u - about
-      arm(:nd) = arm(:nd) + cells%surface(:, s)
-      torque = torque + vector_product(arm, force)
+      own = merge(0.0_wp, force, present(about))
+      if (present(value)) then
+         call add_point_force(self, cells, s, state, value(1, :, s), traction(1, :, s), own, u)
+      else
+         call add_point_force(self, cells, s, state, self%held_at(s, state), &
+            & self%pushed_at(s, state), own, u)
+      end if
+      if (present(about)) then
+         arm = u - about
+         arm(:nd) = arm(:nd) + cells%surface(:, s)
+         own = force + vector_product(arm, own)
+      end if
+      force = own
    end do
-end function set_torque
+end function set_force
 
 !> Displacement that is prescribed at a point, by load factors and by the plate it belongs to
 pure function held_at(self, s, state) result(u)
