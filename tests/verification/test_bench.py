@@ -261,8 +261,7 @@ def test_every_benchmark_is_run_by_a_test() -> None:
 
 
 def test_curves(tmp_path: Path) -> None:
-    """The mixed form, without which the tube locks, is nearer at both sizes, and finite elements
-    come nearer with each mesh."""
+    """The mixed form, without which the tube locks, is nearer at both sizes."""
     bench = quick("curves", tmp_path)
     tube = [case for case in bench["cases"] if case["size"] in ("5 x 26", "7 x 38")]
     assert {case["outcome"] for case in tube} == {"converged"}
@@ -270,8 +269,6 @@ def test_curves(tmp_path: Path) -> None:
     locked, mixed = (f"{form}, order 2, 4 h" for form in ("rkcm", "rkcm-mixed"))
     for size in ("5 x 26", "7 x 38"):
         assert error[mixed, size] < 0.2 * error[locked, size]
-    rivals = [case["error"] for case in bench["cases"] if case.get("rival")]
-    assert len(rivals) == 3 and rivals == sorted(rivals, reverse=True)
 
 
 def test_trust(tmp_path: Path) -> None:

@@ -1,8 +1,8 @@
 """Speed against error: orders, supports, formulations and sizes; each point a solve in this run.
 
-The tube is compared with the exact solution and with felupe's mixed finite elements; the muscle
-blocks with converged finite elements (inclined fibers, the references of the deck) and with the
-exact state far from the ends (straight fibers).
+The tube is compared with the exact solution; the muscle blocks with converged finite elements
+(inclined fibers, the references of the deck) and with the exact state far from the ends (straight
+fibers). Finite elements beside both are in the benchmark `race` of a checkout.
 """
 
 from __future__ import annotations
@@ -11,14 +11,11 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from myork.bench import exact, of_checkout
+from myork.bench import exact
 from myork.bench.materials import along_fibers
 from myork.bench.runs import PUBLISHED_BLOCK, lattice, read_deck, solve_case
 from myork.bench.tables import speed_plot, speed_table
 from myork.console import ProgressCallback
-from myork.errors import InputError
 
 __all__ = ["Choice", "block_cases", "choice", "curve_name", "run", "sweep", "tube_cases"]
 
@@ -41,7 +38,6 @@ _TUBE = (
 )
 # The coarsest cloud whose supports an order can fill comes first
 _TUBE_SIZES = ((5, 26), (7, 38), (9, 51), (13, 76))
-_ELEMENTS = ((1, 2), (1, 4), (2, 8), (4, 16), (6, 24))
 _BLOCK = ((2, 3.0, "rkcm"), (3, 4.0, "rkcm"), (2, 3.0, "rkcm-mixed"), (3, 4.0, "rkcm-mixed"))
 # Order 2 of each method
 _QUICK_TUBE = (_TUBE[0], _TUBE[6])
@@ -54,7 +50,6 @@ def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
     limit = 60.0 if quick else 600.0
     tubes, blocks = (_QUICK_TUBE, _QUICK_BLOCK) if quick else (_TUBE, _BLOCK)
     tube = tube_cases(progress, tubes, _TUBE_SIZES[: 2 if quick else 4], limit)
-    tube += _felupe(progress, _ELEMENTS[: 3 if quick else 5])
     sizes = _BLOCK_SIZES[: 1 if quick else 3]
     straight = block_cases(progress, "muscle_block", blocks, sizes, limit)
     inclined = block_cases(progress, "muscle_fibers", blocks, sizes, limit)
@@ -138,35 +133,6 @@ def tube_cases(
 
     steps = (f"load.steps={_STEPS}",)
     return sweep(progress, "tube", choices, sizes, steps, error, limit=limit, thin=True)
-
-
-def _felupe(
-    progress: ProgressCallback, elements: tuple[tuple[int, int], ...]
-) -> list[dict[str, Any]]:
-    """Points of the rival, in a checkout; a first, unmeasured solve loads what it needs."""
-    progress("felupe")
-    try:
-        solve_deck = of_checkout("truths.finite_elements").solve_deck
-    except InputError as reason:
-        progress(f"no finite elements: {reason}")
-        return []
-    deck = read_deck("tube")
-    # the stress on the wall follows from the work-conjugate force, more exact than at any node
-    deck["probe"] = []
-    inner = float(deck["geometry"]["inner_radius"])
-    solution = exact.inner_stress(deck)
-    loads = [(step + 1) / _STEPS for step in range(_STEPS)]
-    solve_deck(deck, (1, 2))
-    cases = []
-    for size in elements:
-        case = solve_deck(deck, size, loads=loads, tolerance=1e-9)
-        points, force = case.pop("forces")["inner"]
-        case["value"] = -float((force * points).sum() / inner / (0.5 * np.pi * 2.0 * inner))
-        case |= {"curve": "felupe, mixed Q2", "size": f"{size[0]} x {size[1]} elements"}
-        case |= {"outcome": "converged", "message": "", "rival": True}
-        case["error"] = abs(case["value"] / solution - 1.0)
-        cases.append(case)
-    return cases
 
 
 def block_cases(

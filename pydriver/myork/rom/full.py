@@ -12,9 +12,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from myork.core.changing import scene_at
 from myork.core.galerkin import LoadParts, load_parts, modal_products
 from myork.core.scene import Scene
-from myork.errors import ConvergenceError, InputError
+from myork.errors import ConvergenceError
 from myork.model_file import model_bytes, model_of_bytes, write_model
 from myork.records import PointCloud
 from myork.rom.parameters import Parameter, override, value_of
@@ -86,7 +87,7 @@ class FullModel:
         self.cloud = cloud
         self._threads = threads
         self._scene: Scene | None = None
-        self._fixed: list[str] = []
+        self._has: dict[str, float] = {}
         self._load: dict[str, Any] = {}
         # an open scene reads its deck again where it takes other values
         self._folder = Path(tempfile.mkdtemp(prefix="myork-"))
@@ -187,20 +188,16 @@ class FullModel:
 
     def _at(self, parameters: Sequence[Parameter], values: F64) -> Scene:
         """The scene at values; it is opened once for all that an open scene can change."""
-        pairs = list(zip(parameters, values, strict=True))
-        fixed = [override(p, v) for p, v in pairs if p.kind == "fiber_angle"]
-        if self._scene is not None and self._fixed == fixed:
-            try:
-                self._scene.update({p.key: float(v) for p, v in pairs if p.kind != "fiber_angle"})
-                return self._scene
-            except InputError:
-                # materials of what is solved by iterations stay as they were opened
-                pass
-        if self._scene is not None:
-            self._scene.close()
-        self._scene, self._fixed = self.open([override(p, v) for p, v in pairs]), fixed
-        own = self._scene.deck["load"]
-        self._load = {f"load.{k}": own[k] for k in ("steps", "max_halvings")}
+        wanted = {p.key: float(v) for p, v in zip(parameters, values, strict=True)}
+        if self._scene is None:
+            self._scene = self.open(
+                [override(p, v) for p, v in zip(parameters, values, strict=True)]
+            )
+            own = self._scene.deck["load"]
+            self._load = {f"load.{k}": own[k] for k in ("steps", "max_halvings")}
+        else:
+            self._scene = scene_at(self._scene, self._has, wanted, self.open)
+        self._has = wanted
         return self._scene
 
     def _state(self, scene: Scene, x: F64, load: F64, cpu: float, started: bool) -> FullState:
