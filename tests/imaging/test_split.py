@@ -295,6 +295,18 @@ SEED = bone(39, 34, 0)
         ([bone(1, 34, 0)], {}, "muscle.bone: .* does not lie in the region to segment"),
         ([bone(-9, 34, 0)], {}, "muscle.bone: .* lies outside of"),
         ([], {"seed": [1, 1, 0]}, "image.seed = .* does not lie"),
+        *(
+            (
+                [],
+                {"split": split, "reference": "old.nii.gz", key: 1},
+                f"{key}: only for split = .*; here split = {split}",
+            )
+            for split, key in (
+                ("pieces", "edge_weight"),
+                ("nearest", "edge_weight"),
+                ("pieces", "reference_margin"),
+            )
+        ),
         ([], {"reference": "nothing.nii.gz"}, "nothing.nii.gz: there is no such file"),
         ([], {"reference": "old.nii.gz"}, "old.nii.gz and .*leg.nii.gz have different affines"),
     ],
@@ -309,15 +321,6 @@ def test_what_cannot_be_is_told_before_the_level_sets(tmp_path, monkeypatch, rul
     monkeypatch.setattr("myork.segmentation.images.segment_regions", computed)
     with pytest.raises((InputError, FileError), match=message):
         parted(tmp_path, rules, **keys)
-
-
-@pytest.mark.parametrize(
-    ("split", "key"), [("pieces", "edge_weight"), ("nearest", "edge_weight"),
-                       ("pieces", "reference_margin")]
-)  # fmt: skip
-def test_keys_of_another_split_are_refused(tmp_path, split, key):
-    with pytest.raises(InputError, match=f"{key}: only for split = .*; here split = {split}"):
-        parted(tmp_path, split=split, reference="old.nii.gz", **{key: 1})
 
 
 def test_seeds_of_one_muscle_start_all_regions(tmp_path):

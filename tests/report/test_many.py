@@ -1,8 +1,6 @@
 """Pages of sweeps and of several runs: effects that are known, failures, runs that disagree."""
 
-import html
 import json
-import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,24 +13,7 @@ from myork.report import compare_runs, make_report
 from myork.report.sweep_figures import Column, Fit, tornado_figure, trend_figure
 from myork.report.sweep_page import read_sweep
 from myork.stations.solve import run_deck
-
-
-class Page:
-    """Text and sections of a page."""
-
-    def __init__(self, path: Path) -> None:
-        source = path.read_text(encoding="utf-8")
-        body = re.sub(r"<style>.*?</style>|<img [^>]*>", "", source, flags=re.DOTALL)
-        self.text = html.unescape(re.sub(r"<[^>]*>", "", body))
-        self.sections = re.findall(r'<section id="(\w+)"', source)
-        self.images = re.findall(r"<img ", source)
-
-
-def change_summary(folder: Path, change: Callable[[dict[str, Any]], object]) -> None:
-    path = folder / "summary.json"
-    content = json.loads(path.read_text())
-    change(content)
-    path.write_text(json.dumps(content))
+from tests.report.pages import Page, change_summary
 
 
 def force_of(sigma: float, angle: float) -> float:

@@ -7,8 +7,6 @@ import numpy as np
 import pytest
 
 from myork import Scene, run_deck
-from myork.core.deck import load_deck
-from myork.errors import InputError
 from tests import scenes
 from tests.scenes import box, held, refused, scene
 
@@ -191,59 +189,57 @@ def test_a_plane_body_turns_about_z() -> None:
     np.testing.assert_allclose(corner, [-0.5, -1.5], atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("change", "complaint"),
-    [
-        ({"time": [0, 0.5, 0.5, 1]}, "amplitude.pull.time: must ascend: item 3, 0.5, follows 0.5"),
-        ({"time": [0, 0.5]}, "amplitude.pull.value: must have as many items as time, 2, not 4"),
-        ({"time": [0.1, 0.2, 0.3, 1]}, "amplitude.pull.time: must start at 0, not 0.1"),
-        ({"time": [0, 0.5, 1, 2]}, "amplitude.pull.time: item 4 must be at least 0 and at most 1"),
-        ({"curve": "round"}, "amplitude.pull.curve: must be one of linear, smooth"),
-        ({"name": "push"}, "no [[amplitude]] is called 'pull'; there are: push"),
-    ],
-)
-def test_amplitudes_that_cannot_be(change: dict[str, Any], complaint: str) -> None:
-    deck = block()
+def with_amplitude(load: dict[str, Any] | None = None, **change: Any) -> dict[str, Any]:
+    deck = block() if load is None else block(load=load)
     deck["amplitude"][0].update(change)
-    assert complaint in refused(deck)
+    return deck
+
+
+def with_end(**table: Any) -> dict[str, Any]:
+    return block(boundary=[held("z0"), {"set": "z1", **table}])
+
+
+def with_probe(method: str = "auto", **probe: Any) -> dict[str, Any]:
+    return block(method, probe=[{"name": "p", **probe}])
 
 
 @pytest.mark.parametrize(
-    ("table", "complaint"),
+    ("deck", "complaint"),
     [
-        ({"rotation": 10}, "about: missing, an array of numbers is needed for rotation"),
-        ({"rotation": 10, "about": [0, 0, 0]}, "axis: missing, an array of numbers is needed"),
-        ({"u_x": 1, "axis": [0, 0, 1]}, "axis: needs rotation beside it"),
-        ({"u_x": 1, "about": [0, 0, 1]}, "about: needs rotation beside it"),
         (
-            {"rotation": 1, "axis": [0, 0, 1], "about": [0, 0, 0], "traction": [0, 0, 1]},
+            with_amplitude(time=[0, 0.5, 0.5, 1]),
+            "amplitude.pull.time: must ascend: item 3, 0.5, follows 0.5",
+        ),
+        (with_amplitude(time=[0, 0.5]), "pull.value: must have as many items as time, 2, not 4"),
+        (with_amplitude(time=[0.1, 0.2, 0.3, 1]), "pull.time: must start at 0, not 0.1"),
+        (with_amplitude(time=[0, 0.5, 1, 2]), "pull.time: item 4 must be at least 0 and at most 1"),
+        (with_amplitude(curve="round"), "amplitude.pull.curve: must be one of linear, smooth"),
+        (with_amplitude(name="push"), "no [[amplitude]] is called 'pull'; there are: push"),
+        (with_amplitude({"amplitude": "pull"}), "there is no activation that could follow it"),
+        (
+            with_amplitude({"amplitude": "pull", "activation": 0.7}, value=[0, 2, 1, 0]),
+            "leads to an activation of 1.4 of muscle",
+        ),
+        (with_end(rotation=10), "about: missing, an array of numbers is needed for rotation"),
+        (with_end(rotation=10, about=[0, 0, 0]), "axis: missing, an array of numbers is needed"),
+        (with_end(u_x=1, axis=[0, 0, 1]), "axis: needs rotation beside it"),
+        (with_end(u_x=1, about=[0, 0, 1]), "about: needs rotation beside it"),
+        (
+            with_end(rotation=1, axis=[0, 0, 1], about=[0, 0, 0], traction=[0, 0, 1]),
             "rotation: cannot be given beside traction",
+        ),
+        (with_probe(quantity="pennation", normal=[0, 0, 1]), "material: missing, a text is needed"),
+        (with_probe(quantity="energy", set="z1"), "set: has no place beside energy, which is of a"),
+        (with_probe(quantity="J"), "probe.p: needs one of the keys point, set"),
+        (with_probe(quantity="J", point=[0, 0, 0], material="muscle"), "material: only for quanti"),
+        (
+            with_probe("rkcm", quantity="force", set="z1", material="muscle"),
+            "parts of forces need a Galerkin form",
         ),
     ],
 )
-def test_motions_that_cannot_be(table: dict[str, Any], complaint: str) -> None:
-    deck = block(boundary=[held("z0"), {"set": "z1", **table}])
+def test_what_cannot_be_is_refused(deck: dict[str, Any], complaint: str) -> None:
     assert complaint in refused(deck)
-
-
-@pytest.mark.parametrize(
-    ("load", "complaint"),
-    [
-        ({"amplitude": "pull"}, "load.amplitude: there is no activation that could follow it"),
-        ({"amplitude": "pull", "activation": 0.7}, "leads to an activation of 1.4 of muscle"),
-    ],
-)
-def test_activations_that_cannot_be(load: dict[str, Any], complaint: str) -> None:
-    deck = block(load=load)
-    deck["amplitude"][0]["value"] = [0, 2, 1, 0]
-    assert complaint in refused(deck)
-
-
-def test_two_sets_that_meet_must_move_alike() -> None:
-    deck = block()
-    deck["boundary"].append({"set": "x0", "u_z": 0.2})
-    with pytest.raises(InputError, match="boundary sets prescribe two displacements"):
-        Scene.from_tables(deck)
 
 
 def test_summary_tells_activations_where_they_differ(tmp_path: Path) -> None:
@@ -309,26 +305,3 @@ def test_stretch_and_pennation_of_a_stretched_block(method: str) -> None:
     fiber = np.array([across * np.sin(angle), stretch * np.cos(angle)])
     expected = [np.linalg.norm(fiber), np.degrees(np.arctan2(*fiber))]
     np.testing.assert_allclose(probes[-1], expected, rtol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("probe", "complaint"),
-    [
-        ({"quantity": "pennation", "normal": [0, 0, 1]}, "material: missing, a text is needed for"),
-        ({"quantity": "energy", "set": "z1"}, "set: has no place beside energy, which is of a"),
-        ({"quantity": "J"}, "probe.p: needs one of the keys point, set"),
-        (
-            {"quantity": "J", "point": [0, 0, 0], "material": "muscle"},
-            "material: only for quantity",
-        ),
-    ],
-)
-def test_probes_that_cannot_be(probe: dict[str, Any], complaint: str) -> None:
-    assert complaint in refused(block(probe=[{"name": "p", **probe}]))
-
-
-def test_collocation_does_not_know_the_parts_of_a_force() -> None:
-    probe = {"name": "p", "quantity": "force", "set": "z1", "material": "muscle"}
-    deck = block("rkcm", probe=[probe])
-    with pytest.raises(InputError, match="parts of forces need a Galerkin form"):
-        load_deck(deck, ())

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from myork.bench import linear
 from myork.core.scene import Scene
 from myork.errors import InputError
 from myork.results import Results
@@ -484,18 +483,3 @@ def test_explain_says_linear(inputs: Path) -> None:
     assert "linear elasticity in plane strain" in text
     assert "one least squares solve" in text
     assert "load steps" not in text
-
-
-@pytest.mark.slow
-def test_benchmark_returns_what_is_drawn(tmp_path: Path) -> None:
-    """The small benchmark: rates of every study, tables and curves of the same studies."""
-    result = linear.run(tmp_path, lambda line: None, True)
-    studies = [rate["study"] for rate in result["rates"]]
-    assert len(set(studies)) == len(studies)
-    assert {case["study"] for case in result["cases"]} == set(studies)
-    for rate in result["rates"]:
-        for norm, published in rate["published"].items():
-            assert rate[norm] > published - 0.1
-    (table,) = result["tables"]
-    assert all(len(row) == len(table["head"]) for row in table["rows"])
-    assert [plot["scale"] for plot in result["plots"]] == ["log-log", "log-log"]
