@@ -248,25 +248,7 @@ def test_every_benchmark_is_run_by_a_test() -> None:
     text = "".join(
         path.read_text(encoding="utf-8") for path in Path(__file__).parent.parent.rglob("test_*.py")
     )
-<<<<<<< HEAD
-    for name in BENCHES:
-        called = (f'quick("{name}"', f'run_benches(["{name}"]')
-        own = f"import {name}" in text
-        assert own or any(call in text for call in called), name
-
-
-def test_curves(tmp_path: Path) -> None:
-    """The mixed form, without which the tube locks, is nearer at both sizes."""
-    bench = quick("curves", tmp_path)
-    tube = [case for case in bench["cases"] if case["size"] in ("5 x 26", "7 x 38")]
-    assert {case["outcome"] for case in tube} == {"converged"}
-    error = {(case["curve"], case["size"]): case["error"] for case in tube}
-    locked, mixed = (f"{form}, order 2, 4 h" for form in ("rkcm", "rkcm-mixed"))
-    for size in ("5 x 26", "7 x 38"):
-        assert error[mixed, size] < 0.2 * error[locked, size]
-=======
     assert not [name for name in BENCHES if f'"{name}"' not in text]
->>>>>>> 9f0302c (Refusals of programmes, tendons and splits are one table each; pages are read in one place)
 
 
 def test_trust(tmp_path: Path) -> None:
