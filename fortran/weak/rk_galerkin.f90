@@ -45,7 +45,7 @@ module rk_galerkin
    use rk_tangent, only : new_tangent, tangent_type
    use rk_tensor, only : add_cross_form, cross, determinant, identity
    use rk_text, only : to_text
-   use rk_weak_conditions, only : add_body_force, new_pins, prescribed_at, set_conditions, &
+   use rk_weak_conditions, only : add_load, new_pins, prescribed_at, set_conditions, &
       & surface_type
    implicit none
    private
@@ -219,7 +219,7 @@ subroutine set_constants(self, shear, error)
    if (.not. self%linear) return
    call self%pins%add_penalty(self%matrix%symmetric_matrix, self%constant)
    call self%pins%add_forces(self%force)
-   call add_body_force(self%inside, self%cells%weight, sources(self, 0.0_wp, error), &
+   call add_load(self%inside, self%cells%weight, sources(self, 0.0_wp, error), &
       & self%force(:, ramp))
 end subroutine set_constants
 
@@ -322,7 +322,7 @@ subroutine set_point_loads(self, body_force, displacement, stress, place)
    call self%gradient%set_essential(self%cells, self%surface%essential, self%surface%value)
    self%force = 0.0_wp
    call self%surface%add_forces(self%force)
-   call add_body_force(self%inside, self%cells%weight, body_force(:nd, :np), self%force(:, ramp))
+   call add_load(self%inside, self%cells%weight, body_force(:nd, :np), self%force(:, ramp))
    if (.not. allocated(self%held)) return
    self%held%points%value = 0.0_wp
    self%held%points%value(ramp, :, :) = displacement(:nd, ms + 1:)

@@ -15,7 +15,7 @@ module rk_weak_conditions
    implicit none
    private
 
-   public :: surface_type, set_conditions, prescribed_at, add_body_force, new_pins
+   public :: surface_type, set_conditions, prescribed_at, add_load, new_pins
 
    !> What holds at the surface points of integration cells
    type :: surface_type
@@ -342,31 +342,30 @@ subroutine add_forces(self, force)
    end do
 end subroutine add_forces
 
-!> Forces of a body force, at full load
-subroutine add_body_force(inside, weight, body_force, force)
-   !> Shape functions at the integration points
-   type(shape_type), target, intent(in) :: inside
-   !> Weights of the points, shape (np) [length^nd]
+!> Forces of a load at points: of a body force, say
+subroutine add_load(shape, weight, load, force)
+   !> Shape functions at the points
+   type(shape_type), target, intent(in) :: shape
+   !> Volumes of the points, or areas, shape (np) [length^nd]
    real(wp), intent(in) :: weight(:)
-   !> Body force per undeformed volume, shape (nd, np) [force/length^3]
-   real(wp), intent(in) :: body_force(:, :)
+   !> Load per volume, or area, shape (fields, np) [force/length^nd]
+   real(wp), intent(in) :: load(:, :)
    !> Forces, to which these are added, shape (n) [force]
    real(wp), intent(inout) :: force(:)
    real(wp), pointer, contiguous :: values(:, :)
    integer, pointer, contiguous :: nodes(:)
    integer :: k, nd, q
 
-   nd = size(body_force, 1)
+   nd = size(load, 1)
    do q = 1, size(weight)
-      call inside%row(q, nodes, values)
+      call shape%row(q, nodes, values)
       do k = 1, size(nodes)
-         associate (node => nodes(k))
-            force(nd*(node - 1) + 1:nd*node) = force(nd*(node - 1) + 1:nd*node) &
-               & + weight(q)*values(1, k)*body_force(:, q)
+         associate (own => force(nd*(nodes(k) - 1) + 1:nd*nodes(k)))
+            own = own + weight(q)*values(1, k)*load(:, q)
          end associate
       end do
    end do
-end subroutine add_body_force
+end subroutine add_load
 
 !> Force that the surroundings exert on the body through a set: what does work when the set moves;
 !> or its moment where the set has moved to: what does work when it turns there

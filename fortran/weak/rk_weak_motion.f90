@@ -15,7 +15,7 @@ module rk_weak_motion
    use rk_sparse, only : factor_upper, sparse_factor
    use rk_spectrum, only : largest_eigenvalue
    use rk_states, only : field_state
-   use rk_weak_conditions, only : add_body_force, prescribed_at
+   use rk_weak_conditions, only : add_load, prescribed_at, surface_type
    implicit none
    private
 
@@ -27,6 +27,8 @@ module rk_weak_motion
       type(galerkin_problem), pointer :: problem => null()
       !> What moves it
       type(motion_type) :: motion
+      !> Mass of each integration point, shape (np)
+      real(wp), allocatable :: inertia(:)
       !> Entries of the mass matrix in the places of the stiffness
       real(wp), allocatable :: mass(:)
       !> Entries of the stiffness without the penalty
@@ -56,38 +58,32 @@ subroutine new_weak_motion(self, problem, error)
    type(galerkin_problem), target, intent(inout) :: problem
    !> Error handling: a density that is not positive
    type(error_type), allocatable, intent(out) :: error
-   real(wp), pointer, contiguous :: psi(:, :)
-   integer, pointer, contiguous :: nodes(:)
    type(evaluation_type) :: seen
-   real(wp), allocatable :: part(:, :), r(:)
+   type(surface_type) :: points
+   real(wp), allocatable :: r(:)
    real(wp) :: density
-   integer :: i, k, l, nf, q
+   integer :: q
 
    self%problem => problem
    self%motion = problem%scene%motion
    self%n = problem%n
    self%m = problem%n
    self%symmetric = .true.
-   nf = problem%fields
-   allocate (r(problem%n))
+   allocate (r(problem%n), source=0.0_wp)
    call problem%evaluate(0.0_wp*r, 0.0_wp, r, seen, tangent=.true.)
-   allocate (self%mass(size(problem%matrix%value)), source=0.0_wp)
-   do q = 1, size(problem%cells%weight)
+   self%inertia = problem%cells%weight
+   do q = 1, size(self%inertia)
       call self%motion%density_at(problem%cells%point(:, q), density, error)
       if (allocated(error)) return
-      call problem%inside%row(q, nodes, psi)
-      allocate (part(nf*size(nodes), nf*size(nodes)), source=0.0_wp)
-      do l = 1, size(nodes)
-         do k = 1, l
-            do i = 1, nf
-               part(nf*(k - 1) + i, nf*(l - 1) + i) = density*problem%cells%weight(q) &
-                  & *psi(1, k)*psi(1, l)
-            end do
-         end do
-      end do
-      call problem%matrix%add(self%mass, nodes, part)
-      deallocate (part)
+      self%inertia(q) = density*self%inertia(q)
    end do
+   ! a mass at a point resists as a penalty does
+   points%shape = problem%inside
+   points%penalty = self%inertia
+   allocate (points%essential(problem%fields, size(self%inertia)), source=.true.)
+   allocate (points%value(1, problem%fields, size(self%inertia)), source=0.0_wp)
+   allocate (self%mass(size(problem%matrix%value)), source=0.0_wp)
+   call points%add_penalty(problem%matrix%symmetric_matrix, self%mass)
    self%stiffness = problem%matrix%value - problem%constant
    self%varies = loads_vary(problem%scene)
    call loads_at(problem, 0.0_wp, self%force, self%held, error)
@@ -117,11 +113,7 @@ subroutine loads_at(self, time, force, held, error)
    type(field_state) :: at
    logical, allocatable :: essential(:, :)
    real(wp), allocatable :: value(:, :, :), traction(:, :, :)
-   real(wp), pointer, contiguous :: psi(:, :)
-   integer, pointer, contiguous :: nodes(:)
-   integer :: k, nf, s
 
-   nf = self%fields
    allocate (force(self%n), held(self%n), source=0.0_wp)
    call prescribed_at(self%scene, self%cells, essential, value, traction, error, time)
    if (allocated(error)) return
@@ -132,21 +124,12 @@ subroutine loads_at(self, time, force, held, error)
       force = -held
       held = 0.0_wp
    end if
-   call add_body_force(self%inside, self%cells%weight, sources(self, time, error), force)
+   call add_load(self%inside, self%cells%weight, sources(self, time, error), force)
    if (allocated(error)) return
-   do s = 1, size(self%cells%set)
-      call self%surface%shape%row(s, nodes, psi)
-      do k = 1, size(nodes)
-         associate (pull => force(nf*(nodes(k) - 1) + 1:nf*nodes(k)), &
-            & hold => held(nf*(nodes(k) - 1) + 1:nf*nodes(k)))
-            where (essential(:, s))
-               hold = hold + psi(1, k)*self%surface%penalty(s)*value(1, :, s)
-            elsewhere
-               pull = pull + psi(1, k)*self%surface%area(s)*traction(1, :, s)
-            end where
-         end associate
-      end do
-   end do
+   associate (surface => self%surface)
+      call add_load(surface%shape, surface%area, merge(0.0_wp, traction(1, :, :), essential), force)
+      call add_load(surface%shape, surface%penalty, merge(value(1, :, :), 0.0_wp, essential), held)
+   end associate
 end subroutine loads_at
 
 !> Largest stable time step
@@ -277,26 +260,15 @@ subroutine project(self, displacement, x, error)
    !> Error handling: an expression without a value somewhere
    type(error_type), allocatable, intent(out) :: error
    type(square_report) :: report
-   real(wp), pointer, contiguous :: psi(:, :)
-   integer, pointer, contiguous :: nodes(:)
-   real(wp) :: side(self%n), value(3), density
-   integer :: k, nf, q
+   real(wp) :: side(self%n), value(3, size(self%inertia))
+   integer :: q
 
-   nf = self%problem%fields
-   side = 0.0_wp
-   do q = 1, size(self%problem%cells%weight)
-      associate (place => self%problem%cells%point(:, q))
-         call self%motion%density_at(place, density, error)
-         call self%motion%initial(displacement, place, value, error)
-         if (allocated(error)) return
-      end associate
-      call self%problem%inside%row(q, nodes, psi)
-      do k = 1, size(nodes)
-         associate (own => side(nf*(nodes(k) - 1) + 1:nf*nodes(k)))
-            own = own + density*self%problem%cells%weight(q)*psi(1, k)*value(:nf)
-         end associate
-      end do
+   do q = 1, size(self%inertia)
+      call self%motion%initial(displacement, self%problem%cells%point(:, q), value(:, q), error)
+      if (allocated(error)) return
    end do
+   side = 0.0_wp
+   call add_load(self%problem%inside, self%inertia, value(:self%problem%fields, :), side)
    x = 0.0_wp
    if (any(abs(side) > 0.0_wp)) call self%problem%matrix%solve_with(self%mass, side, x, &
       & report, error)
