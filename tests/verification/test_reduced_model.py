@@ -14,7 +14,7 @@ from myork import ReducedModel, Scene, sweep
 from myork.cli import main
 from myork.core.deck import text_of_tables
 from myork.core.galerkin import galerkin_parts, load_parts, modal_products
-from myork.core.online import Model, Wish, assemble
+from myork.core.online import Model, assemble
 from myork.errors import FileError, InputError
 from myork.rom import projection
 from myork.rom.beyond import values_beyond
@@ -113,7 +113,7 @@ def test_all_cells_are_the_full_model(tables: dict[str, Any], change: list[str])
         force = scene.probes((basis @ a)[None], np.ones(1))[0, 0, 0]
         z = np.concatenate([a, [1.0]])
         state = np.stack([laws.activation, laws.sigma_max, 0.0 * laws.angle], axis=1)[..., None]
-        wish = Wish(np.asfortranarray(state), np.zeros((1, 1)), z[3:, None])
+        wish = np.concatenate([state.reshape(-1, 1, order="F"), np.zeros((1, 1)), z[3:, None]])
         residual, tangent, _, _ = assemble(model, wish, z)
         scale = np.abs(tangent[:3, :3]).max() * np.abs(a).max()
         # sums of a thousand products of rounded numbers

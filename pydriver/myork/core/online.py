@@ -13,7 +13,6 @@ __all__ = [
     "Cells",
     "Model",
     "Record",
-    "Wish",
     "assemble",
     "cell_stresses",
     "online_states",
@@ -111,25 +110,6 @@ class Model(NamedTuple):
     fibers: F64
 
 
-class Wish(NamedTuple):
-    """What states are asked for, by columns.
-
-    Attributes
-    ----------
-    state : F64
-        Activation, largest isometric stress and angle of the fibers [rad] of each tissue, shape
-        `(nt, 3, n)`.
-    modulus : F64
-        Parameters of materials less their values in the model, shape `(nm, n)`.
-    given : F64
-        Prescribed amplitudes, shape `(s - r, n)`.
-    """
-
-    state: F64
-    modulus: F64
-    given: F64
-
-
 class Record(NamedTuple):
     """A model as the core takes it, packed once: sizes and indices, then all other numbers."""
 
@@ -158,23 +138,23 @@ def record(model: Model, cells: Cells) -> Record:
     )
 
 
-def assemble(model: Model, wish: Wish, z: F64) -> tuple[F64, F64, F64, float]:
+def assemble(model: Model, wish: F64, z: F64) -> tuple[F64, F64, F64, float]:
     """Residual and tangent by all amplitudes, stresses times weights `(nc, 9)`, and smallest J.
 
-    `wish` holds one state; its prescribed amplitudes are those of `z`.
+    `wish` is one column, as `online_states` has many; its prescribed amplitudes are those of `z`.
     """
     residual, tangent, stress, min_j = _core.online_assemble(
-        *record(model, model.cells), _columns(wish)[:, 0], model.cells.h.shape[1], z
+        *record(model, model.cells), wish[:, 0], model.cells.h.shape[1], z
     )
     return residual, tangent, stress.T, float(min_j)
 
 
-def cell_stresses(cells: Cells, fibers: F64, wish: Wish, gradient: F64) -> F64:
+def cell_stresses(cells: Cells, fibers: F64, wish: F64, gradient: F64) -> F64:
     """Stresses times weights of states, shape `(n, nc, 9)`, of displacement gradients like that.
 
     The gradients of `cells` are not looked at; `fibers` are those of a `Model`.
     """
-    nc, moduli = gradient.shape[1], len(wish.modulus)
+    nc, moduli = gradient.shape[1], cells.bulk_slope.shape[1]
     # one amplitude, of size one, that makes the gradients, and no volume
     one = cells._replace(h=np.zeros((9, nc, 1)))
     none = np.zeros((1, 1, moduli))
@@ -182,21 +162,20 @@ def cell_stresses(cells: Cells, fibers: F64, wish: Wish, gradient: F64) -> F64:
         Model(1, one, np.zeros((1, 1)), none, np.zeros((2, 2, 2, 1)), none[0], fibers), one
     )
     place = packed.number[: 72 * nc].reshape((8, 9, nc), order="F")[0]
-    columns = _columns(wish)
     found = np.empty(gradient.shape)
     for i, h in enumerate(gradient):
         place[:] = h.T
-        found[i] = _core.online_assemble(*packed, columns[:, i], nc, np.ones(1))[2].T
+        found[i] = _core.online_assemble(*packed, wish[:, i], nc, np.ones(1))[2].T
     return found
 
 
 def online_states(
     model: Record,
     whole: Record,
-    wish: Wish,
+    wish: F64,
     start: F64,
     parts: I32,
-    known: Wish,
+    known: F64,
     limits: tuple[float, float],
     most: int,
     threads: int,
@@ -205,8 +184,10 @@ def online_states(
 ) -> tuple[Any, ...]:
     """States by Newton's iteration, each with the forces on the amplitudes wanted, from 1.
 
-    `whole` has the cells by which forces are found; `wish` is what is asked for, `known` what
-    states at which the way begins were asked for. `limits` are the size of amplitudes of the modes
+    `whole` has the cells by which forces are found. `wish` is what is asked for, a column a state:
+    activation, largest isometric stress and angle of the fibers [rad] of each tissue, parameters of
+    materials less their values in the model, prescribed amplitudes; `known` is what states at which
+    the way begins were asked for. `limits` are the size of amplitudes of the modes
     below which they are none, and the tolerance; `lift` says how they follow the amplitudes
     wanted, shape `(r, nf, n)`.
 
@@ -218,7 +199,7 @@ def online_states(
     """
     return tuple(
         _core.online_states(
-            *model, *whole, _columns(wish), _columns(known), start, parts, limits, most, threads,
+            *model, *whole, wish, known, start, parts, limits, most, threads,
             wanted, lift,
         )
     )  # fmt: skip
@@ -233,9 +214,3 @@ def triples(volume: F64) -> F64:
     wide = np.zeros((len(n), 8 * max(1, -(-kept // 8))))
     wide[:, :kept] = volume[k, m, n]
     return np.asfortranarray(np.moveaxis(wide.reshape(len(n), -1, 8), (0, 1, 2), (1, 2, 0)))
-
-
-def _columns(wish: Wish) -> F64:
-    """All that each state is asked for in one column."""
-    state = wish.state.reshape(-1, wish.state.shape[2], order="F")
-    return np.asfortranarray(np.concatenate([state, wish.modulus, wish.given]))

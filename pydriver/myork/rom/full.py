@@ -18,8 +18,9 @@ from myork.core.scene import Scene
 from myork.errors import ConvergenceError
 from myork.model_file import model_bytes, model_of_bytes, write_model
 from myork.records import PointCloud
-from myork.rom.parameters import Parameter, override, value_of
+from myork.rom.parameters import Parameter, value_of
 from myork.rom.snapshots import solution_of, stored_states
+from myork.tables import override_text
 from myork.types import F64
 
 __all__ = ["FullModel", "FullState", "cloud_arrays", "full_model_of"]
@@ -113,7 +114,7 @@ class FullModel:
         own = [p for p in parameters if p.columns]
 
         def at(values: Mapping[str, float]) -> LoadParts:
-            items = [override(p, values.get(p.key, 0.0)) for p in own]
+            items = [override_text(p.key, values.get(p.key, 0.0)) for p in own]
             with self.open([*more, *items]) as scene:
                 return load_parts(scene)
 
@@ -190,9 +191,7 @@ class FullModel:
         """The scene at values; it is opened once for all that an open scene can change."""
         wanted = {p.key: float(v) for p, v in zip(parameters, values, strict=True)}
         if self._scene is None:
-            self._scene = self.open(
-                [override(p, v) for p, v in zip(parameters, values, strict=True)]
-            )
+            self._scene = self.open([override_text(*pair) for pair in wanted.items()])
             own = self._scene.deck["load"]
             self._load = {f"load.{k}": own[k] for k in ("steps", "max_halvings")}
         else:

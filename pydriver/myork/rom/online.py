@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from myork.core.online import Cells, Model, Wish, online_states, record
+from myork.core.online import Cells, Model, online_states, record
 from myork.errors import InputError
 from myork.rom.projection import Laws
 from myork.types import F64, I64, Mask
@@ -101,10 +101,11 @@ class Conditions(NamedTuple):
         """Those of one state."""
         return Conditions(*(a[i : i + 1] for a in self))
 
-    def columns(self) -> Wish:
-        """As the core takes them."""
+    def columns(self) -> F64:
+        """As the core takes them: all of a state in one column."""
         state = np.stack([self.activation.T, self.sigma_max.T, self.turn.T], axis=1)
-        return Wish(*(np.asfortranarray(a) for a in (state, self.modulus.T, self.given.T)))
+        state = state.reshape(-1, len(self.given), order="F")
+        return np.asfortranarray(np.concatenate([state, self.modulus.T, self.given.T]))
 
 
 class Solver:

@@ -16,7 +16,6 @@ __all__ = [
     "Parameter",
     "as_parameters",
     "numbers_of",
-    "override",
     "parse_vary",
     "short_names",
     "spread_points",
@@ -151,11 +150,6 @@ def spread_points(parameters: Sequence[Parameter], count: int, seed: int) -> F64
     power = int(np.ceil(np.log2(max(count, 2))))
     points = qmc.Sobol(len(parameters), seed=seed).random_base2(power)[:count]
     return np.asarray(low + points * (high - low))
-
-
-def override(parameter: Parameter, value: float) -> str:
-    """The parameter's value as an override of the deck."""
-    return f"{parameter.key}={float(value)!r}"
 
 
 def value_of(parameter: Parameter, deck: Mapping[str, Any]) -> float:

@@ -44,7 +44,7 @@ def place_arrays(
     """
     if not len(probes):
         return {}
-    parts, laws = setting.parts, setting.laws
+    parts = setting.parts
     s, columns = model.cells.h.shape[2], modes.shape[1]
     rows, total = projection.volume_rows(parts)
     roots = np.repeat(np.sqrt(parts.bulk), parts.polynomials)
@@ -59,30 +59,20 @@ def place_arrays(
         h[:, k, :columns] = place.gradient
         h[:, k] += np.einsum("q,kqs->ks", place.weight, model.cells.h)
         pressure[:, k] = place.pressure[group, order] * roots
-    share = np.zeros((len(probes), len(laws.fibered)))
-    for k, place in enumerate(found):
-        share[k, place.tissue] = place.fraction
-    fibered = [laws.fibered[p.tissue] & (np.abs(p.fiber).max(axis=1) > 0) for p in found]
-    entries = [(p.tissue[own], p.fraction[own], p.fiber[own]) for p, own in
-               zip(found, fibered, strict=True)]  # fmt: skip
-    tissue, fraction, fiber = (np.concatenate(column) for column in zip(*entries, strict=True))
-    if len(tissue) == 0:
-        # the core takes no empty arrays
-        tissue, fraction, fiber = np.zeros(1, int), np.zeros(1), np.zeros((1, 3))
-    moduli = model.cells.bulk_slope.shape[1]
-    cells = Cells(
-        np.asfortranarray(h),
+    cells = projection.cells_of(
+        h,
         np.ones(len(probes)),
         np.array([place.local_bulk for place in found]),
-        np.asfortranarray((share @ laws.coefficients).T),
-        np.concatenate([[0], np.cumsum([own.sum() for own in fibered])]).astype(np.int32),
-        (tissue + 1).astype(np.int32),
-        fraction,
-        np.asfortranarray(fiber.T),
-        np.zeros((9, len(probes), moduli), order="F"),
-        np.zeros((len(probes), moduli), order="F"),
+        np.cumsum([0, *(len(place.tissue) for place in found)], dtype=np.int32),
+        (
+            np.concatenate([place.tissue for place in found]),
+            np.concatenate([place.fraction for place in found]),
+            np.concatenate([place.fiber for place in found]),
+        ),
+        setting.laws,
     )
-    directions = projection.Directions(pressure, np.zeros((len(probes), moduli)), (len(probes),))
+    slopes = np.zeros((len(probes), model.cells.bulk_slope.shape[1]))
+    directions = projection.Directions(pressure, slopes, (len(probes),))
     volume = projection.with_volume(model, rows, total, directions).volume
     # entries whose indices rise count
     at = np.sort(np.indices((s + 1,) * 3).reshape(3, -1), axis=0)

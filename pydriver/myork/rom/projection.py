@@ -17,13 +17,14 @@ from myork.core.galerkin import (
 )
 from myork.core.online import Cells, Model
 from myork.core.scene import Scene
-from myork.types import F64, I64, Mask
+from myork.types import F64, I32, I64, Mask
 
 __all__ = [
     "Columns",
     "Directions",
     "Laws",
     "Variant",
+    "cells_of",
     "laws_of",
     "project",
     "volume_directions",
@@ -145,28 +146,50 @@ def laws_of(scene: Scene, moduli: Sequence[float] = ()) -> Laws:
     )  # fmt: skip
 
 
-def _all_cells(parts: GalerkinParts, laws: Laws, h: F64) -> Cells:
-    """All integration points as cells."""
-    points = len(parts.weight)
-    owner = np.repeat(np.arange(points), np.diff(parts.first))
-    share = sparse.csr_matrix(
-        (parts.fraction, (owner, parts.tissue)), shape=(points, len(laws.fibered))
-    )
-    fibered = laws.fibered[parts.tissue] & (np.abs(parts.fiber).max(axis=1) > 0)
+def cells_of(
+    h: F64, weight: F64, bulk: F64, first: I32, tissues: tuple[I32, F64, F64], laws: Laws
+) -> Cells:
+    """Points as cells.
+
+    Parameters
+    ----------
+    h : F64
+        Displacement gradients of the amplitudes, shape `(9, points, s)`.
+    weight, bulk : F64
+        Weight of each point, and the part of the bulk modulus that acts there.
+    first : NDArray
+        Entries of tissues before each point, shape `(points + 1,)`.
+    tissues : tuple
+        Tissue of each entry, from 0, its fraction and fiber, as in `GalerkinParts`.
+    laws : Laws
+        Materials.
+    """
+    tissue, fraction, fiber = tissues
+    points = len(weight)
+    owner = np.repeat(np.arange(points), np.diff(first))
+    share = sparse.csr_matrix((fraction, (owner, tissue)), shape=(points, len(laws.fibered)))
+    fibered = laws.fibered[tissue] & (np.abs(fiber).max(axis=1) > 0)
     counts = np.bincount(owner[fibered], minlength=points)
+    # the core takes no empty arrays
     entries = np.flatnonzero(fibered) if fibered.any() else np.zeros(1, int)
     return Cells(
-        np.asfortranarray(np.moveaxis(h, (0, 1, 2), (1, 0, 2))),
-        parts.weight,
-        parts.local_bulk,
+        np.asfortranarray(h),
+        weight,
+        bulk,
         np.asfortranarray((share @ laws.coefficients).T),
         np.concatenate([[0], np.cumsum(counts)]).astype(np.int32),
-        parts.tissue[entries] + 1,
-        parts.fraction[entries],
-        np.asfortranarray(parts.fiber[entries].T),
+        tissue[entries] + 1,
+        fraction[entries],
+        np.asfortranarray(fiber[entries].T),
         np.zeros((9, points, 1), order="F"),
         np.zeros((points, 1), order="F"),
     )
+
+
+def _all_cells(parts: GalerkinParts, laws: Laws, h: F64) -> Cells:
+    """All integration points as cells."""
+    tissues = parts.tissue, parts.fraction, parts.fiber
+    return cells_of(h, parts.weight, parts.local_bulk, parts.first, tissues, laws)
 
 
 def project(
@@ -190,6 +213,7 @@ def project(
     s = r + columns.force.shape[1]
     h = np.concatenate([modal_gradients(scene, modes), columns.given], axis=2)
     constant = _constant(scene, parts, modes, columns)
+    h = np.asfortranarray(np.moveaxis(h, (0, 1, 2), (1, 0, 2)))
     cells = _all_cells(parts, laws, h)
     slope = np.zeros((s, s, max(1, len(variants))), order="F")
     if variants:

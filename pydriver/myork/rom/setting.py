@@ -20,9 +20,10 @@ from myork.errors import InputError
 from myork.rom import projection
 from myork.rom.full import FullModel
 from myork.rom.online import Conditions, conditions_of
-from myork.rom.parameters import Parameter, override, value_of
+from myork.rom.parameters import Parameter, value_of
 from myork.rom.probes import is_stress
 from myork.rom.projection import Columns, Laws, Variant, laws_of
+from myork.tables import override_text
 from myork.types import F64, I64
 
 __all__ = ["Setting", "Snapshots", "force_values", "make_setting"]
@@ -167,8 +168,8 @@ def make_setting(
         own = value_of(p, deck)
         other = p.low if own - p.low > p.high - own else p.high
         middle = 0.5 * (other + own)
-        ends = [opened.enter_context(full.open([override(p, v)])) for v in (middle, other)]
-        more = full.loads(kinds, [override(p, other)])
+        ends = [opened.enter_context(full.open([override_text(p.key, v)])) for v in (middle, other)]
+        more = full.loads(kinds, [override_text(p.key, other)])
         variants.append(_variant(p, deck, parts, ends, [more[0], *more[1]], extra))
     laws = laws_of(scene, [value_of(p, deck) for p in moduli])
     setting = Setting(

@@ -259,10 +259,7 @@ class Answers:
         found = []
         for probe in self.rom.head["probes"]:
             names = probe_columns(probe, self._scene.dimension)
-            found += [
-                {"name": name, "unit": probe["unit"], "of": probe["name"], "axis": str(k)}
-                for k, name in enumerate(names)
-            ]
+            found += [{"name": n, "unit": probe["unit"], "of": probe["name"]} for n in names]
         if not found:
             raise InputError("the reduced model has no probe that could be shown")
         first = {p["name"] for p in self.rom.head["probes"] if p["quantity"].startswith("force")}
@@ -270,11 +267,8 @@ class Answers:
 
     def _values(self, batch: Batch) -> F64:
         """Scalars of `probes`, shape `(n, probes)`."""
-        columns = []
-        for probe in self.probes:
-            value = batch.probes[probe["of"]]
-            columns.append(value if value.ndim == 1 else value[:, int(probe["axis"])])
-        return np.stack(columns, axis=1)
+        scalars = batch.scalars()
+        return np.stack([scalars[probe["name"]] for probe in self.probes], axis=1)
 
     def _verdict(self, row: F64, batch: Batch, j: float) -> tuple[str, list[str]]:
         outside = [
