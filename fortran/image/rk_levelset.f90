@@ -19,7 +19,6 @@ module rk_levelset
    use rk_levelset_rows, only : grid_type, new_grid, advance_row, step_row, sum_row, &
       sums_of_row
    use rk_precision, only : wp
-   use rk_text, only : to_text
    implicit none
    private
 
@@ -54,8 +53,6 @@ module rk_levelset
    integer, parameter :: window = 10
    !> Halvings of the time step before the energy counts as lowest
    integer, parameter :: halvings = 20
-   !> Most level sets: memory and time grow with the number of regions
-   integer, parameter :: most = 6
 
 contains
 
@@ -86,17 +83,17 @@ subroutine evolve_level_sets(options, depth, channels, weight, phi, energy, mean
    type(error_type), allocatable, intent(out) :: error
    integer :: block, first, last, n(4), blocks
 
-   call check_options(options, size(phi, 4), size(channels, 4), error)
-   if (allocated(error)) return
    n = shape(channels)
    blocks = n(3)/max(depth, 1)
    if (depth < 1 .or. blocks*depth /= n(3) .or. any(n(:3) /= shape(weight)) .or. &
       any(n(:3) /= [size(phi, 1), size(phi, 2), size(phi, 3)]) .or. &
       any(shape(energy) /= [options%iterations + 1, blocks]) .or. &
       any(shape(means) /= [n(4), size(options%lambda), blocks]) .or. &
+      size(options%channel_weight) /= n(4) .or. size(options%lambda) > 2**size(phi, 4) .or. &
+      2*size(options%lambda) <= 2**size(phi, 4) .or. &
       size(iterations) /= blocks .or. size(ended) /= blocks) then
-      call fatal_error(error, err_input, "Channels, weights, level sets and records of the "// &
-         "segmentation must have matching shapes")
+      call fatal_error(error, err_input, "Channels, regions, weights, level sets and "// &
+         "records of the segmentation must have matching shapes")
       return
    end if
    if (.not. (all(abs(channels) <= huge(1.0_wp)) .and. all(abs(phi) <= huge(1.0_wp)) .and. &
@@ -118,46 +115,6 @@ subroutine evolve_level_sets(options, depth, channels, weight, phi, energy, mean
    end do
    !$omp end parallel do
 end subroutine evolve_level_sets
-
-!> Refuse impossible parameters
-subroutine check_options(options, levels, channels, error)
-   !> Weights and steering
-   type(level_set_options), intent(in) :: options
-   !> Numbers of level sets and channels
-   integer, intent(in) :: levels, channels
-   !> Error handling
-   type(error_type), allocatable, intent(out) :: error
-
-   if (levels < 1 .or. levels > most) then
-      call fatal_error(error, err_input, "There must be 1 to "//to_text(most)// &
-         " level sets, not "//to_text(levels))
-   else if (size(options%lambda) > 2**levels .or. 2*size(options%lambda) <= 2**levels) then
-      call fatal_error(error, err_input, to_text(size(options%lambda))//" regions do not suit "// &
-         to_text(levels)//" level sets, which make up to "//to_text(2**levels))
-   else if (size(options%channel_weight) /= channels) then
-      call fatal_error(error, err_input, "There must be a weight for each of "// &
-         to_text(channels)//" channels, not "//to_text(size(options%channel_weight)))
-   else if (.not. options%mu >= 0.0_wp) then
-      call fatal_error(error, err_input, "mu must not be negative, not "//to_text(options%mu))
-   else if (.not. all(options%lambda > 0.0_wp)) then
-      call fatal_error(error, err_input, "lambda must be positive, not "// &
-         to_text(options%lambda))
-   else if (.not. all(options%channel_weight >= 0.0_wp)) then
-      call fatal_error(error, err_input, "Weights of channels must not be negative, not "// &
-         to_text(options%channel_weight))
-   else if (.not. options%epsilon > 0.0_wp) then
-      call fatal_error(error, err_input, "epsilon must be positive, not "// &
-         to_text(options%epsilon))
-   else if (.not. options%dt > 0.0_wp) then
-      call fatal_error(error, err_input, "dt must be positive, not "//to_text(options%dt))
-   else if (.not. all(options%spacing > 0.0_wp)) then
-      call fatal_error(error, err_input, "Voxel sizes must be positive, not "// &
-         to_text(options%spacing))
-   else if (options%iterations < 1) then
-      call fatal_error(error, err_input, "iterations must be at least 1, not "// &
-         to_text(options%iterations))
-   end if
-end subroutine check_options
 
 !> Evolve the level sets of a block
 subroutine evolve_block(options, channels, weight, phi, energy, means, iterations, ended)

@@ -95,6 +95,7 @@ def test_what_is_chosen_in_a_folder_stays_behind_its_name(deck, tmp_path):
     place.mkdir(parents=True)
     asked = [
         'dixon.magnitude=["scan:series=5,echo=1", "scan:series=5,echo=2"]',
+        f'dixon.phase=["{place}:echo=1", "{place}:echo=2"]',
         f"image.anatomy={place}:kind=water",
     ]
     (found,) = data_overrides(deck, tmp_path / "data", asked)

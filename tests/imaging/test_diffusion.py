@@ -148,8 +148,6 @@ def test_bad_axes(text):
         parse_axes(text)
 
 
-def test_decks_that_contradict_themselves(tmp_path):
+def test_a_deck_without_diffusion(tmp_path):
     common = {"tensor_frame": "world", "gradient_axes": "x y z"}
     assert read_tensors(common, tmp_path) is None
-    with pytest.raises(InputError, match="leave image.tensor"):
-        read_tensors({**common, "dwi": "a", "tensor": "b"}, tmp_path)

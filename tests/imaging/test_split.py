@@ -224,6 +224,7 @@ def test_segment_walks_from_the_seeds_of_the_deck(tmp_path):
     names = {1: "muscle", 2: "fat", 3: "b"}
     save(tmp_path, AFFINE, leg=image, truth=Labels(truth, AFFINE, names))
     rules = [{"name": rule.name, "rim": rule.rim, "seeds": rule.seeds.ravel()} for rule in RULES]
+    del rules[1]["seeds"]
     keys = dict(split="walk", seed_radius=4, tolerance=0.01, truth="truth.nii.gz", edge_weight=20)
     scores = parted(tmp_path, rules, **keys)["scores"]
     assert scores["muscle"]["dice"] > 0.95 and scores["fat"]["dice"] > 0.85
@@ -265,9 +266,9 @@ def test_maps_of_seeds_that_cannot_part_anything(tmp_path):
     keys = dict(tolerance=0.01, seeds="seeds.nii.gz")
     with pytest.raises(InputError, match="seeds of two labels at least .* there are \\[10\\]"):
         parted(tmp_path, split="walk", **keys)
-    with pytest.raises(InputError, match="not with image.seeds"):
+    with pytest.raises(InputError, match="image.seeds: only for split = walk"):
         parted(tmp_path, **keys)
-    with pytest.raises(InputError, match="image.seeds and image.reference both say"):
+    with pytest.raises(InputError, match="image.reference: only for|cannot be given beside"):
         parted(tmp_path, split="walk", reference="seeds.nii.gz", **keys)
 
 
@@ -284,12 +285,16 @@ SEED = bone(39, 34, 0)
 @pytest.mark.parametrize(
     ("rules", "keys", "message"),
     [
-        ([RIM], {}, "muscle.fat.rim needs image.split"),
-        ([SEED], {"split": "nearest"}, r"goes with image.reference, not with \[\[muscle\]\]"),
+        ([RIM], {}, "muscle.fat.rim: only for image.split = walk"),
+        ([SEED], {"split": "nearest"}, "image.reference: missing, a text is needed"),
         ([], {"start": "seeds"}, r"start = 'seeds' needs \[\[muscle\]\] with seeds or a rim"),
-        ([{"name": "a"}], {}, "muscle.a: needs seeds or a rim"),
-        ([], {"split": "walk"}, r"'walk' goes with image.seeds or \[\[muscle\]\]"),
-        ([], {"split": "walk", "reference": "old.nii.gz"}, "not with image.reference"),
+        ([{"name": "a"}], {}, "muscle.a: needs one of the keys seeds, rim"),
+        ([], {"split": "walk"}, r"'walk' needs image.seeds or \[\[muscle\]\]"),
+        (
+            [],
+            {"split": "walk", "reference": "old.nii.gz"},
+            "image.reference: only for split = pieces",
+        ),
         ([SEED], {"reference": "old.nii.gz"}, "both say what is where; take one out"),
         ([bone(39, 2, 34, 0)], {}, "muscle.bone.seeds: three coordinates a point, not 4"),
         ([bone(1, 34, 0)], {}, "muscle.bone: .* does not lie in the region to segment"),

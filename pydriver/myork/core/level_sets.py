@@ -67,8 +67,6 @@ def evolve_level_sets(
             "channels and start must be 4-D on the grid of weight, not "
             f"{values.shape}, {first.shape} and {part.shape}"
         )
-    if iterations < 1:
-        raise errors.InputError(f"iterations must be at least 1, not {iterations}")
     if (part == 0).any() and not np.isfinite(values).all():
         values = np.asfortranarray(np.where(part[..., None] > 0, values, 0.0))
     depth = part.shape[2] if volume else 1

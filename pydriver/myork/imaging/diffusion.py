@@ -193,11 +193,6 @@ def read_tensors(table: Mapping[str, Any], folder: Path) -> Image | None:
             return None
         tensor = read_image(folder / table["tensor"], values=6)
         return turn_tensors(tensor, parse_axes(table["gradient_axes"]), table["tensor_frame"])
-    if "tensor" in table or table["tensor_frame"] != "world":
-        raise InputError(
-            "image.dwi gives tensors in the world frame; leave image.tensor and image.tensor_frame "
-            "out of the deck"
-        )
     path = folder / table["dwi"]
     dwi = read_image(path, values=None)
     stem = path.name.removesuffix(".gz").removesuffix(".nii")

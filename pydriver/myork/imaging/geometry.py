@@ -19,6 +19,7 @@ __all__ = [
     "check_same_grid",
     "frame",
     "length_factor",
+    "seed_voxel",
     "slice_axis",
     "to_voxels",
 ]
@@ -116,6 +117,27 @@ def frame(affine: F64) -> F64:
 def to_voxels(affine: F64, world: F64) -> F64:
     """World coordinates to voxel indices, both of shape `(..., 3)`."""
     return (world - affine[:3, 3]) @ np.linalg.inv(affine[:3, :3]).T
+
+
+def seed_voxel(image: Image, seed: F64, name: str) -> tuple[int, ...]:
+    """Voxel in which a seed lies; refused outside of the image.
+
+    Parameters
+    ----------
+    image : Image
+        Gives the grid.
+    seed : NDArray
+        World coordinates, shape `(3,)` [mm].
+    name : str
+        Of the seed, for messages.
+    """
+    place = tuple(np.rint(to_voxels(image.affine, seed)).astype(int).tolist())
+    if min(place) < 0 or any(p >= n for p, n in zip(place, image.data.shape, strict=True)):
+        raise InputError(
+            f"{name} = {seed.tolist()} mm (voxel {place}) lies outside of {image.name}, which has "
+            f"{image.data.shape} voxels"
+        )
+    return place
 
 
 def slice_axis(spacing: F64, shape: Sequence[int] = ()) -> int:

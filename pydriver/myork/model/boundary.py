@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from myork.model.normals import surface_normals
-from myork.model.points import BONE
+from myork.model.points import BONE, first_voxel
 from myork.records import Labels
 from myork.types import F64, I32, Mask
 
@@ -131,8 +131,7 @@ def bone_beside(labels: Labels, merged: Labels, block: Sequence[int]) -> I32:
         Shape `(ni + 2, nj + 2, nk)`.
     """
     size, n = np.array(block), np.array(merged.data.shape) + [2, 2, 0]
-    corner = np.linalg.solve(labels.affine[:3, :3], merged.affine[:3, 3] - labels.affine[:3, 3])
-    first = np.rint(corner - 0.5 * (size - 1)).astype(int) - size * [1, 1, 0]
+    first = first_voxel(labels, merged, block) - size * [1, 1, 0]
     at = [low + np.arange(count * s) for low, count, s in zip(first, n, size, strict=True)]
     limit = labels.data.shape
     inside = [(a >= 0) & (a < m) for a, m in zip(at[:2], limit, strict=False)]

@@ -208,9 +208,7 @@ def fibers_at_points(
         vector = fibers.data[usable] / length[usable][:, np.newaxis]
         dyad = np.zeros((*usable.shape, 6))
         dyad[usable] = tensor_components(vector[:, :, np.newaxis] * vector[:, np.newaxis, :])
-        average, weight = gathered(dyad, usable, 0.5 * np.array(block, float))
-        at = place[here].T
-        near = ndimage.map_coordinates(weight, at, order=1, mode="nearest")
+        average, near = _averages(dyad, usable, place[here], block)
         known = near > LEAST_WEIGHT
         if not known.all():
             first = np.rint(place[here][~known][0]).astype(int)
@@ -221,11 +219,7 @@ def fibers_at_points(
                 first,
                 "fiber vector (all are zero or not finite)",
             )
-        components = [
-            ndimage.map_coordinates(average[..., c], at, order=1, mode="nearest") / near
-            for c in range(6)
-        ]
-        result[here] = lead_vector(np.stack(components, axis=-1))
+        result[here] = lead_vector(average / near[:, np.newaxis])
     return result @ frame(fibers.affine)
 
 
@@ -263,12 +257,19 @@ def activation_at_points(
         usable = labels.data == number
         here = label == number
         values = np.where(usable, image.data, 0.0)[..., np.newaxis]
-        sums, weight = gathered(values, usable, 0.5 * np.array(block, float))
-        at = place[here].T
-        near = ndimage.map_coordinates(weight, at, order=1, mode="nearest")
-        found = ndimage.map_coordinates(sums[..., 0], at, order=1, mode="nearest")
-        result[here] = np.clip(found / np.maximum(near, LEAST_WEIGHT), 0.0, 1.0)
+        sums, near = _averages(values, usable, place[here], block)
+        result[here] = np.clip(sums[:, 0] / np.maximum(near, LEAST_WEIGHT), 0.0, 1.0)
     return result
+
+
+def _averages(values: F64, usable: Mask, place: F64, block: Sequence[int]) -> tuple[F64, F64]:
+    """Sums of values around places and of their weights, shapes `(n, nvalue)` and `(n,)`."""
+    sums, weight = gathered(values, usable, 0.5 * np.array(block, float))
+    near, *found = (
+        ndimage.map_coordinates(one, place.T, order=1, mode="nearest")
+        for one in (weight, *np.moveaxis(sums, -1, 0))
+    )
+    return np.stack(found, axis=-1), near
 
 
 def _no_fiber(name: str, missing: int, total: int, voxel: NDArray, what: str) -> InputError:

@@ -16,9 +16,8 @@ them along it make them three times as long.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import permutations
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy import ndimage
@@ -41,8 +40,7 @@ _CONTRADICTION = 0.5
 _ALIKE = 0.1
 
 
-@dataclass(frozen=True)
-class Orientation:
+class Orientation(NamedTuple):
     """Evidence for one order of the gradient axes.
 
     Attributes
@@ -59,10 +57,6 @@ class Orientation:
     axes: str
     crossing: float
     agreement: float | None
-
-    def record(self) -> dict[str, Any]:
-        """For `summary.json`."""
-        return {"axes": self.axes, "crossing": self.crossing, "agreement": self.agreement}
 
 
 class Finding(NamedTuple):

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from myork.errors import InputError
-from myork.imaging.geometry import frame
+from myork.imaging.geometry import frame, to_voxels
 from myork.records import Labels
 from myork.types import F64, I32, Mask
 
@@ -23,6 +23,7 @@ __all__ = [
     "changed_volumes",
     "coarsen",
     "connected_body",
+    "first_voxel",
     "points_across",
     "positions",
     "select",
@@ -140,13 +141,18 @@ def _majority(data: I32, size: NDArray[np.intp]) -> I32:
     return best
 
 
+def first_voxel(fine: Labels, coarse: Labels, block: Sequence[int]) -> Voxels:
+    """Voxel of a label map in which the first block of its merged voxels begins, shape `(3,)`."""
+    middle = to_voxels(fine.affine, coarse.affine[:3, 3])
+    return np.rint(middle - 0.5 * (np.array(block) - 1)).astype(np.intp)
+
+
 def changed_volumes(
     fine: Labels,
     model: Mapping[int, float],
     wanted: Mapping[int, float] | None = None,
-    part: float = 0.1,
 ) -> list[str]:
-    """A sentence for each label whose volume the merging of voxels changed by more than a part.
+    """A sentence for each label whose volume the merging of voxels changed by more than a tenth.
 
     Parameters
     ----------
@@ -156,15 +162,13 @@ def changed_volumes(
         Volume of each label afterwards [mm^3].
     wanted : mapping, optional
         Volume of each label before; without it that of its voxels [mm^3].
-    part : float
-        Change from which it is told [-].
     """
     sentences = []
     for label in np.unique(fine.data[fine.data > 0]).tolist():
         before = float((fine.data == label).sum() * fine.spacing.prod())
         before = before if wanted is None else wanted[label]
         after = model.get(label, 0.0)
-        if abs(after - before) > part * before:
+        if abs(after - before) > 0.1 * before:
             sentences.append(
                 f"{fine.label_name(label)} has {after / 1000:.4g} cm^3 in the model and "
                 f"{before / 1000:.4g} cm^3 in the label map: parts of it lie apart from the blocks "

@@ -19,6 +19,7 @@ from scipy import ndimage
 from myork.errors import InputError
 from myork.imaging.geometry import check_same_grid, to_voxels
 from myork.imaging.io import read_image
+from myork.model.points import first_voxel
 from myork.records import Image, Labels
 from myork.types import F64, I32, I64, Mask
 
@@ -166,8 +167,7 @@ def label_shares(
     if max(block) == 1 and parts is None:
         return (coarse.data[body][:, np.newaxis] == numbers).astype(float), numbers
     size = np.array(block)
-    corner = np.linalg.solve(fine.affine[:3, :3], coarse.affine[:3, 3] - fine.affine[:3, 3])
-    first = np.rint(corner - 0.5 * (size - 1)).astype(int)
+    first = first_voxel(fine, coarse, block)
     last = first + size * body.shape - fine.data.shape
     # whole blocks more on all sides, one at least: the map may reach beyond the merged body
     before = np.maximum(-(-first // size), 1)

@@ -33,6 +33,10 @@ __all__ = ["BiasField", "check_positive", "clustered_bias", "of_mean_one"]
 _EPSILON = 0.02
 _DT = 5000.0  # largest time step of the level sets
 _STEPS = 5  # of the level sets between two improvements of the field
+_ROUNDS = 100  # improvements of the field
+_AT_REST = 1e-4  # root mean square change of the field in a round at rest
+_SIGMA = 12.0  # standard deviation of the Gaussian neighbourhood (3.36) [mm]
+_MU = 0.01  # weight of the contours' length; grey values are scaled to about one
 _EDGE = 0.05  # relative change from pixel to pixel that makes an edge; noise of 1/25 makes 0.01
 _NEGATIVE = 0.01  # part of the body's voxels that ringing of a resampled image makes negative
 _SEAM = (3.0, 3.0, 0.0)  # width of the smoothing beyond the mask [pixel]
@@ -84,10 +88,6 @@ def clustered_bias(
     *,
     spacing: ArrayLike,
     regions: int,
-    sigma: float = 12.0,
-    mu: float = 0.01,
-    rounds: int = 100,
-    tolerance: float = 1e-4,
 ) -> BiasField:
     """Bias field by local clustering, (3.30) to (3.45), for any number of regions.
 
@@ -106,14 +106,6 @@ def clustered_bias(
         Voxel sizes, shape `(3,)` [mm].
     regions : int
         Number of regions.
-    sigma : float
-        Standard deviation of the Gaussian neighbourhood (3.36) [mm].
-    mu : float
-        Weight of the contours' length; grey values are scaled to about one [-].
-    rounds : int
-        Largest number of improvements of the field.
-    tolerance : float
-        At rest, a round changes the field by this at most (root mean square) [-].
     """
     if not mask.any():
         raise InputError("bias: no voxel to estimate the field from; check the mask")
@@ -128,7 +120,7 @@ def clustered_bias(
         raise InputError("bias: every voxel lies at an edge: no signal above the noise level")
     # Wider than ten images it is flat over the image, and longer to compute.
     widths = [
-        min(sigma / h, 10.0 * n) if n > 1 else 0.0 for h, n in zip(size, mask.shape, strict=True)
+        min(_SIGMA / h, 10.0 * n) if n > 1 else 0.0 for h, n in zip(size, mask.shape, strict=True)
     ]
 
     def blurred(a: F64) -> F64:
@@ -147,7 +139,7 @@ def clustered_bias(
         phi = level_sets_of(clusters, regions, True)
         energy: list[float] = []
         converged = False
-        while len(energy) < rounds and not converged:
+        while len(energy) < _ROUNDS and not converged:
             near, square = blurred(field), blurred(field**2)
             flat = np.divide(image * near, square, out=np.zeros_like(image), where=counts)
             found = evolve_level_sets(
@@ -155,7 +147,7 @@ def clustered_bias(
                 trust * square,
                 phi,
                 spacing=tuple(pixel.tolist()),
-                mu=mu,
+                mu=_MU,
                 nu=0.0,
                 epsilon=_EPSILON,
                 dt=_DT,
@@ -180,7 +172,7 @@ def clustered_bias(
                     "field; set bias.method = 'none'"
                 )
             field /= mean
-            converged = float(np.sqrt(np.mean((field - before)[mask] ** 2))) <= tolerance
+            converged = float(np.sqrt(np.mean((field - before)[mask] ** 2))) <= _AT_REST
     return BiasField(of_mean_one(field, mask), np.array(energy), converged)
 
 

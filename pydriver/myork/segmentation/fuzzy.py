@@ -20,6 +20,9 @@ __all__ = ["Clusters", "fuzzy_c_means"]
 
 # The best of so many starts: where one cluster is small, a start may end with it in another.
 _STARTS = 6
+_FUZZINESS = 2.0  # the usual exponent of memberships
+_ITERATIONS = 100
+_AT_REST = 1e-4  # part of the range of the values by which centres may still move
 
 
 @dataclass(frozen=True)
@@ -45,17 +48,8 @@ class Clusters:
         return mask
 
 
-def fuzzy_c_means(
-    channels: F64,
-    region: Mask,
-    clusters: int,
-    *,
-    exponent: float = 2.0,
-    seed: int = 1,
-    tolerance: float = 1e-4,
-    iterations: int = 100,
-) -> Clusters:
-    """Cluster the voxels of a region by their grey values.
+def fuzzy_c_means(channels: F64, region: Mask, clusters: int) -> Clusters:
+    """Cluster the voxels of a region by their grey values; equal arguments give equal clusters.
 
     Parameters
     ----------
@@ -65,15 +59,6 @@ def fuzzy_c_means(
         Voxels that take part, shape `(ni, nj, nk)`.
     clusters : int
         Number of clusters, 2 at least.
-    exponent : float
-        Fuzziness above 1; 2 is usual.
-    seed : int
-        Start of the random numbers that pick the first centres, of six starts; the one with the
-        smallest misfit is the result.
-    tolerance : float
-        Part of the range of the values by which centres may still move at rest.
-    iterations : int
-        Most iterations.
     """
     if not region.any():
         raise InputError("fuzzy clustering: the region is empty")
@@ -87,15 +72,15 @@ def fuzzy_c_means(
         raise InputError(
             f"fuzzy clustering: the region has fewer different grey values than {clusters} clusters"
         )
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(1)
     best, least = None, np.inf
     for _ in range(_STARTS):
         centre = _first_centres(values, clusters, random)
-        for _ in range(iterations):
-            membership = _membership(values, centre, exponent)
-            weight = membership**exponent
+        for _ in range(_ITERATIONS):
+            membership = _membership(values, centre)
+            weight = membership**_FUZZINESS
             moved = weight.T @ values / weight.sum(axis=0)[:, np.newaxis]
-            still = np.abs(moved - centre).max() < tolerance
+            still = np.abs(moved - centre).max() < _AT_REST
             centre = moved
             if still:
                 break
@@ -123,7 +108,8 @@ def _squared_distances(values: F64, centre: F64) -> F64:
     return ((values[:, np.newaxis, :] - centre) ** 2).sum(axis=-1)
 
 
-def _membership(values: F64, centre: F64, exponent: float) -> F64:
+def _membership(values: F64, centre: F64) -> F64:
     """Memberships that minimise the objective for given centres."""
-    closeness = np.maximum(_squared_distances(values, centre), 1e-30) ** (-1.0 / (exponent - 1.0))
+    distances = np.maximum(_squared_distances(values, centre), 1e-30)
+    closeness = distances ** (-1.0 / (_FUZZINESS - 1.0))
     return closeness / closeness.sum(axis=1, keepdims=True)

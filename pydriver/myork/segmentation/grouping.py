@@ -10,7 +10,7 @@ import numpy as np
 from scipy import ndimage
 
 from myork.errors import InputError
-from myork.imaging.geometry import to_voxels
+from myork.imaging.geometry import seed_voxel
 from myork.records import Image, Labels
 from myork.types import F64, I32, Mask
 
@@ -43,10 +43,6 @@ class Muscle:
     name: str
     seeds: F64
     rim: float = 0.0
-
-    def __post_init__(self) -> None:
-        if not (len(self.seeds) or self.rim > 0):
-            raise InputError(f"muscle.{self.name}: needs seeds or a rim")
 
 
 def check_seeds(inside: Mask, image: Image, muscles: Sequence[Muscle]) -> None:
@@ -164,7 +160,8 @@ def rule_seeds(
     depth = np.zeros(region.shape)
     for k in range(region.shape[2]):
         inside = np.pad(region[:, :, k] >= 0, 1)
-        depth[:, :, k] = _depth(inside, image.spacing)[1:-1, 1:-1]
+        distance = ndimage.distance_transform_edt(inside, sampling=image.spacing[:2])
+        depth[:, :, k] = distance[1:-1, 1:-1]
     rows, columns = np.indices(region.shape[:2])
     for number, muscle in enumerate(muscles, start=1):
         known[where & (depth <= muscle.rim)] = number
@@ -204,23 +201,9 @@ def nearest_labels(where: Mask, known: I32, spacing: F64, margin: float) -> I32:
     return np.where(where & (away <= margin), known[tuple(nearest)], 0).astype(np.int32)
 
 
-def _depth(inside: Mask, spacing: F64) -> F64:
-    """Distance to the outside in a slice, shape `(ni, nj)` [mm]."""
-    return np.asarray(ndimage.distance_transform_edt(inside, sampling=spacing[:2]))
-
-
 def _places(image: Image, muscle: Muscle) -> list[tuple[int, ...]]:
     """Voxels in which the seeds of a muscle lie."""
-    places = []
-    for seed in muscle.seeds:
-        place = tuple(np.rint(to_voxels(image.affine, seed)).astype(int).tolist())
-        if min(place) < 0 or any(p >= n for p, n in zip(place, image.data.shape, strict=True)):
-            raise InputError(
-                f"muscle.{muscle.name}: the seed {seed.tolist()} mm (voxel {place}) lies outside "
-                f"of {image.name}, which has {image.data.shape}"
-            )
-        places.append(place)
-    return places
+    return [seed_voxel(image, seed, f"muscle.{muscle.name}: a seed") for seed in muscle.seeds]
 
 
 def _claim(region: I32, image: Image, muscle: Muscle) -> Mask:

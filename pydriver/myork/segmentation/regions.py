@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from scipy import ndimage
 
 from myork.errors import InputError
+from myork.imaging.geometry import seed_voxel
 from myork.records import Image, Labels
 from myork.types import Mask
 
@@ -21,14 +22,14 @@ _LEAST_PIECE = 0.1
 _OUTLIER = 1e6
 
 
-def otsu(values: ArrayLike, bins: int = 256) -> float:
+def otsu(values: ArrayLike) -> float:
     """Threshold that parts values into two classes with the largest variance between them.
 
     References
     ----------
     Otsu, IEEE Trans. Syst. Man Cybern. 9 (1979), doi:10.1109/TSMC.1979.4310076
     """
-    count, edges = np.histogram(np.asarray(values), bins)
+    count, edges = np.histogram(np.asarray(values), 256)
     middle = 0.5 * (edges[1:] + edges[:-1])
     low, total = np.cumsum(count)[:-1], np.cumsum(count * middle)[:-1]
     n, everything = int(count.sum()), float((count * middle).sum())
@@ -135,16 +136,13 @@ def piece_with_seed(mask: Mask, image: Image, seed: ArrayLike) -> Mask:
     seed : ArrayLike
         World coordinates, shape `(3,)` [mm].
     """
-    shift = np.asarray(seed, float) - image.affine[:3, 3]
-    place = np.rint(np.linalg.solve(image.affine[:3, :3], shift)).astype(int)
-    where = f"image.seed = {list(np.asarray(seed).tolist())} mm (voxel {tuple(place.tolist())})"
-    if (place < 0).any() or (place >= mask.shape).any():
-        raise InputError(f"{where} lies outside of {image.name}, which has {mask.shape} voxels")
+    where = np.asarray(seed, float)
+    place = seed_voxel(image, where, "image.seed")
     pieces, _ = ndimage.label(mask)
-    piece = pieces[tuple(place)]
+    piece = pieces[place]
     if piece == 0:
         raise InputError(
-            f"{where} does not lie in the segmented phase; move it into the muscle, or check "
-            "image.phase and the region"
+            f"image.seed = {where.tolist()} mm (voxel {place}) does not lie in the segmented "
+            "phase; move it into the muscle, or check image.phase and the region"
         )
     return pieces == piece

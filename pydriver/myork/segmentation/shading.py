@@ -86,7 +86,7 @@ class Shading:
     doubt: str
 
 
-def shading(values: F64, mask: Mask, *, spacing: ArrayLike, seed: int = 0) -> Shading:
+def shading(values: F64, mask: Mask, *, spacing: ArrayLike) -> Shading:
     """Bias field of an image.
 
     Parameters
@@ -98,8 +98,6 @@ def shading(values: F64, mask: Mask, *, spacing: ArrayLike, seed: int = 0) -> Sh
         Voxels of the body, same shape.
     spacing : ArrayLike
         Voxel sizes, shape `(3,)` [mm].
-    seed : int
-        Start of the random numbers that pick the voxels which tell the field.
     """
     if not mask.any():
         raise InputError("bias: no voxel to estimate the field from; check the mask")
@@ -115,7 +113,7 @@ def shading(values: F64, mask: Mask, *, spacing: ArrayLike, seed: int = 0) -> Sh
     if axis != 2:
         turned = np.append(np.delete(size, axis), size[axis])
         found_turned = shading(
-            np.moveaxis(values, axis, 2), np.moveaxis(mask, axis, 2), spacing=turned, seed=seed
+            np.moveaxis(values, axis, 2), np.moveaxis(mask, axis, 2), spacing=turned
         )
         return Shading(
             np.moveaxis(found_turned.field, 2, axis),
@@ -130,7 +128,7 @@ def shading(values: F64, mask: Mask, *, spacing: ArrayLike, seed: int = 0) -> Sh
         raise InputError("bias: the body has no signal, its 90th percentile is not above zero")
     smooth = _smoothed(values, mask) / bright
     width = _limb_width(mask, size)
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(0)
     voxels = np.argwhere(mask)
     if len(voxels) > _SAMPLE:
         voxels = voxels[random.choice(len(voxels), _SAMPLE, replace=False)]

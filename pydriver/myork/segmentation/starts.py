@@ -32,8 +32,8 @@ _SAMPLE = 20_000  # values that place the centres of k-means
 _RESTARTS, _ROUNDS = 8, 50
 
 
-def kmeans(values: F64, count: int, seed: int = 0) -> tuple[I32, F64]:
-    """Clusters of values, in order of the first component of their centres.
+def kmeans(values: F64, count: int) -> tuple[I32, F64]:
+    """Clusters of values, in order of their centres; equal arguments give equal clusters.
 
     Parameters
     ----------
@@ -41,8 +41,6 @@ def kmeans(values: F64, count: int, seed: int = 0) -> tuple[I32, F64]:
         Shape `(nvalue, nchannel)` [-].
     count : int
         Clusters.
-    seed : int
-        Start of the random numbers; equal arguments give equal clusters.
 
     Returns
     -------
@@ -54,7 +52,7 @@ def kmeans(values: F64, count: int, seed: int = 0) -> tuple[I32, F64]:
     Arthur, Vassilvitskii, Proc. SODA (2007), k-means++: the start; Lloyd, IEEE Trans. Inf.
     Theory 28 (1982), doi:10.1109/TIT.1982.1056489. Both as SciPy has them.
     """
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(0)
     some = values
     if len(values) > _SAMPLE:
         some = values[random.choice(len(values), _SAMPLE, replace=False)]

@@ -145,10 +145,6 @@ def _inputs(deck: Mapping[str, Any], folder: Path, out: Path) -> _Body:
             f"build.flow makes fibers where none were measured, but there is {measured[0]}; leave "
             "one of them out"
         )
-    if "tracts" in table and "surface" not in table:
-        raise InputError("build.tracts needs build.surface; for images give build.fibers")
-    if "fractions" in table and "surface" in table:
-        raise InputError("build.fractions are of a label map; take build.surface out")
     body = _of_surface(table, folder) if "surface" in table else _of_images(deck, folder, out)
     if "activation" not in table:
         return body

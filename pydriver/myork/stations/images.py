@@ -119,10 +119,8 @@ def _checked_body(labels: Labels, region: Labels | None) -> Mask:
 def _echoes(deck: Mapping[str, Any], folder: Path) -> Images | None:
     """Water and fat of the echoes of `[dixon]`; None without them."""
     keys, table = deck["dixon"], deck["image"]
-    if "magnitude" not in keys and "phase" not in keys:
+    if "magnitude" not in keys:
         return None
-    if "magnitude" not in keys or "phase" not in keys:
-        raise InputError("[dixon] needs magnitude and phase, two images each")
     for key in ("anatomy", "fat"):
         if key in table:
             raise InputError(

@@ -35,16 +35,9 @@ from myork.segmentation.scores import label_scores
 from myork.stations.images import read_images
 from myork.stations.tissue import find_tissues
 from myork.summary import renewing, update_summary
-from myork.types import F64
 
 __all__ = ["segment"]
 
-# What says which muscle is where, for each way of parting them
-_SPLITS = {
-    "pieces": ("image.reference", "[[muscle]]"),
-    "nearest": ("image.reference",),
-    "walk": ("image.seeds", "[[muscle]]"),
-}
 # Kind of voxels without a label that take no part in the segmentation
 _BEYOND = (0,)
 
@@ -195,7 +188,7 @@ def _fibers(
             f"{tensor.name}: {way.far} of these have no usable tensor around them and took the "
             f"fiber of the nearest voxel that has, up to {way.distance:.3g} mm away"
         )
-    record["orientation"] = [entry.record() for entry in axes.evidence]
+    record["orientation"] = [entry._asdict() for entry in axes.evidence]
     record["fiber_smoothing"] = way.smoothing
     return {"fibers": way.fibers, **tensor_maps(tensor)}
 
@@ -226,33 +219,22 @@ def _check_rules(table: Mapping[str, Any], muscles: list[Muscle]) -> None:
     """Refuse rules that contradict each other before anything is computed."""
     if table["start"] == "seeds" and not muscles:
         raise InputError("image.start = 'seeds' needs [[muscle]] with seeds or a rim")
-    if "reference_anatomy" in table and "reference" not in table:
-        raise InputError("image.reference_anatomy needs image.reference")
-    split, rims = table["split"], [muscle.name for muscle in muscles if muscle.rim]
-    given = [f"image.{key}" for key in ("seeds", "reference") if key in table]
-    given += ["[[muscle]]"] if muscles else []
-    if len(given) > 1:
-        raise InputError(f"{given[0]} and {given[1]} both say what is where; take one out")
-    fitting = _SPLITS[split]
-    if (given or split != "pieces") and not set(given) & set(fitting):
-        also = f", not with {given[0]}" if given else ""
-        raise InputError(f"image.split = '{split}' goes with {' or '.join(fitting)}{also}")
-    if rims and split != "walk":
-        raise InputError(f"muscle.{rims[0]}.rim needs image.split = 'walk'")
+    maps = [f"image.{key}" for key in ("seeds", "reference") if key in table]
+    if muscles and maps:
+        raise InputError(f"{maps[0]} and [[muscle]] both say what is where; take one out")
+    if table["split"] == "walk" and not (muscles or maps):
+        raise InputError("image.split = 'walk' needs image.seeds or [[muscle]]")
 
 
 def _muscles(deck: Mapping[str, Any]) -> list[Muscle]:
     """Rules of the deck."""
-    return [Muscle(rule["name"], _points(rule), rule["rim"]) for rule in deck.get("muscle", [])]
-
-
-def _points(rule: Mapping[str, Any]) -> F64:
-    """Seeds of a rule, shape `(nseed, 3)` [mm]."""
-    if len(rule["seeds"]) % 3:
-        raise InputError(
-            f"muscle.{rule['name']}.seeds: three coordinates a point, not {len(rule['seeds'])}"
-        )
-    return np.reshape(np.asarray(rule["seeds"], float), (-1, 3))
+    muscles = []
+    for rule in deck.get("muscle", []):
+        name, seeds = rule["name"], np.array(rule.get("seeds", ()), float)
+        if len(seeds) % 3:
+            raise InputError(f"muscle.{name}.seeds: three coordinates a point, not {len(seeds)}")
+        muscles.append(Muscle(name, seeds.reshape(-1, 3), rule.get("rim", 0.0)))
+    return muscles
 
 
 def _scores(table: Mapping[str, Any], labels: Labels, truth: Labels) -> dict[str, Any]:
