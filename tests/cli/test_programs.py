@@ -95,6 +95,7 @@ def summary_of(out: Path) -> Any:
     return json.loads((out / "summary.json").read_text(encoding="utf-8"))
 
 
+@pytest.mark.slow
 def test_both_programs_find_the_same_numbers(inputs: Path, tmp_path: Path) -> None:
     """One does the work for the other, so that only the hand-over can differ: 1e-10 relative."""
     solved = {}

@@ -215,6 +215,7 @@ def test_labels_of_ones_own_as_start():
     assert dice(result.region == 1, inside) > 0.985
 
 
+@pytest.mark.slow
 def test_medial_gastrocnemius_of_the_phantom():
     phantom = make_phantom()
     region = body_mask(phantom.anatomy) & box_mask(phantom.anatomy, [-8, 46, -50, -6, -1, 100])

@@ -52,6 +52,7 @@ def test_muscle_noise_has_the_asked_ratio(phantom):
     assert np.std(noise) == pytest.approx(400 / 25, rel=0.05)
 
 
+@pytest.mark.slow
 def test_shading_is_the_asked_amplitude(phantom):
     body = phantom.bias.data
     assert np.abs(body - 1).max() == pytest.approx(0.3)

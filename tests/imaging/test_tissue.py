@@ -78,6 +78,7 @@ def test_materials_of_a_leg(leg):
     assert dice(found.data > 0, leg.tissue.data > 0) > 0.99
 
 
+@pytest.mark.slow
 def test_fewer_images_give_fewer_materials(leg):
     found, _ = leg_tissues(leg.anatomy)
     assert not (found.data == 3).any()

@@ -51,6 +51,7 @@ def dense_search(f: np.ndarray, bulk: float, **moduli: float) -> float:
     return float(np.linalg.eigvalsh(plane @ q @ plane + 1e6 * normal).min())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "bulk"), [("rkcm", "100"), ("rkcm", "1e8"), ("rkcm-mixed", "inf")]
 )

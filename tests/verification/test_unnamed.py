@@ -94,6 +94,7 @@ def test_slow_iterations_of_a_hard_load_arrive() -> None:
     assert states.load[-1] == 1.0 and states.iterations.sum() > 10
 
 
+@pytest.mark.slow
 def test_a_model_from_a_label_map() -> None:
     """A bar of muscle beside fat, held at both ends."""
     data = np.ones((8, 8, 8))
@@ -122,6 +123,7 @@ def test_a_beam_bends() -> None:
     assert solved(cantilever([33, 9])).last()["tip"] == pytest.approx(1.6485, rel=0.01)
 
 
+@pytest.mark.slow
 def test_an_odd_number_of_cells_is_as_good_as_an_even_one() -> None:
     """A cell that is left over makes a group of its own.
 
@@ -152,6 +154,7 @@ def test_halved_steps_are_told(tmp_path: Path) -> None:
     assert not any("halved" in text for text in summary["warnings"])
 
 
+@pytest.mark.slow
 def test_one_step_does_not_turn_sides_over() -> None:
     """A block on symmetry planes, stretched to six times its length: uniform, and free across.
 
