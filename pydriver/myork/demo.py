@@ -70,8 +70,8 @@ def run_demo(
     summary = read_summary(out)
     deck = load_deck(_DECK, overrides)
     verdict = summary["verdict"]
-    told = "; ".join([f"verdict: {verdict['state']}", *verdict["reasons"]])
-    parts = [*_forces(deck, summary), _checks(summary), told, *_models(summary)]
+    judged = "; ".join([f"verdict: {verdict['state']}", *verdict["reasons"]])
+    parts = [*_forces(deck, summary), _checks(summary), judged, *_models(summary)]
     return "\n".join([*parts, f"report: {page}"])
 
 

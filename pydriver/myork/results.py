@@ -404,13 +404,13 @@ def _optional(name: str, extra: str) -> Any:
 
 def _with_bar(step: dict[str, Any], name: str, units: dict[str, str]) -> str:
     """Value of a probe in a step of the summary with its error bar and its unit."""
-    told = []
+    parts = []
     for values, digits in ((printed(step), 5), (step.get("probe_errors", {}), 2)):
         value = values.get(name)
         if value is not None:
             several = value if isinstance(value, list) else [value]
-            told.append(", ".join("-" if v is None else f"{v:.{digits}g}" for v in several))
-    return f"{' &plusmn; '.join(told)} {escape(units.get(name, ''))}".rstrip()
+            parts.append(", ".join("-" if v is None else f"{v:.{digits}g}" for v in several))
+    return f"{' &plusmn; '.join(parts)} {escape(units.get(name, ''))}".rstrip()
 
 
 def restart_of(words: str | Path) -> RestartState:

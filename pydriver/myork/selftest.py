@@ -97,8 +97,8 @@ def run_selftest(
             + (f"{len(failed)} failed: {', '.join(failed)}" if failed else "the installation works")
         )
         if out is not None:
-            told = {"facts": facts, "checks": [check._asdict() for check in found]}
-            write_json(folder / "selftest.json", told)
+            content = {"facts": facts, "checks": [check._asdict() for check in found]}
+            write_json(folder / "selftest.json", content)
     return found
 
 

@@ -193,7 +193,7 @@ def test_data_that_do_not_tell(trained: Path, deck: Path, tmp_path: Path) -> Non
     assert not high - low < 25
     data.write_text("u_z,reaction\n0.0,5.0\n0.01,5.1\n0.02,5.2\n")
     found = identify(trained, data, ["sigma_max", "activation"], tmp_path, threads=1)
-    assert any("are not told apart" in line for line in found["warnings"])
+    assert any("are not distinguished" in line for line in found["warnings"])
 
 
 @pytest.mark.slow

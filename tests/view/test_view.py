@@ -171,7 +171,7 @@ def test_the_body_follows_the_sliders(open_page: Any, address: str) -> None:
         )
         page.wait_for_function("() => !wanted && !busy")
         colours[field] = (picture(page).astype(int).sum(), page.inner_text("#high"))
-    assert len({told for told in colours.values()}) == len(FIELDS)
+    assert len({colour for colour in colours.values()}) == len(FIELDS)
     # turned by the mouse
     before = picture(page)
     box = page.locator("#body").bounding_box()
@@ -196,7 +196,7 @@ def test_a_moving_slider_is_followed(open_page: Any, address: str) -> None:
     assert page.evaluate("shown.answers") > before + 1
 
 
-def test_outside_is_told(open_page: Any, address: str) -> None:
+def test_outside_is_said(open_page: Any, address: str) -> None:
     page = open_page(address)
     page.wait_for_function("shown.answers > 0")
     slide(page, 1, 0.34)
@@ -210,9 +210,9 @@ def test_outside_is_told(open_page: Any, address: str) -> None:
 
 
 def test_no_number_without_a_state(address: str) -> None:
-    told, numbers = asked(f"{address}state?p=0.8,-1.9,40&field=J")
-    assert told["verdict"] == "refused" and not told["converged"] and not told["inside"]
-    assert told["reasons"][0] == "no state was found for these values"
+    facts, numbers = asked(f"{address}state?p=0.8,-1.9,40&field=J")
+    assert facts["verdict"] == "refused" and not facts["converged"] and not facts["inside"]
+    assert facts["reasons"][0] == "no state was found for these values"
     assert len(numbers) % 4 == 0
 
 
@@ -229,13 +229,13 @@ def test_positions_and_fields(answers: Answers) -> None:
     assert np.sum(on) == 42
     assert shown.positions == pytest.approx(points[on] + state.u()[on], abs=1e-9)
     assert shown.values == pytest.approx(np.linalg.norm(state.u()[on], axis=1), abs=1e-9)
-    told = shown.told
+    facts = shown.facts
     with answers.rom.full_model().open(
         ["load.activation=0.5", "boundary.z1.u_z=0.2", "load.steps=1"]
     ) as scene:
         x = answers.rom.basis @ answers.rom.batch(np.array([values])).amplitudes[0]
         fields = scene.fields(x, 1.0)
-    assert told["J"] == pytest.approx([fields.named["J"].min(), fields.named["J"].max()], rel=1e-6)
+    assert facts["J"] == pytest.approx([fields.named["J"].min(), fields.named["J"].max()], rel=1e-6)
     principal = answers.state(values, "principal").values
     assert principal == pytest.approx(fields.named["principal_stress"].max(axis=1)[on], rel=1e-6)
     # materials are those of the state, also after another
@@ -264,10 +264,10 @@ def test_angles_of_fibers_move(tmp_path: Path) -> None:
 
 def test_curves_pass_through_the_state(answers: Answers) -> None:
     values = [0.4, 0.05, 30.0]
-    told = answers.state(values, "J").told
+    facts = answers.state(values, "J").facts
     for one in answers.curves(values, 0, [0, 1, 2]):
         y = np.interp(values[one["parameter"]], one["x"], one["y"][0])
-        assert y == pytest.approx(told["probes"][0], rel=0.01)
+        assert y == pytest.approx(facts["probes"][0], rel=0.01)
     families = answers.curves(values, 0, [0, 1, 2], family=True)
     assert [len(one["y"]) for one in families] == [5, 5, 5]
     assert families[1]["of"] == "load.activation" and families[0]["of"] == "boundary.z1.u_z"

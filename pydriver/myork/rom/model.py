@@ -309,10 +309,10 @@ class ReducedModel:
             f"<tr><td>{escape(p.key)}</td><td>{p.low:g}</td><td>{p.high:g}</td></tr>"
             for p in self.parameters
         )
-        told = "".join(f"<br>{escape(line)}" for line in rest[len(self.parameters) :])
+        measured = "".join(f"<br>{escape(line)}" for line in rest[len(self.parameters) :])
         return (
             f"<p><b>{escape(first)}</b></p><table><tr><th>parameter</th><th>from</th><th>to</th></tr>"
-            f"{ranges}</table><p>{told.removeprefix('<br>')}</p>"
+            f"{ranges}</table><p>{measured.removeprefix('<br>')}</p>"
         )
 
     def solve(

@@ -191,7 +191,7 @@ class Solver:
     ) -> Answer:
         """States from a start; those that fail are followed from the nearest known ones."""
         if most < MOST_STEPS:
-            # as many corrections as asked for; whether they were enough is told
+            # as many corrections as asked for; whether they were enough is said
             answer, change = self.newton(conditions, start, tolerance=0.0, most=most, lift=lift)
             return answer._replace(converged=answer.converged & (change < TOLERANCE))
         answer = self.newton(conditions, start, lift=lift)[0]

@@ -128,7 +128,7 @@ def make_setting(
     pushes: list[F64] = []
     extra: list[F64] = []
     places: list[tuple[int, int]] = []
-    told: list[dict[str, Any]] = []
+    entries: list[dict[str, Any]] = []
     for index, (probe, of_set) in enumerate(zip(probes, sets, strict=True)):
         quantity = probe["quantity"]
         rows: list[int] = []
@@ -154,14 +154,14 @@ def make_setting(
         elif quantity not in ("u", "u_x", "u_y", "u_z") or of_set > 0:
             continue
         name = probe["name"]
-        told.append(
+        entries.append(
             {"name": name, "quantity": quantity, "unit": deck["probe_units"][name],
              "rows": rows, "index": index}
         )  # fmt: skip
     push = np.zeros((len(wanted), len(loads)))
     for i, row in enumerate(pushes):
         push[i, : len(row)] = row
-    known = [entry["name"] for entry in told]
+    known = [entry["name"] for entry in entries]
     moduli = [p for p in kinds if p.kind == "modulus"]
     variants = []
     for p in moduli:
@@ -176,7 +176,7 @@ def make_setting(
         kinds, laws, parts, projection.Columns.of(loads), len(units),
         len(loads) - 1 - len(units), np.array(wanted, np.int64), threads,
         tuple(still), push, tuple(places), tuple(variants),
-        tuple(entry["index"] for entry in told if is_stress(entry["quantity"])),
+        tuple(entry["index"] for entry in entries if is_stress(entry["quantity"])),
     )  # fmt: skip
     head = {
         "title": deck["title"],
@@ -184,7 +184,7 @@ def make_setting(
         "dimension": scene.dimension,
         "parameters": [list(p) for p in kinds],
         "force_amplitudes": setting.extra,
-        "probes": told,
+        "probes": entries,
         "probes_left_out": [p["name"] for p in probes if p["name"] not in known],
     }
     return setting, head

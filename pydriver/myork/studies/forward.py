@@ -176,8 +176,8 @@ class _Full(Forward):
             try:
                 x = self._solve(row)
             except ConvergenceError as reason:
-                told = ", ".join(f"{k} = {v:.4g}" for k, v in zip(keys, row, strict=True))
-                self._progress(f"no state at {told}: {reason}")
+                place = ", ".join(f"{k} = {v:.4g}" for k, v in zip(keys, row, strict=True))
+                self._progress(f"no state at {place}: {reason}")
                 continue
             good[i] = True
             value = self._scene.probes(x[None], np.ones(1))[0]

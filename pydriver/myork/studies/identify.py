@@ -24,7 +24,7 @@ _STARTS, _BEST = 64, 3
 #: Step of the differences, of a range: above the tolerance of the states, below curvature
 _STEP = 1e-3
 _CONFIDENCE = 0.95
-#: Parameters whose estimates go together as far as this are not told apart by the data
+#: Parameters whose estimates go together as far as this are not distinguished by the data
 _TOGETHER = 0.98
 
 
@@ -184,8 +184,8 @@ def _fit(
         value = model(shares)[0]
         left: F64 = ((value - data.values) / scale)[known]
         if not np.isfinite(left).all():
-            told = low + (high - low) * (shares - 1.0)
-            named = ", ".join(f"{k} = {v:.4g}" for k, v in zip(keys, told, strict=True))
+            place = low + (high - low) * (shares - 1.0)
+            named = ", ".join(f"{k} = {v:.4g}" for k, v in zip(keys, place, strict=True))
             raise ConvergenceError(f"no state at {named}: narrow the ranges of --free")
         return left
 
@@ -206,12 +206,12 @@ def _fit(
     best = fits[0]
     freedom = int(known.sum()) - len(keys)
     left, s, right = np.linalg.svd(best.jac, full_matrices=False)
-    told = s > 1e-10 * s[0]
-    inverse = (right[told].T / s[told] ** 2) @ right[told]
+    determined = s > 1e-10 * s[0]
+    inverse = (right[determined].T / s[determined] ** 2) @ right[determined]
     spread = 1.0
     if data.errors is None:
         spread = np.sqrt(2.0 * best.cost / freedom) if freedom > 0 else np.nan
-    if not told.all():
+    if not determined.all():
         inverse = inverse + np.where(np.eye(len(keys)) > 0, np.inf, 0.0)
     factor = student.ppf(0.5 + 0.5 * _CONFIDENCE, max(freedom, 1)) if data.errors is None else 1.96
     error = spread * np.sqrt(np.diag(inverse)) * (high - low)
@@ -219,7 +219,7 @@ def _fit(
     spreads = np.sqrt(np.diag(inverse))
     together = inverse / np.outer(spreads, spreads)
     fitted = model(best.x)[0]
-    warnings = _warnings(keys, best, fits, together, freedom, told.all())
+    warnings = _warnings(keys, best, fits, together, freedom, determined.all())
     if data.errors is not None and freedom > 0 and 2.0 * best.cost > 4.0 * freedom:
         warnings.append(
             f"the misfit is {np.sqrt(2.0 * best.cost / freedom):.2g} times the standard errors: "
@@ -270,7 +270,7 @@ def _warnings(
         for j in range(k):
             if abs(together[k, j]) > _TOGETHER:
                 found.append(
-                    f"{keys[j]} and {key} are not told apart by these data "
+                    f"{keys[j]} and {key} are not distinguished by these data "
                     f"(correlation {together[k, j]:.3f})"
                 )
     near = [f for f in fits if f.cost < 1.5 * best.cost and np.abs(f.x - best.x).max() > 0.02]

@@ -14,7 +14,7 @@ __all__ = ["solve_point"]
 
 
 def solve_point(deck: str, overrides: Sequence[str], out: str | None) -> dict[str, Any]:
-    """Solve a deck with overrides; what goes wrong is told, not raised.
+    """Solve a deck with overrides; what goes wrong is a message, not raised.
 
     Returns
     -------

@@ -47,7 +47,7 @@ class Shown(NamedTuple):
 
     Attributes
     ----------
-    told : dict
+    facts : dict
         Numbers beside the body: probes, indicator, verdict with reasons, range of the field.
     positions : F64
         Where the corners of the surface are, shape `(n, 3)` [length].
@@ -55,7 +55,7 @@ class Shown(NamedTuple):
         The field there, not a number where the body is inside out, shape `(n,)`.
     """
 
-    told: dict[str, Any]
+    facts: dict[str, Any]
     positions: F64
     values: F64
 
@@ -165,7 +165,7 @@ class Answers:
         j = fields.named["J"][:, 0]
         verdict, reasons = self._verdict(row[0], batch, float(j.min()))
         positions = self._rest + fields.u[self._corners]
-        told = {
+        facts = {
             "probes": [_number(v) for v in self._values(batch)[0]],
             "indicator": _number(batch.indicator[0]),
             "inside": bool(batch.inside[0]),
@@ -177,7 +177,7 @@ class Answers:
             "J": [_number(j.min()), _number(j.max())],
             "ms": 1e3 * took,
         }
-        return Shown(told, positions, value)
+        return Shown(facts, positions, value)
 
     def curves(
         self, values: Sequence[float], probe: int, of: Sequence[int], *, family: bool = False
@@ -327,8 +327,8 @@ def verdict_of(
     if smallest_j <= 0.0:
         reasons.insert(0, f"a place of the body is inside out: J = {smallest_j:.3g}")
     if not indicator <= DOUBTFUL:
-        told = f"the estimated error of the displacement is {100 * indicator:.2g} %"
-        reasons.insert(0, told)
+        error = f"the estimated error of the displacement is {100 * indicator:.2g} %"
+        reasons.insert(0, error)
         if not indicator <= REFUSED:
             return "refused", reasons
     return ("doubtful" if reasons else "accepted"), reasons

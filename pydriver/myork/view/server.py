@@ -285,7 +285,7 @@ def _state(handler: _Handler, asked: Asked) -> tuple[str, bytes]:
     shown = handler.computed(partial(answers.state, values, field))
     # shaders need not know what is not a number
     numbers = np.nan_to_num(shown.values, nan=_NONE)
-    return _numbers(shown.told, shown.positions.astype("<f4"), numbers.astype("<f4"))
+    return _numbers(shown.facts, shown.positions.astype("<f4"), numbers.astype("<f4"))
 
 
 def _curves(handler: _Handler, asked: Asked) -> tuple[str, bytes]:
@@ -349,9 +349,9 @@ def _short(word: str) -> str:
     return repr(word if len(word) <= 20 else f"{word[:20]}...")
 
 
-def _numbers(told: dict[str, Any], *arrays: np.ndarray) -> tuple[str, bytes]:
+def _numbers(facts: dict[str, Any], *arrays: np.ndarray) -> tuple[str, bytes]:
     """JSON with its length before it, filled up to four bytes, then arrays of four bytes each."""
-    head = json.dumps(told).encode()
+    head = json.dumps(facts).encode()
     head += b" " * (-len(head) % 4)
     size = np.array([len(head)], "<u4").tobytes()
     return "application/octet-stream", size + head + b"".join(a.tobytes() for a in arrays)

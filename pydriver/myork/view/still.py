@@ -50,9 +50,9 @@ def keep_states(path: Path, folder: Path) -> Path:
             shown = [answers.state(row.tolist(), field) for field in _KEPT]
             arrays = [shown[0].positions, *(np.nan_to_num(s.values, nan=1e38) for s in shown)]
             packed = b"".join(a.astype("<f4").tobytes() for a in arrays)
-            told = shown[0].told
-            kept = base64.b64encode(packed).decode() if told["converged"] else ""
-            states.append({"told": told, "values": list(values), "places": kept})
+            facts = shown[0].facts
+            kept = base64.b64encode(packed).decode() if facts["converged"] else ""
+            states.append({"facts": facts, "values": list(values), "places": kept})
         x = np.linspace(parameters[axes[0]].low, parameters[axes[0]].high, _POINTS)
         for level in levels[1] if len(axes) > 1 else [None]:
             rows = np.tile(at, (_POINTS, 1))

@@ -9,16 +9,16 @@ const shades = ["#c6d4e1", "#a3bfd6", "#7fa9ca", "#5c93be", "#387db2"];
 function touch() {
   const stops = about.axes.map((_, k) => Number($(`stop${k}`).value));
   const at = stops.reduce((sum, stop, k) => sum * about.stops[k].length + stop, 0);
-  const state = about.states[at], told = state.told, n = about.corners;
+  const state = about.states[at], facts = state.facts, n = about.corners;
   about.axes.forEach((axis, k) => {
-    $(`told${k}`).textContent = `${state.values[k].toPrecision(3)} ${axis.unit}`;
+    $(`chosen${k}`).textContent = `${state.values[k].toPrecision(3)} ${axis.unit}`;
   });
-  const [mark, word] = WORDS[told.verdict];
+  const [mark, word] = WORDS[facts.verdict];
   $("verdict").className = `state ${mark}`;
   $("verdict").textContent = word;
-  $("force").textContent = told.converged ? told.probes[0].toPrecision(4) : "–";
-  $("error").textContent = told.indicator === null ? "–" : `${(100 * told.indicator).toPrecision(2)} %`;
-  if (told.converged) {
+  $("force").textContent = facts.converged ? facts.probes[0].toPrecision(4) : "–";
+  $("error").textContent = facts.indicator === null ? "–" : `${(100 * facts.indicator).toPrecision(2)} %`;
+  if (facts.converged) {
     const which = Number($("touched").value), field = about.fields[which];
     const buffer = bytes(state.places);
     $("low").textContent = field.range[0].toPrecision(3);
@@ -31,7 +31,7 @@ function touch() {
   lines.push({x: about.x, y: about.curves[own], colour: "#0b5c96", width: 2.2});
   chart($("curve"), axis.unit ? `${axis.key} [${axis.unit}]` : axis.key,
     `${about.probes[0].name}${about.probes[0].unit ? ` [${about.probes[0].unit}]` : ""}`, lines,
-    told.converged ? [state.values[0], told.probes[0]] : null);
+    facts.converged ? [state.values[0], facts.probes[0]] : null);
 }
 
 body.surface(new Float32Array(bytes(about.rest)), new Uint32Array(bytes(about.triangles)));

@@ -36,17 +36,17 @@ function makeSliders() {
     trained.style.left = `${part(p.low)}%`;
     trained.style.right = `${100 - part(p.high)}%`;
     bar.append(trained);
-    const told = () => {
+    const write = () => {
       const slack = 1e-9 * (p.high - p.low);
       output.textContent = `${values[k].toPrecision(3)} ${p.unit}`;
       box.classList.toggle("outside", values[k] < p.low - slack || values[k] > p.high + slack);
     };
     input.addEventListener("input", () => {
       values[k] = Number(input.value);
-      told();
+      write();
       ask();
     });
-    told();
+    write();
     label.append(name, output);
     box.append(label, input, bar);
     $("sliders").append(box);
@@ -68,8 +68,8 @@ async function fetched(question) {
 
 function unpacked(buffer) {
   const size = new DataView(buffer).getUint32(0, true);
-  const told = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, size)));
-  return [told, 4 + size];
+  const facts = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, size)));
+  return [facts, 4 + size];
 }
 
 async function ask() {
@@ -129,35 +129,35 @@ async function askFamilies() {
 }
 
 function tell(buffer, asked) {
-  const [told, start] = unpacked(buffer), n = body.rest_corners;
-  const [mark, word] = WORDS[told.verdict];
+  const [facts, start] = unpacked(buffer), n = body.rest_corners;
+  const [mark, word] = WORDS[facts.verdict];
   $("verdict").className = `state ${mark}`;
   $("verdict").textContent = word;
-  $("reasons").replaceChildren(...told.reasons.map((reason) => {
+  $("reasons").replaceChildren(...facts.reasons.map((reason) => {
     const line = document.createElement("li");
     line.textContent = reason;
     return line;
   }));
-  $("indicator").textContent = told.indicator === null ? "–" : `${text(100 * told.indicator, 2)} %`;
-  $("ms").textContent = `${told.ms.toFixed(1)} ms`;
+  $("indicator").textContent = facts.indicator === null ? "–" : `${text(100 * facts.indicator, 2)} %`;
+  $("ms").textContent = `${facts.ms.toFixed(1)} ms`;
   // no number without a state
-  told.probes.forEach((value, k) => {
-    $(`probe${k}`).textContent = told.converged ? text(value) : "–";
+  facts.probes.forEach((value, k) => {
+    $(`probe${k}`).textContent = facts.converged ? text(value) : "–";
   });
-  document.querySelector("section.body").classList.toggle("old", !told.converged);
-  last = {told, asked};
-  if (told.converged) {
-    $("j").textContent = `${text(told.J[0], 3)} to ${text(told.J[1], 3)}`;
+  document.querySelector("section.body").classList.toggle("old", !facts.converged);
+  last = {facts, asked};
+  if (facts.converged) {
+    $("j").textContent = `${text(facts.J[0], 3)} to ${text(facts.J[1], 3)}`;
     const field = about.fields.find((f) => f.name === $("field").value);
     const unit = field.unit === "-" ? "" : ` ${field.unit}`;
     $("low").textContent = text(field.range[0], 3);
     $("high").textContent = text(field.range[1], 3) + unit;
-    $("here").textContent = `here ${text(told.range[0], 3)} to ${text(told.range[1], 3)}${unit}`;
+    $("here").textContent = `here ${text(facts.range[0], 3)} to ${text(facts.range[1], 3)}${unit}`;
     body.show(new Float32Array(buffer, start, 3 * n), new Float32Array(buffer, start + 12 * n, n),
       field.range);
   }
   window.shown.answers += 1;
-  Object.assign(window.shown, {values: asked, probes: told.probes});
+  Object.assign(window.shown, {values: asked, probes: facts.probes});
 }
 
 function draw() {
@@ -167,8 +167,8 @@ function draw() {
     const lines = [];
     if (family) family.y.forEach((y, k) => lines.push({x: family.x, y, colour: shades[k], width: 1}));
     lines.push({x: one.x, y: one.y[0], colour: "#0b5c96", width: 2.2});
-    const marker = last && last.told.converged
-      ? [last.asked[one.parameter], last.told.probes[$("probe").value]] : null;
+    const marker = last && last.facts.converged
+      ? [last.asked[one.parameter], last.facts.probes[$("probe").value]] : null;
     const of = family
       ? `; thin: ${short(family.of)} ${family.at[0].toPrecision(2)} to ${family.at.at(-1).toPrecision(2)}`
       : "";
@@ -194,10 +194,10 @@ async function begin() {
   });
   try {
     const buffer = await (await fetched("surface")).arrayBuffer();
-    const [told, start] = unpacked(buffer);
-    body.rest_corners = told.corners;
-    body.surface(new Float32Array(buffer, start, 3 * told.corners),
-      new Uint32Array(buffer, start + 12 * told.corners, 3 * told.triangles));
+    const [facts, start] = unpacked(buffer);
+    body.rest_corners = facts.corners;
+    body.surface(new Float32Array(buffer, start, 3 * facts.corners),
+      new Uint32Array(buffer, start + 12 * facts.corners, 3 * facts.triangles));
   } catch (reason) {
     fail(reason);
     return;
