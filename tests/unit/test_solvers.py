@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from myork.core.least_squares import SOLVERS, least_squares
 from myork.errors import InputError, LinalgError
+from tests.dense import SOLVERS, least_squares
 from tests.scenes import box, held, scene
 
 #: Solvers whose answers are as good as QR's

@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from myork.core.least_squares import SOLVERS
 from myork.core.scene import Scene
 from myork.errors import ConvergenceError
+from tests.dense import SOLVERS
 from tests.scenes import execute
 
 TOLERANCE = 1e-7

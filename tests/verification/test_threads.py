@@ -62,7 +62,7 @@ CASES: dict[str, tuple[str, tuple[str, ...]]] = {
 PROGRAM = """
 import hashlib, json, sys
 import numpy as np
-from myork.core.least_squares import SOLVERS, least_squares
+from tests.dense import SOLVERS, least_squares
 from myork.core.level_sets import evolve_level_sets
 from myork.core.scene import Scene
 from myork.core.shape import shape_functions
