@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
@@ -12,23 +12,7 @@ from myork.core.deck import load_deck
 from myork.errors import ConvergenceError, RefusedError
 from myork.summary import asked
 
-__all__ = ["run_chain", "stations_of"]
-
-
-def stations_of(values: Mapping[str, Any]) -> list[str]:
-    """Commands that a deck needs before its report, in their order.
-
-    Parameters
-    ----------
-    values : mapping
-        Tables of the deck with defaults, from `load_deck`.
-    """
-    geometry = values.get("geometry")
-    solved = ["solve"] if geometry is not None else []
-    if geometry is not None and geometry["kind"] != "model":
-        return solved
-    made = "labels" in values["build"] or "surface" in values["build"]
-    return [*([] if made else ["segment"]), "build", *solved]
+__all__ = ["run_chain"]
 
 
 def run_chain(
@@ -72,6 +56,7 @@ def run_chain(
     """
     from myork.report import make_report
     from myork.stations.build import build
+    from myork.stations.explain import stations_of
     from myork.stations.segment import segment
     from myork.stations.solve import run_deck
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 import pyvista
 
-from myork.chain import stations_of
 from myork.cli import main
 from myork.core.deck import load_deck
 from myork.imaging.io import write_image, write_labels
 from myork.records import Image, Labels
+from myork.stations.explain import stations_of
 from myork.summary import read_summary
 
 DECKS = Path(__file__).parents[2] / "inputs" / "images"

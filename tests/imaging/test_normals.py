@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from myork.model.normals import signed_distance, surface_normals
+from myork.model.normals import surface_normals
 
 
 def ellipsoid(shape, spacing, axes, off=(0.0, 0.0, 0.0)):
@@ -71,14 +71,6 @@ def test_ends_do_not_bend_the_normals_of_a_cylinder():
     voxels = np.argwhere(body & ~ndimage.binary_erosion(body, np.ones((3, 3, 1))))
     normal = surface_normals(body, np.array([1.0, 1.0, 4.0]), voxels)
     np.testing.assert_allclose(normal[:, 2], 0.0, atol=1e-12)
-
-
-def test_distance_is_positive_inside():
-    body = np.zeros((7, 7, 7), bool)
-    body[2:5, 2:5, 2:5] = True
-    phi = signed_distance(body, np.ones(3))
-    assert phi[3, 3, 3] == 2.0
-    assert phi[0, 3, 3] == -2.0
 
 
 def test_middle_of_a_sheet_has_no_normal():

@@ -12,7 +12,7 @@ from myork.errors import InputError
 from myork.imaging.io import read_image, read_labels, write_image, write_labels
 from myork.imaging.phantom import TISSUES, make_phantom
 from myork.model.cloud import build_cloud
-from myork.model.shares import checked_parts, read_parts
+from myork.model.shares import checked_parts
 from myork.records import Image, Labels
 from myork.segmentation.partial import label_parts
 from myork.stations.build import build
@@ -136,21 +136,18 @@ def test_points_have_the_volumes_of_parts():
     assert cloud.label_volumes()[2] == pytest.approx(share.sum(), rel=2e-3)
 
 
-def test_parts_that_do_not_go_with_the_labels_are_refused(tmp_path):
+def test_parts_that_do_not_go_with_the_labels_are_refused():
     labels = Labels(np.array([[[0, 1, 3]]], np.int32), np.eye(4))
     parts = np.array([[[[0.1, 0.0], [1.0, 0.0], [0.4, 0.6]]]])
-    path = tmp_path / "parts.nii.gz"
-    write_image(path, Image(parts, np.eye(4)))
-    np.testing.assert_allclose(read_parts(path, labels).data, parts, atol=1e-6)
+    assert np.array_equal(checked_parts(Image(parts, np.eye(4)), labels).data, parts)
     for change, told in (
         (parts[..., :1], r"1 volumes do not go with the labels \[1, 3\]"),
         (parts * 1.2, r"must be 0 at least and their sum 1 at most, but in 2 voxels"),
         (parts - 0.3, r"in 2 voxels they are not, first in \(0, 0, 0\)"),
         (parts * np.nan, r"in 3 voxels"),
     ):
-        write_image(path, Image(change, np.eye(4)))
         with pytest.raises(InputError, match=told):
-            read_parts(path, labels)
+            checked_parts(Image(change, np.eye(4)), labels)
 
 
 @pytest.mark.parametrize(
@@ -161,11 +158,11 @@ def test_labels_changed_by_hand_do_not_take_the_parts_of_before(where, becomes, 
     data = np.where(np.arange(12) < 4, 2, 1).astype(np.int32)[:, np.newaxis, np.newaxis]
     parts = np.stack([data == 1, data == 2], axis=-1).astype(float)
     parts[4] = [0.3, 0.7]
-    checked_parts(Image(parts, np.eye(4)), Labels(data, np.eye(4)), "parts")
+    checked_parts(Image(parts, np.eye(4)), Labels(data, np.eye(4)))
     changed = data.copy()
     changed[slice(*where)] = becomes
     with pytest.raises(InputError, match="these are the parts of other labels") as told:
-        checked_parts(Image(parts, np.eye(4)), Labels(changed, np.eye(4), {}, "drawn"), "parts")
+        checked_parts(Image(parts, np.eye(4)), Labels(changed, np.eye(4), {}, "drawn"))
     assert f"first ({first}, 0, 0)" in str(told.value) and "in drawn hold none" in str(told.value)
 
 

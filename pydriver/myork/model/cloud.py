@@ -12,7 +12,7 @@ from myork.imaging.geometry import canonical, frame, length_factor, to_voxels
 from myork.model import points
 from myork.model.boundary import Boundary, bone_beside, boundary_sets
 from myork.model.fibers import activation_at_points, fibers_at_points
-from myork.model.shares import LabelParts, label_shares
+from myork.model.shares import LabelParts, checked_parts, label_shares
 from myork.model.surface import end_offsets, surface_offsets
 from myork.records import Image, Labels, PointCloud, Voxels
 
@@ -75,7 +75,8 @@ def build_cloud(
     left_out = (merged.data > 0) & ~body
     parts = None
     if fractions is not None:
-        parts = LabelParts(canonical(fractions), np.unique(labels.data[labels.data > 0]))
+        whole_parts = checked_parts(canonical(fractions), whole)
+        parts = LabelParts(whole_parts, np.unique(labels.data[labels.data > 0]))
     shares, numbers = label_shares(part, coarse, block, left_out, parts)
     filled = shares.sum(axis=1)
     volumes = dict(zip(numbers.tolist(), shares.sum(axis=0) * coarse.spacing.prod(), strict=True))

@@ -60,6 +60,21 @@ class FiberField(NamedTuple):
     distance: float
     smoothing: float
 
+    def doubts(self) -> list[str]:
+        """Sentences about fibers that are not those of their own tensors."""
+        sentences = []
+        if self.filled:
+            sentences.append(
+                f"{self.filled} tensors of the tissue are not finite or not positive; their "
+                "neighbours were used"
+            )
+        if self.far:
+            sentences.append(
+                f"{self.far} of these have no usable tensor around them and took the fiber of the "
+                f"nearest voxel that has, up to {self.distance:.3g} mm away"
+            )
+        return sentences
+
 
 def lead_vector(components: F64) -> F64:
     """Unit eigenvector of the largest eigenvalue, turned to point upwards (z, then y, then x).

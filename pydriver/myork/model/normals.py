@@ -13,7 +13,7 @@ from scipy import ndimage
 
 from myork.types import F64, Mask
 
-__all__ = ["signed_distance", "surface_normals"]
+__all__ = ["surface_normals"]
 
 
 # Standard deviation of the smoothing, across [voxel]: less leaves the stairs of the voxels in the
@@ -30,21 +30,6 @@ _BLUR = 2.0
 _CHUNK = 4000
 # Layers by which the cut ends are continued, so that they do not bend the normals beside them.
 _LAYERS = 10
-
-
-def signed_distance(body: Mask, spacing: F64) -> F64:
-    """Distance to the surface between voxels, positive inside, shape of `body` [length].
-
-    Parameters
-    ----------
-    body : NDArray
-        Voxels of the body, shape `(ni, nj, nk)`, with some voxel outside.
-    spacing : NDArray
-        Voxel size, shape `(3,)` [length].
-    """
-    inside = ndimage.distance_transform_edt(body, sampling=spacing)
-    outside = ndimage.distance_transform_edt(~body, sampling=spacing)
-    return inside - outside
 
 
 def surface_normals(
@@ -82,7 +67,10 @@ def surface_normals(
     whole = np.pad(whole, [(0, 0), (0, 0), (_LAYERS, _LAYERS)], mode="edge")
     at = voxels + _LAYERS
     metric = _round_metric(body, spacing)
-    phi = signed_distance(whole, metric)
+    inside, outside = (
+        ndimage.distance_transform_edt(part, sampling=metric) for part in (whole, ~whole)
+    )
+    phi = inside - outside
     if method == "multiquadric":
         normal = -_multiquadric_gradient(phi, spacing, at)
     else:

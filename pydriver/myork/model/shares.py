@@ -10,7 +10,6 @@ the body and of each label. A voxel of the image may be told to hold several lab
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -18,12 +17,11 @@ from scipy import ndimage
 
 from myork.errors import InputError
 from myork.imaging.geometry import check_same_grid, to_voxels
-from myork.imaging.io import read_image
 from myork.model.points import first_voxel
 from myork.records import Image, Labels
 from myork.types import F64, I32, I64, Mask
 
-__all__ = ["LabelParts", "checked_parts", "label_shares", "read_parts"]
+__all__ = ["LabelParts", "checked_parts", "label_shares"]
 
 
 # Parts are written in single precision.
@@ -32,23 +30,7 @@ _SLACK = 1e-3
 _LEAST = 0.1
 
 
-def read_parts(path: Path, labels: Labels) -> Image:
-    """Read the parts of the labels of a map, one volume each in ascending order.
-
-    Parameters
-    ----------
-    path : Path
-        4-D image.
-    labels : Labels
-        Label map whose labels above zero the volumes are of.
-    """
-    image = read_image(path, values=None)
-    if image.data.ndim == 3:
-        image = Image(image.data[..., np.newaxis], image.affine, image.name)
-    return checked_parts(image, labels, str(path))
-
-
-def checked_parts(image: Image, labels: Labels, name: str) -> Image:
+def checked_parts(image: Image, labels: Labels) -> Image:
     """Refuse parts that do not go with the labels of a map, or are none.
 
     Parameters
@@ -56,15 +38,13 @@ def checked_parts(image: Image, labels: Labels, name: str) -> Image:
     image : Image
         Shape `(ni, nj, nk, nlabel)`.
     labels : Labels
-        Label map whose labels above zero the volumes are of.
-    name : str
-        Of the parts, for messages.
+        Label map whose labels above zero the volumes are of, one each, ascending.
     """
     check_same_grid(image, labels)
     numbers = np.unique(labels.data[labels.data > 0]).tolist()
     if image.data.shape[3] != len(numbers):
         raise InputError(
-            f"{name}: {image.data.shape[3]} volumes do not go with the labels {numbers} of "
+            f"{image.name}: {image.data.shape[3]} volumes do not go with the labels {numbers} of "
             f"{labels.name}; give one volume for each, in ascending order"
         )
     # a comparison with what is no number is false
@@ -73,7 +53,7 @@ def checked_parts(image: Image, labels: Labels, name: str) -> Image:
     if not fine.all():
         at = tuple(np.argwhere(~fine)[0].tolist())
         raise InputError(
-            f"{name}: parts of labels must be 0 at least and their sum 1 at most, but in "
+            f"{image.name}: parts of labels must be 0 at least and their sum 1 at most, but in "
             f"{int((~fine).sum())} voxels they are not, first in {at}: {image.data[at].tolist()}"
         )
     # Parts differ from labels along borders; labels that were changed afterwards have none inside.
@@ -85,9 +65,9 @@ def checked_parts(image: Image, labels: Labels, name: str) -> Image:
     lost = (low == high) & (own <= _SLACK)
     if lost.any():
         raise InputError(
-            f"{name}: {int(lost.sum())} voxels that all their neighbours share the label of in "
-            f"{labels.name} hold none of it, first {tuple(np.argwhere(lost)[0].tolist())}: these "
-            "are the parts of other labels; make them of these, or take the file away"
+            f"{image.name}: {int(lost.sum())} voxels that all their neighbours share the label of "
+            f"in {labels.name} hold none of it, first {tuple(np.argwhere(lost)[0].tolist())}: "
+            "these are the parts of other labels; make them of these, or take the file away"
         )
     return Image(np.maximum(image.data, 0.0), image.affine, image.name)
 

@@ -119,7 +119,10 @@ def finer_labels(labels: Labels, axis: int, parts: int) -> Labels:
         inside[around] |= (distance > 0) | (changes & (depth[around] > 0))
     result[~inside] = 0
     data = np.ascontiguousarray(np.moveaxis(result, 2, axis))
-    return Labels(data, _finer_affine(labels.affine, axis, parts), labels.names, labels.name)
+    affine = labels.affine.copy()
+    affine[:3, axis] /= parts
+    affine[:3, 3] -= labels.affine[:3, axis] * 0.5 * (1.0 - 1.0 / parts)
+    return Labels(data, affine, labels.names, labels.name)
 
 
 def finer_fibers(fibers: Image, labels: Labels, finer: Labels, axis: int, parts: int) -> Image:
@@ -279,11 +282,3 @@ def _neighbours(count: int, parts: int) -> tuple[I64, F64]:
     place = (np.arange(count * parts) + 0.5) / parts - 0.5
     low = np.clip(np.floor(place).astype(np.int64), 0, max(count - 2, 0))
     return low, place - low
-
-
-def _finer_affine(affine: F64, axis: int, parts: int) -> F64:
-    """Affine of slices cut into parts."""
-    finer = affine.copy()
-    finer[:3, axis] /= parts
-    finer[:3, 3] -= affine[:3, axis] * 0.5 * (1.0 - 1.0 / parts)
-    return finer

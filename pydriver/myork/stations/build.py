@@ -17,7 +17,6 @@ from myork.imaging.io import read_image, read_labels
 from myork.model.cloud import build_cloud
 from myork.model.flow import flow_fibers
 from myork.model.mesh import read_tracts, tract_fibers, voxelise
-from myork.model.shares import read_parts
 from myork.model.slices import extruded, finer_fibers, finer_labels, finer_values, slice_parts
 from myork.model_file import write_model
 from myork.records import Image, Labels, PointCloud
@@ -191,7 +190,8 @@ def _of_images(deck: Mapping[str, Any], folder: Path, out: Path) -> _Body:
         body = body._replace(fibers=vectors, paths=[*body.paths, fibers])
     parts = place("fractions", "fractions")
     if parts is not None:
-        fractions = read_parts(parts, body.labels)
+        fractions = read_image(parts, values=None)
+        check_same_grid(fractions, body.labels)
         body = body._replace(fractions=fractions, paths=[*body.paths, parts])
     return body
 

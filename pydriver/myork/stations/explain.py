@@ -11,7 +11,7 @@ from myork.core.deck import load_deck
 from myork.imaging.io import read_image
 from myork.stations.solve import run_executable, set_options
 
-__all__ = ["explain_deck"]
+__all__ = ["explain_deck", "stations_of"]
 
 
 def explain_deck(
@@ -45,6 +45,22 @@ def explain_deck(
     run_executable(deck, [*options, *set_options(overrides)], progress)
 
 
+def stations_of(values: Mapping[str, Any]) -> list[str]:
+    """Commands that a deck needs before its report, in their order.
+
+    Parameters
+    ----------
+    values : mapping
+        Tables of the deck with defaults, from `load_deck`.
+    """
+    geometry = values.get("geometry")
+    solved = ["solve"] if geometry is not None else []
+    if geometry is not None and geometry["kind"] != "model":
+        return solved
+    made = "labels" in values["build"] or "surface" in values["build"]
+    return [*([] if made else ["segment"]), "build", *solved]
+
+
 def _has_model(values: Mapping[str, Any], out: Path) -> bool:
     """Whether the model of a deck that wants one is there."""
     geometry = values.get("geometry")
@@ -76,9 +92,7 @@ def _stations(values: Mapping[str, Any]) -> list[str]:
             f"  solve         method {values['scene']['method']}, {len(values['material'])} "
             f"material(s); sizes and cost once model.h5 is built: explain again then"
         )
-    first = () if "labels" in build or "surface" in build else ("segment",)
-    last = ("solve",) if "geometry" in values else ()
-    lines.append(f"  commands      {', '.join(('myork ' + c) for c in (*first, 'build', *last))}")
+    lines.append(f"  commands      {', '.join(f'myork {name}' for name in stations_of(values))}")
     return lines
 
 

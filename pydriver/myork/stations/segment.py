@@ -178,16 +178,7 @@ def _fibers(
     warnings += [axes.doubt] if axes.doubt else []
     if axes.remark:
         progress(axes.remark)
-    if way.filled:
-        warnings.append(
-            f"{tensor.name}: {way.filled} of {int((labels.data > 0).sum())} tensors of the tissue "
-            "are not finite or not positive; their neighbours were used"
-        )
-    if way.far:
-        warnings.append(
-            f"{tensor.name}: {way.far} of these have no usable tensor around them and took the "
-            f"fiber of the nearest voxel that has, up to {way.distance:.3g} mm away"
-        )
+    warnings += [f"{tensor.name}: {text}" for text in way.doubts()]
     record["orientation"] = [entry._asdict() for entry in axes.evidence]
     record["fiber_smoothing"] = way.smoothing
     return {"fibers": way.fibers, **tensor_maps(tensor)}

@@ -86,11 +86,8 @@ def write_tensors(
             "filled": found.filled,
             "far": found.far,
         }
-        if found.far:
-            progress(
-                f"{found.far} voxels have no usable tensor around them and took the fiber of the "
-                f"nearest voxel that has, up to {found.distance:.3g} mm away"
-            )
+        for text in found.doubts():
+            progress(text)
         progress(
             f"medians: FA {record['fa']:.3f}, MD {record['md']:.3g} mm^2/s; fibers averaged over "
             f"{found.smoothing:.2f} mm"
