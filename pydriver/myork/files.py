@@ -19,7 +19,7 @@ from myork.errors import FileError
 
 __all__ = [
     "INPUTS",
-    "claimed",
+    "alone_in",
     "open_output",
     "read_json",
     "whole_file",
@@ -77,10 +77,10 @@ def open_output(path: Path, *, new: bool) -> int:
 
 
 @contextmanager
-def claimed(folder: Path) -> Iterator[None]:
+def alone_in(folder: Path) -> Iterator[None]:
     """Have an output folder alone while a station writes to it; it is made if it is missing.
 
-    The executable `myork-solve` claims its folder in the same way. File systems without locks are
+    The executable `myork-solve` takes its folder in the same way. File systems without locks are
     accepted.
 
     Raises

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from myork.errors import FileError
-from myork.files import claimed, read_json, write_json
+from myork.files import alone_in, read_json, write_json
 
 __all__ = [
     "SOLUTION",
@@ -44,7 +44,7 @@ def asked(folder: Path) -> Iterator[None]:
     except BaseException as reason:
         with suppress(FileError):
             if folder.is_dir():
-                with claimed(folder):
+                with alone_in(folder):
                     _write_refusal(folder, str(reason) or type(reason).__name__)
         raise
 
@@ -101,7 +101,7 @@ def renewing(folder: Path, *parts: str) -> Iterator[None]:
     parts : str
         Entries of `summary.json` that the station writes.
     """
-    with claimed(folder):
+    with alone_in(folder):
         if {"segmentation", "model"}.intersection(parts):
             _set_aside(folder)
         try:

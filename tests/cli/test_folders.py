@@ -15,7 +15,7 @@ import pytest
 from myork.cli import main
 from myork.core.deck import text_of_tables
 from myork.errors import FileError
-from myork.files import claimed
+from myork.files import alone_in
 from myork.report import make_report
 from myork.stations.solve import find_executable
 from myork.summary import failures, renewing, update_summary
@@ -93,7 +93,7 @@ def test_a_folder_is_one_run_s(deck: Path, tmp_path: Path) -> None:
     refused = solve(deck, out)
     assert refused.returncode == 2
     assert f"in use by another run (process {run.pid})" in refused.stderr
-    with pytest.raises(FileError, match=f"process {run.pid}"), claimed(out):
+    with pytest.raises(FileError, match=f"process {run.pid}"), alone_in(out):
         pass
     run.send_signal(signal.SIGINT)
     assert run.wait(PATIENCE) == 1
@@ -103,7 +103,7 @@ def test_a_folder_is_one_run_s(deck: Path, tmp_path: Path) -> None:
 
 def test_python_claims_a_folder_against_the_executable(deck: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    with claimed(out):
+    with alone_in(out):
         refused = solve(deck, out)
     assert refused.returncode == 2
     assert f"in use by another run (process {os.getpid()})" in refused.stderr

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from myork.errors import FileError
-from myork.files import claimed, whole_file, write_json
+from myork.files import alone_in, whole_file, write_json
 from myork.imaging.io import write_image
 from myork.model_file import write_model
 from myork.records import Image
@@ -103,6 +103,6 @@ def test_files_that_stay_are_not_followed(tmp_path: Path, name: str, how: str) -
         if sweep is not None:
             sweep.add({"point": 1})
         else:
-            with claimed(tmp_path):
+            with alone_in(tmp_path):
                 pass
     assert theirs.read_text() == "theirs"

@@ -237,7 +237,7 @@ def test_race(tmp_path: Path) -> None:
         race = races[problem, "force", 1e-2]
         assert race["outcome"] == "both" and race["peer"] == "felupe"
         assert race["ratio"] == pytest.approx(race["cpu_s"] / race["peer_cpu_s"])
-    # what the meshes do not know is not claimed
+    # what the meshes do not know is not asserted
     assert all(
         race["ratio"] is None or race["error"] >= 2 * race["doubt"] for race in bench["races"]
     )

@@ -28,7 +28,7 @@ from typing import Any
 
 from myork.console import ProgressCallback, silent
 from myork.errors import InputError
-from myork.files import claimed, write_json
+from myork.files import alone_in, write_json
 
 __all__ = ["BENCHES", "find_study", "of_checkout", "run_benches"]
 
@@ -136,7 +136,7 @@ def run_benches(
     names = list(dict.fromkeys(names))
     studies = {name: find_study(name) for name in names}
     record: dict[str, Any] = {**machine(), "quick": quick, "benches": {}}
-    with claimed(out):
+    with alone_in(out):
         for number, (name, study) in enumerate(studies.items(), start=1):
             progress(f"bench {number}/{len(names)}  {name}")
             try:

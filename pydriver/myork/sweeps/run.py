@@ -28,7 +28,7 @@ import numpy as np
 from myork.console import ProgressCallback, silent
 from myork.core.deck import deck_key, load_deck
 from myork.errors import InputError, InstallationError
-from myork.files import claimed
+from myork.files import alone_in
 from myork.rom.model import ReducedModel
 from myork.rom.probes import probe_columns
 from myork.stations.explain import explain_deck
@@ -149,7 +149,7 @@ def sweep(
         "keys": list(plan.keys),
         "points": len(plan.points),
     }
-    with claimed(folder):
+    with alone_in(folder):
         store = Store(folder, inputs, about)
         for path in sorted(out.glob("part_*_of_*/points.jsonl")) if part is None else ():
             for number, row in read_points(path, inputs).items():
