@@ -44,7 +44,7 @@ def test_without_names_walls_tell_the_long_axis_but_not_flips(phantom):
     for axes in ("x y z", "x -y z", "y x z"):
         found = check_orientation(wrong(phantom, axes), muscles)
         assert found.doubt == "" and found.evidence[0].agreement is None
-        assert "cannot be told without muscles of known names" in found.remark
+        assert "cannot be seen without muscles of known names" in found.remark
     for axes, mended in (("x z y", "x z y"), ("z y x", "z y x")):
         found = check_orientation(wrong(phantom, axes), muscles)
         assert "fibers cross the walls of muscles" in found.doubt and found.remark == ""

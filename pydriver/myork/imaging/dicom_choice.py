@@ -93,7 +93,7 @@ def chosen_files(folder: Path, files: Sequence[DicomFile], choice: str) -> list[
     files : sequence
         All files of the folder that have pixels, one at least.
     choice : str
-        `series=5,echo=2,kind=phase`, or a part of it, or nothing. A series is told by its number
+        `series=5,echo=2,kind=phase`, or a part of it, or nothing. A series is known by its number
         or its UID, echoes are counted from 1 by their times.
     """
     images = _listed(files)

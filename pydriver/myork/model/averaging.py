@@ -5,12 +5,12 @@ that fibers keep their direction up to its border. Fat and connective tissue amo
 at the rim of a mask that is too large, diffuse less; their tensors point anywhere. They are known
 by the trace of their logarithm, which lies far from that of most of the muscle.
 
-The width balances noise and bends: each tensor is foretold by the others around it, and the width
+The width balances noise and bends: each tensor is predicted by the others around it, and the width
 with the least error is taken. Noise asks for a wide one, bent fibers for a narrow one, and neither
-needs to be told; the error of the tensor itself is the same for all widths. Neighbours whose noise
-is alike, as in images that were interpolated or smoothed, foretell a tensor by its noise: they are
+needs to be known; the error of the tensor itself is the same for all widths. Neighbours whose noise
+is alike, as in images that were interpolated or smoothed, predict a tensor by its noise: they are
 left out with it, in each direction as many as the variogram shows. Where even the narrowest
-foretells best, nothing is told of the width, and a usual one stands in.
+predicts best, nothing is known of the width, and a usual one stands in.
 
 References
 ----------
@@ -100,7 +100,7 @@ def tensor_trust(logarithm: F64, usable: Mask, label: I32) -> F64:
 
 
 def average_width(logarithm: F64, trust: F64, label: I32, spacing: F64) -> float:
-    """Standard deviation of the Gaussian that foretells tensors from those around them best [mm].
+    """Standard deviation of the Gaussian that predicts tensors from those around them best [mm].
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def average_width(logarithm: F64, trust: F64, label: I32, spacing: F64) -> float
     widths = [width for width in _WIDTHS if width >= _WIDTHS[0] * (1 + max(alike))]
     best, least = _USUAL * smallest, np.inf
     for width in smallest * np.array(widths):
-        error = _foretold(logarithm, trust, label, width / spacing, alike)
+        error = _prediction_error(logarithm, trust, label, width / spacing, alike)
         if not error < least:
             if np.isfinite(error):
                 break  # the error falls with the noise and then rises with the bends
@@ -137,7 +137,7 @@ def _alike(shape: F64, trust: F64, label: I32, axis: int) -> int:
 
     Half the mean square difference of tensors so many voxels apart is the variance of their noise
     times one less its correlation, and grows with the square of the distance as fibers bend. Noise
-    three and four voxels apart has nothing in common: there both are told from each other.
+    three and four voxels apart has nothing in common: there both can be separated.
 
     Parameters
     ----------
@@ -166,8 +166,10 @@ def _alike(shape: F64, trust: F64, label: I32, axis: int) -> int:
     return int(np.cumprod(like[:_FARTHEST]).sum())
 
 
-def _foretold(logarithm: F64, trust: F64, label: I32, sigma: F64, alike: Sequence[int]) -> float:
-    """Mean square error of directions and shapes of tensors foretold by those around them."""
+def _prediction_error(
+    logarithm: F64, trust: F64, label: I32, sigma: F64, alike: Sequence[int]
+) -> float:
+    """Mean square error of directions and shapes of tensors predicted by those around them."""
     inner = []
     for s, beside in zip(sigma, alike, strict=True):
         reach = int(_TRUNCATE * s + 0.5)  # as in scipy

@@ -103,7 +103,7 @@ def fiber_field(tensor: Image, tissue: NDArray[Any], smoothing: float | None) ->
         averaged, so that fibers keep their direction up to the border, shape `(ni, nj, nk)`.
     smoothing : float, optional
         Standard deviation of the Gaussian weights of the log-Euclidean average [mm]; None takes the
-        one that foretells tensors best.
+        one that predicts tensors best.
     """
     label = np.asarray(tissue).astype(np.int32)
     inside = label != 0

@@ -6,7 +6,7 @@ none; two flips are the third, since a fiber has no sign) is tried on the same f
 
 - by the walls of muscles, which fibers run along or reach at a small angle: with the long axis
   of a muscle exchanged they cross them. Flips, and the two axes across a muscle, change too
-  little of that to be told by it;
+  little of that to be seen in it;
 - by anatomy where muscles have names: going up, the fibers of the gastrocnemius lean backwards
   and those of the soleus forwards, and the two heads of the gastrocnemius lean apart.
 
@@ -69,7 +69,7 @@ class Finding(NamedTuple):
     doubt : str
         A warning, empty without a doubt.
     remark : str
-        What was checked and what cannot be told, empty with a doubt or without fibers.
+        What was checked and what cannot be decided, empty with a doubt or without fibers.
     """
 
     evidence: list[Orientation]
@@ -210,6 +210,6 @@ def _remark(given: Orientation) -> str:
         )
     return (
         "gradient axes: fibers run along the walls of muscles (mean square cosine to normals "
-        f"{given.crossing:.2f}); a flip, or an exchange of the two axes across, cannot be told "
+        f"{given.crossing:.2f}); a flip, or an exchange of the two axes across, cannot be seen "
         "without muscles of known names: look at the fibers in the report"
     )

@@ -197,8 +197,8 @@ def connected_body(labels: Labels, islands: str) -> tuple[Labels, list[str]]:
     if body.shape[2] == 1:
         return labels, []
     pieces, n = ndimage.label(body)
-    held = set(np.unique(pieces[:, :, [0, -1]]).tolist())
-    loose = [piece for piece in range(1, n + 1) if piece not in held]
+    fixed = set(np.unique(pieces[:, :, [0, -1]]).tolist())
+    loose = [piece for piece in range(1, n + 1) if piece not in fixed]
     if not loose:
         return labels, []
     sentences = []
@@ -243,7 +243,7 @@ def thin_voxels(body: Mask) -> Voxels:
 def points_across(body: Mask, step: Sequence[int]) -> float:
     """Source points across a body, in the median of its voxels: the least of both directions.
 
-    Bodies of voxels are held at their ends: directions along slices count, that across does not.
+    Bodies of voxels are fixed at their ends: directions along slices count, that across does not.
 
     Parameters
     ----------

@@ -4,7 +4,7 @@ Voxels that are merged keep one label and are wholly inside or outside: that dec
 points lie. Their volumes do not follow from it. A block that the surface cuts is a part of the
 body only, one that is left out holds a part as well, and a sheet thinner than a block fills some
 of each block it passes. Counted in the voxels that were merged, these parts keep the volume of
-the body and of each label. A voxel of the image may be told to hold several labels itself.
+the body and of each label. A voxel of the image may hold several labels itself.
 """
 
 from __future__ import annotations
@@ -167,8 +167,8 @@ def label_shares(
     kept[middle], gone[middle] = body, left_out
     shares = np.empty((int(body.sum()), len(numbers)))
     for column, number in enumerate(numbers):
-        held = (data == number) if parts is None else parts.of(int(number), fine, places)
-        part = (held * inside).reshape(n[0], size[0], n[1], size[1], n[2], size[2])
+        filled = (data == number) if parts is None else parts.of(int(number), fine, places)
+        part = (filled * inside).reshape(n[0], size[0], n[1], size[1], n[2], size[2])
         share = np.where(gone, 0.0, part.mean(axis=(1, 3, 5)))
         shares[:, column] = _given_on(share, kept)[kept]
     total = shares.sum(axis=1)

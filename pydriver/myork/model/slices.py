@@ -1,6 +1,6 @@
 """Thick slices cut into thinner ones: labels by their shapes, fibers by their dyads; prisms.
 
-A label of a slice is told by the signed distance to its outline. Between slices and half a slice
+A label of a slice is known by the signed distance to its outline. Between slices and half a slice
 beyond the outer ones its centre follows a spline, and the distances, moved along, are linear; the
 level at which they are cut gives the label the area of a spline through those of its slices. Where
 a label is missing from the next slice it ends in a tip half of the way. Labels that touch in their

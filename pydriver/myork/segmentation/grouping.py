@@ -86,20 +86,20 @@ def group_by_rules(region: I32, image: Image, muscles: Sequence[Muscle]) -> tupl
         Labels, shape `(ni, nj, nk)`, and warnings.
     """
     check_seeds(region >= 0, image, muscles)
-    claims = np.stack([_claim(region, image, muscle) for muscle in muscles])
-    label = np.where(claims.any(axis=0), 1 + claims.argmax(axis=0), 0).astype(np.int32)
-    shared = claims.sum(axis=0) > 1
+    given = np.stack([_given_by(region, image, muscle) for muscle in muscles])
+    label = np.where(given.any(axis=0), 1 + given.argmax(axis=0), 0).astype(np.int32)
+    shared = given.sum(axis=0) > 1
     if not shared.any():
         return label, []
     world = image.world(np.argwhere(shared))
     nearest = np.full((len(muscles), len(world)), np.inf)
     for number, muscle in enumerate(muscles):
-        mine = claims[number][shared]
+        mine = given[number][shared]
         for seed in muscle.seeds:
             distance = np.where(mine, np.linalg.norm(world - seed, axis=1), np.inf)
             nearest[number] = np.minimum(nearest[number], distance)
     label[shared] = 1 + nearest.argmin(axis=0)
-    names = [m.name for m, claim in zip(muscles, claims, strict=True) if (claim & shared).any()]
+    names = [m.name for m, own in zip(muscles, given, strict=True) if (own & shared).any()]
     return label, [
         f"{', '.join(names)} share pieces of regions ({int(shared.sum())} voxels), which were "
         "split by the nearest seed; raise image.regions"
@@ -206,10 +206,10 @@ def _places(image: Image, muscle: Muscle) -> list[tuple[int, ...]]:
     return [seed_voxel(image, seed, f"muscle.{muscle.name}: a seed") for seed in muscle.seeds]
 
 
-def _claim(region: I32, image: Image, muscle: Muscle) -> Mask:
+def _given_by(region: I32, image: Image, muscle: Muscle) -> Mask:
     """Voxels that the rule of a muscle gives to it."""
-    claim = np.zeros(region.shape, bool)
+    given = np.zeros(region.shape, bool)
     for place in _places(image, muscle):
         pieces, _ = ndimage.label(region == region[place])
-        claim |= pieces == pieces[place]
-    return claim
+        given |= pieces == pieces[place]
+    return given

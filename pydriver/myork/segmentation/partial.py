@@ -4,7 +4,7 @@ A voxel at the border of two labels holds some of both, and its values lie on th
 theirs. Means are those of voxels around that touch no other label, so that what is left of shading
 does no harm. How far a voxel is on the line is known up to noise: half of the voxels along a border
 are whole, of the others all parts are as likely, and the expected part is taken. Where two labels
-are as grey as each other (muscle beside muscle) nothing is told, and voxels keep their label.
+are as grey as each other (muscle beside muscle) nothing can be said, and voxels keep their label.
 
 References
 ----------
@@ -90,18 +90,18 @@ def label_parts(labels: I32, channels: F64, spacing: ArrayLike, unmixed: Sequenc
         way = near[other][touched] - near[first][touched]
         gone = values[touched] - near[first][touched]
         length = np.linalg.norm(way, axis=1)
-        told = length > _LEAST
-        along = np.divide((gone * way).sum(axis=1), length, out=np.zeros_like(length), where=told)
-        nearest = np.divide(np.clip(along, 0.0, length), length, out=0.0 * along, where=told)
+        apart = length > _LEAST
+        along = np.divide((gone * way).sum(axis=1), length, out=np.zeros_like(length), where=apart)
+        nearest = np.divide(np.clip(along, 0.0, length), length, out=0.0 * along, where=apart)
         misfit = ((gone - nearest[:, np.newaxis] * way) ** 2).sum(axis=1)
         likely = np.log(beside[touched, other]) - 0.5 * misfit
         likely[~mine] += np.log(_STRAY * beside[touched, first][~mine] / 26.0)
-        wins = (likely > best[touched]) & (mine | told)
+        wins = (likely > best[touched]) & (mine | apart)
         chosen = touched[wins]
         best[chosen], ends[:, chosen] = likely[wins], [[first], [other]]
         whole = np.where(mine, np.where(inside[touched], _WHOLE_INSIDE, _WHOLE), 0.0)
         expected = _expected(along, np.maximum(length, _LEAST), whole)
-        part[chosen] = np.where(told, expected, 0.0)[wins]
+        part[chosen] = np.where(apart, expected, 0.0)[wins]
     parts = np.zeros((*labels.shape, len(numbers)))
     np.put_along_axis(parts, kind[..., np.newaxis], 1.0, axis=-1)
     parts[there] = 0.0

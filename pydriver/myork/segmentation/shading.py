@@ -12,7 +12,7 @@ the body. Two estimates of that function need no number of tissues:
 
 Slopes of several smoothnesses, and no field, are starts of the peaks; the start that ends with the
 least entropy of the corrected logarithms is taken. Where another one ends as well but elsewhere,
-that is told.
+a warning says so.
 
 References
 ----------

@@ -184,7 +184,7 @@ def _balance(scene: Scene) -> tuple[bool | None, str]:
     detail = f"{states.verdict}; forces on all sets balance to {states.force_imbalance:.1e}"
     if states.reasons:
         detail += f"; {'; '.join(states.reasons)}"
-    # tractions and body forces are forces on the body as well: only held bodies balance by sets
+    # tractions and body forces are forces on the body as well: only fixed bodies balance by sets
     return states.verdict != "refused" and states.force_imbalance < _BALANCE, detail
 
 
