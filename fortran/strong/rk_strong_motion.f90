@@ -60,10 +60,10 @@ subroutine new_strong_motion(self, problem, error)
    type(linear_problem), target, intent(inout) :: problem
    !> Error handling: too many rows for a dense matrix, a density that is not positive
    type(error_type), allocatable, intent(out) :: error
-   real(wp), allocatable :: unit(:)
-   real(wp), allocatable :: u(:, :)
+   real(wp), pointer, contiguous :: psi(:, :)
+   integer, pointer, contiguous :: nodes(:)
    real(wp) :: density, natural, modulus
-   integer :: b, i, j, row
+   integer :: b, i, row
 
    self%problem => problem
    self%motion = problem%scene%motion
@@ -75,21 +75,10 @@ subroutine new_strong_motion(self, problem, error)
          & //to_text(most_rows)//' rows, not '//to_text(problem%m)//': use method "rkpm-gauss"')
       return
    end if
-   allocate (self%values(problem%m, self%n), self%operator(problem%m, self%n), unit(self%n), &
-      & source=0.0_wp)
+   allocate (self%values(problem%m, self%n), self%operator(problem%m, self%n), source=0.0_wp)
    allocate (self%weight(problem%m), self%density(problem%m), source=1.0_wp)
    allocate (self%side(problem%m), source=0.0_wp)
-   allocate (u(problem%fields, problem%shape%nq))
-   do j = 1, self%n
-      unit = 0.0_wp
-      unit(j) = 1.0_wp
-      call problem%rows%apply(unit, self%operator(:, j))
-      do b = 1, size(problem%rows%place)
-         call problem%shape%interpolate(problem%rows%place(b), unit, 1, 1, u)
-         row = problem%rows%row(b)
-         self%values(row + 1:row + problem%fields, j) = u(:, 1)
-      end do
-   end do
+   call problem%rows%dense(self%operator)
    self%row = self%operator
    modulus = maxval(problem%coefficient%pair)
    do b = 1, size(problem%rows%place)
@@ -98,7 +87,9 @@ subroutine new_strong_motion(self, problem, error)
          & error)
       if (allocated(error)) return
       self%density(row + 1:row + problem%fields) = density
+      call problem%shape%row(problem%rows%place(b), nodes, psi)
       do i = 1, problem%fields
+         self%values(row + i, problem%fields*(nodes - 1) + i) = psi(1, :)
          if (b <= problem%inside) then
             self%row(row + i, :) = density*self%values(row + i, :)
             cycle
