@@ -558,13 +558,15 @@ subroutine extrapolate(self, stage)
    type(galerkin_problem), intent(inout) :: self
    !> These states
    type(stage_type), intent(in) :: stage
+   type(field_state) :: at
    real(wp), allocatable :: pressure(:, :, :)
    integer :: k
 
    allocate (pressure(size(self%pressure%total, 1), size(self%pressure%total, 2), &
       & size(stage%behind_load)))
    do k = 1, size(stage%behind_load)
-      pressure(:, :, k) = pressures_at(self, stage%behind(:, k), stage%behind_load(k))
+      call self%state(stage%behind(:, k), stage%behind_load(k), at)
+      pressure(:, :, k) = at%pressure
    end do
    call self%matrix%pressures%extrapolate(pressure, stage%share)
 end subroutine extrapolate
@@ -842,28 +844,6 @@ pure subroutine deform_group(self, g, x, at, lift, excess)
       at%pressure(:, g) = self%bulk(g)*value
    end if
 end subroutine deform_group
-
-!> Coefficients of the pressures of a state, shape (1 + nd, groups) [stress length^(nd/2)]
-function pressures_at(self, x, load) result(pressure)
-   !> Problem
-   class(galerkin_problem), intent(in) :: self
-   !> Unknowns, shape (n)
-   real(wp), contiguous, intent(in) :: x(:)
-   !> Load [-]
-   real(wp), intent(in) :: load
-   real(wp), allocatable :: pressure(:, :)
-   type(field_state) :: at
-   integer :: g
-
-   call new_state(self, at)
-   at%factor = self%scene%factors(load)
-   !$omp parallel do default(none) schedule(static) private(g) shared(self, x, at)
-   do g = 1, size(self%cells%first) - 1
-      call deform_group(self, g, x, at)
-   end do
-   !$omp end parallel do
-   call move_alloc(at%pressure, pressure)
-end function pressures_at
 
 !> Stress and deformation at a place from the displacement and the pressure there
 subroutine at_place(self, state, ip, x, u, local)
