@@ -120,7 +120,7 @@ def test_segment_bends_the_reference(tmp_path):
     save(tmp_path, affine, then=np.pad(then.data, wide), old=beyond)
     summary = run(reference_anatomy="then.nii.gz")
     assert any("nothing is left of label 9" in text for text in summary["warnings"])
-    with pytest.raises(InputError, match="image.reference_anatomy: only .*reference"):
+    with pytest.raises(InputError, match="image.reference_anatomy: needs reference beside it"):
         keys = {"anatomy": "now.nii.gz"}
         run(reference_anatomy="then.nii.gz")
 
