@@ -20,7 +20,6 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from myork.arrays import UNREADABLE, attribute, dataset, holds
 from myork.errors import FileError, InputError, InstallationError
 from myork.summary import printed, read_summary
 from myork.types import F64, I32
@@ -29,8 +28,14 @@ __all__ = ["RestartState", "Results", "restart_of"]
 
 
 _FILE = "results.vtkhdf"
+_DAMAGES = (KeyError, AttributeError, OSError, ValueError, TypeError, IndexError, RuntimeError,
+            OverflowError, MemoryError)  # fmt: skip
 # Where VTK's six components xx, yy, zz, xy, yz, xz stand in the tensor, row by row
 _SYMMETRIC = [0, 3, 5, 3, 1, 4, 5, 4, 2]
+# Components of scalars, vectors, symmetric and other tensors
+_WIDTHS = (1, 3, 6, 9)
+# In the largest plane of a lattice, for each point
+_MOST_CELLS = 100
 
 
 @dataclass(frozen=True)
@@ -105,6 +110,12 @@ class Results:
                 self.nstep = int(vtk["Steps"].attrs["NSteps"])
                 self.npoint = int(vtk["Points"].shape[0])
                 self.fields: tuple[str, ...] = tuple(vtk["PointData"])
+                steps = len(self._file["MyoRK/load"])
+            if not 1 <= self.nstep <= steps or self.npoint < 1:
+                raise FileError(
+                    f"{self.path}: damaged: {self.nstep} steps, {self.npoint} points and "
+                    f"{steps} loads do not fit together; solve again"
+                )
         except FileError:
             self._file.close()
             raise
@@ -170,28 +181,55 @@ class Results:
 
         Triangles of a plane body fill it. Shape `(m, 3)`, no rows where points have no lattice.
         """
-        return self._joined("surface")
+        found = self._joined("surface")
+        if found.shape[1] != 3 or found.min(initial=0) < 0 or found.max(initial=0) >= self.npoint:
+            raise FileError(f"{self.path}: damaged: the surface does not fit the points")
+        return found
 
     @cached_property
     def lattice(self) -> I32:
         """Place of each point in its lattice, shape `(np, dimension)`; `(0, 3)` without one."""
-        return self._joined("lattice")
+        found = self._joined("lattice")
+        right = len(found) in (0, self.npoint)
+        if right and len(found):
+            # pictures have a place for each cell of a plane, most of which lie in the body
+            cells = np.ptp(found.astype(float), axis=0) + 1.0
+            axes = np.flatnonzero(np.ptp(self.points, axis=0))
+            right = axes.max(initial=0) < len(cells)
+            right = right and cells.prod() / cells.min() <= _MOST_CELLS * self.npoint
+        if not right:
+            raise FileError(f"{self.path}: damaged: the lattice does not fit the points")
+        return found
 
     def _joined(self, name: str) -> I32:
-        """Rows of whole numbers that say how points hang together; none where nothing is known."""
-        if self._has(name):
-            return self._read(f"MyoRK/{name}")
-        return np.empty((0, 3), np.int32)
+        """Rows of whole numbers that say how points hang together; none in older files."""
+        with _damage(self.path, name):
+            if f"MyoRK/{name}" not in self._file:
+                return np.empty((0, 3), np.int32)
+        found = self._read(f"MyoRK/{name}")
+        if found.ndim != 2 or found.shape[1] not in (1, 2, 3) or found.dtype.kind != "i":
+            raise FileError(f"{self.path}: damaged: {name} has shape {found.shape}")
+        return found
 
     @cached_property
     def loads(self) -> F64:
         """Load of each step as a fraction of the full load, shape `(nstep,)` [-]."""
-        return self._read("MyoRK/load")[: self.nstep]
+        return self._series("MyoRK/load")
 
     @cached_property
     def activations(self) -> F64:
         """Activation of the muscle fibers in each step, shape `(nstep,)` [-]."""
-        return self._read("MyoRK/activation")[: self.nstep]
+        return self._series("MyoRK/activation")
+
+    def _series(self, name: str) -> F64:
+        """A number for each step."""
+        values = self._read(name)
+        if values.ndim != 1 or len(values) < self.nstep:
+            raise FileError(
+                f"{self.path}: damaged: {name} has shape {values.shape} for {self.nstep} steps; "
+                "solve again"
+            )
+        return values[: self.nstep]
 
     def field(self, name: str, step: int = -1) -> NDArray[Any]:
         """Read a field at all points.
@@ -215,10 +253,16 @@ class Results:
                 f"{self.path}: no field {name!r}; there are {', '.join(sorted(self.fields))}"
             )
         step = self._step(step)
-        first = int(self._read(f"VTKHDF/Steps/PointDataOffsets/{name}", step))
+        with _damage(self.path, f"field {name}"):
+            first = int(self._file[f"VTKHDF/Steps/PointDataOffsets/{name}"][step])
         values = self._read(f"VTKHDF/PointData/{name}", slice(first, first + self.npoint))
         width = values.shape[1] if values.ndim == 2 else 1
-        if width in (1, 3):
+        if first < 0 or len(values) != self.npoint or values.ndim > 2 or width not in _WIDTHS:
+            raise FileError(
+                f"{self.path}: field {name} is damaged: shape {values.shape} of step {step} for "
+                f"{self.npoint} points; solve again"
+            )
+        if values.ndim == 1 or width in (1, 3):
             return values
         if width == 6:
             values = values[:, _SYMMETRIC]
@@ -321,8 +365,6 @@ class Results:
             Load, activation, coefficients and what they belong to.
         """
         step = self._step(step)
-        with _damage(self.path, "the version"):
-            version = attribute(self._file["MyoRK"], "version")
         return RestartState(
             step=step,
             load=float(self.loads[step]),
@@ -332,18 +374,20 @@ class Results:
             points=self.points,
             approximation=self._words("approximation"),
             deck=self._words("deck"),
-            version=version,
+            version=self._version(),
         )
 
     def _words(self, name: str) -> str:
         """Text of the group of a restart; empty where the file has none of this name."""
-        if not self._has(name):
+        with _damage(self.path, name):
+            missing = f"MyoRK/{name}" not in self._file
+        if missing:
             return ""
         return self._read(f"MyoRK/{name}").tobytes().decode("utf-8", "replace")
 
-    def _has(self, name: str) -> bool:
-        with _damage(self.path, name):
-            return holds(self._file["MyoRK"], name)
+    def _version(self) -> str:
+        with _damage(self.path, "the version"):
+            return _text(self._file["MyoRK"].attrs["version"])
 
     @cached_property
     def summary(self) -> dict[str, Any]:
@@ -389,7 +433,14 @@ class Results:
     def _read(self, name: str, part: Any = ()) -> NDArray[Any]:
         """Numbers of a dataset; what is broken becomes an error that names the file."""
         with _damage(self.path, name):
-            return np.asarray(dataset(self._file, name)[part])
+            found = self._file[name]
+            # Deflate shrinks by a factor of 1032 at the most; a damaged header may claim any shape
+            if found.nbytes > 1100 * max(found.id.get_storage_size(), 1):
+                raise ValueError("its shape claims far more numbers than the file holds")
+            values = np.asarray(found[part])
+            if values.dtype.kind not in "iuf":
+                raise TypeError("it does not hold numbers")
+        return values
 
 
 def _optional(name: str, extra: str) -> Any:
@@ -435,7 +486,7 @@ def _damage(path: Path, what: str) -> Iterator[None]:
     """Name the file where h5py raises one of the many errors that it has for damaged ones."""
     try:
         yield
-    except (InputError, *UNREADABLE) as reason:
+    except _DAMAGES as reason:
         raise FileError(
             f"{path}: not a result file of myork, or damaged: {what} cannot be read: "
             f"{reason}; give a file that 'myork solve' has written"
@@ -454,3 +505,7 @@ def _open(path: Path) -> h5py.File:
         raise FileError(
             f"{path}: cannot be opened as an HDF5 file, it may be cut short: {error}"
         ) from error
+
+
+def _text(value: Any) -> str:
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)

@@ -193,10 +193,10 @@ KINDS: dict[str, tuple[Callable[[Path], Any], st.SearchStrategy[Edit]]] = {
     "gradients": (read_table, BYTES | TEXT),
     "tracts": (read_lines, BYTES | ARRAY),
     "surface": (read_surface, BYTES | TEXT),
-    "states": (read_states, BYTES),
+    "states": (read_states, BYTES | ARRAY),
     "summary": (make_report, BYTES | TEXT),
     "history": (make_report, BYTES | TEXT),
-    "results": (make_report, BYTES),
+    "results": (make_report, BYTES | ARRAY),
     "labels": (make_report, BYTES),
 }
 #: Kinds that are read as a folder, kinds that take longer, and files that stand beside the damaged

@@ -228,6 +228,18 @@ def test_refuses_cut_and_foreign_files(sample: Path, tmp_path: Path) -> None:
         Results(foreign)
 
 
+@pytest.mark.parametrize("place", ["far", "flat"])
+def test_a_lattice_that_does_not_fit(sample: Path, tmp_path: Path, place: str) -> None:
+    path = Path(shutil.copy(sample, tmp_path))
+    with h5py.File(path, "r+") as file:
+        values = file["MyoRK/lattice"][()]
+        del file["MyoRK/lattice"]
+        values[0, :2] = -(2**31), 2**31 - 1
+        file["MyoRK/lattice"] = values if place == "far" else values[:, :2] * 0
+    with Results(path) as results, pytest.raises(FileError, match="lattice does not fit"):
+        results.lattice  # noqa: B018
+
+
 def test_a_killed_run_leaves_whole_steps(tmp_path: Path) -> None:
     """They can be rescued from the file it left."""
     deck = tmp_path / "deck.toml"
