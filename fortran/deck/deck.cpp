@@ -119,6 +119,7 @@ void Deck::load() {
       return;
    apply_overrides(*this);
    check_schema(*this);
+   read_tables(*this);
    check_rules(*this);
 }
 

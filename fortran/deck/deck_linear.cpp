@@ -120,6 +120,10 @@ void check_linear(Deck &deck, const std::string &geometry, int dimension) {
    if (!geometry.empty() && geometry != "box")
       deck.complain(deck.single("geometry")->find("kind")->origin, "geometry.kind",
                     "must be box for a linear problem, not " + geometry);
+   const Section *body = deck.single("geometry");
+   if (const Value *labels = body ? body->find("labels") : nullptr)
+      deck.complain(labels->origin, "geometry.labels",
+                    "has no place in a linear problem, whose coefficients are expressions or tables");
    const Value *method = scene ? scene->find("method") : nullptr;
    if (method && method->text != "rkcm" && method->text != "rkpm-gauss")
       deck.complain(method->origin, "scene.method",

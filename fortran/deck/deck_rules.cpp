@@ -2,8 +2,6 @@
 // the values, and all that needs points, is Fortran's (solve/).
 #include "deck.h"
 
-#include "expression.h"
-
 #include <algorithm>
 #include <cmath>
 #include <set>
@@ -19,18 +17,24 @@ static void check_materials(Deck &deck) {
    const std::vector<Section *> materials = deck.entries("material");
    const Section *scene = deck.single("scene");
    const std::string method = scene ? scene->text("method") : "";
-   const bool regions = std::any_of(materials.begin(), materials.end(), [](Section *material) {
+   const Section *geometry = deck.single("geometry");
+   const bool map = geometry && (geometry->find("labels") || geometry->refused.count("labels"));
+   const bool regions = map || std::any_of(materials.begin(), materials.end(), [](Section *material) {
       return material->find("where") || material->refused.count("where");
    });
    for (Section *material : materials) {
       const Value *label = material->find("label");
       const bool where = material->find("where") || material->refused.count("where");
-      if (regions && label)
+      if (regions && label && (where || !map))
          deck.complain(label->origin, deck.address(*material, "label"),
-                       "cannot be given where materials are told apart by `where`");
-      if (regions && material != materials.front() && !where)
-         deck.complain(material->origin, deck.address(*material, "where"),
-                       "missing, only the first material may leave it out and fill the rest");
+                       map ? "cannot be given beside `where`"
+                           : "cannot be given where materials are told apart by `where`: in a box labels "
+                             "are those of a label map, geometry.labels");
+      if (regions && material != materials.front() && !where && !(map && label) &&
+          !material->refused.count("label"))
+         deck.complain(material->origin, deck.address(*material, map ? "label" : "where"),
+                       std::string("missing, ") + (map ? "and so is `where`: " : "") +
+                          "only the first material may leave it out and fill the rest");
       const Value *bulk = material->find("K");
       if (bulk && !std::isfinite(bulk->number()) && method == "rkcm")
          deck.complain(bulk->origin, deck.address(*material, "K"),
@@ -90,16 +94,6 @@ static void check_amplitudes(Deck &deck) {
       if (time && time->items.front().number() != 0.0)
          deck.complain(time->origin, deck.address(*amplitude, "time"),
                        "must start at 0, not " + time->items.front().plain());
-   }
-}
-
-// Expressions call a table by its name
-static void check_tables(Deck &deck) {
-   for (Section *table : deck.entries("table")) {
-      const Value *name = table->find("name");
-      const std::string fault = name ? table_name_fault(name->text) : "";
-      if (!fault.empty())
-         deck.complain(name->origin, deck.address(*table, "name"), fault);
    }
 }
 
@@ -187,7 +181,6 @@ void check_rules(Deck &deck) {
    check_materials(deck);
    check_boundary(deck);
    check_amplitudes(deck);
-   check_tables(deck);
    check_probes(deck, dimension);
    check_compared(deck);
    check_linear(deck, kind, dimension);

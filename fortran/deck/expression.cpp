@@ -1,6 +1,8 @@
 // Expressions by muParser, compiled once for each text and thread.
 #include "expression.h"
 
+#include "label_map.h"
+
 #include <algorithm>
 #include <array>
 #include <cctype>
@@ -34,12 +36,13 @@ namespace {
 
 // What stands between an expression and the tables that it may call: a name and a number a line
 constexpr char tables_follow = '\x1e';
-// Function by which tables are called inside
-const char *const lookup_name = "rk_table";
+// Functions by which tables and label maps are called inside
+const char *const lookup_name = "rk_table", *const label_name = "rk_label";
 
 // A function that is given by its values at rising places, the same before and after them
 struct Table {
    std::vector<double> x, value;
+   bool smooth = false;
 
    double at(double place) const {
       if (!(place > x.front()))
@@ -47,11 +50,15 @@ struct Table {
       if (place >= x.back())
          return value.back();
       const auto next = static_cast<std::size_t>(std::upper_bound(x.begin(), x.end(), place) - x.begin());
-      const double part = (place - x[next - 1]) / (x[next] - x[next - 1]);
+      double part = (place - x[next - 1]) / (x[next] - x[next - 1]);
+      if (smooth)
+         part = part * part * part * (10.0 + part * (6.0 * part - 15.0));
       return value[next - 1] + part * (value[next] - value[next - 1]);
    }
 
-   bool operator==(const Table &other) const { return x == other.x && value == other.value; }
+   bool operator==(const Table &other) const {
+      return x == other.x && value == other.value && smooth == other.smooth;
+   }
 };
 
 // All tables that were ever used: equal ones once, so that a number stands for its values
@@ -94,6 +101,7 @@ struct Compiled {
             const std::vector<std::string> &tables = {}) {
       const std::string text = plain_text(code);
       parser.DefineFun(lookup_name, looked_up);
+      parser.DefineFun(label_name, label_at);
       for (const std::string &name : tables)
          parser.DefineFun(name, any_table);
       parser.ClearConst();
@@ -121,7 +129,7 @@ static std::string known(const Compiled &compiled, const std::vector<std::string
    list += "pi; functions are ";
    bool first = true;
    for (const auto &[name, unused] : compiled.parser.GetFunDef()) {
-      if (name == lookup_name)
+      if (name == lookup_name || name == label_name)
          continue;
       list += (first ? "" : ", ") + name;
       first = false;
@@ -155,8 +163,10 @@ std::string expression_fault(const std::string &text, const std::vector<std::str
       return "is not an expression: = sets a value" + at(assignment(text)) + ", == compares";
    try {
       Compiled compiled(text, names, tables);
-      if (compiled.parser.GetExpr().find(lookup_name) != std::string::npos)
-         return std::string("is not an expression: ") + lookup_name + " is not a function";
+      for (const char *name : {lookup_name, label_name}) {
+         if (compiled.parser.GetExpr().find(name) != std::string::npos)
+            return std::string("is not an expression: ") + name + " is not a function";
+      }
       compiled.parser.Eval();
       if (compiled.parser.GetNumResults() > 1)
          return "is not an expression: several values with commas between, one is needed";
@@ -234,8 +244,8 @@ double rk_expression_value(const char *text, const double *place) {
 }
 
 // Number by which expressions call a table; its places rise
-int rk_expression_table(int n, const double *x, const double *value) {
-   const rk::Table table{{x, x + n}, {value, value + n}};
+int rk_expression_table(int n, const double *x, const double *value, int smooth) {
+   const rk::Table table{{x, x + n}, {value, value + n}, smooth != 0};
    const std::lock_guard<std::mutex> here(rk::tables_door);
    const auto found = std::find(rk::all_tables.begin(), rk::all_tables.end(), table);
    const auto number = static_cast<int>(found - rk::all_tables.begin());

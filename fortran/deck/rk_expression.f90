@@ -41,9 +41,9 @@ module rk_expression
          real(c_double), intent(in) :: place(9)
          real(c_double) :: value
       end function c_value
-      function c_table(n, x, value) result(number) bind(c, name='rk_expression_table')
+      function c_table(n, x, value, smooth) result(number) bind(c, name='rk_expression_table')
          import :: c_double, c_int
-         integer(c_int), value :: n
+         integer(c_int), value :: n, smooth
          real(c_double), intent(in) :: x(*), value(*)
          integer(c_int) :: number
       end function c_table
@@ -65,7 +65,7 @@ pure logical function given(self)
 end function given
 
 !> Add a table that it may call
-subroutine add_table(self, name, x, value)
+subroutine add_table(self, name, x, value, smooth)
    !> Expression that is given
    class(expression_type), intent(inout) :: self
    !> Name
@@ -74,10 +74,12 @@ subroutine add_table(self, name, x, value)
    real(wp), intent(in) :: x(:)
    !> Values there, shape (n)
    real(wp), intent(in) :: value(:)
+   !> Without slope and curvature at the places, straight between them otherwise
+   logical, intent(in) :: smooth
 
    if (.not. allocated(self%tables)) self%tables = ''
-   self%tables = self%tables//name//' '//to_text(int(c_table(int(size(x), c_int), x, value))) &
-      & //new_line('a')
+   self%tables = self%tables//name//' '//to_text(int(c_table(int(size(x), c_int), x, value, &
+      & merge(1_c_int, 0_c_int, smooth))))//new_line('a')
 end subroutine add_table
 
 !> The expression with its tables

@@ -2,11 +2,13 @@
 !> the schema.
 !>
 !>     polynomial      W_r = sum A_ij (I1r - 3)^i (I2r - 3)^j,   1 <= i + j <= 3
-!>     neo-hookean     W_r = mu/2 (I1r - 3),   A10 = mu/2
+!>     neo-hookean     W_r = mu/2 (I1r - 3)                                    A10 = mu/2
+!>     mooney-rivlin   W_r = C1 (I1r - 3) + C2 (I2r - 3)                       A10 = C1, A01 = C2
+!>     yeoh            W_r = C1 (I1r - 3) + C2 (I1r - 3)^2 + C3 (I1r - 3)^3    A10, A20, A30
 !>     muscle          polynomial matrix and fibers that carry and produce force,
 !>                     dW_f/dlambda* = sigma_max (activation f_active + f_passive)
 !>
-!> all with K/2 (J - 1)^2, Abaqus: K = 2/D1. In muscle,
+!> all with K/2 (J - 1)^2. Abaqus has the three named ones, with K = 2/D1. In muscle,
 !> lambda* = lambda/lambda_o with lambda^2 = I4r, the reduced square of the fiber stretch; the
 !> energy of the fibers is counted from lambda* = 1. Fibers v and -v are the same; a fiber of zeros
 !> leaves the matrix alone.
@@ -14,13 +16,15 @@
 !> References: thesis (4.34)-(4.36), (4.39), (5.37a);
 !>             Rivlin, Phil. Trans. R. Soc. A 240 (1948), doi:10.1098/rsta.1948.0002;
 !>             Rivlin, Saunders, Phil. Trans. R. Soc. A 243 (1951), doi:10.1098/rsta.1951.0004;
+!>             Mooney, J. Appl. Phys. 11 (1940), doi:10.1063/1.1712836;
+!>             Yeoh, Rubber Chem. Technol. 66 (1993), doi:10.5254/1.3538343;
 !>             Blemker, Pinsky, Delp, J. Biomech. 38 (2005), doi:10.1016/j.jbiomech.2004.04.009
 module rk_energies
-   use rk_deck_records, only : material_keys
    use rk_error, only : err_input, error_type, fatal_error
    use rk_fiber, only : active_curve, curve_type, evaluate_curve, passive_curve
    use rk_material, only : kind_i1, kind_i2, kind_i4, material_item, material_type, &
       & energy_derivatives, invariant_state
+   use rk_parameters, only : parameters_type
    use rk_precision, only : wp
    use rk_text, only : to_text
    implicit none
@@ -28,7 +32,11 @@ module rk_energies
 
    public :: muscle_type, new_material, polynomial_type
 
-   !> Isotropic material
+   !> Names of the materials
+   character(len=*), parameter :: names(5) = ['polynomial   ', 'muscle       ', &
+      & 'neo-hookean  ', 'mooney-rivlin', 'yeoh         ']
+
+   !> Isotropic material, by all coefficients or by those of a named law
    type, extends(material_type) :: polynomial_type
       !> Coefficients A_ij, zero where i + j > 3 [stress]
       real(wp) :: a(0:3, 0:3) = 0.0_wp
@@ -56,49 +64,78 @@ module rk_energies
 
 contains
 
-!> Create a material from its parameters, which the deck has checked each for itself
-subroutine new_material(item, keys, error)
+!> Create a material from its parameters; `model`, one of them, is its name in the list
+subroutine new_material(item, parameters, error)
    !> Material
    type(material_item), intent(out) :: item
    !> Model and parameters
-   type(material_keys), intent(in) :: keys
-   !> Error handling: parameters that make no material
+   type(parameters_type), intent(inout) :: parameters
+   !> Error handling
    type(error_type), allocatable, intent(out) :: error
+   character(len=:), allocatable :: model
 
-   if (keys%model == 'muscle') then
+   call parameters%get('model', model, names, error)
+   if (allocated(error)) return
+   select case (model)
+   case ('muscle')
       allocate (muscle_type :: item%material)
-   else
+   case default
       allocate (polynomial_type :: item%material)
-   end if
-   item%material%name = keys%name
-   call item%material%set(keys, error)
+   end select
+   item%material%name = parameters%name
+   call item%material%set(parameters, error)
+   if (allocated(error)) return
+   call parameters%check_all_asked(error)
 end subroutine new_material
 
-!> Take coefficients and K; set what follows from them
-subroutine set_polynomial(self, keys, error)
+!> Take and check coefficients and K; set what follows from them
+subroutine set_polynomial(self, parameters, error)
    !> Material
    class(polynomial_type), intent(inout) :: self
    !> Parameters
-   type(material_keys), intent(in) :: keys
-   !> Error handling: no positive shear modulus
+   type(parameters_type), intent(inout) :: parameters
+   !> Error handling
    type(error_type), allocatable, intent(out) :: error
+   !> Half the shear modulus in parameters, for messages
+   character(len=:), allocatable :: half, model
+   integer :: i, j
 
-   if (keys%model == 'neo-hookean') then
-      self%a(1, 0) = 0.5_wp*keys%mu
-   else
-      self%a(1:, 0) = [keys%a10, keys%a20, keys%a30]
-      self%a(:2, 1) = [keys%a01, keys%a11, keys%a21]
-      self%a(:1, 2) = [keys%a02, keys%a12]
-      self%a(0, 3) = keys%a03
-   end if
+   call parameters%get('model', model, names, error)
+   if (allocated(error)) return
+   select case (model)
+   case ('neo-hookean')
+      half = 'mu/2'
+      call parameters%get('mu', self%a(1, 0), error, above=0.0_wp)
+      self%a(1, 0) = 0.5_wp*self%a(1, 0)
+   case ('mooney-rivlin')
+      half = 'C1 + C2'
+      call parameters%get('C1', self%a(1, 0), error)
+      if (.not. allocated(error)) call parameters%get('C2', self%a(0, 1), error)
+   case ('yeoh')
+      half = 'C1'
+      do i = 1, 3
+         call parameters%get('C'//to_text(i), self%a(i, 0), error)
+         if (allocated(error)) exit
+      end do
+   case default
+      half = 'A10 + A01'
+      each: do i = 0, 3
+         do j = merge(1, 0, i == 0), 3 - i
+            call parameters%get('A'//to_text(i)//to_text(j), self%a(i, j), error)
+            if (allocated(error)) exit each
+         end do
+      end do each
+   end select
+   if (allocated(error)) return
    ! an infinite K keeps the volume
-   self%bulk = keys%k
+   call parameters%get('K', self%bulk, error, above=0.0_wp, infinite=.true.)
+   if (allocated(error)) return
    associate (a => self%a)
       self%shear = 2.0_wp*(a(1, 0) + a(0, 1))
       self%active(kind_i1) = any(abs(a(1:, :)) > 0.0_wp)
       self%active(kind_i2) = any(abs(a(:, 1:)) > 0.0_wp)
       if (.not. self%shear > 0.0_wp) call fatal_error(error, err_input, "material '"//self%name &
-         & //"': A10 + A01 = "//to_text(a(1, 0) + a(0, 1))//" must be positive, it is half " &
+         & //"': "//half//" = "//to_text(a(1, 0) + a(0, 1))//" must be positive, it is half " &
          & //"the shear modulus")
    end associate
 end subroutine set_polynomial
@@ -144,23 +181,30 @@ pure subroutine polynomial_energy(self, state, order, w)
    end associate
 end subroutine polynomial_energy
 
-!> Take the parameters of the matrix and of the fibers
-subroutine set_muscle(self, keys, error)
+!> Take and check the parameters of the matrix and of the fibers
+subroutine set_muscle(self, parameters, error)
    !> Material
    class(muscle_type), intent(inout) :: self
    !> Parameters
-   type(material_keys), intent(in) :: keys
-   !> Error handling: no positive shear modulus
+   type(parameters_type), intent(inout) :: parameters
+   !> Error handling
    type(error_type), allocatable, intent(out) :: error
+   character(len=:), allocatable :: curve
    logical :: smooth
 
-   call self%polynomial_type%set(keys, error)
+   call self%polynomial_type%set(parameters, error)
    if (allocated(error)) return
-   self%sigma_max = keys%sigma_max
-   self%lambda_o = keys%lambda_o
-   self%gamma1 = keys%gamma1
-   self%gamma2 = keys%gamma2
-   smooth = keys%curve == 'smooth'
+   call parameters%get('sigma_max', self%sigma_max, error, least=0.0_wp)
+   if (allocated(error)) return
+   call parameters%get('lambda_o', self%lambda_o, error, above=0.0_wp)
+   if (allocated(error)) return
+   call parameters%get('gamma1', self%gamma1, error, least=0.0_wp)
+   if (allocated(error)) return
+   call parameters%get('gamma2', self%gamma2, error, above=0.0_wp)
+   if (allocated(error)) return
+   call parameters%get('curve', curve, ['published', 'smooth   '], error)
+   if (allocated(error)) return
+   smooth = curve == 'smooth'
    self%active_force = active_curve(smooth)
    self%passive_force = passive_curve(smooth, self%gamma1, self%gamma2)
    self%active(kind_i4) = self%sigma_max > 0.0_wp

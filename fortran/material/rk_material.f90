@@ -11,8 +11,8 @@
 !> References: thesis (4.34), (4.35), (5.36)-(5.38), Appendix C (C.1), (C.5), (C.10)
 module rk_material
    use rk_curvature, only : fourth_form, third_form
-   use rk_deck_records, only : material_keys
    use rk_error, only : error_type
+   use rk_parameters, only : parameters_type
    use rk_precision, only : wp
    use rk_tensors, only : derivatives_type, first_tensor, invariants_type, kind_i1, kind_i2, &
       & kind_i4, second_tensor, set_invariants, third_tensor
@@ -94,14 +94,15 @@ module rk_material
    end type material_item
 
    abstract interface
-      !> Take the parameters of a checked deck; set the moduli and the active invariants
-      subroutine set_material(self, keys, error)
-         import :: material_type, material_keys, error_type
+      !> Take and check the parameters: ask for each that the material knows, then set the moduli
+      !> and the active invariants
+      subroutine set_material(self, parameters, error)
+         import :: material_type, parameters_type, error_type
          !> Material
          class(material_type), intent(inout) :: self
-         !> Parameters
-         type(material_keys), intent(in) :: keys
-         !> Error handling: parameters that make no material
+         !> Parameters by the names they have in decks
+         type(parameters_type), intent(inout) :: parameters
+         !> Error handling
          type(error_type), allocatable, intent(out) :: error
       end subroutine set_material
 

@@ -79,7 +79,7 @@ subroutine add_tables(expression, deck)
    type(expression_type), intent(inout) :: expression
    !> Deck
    type(deck_type), intent(in) :: deck
-   character(len=:), allocatable :: at, name
+   character(len=:), allocatable :: at, curve, name
    real(wp), allocatable :: x(:), value(:)
    integer :: k
 
@@ -89,7 +89,8 @@ subroutine add_tables(expression, deck)
       if (index(expression%text, name) == 0) cycle
       call deck%get(at//'.x', x)
       call deck%get(at//'.value', value)
-      call expression%add_table(name, x, value)
+      call deck%get(at//'.curve', curve)
+      call expression%add_table(name, x, value, curve == 'smooth')
    end do
 end subroutine add_tables
 

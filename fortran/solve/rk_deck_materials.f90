@@ -1,12 +1,12 @@
 !> From the tables [[material]] of a checked deck to materials, and which one fills which point.
 module rk_deck_materials
-   use rk_deck, only : deck_type
+   use rk_deck, only : deck_type, word_length
    use rk_deck_programme, only : read_activation
-   use rk_deck_records, only : material_keys
    use rk_deck_regions, only : has_regions, label_regions, read_parts
    use rk_error, only : error_type, fatal_error, err_input
    use rk_material, only : material_item
    use rk_energies, only : new_material
+   use rk_parameters, only : parameters_type
    use rk_precision, only : pi, wp
    use rk_scene, only : scene_type, tissue_type
    use rk_text, only : to_text
@@ -14,6 +14,10 @@ module rk_deck_materials
    private
 
    public :: read_materials
+
+   !> Keys that place a material in the body and drive it; all others are parameters of its law
+   character(len=*), parameter :: placing(7) = [character(len=16) :: 'name', 'label', 'where', &
+      & 'fiber', 'fiber_angle', 'activation', 'amplitude']
 
 contains
 
@@ -26,7 +30,7 @@ subroutine read_materials(scene, deck, error)
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
    type(material_item) :: item
-   type(material_keys) :: keys
+   type(parameters_type) :: parameters
    character(len=:), allocatable :: at
    real(wp), allocatable :: direction(:)
    integer, allocatable :: material_of(:)
@@ -36,7 +40,7 @@ subroutine read_materials(scene, deck, error)
    n = deck%count('material')
    regions = has_regions(deck)
    allocate (scene%tissue(n), scene%tissue_of(size(scene%cloud%points, 2)))
-   if (regions) call read_parts(scene%tissue, deck)
+   if (regions) call read_parts(scene%tissue, deck, error)
    if (regions .and. .not. allocated(error)) call label_regions(scene%cloud, scene%tissue, deck, &
       & error)
    if (allocated(error)) return
@@ -46,11 +50,12 @@ subroutine read_materials(scene, deck, error)
    do k = 1, n
       at = 'material.'//to_text(k)
       associate (tissue => scene%tissue(k))
-         call keys%read(deck, at)
-         tissue%name = keys%name
+         call deck%get(at//'.name', tissue%name)
          by_label = regions .or. deck%has(at//'.label')
-         if (.not. regions .and. deck%has(at//'.label')) tissue%label = keys%label
-         call new_material(item, keys, error)
+         if (.not. regions .and. deck%has(at//'.label')) call deck%get(at//'.label', &
+            & tissue%label)
+         call read_parameters(deck, at, tissue%name, parameters)
+         call new_material(item, parameters, error)
          if (allocated(error)) then
             error%message = deck%where(at//'.model')//': '//error%message
             return
@@ -137,6 +142,36 @@ subroutine set_parts(scene, material_of, deck, error)
       return
    end do
 end subroutine set_parts
+
+!> Parameters of a material's law
+subroutine read_parameters(deck, at, name, parameters)
+   !> Deck
+   type(deck_type), intent(in) :: deck
+   !> Key of the material
+   character(len=*), intent(in) :: at
+   !> Name of the material
+   character(len=*), intent(in) :: name
+   !> Parameters by their keys
+   type(parameters_type), intent(out) :: parameters
+   character(len=word_length), allocatable :: key(:)
+   character(len=:), allocatable :: word
+   real(wp) :: number
+   integer :: i
+
+   parameters%kind = 'material'
+   parameters%name = name
+   call deck%keys(at, key)
+   do i = 1, size(key)
+      if (any(placing == key(i))) cycle
+      if (deck%is_text(at//'.'//trim(key(i)))) then
+         call deck%get(at//'.'//trim(key(i)), word)
+         call parameters%add(trim(key(i)), word)
+      else
+         call deck%get(at//'.'//trim(key(i)), number)
+         call parameters%add(trim(key(i)), number)
+      end if
+   end do
+end subroutine read_parameters
 
 !> Give a material to what has its label
 pure subroutine fill_points(material_of, label, k, tissue, by_label)

@@ -1,9 +1,11 @@
-!> Materials in parts of a box or an annulus, told by expressions in coordinates: labels of the
-!> points, and fractions of the materials where a border cuts through the volume of a point.
+!> Materials in parts of a box or an annulus, told by expressions in coordinates or by a label map:
+!> labels of the points, and fractions of the materials where a border cuts through the volume of a
+!> point.
 module rk_deck_regions
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type
    use rk_deck_expression, only : read_expression
+   use rk_deck_labels, only : read_labels
    use rk_error, only : error_type
    use rk_precision, only : pi, wp
    use rk_scene, only : tissue_type
@@ -18,30 +20,34 @@ module rk_deck_regions
 
 contains
 
-!> Whether the deck tells parts of the body by expressions
+!> Whether the deck tells parts of the body by expressions or a label map
 logical function has_regions(deck)
    !> Deck
    type(deck_type), intent(in) :: deck
    integer :: k
 
-   has_regions = .false.
+   has_regions = deck%has('geometry.labels')
    do k = 1, deck%count('material')
       has_regions = has_regions .or. deck%has('material.'//to_text(k)//'.where')
    end do
 end function has_regions
 
-!> Which part of the body each material may fill, and its label: its number
-subroutine read_parts(tissue, deck)
+!> Which part of the body each material may fill, and its label: that of the label map where all
+!> have one, its number otherwise
+subroutine read_parts(tissue, deck, error)
    !> Materials in the order of the deck
    type(tissue_type), intent(inout) :: tissue(:)
    !> Deck
    type(deck_type), intent(in) :: deck
+   !> Error handling: what is wrong with the label map
+   type(error_type), allocatable, intent(inout) :: error
    integer :: k
 
    do k = 1, size(tissue)
       tissue(k)%label = k
       call read_expression(deck, 'material.'//to_text(k)//'.where', tissue(k)%part)
    end do
+   if (deck%has('geometry.labels')) call read_labels(tissue, deck, error)
 end subroutine read_parts
 
 !> Label each point by its material, of which later ones replace earlier ones

@@ -268,7 +268,7 @@ def test_otsu_parts_two_heaps():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"lambdas": [1.0, 1.0, 1.0]}, "lambdas has 3 weights; give one for all or 2"),
+        ({"lambdas": [1.0, 1.0, 1.0]}, "image.lambda has 3 weights; give one for all or 2"),
         ({"regions": 3, "start": "otsu"}, "'otsu' makes two regions"),
         ({"start": "labels"}, "a start from labels needs them"),
     ],

@@ -395,34 +395,36 @@ def test_smooth_curves_stay_near_the_published_ones():
 SOFT = cm.Material("soft", 50.0, "neo-hookean")
 #: Materials that cannot be, and what is said of them
 IMPOSSIBLE = [
-    *((MUSCLE.replace(**changes), words) for changes, *words in (
-        ({"K": 0.0}, "tables: material.muscle.K: must be greater than 0, not 0"),
-        ({"K": -5.0}, "muscle.K: must be greater than 0, not -5"),
-        ({"K": math.nan}, "muscle.K: must be a positive number or inf, not nan"),
-        ({"K": math.inf}, "'muscle': K = inf", "volumetric=False"),
-        ({"A11": math.nan}, "muscle.A11: must be", "finite"),
-        ({"A03": math.inf}, "muscle.A03: must be", "finite"),
-        ({"A01": -6.43}, "'muscle': A10 + A01 = 0", "positive"),
-        ({"sigma_max": -1.0}, "muscle.sigma_max: must be at least 0, not -1"),
-        ({"sigma_max": math.nan}, "muscle.sigma_max: must be", "finite"),
-        ({"lambda_o": 0.0}, "muscle.lambda_o: must be greater than 0, not 0"),
-        ({"gamma1": -0.1}, "muscle.gamma1: must be at least 0, not -0.1"),
-        ({"gamma2": 0.0}, "muscle.gamma2: must be greater than 0, not 0"),
-        ({"curve": "rough"}, "muscle.curve: must be one of published, smooth", "rough"),
-        ({"model": "musle"}, "muscle.model: must be one of", "did you mean 'muscle'?"),
+    *((MUSCLE.replace(**changes), ["'muscle'", *words]) for changes, *words in (
+        ({"K": 0.0}, "K = 0", "greater than 0"),
+        ({"K": -5.0}, "K = -5", "greater than 0"),
+        ({"K": math.nan}, "K = NaN", "finite"),
+        ({"K": math.inf}, "K = inf", "volumetric=False"),
+        ({"A11": math.nan}, "A11 = NaN", "finite"),
+        ({"A03": math.inf}, "A03 = Inf", "finite"),
+        ({"A01": -6.43}, "A10 + A01 = 0", "positive"),
+        ({"sigma_max": -1.0}, "sigma_max = -1", "at least 0"),
+        ({"sigma_max": math.nan}, "sigma_max = NaN", "finite"),
+        ({"lambda_o": 0.0}, "lambda_o = 0", "greater than 0"),
+        ({"gamma1": -0.1}, "gamma1 = -0.1", "at least 0"),
+        ({"gamma2": 0.0}, "gamma2 = 0", "greater than 0"),
+        ({"curve": "rough"}, "curve = 'rough'", "'smooth'"),
+        ({"model": "musle"}, "model = 'musle'"),
     )),
     # parameters that a model does not have, or has to have
-    *((FULL.replace(**changes), words) for changes, *words in (
-        ({"A40": 1.0}, "material.full.A40: unknown key"),
-        ({"sigma_max": 30.0}, "material.full.sigma_max: only for model = muscle"),
-        ({"model": "muscle", "stiffness": "high"}, "full.stiffness: unknown key"),
-        ({"A10": "high"}, "full.A10: must be a number"),
-        ({"mu": 1}, "full.mu: only for model = neo-hookean"),
+    *((FULL.replace(**changes), ["'full'", *words]) for changes, *words in (
+        ({"A40": 1.0}, "A40 is not known here", "A10", "A03", "K"),
+        ({"sigma_max": 30.0}, "sigma_max is not known here"),
+        ({"model": "muscle", "stiffness": "high"}, "stiffness is not known here", "gamma1"),
+        ({"A10": "high"}, "A10 = 'high' must be a number"),
     )),
-    *((SOFT.replace(**changes), words) for changes, *words in (
-        ({"mu": 0.0}, "soft.mu: must be greater than 0, not 0"),
-        ({}, "soft.mu: missing, a number is needed for model = neo-hookean"),
-        ({"mu": 1, "A10": 2}, "soft.A10: only for model = polynomial"),
+    *((SOFT.replace(**changes), ["'soft'", *words]) for changes, *words in (
+        ({"mu": 0.0}, "mu = 0", "greater than 0"),
+        ({}, "mu is missing"),
+        ({"mu": 1, "A10": 2}, "A10 is not known here", "mu"),
+        ({"model": "mooney-rivlin", "C1": 1, "C2": -1}, "C1 + C2 = 0", "positive"),
+        ({"model": "yeoh", "C1": 1, "C2": 0}, "C3 is missing"),
+        ({"model": "yeoh", "C1": -1, "C2": 0, "C3": 1}, "C1 = -1", "positive"),
     )),
 ]  # fmt: skip
 
@@ -467,28 +469,36 @@ def test_defaults_are_those_of_decks(model):
         _ = cm.Material("it", 7.0, model).stiffness
 
 
-# neo-hookean: a polynomial with another parameter
+# Materials with names: the same energy with other parameters
 
-NAMED, POLYNOMIAL = cm.Material("a", 50.0, "neo-hookean", mu=7.0), cm.Material("b", 50.0, A10=3.5)
+NAMED = [
+    (cm.Material("a", 50.0, "neo-hookean", mu=7.0), cm.Material("b", 50.0, A10=3.5)),
+    (cm.Material("a", 50.0, "mooney-rivlin", C1=3.0, C2=-1), cm.Material("b", 50.0, A10=3, A01=-1)),
+    (
+        cm.Material("a", 50.0, "yeoh", C1=3.0, C2=-0.4, C3=0.1),
+        cm.Material("b", 50.0, A10=3, A20=-0.4, A30=0.1),
+    ),
+]
 
 
-def test_neo_hookean_is_a_polynomial():
+@pytest.mark.parametrize(("named", "polynomial"), NAMED, ids=lambda m: m.model)
+def test_named_materials_are_polynomials(named, polynomial):
     rng = np.random.default_rng(6)
     f = np.array([random_gradient(rng) for _ in range(8)])
     h = rng.standard_normal((8, 3, 3, 3))
     for volumetric in (True, False):
         np.testing.assert_array_equal(
-            cm.energy(NAMED, f, volumetric=volumetric),
-            cm.energy(POLYNOMIAL, f, volumetric=volumetric),
+            cm.energy(named, f, volumetric=volumetric),
+            cm.energy(polynomial, f, volumetric=volumetric),
         )
-        ours, theirs = (cm.strong(m, f, h, volumetric=volumetric) for m in (NAMED, POLYNOMIAL))
+        ours, theirs = (cm.strong(m, f, h, volumetric=volumetric) for m in (named, polynomial))
         for one, other in zip(ours, theirs, strict=True):
             np.testing.assert_array_equal(one, other)
 
 
 def test_neo_hookean_has_the_moduli_of_small_strains():
     """Simple shear by g gives the stress mu g, dilation by e the pressure 3 K e."""
-    law = NAMED
+    law = NAMED[0][0]
     shear, dilation = np.eye(3), np.eye(3) * (1 + 1e-7)
     shear[0, 1] = 1e-7
     # the relative error of a difference quotient of step 1e-7 is of this size
@@ -496,7 +506,8 @@ def test_neo_hookean_has_the_moduli_of_small_strains():
     assert cm.stress(law, dilation[None])[0, 0, 0] == pytest.approx(3 * 50.0 * 1e-7, rel=1e-6)
 
 
-def test_decks_with_neo_hookean_solve_as_polynomials():
+@pytest.mark.parametrize(("named", "polynomial"), NAMED, ids=lambda m: m.model)
+def test_decks_with_named_materials_solve_as_polynomials(named, polynomial):
     """A sheared and stretched cube, nine collocation points in each direction of the plane."""
     sheared = [held("y0", 2), held("y1", 2, u_x=0.2, u_y=0.1)]
     states = [
@@ -504,6 +515,21 @@ def test_decks_with_neo_hookean_solve_as_polynomials():
             scene("rkcm", box(5, 5), material=[{"name": "rubber", **law.parameters}],
                   boundary=sheared, load={"steps": 1})
         ).states.x
-        for law in (NAMED, POLYNOMIAL)
+        for law in (named, polynomial)
     ]  # fmt: skip
     np.testing.assert_array_equal(*states)
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ({"model": "neo-hookean"}, "material.it.mu: missing, a number is needed for model = neo-h"),
+        ({"model": "neo-hookean", "mu": -1}, "material.it.mu: must be greater than 0, not -1"),
+        ({"model": "yeoh", "C1": 1, "C2": 1}, "material.it.C3: missing, a number is needed for mo"),
+        ({"model": "mooney-rivlin", "C1": 1, "C2": 1, "C3": 1}, "material.it.C3: only for model ="),
+        ({"model": "yeoh", "C1": 1, "C2": 1, "C3": 1, "A10": 1}, "material.it.A10: only for mode"),
+    ],
+)
+def test_decks_know_the_parameters_of_named_materials(table, message):
+    with pytest.raises(InputError, match=f"tables: {message}"):
+        load_deck({"material": [{"name": "it", "K": 50, **table}]})

@@ -41,7 +41,7 @@ COVERS = 2.0
 EXTREMES = {"accepted", "refused"}
 AXES = "xyz"
 METHODS = ("auto", "rkpm-gauss", "rkpm-scni", "rkcm", "rkcm-mixed")
-MODULI = ("A10", "A01", "A20", "A30", "mu", "K", "sigma_max")
+MODULI = ("A10", "A01", "A20", "mu", "C1", "C2", "C3", "K", "sigma_max")
 
 
 class Case(NamedTuple):
@@ -154,17 +154,16 @@ def _materials(rng: np.random.Generator, case: Case, strong: bool) -> list[dict[
     materials = []
     for label in labels:
         mu = float(rng.uniform(2, 20))
-        law = str(rng.choice(["neo-hookean", "mooney-rivlin", "yeoh", "polynomial", "muscle"]))
-        model = law if law in ("neo-hookean", "muscle") else "polynomial"
+        model = str(rng.choice(["neo-hookean", "mooney-rivlin", "yeoh", "polynomial", "muscle"]))
         stiff = float(rng.choice([20, 50 if strong else 500]))
         one: dict[str, Any] = {"name": f"m{label}", "model": model, "K": mu * stiff}
         one |= {
             "neo-hookean": {"mu": mu},
-            "mooney-rivlin": {"A10": 0.4 * mu, "A01": 0.1 * mu},
-            "yeoh": {"A10": 0.5 * mu, "A20": 0.02 * mu, "A30": 0.001 * mu},
+            "mooney-rivlin": {"C1": 0.4 * mu, "C2": 0.1 * mu},
+            "yeoh": {"C1": 0.5 * mu, "C2": 0.02 * mu, "C3": 0.001 * mu},
             "polynomial": {"A10": 0.5 * mu, "A20": 0.05 * mu},
             "muscle": {"A10": 0.5 * mu, "sigma_max": mu},
-        }[law]
+        }[model]
         if model == "muscle":
             fiber = np.eye(3)[rng.integers(case.nd)]
             if rng.random() < 0.5:

@@ -14,6 +14,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import nibabel
 import numpy as np
 import pytest
 from pyarrow import parquet
@@ -219,9 +220,15 @@ def test_another_sweep_in_the_folder(deck: Path, tmp_path: Path, here: None) -> 
 
 
 def write_inputs(folder: Path) -> None:
-    """A strip, and a block from a model file."""
+    """A strip that is pulled by a table, with a label map, and a block from a model file."""
     folder.mkdir()
-    (folder / "deck.toml").write_text(STRIP)
+    pulled = STRIP.replace("u_x = 0.2", 'u_x = "push(y)"')
+    pulled = pulled.replace("[[material]]", 'labels = "labels.nii"\n[[material]]\nlabel = 1')
+    table = '[[table]]\nname = "push"\nfile = "push.csv"\n'
+    (folder / "deck.toml").write_text(pulled + table)
+    (folder / "push.csv").write_text("0, 0.2\n1, 0.2\n")
+    map_ = nibabel.Nifti1Image(np.ones((4, 2, 1), np.uint8), np.diag([5.0, 5.0, 5.0, 1.0]))
+    nibabel.save(map_, folder / "labels.nii")
     (folder / "block.toml").write_text(text_of_tables(BLOCK))
     write_model(folder / "model.h5", cloud())
 
@@ -230,6 +237,8 @@ def write_inputs(folder: Path) -> None:
     ("deck", "file"),
     [
         ("deck.toml", "deck.toml"),
+        ("deck.toml", "push.csv"),
+        ("deck.toml", "labels.nii"),
         ("block.toml", "block.toml"),
         ("block.toml", "model.h5"),
     ],
@@ -238,13 +247,13 @@ def test_a_sweep_is_of_the_contents_of_its_files(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, here: None, deck: str, file: str
 ) -> None:
     """What a file held at the start it holds at the end, or the sweep says that it does not."""
-    made, out = tmp_path / "made", tmp_path / "out"
+    made, out, more = tmp_path / "made", tmp_path / "out", {"push.csv": "#", "labels.nii": "\0"}
     write_inputs(made)
     solved = {"verdict": "failed", "message": "", "probes": {}, "errors": {}, "cpu_s": 1.0}
     monkeypatch.setattr(run, "solve_point", lambda *call: solved)
     vary = ["load.steps=1,2,3"]
     before = (made / file).read_bytes()
-    changed = before + b"\n"
+    changed = before + more.get(file, "\n").encode()
 
     def change_after_one(line: str) -> None:
         if line.startswith("point 1/"):
@@ -262,21 +271,17 @@ def test_a_sweep_is_of_the_contents_of_its_files(
     assert len(rows_of(out)) == 3
 
 
-def test_files_that_are_varied_are_known_by_their_contents(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, here: None
-) -> None:
+def test_files_that_are_varied_are_known_by_their_contents(tmp_path: Path, here: None) -> None:
     made, out = tmp_path / "made", tmp_path / "out"
     write_inputs(made)
-    write_model(made / "other.h5", cloud())
-    solved = {"verdict": "failed", "message": "", "probes": {}, "errors": {}, "cpu_s": 1.0}
-    monkeypatch.setattr(run, "solve_point", lambda *call: solved)
-    vary = ["geometry.file=model.h5,other.h5"]
-    sweep(made / "block.toml", vary, out)
-    assert len(rows_of(out)) == 2
-    with (made / "other.h5").open("ab") as file:
-        file.write(b"\n")
-    with pytest.raises(InputError, match=r"other\.h5 \(geometry\.file = other\.h5\) changed"):
-        sweep(made / "block.toml", vary, out)
+    (made / "pull.csv").write_text("0, 0.1\n1, 0.1\n")
+    vary = ["table.push.file=push.csv,pull.csv"]
+    sweep(made / "deck.toml", vary, out)
+    pulls = [float(row["pull"]) for row in rows_of(out)]
+    assert pulls[0] > 1.5 * pulls[1] > 0.0
+    (made / "pull.csv").write_text("0, 0.15\n1, 0.15\n")
+    with pytest.raises(InputError, match=r"pull\.csv \(table\.push\.file = pull\.csv\) changed"):
+        sweep(made / "deck.toml", vary, out)
 
 
 def test_a_refused_gather_leaves_nothing_behind(deck: Path, tmp_path: Path, here: None) -> None:

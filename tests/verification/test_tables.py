@@ -1,13 +1,17 @@
 """Tables as functions in expressions: loads, coefficients and starts by their values at places."""
 
 import math
+import os
+import subprocess
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from myork import Scene
-from myork.core.deck import load_deck
+from myork.core.deck import load_deck, text_of_tables
 from myork.errors import InputError
+from myork.stations.solve import find_executable
 from tests.scenes import box, refused, scene, solved
 
 
@@ -34,11 +38,14 @@ def test_a_conductivity_by_table() -> None:
 
 
 def test_a_table_is_the_expression_that_it_samples() -> None:
-    """Straight parts against the same by arithmetic, to rounding."""
-    own = heat(linear={"problem": "poisson", "source": "2*k(x) - k(x - 5) + k(9)"}, table=[STEP])
-    rise = "(x > 0.5 ? 4*((x - 0.5)/0.5) : 0)"
-    other = heat(linear={"problem": "poisson", "source": f"2 + {rise} + 2"})
-    assert value_of(own) == pytest.approx(value_of(other), rel=1e-12)
+    """Straight parts and smooth ones against the same by arithmetic, to rounding."""
+    t = "((x - 0.5)/0.5)"
+    smooth = f"{t}^3*(10 - 15*{t} + 6*{t}^2)"
+    for curve, rise in (("linear", t), ("smooth", smooth)):
+        table = [STEP | {"curve": curve}]
+        own = heat(linear={"problem": "poisson", "source": "2*k(x) - k(x - 5) + k(9)"}, table=table)
+        other = heat(linear={"problem": "poisson", "source": f"2 + (x > 0.5 ? 4*{rise} : 0) + 2"})
+        assert value_of(own) == pytest.approx(value_of(other), rel=1e-12)
 
 
 def test_a_traction_and_a_displacement_by_table_in_a_nonlinear_scene() -> None:
@@ -87,13 +94,79 @@ def test_tables_of_two_scenes_with_one_name() -> None:
     assert found[0] == pytest.approx(4 * found[1], rel=1e-9)
 
 
+def deck_with(folder: Path, lines: str, name: str = "k.csv") -> Path:
+    (folder / name).write_text(lines)
+    deck = folder / "rod.toml"
+    tables = heat(linear={"problem": "poisson", "conductivity": "k(x)"})
+    tables = {"title": "rod", "units": {"force": "N", "length": "cm"}, **tables}
+    deck.write_text(text_of_tables(tables | {"table": [{"name": "k", "file": "k.csv"}]}))
+    return deck
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        "x,k\n0,1\n0.5,1\n1,3\n",
+        "# of a paper\n0 1\n0.5 1\n\n1 3\n",
+        "x; k; temp\r\n0; 1; 7\r\n0.5; 1; 8\r\n1; 3; 9\r\n",
+    ],
+)
+def test_tables_in_files(lines: str, tmp_path: Path) -> None:
+    deck = deck_with(tmp_path, lines)
+    with Scene(deck) as opened:
+        found = value_of(opened)
+        # what was read stands in the deck
+        assert opened.deck["table"][0]["value"] == [1, 1, 3]
+    own = heat(linear={"problem": "poisson", "conductivity": "k(x)"}, table=[STEP])
+    assert found == value_of(own)
+    first = load_deck(deck)["sha256"]
+    (tmp_path / "k.csv").write_text(lines.replace("3", "4"))
+    assert load_deck(deck)["sha256"] != first
+
+
+@pytest.mark.parametrize(
+    ("lines", "what"),
+    [
+        ("0,1\n0.5,x\n", "k.csv:2: 'x' is not a finite number"),
+        ("0,1\n0.5,nan\n", "k.csv:2: 'nan' is not a finite number"),
+        ("0,1\n0.5\n", "k.csv:2: has 1 column, 2 are needed"),
+        ("0,1\n1,1\n1,2\n", "k.csv:3: places must ascend: 1 follows 1"),
+        ("0;1,5\n", "k.csv:1: '1,5' is not a finite number"),
+        ("x,k\n", "k.csv: has no numbers"),
+    ],
+)
+def test_files_that_are_no_tables(lines: str, what: str, tmp_path: Path) -> None:
+    deck = deck_with(tmp_path, lines)
+    with pytest.raises(InputError) as caught:
+        load_deck(deck)
+    assert what in str(caught.value)
+    line = deck.read_text().splitlines().index('file = "k.csv"') + 1
+    assert f"rod.toml:{line}" in str(caught.value)
+
+
+def test_a_file_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"'k.csv' cannot be read: there is no such file"):
+        load_deck(deck_with(tmp_path, "0,1\n", name="other.csv"))
+
+
+def test_a_pipe_is_not_a_table(tmp_path: Path) -> None:
+    """It was opened, which waits for whoever writes into it."""
+    deck = deck_with(tmp_path, "0,1\n", name="other.csv")
+    os.mkfifo(tmp_path / "k.csv")
+    done = subprocess.run(
+        [find_executable(), deck, "--explain"], capture_output=True, text=True, timeout=60
+    )
+    assert done.returncode == 2 and "'k.csv' cannot be read: it is not a regular" in done.stderr
+
+
 @pytest.mark.parametrize(
     ("table", "what"),
     [
-        ({"name": "k"}, "table.k.x: missing"),
+        ({"name": "k"}, "table.k: needs one of the keys x, file"),
         ({"name": "k", "x": [0, 1]}, "table.k.value: missing"),
         ({"name": "k", "x": [0, 1], "value": [1]}, "must have as many items as x, 2, not 1"),
         ({"name": "k", "x": [0, 0], "value": [1, 2]}, "must ascend: item 2, 0, follows 0"),
+        ({"name": "k", "x": [0], "file": "k.csv"}, "cannot be given beside x"),
         ({"name": "sin", "x": [0], "value": [1]}, "has a meaning in expressions already"),
         ({"name": "pi", "x": [0], "value": [1]}, "has a meaning in expressions already"),
         ({"name": "2k", "x": [0], "value": [1]}, "must have letters, digits and _ only"),

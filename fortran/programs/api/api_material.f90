@@ -1,17 +1,18 @@
-! Python boundary of the materials: plain arrays in, plain arrays out. A material comes as the text
-! of a deck with nothing else. Not threadsafe, as scene_open
+! Python boundary of the materials: plain arrays in, plain arrays out. A material comes as its name
+! and its parameters by the keys of a deck: n keys, their texts (blank for numbers), their numbers.
 
 !> Energy, stress, tangent and contracted third derivative at points, each of which owns its part of
 !> the result
-subroutine material_at_points(text, volumetric, nd, np, f, h, fiber, activation, w, p, c4, t, &
-   & stat, message)
+subroutine material_at_points(name, n, keys, texts, numbers, volumetric, nd, np, f, h, fiber, &
+   & activation, w, p, c4, t, stat, message)
    use rk_error, only : error_type
    use rk_material, only : material_item
    use rk_pack, only : pack_error, unpack_material
    implicit none
-   integer, intent(in) :: volumetric, nd, np
-   character(len=*), intent(in) :: text
-   double precision, intent(in) :: activation
+   !f2py threadsafe
+   integer, intent(in) :: n, volumetric, nd, np
+   character(len=*), intent(in) :: name, keys(n), texts(n)
+   double precision, intent(in) :: numbers(n), activation
    double precision, intent(in) :: f(3, 3, np), h(3, 3, 3, np), fiber(3, np)
    double precision, intent(out) :: w(np), p(3, 3, np), c4(3, 3, 3, 3, np), t(3, 3, 3, np)
    integer, intent(out) :: stat
@@ -24,7 +25,7 @@ subroutine material_at_points(text, volumetric, nd, np, f, h, fiber, activation,
    p = 0.0d0
    c4 = 0.0d0
    t = 0.0d0
-   call unpack_material(item, text, error)
+   call unpack_material(item, name, keys, texts, numbers, error)
    call pack_error(error, stat, message)
    if (stat /= 0) return
    !$omp parallel do default(none) schedule(static) private(ip) &

@@ -89,15 +89,19 @@ end subroutine scene_close
 
 !> Sizes: dimension, source points, collocation points, unknowns, equations, probes, steps, stencils
 subroutine scene_sizes(handle, sizes, stat, message)
-   use rk_handles, only : reach, slot_type
+   use rk_error, only : error_type
+   use rk_handles, only : find_slot, slot_type
+   use rk_pack, only : pack_error
    implicit none
    integer, intent(in) :: handle
    integer, intent(out) :: sizes(8), stat
    character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
    type(slot_type), pointer :: slot
 
    sizes = 0
-   call reach(handle, slot, stat, message)
+   call find_slot(handle, slot, error)
+   call pack_error(error, stat, message)
    if (stat /= 0) return
    sizes = [slot%full%shape%nd, slot%full%shape%ns, size(slot%scene%cloud%points, 2), &
       & slot%full%n, slot%full%m, size(slot%scene%probe), &
@@ -108,9 +112,9 @@ end subroutine scene_sizes
 !> that are assembled in full (assembled = 1) or not; tells the number of equations that are left
 subroutine scene_reduce(handle, n, r, modes, projection, assembled, rows, stat, message)
    use rk_error, only : error_type
-   use rk_handles, only : find_slot, slot_type
    use rk_pack, only : pack_error
-   use rk_reduced, only : new_reduced, reduction_type
+   use rk_reduced, only : reduction_type
+   use rk_session, only : reduce_session
    implicit none
    !f2py threadsafe
    integer, intent(in) :: handle, n, r, assembled
@@ -119,90 +123,115 @@ subroutine scene_reduce(handle, n, r, modes, projection, assembled, rows, stat, 
    integer, intent(out) :: rows, stat
    character(len=2048), intent(out) :: message
    type(error_type), allocatable :: error
-   type(slot_type), pointer :: slot
 
-   rows = 0
-   call find_slot(handle, slot, error)
-   if (.not. allocated(error)) then
-      if (associated(slot%reduced)) deallocate (slot%reduced)
-      call new_reduced(slot%reduced, slot%full, modes, &
-         & reduction_type(projection, assembled /= 0), error)
-      if (.not. allocated(error)) rows = slot%reduced%m
-   end if
+   call reduce_session(handle, modes, reduction_type(projection, assembled /= 0), rows, error)
    call pack_error(error, stat, message)
 end subroutine scene_reduce
 
 !> Collocation points
 subroutine scene_points(handle, nd, nc, place, stat, message)
-   use rk_handles, only : reach, slot_type
+   use rk_error, only : error_type
+   use rk_handles, only : find_slot, slot_type
+   use rk_pack, only : pack_error
    implicit none
    integer, intent(in) :: handle, nd, nc
    double precision, intent(out) :: place(nd, nc)
    integer, intent(out) :: stat
    character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
    type(slot_type), pointer :: slot
 
    place = 0
-   call reach(handle, slot, stat, message)
+   call find_slot(handle, slot, error)
+   call pack_error(error, stat, message)
    if (stat == 0) place = slot%scene%cloud%points
 end subroutine scene_points
 
 !> Triangles of the surface, or of a plane body itself: their number, and as many as there is room
 !> for, points from 0
 subroutine scene_surface(handle, room, n, triangle, stat, message)
-   use rk_handles, only : reach, slot_type
+   use rk_error, only : error_type
+   use rk_handles, only : find_slot, slot_type
+   use rk_pack, only : pack_error
    use rk_surface, only : lattice_places, surface_triangles
    implicit none
    integer, intent(in) :: handle, room
    integer, intent(out) :: n, triangle(3, room), stat
    character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
    type(slot_type), pointer :: slot
    integer, allocatable :: found(:, :)
 
    n = 0
    triangle = 0
-   call reach(handle, slot, stat, message)
+   call find_slot(handle, slot, error)
+   call pack_error(error, stat, message)
    if (stat /= 0) return
    found = surface_triangles(lattice_places(slot%scene%cloud)) - 1
    n = size(found, 2)
    triangle(:, :min(n, room)) = found(:, :min(n, room))
 end subroutine scene_surface
 
-!> Points where scene_set_fields wants values: their number, and as many as there is room for
-subroutine scene_field_points(handle, nd, room, n, place, stat, message)
-   use rk_handles, only : reach, slot_type
+!> Number of points where scene_set_fields wants values
+subroutine scene_count_field_points(handle, n, stat, message)
+   use rk_error, only : error_type
+   use rk_handles, only : find_slot, slot_type
+   use rk_pack, only : pack_error
    implicit none
-   integer, intent(in) :: handle, nd, room
-   integer, intent(out) :: n
-   double precision, intent(out) :: place(nd, room)
+   integer, intent(in) :: handle
+   integer, intent(out) :: n, stat
+   character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
+   type(slot_type), pointer :: slot
+   double precision, allocatable :: place(:, :)
+   double precision :: none(3, 0), no_stress(3, 3, 0)
+
+   n = 0
+   call find_slot(handle, slot, error)
+   call pack_error(error, stat, message)
+   if (stat > 0) return
+   call slot%full%set_point_loads(none, none, no_stress, place)
+   n = size(place, 2)
+end subroutine scene_count_field_points
+
+!> Points where scene_set_fields wants values
+subroutine scene_field_points(handle, nd, n, place, stat, message)
+   use rk_error, only : error_type
+   use rk_handles, only : find_slot, slot_type
+   use rk_pack, only : pack_error
+   implicit none
+   integer, intent(in) :: handle, nd, n
+   double precision, intent(out) :: place(nd, n)
    integer, intent(out) :: stat
    character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
    type(slot_type), pointer :: slot
    double precision, allocatable :: points(:, :)
    double precision :: none(3, 0), no_stress(3, 3, 0)
 
-   n = 0
    place = 0
-   call reach(handle, slot, stat, message)
-   if (stat /= 0) return
+   call find_slot(handle, slot, error)
+   call pack_error(error, stat, message)
+   if (stat > 0) return
    call slot%full%set_point_loads(none, none, no_stress, points)
-   n = size(points, 2)
-   place(:, :min(n, room)) = points(:, :min(n, room))
+   place = points
 end subroutine scene_field_points
 
 !> Body force, prescribed displacement and the stress whose traction is prescribed, all at full load
 !> and at the field points; the last two count where the deck has conditions of their kind
 subroutine scene_set_fields(handle, nc, body_force, displacement, stress, stat, message)
-   use rk_handles, only : reach, slot_type
+   use rk_error, only : error_type
+   use rk_pack, only : pack_error
+   use rk_session, only : set_session_fields
    implicit none
    integer, intent(in) :: handle, nc
    double precision, intent(in) :: body_force(3, nc), displacement(3, nc), stress(3, 3, nc)
    integer, intent(out) :: stat
    character(len=2048), intent(out) :: message
-   type(slot_type), pointer :: slot
+   type(error_type), allocatable :: error
 
-   call reach(handle, slot, stat, message)
-   if (stat == 0) call slot%full%set_point_loads(body_force, displacement, stress)
+   call set_session_fields(handle, body_force, displacement, stress, error)
+   call pack_error(error, stat, message)
 end subroutine scene_set_fields
 
 !> Solve all load steps of the full (reduced = 0) or the reduced problem with a number of threads,
@@ -248,16 +277,20 @@ end subroutine scene_progress
 !> Shape functions in words: coefficients belong to them
 subroutine scene_approximation(handle, text, stat, message)
    use rk_deck_scene, only : approximation_text
-   use rk_handles, only : reach, slot_type
+   use rk_error, only : error_type
+   use rk_handles, only : find_slot, slot_type
+   use rk_pack, only : pack_error
    implicit none
    integer, intent(in) :: handle
    character(len=200), intent(out) :: text
    integer, intent(out) :: stat
    character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
    type(slot_type), pointer :: slot
 
    text = ''
-   call reach(handle, slot, stat, message)
+   call find_slot(handle, slot, error)
+   call pack_error(error, stat, message)
    if (stat == 0) text = approximation_text(slot%deck)
 end subroutine scene_approximation
 
@@ -323,17 +356,21 @@ end subroutine scene_states
 !> Warnings of the last solve, also of one that failed, each with its line feed. `length` is that of
 !> the whole text; where it is above `capacity` the caller asks again with more.
 subroutine scene_warnings(handle, capacity, text, length, stat, message)
-   use rk_handles, only : reach, slot_type
+   use rk_error, only : error_type
+   use rk_handles, only : find_slot, slot_type
+   use rk_pack, only : pack_error
    implicit none
    integer, intent(in) :: handle, capacity
    character(len=capacity), intent(out) :: text
    integer, intent(out) :: length, stat
    character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
    type(slot_type), pointer :: slot
 
    text = ''
    length = 0
-   call reach(handle, slot, stat, message)
+   call find_slot(handle, slot, error)
+   call pack_error(error, stat, message)
    if (stat /= 0 .or. .not. allocated(slot%outcome%warnings)) return
    length = len(slot%outcome%warnings)
    text = slot%outcome%warnings
@@ -345,7 +382,9 @@ end subroutine scene_warnings
 subroutine scene_verdict(handle, np, k, load, value, capacity, verdict, bar, text, length, stat, &
    & message)
    use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
-   use rk_handles, only : reach, slot_type
+   use rk_error, only : error_type
+   use rk_handles, only : find_slot, slot_type
+   use rk_pack, only : pack_error
    use rk_probes, only : quantity_size
    implicit none
    integer, intent(in) :: handle, np, k, capacity
@@ -354,6 +393,7 @@ subroutine scene_verdict(handle, np, k, load, value, capacity, verdict, bar, tex
    double precision, intent(out) :: bar(3, np, k)
    character(len=capacity), intent(out) :: text
    character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
    type(slot_type), pointer :: slot
    integer :: i, j, n
 
@@ -361,7 +401,8 @@ subroutine scene_verdict(handle, np, k, load, value, capacity, verdict, bar, tex
    bar = ieee_value(1.0d0, ieee_quiet_nan)
    text = ''
    length = 0
-   call reach(handle, slot, stat, message)
+   call find_slot(handle, slot, error)
+   call pack_error(error, stat, message)
    if (stat /= 0 .or. .not. allocated(slot%verdict%reasons)) return
    verdict = slot%verdict%state
    length = len(slot%verdict%reasons)
@@ -393,8 +434,10 @@ end subroutine scene_field_list
 !> All fields at all collocation points for one state of the full problem, one under the other in
 !> the order of the list
 subroutine scene_fields(handle, n, nc, rows, x, load, values, stat, message)
+   use rk_error, only : error_type
    use rk_fields, only : compute_fields
-   use rk_handles, only : reach, slot_type
+   use rk_handles, only : find_slot, slot_type
+   use rk_pack, only : pack_error
    use rk_point_field, only : point_field
    use rk_states, only : field_state
    implicit none
@@ -404,13 +447,15 @@ subroutine scene_fields(handle, n, nc, rows, x, load, values, stat, message)
    double precision, intent(out) :: values(rows, nc)
    integer, intent(out) :: stat
    character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
    type(slot_type), pointer :: slot
    type(field_state) :: state
    type(point_field), allocatable :: fields(:)
    integer :: k, row
 
    values = 0
-   call reach(handle, slot, stat, message)
+   call find_slot(handle, slot, error)
+   call pack_error(error, stat, message)
    if (stat /= 0) return
    call slot%full%state(x, load, state)
    call compute_fields(slot%full, state, fields)
@@ -466,10 +511,8 @@ end subroutine scene_linearise
 !> Values of all probes, three numbers each, for states of the full problem
 subroutine scene_probes(handle, n, k, np, x, load, value, stat, message)
    use rk_error, only : error_type
-   use rk_handles, only : find_slot, slot_type
    use rk_pack, only : pack_error
-   use rk_probes, only : new_probes, probe_value, probes_type
-   use rk_states, only : field_state
+   use rk_session, only : probe_session
    implicit none
    !f2py threadsafe
    integer, intent(in) :: handle, n, k, np
@@ -478,20 +521,8 @@ subroutine scene_probes(handle, n, k, np, x, load, value, stat, message)
    integer, intent(out) :: stat
    character(len=2048), intent(out) :: message
    type(error_type), allocatable :: error
-   type(slot_type), pointer :: slot
-   type(field_state) :: state
-   type(probes_type) :: probes
-   integer :: i, j
 
    value = 0
-   call find_slot(handle, slot, error)
-   if (.not. allocated(error)) call new_probes(probes, slot%scene, error)
+   call probe_session(handle, x, load, value, error)
    call pack_error(error, stat, message)
-   if (stat /= 0) return
-   do j = 1, k
-      call slot%full%state(x(:, j), load(j), state)
-      do i = 1, np
-         call probe_value(slot%full, probes, i, state, value(:, i, j))
-      end do
-   end do
 end subroutine scene_probes

@@ -8,7 +8,6 @@ module rk_handles
    use rk_discretisation, only : discretisation_type, free_discretisation
    use rk_error, only : error_type, fatal_error, err_input
    use rk_galerkin, only : galerkin_problem
-   use rk_pack, only : pack_error
    use rk_precision, only : wp
    use rk_problem, only : problem_type
    use rk_recorder, only : iteration_type, recorder_type, step_type
@@ -20,7 +19,7 @@ module rk_handles
    implicit none
    private
 
-   public :: slot_type, states_type, open_slot, close_slot, find_slot, reach, find_galerkin
+   public :: slot_type, states_type, open_slot, close_slot, find_slot, find_galerkin
 
    !> Rows of the table
    integer, parameter :: rows = 64
@@ -125,54 +124,35 @@ subroutine find_slot(handle, slot, error)
    call fatal_error(error, err_input, 'this scene is closed')
 end subroutine find_slot
 
-!> Row of a handle, or the status and message of its error
-subroutine reach(handle, slot, stat, message)
-   !> Handle
-   integer, intent(in) :: handle
-   !> Its row
-   type(slot_type), pointer, intent(out) :: slot
-   !> 0 for success
-   integer, intent(out) :: stat
-   !> Why there is none
-   character(len=*), intent(out) :: message
-   type(error_type), allocatable :: error
-
-   call find_slot(handle, slot, error)
-   call pack_error(error, stat, message)
-end subroutine reach
-
 !> Galerkin problem of a handle, of which a reduced model can be trained
-subroutine find_galerkin(handle, problem, stat, message)
+subroutine find_galerkin(handle, problem, error)
    !> Handle
    integer, intent(in) :: handle
    !> Its problem
    type(galerkin_problem), pointer, intent(out) :: problem
-   !> 0 for success
-   integer, intent(out) :: stat
-   !> Why there is none: a closed handle, another form, K = inf
-   character(len=*), intent(out) :: message
-   type(error_type), allocatable :: error
+   !> Error handling: a closed handle, another form, K = inf
+   type(error_type), allocatable, intent(out) :: error
    type(slot_type), pointer :: slot
 
    nullify (problem)
-   call reach(handle, slot, stat, message)
-   if (stat /= 0) return
+   call find_slot(handle, slot, error)
+   if (allocated(error)) return
    select type (full => slot%full)
    type is (galerkin_problem)
       if (full%linear) then
          call fatal_error(error, err_input, 'a reduced model that is trained is one of a ' &
             & //'nonlinear problem')
+         return
       else if (full%multiplier%extra == 0) then
          problem => full
-      else
-         call fatal_error(error, err_input, 'a reduced model that is trained needs finite bulk ' &
-            & //'moduli; take K = 1e3 times the shear modulus instead of inf')
+         return
       end if
+      call fatal_error(error, err_input, 'a reduced model that is trained needs finite bulk ' &
+         & //'moduli; take K = 1e3 times the shear modulus instead of inf')
    class default
       call fatal_error(error, err_input, 'a reduced model that is trained is one of the Galerkin ' &
          & //'forms: method "rkpm-gauss" or "rkpm-scni"')
    end select
-   call pack_error(error, stat, message)
 end subroutine find_galerkin
 
 !> Count an iteration

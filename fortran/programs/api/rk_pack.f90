@@ -1,11 +1,11 @@
 !> Errors, materials and approximations as plain numbers and text, for the Python boundary.
 module rk_pack
-   use rk_deck, only : deck_type, parse_deck
-   use rk_deck_records, only : material_keys
    use rk_error, only : error_type
    use rk_kernel, only : find_kernel, find_window
    use rk_material, only : material_item
    use rk_energies, only : new_material
+   use rk_parameters, only : parameters_type
+   use rk_precision, only : wp
    use rk_shape, only : approximation_type
    implicit none
    private
@@ -47,21 +47,33 @@ subroutine unpack_approximation(self, order, kernel, window, error)
    if (.not. allocated(error)) call find_window(window, self%window, error)
 end subroutine unpack_approximation
 
-!> Material of the text of a deck with nothing else
-subroutine unpack_material(item, text, error)
+!> Material from its name and its parameters by the keys of a deck
+subroutine unpack_material(item, name, keys, texts, numbers, error)
    !> Material
    type(material_item), intent(out) :: item
-   !> Deck with one material
-   character(len=*), intent(in) :: text
+   !> Name for messages
+   character(len=*), intent(in) :: name
+   !> Keys, shape (n)
+   character(len=*), intent(in) :: keys(:)
+   !> Values that are texts, blank for numbers, shape (n)
+   character(len=*), intent(in) :: texts(:)
+   !> Values that are numbers, shape (n)
+   real(wp), intent(in) :: numbers(:)
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   type(deck_type) :: deck
-   type(material_keys) :: keys
+   type(parameters_type) :: parameters
+   integer :: i
 
-   call parse_deck(deck, text, 'tables', [character(len=1) ::], error)
-   if (allocated(error)) return
-   call keys%read(deck, 'material.1')
-   call new_material(item, keys, error)
+   parameters%kind = 'material'
+   parameters%name = name
+   do i = 1, size(keys)
+      if (texts(i) == '') then
+         call parameters%add(trim(keys(i)), numbers(i))
+      else
+         call parameters%add(trim(keys(i)), trim(texts(i)))
+      end if
+   end do
+   call new_material(item, parameters, error)
 end subroutine unpack_material
 
 end module rk_pack

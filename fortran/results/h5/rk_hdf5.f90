@@ -2,8 +2,7 @@
 !>
 !> A Fortran array a(3,n) is a dataset of shape (n,3) for h5py and VTK: same memory, no
 !> transposition. A file is written under the name `path.part` and takes its real name when it is
-!> closed, so an interrupted run leaves an earlier file as it was. Text datasets are bytes. Reading
-!> and writing do nothing where there is an error already: who does much of it looks at the end.
+!> closed, so an interrupted run leaves an earlier file as it was. Text datasets are bytes.
 !>
 !> Reference: The HDF Group, HDF5 Reference Manual, https://docs.hdfgroup.org (API 1.10),
 !> called through h5.c
@@ -183,8 +182,8 @@ subroutine append_real1(self, name, values, error)
    character(len=*), intent(in) :: name
    !> Numbers, shape (n)
    real(wp), intent(in), contiguous, target :: values(:)
-   !> Error so far, with which nothing happens
-   type(error_type), allocatable, intent(inout) :: error
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
 
    call append_any(self, name, kind_real, shape(values, i8), c_loc(values), error)
 end subroutine append_real1
@@ -197,8 +196,8 @@ subroutine append_real2(self, name, values, error)
    character(len=*), intent(in) :: name
    !> Numbers, shape (m,n); m is the same in every call
    real(wp), intent(in), contiguous, target :: values(:, :)
-   !> Error so far, with which nothing happens
-   type(error_type), allocatable, intent(inout) :: error
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
 
    call append_any(self, name, kind_real, shape(values, i8), c_loc(values), error)
 end subroutine append_real2
@@ -211,8 +210,8 @@ subroutine append_int1(self, name, values, error)
    character(len=*), intent(in) :: name
    !> Numbers, shape (n)
    integer, intent(in), contiguous, target :: values(:)
-   !> Error so far, with which nothing happens
-   type(error_type), allocatable, intent(inout) :: error
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
 
    call append_any(self, name, kind_int, shape(values, i8), c_loc(values), error)
 end subroutine append_int1
@@ -225,8 +224,8 @@ subroutine append_int2(self, name, values, error)
    character(len=*), intent(in) :: name
    !> Numbers, shape (m,n); m is the same in every call
    integer, intent(in), contiguous, target :: values(:, :)
-   !> Error so far, with which nothing happens
-   type(error_type), allocatable, intent(inout) :: error
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
 
    call append_any(self, name, kind_int, shape(values, i8), c_loc(values), error)
 end subroutine append_int2
@@ -239,8 +238,8 @@ subroutine append_long1(self, name, values, error)
    character(len=*), intent(in) :: name
    !> Numbers, shape (n)
    integer(i8), intent(in), contiguous, target :: values(:)
-   !> Error so far, with which nothing happens
-   type(error_type), allocatable, intent(inout) :: error
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
 
    call append_any(self, name, kind_long, shape(values, i8), c_loc(values), error)
 end subroutine append_long1
@@ -253,8 +252,8 @@ subroutine append_byte1(self, name, values, error)
    character(len=*), intent(in) :: name
    !> Numbers 0..127, shape (n)
    integer(int8), intent(in), contiguous, target :: values(:)
-   !> Error so far, with which nothing happens
-   type(error_type), allocatable, intent(inout) :: error
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
 
    call append_any(self, name, kind_byte, shape(values, i8), c_loc(values), error)
 end subroutine append_byte1
@@ -267,8 +266,8 @@ subroutine append_text(self, name, text, error)
    character(len=*), intent(in) :: name
    !> Text, UTF-8
    character(len=*), intent(in), target :: text
-   !> Error so far, with which nothing happens
-   type(error_type), allocatable, intent(inout) :: error
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
 
    call append_any(self, name, kind_byte, [len(text, i8)], c_loc(text), error)
 end subroutine append_text
@@ -285,11 +284,10 @@ subroutine append_any(self, name, kind, dims, values, error)
    integer(i8), intent(in) :: dims(:)
    !> First number
    type(c_ptr), intent(in) :: values
-   !> Error so far, with which nothing happens
-   type(error_type), allocatable, intent(inout) :: error
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
    character(kind=c_char) :: why(nwhy)
 
-   if (allocated(error)) return
    if (rkh5_append(self%handle, c_text(name), kind, size(dims), dims, values, why, nwhy) /= 0) then
       call write_error(self, name, why, error)
    end if
@@ -303,8 +301,8 @@ subroutine read_real1(self, name, values, error)
    character(len=*), intent(in) :: name
    !> Numbers, shape (n)
    real(wp), allocatable, target, intent(out) :: values(:)
-   !> Error so far, with which nothing happens
-   type(error_type), allocatable, intent(inout) :: error
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
    integer(i8) :: dims(1)
 
    call get_shape(self, name, kind_real, dims, error)
@@ -321,8 +319,8 @@ subroutine read_real2(self, name, values, error)
    character(len=*), intent(in) :: name
    !> Numbers, shape (m,n)
    real(wp), allocatable, target, intent(out) :: values(:, :)
-   !> Error so far, with which nothing happens
-   type(error_type), allocatable, intent(inout) :: error
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
    integer(i8) :: dims(2)
 
    call get_shape(self, name, kind_real, dims, error)
@@ -339,8 +337,8 @@ subroutine read_int1(self, name, values, error)
    character(len=*), intent(in) :: name
    !> Numbers, shape (n)
    integer, allocatable, target, intent(out) :: values(:)
-   !> Error so far, with which nothing happens
-   type(error_type), allocatable, intent(inout) :: error
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
    integer(i8) :: dims(1)
 
    call get_shape(self, name, kind_int, dims, error)
@@ -357,8 +355,8 @@ subroutine read_int2(self, name, values, error)
    character(len=*), intent(in) :: name
    !> Numbers, shape (m,n)
    integer, allocatable, target, intent(out) :: values(:, :)
-   !> Error so far, with which nothing happens
-   type(error_type), allocatable, intent(inout) :: error
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
    integer(i8) :: dims(2)
 
    call get_shape(self, name, kind_int, dims, error)
@@ -375,8 +373,8 @@ subroutine read_text(self, name, text, error)
    character(len=*), intent(in) :: name
    !> Text, UTF-8
    character(len=:), allocatable, target, intent(out) :: text
-   !> Error so far, with which nothing happens
-   type(error_type), allocatable, intent(inout) :: error
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
    integer(i8) :: dims(1)
 
    call get_shape(self, name, kind_byte, dims, error)
@@ -395,13 +393,12 @@ subroutine get_shape(self, name, kind, dims, error)
    integer(c_int), intent(in) :: kind
    !> Shape
    integer(i8), intent(out) :: dims(:)
-   !> Error so far, with which nothing happens
-   type(error_type), allocatable, intent(inout) :: error
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
    character(kind=c_char) :: why(nwhy)
    integer(c_int64_t) :: found(max_rank)
    integer(c_int) :: rank
 
-   if (allocated(error)) return
    if (.not. self%has(name)) then
       call fatal_error(error, err_input, self%path//": dataset '"//name//"' is missing")
       return
@@ -426,8 +423,8 @@ subroutine read_any(self, name, kind, values, error)
    integer(c_int), intent(in) :: kind
    !> First number
    type(c_ptr), intent(in) :: values
-   !> Error so far, with which nothing happens
-   type(error_type), allocatable, intent(inout) :: error
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
    character(kind=c_char) :: why(nwhy)
 
    if (rkh5_read(self%handle, c_text(name), kind, values, why, nwhy) /= 0) then
@@ -446,11 +443,10 @@ subroutine put_integers(self, object, name, values, error)
    character(len=*), intent(in) :: name
    !> Numbers, shape (n); one is stored as a scalar
    integer, intent(in), contiguous, target :: values(:)
-   !> Error so far, with which nothing happens
-   type(error_type), allocatable, intent(inout) :: error
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
    character(kind=c_char) :: why(nwhy)
 
-   if (allocated(error)) return
    if (rkh5_put_attribute(self%handle, c_text(object), c_text(name), kind_int, size(values), &
       c_loc(values), why, nwhy) /= 0) then
       call write_error(self, name, why, error)
@@ -467,11 +463,10 @@ subroutine put_text(self, object, name, text, error)
    character(len=*), intent(in) :: name
    !> Text, ASCII, not empty
    character(len=*), intent(in), target :: text
-   !> Error so far, with which nothing happens
-   type(error_type), allocatable, intent(inout) :: error
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
    character(kind=c_char) :: why(nwhy)
 
-   if (allocated(error)) return
    if (rkh5_put_attribute(self%handle, c_text(object), c_text(name), kind_byte, len(text), &
       c_loc(text), why, nwhy) /= 0) then
       call write_error(self, name, why, error)
@@ -515,8 +510,8 @@ subroutine write_error(self, name, why, error)
    character(len=*), intent(in) :: name
    !> Reason given by the shim
    character(kind=c_char), intent(in) :: why(:)
-   !> Error so far, with which nothing happens
-   type(error_type), allocatable, intent(inout) :: error
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
    character(len=:), allocatable :: what
 
    self%damaged = .true.

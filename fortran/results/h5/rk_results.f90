@@ -86,11 +86,17 @@ subroutine open_results(self, path, points, label, fiber, source, deck_text, ver
    call check_shape("fiber", shape(fiber), [3, self%npoint], error)
    if (allocated(error)) return
    call self%file%create(path, error)
+   if (allocated(error)) return
    call write_geometry(self%file, points, error)
+   if (allocated(error)) return
    call self%file%append(vtk//"/PointData/label", label, error)
+   if (allocated(error)) return
    call self%file%append(vtk//"/PointData/fiber", fiber, error)
+   if (allocated(error)) return
    call self%file%append(own//"/source", source, error)
+   if (allocated(error)) return
    call self%file%append(own//"/deck", deck_text, error)
+   if (allocated(error)) return
    call self%file%put_attribute(own, "version", version, error)
 end subroutine open_results
 
@@ -107,6 +113,7 @@ subroutine describe(self, overrides, approximation, error)
 
    ! no text is empty in the file
    call self%file%append(own//"/overrides", overrides//new_line('a'), error)
+   if (allocated(error)) return
    call self%file%append(own//"/approximation", approximation, error)
 end subroutine describe
 
@@ -123,6 +130,7 @@ subroutine add_lattice(self, place, triangle, error)
    type(error_type), allocatable, intent(out) :: error
 
    if (size(place) > 0) call self%file%append(own//"/lattice", place, error)
+   if (allocated(error)) return
    if (size(triangle) > 0) call self%file%append(own//"/surface", triangle - 1, error)
 end subroutine add_lattice
 
@@ -132,19 +140,27 @@ subroutine write_geometry(file, points, error)
    type(h5_type), intent(inout) :: file
    !> Points, shape (3,np) [length]
    real(wp), intent(in), contiguous :: points(:, :)
-   !> Error so far
-   type(error_type), allocatable, intent(inout) :: error
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
    integer(i8) :: np, i
 
    np = size(points, 2, i8)
    call file%append(vtk//"/Points", points, error)
+   if (allocated(error)) return
    call file%put_attribute(vtk, "Version", [2, 0], error)
+   if (allocated(error)) return
    call file%put_attribute(vtk, "Type", "UnstructuredGrid", error)
+   if (allocated(error)) return
    call file%append(vtk//"/NumberOfPoints", [np], error)
+   if (allocated(error)) return
    call file%append(vtk//"/NumberOfCells", [np], error)
+   if (allocated(error)) return
    call file%append(vtk//"/NumberOfConnectivityIds", [np], error)
+   if (allocated(error)) return
    call file%append(vtk//"/Connectivity", [(i, i = 0, np - 1)], error)
+   if (allocated(error)) return
    call file%append(vtk//"/Offsets", [(i, i = 0, np)], error)
+   if (allocated(error)) return
    call file%append(vtk//"/Types", spread(vtk_vertex, 1, size(points, 2)), error)
 end subroutine write_geometry
 
@@ -172,11 +188,12 @@ subroutine add_step(self, load, activation, fields, coefficients, error, step, c
    call start_step(self, load, coefficients, error)
    if (allocated(error)) return
    if (present(step)) call self%file%append(own//"/step", reshape(step, [size(step), 1]), error)
+   if (allocated(error)) return
    if (present(carried)) then
       ! a step whose successor begins with nothing but its state has no columns
       if (size(carried) > 0) call self%file%append(own//"/carried", carried, error)
+      if (allocated(error)) return
    end if
-   if (allocated(error)) return
    do k = 1, size(fields)
       associate (field => fields(k))
          call check_shape(field%name, shape(field%value), [size(field%value, 1), self%npoint], &
@@ -231,6 +248,7 @@ subroutine finish_step(self, load, activation, coefficients, fields, error)
    type(error_type), allocatable, intent(out) :: error
 
    call add_state(self%file, load, activation, coefficients, error)
+   if (allocated(error)) return
    call add_offsets(self%file, load, int(self%nstep, i8)*self%npoint, fields, error)
    if (allocated(error)) return
 
@@ -275,11 +293,13 @@ subroutine add_state(file, load, activation, coefficients, error)
    real(wp), intent(in) :: activation
    !> Coefficients of the approximation, shape (ndof)
    real(wp), intent(in), contiguous :: coefficients(:)
-   !> Error so far
-   type(error_type), allocatable, intent(inout) :: error
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
 
    call file%append(own//"/load", [load], error)
+   if (allocated(error)) return
    call file%append(own//"/activation", [activation], error)
+   if (allocated(error)) return
    call file%append(own//"/coefficients", reshape(coefficients, [size(coefficients), 1]), error)
 end subroutine add_state
 
@@ -293,8 +313,8 @@ subroutine add_offsets(file, load, first, fields, error)
    integer(i8), intent(in) :: first
    !> Fields
    type(point_field), intent(in) :: fields(:)
-   !> Error so far
-   type(error_type), allocatable, intent(inout) :: error
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
    character(len=*), parameter :: steps = vtk//"/Steps/"
    character(len=*), parameter :: fixed(*) = [character(len=22) :: "PartOffsets", &
       "PointOffsets", "CellOffsets", "ConnectivityIdOffsets", "PointDataOffsets/label", &
@@ -302,13 +322,17 @@ subroutine add_offsets(file, load, first, fields, error)
    integer :: i
 
    call file%append(steps//"Values", [load], error)
+   if (allocated(error)) return
    call file%append(steps//"NumberOfParts", [1_i8], error)
+   if (allocated(error)) return
    do i = 1, size(fixed)
       call file%append(steps//trim(fixed(i)), [0_i8], error)
-      end do
+      if (allocated(error)) return
+   end do
    do i = 1, size(fields)
       call file%append(steps//"PointDataOffsets/"//fields(i)%name, [first], error)
-      end do
+      if (allocated(error)) return
+   end do
 end subroutine add_offsets
 
 !> An array must have the shape its file promises

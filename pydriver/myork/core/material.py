@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -10,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from myork import _core, errors
-from myork.core.deck import check_deck, table_defaults, text_of_tables
+from myork.core.deck import as_texts, table_defaults
 from myork.types import F64
 
 #: Keys of a `[[material]]` table that place the material in a body
@@ -47,11 +46,6 @@ class Material:
         self.name = name
         self._given: dict[str, float | str] = {"K": K, "model": model, **parameters}
         self.parameters = {**table_defaults("material", "model", model), **self._given}
-
-    @functools.cached_property
-    def deck(self) -> str:
-        """Text of a deck with this material and nothing else, by which the core knows it."""
-        return text_of_tables({"material": [{"name": self.name, **self._given}]})
 
     @classmethod
     def of_table(cls, table: Mapping[str, Any]) -> Material:
@@ -221,7 +215,7 @@ def _at_points(
     *found, stat, message = _core.material_at_points(
         *_parameters(material, volumetric), dimension, f, _last(h), n, float(activation)
     )
-    check_deck(stat, message, material.deck)
+    errors.check(stat, message)
     return [np.moveaxis(array, -1, 0) for array in found]
 
 
@@ -231,7 +225,11 @@ def _parameters(material: Material, volumetric: bool) -> tuple[object, ...]:
         raise errors.InputError(
             f"material '{material.name}': K = inf gives no volumetric stress: volumetric=False"
         )
-    return (material.deck.encode(), int(volumetric))
+    values = material.parameters.values()
+    texts = [value if isinstance(value, str) else "" for value in values]
+    numbers = [0.0 if isinstance(value, str) else value for value in values]
+    keys = as_texts(list(material.parameters))
+    return (material.name, keys, as_texts(texts), numbers, int(volumetric))
 
 
 def _points(gradient: ArrayLike, fiber: ArrayLike) -> tuple[F64, F64]:

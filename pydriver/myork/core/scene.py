@@ -346,9 +346,9 @@ class Scene:
         Collocation points; in weak forms the integration points, then those of the surface.
         """
         with self._turn.short():
-            n, x, stat, message = _core.scene_field_points(self._handle, self.dimension, 1)
-            if stat == 0:
-                n, x, stat, message = _core.scene_field_points(self._handle, self.dimension, n)
+            n, stat, message = _core.scene_count_field_points(self._handle)
+            errors.check(stat, message)
+            x, stat, message = _core.scene_field_points(self._handle, self.dimension, n)
         errors.check(stat, message)
         return np.asarray(x.T)
 

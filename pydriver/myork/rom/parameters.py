@@ -32,7 +32,9 @@ KINDS = ("activation", "sigma_max", "fiber_angle", "modulus", "load", "rotation"
 #: Displacements that a condition prescribes
 _PRESCRIBED = ("u_x", "u_y", "u_z", "radial", "rotation")
 #: Constants of the materials on which the energy depends linearly, beside K
-_MODULI = ("mu", "A10", "A01", "A20", "A11", "A02", "A30", "A21", "A12", "A03")
+_MODULI = (
+    "mu", "C1", "C2", "C3", "A10", "A01", "A20", "A11", "A02", "A30", "A21", "A12", "A03",
+)  # fmt: skip
 
 
 class Parameter(NamedTuple):

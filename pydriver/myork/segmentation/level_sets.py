@@ -47,12 +47,12 @@ class LevelSets:
         `otsu` (threshold of the first channel, two regions), `kmeans`, `circles`, or `labels`.
     mu, nu : float
         Weights of the contours' length and of the areas inside [-].
+    lambdas : sequence of float
+        Weight of the misfit of each region, or one for all [-].
     tolerance : float
         At rest, this part of the voxels changes its region in ten iterations at most.
     iterations : int
         Largest number of iterations.
-    lambdas : sequence of float
-        Weight of the misfit of each region, or one for all [-].
     epsilon : float
         Width of the step function (3.16) [-].
     dt : float
@@ -62,9 +62,9 @@ class LevelSets:
     regions: int
     start: str
     mu: float
+    lambdas: Sequence[float]
     tolerance: float
     iterations: int
-    lambdas: Sequence[float] = (1.0,)
     volume: bool = False
     nu: float = 0.0
     epsilon: float = 0.5
@@ -73,7 +73,10 @@ class LevelSets:
     @classmethod
     def of_table(cls, table: Mapping[str, Any], **changes: Any) -> LevelSets:
         """What the `[image]` table of a deck says, with some fields changed."""
-        own = {field.name: table[field.name] for field in fields(cls) if field.name in table}
+        named = {
+            field.name: "lambda" if field.name == "lambdas" else field.name for field in fields(cls)
+        }
+        own = {name: table[key] for name, key in named.items() if key in table}
         return cls(**own | changes)
 
 
@@ -198,7 +201,8 @@ def _one_for_each(choice: LevelSets) -> F64:
     given = np.atleast_1d(np.asarray(choice.lambdas, float))
     if given.size not in (1, choice.regions):
         raise InputError(
-            f"lambdas has {given.size} weights; give one for all or {choice.regions}, one a region"
+            f"image.lambda has {given.size} weights; give one for all or {choice.regions}, one a "
+            "region"
         )
     return np.broadcast_to(given, choice.regions).copy()
 

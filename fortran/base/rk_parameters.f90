@@ -1,0 +1,219 @@
+!> Named numbers and texts from which something makes itself, whether they come from a table of a
+!> deck or from a caller in memory.
+!>
+!> Who makes itself asks for what it knows, within limits; what nobody asked for is an error. So
+!> the names of parameters stand with those who use them, and nobody carries them on the way.
+module rk_parameters
+   use, intrinsic :: ieee_arithmetic, only : ieee_is_finite
+   use rk_error, only : err_input, error_type, fatal_error
+   use rk_precision, only : wp
+   use rk_text, only : to_text
+   implicit none
+   private
+
+   public :: parameters_type
+
+   !> A number or a text
+   type :: value_type
+      !> Name
+      character(len=:), allocatable :: key
+      !> Text
+      character(len=:), allocatable :: text
+      !> Number
+      real(wp) :: number = 0.0_wp
+      !> Which of the two?
+      logical :: is_text = .false.
+      !> Was it asked for?
+      logical :: asked = .false.
+   end type value_type
+
+   !> Named values
+   type :: parameters_type
+      !> What they belong to, such as "material", and its name
+      character(len=:), allocatable :: kind, name
+      type(value_type), allocatable, private :: value(:)
+   contains
+      !> Add a number or a text
+      generic :: add => add_number, add_text
+      !> Value of a key, within limits
+      generic :: get => get_number, get_text
+      !> Error where there are values nobody asked for
+      procedure :: check_all_asked
+      procedure, private :: add_number, add_text, get_number, get_text
+      procedure, private :: find, refuse
+   end type parameters_type
+
+contains
+
+!> Add a number
+subroutine add_number(self, key, number)
+   !> Values
+   class(parameters_type), intent(inout) :: self
+   !> Name
+   character(len=*), intent(in) :: key
+   !> Number
+   real(wp), intent(in) :: number
+
+   call grow(self)
+   associate (last => self%value(size(self%value)))
+      last%key = key
+      last%number = number
+   end associate
+end subroutine add_number
+
+!> Add a text
+subroutine add_text(self, key, text)
+   !> Values
+   class(parameters_type), intent(inout) :: self
+   !> Name
+   character(len=*), intent(in) :: key
+   !> Text
+   character(len=*), intent(in) :: text
+
+   call grow(self)
+   associate (last => self%value(size(self%value)))
+      last%key = key
+      last%text = text
+      last%is_text = .true.
+   end associate
+end subroutine add_text
+
+!> Room for one more value
+subroutine grow(self)
+   !> Values
+   class(parameters_type), intent(inout) :: self
+   type(value_type), allocatable :: more(:)
+   integer :: n
+
+   n = 0
+   if (allocated(self%value)) n = size(self%value)
+   allocate (more(n + 1))
+   if (n > 0) more(:n) = self%value
+   call move_alloc(more, self%value)
+end subroutine grow
+
+!> A number. Its limits are checked here, so that a caller in memory meets those of a deck
+subroutine get_number(self, key, number, error, above, least, infinite)
+   !> Values
+   class(parameters_type), intent(inout) :: self
+   !> Name
+   character(len=*), intent(in) :: key
+   !> Number
+   real(wp), intent(out) :: number
+   !> Error handling: missing, no number, or out of its limits
+   type(error_type), allocatable, intent(out) :: error
+   !> The number must be greater
+   real(wp), intent(in), optional :: above
+   !> The number must be greater or equal
+   real(wp), intent(in), optional :: least
+   !> May it be infinite? Default false
+   logical, intent(in), optional :: infinite
+   character(len=:), allocatable :: wanted
+   integer :: i
+
+   number = 0.0_wp
+   call self%find(key, i, error)
+   if (allocated(error)) return
+   if (self%value(i)%is_text) then
+      call self%refuse(key//" = '"//self%value(i)%text//"' must be a number", error)
+      return
+   end if
+   number = self%value(i)%number
+   if (present(infinite)) then
+      if (infinite .and. number > huge(number)) return
+   end if
+   if (.not. ieee_is_finite(number)) then
+      wanted = 'a finite number'
+   else if (present(above)) then
+      if (.not. number > above) wanted = 'greater than '//to_text(above)
+   else if (present(least)) then
+      if (.not. number >= least) wanted = 'at least '//to_text(least)
+   end if
+   if (allocated(wanted)) call self%refuse(key//' = '//to_text(number)//' must be '//wanted, error)
+end subroutine get_number
+
+!> A text that is one of several words
+subroutine get_text(self, key, text, choices, error)
+   !> Values
+   class(parameters_type), intent(inout) :: self
+   !> Name
+   character(len=*), intent(in) :: key
+   !> Text
+   character(len=:), allocatable, intent(out) :: text
+   !> Words it may be
+   character(len=*), intent(in) :: choices(:)
+   !> Error handling: missing, no text, or none of the words
+   type(error_type), allocatable, intent(out) :: error
+   character(len=:), allocatable :: words
+   integer :: i
+
+   text = ''
+   call self%find(key, i, error)
+   if (allocated(error)) return
+   if (self%value(i)%is_text) then
+      text = self%value(i)%text
+      if (any(choices == text)) return
+   else
+      text = to_text(self%value(i)%number)
+   end if
+   words = "'"//trim(choices(1))//"'"
+   do i = 2, size(choices)
+      words = words//" or '"//trim(choices(i))//"'"
+   end do
+   call self%refuse(key//" = '"//text//"' must be "//words, error)
+end subroutine get_text
+
+!> Error where there are values nobody asked for: keys that are not known
+subroutine check_all_asked(self, error)
+   !> Values
+   class(parameters_type), intent(in) :: self
+   !> Error handling: names the first such key
+   type(error_type), allocatable, intent(out) :: error
+   character(len=:), allocatable :: known
+   integer :: i
+
+   known = ''
+   do i = 1, size(self%value)
+      if (self%value(i)%asked) known = known//' '//self%value(i)%key
+   end do
+   do i = 1, size(self%value)
+      if (self%value(i)%asked) cycle
+      call self%refuse(self%value(i)%key//' is not known here; there are:'//known, error)
+      return
+   end do
+end subroutine check_all_asked
+
+!> Number of the value of a key, which from now on is asked for
+subroutine find(self, key, number, error)
+   !> Values
+   class(parameters_type), intent(inout) :: self
+   !> Name
+   character(len=*), intent(in) :: key
+   !> Number of the value
+   integer, intent(out) :: number
+   !> Error handling: missing
+   type(error_type), allocatable, intent(out) :: error
+
+   if (.not. allocated(self%value)) allocate (self%value(0))
+   do number = 1, size(self%value)
+      if (self%value(number)%key /= key) cycle
+      self%value(number)%asked = .true.
+      return
+   end do
+   number = 0
+   call self%refuse(key//' is missing', error)
+end subroutine find
+
+!> Error of whom the values belong to
+subroutine refuse(self, what, error)
+   !> Values
+   class(parameters_type), intent(in) :: self
+   !> What is wrong
+   character(len=*), intent(in) :: what
+   !> Error
+   type(error_type), allocatable, intent(out) :: error
+
+   call fatal_error(error, err_input, self%kind//" '"//self%name//"': "//what)
+end subroutine refuse
+
+end module rk_parameters

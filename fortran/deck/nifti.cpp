@@ -1,0 +1,108 @@
+// Label maps in NIfTI files (.nii, .nii.gz), read by niftilib and placed as imaging/nifti.py does.
+#include "label_map.h"
+
+#include <algorithm>
+#include <limits>
+#include <memory>
+
+#include <nifti2_io.h>
+
+namespace rk {
+
+// Voxels of a map at most: more are a damaged header
+constexpr std::int64_t most_voxels = 1'000'000'000;
+
+namespace {
+
+struct Free {
+   void operator()(nifti_image *image) const { nifti_image_free(image); }
+};
+using File = std::unique_ptr<nifti_image, Free>;
+
+// Affine of a file [mm]: sform, else qform, else the voxel sizes with the middle at 0 and x turned
+void place(const nifti_image &image, LabelMap &map) {
+   const bool none = image.sform_code <= 0 && image.qform_code <= 0;
+   const auto &matrix = image.sform_code > 0 ? image.sto_xyz.m : image.qto_xyz.m;
+   const double size[] = {-image.dx, image.dy, image.dz};
+   const double factor = image.xyz_units == NIFTI_UNITS_METER    ? 1000.0
+                         : image.xyz_units == NIFTI_UNITS_MICRON ? 0.001
+                                                                 : 1.0;
+   for (std::size_t d = 0; d < 3; ++d) {
+      for (std::size_t c = 0; c < 3; ++c)
+         map.column[c][d] = factor * (none ? (c == d ? size[d] : 0.0) : matrix[d][c]);
+      map.first[d] = none ? -0.5 * map.column[d][d] * (map.shape[d] - 1) : factor * matrix[d][3];
+   }
+}
+
+// What no label map has, told by the header alone; or ""
+std::string header_fault(const nifti_image &image) {
+   const std::int64_t size[] = {image.nx, image.ny, image.nz};
+   for (const std::int64_t n : size) {
+      if (n < 1 || n > most_voxels)
+         return "is not a readable NIfTI file: it has " + std::to_string(n) + " voxels along an axis";
+   }
+   if (image.nvox > most_voxels)
+      return "is not a readable NIfTI file: more than 1e9 voxels";
+   if (image.nvox != image.nx * image.ny * image.nz)
+      return "is not a label map: it has " + std::to_string(image.nvox / (image.nx * image.ny * image.nz)) +
+             " values a voxel; extract one of them";
+   if (!nifti_is_inttype(image.datatype))
+      return std::string("holds values of type ") + nifti_datatype_string(image.datatype) +
+             ", which are not integers; save the label map with an integer data type";
+   if ((image.scl_slope != 0.0 && image.scl_slope != 1.0) || image.scl_inter != 0.0)
+      return "scales its values (scl_slope, scl_inter); save the label map without scaling";
+   return "";
+}
+
+// Values as labels; what is wrong with one, or ""
+template <typename T> std::string take(const nifti_image &image, LabelMap &map) {
+   const T *value = static_cast<const T *>(image.data);
+   map.label.resize(static_cast<std::size_t>(image.nvox));
+   for (std::int32_t &label : map.label) {
+      const T here = *value++;
+      if (here < T{0} || static_cast<std::uint64_t>(here) > std::numeric_limits<std::int32_t>::max())
+         return "has the label " + std::to_string(here) + "; labels are from 0 to 2147483647";
+      label = static_cast<std::int32_t>(here);
+   }
+   return "";
+}
+
+std::string labels(const nifti_image &image, LabelMap &map) {
+   switch (image.datatype) {
+   case DT_UINT8:
+      return take<std::uint8_t>(image, map);
+   case DT_INT8:
+      return take<std::int8_t>(image, map);
+   case DT_INT16:
+      return take<std::int16_t>(image, map);
+   case DT_UINT16:
+      return take<std::uint16_t>(image, map);
+   case DT_INT32:
+      return take<std::int32_t>(image, map);
+   case DT_UINT32:
+      return take<std::uint32_t>(image, map);
+   case DT_INT64:
+      return take<std::int64_t>(image, map);
+   default:
+      return take<std::uint64_t>(image, map);
+   }
+}
+
+} // namespace
+
+std::string read_nifti(const std::string &path, LabelMap &map) {
+   nifti_set_debug_level(0); // it prints more than the worst errors otherwise
+   const File file(nifti_image_read(path.c_str(), 0));
+   if (!file)
+      return "is not a readable NIfTI file; a label map is one (.nii, .nii.gz)";
+   const std::string fault = header_fault(*file);
+   if (!fault.empty())
+      return fault;
+   map.shape = {static_cast<int>(file->nx), static_cast<int>(file->ny), static_cast<int>(file->nz)};
+   if (nifti_image_load(file.get()) != 0 || !file->data)
+      return "ends before the values that its header promises";
+   place(*file, map);
+   return labels(*file, map);
+}
+
+} // namespace rk

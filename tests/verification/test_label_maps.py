@@ -1,0 +1,317 @@
+"""Label maps over boxes: which material lies where, and what is said of maps that do not fit."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import nibabel
+import numpy as np
+import pytest
+
+from myork import Scene
+from myork.core.deck import load_deck
+from myork.errors import InputError
+from myork.imaging.io import read_labels
+from myork.results import Results
+from myork.stations.solve import run_deck
+from tests.scenes import box, held, scene, solved
+
+#: Axes of an image that lies askew: 0.6, 0.8 is a right angle's triangle
+TURNED = np.array([[0.6, 0.8, 0], [-0.8, 0.6, 0], [0, 0, 1]])
+
+
+def save(
+    path: Path,
+    data: np.ndarray,
+    affine: np.ndarray,
+    form: str = "sform",
+    unit: str = "mm",
+    order: str = "<",
+) -> str:
+    """Write an image, whose affine stands in one of the places of a header; its path."""
+    header = nibabel.Nifti1Header(endianness=order)
+    header.set_data_dtype(data.dtype)
+    image = nibabel.Nifti1Image(data, affine, header)
+    image.set_sform(affine if form == "sform" else None, code=int(form == "sform"))
+    image.set_qform(affine, code=int(form == "qform"))
+    image.header.set_xyzt_units(unit)
+    nibabel.save(image, path)
+    return str(path)
+
+
+def spaced(*size: float, at: Sequence[float] = (0, 0, 0)) -> np.ndarray:
+    """Affine of voxels of a size, the middle of the first one at a place."""
+    affine = np.diag([*size, 1.0])
+    affine[:3, 3] = at
+    return affine
+
+
+def halves() -> np.ndarray:
+    """Ten voxels along x, five of label 5 and five of label 9."""
+    data = np.full((10, 4, 4), 5, np.uint8)
+    data[5:] = 9
+    return data
+
+
+SOFT = {"name": "soft", "model": "neo-hookean", "mu": 1.0, "K": 100.0}
+STIFF = {"name": "stiff", "model": "neo-hookean", "mu": 4.0, "K": 400.0}
+
+
+def bar(geometry: dict[str, Any], material: list[dict[str, Any]], **other: Any) -> dict[str, Any]:
+    """A bar of 1 x 0.2 x 0.2 cm that is pulled along x."""
+    return scene(
+        "auto", box(11, 3, 3, size=[1, 0.2, 0.2]) | geometry, material=material,
+        units={"force": "N", "length": "cm"},
+        boundary=[held("x0"), {"set": "x1", "traction": [0.5, 0, 0]}],
+        probe=[{"name": "end", "quantity": "u_x", "point": [1, 0.1, 0.1]}],
+    ) | other  # fmt: skip
+
+
+def mapped(labels: str, **geometry: Any) -> dict[str, Any]:
+    return bar({"labels": labels, **geometry}, [SOFT | {"label": 5}, STIFF | {"label": 9}])
+
+
+def states_of(tables: dict[str, Any] | Path, *overrides: str) -> np.ndarray:
+    return solved(tables, *overrides).states.x
+
+
+WHERE = [SOFT | {"where": "x < 0.5"}, STIFF | {"where": "x >= 0.5"}]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["rkpm-gauss", "rkpm-scni", "rkcm-mixed"])
+def test_halves_by_a_map_are_halves_by_an_expression(method: str, tmp_path: Path) -> None:
+    path = save(tmp_path / "half.nii.gz", halves(), spaced(1, 0.5, 0.5))
+    override = f"scene.method={method}"
+    np.testing.assert_array_equal(
+        states_of(mapped(path), override), states_of(bar({}, WHERE), override)
+    )
+
+
+@pytest.mark.parametrize(
+    ("kind", "order", "suffix"),
+    [
+        (np.uint8, ">", "nii"),
+        (np.int8, "<", "nii.gz"),
+        (np.int16, ">", "nii.gz"),
+        (np.uint16, "<", "nii"),
+        (np.int32, ">", "nii"),
+        (np.uint32, "<", "nii.gz"),
+        (np.int64, ">", "nii.gz"),
+        (np.uint64, "<", "nii"),
+    ],
+)
+def test_whole_numbers_of_all_types(kind: type, order: str, suffix: str, tmp_path: Path) -> None:
+    path = save(
+        tmp_path / f"half.{suffix}", halves().astype(kind), spaced(1, 0.5, 0.5), order=order
+    )
+    np.testing.assert_array_equal(states_of(mapped(path)), states_of(bar({}, WHERE)))
+
+
+def test_maps_that_lie_otherwise(tmp_path: Path) -> None:
+    """Axes turned round, in metres, by qform, without either, and a box inside of the map."""
+    half, voxel = halves(), (0.5, 0.5)
+    swapped = np.ascontiguousarray(half.transpose(1, 2, 0)), spaced(*voxel, 1)[[2, 0, 1, 3]]
+    padded = np.pad(half, 3, constant_values=1), spaced(1, *voxel, at=(-2.5, -1.25, 38.75))
+    maps: dict[str, Any] = {
+        "back": (half[::-1], spaced(-1, *voxel, at=(30, -4, 7)), "qform"),
+        "metres": (half, spaced(1e-3, 5e-4, 5e-4), "sform", "meter"),
+        # without an affine x runs to the left
+        "plain": (half[::-1], spaced(1, *voxel), "none"),
+        "swapped": swapped,
+        "wide": padded,
+    }
+    second = tmp_path / "second.nii.gz"
+    nibabel.save(nibabel.Nifti2Image(half, spaced(1, *voxel)), second)
+    paths = {name: save(tmp_path / f"{name}.nii", *how) for name, how in maps.items()}
+    expected = states_of(bar({}, WHERE))
+    for name, path in {**paths, "second": str(second)}.items():
+        more = {"labels_origin": [0, 0, 4]} if name == "wide" else {}
+        np.testing.assert_array_equal(states_of(mapped(path, **more)), expected, name)
+
+
+def test_points_have_the_labels_of_the_voxels_that_they_lie_in(tmp_path: Path) -> None:
+    """A map askew against the box: the reader of images tells which voxel holds a point."""
+    rng = np.random.default_rng(5)
+    data = rng.choice(np.array([2, 7, 30], np.int16), (12, 11, 9))
+    affine = np.eye(4)
+    affine[:3, :3] = TURNED * [1.0, 1.5, 2.0]
+    affine[:3, 3] = [-5, 3, 1]
+    path = save(tmp_path / "askew.nii.gz", data, affine)
+    origin = (affine @ [4, 3, 2, 1])[:3] / 10
+    material = [SOFT | {"name": str(label), "label": label} for label in np.unique(data)]
+    tables = bar(
+        {
+            "labels": path,
+            "labels_origin": origin.tolist(),
+            "size": [0.37, 0.41, 0.83],
+            "source": [3, 3, 3],
+            "collocation": [7, 8, 9],
+        },
+        material,
+        boundary=[{"set": f"{axis}0", f"u_{axis}": 0} for axis in "xyz"],
+        probe=[],
+    )
+    run_deck(tables, tmp_path / "out")
+    with Results(tmp_path / "out") as results:
+        points, label = np.asarray(results.points), np.asarray(results.label)
+    labels = read_labels(Path(path))
+    at = (10 * (points + origin) - labels.affine[:3, 3]) @ np.linalg.inv(labels.affine[:3, :3]).T
+    sure = np.abs(at - np.floor(at) - 0.5).min(axis=1) > 0.01
+    assert sure.sum() > 0.8 * len(points)
+    voxel = np.rint(at[sure]).astype(int)
+    np.testing.assert_array_equal(label[sure], labels.data[tuple(voxel.T)])
+    assert len(np.unique(label)) == 3
+
+
+@pytest.mark.slow
+def test_materials_by_label_and_by_where_and_one_that_fills_the_rest(tmp_path: Path) -> None:
+    path = save(tmp_path / "half.nii.gz", halves(), spaced(1, 0.5, 0.5))
+    end = STIFF | {"name": "end", "mu": 9.0, "where": "x > 0.8"}
+    by_map = bar({"labels": path}, [SOFT, STIFF | {"label": 9}, end])
+    by_text = bar({}, [SOFT, STIFF | {"where": "x >= 0.5"}, end])
+    for tables in (by_map, by_text):
+        tables["set"] = [{"name": "bare", "on": "stiff", "side": "z1"}]
+        tables["boundary"].append({"set": "bare", "traction": [0, 0, 0.1]})
+    np.testing.assert_array_equal(states_of(by_map), states_of(by_text))
+
+
+def test_a_plane_is_a_slice_of_the_map(inputs: Path, tmp_path: Path) -> None:
+    """The deck of inputs/ and one of a map with its slice alone."""
+    path = inputs / "label_section.toml"
+    labels = read_labels(inputs / "images" / "two_muscles.nii.gz")
+    one = save(tmp_path / "slice.nii", labels.data[:, :, 12].astype(np.uint8), labels.affine)
+    expected = states_of(path)
+    flat = [f'geometry.labels="{one}"', "geometry.labels_origin=[-0.046875,-0.046875,0]"]
+    np.testing.assert_array_equal(states_of(path, *flat), expected)
+    tables = {key: load_deck(path)[key] for key in ("scene", "units", "material", "boundary")}
+    geometry = {"kind": "box", "size": [3, 1.5], "source": [33, 17], "collocation": [65, 33]}
+    found = states_of(tables | {"geometry": geometry | {"labels": one}})
+    np.testing.assert_array_equal(found, expected)
+
+
+@pytest.mark.parametrize(
+    ("override", "what"),
+    [
+        (
+            "material.stiff.label=7",
+            "material.stiff.label: label 7 is not in 'HALF'; in the box are 5, 9",
+        ),
+        (
+            "geometry.size=[0.4,0.2,0.2]",
+            "material.stiff.label: label 9 of 'HALF' lies outside of the box; in the box are 5",
+        ),
+        (
+            "geometry.size=[1.1,0.2,0.2]",
+            r"geometry.labels: 'HALF' does not cover the box: the corner \(1.1, 0, 0\) lies at "
+            r"voxel \(10.5, -0.5, -0.5\), and the map has 10 x 4 x 4; make the box smaller",
+        ),
+        (
+            "geometry.labels_origin=[0,0,0]",
+            r"'HALF' does not cover the box: the corner \(1, 0",
+        ),
+        ("units.length=inch", "units.length: must be mm, cm or m, not inch: geometry.labels lays"),
+        ("geometry.labels=nowhere.nii", "geometry.labels: 'nowhere.nii' cannot be read: there is"),
+    ],
+)
+def test_maps_that_do_not_fit(override: str, what: str, tmp_path: Path) -> None:
+    path = save(tmp_path / "half.nii.gz", halves(), spaced(1, 0.5, 0.5))
+    with pytest.raises(InputError, match=what.replace("HALF", path)):
+        Scene.from_tables(mapped(path), overrides=[override])
+
+
+def test_a_label_without_a_material_is_named(tmp_path: Path) -> None:
+    data = halves()
+    data[7, 1, 2] = 3
+    path = save(tmp_path / "half.nii.gz", data, spaced(1, 0.5, 0.5))
+    with pytest.raises(
+        InputError,
+        match=r"geometry.labels: '.*half.nii.gz' has the label 3 at \(0.75, 0.075, 0.125\), "
+        r"which no \[\[material\]\] has: add one, or leave label out of the first one",
+    ):
+        Scene.from_tables(mapped(path))
+
+
+def test_a_plane_in_a_volume_needs_its_height(inputs: Path) -> None:
+    tables: dict[str, Any] = {
+        key: load_deck(inputs / "label_section.toml")[key]
+        for key in ("scene", "units", "material", "boundary")
+    }
+    geometry = {"kind": "box", "size": [3, 1.5], "source": [9, 5], "collocation": [17, 9]}
+    geometry["labels"] = str(inputs / "images" / "two_muscles.nii.gz")
+    with pytest.raises(InputError, match="has 24 slices: say with labels_origin at which height"):
+        Scene.from_tables(tables | {"geometry": geometry})
+
+
+@pytest.mark.parametrize(
+    ("data", "what"),
+    [
+        (np.zeros((4, 4, 4), np.float32), "holds values of type FLOAT32, which are not integers"),
+        (np.full((4, 4, 4), -3, np.int16), "has the label -3; labels are from 0"),
+        (np.zeros((4, 4, 4, 2), np.int16), "is not a label map: it has 2 values a voxel"),
+        (b"no image", "is not a readable NIfTI file"),
+        (-9, "ends before the values that its header promises"),
+        (300, "is not a readable NIfTI file"),
+        ("scaled", "scales its values"),
+    ],
+)
+def test_files_that_are_no_label_maps(data: Any, what: str, tmp_path: Path) -> None:
+    path = tmp_path / "map.nii"
+    if isinstance(data, np.ndarray):
+        save(path, data, spaced(10, 10, 10))
+    elif isinstance(data, bytes):
+        path.write_bytes(data)
+    elif data == "scaled":
+        image = nibabel.Nifti1Image(halves(), np.eye(4))
+        image.header.set_slope_inter(2.0, 0.0)
+        nibabel.save(image, path)
+    else:
+        save(path, halves(), spaced(1, 0.5, 0.5))
+        path.write_bytes(path.read_bytes()[:data])
+    with pytest.raises(InputError, match=f"geometry.labels: '{path}' {what}"):
+        Scene.from_tables(mapped(str(path)))
+
+
+@pytest.mark.parametrize(
+    ("tables", "what"),
+    [
+        (
+            bar({"labels": "half.nii"}, [SOFT | {"label": 1, "where": "x > 0"}]),
+            "material.soft.label: cannot be given beside `where`",
+        ),
+        (
+            bar({"labels": "half.nii"}, [SOFT | {"label": 1}, STIFF]),
+            "material.stiff.label: missing, and so is `where`: only the first",
+        ),
+        (
+            bar({"labels_origin": [0, 0, 0]}, [SOFT]),
+            "geometry.labels_origin: needs labels beside it",
+        ),
+        (
+            bar({}, [SOFT | {"label": 1}, STIFF | {"where": "x > 0"}]),
+            "in a box labels are those of a label map, geometry.labels",
+        ),
+        (
+            scene("auto", box(5, places=(5,), labels="half.nii"), linear={"problem": "poisson"},
+                  boundary=[{"set": "x0", "u": 0}]),
+            "geometry.labels: has no place in a linear problem",
+        ),
+    ],
+)  # fmt: skip
+def test_keys_that_do_not_go_with_a_map(
+    tables: dict[str, Any], what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    save(tmp_path / "half.nii", halves(), spaced(1, 0.5, 0.5))
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=what):
+        load_deck(tables)
+
+
+def test_another_map_in_the_file_is_another_deck(tmp_path: Path) -> None:
+    path = save(tmp_path / "half.nii", halves(), spaced(1, 0.5, 0.5))
+    first = load_deck(mapped(path))["sha256"]
+    assert load_deck(mapped(path))["sha256"] == first
+    data = halves()
+    data[4] = 9
+    save(tmp_path / "half.nii", data, spaced(1, 0.5, 0.5))
+    assert load_deck(mapped(path))["sha256"] != first
