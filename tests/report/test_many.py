@@ -27,16 +27,16 @@ def swept(tmp_path: Path) -> Path:
     folder.mkdir()
     rng = np.random.default_rng(4)
     points = [[float(x) for x in row] for row in rng.uniform([20, 0, 1], [40, 30, 2], (31, 3))]
-    keys = ["m.sigma_max", "m.fiber_angle", "m.K"]
-    lines = [",".join([*keys, "force", "force_error", "verdict", "message", "cpu_s"])]
-    for number, point in enumerate(points[:30]):
-        found = f"{force_of(*point[:2])!r},0.5,accepted,"
+    head = {"deck": "9f", "keys": ["m.sigma_max", "m.fiber_angle", "m.K"], "points": points}
+    lines = [json.dumps({"sweep": {**head, "model": None}})]
+    for number, (sigma, angle, _) in enumerate(points[:30]):
+        row: dict[str, Any] = {"point": number, "verdict": "accepted", "message": "", "cpu_s": 2.0}
+        row |= {"probes": {"force": force_of(sigma, angle)}, "errors": {"force": 0.5}}
         if number == 7:
-            found = "nan,nan,failed,J below <0>"
-        lines.append(",".join([*map(repr, point), found, "2.0"]))
-    (folder / "sweep.csv").write_text("\n".join(lines) + "\n")
-    about = {"title": "Block", "units": {"force": "N"}, "model": None, "keys": keys, "points": 31}
-    (folder / "sweep.json").write_text(json.dumps(about))
+            row |= {"probes": {}, "errors": {}, "verdict": "failed", "message": "J below <0>"}
+        lines.append(json.dumps(row))
+    (folder / "points.jsonl").write_text("\n".join(lines) + '\n{"point": 30, "pro')
+    (folder / "sweep.json").write_text('{"title": "Block", "units": {"force": "N"}}')
     return folder
 
 
@@ -90,11 +90,11 @@ def test_words_stand_side_by_side() -> None:
 
 
 def test_damaged_sweeps_are_refused_by_name(swept: Path) -> None:
-    file = swept / "sweep.csv"
+    file = swept / "points.jsonl"
     first = file.read_text().splitlines()[0]
-    for text in ("force\n1\n", "m.sigma_max\n1,2\n"):
+    for text in ("", "{}", '{"sweep": {"keys": 3}}', "[]"):
         file.write_text(text)
-        with pytest.raises(FileError, match=r"sweep\.csv: is not what myork sweep writes"):
+        with pytest.raises(FileError, match=r"points\.jsonl: is not what myork sweep writes"):
             make_report(swept)
     file.write_text(first + "\n")
     with pytest.raises(FileError, match="no point is finished"):

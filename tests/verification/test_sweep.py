@@ -389,9 +389,17 @@ def test_only_a_death_costs_a_point_a_message(
         assert "nan" not in "".join(lines)
 
 
-def test_a_head_of_another_kind_is_of_another_sweep(deck: Path, tmp_path: Path) -> None:
-    own = inputs.Inputs(make_plan(["material.rubber.mu=5,6"]), deck, [], tmp_path)
+def test_inputs_that_have_not_changed_are_not_read_again(
+    deck: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan = make_plan(["material.rubber.mu=5,6"])
+    own = inputs.Inputs(plan, deck, [], tmp_path)
     assert "another sweep" in own.refusal(tmp_path, {**own.head, "inputs": ["deck"]})
+    monkeypatch.setattr(inputs, "_digest", lambda path: "another")
+    own.check()
+    deck.touch()
+    with pytest.raises(InputError, match="has changed"):
+        own.check()
 
 
 def test_the_folder_of_a_sweep_keeps_the_whole_name(

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import csv
+import json
 import re
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 
 from myork.errors import FileError
-from myork.files import read_json
 from myork.report import sweep_figures
 from myork.report.frame import Section, figure, render, table
 from myork.report.numbers import DASH, fraction, labelled, number, plain, unit_of
@@ -22,8 +22,8 @@ from myork.report.sweep_figures import VERDICTS, Column, Fit
 
 __all__ = ["SWEEP_FILE", "SweepFolder", "read_sweep", "sweep_page"]
 
-#: What a table of a sweep is of, by which its folder is known
-SWEEP_FILE = "sweep.json"
+#: Finished points of a sweep, by which its folder is known
+SWEEP_FILE = "points.jsonl"
 #: Probes, keys, and rows of tables that are shown
 _MOST_PROBES, _MOST_KEYS, _MOST_ROWS = 6, 8, 60
 
@@ -46,8 +46,8 @@ class SweepFolder:
         Of each finished point.
     cpu : list of float
         CPU time of each finished point [s].
-    title : str
-        Title of the deck.
+    about : dict
+        `sweep.json`: title of the deck, units of the columns, name of the reduced model.
     """
 
     path: Path
@@ -58,55 +58,58 @@ class SweepFolder:
     verdicts: list[str]
     messages: list[str]
     cpu: list[float]
-    title: str
+    about: dict[str, Any] = field(default_factory=dict)
 
 
 def read_sweep(path: Path) -> SweepFolder:
-    """Read the table of a sweep.
+    """Read what is finished of a sweep; a line that a kill cut short is left out.
 
     Raises
     ------
     FileError
-        There is no table yet, it is not that of a sweep, or nothing in it is finished.
+        The file is not that of a sweep, or nothing in it is finished.
     """
-    about = read_json(path / SWEEP_FILE)
-    file = path / "sweep.csv"
+    file = path / SWEEP_FILE
     try:
-        rows = list(csv.DictReader(file.read_text(encoding="utf-8").splitlines()))
-
-        def numbers(name: str) -> list[float]:
-            return [float(row.get(name) or "nan") for row in rows]
-
+        first, *lines = file.read_text(encoding="utf-8", errors="replace").splitlines()
+        head = json.loads(first)["sweep"]
+        names, points = [str(key) for key in head["keys"]], head["points"]
+        found: dict[int, dict[str, Any]] = {}
+        for line in lines:
+            try:
+                row = json.loads(line)
+                found[int(row["point"])] = row
+            except (ValueError, KeyError, TypeError):
+                continue
+        rows = [found[place] for place in sorted(found)]
+        values = [points[row["point"]] for row in rows]
+        about = {}
+        if (path / "sweep.json").is_file():
+            about = json.loads((path / "sweep.json").read_text(encoding="utf-8"))
+        units = about.get("units") or {}
+        keys = [
+            Column(name, "", [value[j] for value in values], []) for j, name in enumerate(names)
+        ]
+        asked = dict.fromkeys(name for row in rows for name in row["probes"])
+        probes = [
+            Column(
+                name,
+                unit_of(units, name, ""),
+                [row["probes"].get(name, np.nan) for row in rows],
+                [row["errors"].get(name, np.nan) for row in rows],
+            )
+            for name in asked
+        ]
         sweep = SweepFolder(
-            path,
-            about["points"],
-            about["model"],
-            [Column(name, "", [_value(row[name]) for row in rows], []) for name in about["keys"]],
-            [
-                Column(name, unit_of(about["units"], name), numbers(name), numbers(f"{name}_error"))
-                for name in about["units"]
-                if rows and name in rows[0]
-            ],
-            [row["verdict"] for row in rows],
-            [row["message"] for row in rows],
-            numbers("cpu_s"),
-            about["title"],
-        )
-    except (OSError, ValueError, LookupError, TypeError) as reason:
-        raise FileError(
-            f"{file}: is not what myork sweep writes: {reason!r}; run its line again"
-        ) from None
+            path, len(points), about.get("model"), keys, probes,
+            [str(row["verdict"]) for row in rows], [str(row["message"]) for row in rows],
+            [float(row["cpu_s"]) for row in rows], about,
+        )  # fmt: skip
+    except (OSError, ValueError, KeyError, TypeError, IndexError, AttributeError) as reason:
+        raise FileError(f"{file}: is not what myork sweep writes: {reason!r}; sweep anew") from None
     if not sweep.verdicts:
         raise FileError(f"{file}: no point is finished; run the same line of myork sweep again")
     return sweep
-
-
-def _value(text: str) -> float | str:
-    """A number where it is one, else the word."""
-    try:
-        return float(text)
-    except ValueError:
-        return text
 
 
 def sweep_page(sweep: SweepFolder, version: str) -> str:
@@ -122,7 +125,7 @@ def sweep_page(sweep: SweepFolder, version: str) -> str:
     done = len(sweep.verdicts)
     return render(
         "sweep.html",
-        title=f"Sweep: {sweep.title}",
+        title=f"Sweep: {sweep.about.get('title') or sweep.path.resolve().name}",
         sections=[section for section in sections if section.parts],
         story=list(_story(sweep)),
         counts=[(word, count, _BADGES.get(word, "bad")) for word, count in _counts(sweep)],

@@ -77,6 +77,7 @@ class Inputs:
             else:
                 probes = [probe for probe in probes if probe["name"] in model_probes]
             _check_columns(plan.keys, probes, one["scene"]["dimension"], deck)
+        self._marks = {name: _mark(path) for name, path in self._paths.items()}
         self._digests = {name: _digest(path) for name, path in self._paths.items()}
         self.head = {
             "inputs": self._digests,
@@ -96,12 +97,16 @@ class Inputs:
             The file is gone.
         """
         for name, path in self._paths.items():
+            mark = _mark(path)
+            if mark == self._marks[name]:
+                continue
             if _digest(path) != self._digests[name]:
                 raise InputError(
                     f"{path} ({name}) has changed while the sweep ran; the points that were "
                     "finished before are kept: put the earlier file back and run the same line "
                     "again, or sweep into another folder"
                 )
+            self._marks[name] = mark
 
     def refusal(self, path: Path, other: Any) -> str:
         """Why the points in a file are not of this sweep, by its first line; "" where they are."""
@@ -153,6 +158,15 @@ def _check_columns(
                     f"column of {taken[column]}: rename the probe"
                 )
             taken[column] = f"the probe {probe['name']}"
+
+
+def _mark(path: Path) -> tuple[int, ...]:
+    """What changes with the content of a file, for a look that costs nothing."""
+    try:
+        found = path.stat()
+    except OSError as reason:
+        raise FileError(f"{path}: cannot be read: {reason.strerror or reason}") from None
+    return (found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns)
 
 
 def _digest(path: Path) -> str:

@@ -146,8 +146,6 @@ def sweep(
         "title": one["title"],
         "units": _units(one),
         "model": None if model is None else Path(model).name,
-        "keys": list(plan.keys),
-        "points": len(plan.points),
     }
     with alone_in(folder):
         store = Store(folder, inputs, about)
@@ -278,8 +276,6 @@ def _full(
                         "probes": {}, "errors": {}, "verdict": "failed", "cpu_s": float("nan"),
                         "message": f"the process of this point died: {died}",
                     }  # fmt: skip
-                # a file that changed while the point was solved may have changed it
-                store.inputs.check()
                 store.add({"point": number, **row})
                 done += 1
                 rest = (time.monotonic() - begin) / done * (total - done)

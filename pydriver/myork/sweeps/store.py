@@ -67,15 +67,22 @@ class Store:
     def __init__(self, folder: Path, inputs: Inputs, about: Mapping[str, Any]) -> None:
         self._path = folder / "points.jsonl"
         self._folder = folder
-        self.inputs = inputs
+        self._inputs = inputs
         self._about = about
         self._begun = False
         self.rows = read_points(self._path, inputs)
 
     def add(self, row: dict[str, Any]) -> None:
-        """Keep a finished point; it is on the disk when this returns."""
+        """Keep a finished point; it is on the disk when this returns.
+
+        Raises
+        ------
+        InputError
+            A file that points read is not what it was when the sweep began.
+        """
+        self._inputs.check()
         if not self._begun:
-            head = json.dumps({"sweep": self.inputs.head}) + "\n"
+            head = json.dumps({"sweep": self._inputs.head}) + "\n"
             write_text(self._path, head + "".join(map(_line, self.rows.values())))
             write_json(self._folder / "sweep.json", self._about)
             self._begun = True
