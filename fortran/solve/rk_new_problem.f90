@@ -44,7 +44,8 @@ subroutine new_problem(problem, scene, error)
    case default
       call fatal_error(error, err_input, "unknown method '"//scene%method//"'")
    end select
-   if (allocated(error) .or. problem%linear) return
+   if (allocated(error)) return
+   if (problem%linear) return
    select type (problem)
    type is (galerkin_problem)
       ! its collocation points are places of output, and may be few

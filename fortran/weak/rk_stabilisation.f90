@@ -107,6 +107,8 @@ subroutine share_bulk(mixture, cells, nc, local, projected, softness)
       associate (first => cells%first(g) + 1, last => cells%first(g + 1))
          projected(g) = sum(cells%weight(first:last)*bulk(first:last)) &
             & /sum(cells%weight(first:last))
+         ! a mean of reciprocals is one of positive moduli only
+         if (.not. minval(bulk(first:last)) > 0.0_wp) cycle
          ! moduli that differ by rounding are one
          if (minval(bulk(first:last)) >= (1.0_wp - equal)*projected(g)) cycle
          projected(g) = sum(cells%weight(first:last)) &

@@ -10,6 +10,7 @@ import argparse
 import importlib
 import json
 import os
+import resource
 import signal
 import sys
 import traceback
@@ -34,6 +35,9 @@ refused; 2 bad input; 3 a missing or broken part of the installation"""
 
 _KINDS = "box, annulus, muscle, labels, images, leg or reduced"
 
+#: OpenBLAS does not end where its buffers are refused; `myork-solve` has the same limit
+_LEAST_BYTES = 800_000_000
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command.
@@ -53,6 +57,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # commands of a trained model stand beside `rom DECK`
         words[:2] = [" ".join(words[:2])]
     options = _parser().parse_args(words)
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if limit != resource.RLIM_INFINITY and limit < _LEAST_BYTES:
+        return _complain(
+            f"the limit of the memory (ulimit -v) is {limit / 1e6:.0f} MB: at least "
+            f"{_LEAST_BYTES / 1e6:.0f} MB are needed",
+            2,
+        )
     if sys.stdout is sys.__stdout__:
         sys.stdout, sys.stderr = Unheard(sys.stdout), Unheard(sys.stderr)
     # SIGTERM (time limits, schedulers) ends a run as cleanly as Ctrl-C does.
@@ -61,6 +72,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # Before numpy and the core are loaded: their thread pools read this once.
         os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = str(options.threads)
     try:
+        # interrupted while it loads, numpy calls itself a broken installation: signals wait
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
+        try:
+            importlib.import_module("numpy")
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         with Console(options.verbosity) as console:
             result = options.run(options, console)
         if result:

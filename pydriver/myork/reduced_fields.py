@@ -17,6 +17,10 @@ __all__ = ["REDUCED_FILE", "ReducedFields", "read_reduced", "write_reduced"]
 
 
 REDUCED_FILE = "reduced_fields.npz"
+_DAMAGES = (OSError, ValueError, KeyError, EOFError, TypeError, MemoryError, OverflowError,
+            RuntimeError, zipfile.BadZipFile, zlib.error)  # fmt: skip
+#: Beyond this a number is damage, or of no use in a picture
+_LARGEST = 1e150
 
 
 class ReducedFields(NamedTuple):
@@ -60,6 +64,21 @@ def read_reduced(path: Path) -> ReducedFields:
     """
     try:
         with np.load(path, allow_pickle=False) as content:
-            return ReducedFields(*(np.asarray(content[name]) for name in ReducedFields._fields))
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as reason:
+            found = ReducedFields(*(np.asarray(content[name]) for name in ReducedFields._fields))
+    except _DAMAGES as reason:
         raise FileError(f"{path}: cannot be read: {reason}; run `myork rom` again") from None
+    n, m = len(np.atleast_1d(found.points)), np.size(found.modes)
+    shapes = ((n, 3), (m,), (m + 1, n, 3), (m + 1, n), (len(np.atleast_1d(found.surface)), 3))
+    for (name, values), shape in zip(found._asdict().items(), shapes, strict=True):
+        whole = name in ("modes", "surface")
+        right = values.shape == shape and values.dtype.kind in ("iu" if whole else "f")
+        if right and name == "surface":
+            right = bool(((values >= 0) & (values < n)).all())
+        elif right:
+            size = np.abs(np.nan_to_num(values) if name == "stress" else values)
+            right = bool((size <= _LARGEST).all())
+        if not right:
+            raise FileError(
+                f"{path}: {name}: finite numbers of shape {shape} are needed; run `myork rom` again"
+            )
+    return found

@@ -7,6 +7,7 @@ import math
 import os
 import re
 from collections.abc import Collection, Mapping
+from contextlib import suppress
 from typing import Any, NoReturn
 
 import numpy as np
@@ -136,8 +137,11 @@ def differing_keys(
         elif isinstance(value, list) and not value:
             return {}
         else:
-            # JSON has no infinity and holds the word
-            return {name: float(value) if last == "K" else np.asarray(value).tolist()}
+            if last == "K" and isinstance(value, str):
+                # JSON has no infinity and holds the word; expressions stay what they are
+                with suppress(ValueError):
+                    value = float(value)
+            return {name: np.asarray(value).tolist()}
         found: dict[str, Any] = {}
         for key, item in pairs:
             found |= flat(item, f"{name}.{key}")

@@ -148,3 +148,8 @@ def test_little_memory_is_refused_at_once(tmp_path: Path) -> None:
     write_model(tmp_path / "model.h5", cloud())
     done = explain(tmp_path, **limited(300_000_000))
     assert done.returncode == 2 and "ulimit -v" in done.stderr
+    done = subprocess.run(
+        [sys.executable, "-m", "myork", "explain", "deck.toml"],
+        cwd=tmp_path, capture_output=True, text=True, **limited(300_000_000),
+    )  # fmt: skip
+    assert done.returncode == 2 and "ulimit -v" in done.stderr

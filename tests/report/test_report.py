@@ -150,6 +150,14 @@ def test_damaged_files_are_refused_by_name(folder: Path, name: str) -> None:
     assert not (folder / "report.html").exists()
 
 
+def test_a_repeated_column_is_refused(folder: Path) -> None:
+    path = folder / "history.csv"
+    head, _, rest = path.read_text().partition("\n")
+    path.write_text(",".join([*head.split(",")[:-1], "load"]) + "\n" + rest)
+    with pytest.raises(FileError, match="two columns of one name"):
+        make_report(folder)
+
+
 @pytest.mark.parametrize(
     ("where", "value"),
     [

@@ -108,6 +108,20 @@ def test_a_scene_with_loads_of_its_own_is_not_changed():
             opened.update({"load.activation": 0.2})
 
 
+@pytest.mark.parametrize("method", ["rkcm", "rkpm-gauss"])
+def test_loads_of_a_linear_problem_are_those_of_its_deck(method):
+    tables = {
+        "scene": {"dimension": 2, "method": method},
+        "geometry": box(5, 5),
+        "linear": {"problem": "poisson", "source": "1"},
+        "boundary": [{"set": "x0", "u": 0.0}],
+    }
+    with Scene.from_tables(tables) as opened:
+        n = len(opened.field_points())
+        with pytest.raises(InputError, match="loads of a linear problem"):
+            opened.set_fields(np.ones((n, 3)), np.zeros((n, 3)), np.zeros((n, 3, 3)))
+
+
 @pytest.mark.parametrize("method", ["rkcm", "rkpm-scni", "rkpm-gauss"])
 def test_loads_of_its_own_have_no_second_solution(method):
     """Weak forms compared with a body that had none of these loads."""

@@ -159,6 +159,11 @@ subroutine set_session_fields(handle, body_force, displacement, stress, error)
 
    call find_slot(handle, slot, error)
    if (allocated(error)) return
+   if (slot%full%linear) then
+      call fatal_error(error, err_input, 'the loads of a linear problem are those of its deck: ' &
+         & //'give linear.source and the boundary as expressions instead of set_fields')
+      return
+   end if
    call slot%full%set_point_loads(body_force, displacement, stress)
 end subroutine set_session_fields
 

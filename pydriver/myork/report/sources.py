@@ -175,6 +175,8 @@ def _read_history(path: Path) -> dict[str, NDArray[Any]]:
         if not text.endswith("\n"):
             raise ValueError("cut off")
         head, *rows = csv.reader(text.splitlines(), strict=True)
+        if len(set(head)) < len(head):
+            raise ValueError("two columns of one name")
         return {
             name: np.array(own if name in _TEXTS else [float(entry or "nan") for entry in own])
             for name, own in zip(head, zip(*rows, strict=True), strict=True)

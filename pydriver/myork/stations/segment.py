@@ -213,7 +213,7 @@ def _check_rules(table: Mapping[str, Any], muscles: list[Muscle]) -> None:
     maps = [f"image.{key}" for key in ("seeds", "reference") if key in table]
     if muscles and maps:
         raise InputError(f"{maps[0]} and [[muscle]] both say what is where; take one out")
-    if table["split"] == "walk" and not (muscles or maps):
+    if table["split"] == "walk" and not (muscles or "seeds" in table):
         raise InputError("image.split = 'walk' needs image.seeds or [[muscle]]")
 
 
