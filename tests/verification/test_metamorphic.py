@@ -34,11 +34,6 @@ OF_BAR = 0.01
 ROUNDING = 1e-6
 #: Bars are the same to this
 OF_BARS = 0.1
-#: Bars hold nine of ten errors; those of coarse bodies whose cells are not symmetric are half of
-#: what a symmetric second solution shows, so that twice the bar is asked of each
-COVERS = 2.0
-#: Twins on other lattices may be accepted and doubtful, which a difference of 12 % decides
-EXTREMES = {"accepted", "refused"}
 AXES = "xyz"
 METHODS = ("auto", "rkpm-gauss", "rkpm-scni", "rkcm", "rkcm-mixed")
 MODULI = ("A10", "A01", "A20", "mu", "C1", "C2", "C3", "K", "sigma_max")
@@ -425,10 +420,7 @@ def differences(
 ) -> list[str]:
     """What two answers to one scene say differently; `within` the bars where lattices differ."""
     found = []
-    if one.verdict == two.verdict == "refused":
-        # a reason instead of an answer
-        return found
-    if one.verdict != two.verdict and (not within or {one.verdict, two.verdict} == EXTREMES):
+    if one.verdict != two.verdict:
         found.append(f"{one.verdict} {one.reasons} becomes {two.verdict} {two.reasons}")
     kinds: dict[str, float] = {}
     rows = []
@@ -447,7 +439,7 @@ def differences(
     kinds["torque"] = max(kinds["torque"], kinds["force"] * twin.length * max(case.frame[1]))
     for name, kind, value, bar, other, its in rows:
         wide = np.fmax(bar, its)
-        room = (COVERS * (bar + its) if within else OF_BAR * wide) + ROUNDING * kinds[kind]
+        room = (1 if within else OF_BAR) * wide + ROUNDING * kinds[kind]
         if np.any(abs(value - other) > room) or np.any(np.isnan(value) != np.isnan(other)):
             found.append(f"{name}: {value} +- {bar} becomes {other} +- {its}")
         elif not within and (
@@ -548,12 +540,7 @@ def split(case: Case, base: Answer, rng: np.random.Generator) -> list[str]:
         ]
         tables = {"boundary": boundary, "material": material, "load": load}
         paths.append(solved(case.change(amplitude=amplitude, **tables)))
-    if any(found.verdict == "refused" and np.isnan(found.x).all() for found in (base, *paths)):
-        # one way may be harder than the other
-        return []
-    # row weights are those of the state at which a load step begins
-    within = case.tables["scene"]["method"].startswith("rkcm")
-    return differences(case, base, paths[0], SAME, within) + differences(case, *paths, SAME, within)
+    return differences(case, base, paths[0]) + differences(case, *paths)
 
 
 def zero(case: Case, base: Answer, rng: np.random.Generator) -> list[str]:
@@ -588,7 +575,7 @@ def zero(case: Case, base: Answer, rng: np.random.Generator) -> list[str]:
         for probe, value, bar in zip(
             scene.tables["probe"], answer.value[:, 0], answer.bar[:, 0], strict=True
         )
-        if abs(value) > COVERS * bar and answer.verdict == "accepted"
+        if abs(value) > bar and answer.verdict == "accepted"
     ]
 
 
@@ -654,8 +641,13 @@ def violations(seed: int, number: int, only: str = "") -> list[str]:
     return found
 
 
+#: A body of voxels in an odd number of blocks: a stress that symmetry makes zero is 1.3 bars away
+#: and accepted. Symmetric groups of blocks took a calf's force 3.2 % off (docs/decisions.md)
+OPEN = pytest.param(26, marks=pytest.mark.xfail(strict=True))
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("number", range(30))
+@pytest.mark.parametrize("number", [*range(26), OPEN, *range(27, 30)])
 def test_a_verdict_belongs_to_the_scene(number: int) -> None:
     assert violations(1, number) == []
 
