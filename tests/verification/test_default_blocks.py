@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.newcomer import DECKS
+from benchmarks.problems import BY_NAME
 from benchmarks.truths.deck_parts import deck, held
 from benchmarks.voxel_bodies import body_cloud
 from myork.bench.materials import RUBBER
@@ -18,8 +18,6 @@ from myork.model_file import write_model
 from myork.records import PointCloud
 from myork.stations.explain import explain_deck
 from tests.scenes import voxels
-
-BY_NAME = {problem.name: problem for problem in DECKS}
 
 
 def built(filled: np.ndarray, stride: int = 2) -> PointCloud:
