@@ -21,7 +21,7 @@ from myork.core.deck import table_defaults
 from myork.core.states import Fields, States
 from myork.errors import InputError
 from myork.model.cloud import build_cloud
-from myork.records import Labels, PointCloud
+from myork.records import Image, Labels, PointCloud
 from myork.stations.solve import find_executable
 from myork.types import F64
 
@@ -103,6 +103,20 @@ def cantilever(method: str = "auto", *source: int, **tables: Any) -> dict[str, A
             {"name": "tip", "quantity": "u_y", "point": [4, 0.5]},
             {"name": "root", "quantity": "force", "set": "x0"},
         ],
+    ) | tables  # fmt: skip
+
+
+#: Tip of the beam of rubber: felupe's quadratic elements with projected pressure, 4, 8 and 16
+#: across, extrapolated
+BEAM_TIP = 1.6485
+
+
+def beam(*source: int, load: float = 2.0, places: Any = None, **tables: Any) -> dict[str, Any]:
+    """A beam of 4 x 1 of rubber under a dead traction on its end; nothing else is named."""
+    return scene(
+        "auto", box(*source, size=[4, 1], places=places), material=[RUBBER],
+        boundary=[held("x0", 2), {"set": "x1", "traction": [0, load]}],
+        probe=[{"name": "tip", "quantity": "u_y", "point": [4, 0.5]}],
     ) | tables  # fmt: skip
 
 
@@ -197,12 +211,22 @@ def stop_behind(child: subprocess.Popen[str], step: int, number: int = signal.SI
 
 
 def voxels(
-    data: Any, edge: Any = 10.0, unit: str = "cm", said: list[str] | None = None, **build: Any
+    data: Any,
+    edge: Any = 10.0,
+    unit: str = "cm",
+    said: list[str] | None = None,
+    activation: Any = None,
+    **build: Any,
 ) -> PointCloud:
-    """Points of a label map with voxels of such edges [mm], each a source point by default."""
+    """Points of a label map with voxels of such edges [mm], each a source point by default.
+
+    `activation` is the part of the activation that each voxel has.
+    """
     affine = np.diag([*np.broadcast_to(edge, 3), 1.0])
     table = {**table_defaults("build"), "source_stride": [1] * 3, **build}
-    cloud, warnings = build_cloud(Labels(np.asarray(data, np.int32), affine), None, table, unit)
+    parts = None if activation is None else Image(np.asarray(activation, float), affine)
+    labels = Labels(np.asarray(data, np.int32), affine)
+    cloud, warnings = build_cloud(labels, None, table, unit, "", parts)
     if said is not None:
         said += warnings
     return cloud
