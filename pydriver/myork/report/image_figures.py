@@ -18,6 +18,7 @@ from scipy import ndimage
 
 from myork.records import Image, Labels
 from myork.report.figures import COLOURS, DASHES, MARKERS
+from myork.report.sketch import draw_strokes
 from myork.types import F64, I32, Mask
 
 __all__ = ["area_figure", "slice_figure"]
@@ -221,9 +222,5 @@ def _draw_fibers(
     some[:: step[0], :: step[1]] = True
     some &= inside & np.isfinite(vectors).all(axis=-1) & vectors.any(axis=-1)
     i, j = np.nonzero(some)
-    across, up = vectors[i, j].T
-    axes.quiver(
-        places[0][i], places[1][j], across, up, pivot="middle", angles="xy", scale_units="xy",
-        scale=1.0 / length, headaxislength=0, headlength=0, headwidth=0, width=0.008,
-        color=_FIBER_COLOUR,
-    )  # fmt: skip
+    at = np.stack([places[0][i], places[1][j]], axis=1)
+    draw_strokes(axes, at, vectors[i, j], length, width=0.008, color=_FIBER_COLOUR)

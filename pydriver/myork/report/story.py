@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 
+from myork.report.frame import Answer
 from myork.report.numbers import fraction, number, plain, probe_units, unit_of, with_error
 from myork.report.sources import Deformation, RunFolder
 from myork.summary import printed
 
-__all__ = ["Answer", "is_phantom", "story"]
+__all__ = ["is_phantom", "story"]
 
 #: Volume ratios further than this from 1 are counted
 _OFF = 0.1
@@ -23,31 +24,15 @@ _VERDICTS = {
 }
 
 
-class Answer(NamedTuple):
-    """A question of the reader with its answer.
-
-    Attributes
-    ----------
-    question : str
-        A word or two.
-    lines : list of str or Markup
-        Sentences of the answer, the most important one first.
-    """
-
-    question: str
-    lines: list[str | Markup]
-
-
 def story(folder: RunFolder) -> list[Answer]:
-    """Answers to what a reader asks first; a question without an answer is left out."""
+    """Answers to what a reader asks first."""
     summary, deformation = folder.summary, folder.deformation
-    found = [
+    return [
         Answer("Problem", list(_asked(summary))),
         Answer("Results", list(_came_out(summary, deformation))),
         Answer("Reliability", list(_trust(summary, deformation))),
         Answer("Data", list(_data(summary))),
     ]
-    return [answer for answer in found if answer.lines]
 
 
 def is_phantom(summary: Mapping[str, Any]) -> bool:
@@ -142,7 +127,7 @@ def _came_out(
                 fraction(last.get("load")), Markup(", ").join(values)
             )
     if deformation is not None:
-        size = np.linalg.norm(deformation.displacement, axis=1)
+        size = deformation.size
         stress = np.nan_to_num(deformation.stress, nan=-np.inf)
         most, tense = int(np.argmax(size)), int(np.argmax(stress))
         line = "Largest displacement {} {} at {}, largest principal stress {} {} at {}"

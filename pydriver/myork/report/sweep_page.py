@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+import myork
 from myork.errors import FileError
 from myork.report import sweep_figures
-from myork.report.frame import Section, figure, render, table
+from myork.report.frame import Answer, Page, Section, figure, folded, table
 from myork.report.numbers import DASH, fraction, labelled, number, plain, unit_of
-from myork.report.story import Answer
 from myork.report.sweep_figures import VERDICTS, Column, Fit
 
 __all__ = ["SWEEP_FILE", "SweepFolder", "read_sweep", "sweep_page"]
@@ -112,26 +112,26 @@ def read_sweep(path: Path) -> SweepFolder:
     return sweep
 
 
-def sweep_page(sweep: SweepFolder, version: str) -> str:
+def sweep_page(sweep: SweepFolder) -> Page:
     """All of a sweep as one page."""
     fits = [Fit.of(sweep.keys[:_MOST_KEYS], probe) for probe in sweep.probes[:_MOST_PROBES]]
-    sections = [
-        Section("trends", "Trends", list(_trends(sweep))),
-        Section("effects", "Which key matters", list(_effects(fits))),
-        Section("surfaces", "Response surfaces", list(_surfaces(sweep, fits))),
-        Section("failures", "What to look at", list(_failures(sweep))),
-        Section("points", "All points", list(_points(sweep))),
-    ]
-    done = len(sweep.verdicts)
-    return render(
-        "sweep.html",
+    badges = [(_BADGES.get(word, "bad"), f"{count} {word}") for word, count in _counts(sweep)]
+    left = sweep.total - len(sweep.verdicts)
+    return Page(
         title=f"Sweep: {sweep.about.get('title') or sweep.path.resolve().name}",
-        sections=[section for section in sections if section.parts],
-        story=list(_story(sweep)),
-        counts=[(word, count, _BADGES.get(word, "bad")) for word, count in _counts(sweep)],
-        left=sweep.total - done,
-        version=version,
-        folder=sweep.path,
+        sections=(
+            Section("trends", "Trends", _trends(sweep)),
+            Section("effects", "Which key matters", _effects(fits)),
+            Section("surfaces", "Response surfaces", _surfaces(sweep, fits)),
+            Section("failures", "What to look at", _failures(sweep)),
+            Section("points", "All points", _points(sweep)),
+        ),
+        badges=[*badges, *([("unsure", f"{left} to do")] if left else [])],
+        story=_story(sweep),
+        footer=Markup(
+            "MyoRK {} · made by <code>myork report</code> from <code>points.jsonl</code> in\n"
+            "<code>{}</code>; all numbers: <code>sweep.csv</code>"
+        ).format(myork.__version__, sweep.path),
     )
 
 
@@ -257,5 +257,4 @@ def _points(sweep: SweepFolder) -> Iterator[Markup]:
     caption = (
         f"The first {len(rows)} points; all: sweep.csv" if len(rows) < sweep.total else "Points"
     )
-    details = "<details><summary>{}</summary>{}</details>"
-    yield Markup(details).format(caption, table([*head, "verdict"], rows))
+    yield folded(caption, table([*head, "verdict"], rows))
