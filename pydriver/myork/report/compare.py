@@ -102,7 +102,7 @@ def _story(runs: Sequence[RunFolder], names: Sequence[str]) -> Iterator[Answer]:
     units = {tuple(sorted(run.summary.get("units", {}).items())) for run in runs}
     trust: list[str | Markup] = [
         "; ".join(
-            f"{name} {(run.summary.get('verdict') or {}).get('state', 'without verdict')}"
+            f"{name} {run.summary.get('verdict', {}).get('state', 'without verdict')}"
             if run.summary.get("converged")
             else f"{name} not converged"
             for name, run in zip(names, runs, strict=True)
@@ -135,7 +135,7 @@ def _disagree(runs: Sequence[RunFolder], name: str) -> bool:
 
 def _answers(runs: Sequence[RunFolder], names: Sequence[str]) -> Iterator[Markup]:
     rows: list[list[str | Markup]] = [
-        ["verdict", *((run.summary.get("verdict") or {}).get("state", DASH) for run in runs)],
+        ["verdict", *(run.summary.get("verdict", {}).get("state", DASH) for run in runs)],
         ["load reached", *(fraction(_last(run).get("load")) for run in runs)],
     ]
     for name, unit in _probes(runs).items():

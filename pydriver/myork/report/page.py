@@ -123,7 +123,7 @@ def _badges(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """How the run ended, and whether its images were measured."""
     steps = summary.get("steps")
     if summary.get("converged"):
-        verdict = (summary.get("verdict") or {}).get("state", "")
+        verdict = summary.get("verdict", {}).get("state", "")
         yield _VERDICTS.get(verdict, ("unsure", "converged"))
     elif summary.get("converged") is False:
         reached = (
@@ -152,7 +152,7 @@ def _about(summary: Mapping[str, Any]) -> str:
 def _warnings(folder: RunFolder) -> list[str]:
     """Warnings of the run and of the segmentation, and what is old; reasons stand in the story."""
     warnings = folder.summary.get("warnings", [])
-    reasons = (folder.summary.get("verdict") or {}).get("reasons", [])
+    reasons = folder.summary.get("verdict", {}).get("reasons", [])
     refine = folder.summary.get("refine")
     return [
         *failures(folder.summary),
@@ -175,7 +175,7 @@ def _images(folder: RunFolder) -> Iterator[Markup]:
             "of the picture; a short stroke is a fiber that leaves the plane.",
         )
         yield figure(
-            image_figures.area_figure(folder.labels, segmentation.get("energy") or []),
+            image_figures.area_figure(folder.labels, segmentation.get("energy", [])),
             "Cross-sectional area of each label along the stack, and the energy of the "
             "segmentation where it was recorded.",
         )
@@ -304,7 +304,7 @@ def _reduced_fields(folder: RunFolder, models: Sequence[Mapping[str, Any]]) -> I
             "Over all {} states the errors are e<sub>1</sub> = {}, e<sub>2</sub> = {}."
         ).format(
             modes,
-            number((folder.summary.get("rom") or {}).get("snapshots")),
+            number(folder.summary.get("rom", {}).get("snapshots")),
             number(model.get("e1"), 2),
             number(model.get("e2"), 2),
         )

@@ -79,7 +79,7 @@ def _sets(summary: Mapping[str, Any]) -> str:
     lines = [
         f"{own.get('name')}: {own.get('boundary_points')} boundary points, "
         + Markup("{} {}").format(number(own.get("area")), unit_of(own, "unit"))
-        for own in summary.get("sets") or []
+        for own in summary.get("sets", [])
     ]
     return Markup("<br>").join(lines) or DASH
 
@@ -99,7 +99,7 @@ _FACTS: dict[str, Callable[[Mapping[str, Any]], str]] = {
     "threads": _of("threads"),
     "units": lambda own: ", ".join(f"{k} {u}" for k, u in own.get("units", {}).items()) or DASH,
     "sets of the deck": _sets,
-    "changed with --set": lambda own: Markup("<br>").join(own.get("overrides") or ()) or DASH,
+    "changed with --set": lambda own: Markup("<br>").join(own.get("overrides", ())) or DASH,
     "deck, SHA-256": lambda own: (
         Markup("<code>{}</code>").format(own["deck_sha256"]) if "deck_sha256" in own else DASH
     ),
@@ -179,7 +179,7 @@ def _named(entries: Mapping[str, Mapping[str, Any]]) -> Iterator[dict[str, Any]]
 
 
 def _numbers(entry: Mapping[str, Any], key: str) -> list[float]:
-    return [value for value in entry.get(key) or () if isinstance(value, (int, float))]
+    return [value for value in entry.get(key, ()) if isinstance(value, (int, float))]
 
 
 def rom_table(models: Sequence[Mapping[str, Any]]) -> Markup:
