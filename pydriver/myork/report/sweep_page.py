@@ -6,9 +6,8 @@ import json
 import re
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from markupsafe import Markup
@@ -28,8 +27,7 @@ SWEEP_FILE = "points.jsonl"
 _MOST_PROBES, _MOST_KEYS, _MOST_ROWS = 6, 8, 60
 
 
-@dataclass(frozen=True)
-class SweepFolder:
+class SweepFolder(NamedTuple):
     """Finished points of a sweep.
 
     Attributes
@@ -38,8 +36,6 @@ class SweepFolder:
         The folder.
     total : int
         Number of points that were asked for.
-    model : str or None
-        File name of the reduced model that answered.
     keys, probes : list of Column
         What was varied and what came out, a value a finished point.
     verdicts, messages : list of str
@@ -52,13 +48,17 @@ class SweepFolder:
 
     path: Path
     total: int
-    model: str | None
     keys: list[Column]
     probes: list[Column]
     verdicts: list[str]
     messages: list[str]
     cpu: list[float]
-    about: dict[str, Any] = field(default_factory=dict)
+    about: dict[str, Any]
+
+    @property
+    def left(self) -> int:
+        """Number of points that are not solved yet."""
+        return self.total - len(self.verdicts)
 
 
 def read_sweep(path: Path) -> SweepFolder:
@@ -101,7 +101,7 @@ def read_sweep(path: Path) -> SweepFolder:
             for name in asked
         ]
         sweep = SweepFolder(
-            path, len(points), about.get("model"), keys, probes,
+            path, len(points), keys, probes,
             [str(row["verdict"]) for row in rows], [str(row["message"]) for row in rows],
             [float(row["cpu_s"]) for row in rows], about,
         )  # fmt: skip
@@ -116,7 +116,6 @@ def sweep_page(sweep: SweepFolder) -> Page:
     """All of a sweep as one page."""
     fits = [Fit.of(sweep.keys[:_MOST_KEYS], probe) for probe in sweep.probes[:_MOST_PROBES]]
     badges = [(_BADGES.get(word, "bad"), f"{count} {word}") for word, count in _counts(sweep)]
-    left = sweep.total - len(sweep.verdicts)
     return Page(
         title=f"Sweep: {sweep.about.get('title') or sweep.path.resolve().name}",
         sections=(
@@ -126,7 +125,7 @@ def sweep_page(sweep: SweepFolder) -> Page:
             Section("failures", "What to look at", _failures(sweep)),
             Section("points", "All points", _points(sweep)),
         ),
-        badges=[*badges, *([("unsure", f"{left} to do")] if left else [])],
+        badges=[*badges, *([("unsure", f"{sweep.left} to do")] if sweep.left else [])],
         story=_story(sweep),
         footer=Markup(
             "MyoRK {} · made by <code>myork report</code> from <code>points.jsonl</code> in\n"
@@ -152,7 +151,8 @@ def _story(sweep: SweepFolder) -> Iterator[Answer]:
             ranges.append(f"{key.name}: {', '.join(dict.fromkeys(map(str, key.values)))}")
         else:
             ranges.append(f"{key.name} from {fraction(values.min())} to {fraction(values.max())}")
-    who = f"the reduced model {sweep.model}" if sweep.model else "full solutions"
+    model = sweep.about.get("model")
+    who = f"the reduced model {model}" if model else "full solutions"
     yield Answer("Problem", [f"{sweep.total} points by {who}", "; ".join(ranges)])
     found: list[Markup] = []
     for probe in sweep.probes[:_MOST_PROBES]:
@@ -176,8 +176,8 @@ def _story(sweep: SweepFolder) -> Iterator[Answer]:
         ", ".join(f"{count} {word}" for word, count in counts)
         + f" of {len(sweep.verdicts)} finished points"
     ]
-    if len(sweep.verdicts) < sweep.total:
-        lines.append(f"{sweep.total - len(sweep.verdicts)} points are not solved yet")
+    if sweep.left:
+        lines.append(f"{sweep.left} points are not solved yet")
     bars = [bar for probe in sweep.probes if (bar := probe.largest_bar()) is not None]
     if bars:
         lines.append(
