@@ -27,14 +27,14 @@ import numpy as np
 
 from myork.console import ProgressCallback, silent
 from myork.core.deck import deck_key, load_deck
-from myork.errors import InputError, InstallationError
+from myork.core.scene import Scene
+from myork.errors import ConvergenceError, InputError, InstallationError, MyorkError
 from myork.files import alone_in
 from myork.rom.model import ReducedModel
 from myork.rom.probes import probe_columns
 from myork.stations.explain import explain_deck
 from myork.sweeps.inputs import Inputs
 from myork.sweeps.plan import Plan, make_plan
-from myork.sweeps.point import solve_point
 from myork.sweeps.store import Store, has_parquet, read_points
 from myork.types import F64
 
@@ -226,6 +226,37 @@ def _preview(plan: Plan) -> Iterator[str]:
         yield "  " + ", ".join(plan.settings(point))
     if len(plan.points) > len(shown):
         yield f"  and {len(plan.points) - len(shown)} more"
+
+
+def solve_point(deck: str, overrides: Sequence[str], out: str) -> dict[str, Any]:
+    """Solve a deck with overrides; what goes wrong is a message, not raised.
+
+    Returns
+    -------
+    dict
+        `probes`: values of the last step by name, vectors by components; `errors`: their error
+        bars; `verdict`, `message`, `cpu_s`.
+    """
+    start = time.process_time()
+    row: dict[str, Any] = {"probes": {}, "errors": {}, "verdict": "failed", "message": ""}
+    try:
+        with Scene(deck, overrides, Path(out), threads=1) as scene:
+            try:
+                states = scene.solve()
+                row["verdict"] = states.verdict
+                row["message"] = "; ".join(states.reasons)
+                values = scene.probes(states.x[-1:], states.load[-1:])[0]
+                for i, probe in enumerate(scene.deck.get("probe", [])):
+                    bars = states.probe_errors[-1, i]
+                    for k, name in enumerate(probe_columns(probe, scene.dimension)):
+                        row["probes"][name] = float(values[i, k])
+                        row["errors"][name] = float(bars[k])
+            except ConvergenceError as ended:
+                row["message"] = str(ended)
+    except (MyorkError, OSError) as wrong:
+        row["message"] = str(wrong)
+    row["cpu_s"] = time.process_time() - start
+    return row
 
 
 class _Team(NamedTuple):
