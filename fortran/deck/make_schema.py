@@ -84,7 +84,8 @@ def check(tables: dict[str, dict[str, Any]]) -> None:
         wrong += [f"[{name}]: {word}" for word in table.keys() - TABLE_ATTRIBUTES - {"keys"}]
         if "about" not in table:
             wrong.append(f"[{name}]: about is missing")
-        for word in [table.get("named_by"), *table.get("at_least", [])]:
+        taken = table["record"] if isinstance(table.get("record"), list) else []
+        for word in [table.get("named_by"), *table.get("at_least", []), *taken]:
             if word and word not in table["keys"]:
                 wrong.append(f"[{name}]: no key {word}")
         if table.get("not_beside", name) not in tables:
@@ -217,7 +218,18 @@ COMPONENTS = {
     "number": "real(wp) :: {} = 0.0_wp",
     "numbers": "real(wp), allocatable :: {}(:)",
     "boolean": "logical :: {} = .false.",
+    "vector": "real(wp) :: {}(3) = 0.0_wp",
+    "values": "type(value_type) :: {}(3)",
 }
+
+
+def component(spec: dict[str, Any]) -> str:
+    """Key of COMPONENTS; empty where a value needs more than a look at its key."""
+    kind = str(spec["type"])
+    if kind == "numbers" and "length" in spec:
+        kind = "values" if "expression" in spec else "vector"
+    plain = kind == "values" or not spec.keys() & {"refers_to", "expression", "or_number"}
+    return kind if plain else ""
 
 
 def records(tables: dict[str, dict[str, Any]]) -> str:
@@ -226,18 +238,17 @@ def records(tables: dict[str, dict[str, Any]]) -> str:
     for name, table in tables.items():
         if not table.get("record"):
             continue
-        # names of other tables and expressions are not plain
-        plain = {
-            key: spec
-            for key, spec in table["keys"].items()
-            if not spec.keys() & {"refers_to", "expression", "or_number"}
-        }
-        parts = [f"      {COMPONENTS[spec['type']].format(key)}\n" for key, spec in plain.items()]
+        kinds = {key: component(spec) for key, spec in table["keys"].items()}
+        if table["record"] is not True:
+            kinds = {key: kinds[key] for key in table["record"]}
+        plain = {key: kind for key, kind in kinds.items() if kind}
+        parts = [f"      {COMPONENTS[kind].format(key)}\n" for key, kind in plain.items()]
         types.append(
             f"   public :: {name}_keys\n   type :: {name}_keys\n{''.join(parts)}   contains\n"
             f"      procedure :: read => read_{name}\n   end type {name}_keys\n\n"
         )
-        parts = [f"   call deck%get(at//'.{key}', self%{key})\n" for key in plain]
+        getter = {key: "get_vector" if kind == "vector" else "get" for key, kind in plain.items()}
+        parts = [f"   call deck%{getter[key]}(at//'.{key}', self%{key})\n" for key in plain]
         readers.append(
             f"\nsubroutine read_{name}(self, deck, at)\n"
             f"   class({name}_keys), intent(inout) :: self\n"

@@ -3,9 +3,10 @@ module rk_scene
    use rk_cloud, only : cloud_type
    use rk_equation, only : equation_type, motion_type
    use rk_error, only : error_type
-   use rk_expression, only : expression_type
+   use rk_expression, only : expression_type, value_type
    use rk_material, only : material_type
-   use rk_deck_records, only : exact_keys, mixed_keys, reference_keys
+   use rk_deck_records, only : boundary_keys, exact_keys, mixed_keys, probe_keys, &
+      & reference_keys
    use rk_options, only : galerkin_options, interface_options, load_options, &
       & solver_options
    use rk_precision, only : wp
@@ -35,40 +36,22 @@ module rk_scene
       type(expression_type) :: level
    end type tissue_type
 
-   !> What is prescribed on a boundary set where its amplitude is 1
-   type :: condition_type
+   !> What is prescribed on a boundary set where its amplitude is 1, beside the numbers of the deck,
+   !> which are 0 where they are not given
+   type, extends(boundary_keys) :: condition_type
       !> Boundary set
       integer :: set = 0
-      !> Which displacement components are prescribed
+      !> Which displacement components are prescribed; of a tendon those in which its direction has
+      !> a part, which its plate moves
       logical :: fixed(3) = .false.
       !> Their values [length]
-      real(wp) :: value(3) = 0.0_wp
+      type(value_type) :: value(3)
       !> Radial displacement about the third axis replaces the components
       logical :: is_radial = .false.
-      !> Its value [length]
-      real(wp) :: radial = 0.0_wp
-      !> Dead traction on the free components, per undeformed area [force/area]
-      real(wp) :: traction(3) = 0.0_wp
-      !> Expressions in coordinates that stand in the place of values and of parts of the traction
-      type(expression_type) :: value_of(3), traction_of(3)
-      !> Pressure that follows the surface, against its outward normal [force/area]
-      real(wp) :: pressure = 0.0_wp
-      !> Springs on the free components [force/length/area]
-      real(wp) :: spring(3) = 0.0_wp
-      !> Stiffness of a tendon, at whose end the set moves as a rigid plate, 0 where there is none
-      !> [force/length]
-      real(wp) :: tendon = 0.0_wp
-      !> Its unit direction; components in which it has a part are those that the plate moves
-      real(wp) :: direction(3) = 0.0_wp
-      !> Displacement of its other end along this direction [length]
-      real(wp) :: pull = 0.0_wp
       !> Amplitude of all these, 0 for the ramp
       integer :: amplitude = 0
       !> Load factor of the sine of a rotation, that of 1 - cos follows; 0 where nothing rotates
       integer :: sine = 0
-      !> Unit vector along its axis, and a point of that [-], [length]
-      real(wp) :: axis(3) = 0.0_wp
-      real(wp) :: about(3) = 0.0_wp
    contains
       !> Whether displacements are prescribed that are not the same everywhere
       procedure :: moves_unevenly
@@ -77,21 +60,11 @@ module rk_scene
    end type condition_type
 
    !> A number or vector to follow through the steps
-   type :: probe_type
-      !> Name in the deck
-      character(len=:), allocatable :: name
-      !> What is measured
-      character(len=:), allocatable :: quantity
+   type, extends(probe_keys) :: probe_type
       !> Tissue whose part is measured, 0 for all
       integer :: tissue = 0
       !> Boundary set that it is taken of, 0 for a point or a plane
       integer :: set = 0
-      !> Undeformed place of a point quantity, or a point of the plane of a section [length]
-      real(wp) :: point(3) = 0.0_wp
-      !> Unit normal of the plane, or direction against which fibers are inclined
-      real(wp) :: normal(3) = 0.0_wp
-      !> Point about which a torque turns [length]
-      real(wp) :: about(3) = 0.0_wp
    contains
       !> Whether it is of a body or a tissue as a whole
       procedure :: of_body
@@ -279,9 +252,8 @@ end function changes
 pure logical function moves_unevenly(self)
    !> Condition
    class(condition_type), intent(in) :: self
-   integer :: i
 
-   moves_unevenly = self%is_radial .or. self%sine > 0 .or. any([(self%value_of(i)%given(), i=1, 3)])
+   moves_unevenly = self%is_radial .or. self%sine > 0 .or. any(self%value%given())
 end function moves_unevenly
 
 !> Whether a probe is of a body or a tissue as a whole
@@ -306,12 +278,10 @@ pure logical function acts(self, factor)
    class(condition_type), intent(in) :: self
    !> Load factors at which that is asked; without them: at any, shape (factors) [-]
    real(wp), intent(in), optional :: factor(:)
-   integer :: i
 
    acts = (self%is_radial .and. abs(self%radial) > 0.0_wp) &
-      & .or. any(abs(self%value) > 0.0_wp .and. self%fixed) .or. any(abs(self%traction) > 0.0_wp) &
-      & .or. abs(self%pressure) > 0.0_wp .or. abs(self%pull) > 0.0_wp &
-      & .or. any([(self%value_of(i)%given() .or. self%traction_of(i)%given(), i=1, 3)])
+      & .or. any(self%value%acts() .and. self%fixed) .or. any(self%traction%acts()) &
+      & .or. abs(self%pressure) > 0.0_wp .or. abs(self%pull) > 0.0_wp
    if (.not. present(factor)) then
       acts = acts .or. self%sine > 0
       return

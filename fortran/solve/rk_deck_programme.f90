@@ -1,7 +1,6 @@
 !> From a checked deck to the load programme: amplitudes, output times, what follows them.
 module rk_deck_programme
    use rk_deck, only : deck_type
-   use rk_deck_expression, only : read_value
    use rk_error, only : error_type
    use rk_precision, only : pi, wp
    use rk_programme, only : programme_type, rotation_type
@@ -69,8 +68,8 @@ subroutine read_activation(scene, deck, at, k, error)
 
    associate (tissue => scene%tissue(k))
       tissue%activation = scene%load%activation
-      if (deck%has(at//'.activation')) call read_value(deck, at//'.activation', &
-         & tissue%activation, tissue%level)
+      call deck%get(at//'.activation', tissue%activation)
+      call deck%get(at//'.activation', tissue%level)
       ! an expression says all of it
       if (tissue%level%given()) tissue%activation = 1.0_wp
       tissue%amplitude = scene%load%amplitude
@@ -106,17 +105,11 @@ subroutine read_motion(condition, programme, deck, at, nd)
    character(len=*), intent(in) :: at
    !> Space dimension
    integer, intent(in) :: nd
-   real(wp), allocatable :: about(:), axis(:)
    real(wp) :: angle
 
    call deck%get(at//'.rotation', angle)
-   call deck%get(at//'.about', about)
-   condition%about(:nd) = about
-   condition%axis = [0.0_wp, 0.0_wp, 1.0_wp]
-   if (nd == 3) then
-      call deck%get(at//'.axis', axis)
-      condition%axis = axis/norm2(axis)
-   end if
+   if (nd < 3) condition%axis(3) = 1.0_wp
+   condition%axis = condition%axis/norm2(condition%axis)
    condition%fixed(:nd) = .true.
    programme%rotation = [programme%rotation, rotation_type(condition%amplitude, angle*pi/180.0_wp)]
    condition%sine = programme%sine_of(size(programme%rotation))

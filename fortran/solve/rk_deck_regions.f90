@@ -4,7 +4,6 @@
 module rk_deck_regions
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type
-   use rk_deck_expression, only : read_expression
    use rk_deck_labels, only : read_labels
    use rk_error, only : error_type
    use rk_precision, only : pi, wp
@@ -45,7 +44,7 @@ subroutine read_parts(tissue, deck, error)
 
    do k = 1, size(tissue)
       tissue(k)%label = k
-      call read_expression(deck, 'material.'//to_text(k)//'.where', tissue(k)%part)
+      call deck%get('material.'//to_text(k)//'.where', tissue(k)%part)
    end do
    if (deck%has('geometry.labels')) call read_labels(tissue, deck, error)
 end subroutine read_parts

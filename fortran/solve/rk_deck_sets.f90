@@ -2,7 +2,6 @@
 module rk_deck_sets
    use rk_deck, only : deck_type
    use rk_deck_boundary, only : find_named_set
-   use rk_deck_expression, only : read_expression
    use rk_deck_regions, only : has_regions
    use rk_error, only : error_type
    use rk_named_sets, only : add_set
@@ -83,7 +82,7 @@ subroutine read_region(region, scene, deck, at, error)
          region%label = scene%tissue(k)%label
       end if
    end if
-   call read_expression(deck, at//'.where', region%where)
+   call deck%get(at//'.where', region%where)
 end subroutine read_region
 
 !> How many boundary points each criterion of an empty set leaves
