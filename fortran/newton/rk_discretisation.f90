@@ -17,7 +17,7 @@ module rk_discretisation
    private
 
    public :: discretisation_type, free_discretisation, deformation, entry_displacement, rounding
-   public :: at_rest, small_strain, turns_over
+   public :: at_rest, judged_state, small_strain, turns_over
 
    !> Stresses below this share of a modulus are roundings [-]
    real(wp), parameter :: rounding = 1.0e4_wp*epsilon(1.0_wp)
@@ -25,6 +25,8 @@ module rk_discretisation
    real(wp), parameter :: of_motion = 1.0e-6_wp
    !> Strains above this never are [-]
    real(wp), parameter :: most_slack = 1.0e-5_wp
+   !> Loads whose displacements fall below this share of the largest were taken off again [-]
+   real(wp), parameter :: taken_off = 0.5_wp
 
    !> A discretised scene
    type, abstract, extends(problem_type) :: discretisation_type
@@ -406,6 +408,21 @@ function turns_over(problem, before, after) result(found)
       found = places > few_places*size(problem%scene%cloud%points, 2)
    end select
 end function turns_over
+
+!> The state of a run by which its answer is judged: the last one, whatever the way there, or where
+!> the loads were taken off again the one with the largest displacements
+integer function judged_state(problem, x) result(judged)
+   !> Problem
+   class(problem_type), intent(in) :: problem
+   !> Unknowns of the states, shape (n, states)
+   real(wp), contiguous, intent(in) :: x(:, :)
+   real(wp) :: sizes(2, size(x, 2))
+   integer :: k
+
+   sizes = reshape([(problem%scaled_norms(x(:, k)), k=1, size(x, 2))], shape(sizes))
+   judged = size(x, 2)
+   if (sizes(1, judged) < taken_off*maxval(sizes(1, :))) judged = maxloc(sizes(1, :), dim=1)
+end function judged_state
 
 !> Whether unknowns are those of a body at rest, which nothing moves at a load
 logical function at_rest(problem, x, load)

@@ -115,6 +115,9 @@ module rk_newton
       logical :: linearised = .true.
       !> Steps rejected in a row
       integer :: rejected = 0
+      !> Times that row weights were taken in this load step, and from which state, shape (n)
+      integer :: weighings = 0
+      real(wp), allocatable :: weighed(:)
       !> Saddles left in this load step, and the first of them
       integer :: saddles = 0
       type(saddle_type) :: saddle
@@ -122,6 +125,8 @@ module rk_newton
 
    !> Rejected steps in a row before giving up
    integer, parameter :: max_rejected = 3
+   !> Times that row weights are taken from a converged state and the iteration goes on with them
+   integer, parameter :: max_weighings = 8
    !> Saddles that are left before the state is taken as it is
    integer, parameter :: max_saddles = 3
    !> Damping that leaves a step whole, rounding of an ill-conditioned matrix [-]
@@ -186,6 +191,10 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
             now%extent = max(now%extent, problem%scaled_norms(a))
             cycle
          end if
+         if (off_weight()) then
+            call weigh()
+            cycle
+         end if
          reason = problem%rejection(a)
          if (len(reason) == 0) exit
          call fatal_error(error, err_convergence, reason)
@@ -230,9 +239,32 @@ contains
       self%damping%affordable = problem%n <= dense_limit
       call self%damping%start()
       call system_clock(clock)
+      if (problem%weighted) now%weighed = a
       call begin(self, problem, load, a, r, g, now%first_gradient)
       timer%assemble = timer%assemble + tick(clock)
    end subroutine start
+
+   !> Whether the converged state is not the one from which the row weights are: states would depend
+   !> on the way to them
+   logical function off_weight()
+      off_weight = problem%weighted .and. now%weighings < max_weighings
+      if (off_weight) off_weight = any(problem%scaled_norms(a - now%weighed) &
+         & >= self%tolerance*now%extent)
+   end function off_weight
+
+   !> Take the row weights from the converged state and iterate on
+   subroutine weigh()
+      now%weighings = now%weighings + 1
+      now%weighed = a
+      now%limit = self%iterations + self%max_iterations
+      self%step_norm = huge(1.0_wp)
+      now%left = huge(1.0_wp)
+      now%still = .false.
+      now%rejected = 0
+      call self%damping%start()
+      call problem%start(a, load, .false.)
+      call linearise()
+   end subroutine weigh
 
    !> Linearise at a
    subroutine linearise()

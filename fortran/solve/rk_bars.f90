@@ -9,7 +9,7 @@
 module rk_bars
    use, intrinsic :: ieee_arithmetic, only : ieee_is_finite, ieee_is_nan, ieee_quiet_nan, ieee_value
    use rk_cloud, only : cloud_type
-   use rk_discretisation, only : discretisation_type, small_strain
+   use rk_discretisation, only : discretisation_type, judged_state, small_strain
    use rk_error, only : error_type
    use rk_coefficients, only : coefficient_at
    use rk_precision, only : wp
@@ -82,6 +82,8 @@ module rk_bars
       real(wp), allocatable :: kind(:)
       !> Largest size at these loads, shape (probes)
       real(wp), allocatable :: peak(:)
+      !> The loads are taken off at the end, which says nothing about the answer
+      logical :: taken_off = .false.
       !> Stresses at the surface, shape (probes)
       logical, allocatable :: at_surface(:)
       !> Part of each bar that the voxels of a body leave open, whatever the points, over the size,
@@ -134,6 +136,7 @@ subroutine new_bars(self, problem, load, x, error)
       self%peak = max(self%peak, self%size)
       peak = max(peak, self%kind)
    end do
+   self%taken_off = judged_state(problem, x) < size(load)
    ! the end is judged by what it is, whatever the way there
    self%size = max(self%size, share_of_peak*self%peak)
    self%kind = max(self%kind, share_of_peak*peak)
@@ -364,7 +367,8 @@ subroutine set_bar(self, i, n, other, least_change, left)
          & + left*norm2(self%values(:n, i, k)), least(self, i, self%whole(i, k)))
    end do
    self%bar(:n, i) = self%bars(:n, i, size(self%load))
-   self%change(i) = max(maxval(difference(:, size(self%load)))/max(self%size(i), tiny(1.0_wp)), &
+   self%change(i) = maxval(difference(:, size(self%load)))/max(self%size(i), tiny(1.0_wp))
+   if (self%taken_off) self%change(i) = max(self%change(i), &
       & maxval(difference)/max(self%size(i), self%peak(i), tiny(1.0_wp)))
    self%open(i) = left*norm2(self%value(:n, i))/max(self%size(i), tiny(1.0_wp))
 end subroutine set_bar

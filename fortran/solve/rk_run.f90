@@ -3,7 +3,7 @@
 module rk_run
    use rk_clock, only : tick, timer_type
    use rk_conditions, only : overlaps
-   use rk_discretisation, only : discretisation_type, rounding
+   use rk_discretisation, only : discretisation_type, judged_state, rounding
    use rk_ellipticity, only : ellipticity_type, find_ellipticity
    use rk_error, only : error_type, fatal_error, err_convergence
    use rk_error_norms, only : error_norms, norms_type
@@ -251,32 +251,29 @@ subroutine warn(self, line, recorder)
    call recorder%note(line, warning=.true.)
 end subroutine warn
 
-!> What is left of the forces in the states that are judged, and the peak among these
+!> What is left of the forces in the state that is judged: the last one, whatever the way there, or
+!> where the loads were taken off again the one with the largest displacements
 subroutine find_imbalance(problem, outcome)
    !> Problem
    class(discretisation_type), intent(in) :: problem
    !> Outcome with states
    type(outcome_type), intent(inout) :: outcome
    type(field_state) :: state
-   real(wp) :: left, largest, most(2), norms(2), size_
+   real(wp) :: left, largest
    integer :: k
 
    outcome%peak = outcome%last
-   most = 0.0_wp
-   size_ = -1.0_wp
    if (.not. allocated(outcome%load)) return
    outcome%unstrained = .true.
    do k = 1, size(outcome%load)
       call problem%state(outcome%x(:, k), outcome%load(k), state)
-      if (outcome%unstrained) outcome%unstrained = problem%unstrained(state)
-      call set_forces(problem, state, left, largest)
-      most = max(most, [left, largest])
-      norms = problem%scaled_norms(state%x)
-      if (norms(1) < size_) cycle
-      size_ = norms(1)
-      outcome%peak = state
+      outcome%unstrained = problem%unstrained(state)
+      if (.not. outcome%unstrained) exit
    end do
-   if (most(2) > 0.0_wp) outcome%imbalance = most(1)/most(2)
+   k = judged_state(problem, outcome%x)
+   call problem%state(outcome%x(:, k), outcome%load(k), outcome%peak)
+   call set_forces(problem, outcome%peak, left, largest)
+   if (largest > 0.0_wp) outcome%imbalance = left/largest
 end subroutine find_imbalance
 
 !> Refuse a state in which neither displacements nor stresses are more than roundings: a load that

@@ -109,6 +109,7 @@ subroutine new_equilibrium(self, scene, mixed, error)
    nd = scene%cloud%nd
    self%fields = nd + merge(1, 0, mixed)
    self%curved = .true.
+   self%weighted = mixed .or. .not. scene%solver%weight_essential > 0.0_wp
    self%compares_works = .true.
    allocate (further(nd, 0))
    if (mixed) further = scene%cloud%volume_points
