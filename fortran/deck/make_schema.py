@@ -3,7 +3,7 @@
 Usage::
 
     python make_schema.py --table schema.toml schema_table.cpp   (the build does this and the next)
-    python make_schema.py --records schema.toml deck_records.inc
+    python make_schema.py --records schema.toml rk_deck_records.f90 deck_records.f90
     python make_schema.py --reference                            (rewrites docs/decks.md)
 
 Needs nothing but Python 3.10 and a TOML parser: ``tomllib`` (Python 3.11), ``tomli``, or the copy
@@ -219,6 +219,7 @@ COMPONENTS = {
     "numbers": "real(wp), allocatable :: {}(:)",
     "boolean": "logical :: {} = .false.",
     "vector": "real(wp) :: {}(3) = 0.0_wp",
+    "value": "type(value_type) :: {}",
     "values": "type(value_type) :: {}(3)",
 }
 
@@ -226,14 +227,15 @@ COMPONENTS = {
 def component(spec: dict[str, Any]) -> str:
     """Key of COMPONENTS; empty where a value needs more than a look at its key."""
     kind = str(spec["type"])
-    if kind == "numbers" and "length" in spec:
-        kind = "values" if "expression" in spec else "vector"
-    plain = kind == "values" or not spec.keys() & {"refers_to", "expression", "or_number"}
-    return kind if plain else ""
+    if spec.keys() & {"refers_to", "or_number"}:
+        return ""
+    if "expression" in spec:
+        return "value" if kind == "number" else "values"
+    return "vector" if kind == "numbers" and "length" in spec else kind
 
 
-def records(tables: dict[str, dict[str, Any]]) -> str:
-    """Types with the plain values of tables with `record`, and their readers."""
+def records(tables: dict[str, dict[str, Any]], frame: str) -> str:
+    """Types with the plain values of tables with `record`, and their readers, in their module."""
     types, readers = [], []
     for name, table in tables.items():
         if not table.get("record"):
@@ -255,7 +257,8 @@ def records(tables: dict[str, dict[str, Any]]) -> str:
             "   type(deck_type), intent(in) :: deck\n   character(len=*), intent(in) :: at\n\n"
             f"{''.join(parts)}end subroutine read_{name}\n"
         )
-    return "".join(types) + "contains\n" + "".join(readers)
+    text = "".join(types) + "contains\n" + "".join(readers)
+    return frame.replace("   include 'deck_records.inc'\n", text)
 
 
 # ---- reference -----------------------------------------------------------------------------------
@@ -406,8 +409,11 @@ def main(arguments: list[str]) -> None:
     """Do what the command line says."""
     if len(arguments) == 3 and arguments[0] == "--table":
         Path(arguments[2]).write_text(cpp_table(read_schema(Path(arguments[1]))), encoding="utf-8")
-    elif len(arguments) == 3 and arguments[0] == "--records":
-        Path(arguments[2]).write_text(records(read_schema(Path(arguments[1]))), encoding="utf-8")
+    elif len(arguments) == 4 and arguments[0] == "--records":
+        frame = Path(arguments[2]).read_text(encoding="utf-8")
+        Path(arguments[3]).write_text(
+            records(read_schema(Path(arguments[1])), frame), encoding="utf-8"
+        )
     elif arguments == ["--reference"]:
         target = HERE.parents[1] / "docs" / "decks.md"
         target.parent.mkdir(exist_ok=True)

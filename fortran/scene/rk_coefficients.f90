@@ -78,19 +78,19 @@ subroutine coefficient_at(equation, x, pair, error)
    real(wp) :: young, ratio
 
    pair = 0.0_wp
-   if (equation%kind == 'poisson') then
+   if (equation%problem == 'poisson') then
       call equation%conductivity%at(x, pair(2), error)
       if (.not. (allocated(error) .or. pair(2) > 0.0_wp)) call refuse(equation%conductivity, &
          & 'must be positive', pair(2))
       return
    end if
-   call equation%young%at(x, young, error)
-   call equation%poisson_ratio%at(x, ratio, error)
+   call equation%E%at(x, young, error)
+   call equation%nu%at(x, ratio, error)
    if (allocated(error)) return
    if (.not. young > 0.0_wp) then
-      call refuse(equation%young, 'must be positive', young)
+      call refuse(equation%E, 'must be positive', young)
    else if (.not. (ratio > -1.0_wp .and. ratio < 0.5_wp)) then
-      call refuse(equation%poisson_ratio, 'must be greater than -1 and less than 0.5', ratio)
+      call refuse(equation%nu, 'must be greater than -1 and less than 0.5', ratio)
    else
       pair = lame_constants(young, ratio)
    end if
@@ -187,7 +187,7 @@ pure function moduli(equation, nd, pair) result(c)
    real(wp), allocatable :: c(:, :, :, :)
    integer :: i, k
 
-   if (equation%kind == 'poisson') then
+   if (equation%problem == 'poisson') then
       allocate (c(1, nd, 1, nd), source=0.0_wp)
       do i = 1, nd
          c(1, i, 1, i) = pair(2)

@@ -1,7 +1,7 @@
 !> What a linear problem is, as plain data: operator, loads, motion.
 module rk_equation
+   use rk_deck_records, only : dynamics_keys, linear_keys
    use rk_error, only : error_type, fatal_error, err_input
-   use rk_expression, only : value_type
    use rk_precision, only : wp
    use rk_text, only : to_text
    implicit none
@@ -21,21 +21,9 @@ module rk_equation
       logical :: fixed(3) = .false.
    end type pin_type
 
-   !> A linear problem
-   type :: equation_type
-      !> poisson or elasticity; not allocated in nonlinear scenes
-      character(len=:), allocatable :: kind
-      !> What the solution is, where somebody knows, by component
-      type(value_type) :: exact(3)
-      !> Source or body force by component [force/length^3]
-      type(value_type) :: source(3)
-      !> Young's modulus [force/length^2] and Poisson's ratio [-]
-      type(value_type) :: young, poisson_ratio
-      !> Conductivity of Poisson's problem
-      type(value_type) :: conductivity
-      !> Support of functions that interpolate the coefficients between source points, in spacings;
-      !> 0 for the coefficients themselves [-]
-      real(wp) :: smoothing = 0.0_wp
+   !> A linear problem: the table of the deck, whose `problem` is not allocated in nonlinear scenes
+   !> and whose `smoothing` is 0 where the coefficients are not interpolated
+   type, extends(linear_keys) :: equation_type
       !> Size of the body [length]
       real(wp) :: extent(3) = 1.0_wp
       !> Single points where it is 0
@@ -50,18 +38,9 @@ module rk_equation
    end type equation_type
 
    !> What makes a linear problem move
-   type :: motion_type
-      !> Mass per volume
-      type(value_type) :: density
-      !> Time step, and the end, which is a multiple of it
-      real(wp) :: step = 0.0_wp
-      real(wp) :: end = 0.0_wp
-      !> Time steps from one state that is written to the next
-      integer :: every = 1
+   type, extends(dynamics_keys) :: motion_type
       !> Essential rows of collocation as published
       logical :: published = .false.
-      !> Displacement and velocity at the start
-      type(value_type) :: displacement(3), velocity(3)
    contains
       !> Density at a place
       procedure :: density_at
@@ -117,7 +96,7 @@ pure logical function varies(self)
    !> Equation
    class(equation_type), intent(in) :: self
 
-   varies = self%young%given() .or. self%poisson_ratio%given() .or. self%conductivity%given()
+   varies = self%E%given() .or. self%nu%given() .or. self%conductivity%given()
 end function varies
 
 !> Whether a solution is known
@@ -136,7 +115,7 @@ pure integer function fields(self, nd)
    integer, intent(in) :: nd
 
    fields = nd
-   if (allocated(self%kind)) fields = merge(1, nd, self%kind == 'poisson')
+   if (allocated(self%problem)) fields = merge(1, nd, self%problem == 'poisson')
 end function fields
 
 !> Value and first derivatives of the solution

@@ -6,7 +6,7 @@ module rk_options
    implicit none
    private
 
-   public :: load_options, solver_options, galerkin_options, interface_options
+   public :: load_options, solver_options, galerkin_options
    public :: displacement_weight
 
    !> Weight of the displacement rows of the mixed form, and of balanced ones of collocation, in
@@ -34,13 +34,5 @@ module rk_options
       !> Prescribed displacements hold exactly at source points, not by the penalty
       logical :: transformation
    end type galerkin_options
-
-   !> Interfaces between materials
-   type :: interface_options
-      !> Support of the fractions of several materials in spacings of the source points [-]
-      real(wp) :: reach
-      !> Galerkin form: no fibers at points of a tissue that has none, whatever the fractions there
-      logical :: own_fibers
-   end type interface_options
 
 end module rk_options

@@ -5,10 +5,9 @@ module rk_scene
    use rk_error, only : error_type
    use rk_expression, only : expression_type, value_type
    use rk_material, only : material_type
-   use rk_deck_records, only : boundary_keys, exact_keys, mixed_keys, probe_keys, &
-      & reference_keys
-   use rk_options, only : galerkin_options, interface_options, load_options, &
-      & solver_options
+   use rk_deck_records, only : approximation_keys, boundary_keys, exact_keys, mixed_keys, &
+      & probe_keys, reference_keys
+   use rk_options, only : galerkin_options, load_options, solver_options
    use rk_precision, only : wp
    use rk_programme, only : plan_type, programme_type, ramp
    use rk_shape, only : approximation_type, new_shape, shape_type
@@ -96,8 +95,8 @@ module rk_scene
       type(approximation_type) :: approximation
       !> Support of each source point, shape (nd, ns) [length]
       real(wp), allocatable :: support(:, :)
-      !> Interfaces between materials
-      type(interface_options) :: interface
+      !> Shape functions as the deck names them, and interfaces between materials
+      type(approximation_keys) :: basis
       !> Linear problem, instead of materials, conditions and loads
       type(equation_type) :: equation
       !> Its motion, not allocated where it is at rest
@@ -164,7 +163,7 @@ pure integer function count_steps(self)
    type(plan_type) :: planned
 
    if (allocated(self%motion)) then
-      count_steps = (nint(self%motion%end/self%motion%step) + self%motion%every - 1) &
+      count_steps = (nint(self%motion%end_time/self%motion%time_step) + self%motion%every - 1) &
          & /self%motion%every
       return
    end if

@@ -26,13 +26,7 @@ subroutine read_linear(scene, deck, error)
    integer :: k
 
    associate (equation => scene%equation)
-      call deck%get('linear.problem', equation%kind)
-      call deck%get('linear.E', equation%young)
-      call deck%get('linear.nu', equation%poisson_ratio)
-      call deck%get('linear.conductivity', equation%conductivity)
-      call deck%get('linear.smoothing', equation%smoothing)
-      call deck%get('linear.source', equation%source)
-      call deck%get('linear.exact', equation%exact)
+      call equation%read(deck, 'linear')
       equation%extent(:scene%cloud%nd) = maxval(scene%cloud%points, dim=2)
       allocate (equation%pin(deck%count('pin')))
       do k = 1, size(equation%pin)
@@ -43,7 +37,12 @@ subroutine read_linear(scene, deck, error)
       end do
    end associate
    call read_conditions(scene, deck, error)
-   if (deck%has('dynamics')) call read_motion(scene, deck)
+   if (deck%has('dynamics')) then
+      allocate (scene%motion)
+      call scene%motion%read(deck, 'dynamics')
+      call deck%get('solver.weight_essential', word)
+      scene%motion%published = word == 'ns-c4'
+   end if
    ! no materials or load steps
    allocate (scene%tissue(0), scene%tissue_of(0))
    scene%load%steps = 1
@@ -51,26 +50,5 @@ subroutine read_linear(scene, deck, error)
    scene%load%amplitude = 0
    if (.not. allocated(error)) call set_essential_weight(scene, error)
 end subroutine read_linear
-
-!> Masses, times and the start of a motion
-subroutine read_motion(scene, deck)
-   !> Scene
-   type(scene_type), intent(inout) :: scene
-   !> Deck
-   type(deck_type), intent(in) :: deck
-   character(len=:), allocatable :: word
-
-   allocate (scene%motion)
-   associate (motion => scene%motion)
-      call deck%get('dynamics.density', motion%density)
-      call deck%get('dynamics.time_step', motion%step)
-      call deck%get('dynamics.end_time', motion%end)
-      call deck%get('dynamics.every', motion%every)
-      call deck%get('solver.weight_essential', word)
-      motion%published = word == 'ns-c4'
-      call deck%get('dynamics.displacement', motion%displacement)
-      call deck%get('dynamics.velocity', motion%velocity)
-   end associate
-end subroutine read_motion
 
 end module rk_deck_linear

@@ -33,7 +33,7 @@ subroutine explain(deck, model, scene)
    cost = estimate_cost(deck, model)
    print '(a)', scene%title
    print '(a)', '  units         '//scene%force_unit//', '//scene%length_unit
-   if (allocated(scene%equation%kind)) then
+   if (allocated(scene%equation%problem)) then
       print '(a)', '  dimension     '//to_text(scene%cloud%nd)
       call explain_equation(scene)
    else
@@ -63,7 +63,7 @@ subroutine explain(deck, model, scene)
             & //held(condition, scene%cloud%nd)
       end associate
    end do
-   if (.not. allocated(scene%equation%kind)) call explain_load(scene)
+   if (.not. allocated(scene%equation%problem)) call explain_load(scene)
    print '(a)', '  solver        '//cost%solver//', '//to_text(1.0e-9_wp*cost%flops, 3) &
       & //' Gflop a solution, about '//to_text(cost%flops/rate(), 2)//' s here'
    print '(a)', '  memory        '//to_text(1.0e-6_wp*cost%bytes, 3)//' MB of ' &
@@ -166,10 +166,10 @@ subroutine explain_equation(scene)
    character(len=:), allocatable :: text
 
    associate (equation => scene%equation)
-      text = 'linear '//equation%kind
-      if (equation%kind == 'elasticity') then
+      text = 'linear '//equation%problem
+      if (equation%problem == 'elasticity') then
          if (scene%cloud%nd == 2) text = text//' in plane strain'
-         text = text//', E '//equation%young%words()//', nu '//equation%poisson_ratio%words()
+         text = text//', E '//equation%E%words()//', nu '//equation%nu%words()
       else if (equation%conductivity%given()) then
          text = text//', conductivity '//equation%conductivity%text
       end if
