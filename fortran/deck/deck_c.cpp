@@ -1,7 +1,8 @@
 // Decks for rk_deck.f90: a view of the deck with a flat list of entries, in the order of the schema.
 //
 // Entry kinds: 0 table, 1 text, 2 texts (a line each), 3 number, 4 integer, 5 boolean (0 or 1),
-// 6 numbers, 7 integers, 8 array of tables (with their number; they follow). All pointers live
+// 6 numbers, 7 integers, 8 array of tables (with their number; they follow). A text that names an
+// entry of another table has the number of that entry, from 1, beside it. All pointers live
 // until rk_deck_close.
 #include "deck.h"
 
@@ -38,6 +39,7 @@ struct Entry {
 struct Flat {
    rk::Deck deck;
    std::vector<Entry> entries;
+   std::map<std::string, std::map<std::string, int>> numbers; // of entries, by table and name
    std::vector<EntryView> views;
    DeckView view;
 };
@@ -111,6 +113,8 @@ void add_section(Flat &flat, const rk::Section &section) {
       if (!value)
          continue;
       Entry entry = flatten(*value);
+      if (!spec.refers_to.empty())
+         entry.numbers = {static_cast<double>(flat.numbers[spec.refers_to][value->text])};
       entry.key = prefix.empty() ? spec.name : prefix + "." + spec.name;
       // empty: nobody wrote it
       entry.where = value->by_default ? "" : flat.deck.where(value->origin);
@@ -139,6 +143,10 @@ void look(Flat &flat) {
 }
 
 void fill(Flat &flat) {
+   for (const rk::Section &section : flat.deck.sections) {
+      if (!section.spec->named_by.empty())
+         flat.numbers[section.spec->name][section.text(section.spec->named_by)] = section.index;
+   }
    for (const rk::TableSpec &spec : rk::schema()) {
       const std::vector<rk::Section *> sections = flat.deck.entries(spec.name);
       if (spec.many) {
@@ -155,7 +163,7 @@ void fill(Flat &flat) {
 }
 
 Flat *open(rk::Deck deck) {
-   Flat *flat = new Flat{std::move(deck), {}, {}, {}};
+   Flat *flat = new Flat{std::move(deck), {}, {}, {}, {}};
    if (flat->deck.status == rk::Status::good)
       fill(*flat);
    look(*flat);

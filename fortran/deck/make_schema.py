@@ -219,6 +219,7 @@ COMPONENTS = {
     "numbers": "real(wp), allocatable :: {}(:)",
     "boolean": "logical :: {} = .false.",
     "vector": "real(wp) :: {}(3) = 0.0_wp",
+    "entry": "integer :: {} = 0",
     "value": "type(value_type) :: {}",
     "values": "type(value_type) :: {}(3)",
 }
@@ -227,8 +228,10 @@ COMPONENTS = {
 def component(spec: dict[str, Any]) -> str:
     """Key of COMPONENTS; empty where a value needs more than a look at its key."""
     kind = str(spec["type"])
-    if spec.keys() & {"refers_to", "or_number"}:
+    if "or_number" in spec:
         return ""
+    if "refers_to" in spec:
+        return "entry"
     if "expression" in spec:
         return "value" if kind == "number" else "values"
     return "vector" if kind == "numbers" and "length" in spec else kind

@@ -75,7 +75,7 @@ module rk_deck
       !> Is the value a text (where a number is possible as well)?
       procedure :: is_text => value_is_text
       !> Value of a key. Without one a number, a logical or an expression stays what it was; texts
-      !> and arrays come empty.
+      !> and arrays come empty. The integer of a name is the number of the entry that has it.
       generic :: get => get_integer, get_real, get_logical, get_text, get_reals, get_integers, &
          & get_texts, get_expression, get_value, get_values
       !> First components of a vector; without a value it stays what it was

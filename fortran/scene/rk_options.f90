@@ -1,23 +1,17 @@
 !> Options of a scene: records of the deck, whose defaults the schema has, and what follows from
 !> them.
 module rk_options
-   use rk_deck_records, only : galerkin_keys, load_keys, solver_keys
+   use rk_deck_records, only : galerkin_keys, solver_keys
    use rk_precision, only : wp
    implicit none
    private
 
-   public :: load_options, solver_options, galerkin_options
+   public :: solver_options, galerkin_options
    public :: displacement_weight
 
    !> Weight of the displacement rows of the mixed form, and of balanced ones of collocation, in
    !> shear moduli over spacing [-]
    real(wp), parameter :: displacement_weight = 15.0_wp
-
-   !> How the load is applied
-   type, extends(load_keys) :: load_options
-      !> Amplitude of the activation, 0 for the ramp
-      integer :: amplitude
-   end type load_options
 
    !> Iteration, linear solver and weights of boundary rows
    type, extends(solver_keys) :: solver_options

@@ -5,16 +5,16 @@ module rk_scene
    use rk_error, only : error_type
    use rk_expression, only : expression_type, value_type
    use rk_material, only : material_type
-   use rk_deck_records, only : approximation_keys, boundary_keys, exact_keys, mixed_keys, &
-      & probe_keys, reference_keys
-   use rk_options, only : galerkin_options, load_options, solver_options
+   use rk_deck_records, only : approximation_keys, boundary_keys, exact_keys, load_keys, &
+      & mixed_keys, probe_keys, reference_keys
+   use rk_options, only : galerkin_options, solver_options
    use rk_precision, only : wp
    use rk_programme, only : plan_type, programme_type, ramp
    use rk_shape, only : approximation_type, new_shape, shape_type
    implicit none
    private
 
-   public :: scene_type, tissue_type, condition_type, probe_type, exact_type, reference_type
+   public :: scene_type, tissue_type, condition_type, probe_type
 
    !> A material and the label of the points it fills
    type :: tissue_type
@@ -47,8 +47,6 @@ module rk_scene
       type(value_type) :: value(3)
       !> Radial displacement about the third axis replaces the components
       logical :: is_radial = .false.
-      !> Amplitude of all these, 0 for the ramp
-      integer :: amplitude = 0
       !> Load factor of the sine of a rotation, that of 1 - cos follows; 0 where nothing rotates
       integer :: sine = 0
    contains
@@ -60,8 +58,6 @@ module rk_scene
 
    !> A number or vector to follow through the steps
    type, extends(probe_keys) :: probe_type
-      !> Tissue whose part is measured, 0 for all
-      integer :: tissue = 0
       !> Boundary set that it is taken of, 0 for a point or a plane
       integer :: set = 0
    contains
@@ -70,18 +66,6 @@ module rk_scene
       !> Whether it is of a place in the body
       procedure :: at_a_place
    end type probe_type
-
-   !> A homogeneous exact solution for a probe
-   type, extends(exact_keys) :: exact_type
-      !> Probe
-      integer :: probe = 0
-   end type exact_type
-
-   !> Values from elsewhere for a probe
-   type, extends(reference_keys) :: reference_type
-      !> Probe
-      integer :: probe = 0
-   end type reference_type
 
    !> Everything a solve needs
    type :: scene_type
@@ -113,7 +97,7 @@ module rk_scene
       !> Boundary conditions
       type(condition_type), allocatable :: condition(:)
       !> Load steps and activation
-      type(load_options) :: load
+      type(load_keys) :: load
       !> How they grow
       type(programme_type) :: programme
       !> Body force at full load per undeformed volume, none unless allocated, shape (3, points
@@ -128,9 +112,9 @@ module rk_scene
       !> Probes
       type(probe_type), allocatable :: probe(:)
       !> Exact solutions
-      type(exact_type), allocatable :: exact(:)
+      type(exact_keys), allocatable :: exact(:)
       !> Reference values
-      type(reference_type), allocatable :: reference(:)
+      type(reference_keys), allocatable :: reference(:)
    contains
       !> Number of load steps
       procedure :: steps => count_steps

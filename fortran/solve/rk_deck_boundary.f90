@@ -3,7 +3,7 @@
 module rk_deck_boundary
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type
-   use rk_deck_programme, only : find_amplitude, read_motion
+   use rk_deck_programme, only : read_motion
    use rk_error, only : error_type
    use rk_lattice, only : outside_lattice, set_number
    use rk_named_sets, only : extent_of
@@ -53,7 +53,6 @@ subroutine read_conditions(scene, deck, error)
             condition%direction = condition%direction/norm2(condition%direction)
             condition%fixed = condition%fixed .or. abs(condition%direction) > 0.0_wp
          end if
-         condition%amplitude = find_amplitude(scene%programme, deck, at)
          if (deck%has(at//'.rotation')) &
             & call read_motion(condition, scene%programme, deck, at, scene%cloud%nd)
       end associate
@@ -80,7 +79,6 @@ subroutine read_probes(scene, deck, error)
       associate (probe => scene%probe(k))
          call probe%read(deck, at)
          if (deck%has(at//'.normal')) probe%normal = probe%normal/norm2(probe%normal)
-         if (deck%has(at//'.material')) probe%tissue = tissue_number(scene, deck, at)
          if (deck%has(at//'.set')) then
             call deck%get(at//'.set', name)
             call find_named_set(scene%cloud, deck, at//'.set', name, probe%set, error)
@@ -98,14 +96,11 @@ subroutine read_probes(scene, deck, error)
       end associate
    end do
    do k = 1, size(scene%exact)
-      at = 'exact.'//to_text(k)
-      scene%exact(k)%probe = probe_number(scene, deck, at)
-      call scene%exact(k)%read(deck, at)
+      call scene%exact(k)%read(deck, 'exact.'//to_text(k))
    end do
    do k = 1, size(scene%reference)
       at = 'reference.'//to_text(k)
       associate (reference => scene%reference(k))
-         reference%probe = probe_number(scene, deck, at)
          call reference%read(deck, at)
          if (size(reference%activation) == 0) cycle
          if (scene%load%amplitude > 0) call deck%complain(at//'.activation', 'needs an ' &
@@ -114,38 +109,6 @@ subroutine read_probes(scene, deck, error)
       end associate
    end do
 end subroutine read_probes
-
-!> Number of the probe that an entry names; the deck check knows that it exists
-integer function probe_number(scene, deck, at)
-   !> Scene with probes
-   type(scene_type), intent(in) :: scene
-   !> Deck
-   type(deck_type), intent(in) :: deck
-   !> Key of the entry
-   character(len=*), intent(in) :: at
-   character(len=:), allocatable :: name
-
-   call deck%get(at//'.probe', name)
-   do probe_number = 1, size(scene%probe)
-      if (scene%probe(probe_number)%name == name) return
-   end do
-end function probe_number
-
-!> Number of the tissue that an entry names; the deck check knows that it exists
-integer function tissue_number(scene, deck, at)
-   !> Scene with tissues
-   type(scene_type), intent(in) :: scene
-   !> Deck
-   type(deck_type), intent(in) :: deck
-   !> Key of the entry
-   character(len=*), intent(in) :: at
-   character(len=:), allocatable :: name
-
-   call deck%get(at//'.material', name)
-   do tissue_number = 1, size(scene%tissue)
-      if (scene%tissue(tissue_number)%name == name) return
-   end do
-end function tissue_number
 
 !> Number of a boundary set that a key names
 subroutine find_named_set(cloud, deck, key, name, set, error)

@@ -47,7 +47,6 @@ subroutine read_linear(scene, deck, error)
    allocate (scene%tissue(0), scene%tissue_of(0))
    scene%load%steps = 1
    scene%load%activation = 0.0_wp
-   scene%load%amplitude = 0
    if (.not. allocated(error)) call set_essential_weight(scene, error)
 end subroutine read_linear
 

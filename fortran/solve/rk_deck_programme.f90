@@ -9,7 +9,7 @@ module rk_deck_programme
    implicit none
    private
 
-   public :: read_programme, read_activation, read_motion, find_amplitude
+   public :: read_programme, read_activation, read_motion
 
 contains
 
@@ -33,24 +33,6 @@ subroutine read_programme(programme, deck)
    if (deck%has('load.at')) call deck%get('load.at', programme%output)
 end subroutine read_programme
 
-!> Amplitude that an entry names, 0 for the ramp; the deck check knows that it exists
-integer function find_amplitude(programme, deck, at) result(number)
-   !> Programme
-   type(programme_type), intent(in) :: programme
-   !> Deck
-   type(deck_type), intent(in) :: deck
-   !> Key of the entry
-   character(len=*), intent(in) :: at
-   character(len=:), allocatable :: name
-
-   number = 0
-   if (.not. deck%has(at//'.amplitude')) return
-   call deck%get(at//'.amplitude', name)
-   do number = size(programme%amplitude), 1, -1
-      if (programme%amplitude(number)%name == name) return
-   end do
-end function find_amplitude
-
 !> Activation of a muscle: its own, or what holds for all
 subroutine read_activation(scene, deck, at, k, error)
    !> Scene with its programme and load
@@ -73,11 +55,9 @@ subroutine read_activation(scene, deck, at, k, error)
       ! an expression says all of it
       if (tissue%level%given()) tissue%activation = 1.0_wp
       tissue%amplitude = scene%load%amplitude
+      call deck%get(at//'.amplitude', tissue%amplitude)
       key = 'load.amplitude'
-      if (deck%has(at//'.amplitude')) then
-         tissue%amplitude = find_amplitude(scene%programme, deck, at)
-         key = at//'.amplitude'
-      end if
+      if (deck%has(at//'.amplitude')) key = at//'.amplitude'
       if (tissue%amplitude == 0) return
       if (.not. tissue%activation > 0.0_wp) then
          call deck%complain(key, 'there is no activation that could follow it: give ' &

@@ -9,7 +9,7 @@ module rk_deck_scene
    use rk_deck_boundary, only : read_conditions, read_probes
    use rk_deck_linear, only : read_linear
    use rk_deck_materials, only : read_materials
-   use rk_deck_programme, only : find_amplitude, read_programme
+   use rk_deck_programme, only : read_programme
    use rk_deck_records, only : geometry_keys
    use rk_deck_sets, only : read_sets
    use rk_error, only : error_type, fatal_error, err_memory
@@ -65,7 +65,6 @@ subroutine new_scene(scene, deck, model, error)
       return
    end if
    call read_programme(scene%programme, deck)
-   scene%load%amplitude = find_amplitude(scene%programme, deck, 'load')
    call read_materials(scene, deck, error)
    if (allocated(error)) return
    call check_cloud(scene%cloud, error)

@@ -71,10 +71,7 @@ subroutine read_region(region, scene, deck, at, error)
          & //"' is not a side, but another [[set]]: say with `where` what both hold", error)
    end if
    if (deck%has(at//'.on')) then
-      call deck%get(at//'.on', word)
-      do k = 1, size(scene%tissue)
-         if (scene%tissue(k)%name == word) exit
-      end do
+      call deck%get(at//'.on', k)
       if (has_regions(deck)) then
          ! labels of points would put the border half way between these
          region%tissue = scene%tissue(k:)%part
