@@ -76,7 +76,7 @@ subroutine new_moving_problem(self, full, modes, projection, error)
       body%modes = modes
       allocate (body%image(full%m, body%n))
       do j = 1, body%n
-         call full%left(modes(:, j), body%image(:, j))
+         call full%product('left', modes(:, j), body%image(:, j))
       end do
       body%least_squares = projection == 'least-squares' .or. (projection == 'auto' &
          & .and. .not. full%symmetric)

@@ -96,7 +96,7 @@ pure subroutine add_pressure_curvature(nd, u, f, rho, ff, form)
    real(wp), intent(inout) :: ff(9, 9)
    !> Form as in rk_rows, shape (nd*nd, nd + 1, nq)
    real(wp), intent(inout) :: form(:, :, :)
-   real(wp) :: slope(3, 3), weighted(3, 3)
+   real(wp) :: slope(3, 3), weighted(3, 3), second(3, 3)
    integer :: a
 
    slope = 0.0_wp
@@ -104,7 +104,8 @@ pure subroutine add_pressure_curvature(nd, u, f, rho, ff, form)
       slope(:, a) = rho*u(nd + 1, 1 + a)
       weighted = 0.0_wp
       weighted(:, a) = rho
-      call add_mixed_curvature(nd, cross(f, weighted), 1 + a, form)
+      second = cross(f, weighted)
+      form(:, nd + 1, 1 + a) = form(:, nd + 1, 1 + a) + reshape(second(:nd, :nd), [nd*nd])
    end do
    ff = ff + cross_form(slope)
 end subroutine add_pressure_curvature
@@ -123,23 +124,11 @@ pure subroutine add_traction_curvature(nd, u, f, weighted, ff, form)
    real(wp), intent(inout) :: ff(9, 9)
    !> Form as in rk_rows, shape (nd*nd, nd + 1, nq)
    real(wp), intent(inout) :: form(:, :, :)
+   real(wp) :: second(3, 3)
 
    ff = ff + u(nd + 1, 1)*cross_form(weighted)
-   call add_mixed_curvature(nd, cross(f, weighted), 1, form)
+   second = cross(f, weighted)
+   form(:, nd + 1, 1) = form(:, nd + 1, 1) + reshape(second(:nd, :nd), [nd*nd])
 end subroutine add_traction_curvature
-
-!> Add second derivatives by F and a derivative of the pressure to the form of a place
-pure subroutine add_mixed_curvature(nd, slope, q, form)
-   !> Space dimension
-   integer, intent(in) :: nd
-   !> Second derivatives by F(i, A)
-   real(wp), intent(in) :: slope(3, 3)
-   !> Derivative of the pressure
-   integer, intent(in) :: q
-   !> Form as in rk_rows, shape (nd*nd, nd + 1, nq)
-   real(wp), intent(inout) :: form(:, :, :)
-
-   form(:, nd + 1, q) = form(:, nd + 1, q) + reshape(slope(:nd, :nd), [nd*nd])
-end subroutine add_mixed_curvature
 
 end module rk_mixed

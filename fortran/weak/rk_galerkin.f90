@@ -35,7 +35,7 @@ module rk_galerkin
    use rk_programme, only : ramp
    use rk_recovery, only : new_recovery, recovery_type
    use rk_scene, only : scene_type
-   use rk_section, only : cut_through, inner_force
+   use rk_section, only : cut_through
    use rk_shape, only : shape_type
    use rk_split_cells, only : split_cells
    use rk_stabilisation, only : share_bulk
@@ -892,18 +892,23 @@ function section_force(self, place, normal, state) result(force)
    !> State
    type(field_state), intent(in) :: state
    real(wp) :: force(3)
-   real(wp), allocatable :: cut(:), held(:)
+   real(wp), allocatable :: cut(:), inner(:)
+   integer :: k, nd
 
+   nd = self%scene%cloud%nd
    cut = cut_through(self%scene, place, normal)
-   allocate (held(self%n), source=0.0_wp)
-   if (state%tissue > 0) then
-      ! the stress of one tissue, to which neither supports nor stabilisation belong
-      force = inner_force(self%cells, self%gradient, cut, state, held)
-      return
+   allocate (inner(self%n), source=0.0_wp)
+   force = 0.0_wp
+   ! to the stress of one tissue neither supports nor stabilisation belong
+   if (state%tissue == 0) then
+      call self%matrix%constant_product(self%constant, state%x(:self%matrix%n), &
+         & inner(:self%matrix%n))
+      force = self%surface%held_force(self%cells, cut, state)
    end if
-   call self%matrix%constant_product(self%constant, state%x(:self%matrix%n), held(:self%matrix%n))
-   force = inner_force(self%cells, self%gradient, cut, state, held) &
-      & + self%surface%held_force(self%cells, cut, state)
+   call self%inner_forces(state, inner)
+   do k = 1, size(cut)
+      force(:nd) = force(:nd) + cut(k)*inner(nd*(k - 1) + 1:nd*k)
+   end do
 end function section_force
 
 !> Force that the surroundings exert on the body through a set, or its moment

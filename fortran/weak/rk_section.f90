@@ -4,16 +4,13 @@
 !> Source points move by a share that grows from 0 to 1 within one spacing across the plane. In
 !> equilibrium the work is exactly that of all forces behind it, however coarse the points are.
 module rk_section
-   use rk_cells, only : cells_type
-   use rk_gradient, only : gradient_type
    use rk_kernel, only : window_polar
    use rk_precision, only : wp
    use rk_scene, only : scene_type
-   use rk_states, only : field_state
    implicit none
    private
 
-   public :: cut_through, inner_force
+   public :: cut_through
 
 contains
 
@@ -50,42 +47,5 @@ function cut_through(scene, place, normal) result(share)
       share = min(max(0.5_wp + (share - middle)/width, 0.0_wp), 1.0_wp)
    end associate
 end function cut_through
-
-!> Force of the stress, and of what else resists, in the motion
-function inner_force(cells, gradient, share, state, other) result(force)
-   !> Integration points
-   type(cells_type), intent(in) :: cells
-   !> Gradients there
-   type(gradient_type), intent(in) :: gradient
-   !> Share of each source point in the motion, shape (ns) [-]
-   real(wp), intent(in) :: share(:)
-   !> State with stresses
-   type(field_state), intent(in) :: state
-   !> Internal forces besides, shape (nd*ns and more) [force]
-   real(wp), intent(in) :: other(:)
-   real(wp) :: force(3)
-   real(wp), allocatable :: part(:, :), all(:)
-   integer :: g, k, nd, q
-
-   nd = gradient%nd
-   ! blocks behind the source points hold pressures, which do not move
-   all = [share, spread(0.0_wp, 1, size(other)/nd - size(share))]
-   force = 0.0_wp
-   do g = 1, size(cells%first) - 1
-      associate (member => gradient%member%index(gradient%member%offset(g) + 1: &
-         & gradient%member%offset(g + 1)))
-         if (.not. any(all(member) > 0.0_wp)) cycle
-         allocate (part(nd, size(member)), source=0.0_wp)
-         do q = cells%first(g) + 1, cells%first(g + 1)
-            call gradient%add_force(q, cells%weight(q)*state%p(:, :, q), part)
-         end do
-         force(:nd) = force(:nd) + matmul(part, all(member))
-         deallocate (part)
-      end associate
-   end do
-   do k = 1, size(share)
-      force(:nd) = force(:nd) + share(k)*other(nd*(k - 1) + 1:nd*k)
-   end do
-end function inner_force
 
 end module rk_section

@@ -319,26 +319,18 @@ end subroutine add_penalty
 !> Forces of tractions and of the penalty's prescribed values that each load factor makes
 subroutine add_forces(self, force)
    !> Surface
-   class(surface_type), target, intent(in) :: self
+   class(surface_type), intent(in) :: self
    !> Forces, to which these are added, shape (n, factors) [force]
    real(wp), intent(inout) :: force(:, :)
-   real(wp), pointer, contiguous :: values(:, :)
-   real(wp) :: push(size(self%value, 2))
-   integer, pointer, contiguous :: nodes(:)
-   integer :: a, nd, s, k
+   real(wp) :: push(size(self%value, 2), size(self%penalty))
+   integer :: a, s
 
-   nd = size(push)
-   do s = 1, size(self%penalty)
-      call self%shape%row(s, nodes, values)
-      do a = 1, size(force, 2)
-         push = merge(self%penalty(s)*self%value(a, :, s), self%bearing(s)*self%traction(a, :, s), &
-            & self%essential(:, s))
-         do k = 1, size(nodes)
-            associate (own => force(nd*(nodes(k) - 1) + 1:nd*nodes(k), a))
-               own = own + values(1, k)*push
-            end associate
-         end do
+   do a = 1, size(force, 2)
+      do s = 1, size(self%penalty)
+         push(:, s) = merge(self%penalty(s)*self%value(a, :, s), &
+            & self%bearing(s)*self%traction(a, :, s), self%essential(:, s))
       end do
+      call add_load(self%shape, spread(1.0_wp, 1, size(push, 2)), push, force(:, a))
    end do
 end subroutine add_forces
 
