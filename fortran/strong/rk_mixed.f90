@@ -5,7 +5,7 @@ module rk_mixed
    implicit none
    private
 
-   public :: add_pressure, add_pressure_curvature, add_traction_curvature, add_traction_pressure
+   public :: add_pressure, add_pressure_curvature, cofactor_slope
 
 contains
 
@@ -58,30 +58,6 @@ pure subroutine add_pressure(nd, u, f, tangent, p, divergence, t, c)
    if (tangent) t = t + cofactor_slope(f, slope)
 end subroutine add_pressure
 
-!> Derivatives of the traction p cof F N by F and by p
-pure subroutine add_traction_pressure(nd, i, u, f, n, slope, pressed)
-   !> Space dimension
-   integer, intent(in) :: nd
-   !> Component
-   integer, intent(in) :: i
-   !> Displacement and pressure with derivatives, shape (nd + 1, nq)
-   real(wp), intent(in) :: u(:, :)
-   !> Deformation gradient F(i, A) [-]
-   real(wp), intent(in) :: f(3, 3)
-   !> Normal
-   real(wp), intent(in) :: n(3)
-   !> Derivative of the traction by F(k, C)
-   real(wp), intent(inout) :: slope(3, 3)
-   !> Its derivative by p
-   real(wp), intent(out) :: pressed
-   real(wp) :: c(3, 3), t(3, 3, 3)
-
-   c = cofactor(f)
-   t = cofactor_slope(f, n)
-   slope(:nd, :nd) = slope(:nd, :nd) + u(nd + 1, 1)*t(i, :nd, :nd)
-   pressed = dot_product(c(i, :), n)
-end subroutine add_traction_pressure
-
 !> Second derivatives of rho_i (cof F)_iA p_,A
 pure subroutine add_pressure_curvature(nd, u, f, rho, ff, form)
    !> Space dimension
@@ -109,26 +85,5 @@ pure subroutine add_pressure_curvature(nd, u, f, rho, ff, form)
    end do
    ff = ff + cross_form(slope)
 end subroutine add_pressure_curvature
-
-!> Second derivatives of R_iA p (cof F)_iA
-pure subroutine add_traction_curvature(nd, u, f, weighted, ff, form)
-   !> Space dimension
-   integer, intent(in) :: nd
-   !> Displacement and pressure with derivatives, shape (nd + 1, nq)
-   real(wp), intent(in) :: u(:, :)
-   !> Deformation gradient F(i, A) [-]
-   real(wp), intent(in) :: f(3, 3)
-   !> Residuals times weight and normal, R(i, A)
-   real(wp), intent(in) :: weighted(3, 3)
-   !> Second derivatives by F_iA and F_jB, index i + 3 (A - 1)
-   real(wp), intent(inout) :: ff(9, 9)
-   !> Form as in rk_rows, shape (nd*nd, nd + 1, nq)
-   real(wp), intent(inout) :: form(:, :, :)
-   real(wp) :: second(3, 3)
-
-   ff = ff + u(nd + 1, 1)*cross_form(weighted)
-   second = cross(f, weighted)
-   form(:, nd + 1, 1) = form(:, nd + 1, 1) + reshape(second(:nd, :nd), [nd*nd])
-end subroutine add_traction_curvature
 
 end module rk_mixed

@@ -35,7 +35,6 @@ module rk_galerkin
    use rk_programme, only : ramp
    use rk_recovery, only : new_recovery, recovery_type
    use rk_scene, only : scene_type
-   use rk_section, only : cut_through
    use rk_shape, only : shape_type
    use rk_split_cells, only : split_cells
    use rk_stabilisation, only : share_bulk
@@ -95,8 +94,7 @@ module rk_galerkin
       procedure :: section_force
       procedure :: set_point_loads
       procedure :: renew
-      !> Gradients that prescribed values of a time make, and the forces of stresses
-      procedure :: lift_at
+      !> Forces of stresses
       procedure :: inner_forces
    end type galerkin_problem
 
@@ -313,8 +311,8 @@ subroutine set_point_loads(self, body_force, displacement, stress, place)
    ms = np + size(self%cells%set)
    if (present(place)) then
       place = reshape([self%cells%point, self%cells%surface], [nd, ms])
-      if (allocated(self%held)) place = reshape([place, self%held%at%x], [nd, ms &
-         & + size(self%held%at%x, 2)])
+      if (allocated(self%held)) place = reshape([place, self%held%x], [nd, ms &
+         & + size(self%held%x, 2)])
       return
    end if
    self%scene%body_force = body_force
@@ -640,9 +638,11 @@ recursive subroutine state(self, x, load, at, tissue)
    !> Tissue whose stress alone is wanted, with its fraction of the pressure
    integer, intent(in), optional :: tissue
    type(field_state) :: whole
+   !> Gradients that the prescribed values of a time make; of others only what is given is there
    type(gradient_type) :: lift
    type(error_type), allocatable :: error
-   real(wp), allocatable :: part(:)
+   real(wp), allocatable :: part(:), value(:, :, :), traction(:, :, :)
+   logical, allocatable :: essential(:, :)
    integer :: g, nc, q
 
    nc = size(self%scene%cloud%points, 2)
@@ -653,7 +653,11 @@ recursive subroutine state(self, x, load, at, tissue)
    ! of a motion the load is the time; its expressions had values then
    if (allocated(self%scene%motion)) then
       at%factor = [0.0_wp]
-      call self%lift_at(load, lift, error)
+      call prescribed_at(self%scene, self%cells, essential, value, traction, error, load)
+      lift%nd = self%gradient%nd
+      lift%fields = self%fields
+      lift%start = self%gradient%start
+      call lift%set_essential(self%cells, essential, value)
    end if
    allocate (at%p(3, 3, size(at%j)), part(size(at%j)))
    part = 1.0_wp
@@ -727,27 +731,6 @@ subroutine inner_forces(self, state, r)
       end associate
    end do
 end subroutine inner_forces
-
-!> Gradients that the prescribed values of a time make
-subroutine lift_at(self, time, lift, error)
-   !> Problem
-   class(galerkin_problem), intent(in) :: self
-   !> Time
-   real(wp), intent(in) :: time
-   !> Gradients of which only what is given is there
-   type(gradient_type), intent(out) :: lift
-   !> Error handling: an expression without a value somewhere
-   type(error_type), allocatable, intent(out) :: error
-   real(wp), allocatable :: value(:, :, :), traction(:, :, :)
-   logical, allocatable :: essential(:, :)
-
-   call prescribed_at(self%scene, self%cells, essential, value, traction, error, time)
-   if (allocated(error)) return
-   lift%nd = self%gradient%nd
-   lift%fields = self%fields
-   lift%start = self%gradient%start
-   call lift%set_essential(self%cells, essential, value)
-end subroutine lift_at
 
 !> Energy of the deformation, with that of the projected change of volume; of the whole body with
 !> that of its supports [force length]
@@ -881,7 +864,9 @@ subroutine at_place(self, state, ip, x, u, local)
    local%cauchy = matmul(local%p, transpose(local%f))/local%j
 end subroutine at_place
 
-!> Force through a plane section: that of its part behind the normal on the part before it
+!> Force through a plane section: that of its part behind the normal on the part before it, as the
+!> work of the internal forces in a motion of one side against the other. In equilibrium it is
+!> exactly that of all forces behind the plane, however coarse the points are
 function section_force(self, place, normal, state) result(force)
    !> Problem
    class(galerkin_problem), intent(in) :: self
@@ -910,6 +895,41 @@ function section_force(self, place, normal, state) result(force)
       force(:nd) = force(:nd) + cut(k)*inner(nd*(k - 1) + 1:nd*k)
    end do
 end function section_force
+
+!> Share of each source point in that motion, which grows from 0 to 1 within one spacing across the
+!> plane. No surface point at the ends of the body may see the
+!> cut: near an end the plane is taken farther inside, and where there is no such room, the share
+!> grows all the way through the body
+function cut_through(scene, place, normal) result(share)
+   !> Scene
+   type(scene_type), intent(in) :: scene
+   !> Point of the plane, shape (nd) [length]
+   real(wp), intent(in) :: place(:)
+   !> Its unit normal, shape (nd)
+   real(wp), intent(in) :: normal(:)
+   !> Share, 0 before the plane and 1 behind it, shape (ns) [-]
+   real(wp), allocatable :: share(:)
+   real(wp) :: first, last, margin, middle, width
+
+   associate (cloud => scene%cloud)
+      share = matmul(normal, cloud%source)
+      first = minval(share)
+      last = maxval(share)
+      width = dot_product(abs(normal), sum(cloud%spacing, dim=2))/size(share)
+      margin = dot_product(abs(normal), maxval(scene%support, dim=2))
+      ! supports that turn reach as far as their corners
+      if (scene%approximation%window == window_polar) margin = norm2(maxval(scene%support, dim=2))
+      margin = margin - 0.5_wp*width
+      middle = dot_product(normal, place)
+      if (last - first >= 2.0_wp*margin) then
+         middle = min(max(middle, first + margin), last - margin)
+      else
+         middle = 0.5_wp*(first + last)
+         width = last - first
+      end if
+      share = min(max(0.5_wp + (share - middle)/width, 0.0_wp), 1.0_wp)
+   end associate
+end function cut_through
 
 !> Force that the surroundings exert on the body through a set, or its moment
 function set_force(self, set, state, share, about) result(force)

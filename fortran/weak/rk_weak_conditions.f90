@@ -60,7 +60,6 @@ module rk_weak_conditions
       procedure :: gradient_at
       !> What is prescribed at a point
       procedure :: held_at
-      procedure, private :: pushed_at
       !> Share of lifting and penalty in the forces on one side of a cut
       procedure :: held_force
    end type surface_type
@@ -387,7 +386,7 @@ function set_force(self, cells, set, state, value, traction, about) result(force
          call add_point_force(self, cells, s, state, value(1, :, s), traction(1, :, s), own, u)
       else
          call add_point_force(self, cells, s, state, self%held_at(s, state), &
-            & self%pushed_at(s, state), own, u)
+            & by_factors(self%traction(:, :, s), state%factor), own, u)
       end if
       if (present(about)) then
          arm = u - about
@@ -408,29 +407,22 @@ pure function held_at(self, s, state) result(u)
    type(field_state), intent(in) :: state
    !> Displacement, shape (nd) [length]
    real(wp) :: u(size(self%value, 2))
-   integer :: i
 
-   do i = 1, size(u)
-      u(i) = combined(self%value(:, i, s), state%factor)
-   end do
+   u = by_factors(self%value(:, :, s), state%factor)
    if (self%plates%count > 0) u = u + self%plates%motion(s, state%x)
 end function held_at
 
-!> Traction at a point, by load factors [force/area]
-pure function pushed_at(self, s, state) result(traction)
-   !> Surface
-   class(surface_type), intent(in) :: self
-   !> Surface point
-   integer, intent(in) :: s
-   !> State
-   type(field_state), intent(in) :: state
-   real(wp) :: traction(size(self%value, 2))
+!> What load factors make of their parts, component by component
+pure function by_factors(part, factor) result(all)
+   !> Part of each factor, shape (factors, fields)
+   real(wp), intent(in) :: part(:, :)
+   !> Load factors, shape (factors) [-]
+   real(wp), intent(in) :: factor(:)
+   real(wp) :: all(size(part, 2))
    integer :: i
 
-   do i = 1, size(traction)
-      traction(i) = combined(self%traction(:, i, s), state%factor)
-   end do
-end function pushed_at
+   all = [(combined(part(:, i), factor), i=1, size(all))]
+end function by_factors
 
 !> Energy of the penalty: supports give way a little [force length]
 real(wp) function held_energy(self, state) result(energy)
