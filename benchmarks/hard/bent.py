@@ -65,14 +65,14 @@ def _beams() -> list[Case]:
             name,
             (17, 5),
             form,
-            *{**off, "rkpm-gauss": gauss, "rkpm-scni": doubted}[form],
+            *{**off, "rkpm-gauss": gauss, "rkpm-scni": nodal}[form],
             jitter=jitter,
         )
-        for name, jitter, gauss in (
-            ("cantilever, dead traction", 0.0, right),
-            ("cantilever, dead traction", 0.3, doubted),
-            ("clamped beam, end shear", 0.0, doubted),
-            ("clamped beam, end shear", 0.3, right),
+        for name, jitter, gauss, nodal in (
+            ("cantilever, dead traction", 0.0, right, right),
+            ("cantilever, dead traction", 0.3, doubted, right),
+            ("clamped beam, end shear", 0.0, doubted, doubted),
+            ("clamped beam, end shear", 0.3, right, doubted),
         )
         for form in FORMS
     ]

@@ -68,8 +68,7 @@ module rk_problem
       logical :: costly = .false.
       !> Steps are solved to few digits: the size of an evaluation says what they leave
       logical :: inexact = .false.
-      !> Row weights are those of the state at which the load step, or the iteration, was started
-      !> last: a converged state is one that has the weights that it makes itself
+      !> Row weights are those of the state that `start` was called with last
       logical :: weighted = .false.
       !> The residuals are the derivative of an energy by the unknowns, so that modes reduce both
       logical :: energetic = .false.

@@ -56,6 +56,7 @@ subroutine new_projected(self, full, modes)
    ! amplitudes of orthonormal modes have the norm of the unknowns they stand for
    self%extent = full%extent
    self%costly = full%costly
+   self%weighted = full%weighted
    allocate (self%residual(full%m))
    allocate (self%rows%a(self%m, self%n))
    self%rows%m = self%m

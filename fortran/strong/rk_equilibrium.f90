@@ -239,9 +239,9 @@ pure real(wp) function rim_distance(self, x)
    end do
 end function rim_distance
 
-!> Weights at the start of a load step. In displacements, essential rows (5.52b) by the tangent;
-!> with a pressure, volume and displacement rows by the stiffness: stresses of a material that
-!> stiffens would outweigh them
+!> Weights by the state at which a load step starts, or goes on. In displacements, essential rows
+!> (5.52b) by the tangent; with a pressure, volume and displacement rows by the stiffness: stresses
+!> of a material that stiffens would outweigh them
 subroutine start(self, x, load, iteration)
    !> Problem
    class(equilibrium_problem), target, intent(inout) :: self
