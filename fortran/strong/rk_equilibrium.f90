@@ -22,7 +22,6 @@ module rk_equilibrium
    use rk_conditions, only : new_boundary
    use rk_discretisation, only : deformation
    use rk_error, only : error_type
-   use rk_lstsq, only : row_operator
    use rk_matrix, only : matrix_rows
    use rk_mixed, only : add_pressure, add_pressure_curvature, cofactor_slope
    use rk_mixture, only : new_mixture
@@ -69,7 +68,6 @@ module rk_equilibrium
       procedure :: field
       procedure :: start
       procedure :: assemble
-      procedure :: operator
       procedure :: hessian
       procedure :: apply_curvature
       procedure :: rejection
@@ -368,6 +366,8 @@ subroutine assemble(self, x, stage, r, seen)
    real(wp), allocatable :: volume(:)
    integer :: ip
 
+   self%linearised => self%rows
+   if (allocated(self%modes)) self%linearised => self%projected
    allocate (volume(self%shape%np))
    !$omp parallel do default(none) schedule(static) private(ip) &
    !$omp shared(self, x, stage, r, volume)
@@ -544,16 +544,6 @@ subroutine volume_row(self, ip, x, tangent, r, volume)
       self%rows%coefficient(1, nd + 1, 1, block) = -w*compliance
    end associate
 end subroutine volume_row
-
-!> Linearised rows, or their product with the modes
-function operator(self) result(op)
-   !> Problem, linearised
-   class(equilibrium_problem), target, intent(in) :: self
-   class(row_operator), pointer :: op
-
-   op => self%rows
-   if (allocated(self%modes)) op => self%projected
-end function operator
 
 !> Second derivatives of r.r/2, of which those of the residuals, weighted with these, are kept
 subroutine hessian(self, x, load, r, a)

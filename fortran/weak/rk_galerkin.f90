@@ -28,7 +28,6 @@ module rk_galerkin
    use rk_multiplier, only : multiplier_type, new_multiplier
    use rk_neighbours, only : nearest_points
    use rk_nodal_cells, only : nodal_cells
-   use rk_operator, only : row_operator
    use rk_precision, only : i8, wp
    use rk_pressure, only : new_pressure, pressure_type
    use rk_problem, only : evaluation_type, stage_type
@@ -85,7 +84,6 @@ module rk_galerkin
    contains
       procedure :: start
       procedure :: assemble
-      procedure :: operator
       procedure :: state
       procedure :: at_place
       procedure :: strain_energy
@@ -369,6 +367,8 @@ subroutine assemble(self, x, stage, r, seen)
    integer :: g
    logical :: tangent
 
+   self%linearised => self%matrix
+   if (allocated(self%held)) self%linearised => self%held%whole
    if (allocated(stage%behind)) call extrapolate(self, stage)
    call new_state(self, at)
    at%factor = self%scene%factors(stage%lifted)
@@ -568,16 +568,6 @@ subroutine extrapolate(self, stage)
    end do
    call self%matrix%pressures%extrapolate(pressure, stage%share)
 end subroutine extrapolate
-
-!> Tangent
-function operator(self) result(op)
-   !> Problem, linearised
-   class(galerkin_problem), target, intent(in) :: self
-   class(row_operator), pointer :: op
-
-   op => self%matrix
-   if (allocated(self%held)) op => self%held%whole
-end function operator
 
 !> Whether pressures are written with their curvature: where the strains are as exact. On walls of
 !> annuli those of boxes are not, and errors of both cancelled before; in space two groups across a
