@@ -218,13 +218,16 @@ def refused(
 
 
 def execute(
-    deck: Path, out: Path, *words: str, sets: Iterable[str] = ()
+    deck: Path, out: Path, *words: str, sets: Iterable[str] = (), **more: Any
 ) -> tuple[dict[str, Any], subprocess.CompletedProcess[str]]:
-    """Run the executable on one thread; the summary that it leaves, if any, and what it said."""
+    """Run the executable on one thread; the summary that it leaves, if any, and what it said.
+
+    `more` goes to `subprocess.run`.
+    """
     overrides = [word for text in sets for word in ("--set", text)]
     done = subprocess.run(
         [str(find_executable()), str(deck), "-o", str(out), "-t", "1", *words, *overrides],
-        capture_output=True, text=True, timeout=300,
+        capture_output=True, text=True, timeout=300, **more,
     )  # fmt: skip
     path = out / "summary.json"
     return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}, done

@@ -113,7 +113,7 @@ contains
       real(wp), intent(in) :: density
 
       essential = heavy*density
-      if (problem%scene%motion%published) essential = max(density, (self%motion%step &
+      if (problem%scene%motion%published) essential = max(density, (self%motion%time_step &
          & *size(problem%scene%cloud%source, 2))**2)/size(problem%scene%cloud%source, 2)
    end function essential
 
@@ -162,7 +162,7 @@ subroutine limit(self, step, found, error)
       & *self%values(:inside, :))
    ! the rows are those of div(c grad u), minus the operator of (6.36a)
    stiff = -matmul(self%inverse(:, :inside), self%operator(:inside, :))
-   low = self%motion%step
+   low = self%motion%time_step
    high = low
    if (is_stable(low)) then
       do k = 1, trials
@@ -199,7 +199,7 @@ contains
          companion(self%n + i, i) = 1.0_wp
       end do
       call spectral_radius(companion, radius, error)
-      is_stable = radius**(self%motion%end/dt) <= harmless
+      is_stable = radius**(self%motion%end_time/dt) <= harmless
    end function is_stable
 
 end subroutine limit
@@ -233,9 +233,9 @@ subroutine start(self, first, second, error)
    if (allocated(error)) return
    first = matmul(fit, given(:, 1))
    ! (6.42b), with the half step that the loads make
-   second = first + self%motion%step*matmul(fit, given(:, 2)) + 0.5_wp*self%motion%step**2 &
-      & *matmul(fit(:, :inside), (matmul(self%operator(:inside, :), first) - self%side(:inside)) &
-      & /self%density(:inside))
+   second = first + self%motion%time_step*matmul(fit, given(:, 2)) &
+      & + 0.5_wp*self%motion%time_step**2*matmul(fit(:, :inside), &
+      & (matmul(self%operator(:inside, :), first) - self%side(:inside))/self%density(:inside))
 end subroutine start
 
 !> Rows of the new time (6.40)
@@ -264,7 +264,7 @@ subroutine carry(self, before, now, y)
    inside = self%problem%rows%row(self%problem%inside + 1)
    path = 2.0_wp*now - before
    y(:inside) = self%density(:inside)*matmul(self%values(:inside, :), path)
-   y(:inside) = y(:inside) + self%motion%step**2*matmul(self%operator(:inside, :), now)
+   y(:inside) = y(:inside) + self%motion%time_step**2*matmul(self%operator(:inside, :), now)
    y(inside + 1:) = 0.0_wp
 end subroutine carry
 
@@ -283,8 +283,8 @@ subroutine add_loads(self, time, y, error)
    inside = self%problem%rows%row(self%problem%inside + 1)
    call self%problem%own_side(time, self%side, error)
    if (allocated(error)) return
-   y(:inside) = y(:inside) - self%motion%step**2*self%side(:inside)
-   call self%problem%own_side(time + self%motion%step, self%side, error)
+   y(:inside) = y(:inside) - self%motion%time_step**2*self%side(:inside)
+   call self%problem%own_side(time + self%motion%time_step, self%side, error)
    if (allocated(error)) return
    y(inside + 1:) = y(inside + 1:) + self%weight(inside + 1:)*self%side(inside + 1:)
 end subroutine add_loads
@@ -312,7 +312,7 @@ function energy(self, now, next)
    real(wp) :: speed(size(self%side))
    integer :: b, row
 
-   speed = matmul(self%values, next - now)/self%motion%step
+   speed = matmul(self%values, next - now)/self%motion%time_step
    energy = ieee_value(energy, ieee_quiet_nan)
    energy(1) = 0.0_wp
    associate (problem => self%problem)

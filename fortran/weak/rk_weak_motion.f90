@@ -89,7 +89,7 @@ subroutine new_weak_motion(self, problem, error)
    call loads_at(problem, 0.0_wp, self%force, self%held, error)
    if (allocated(error)) return
    call factor_upper(self%factor, self%n, problem%matrix%start, problem%matrix%row, self%mass &
-      & + self%motion%step**2*problem%constant, error)
+      & + self%motion%time_step**2*problem%constant, error)
 end subroutine new_weak_motion
 
 !> Give the factor back
@@ -165,7 +165,7 @@ subroutine start(self, first, second, error)
    call project(self, .true., first, error)
    if (.not. allocated(error)) call project(self, .false., speed, error)
    if (allocated(error)) return
-   associate (dt => self%motion%step, matrix => self%problem%matrix)
+   associate (dt => self%motion%time_step, matrix => self%problem%matrix)
       call matrix%product(self%mass, first + dt*speed, side)
       call matrix%product(self%stiffness, first, image)
       side = side + 0.5_wp*dt**2*(self%force - image)
@@ -183,7 +183,8 @@ subroutine left(self, x, y)
    !> Product, shape (n)
    real(wp), contiguous, intent(inout) :: y(:)
 
-   call self%problem%matrix%product(self%mass + self%motion%step**2*self%problem%constant, x, y)
+   call self%problem%matrix%product(self%mass &
+      & + self%motion%time_step**2*self%problem%constant, x, y)
 end subroutine left
 
 !> Right hand side of the last two states
@@ -198,7 +199,7 @@ subroutine carry(self, before, now, y)
 
    call self%problem%matrix%product(self%mass, 2.0_wp*now - before, y)
    call self%problem%matrix%product(self%stiffness, now, image)
-   y = y - self%motion%step**2*image
+   y = y - self%motion%time_step**2*image
 end subroutine carry
 
 !> Add the loads of a time and the penalty's share of the time after it
@@ -215,8 +216,8 @@ subroutine add_loads(self, time, y, error)
 
    if (self%varies) call loads_at(self%problem, time, self%force, held, error)
    if (allocated(error)) return
-   y = y + self%motion%step**2*self%force
-   call hold_at(self, time + self%motion%step, y, error)
+   y = y + self%motion%time_step**2*self%force
+   call hold_at(self, time + self%motion%time_step, y, error)
 end subroutine add_loads
 
 !> Add the penalty's share of a new time
@@ -233,7 +234,7 @@ subroutine hold_at(self, time, y, error)
 
    if (self%varies) call loads_at(self%problem, time, unused, self%held, error)
    if (allocated(error)) return
-   y = y + self%motion%step**2*self%held
+   y = y + self%motion%time_step**2*self%held
 end subroutine hold_at
 
 !> Solve with mass and penalty
@@ -283,7 +284,7 @@ function energy(self, now, next)
    real(wp) :: energy(3)
    real(wp) :: image(self%n), speed(self%n)
 
-   speed = (next - now)/self%motion%step
+   speed = (next - now)/self%motion%time_step
    call self%problem%matrix%product(self%mass, speed, image)
    energy(1) = 0.5_wp*dot_product(speed, image)
    call self%problem%matrix%product(self%stiffness, now, image)
