@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from benchmarks.truths.deck_parts import held
 from myork import Scene
 from myork.bench import materials
 from myork.core.deck import table_defaults
@@ -104,11 +105,6 @@ def scene(method: str, geometry: Mapping[str, Any], **tables: Any) -> dict[str, 
     """Tables of a deck; the geometry of points that are given is empty, their body solid."""
     nd = len(geometry.get("source", "xyz"))
     return {"scene": {"dimension": nd, "method": method}, "geometry": dict(geometry)} | tables
-
-
-def held(name: str, nd: int = 3, **moved: Any) -> dict[str, Any]:
-    """A set without motion, but for the components given."""
-    return {"set": name, **{f"u_{axis}": 0.0 for axis in "xyz"[:nd]}, **moved}
 
 
 def sheared(
