@@ -43,8 +43,7 @@ CASES: dict[
         ("scene.method=rkcm", "geometry.source=[3,9]", "geometry.collocation=[5,17]",
          "load.steps=4"),
         "refused",
-        ("less work than the forces", "do not balance", "of their norm away",
-         "probe radial_stress is"),
+        ("do not balance", "of their norm away", "probe radial_stress is"),
         RefusedError,
     ),
     "unbalanced forces of the mixed form": (
@@ -157,7 +156,7 @@ def test_warnings_are_those_of_the_last_solve(inputs: Path) -> None:
     overrides = CASES["a coarse tube"][1]
     with Scene(inputs / "tube.toml", overrides, threads=1) as scene:
         full = scene.solve()
-        assert len(full.warnings) == 4 and full.checks_s > 0
+        assert len(full.warnings) == 3 and full.checks_s > 0
         scene.reduce(np.linalg.qr(full.x.T)[0])
         reduced = scene.solve_reduced("dgels")
         assert reduced.warnings == [] and reduced.checks_s == 0
