@@ -6,11 +6,12 @@
 module rk_groups
    use rk_csr, only : csr_type, group_by, sort
    use rk_facets, only : facets_type
+   use rk_lattice, only : place_of
    use rk_precision, only : i8, wp
    implicit none
    private
 
-   public :: slots, threes, pairs, join_small
+   public :: slots, groups_of, threes, pairs, join_small
 
    !> Groups that a cell names: a row in each direction may be counted from either end
    integer, parameter :: slots = 8
@@ -20,26 +21,24 @@ module rk_groups
 
 contains
 
-!> Group of a nodal cell in one direction, from 0, counted from the first or from the last one:
-!> threes, as symmetric as can be
+!> Groups of a cell, from 1, one for each slot
+pure function groups_of(first, last, groups) result(group)
+   !> Group in each direction, from 0, of the cell counted from the first one, and from the last one
+   integer, intent(in) :: first(3), last(3)
+   !> Groups in each direction
+   integer, intent(in) :: groups(3)
+   integer :: group(slots)
+   integer :: d, s
+
+   group = [(place_of(merge(groups - 1 - last, first, [(btest(s, d), d=0, 2)]), groups), &
+      & s=0, slots - 1)]
+end function groups_of
+
+!> Group of a nodal cell in one direction, from 0: threes, as symmetric as can be
 !>
 !> Between groups of two, linear pressures can alternate almost without work: their inf-sup constant
 !> falls with the spacing, that of groups of three does not.
-elemental integer function threes(cell, cells, backwards) result(group)
-   !> Cell, from 0
-   integer, intent(in) :: cell
-   !> Cells in this direction
-   integer, intent(in) :: cells
-   !> Count from the last one
-   logical, intent(in) :: backwards
-
-   group = threes_from_first(cell, cells)
-   if (backwards) group = threes_from_first(cells - 1, cells) &
-      & - threes_from_first(cells - 1 - cell, cells)
-end function threes
-
-!> Group of a nodal cell in one direction, counted from the first one
-elemental integer function threes_from_first(cell, cells) result(group)
+elemental integer function threes(cell, cells) result(group)
    !> Cell, from 0
    integer, intent(in) :: cell
    !> Cells in this direction
@@ -66,24 +65,18 @@ elemental integer function threes_from_first(cell, cells) result(group)
       ! fours at the ends
       group = min(max(cell - 1, 0)/3, n - 1)
    end select
-end function threes_from_first
+end function threes
 
-!> Group of a block of voxels in one direction, from 0, counted from the first or from the last one:
-!> pairs, of an odd number one in the middle alone
-elemental integer function pairs(block, blocks, backwards) result(group)
+!> Group of a block of voxels in one direction, from 0: pairs, of an odd number one in the middle
+!> alone
+elemental integer function pairs(block, blocks) result(group)
    !> Block, from 0
    integer, intent(in) :: block
    !> Blocks in this direction
    integer, intent(in) :: blocks
-   !> Count from the last one
-   logical, intent(in) :: backwards
-   integer :: from
 
-   from = block
-   if (backwards) from = blocks - 1 - block
-   group = from/2
-   if (mod(blocks, 2) == 1 .and. from > 2*((blocks - 1)/4)) group = (from + 1)/2
-   if (backwards) group = (blocks - 1)/2 - group
+   group = block/2
+   if (mod(blocks, 2) == 1 .and. block > 2*((blocks - 1)/4)) group = (block + 1)/2
 end function pairs
 
 !> Join groups of few cells to the group with which they share the largest area, the smallest and

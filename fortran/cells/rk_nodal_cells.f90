@@ -11,8 +11,8 @@ module rk_nodal_cells
    use rk_cloud, only : cloud_type
    use rk_error, only : error_type
    use rk_facets, only : close_cells, facets_type
-   use rk_groups, only : slots, threes
-   use rk_lattice, only : digits_of, lattice_frame, place_of, set_number
+   use rk_groups, only : groups_of, slots, threes
+   use rk_lattice, only : digits_of, lattice_frame, set_number
    use rk_precision, only : wp
    use rk_voronoi, only : voronoi_facets
    use rk_voxels, only : voxel_facets
@@ -38,7 +38,7 @@ subroutine nodal_cells(self, cloud, error)
    type(facets_type) :: facets
    integer, allocatable :: group(:, :)
    real(wp), allocatable :: filled(:)
-   integer :: d, is, s, lattice(3), last(3)
+   integer :: is, lattice(3), at(3)
 
    if (allocated(cloud%lattice)) then
       if (cloud%jittered) then
@@ -50,11 +50,11 @@ subroutine nodal_cells(self, cloud, error)
       end if
       lattice = 1
       lattice(:cloud%nd) = cloud%lattice
-      last = threes(lattice - 1, lattice, .false.)
       allocate (group(slots, size(cloud%source, 2)))
       do is = 1, size(group, 2)
-         group(:, is) = [(place_of(threes(lattice_index(cloud, is), lattice, &
-            & [(btest(s, d), d=0, 2)]), last + 1), s=0, slots - 1)]
+         at = lattice_index(cloud, is)
+         group(:, is) = groups_of(threes(at, lattice), threes(lattice - 1 - at, lattice), &
+            & 1 + threes(lattice - 1, lattice))
       end do
    else
       call voxel_facets(facets, cloud, group, filled, error)

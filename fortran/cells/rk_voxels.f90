@@ -5,8 +5,7 @@ module rk_voxels
    use rk_csr, only : csr_type, group_by
    use rk_error, only : error_type, fatal_error, err_input
    use rk_facets, only : facets_type
-   use rk_groups, only : join_small, pairs, slots, threes
-   use rk_lattice, only : place_of
+   use rk_groups, only : groups_of, join_small, pairs, slots, threes
    use rk_precision, only : i8, wp
    use rk_text, only : to_text
    implicit none
@@ -23,7 +22,7 @@ module rk_voxels
       procedure :: nearest => nearest_entry
    end type face_entries
 
-   !> Normals that are as near to a face's
+   !> Normals that are as near to a face's, places that are as near to two source points [-]
    real(wp), parameter :: same = 1.0e-6_wp
 
 contains
@@ -165,18 +164,16 @@ pure subroutine find_groups(cloud, owner, cells, group, least)
    integer, allocatable, intent(out) :: group(:, :)
    !> Cells that a group has at least
    integer, intent(out) :: least
-   real(wp) :: step(3), low(3)
-   integer :: at(3), n(3), last(3), d, i, s
+   real(wp) :: step(3), low(3), high(3), at(3)
+   integer :: n(3), i
 
    allocate (group(slots, cells))
    if (allocated(cloud%block)) then
       least = 4
       n = maxval(cloud%block, dim=2) + 1
       do i = 1, size(owner)
-         do s = 1, slots
-            at = pairs(cloud%block(:, i), n, [(btest(s - 1, d), d=0, 2)])
-            group(s, owner(i)) = place_of(at, n)
-         end do
+         group(:, owner(i)) = groups_of(pairs(cloud%block(:, i), n), &
+            & pairs(n - 1 - cloud%block(:, i), n), 1 + pairs(n - 1, n))
       end do
       return
    end if
@@ -184,13 +181,12 @@ pure subroutine find_groups(cloud, owner, cells, group, least)
    least = 14
    step = minval(cloud%spacing, dim=2)
    low = minval(cloud%source, dim=2)
-   n = 1 + nint((maxval(cloud%source, dim=2) - low)/step)
-   last = threes(n - 1, n, .false.) + 1
+   high = maxval(cloud%source, dim=2)
+   n = 1 + nint((high - low)/step + same)
    do i = 1, cells
-      do s = 1, slots
-         at = threes(nint((cloud%source(:, i) - low)/step), n, [(btest(s - 1, d), d=0, 2)])
-         group(s, i) = place_of(at, last)
-      end do
+      at = cloud%source(:, i)
+      group(:, i) = groups_of(threes(nint((at - low)/step + same), n), &
+         & threes(nint((high - at)/step + same), n), 1 + threes(n - 1, n))
    end do
 end subroutine find_groups
 

@@ -281,6 +281,9 @@ subroutine fewer_blocks(cloud, kept, other)
    other = (blocks + 1)/2
    ! pairs of blocks share their pressures
    where (thin) other = min(blocks, max(2, 2*((3*blocks + 2)/8)))
+   ! a voxel in the middle of an even number of blocks would belong to one half of the body
+   where (kept .and. mod(voxels, 2) == 1 .and. mod(other, 2) == 0) other = &
+      & merge(other + 1, other - 1, thin .and. other < blocks)
 end subroutine fewer_blocks
 
 !> Overrides that put a deck on another lattice, with collocation points to match
