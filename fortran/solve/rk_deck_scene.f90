@@ -40,8 +40,6 @@ subroutine new_scene(scene, deck, model, error)
    type(error_type), allocatable, intent(out) :: error
    logical :: is_linear
 
-   call deck%require('solve', error)
-   if (allocated(error)) return
    is_linear = deck%has('linear')
    call deck%get('title', scene%title)
    call deck%get('scene.method', scene%method)
