@@ -29,37 +29,43 @@ module rk_motion
       procedure(advance_interface), deferred :: advance
    end type moving_type
 
-   !> That of a form
+   !> That of a form, M a'' + K a = f with what is held at the new time:
+   !> L a(n+1) = M (2 a(n) - a(n-1)) - dt^2 (K a(n) - f(n)) + h(n+1), L being M and what holds
    type, abstract, extends(moving_type) :: form_motion
       !> Equations of a time step
       integer :: m = 0
+      !> What moves it
+      type(motion_type) :: motion
       !> Whether loads or prescribed values change with time
       logical :: varies = .false.
       !> Whether the equations have symmetric matrices, as many as unknowns
       logical :: symmetric = .false.
-      !> Loads at the last time and their work since the start, of forms that count it, shape (n)
-      real(wp), allocatable :: force(:)
+      !> Loads f at the later one of the last two times, and what is held then, h, shape (m)
+      real(wp), allocatable :: force(:), held(:)
+      !> Work of the loads since the start, of symmetric forms
       real(wp) :: work = 0.0_wp
    contains
-      !> L times the coefficients of the new time
-      procedure(left_interface), deferred :: left
-      !> B (2 a(n) - a(n-1)) - dt^2 K a(n)
-      procedure(carry_interface), deferred :: carry
-      !> What loads and prescribed values add to it
-      procedure(loads_interface), deferred :: add_loads
+      !> Product of L, M or K with coefficients
+      procedure(product_interface), deferred :: product
+      !> Loads of a time, and what values held then add to a time step that ends there
+      procedure(loads_interface), deferred :: loads
       !> Coefficients that fulfil the equations, or come nearest to it
       procedure(solve_interface), deferred :: solve
-      procedure :: advance
-      !> Largest time step that is stable
+      !> Largest time step that is stable, huge where it is not known
       procedure(limit_interface), deferred :: limit
+      procedure :: advance
+      !> M (2 a(n) - a(n-1)) - dt^2 K a(n)
+      procedure :: carry
+      !> What loads and prescribed values add to it
+      procedure :: add_loads
       !> Kinetic and strain energy, and the work of the loads since the start
-      procedure(energy_interface), deferred :: energy
+      procedure :: energy
    end type form_motion
 
    abstract interface
       subroutine start_interface(self, first, second, error)
          import :: moving_type, error_type, wp
-         !> Body
+         !> Body, whose loads are those of the second time afterwards
          class(moving_type), intent(inout) :: self
          !> Coefficients at both times, shape (n)
          real(wp), contiguous, intent(inout) :: first(:), second(:)
@@ -79,33 +85,26 @@ module rk_motion
          !> Error handling: an expression without a value somewhere
          type(error_type), allocatable, intent(out) :: error
       end subroutine advance_interface
-      subroutine left_interface(self, x, y)
+      subroutine product_interface(self, what, x, y)
          import :: form_motion, wp
          !> Body
          class(form_motion), intent(in) :: self
+         !> left, mass or stiffness
+         character(len=*), intent(in) :: what
          !> Coefficients, shape (n)
          real(wp), contiguous, intent(in) :: x(:)
          !> Product, shape (m)
          real(wp), contiguous, intent(inout) :: y(:)
-      end subroutine left_interface
-      subroutine carry_interface(self, before, now, y)
-         import :: form_motion, wp
-         !> Body
-         class(form_motion), intent(in) :: self
-         !> Coefficients at the last two times, shape (n)
-         real(wp), contiguous, intent(in) :: before(:), now(:)
-         !> Right hand side without loads, shape (m)
-         real(wp), contiguous, intent(inout) :: y(:)
-      end subroutine carry_interface
-      subroutine loads_interface(self, time, y, error)
+      end subroutine product_interface
+      subroutine loads_interface(self, time, force, held, error)
          import :: form_motion, error_type, wp
          !> Body
-         class(form_motion), intent(inout) :: self
-         !> The time from which the step goes
+         class(form_motion), intent(in) :: self
+         !> Time
          real(wp), intent(in) :: time
-         !> Right hand side, to which the loads are added, shape (m)
-         real(wp), contiguous, intent(inout) :: y(:)
-         !> Error handling
+         !> Loads, and what values held then add to a time step that ends then, shape (m)
+         real(wp), allocatable, intent(out) :: force(:), held(:)
+         !> Error handling: an expression without a value somewhere
          type(error_type), allocatable, intent(out) :: error
       end subroutine loads_interface
       subroutine solve_interface(self, y, x)
@@ -117,25 +116,15 @@ module rk_motion
          !> Coefficients, shape (n)
          real(wp), contiguous, intent(inout) :: x(:)
       end subroutine solve_interface
-      subroutine limit_interface(self, step, found, error)
+      subroutine limit_interface(self, step, error)
          import :: form_motion, error_type, wp
          !> Body
-         class(form_motion), intent(inout) :: self
-         !> Largest stable step
+         class(form_motion), intent(in) :: self
+         !> Largest stable step, huge where it is not known
          real(wp), intent(out) :: step
-         !> Whether it is known
-         logical, intent(out) :: found
          !> Error handling
          type(error_type), allocatable, intent(out) :: error
       end subroutine limit_interface
-      function energy_interface(self, now, next) result(energy)
-         import :: form_motion, wp
-         !> Body
-         class(form_motion), intent(in) :: self
-         !> Coefficients at two times, shape (n)
-         real(wp), contiguous, intent(in) :: now(:), next(:)
-         real(wp) :: energy(3)
-      end function energy_interface
    end interface
 
    !> Growth of the unknowns beyond which a motion has blown up [-]
@@ -155,14 +144,63 @@ subroutine advance(self, before, now, time, next, error)
    real(wp), contiguous, intent(inout) :: next(:)
    !> Error handling: an expression without a value somewhere
    type(error_type), allocatable, intent(out) :: error
-   real(wp) :: side(self%m)
+   real(wp) :: side(self%m), force(self%m)
 
    call self%carry(before, now, side)
+   force = self%force
    call self%add_loads(time, side, error)
    if (allocated(error)) return
    call self%solve(side, next)
-   if (allocated(self%force)) self%work = self%work + 0.5_wp*dot_product(self%force, next - before)
+   if (self%symmetric) self%work = self%work + 0.5_wp*dot_product(force, next - before)
 end subroutine advance
+
+!> Right hand side of the last two states
+subroutine carry(self, before, now, y)
+   !> Body
+   class(form_motion), intent(in) :: self
+   !> Coefficients at the last two times, shape (n)
+   real(wp), contiguous, intent(in) :: before(:), now(:)
+   !> Right hand side without loads, shape (m)
+   real(wp), contiguous, intent(inout) :: y(:)
+   real(wp) :: image(self%m)
+
+   call self%product('mass', 2.0_wp*now - before, y)
+   call self%product('stiffness', now, image)
+   y = y - self%motion%time_step**2*image
+end subroutine carry
+
+!> Add the loads of a time, then those known are of the time after it, and what is held there
+subroutine add_loads(self, time, y, error)
+   !> Body with the loads of the time
+   class(form_motion), intent(inout) :: self
+   !> The time from which the step goes
+   real(wp), intent(in) :: time
+   !> Right hand side, to which the loads are added, shape (m)
+   real(wp), contiguous, intent(inout) :: y(:)
+   !> Error handling: an expression without a value somewhere
+   type(error_type), allocatable, intent(out) :: error
+
+   y = y + self%motion%time_step**2*self%force
+   if (self%varies) call self%loads(time + self%motion%time_step, self%force, self%held, error)
+   if (.not. allocated(error)) y = y + self%held
+end subroutine add_loads
+
+!> Kinetic energy between two times, strain energy as the scheme keeps it, and the work of the loads
+function energy(self, now, next)
+   !> Body
+   class(form_motion), intent(in) :: self
+   !> Coefficients at two times, shape (n)
+   real(wp), contiguous, intent(in) :: now(:), next(:)
+   real(wp) :: energy(3)
+   real(wp) :: image(self%m), speed(self%n)
+
+   speed = (next - now)/self%motion%time_step
+   call self%product('mass', speed, image)
+   energy(1) = 0.5_wp*dot_product(speed, image)
+   call self%product('stiffness', now, image)
+   energy(2) = 0.5_wp*dot_product(next, image)
+   energy(3) = self%work
+end function energy
 
 !> Whether loads or prescribed values change with time
 logical function loads_vary(scene)
@@ -198,17 +236,16 @@ subroutine march(body, motion, method, x, recorder, timer, error)
    real(wp) :: largest, limit
    integer(i8) :: clock
    integer :: k, steps
-   logical :: known
 
    call system_clock(clock)
    allocate (before(body%n), now(body%n), next(body%n))
    steps = nint(motion%end_time/motion%time_step)
-   known = .false.
+   limit = huge(1.0_wp)
    select type (body)
    class is (form_motion)
-      call body%limit(limit, known, error)
+      call body%limit(limit, error)
    end select
-   if (.not. allocated(error) .and. known) then
+   if (.not. allocated(error) .and. limit < huge(1.0_wp)) then
       call recorder%note('largest stable time step '//to_text(limit, 4)//', used ' &
          & //to_text(motion%time_step, 4), warning=.false.)
       if (motion%time_step > limit) call fatal_error(error, err_input, 'dynamics.time_step: ' &

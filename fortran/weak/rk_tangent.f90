@@ -311,10 +311,14 @@ subroutine apply(self, x, y)
    real(wp), contiguous, intent(in) :: x(:)
    !> Product, shape (n)
    real(wp), contiguous, intent(inout) :: y(:)
+   real(wp), allocatable :: volume(:, :)
 
    y = 0.0_wp
    call linear_product(self, x(:self%n), y(:self%n))
-   if (.not. self%formed) call self%groups%add_product(x, y)
+   if (.not. self%formed) then
+      allocate (volume, mold=self%groups%pressure%total)
+      call self%groups%add_product(x, y, volume)
+   end if
    call self%add_skew(1.0_wp, x, y)
 end subroutine apply
 
@@ -494,7 +498,7 @@ subroutine multiply(self, x, y)
       pressure = reshape(x(n + 1:), shape(tangent%groups%pressure%total))
       allocate (volume, mold=pressure)
       call linear_product(tangent, x(:n), y(:n))
-      call tangent%groups%add_saddle(x(:n), pressure, y(:n), volume)
+      call tangent%groups%add_product(x(:n), y(:n), volume, pressure)
       if (self%shift > 0.0_wp) y(:n) = y(:n) + self%shift*x(:n) &
          & *[tangent%preconditioner%diagonal, of_plates(tangent)]
       do g = 1, size(volume, 2)
