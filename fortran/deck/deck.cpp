@@ -102,6 +102,19 @@ std::string Deck::resolve(const std::string &key) {
    return found;
 }
 
+void Deck::require(const std::string &command) {
+   if (status != Status::good)
+      return;
+   for (const TableSpec &spec : schema()) {
+      const bool needed = std::count(spec.needed_by.begin(), spec.needed_by.end(), command) > 0;
+      // the table without a name is the top of the deck
+      const bool replaced = !spec.not_beside.empty() && !entries(spec.not_beside).empty();
+      if (needed && entries(spec.name).empty() && !replaced)
+         complain({}, spec.name, "missing, " + command + " needs this table");
+   }
+   close();
+}
+
 // All steps; each goes on after complaints of its own, so that a user sees everything at once
 void Deck::load() {
    folder = std::filesystem::path(name).parent_path().string();

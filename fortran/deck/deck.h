@@ -123,6 +123,8 @@ class Deck {
    // The key that an override would set, with the name of its entry: material.fat.K for material.K;
    // "" where there is none, which is then all that the message says
    std::string resolve(const std::string &key);
+   // Complain about tables that a command needs and a good deck does not have
+   void require(const std::string &command);
 
    // `address` is the key as a user would write it: material.fat.K
    void complain(const Origin &where, const std::string &address, const std::string &what);

@@ -185,10 +185,12 @@ std::vector<std::string> lines(const char *text) {
 
 extern "C" {
 
-// Read and check a file, or a text where there is one
-void *rk_deck_open(const char *path, const char *text, const char *overrides) {
-   return open(rk::is_blank(text) ? rk::Deck::read(path, lines(overrides))
-                                  : rk::Deck(path, text, lines(overrides)));
+// Read and check a file, or a text where there is one, for a command ("": for none)
+void *rk_deck_open(const char *path, const char *text, const char *overrides, const char *command) {
+   rk::Deck deck = rk::is_blank(text) ? rk::Deck::read(path, lines(overrides))
+                                      : rk::Deck(path, text, lines(overrides));
+   deck.require(command);
+   return open(std::move(deck));
 }
 
 void *rk_deck_defaults(const char *table, const char *key, const char *value) {
@@ -210,23 +212,6 @@ const char *rk_deck_resolve(void *handle, const char *key) {
 
 void rk_deck_close(void *handle) {
    delete static_cast<Flat *>(handle);
-}
-
-// Tables that a command needs, a line each, followed by the table that may stand in its place
-const char *rk_deck_needed(const char *command) {
-   thread_local std::string tables;
-   tables.clear();
-   for (const rk::TableSpec &spec : rk::schema()) {
-      for (const std::string &user : spec.needed_by) {
-         if (user != command)
-            continue;
-         tables += spec.name;
-         if (!spec.not_beside.empty())
-            tables += " " + spec.not_beside;
-         tables += "\n";
-      }
-   }
-   return tables.c_str();
 }
 
 } // extern "C"

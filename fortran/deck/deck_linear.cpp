@@ -38,11 +38,9 @@ static void check_values(Deck &deck, const Section &linear, int dimension) {
       for (const auto &[key, value] : boundary->values) {
          const bool fits = key == "set" || (scalar ? is_one_of(key, {"u", "flux"})
                                                    : is_one_of(key, {"u_x", "u_y", "u_z", "traction"}));
-         const bool beyond = (key == "u_y" && dimension < 2) || (key == "u_z" && dimension < 3);
-         if (!fits || beyond)
+         if (!fits)
             deck.complain(value.origin, deck.address(*boundary, key),
-                          "is not known in a linear problem of " + problem +
-                              (beyond ? " in so few dimensions" : "") + "; it has " +
+                          "is not known in a linear problem of " + problem + "; it has " +
                               (scalar          ? "u and flux"
                                : dimension < 2 ? "u_x and traction"
                                                : "u_x, u_y and traction"));
@@ -67,11 +65,6 @@ static void check_values(Deck &deck, const Section &linear, int dimension) {
                        "must be a whole number of time steps of " + step->plain() + ", not " +
                            end->plain());
    }
-   const Value *ratio = linear.find("nu");
-   if (!scalar && dimension == 1 && ratio)
-      deck.complain(ratio->origin, "linear.nu", "has no meaning in a bar, whose stress is E u'");
-   if (!scalar && dimension > 1 && !ratio && !linear.refused.count("nu"))
-      deck.complain(linear.origin, "linear.nu", "missing, a number or an expression is needed");
 }
 
 static void check_linear_probes(Deck &deck, const Section &linear, const std::string &method) {
@@ -111,11 +104,6 @@ void check_linear(Deck &deck, const std::string &geometry, int dimension) {
       for (Section *section : deck.entries(table))
          deck.complain(section->origin, deck.address(*section),
                        "has no place in a linear problem, where [linear] says it all");
-   }
-   for (Section *boundary : deck.entries("boundary")) {
-      if (const Value *rotation = boundary->find("rotation"))
-         deck.complain(rotation->origin, deck.address(*boundary, "rotation"),
-                       "has no place in a linear problem, where displacements are small");
    }
    if (!geometry.empty() && geometry != "box")
       deck.complain(deck.single("geometry")->find("kind")->origin, "geometry.kind",

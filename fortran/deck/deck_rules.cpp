@@ -79,11 +79,6 @@ static void check_boundary(Deck &deck) {
                        "nothing here follows it: a spring or a tendon is as stiff at all times; its "
                        "other end moves by a traction beside the spring, or by the pull of the tendon");
       check_tendon(deck, *section);
-      for (const char *key : {"pressure", "spring", "tendon"}) {
-         if (deck.single("linear") && section->find(key))
-            deck.complain(section->find(key)->origin, deck.address(*section, key),
-                          "has no place in a linear problem");
-      }
    }
 }
 

@@ -6,7 +6,7 @@ module rk_deck
    use, intrinsic :: iso_c_binding, only : c_double, c_f_pointer, c_null_char, c_ptr
    use rk_cstring, only : to_fortran
    use rk_deck_c, only : deck_view, entry_view, rk_deck_close, rk_deck_defaults, rk_deck_look, &
-      & rk_deck_needed, rk_deck_open, rk_deck_resolve
+      & rk_deck_open, rk_deck_resolve
    use rk_error, only : err_input, error_type, fatal_error
    use rk_expression, only : expression_type, value_type
    use rk_json, only : json_type
@@ -82,8 +82,6 @@ module rk_deck
       procedure :: get_vector
       !> The same deck with further overrides
       procedure :: vary
-      !> Error where a table is absent that a command needs
-      procedure :: require
       !> Write all values, defaults included, into a JSON object
       procedure :: write_json
       procedure, private :: get_integer, get_real, get_logical, get_text, get_reals, get_integers, &
@@ -94,7 +92,7 @@ module rk_deck
 contains
 
 !> Read and check a deck, in a file or in memory; the error has all complaints, a line each
-subroutine open_deck(deck, path, text, overrides, error)
+subroutine open_deck(deck, path, text, overrides, command, error)
    !> Deck
    type(deck_type), intent(out) :: deck
    !> File, or the name of the text for messages
@@ -103,24 +101,29 @@ subroutine open_deck(deck, path, text, overrides, error)
    character(len=*), intent(in) :: text
    !> "table.key=value" each; blank ones are ignored
    character(len=*), intent(in) :: overrides(:)
+   !> Command whose tables must be there, as in the schema's needed_by; blank for none
+   character(len=*), intent(in) :: command
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
 
    deck%overrides = joined(overrides)
-   call take(deck, opened(path, text, deck%overrides), error)
+   call take(deck, opened(path, text, deck%overrides, command), error)
 end subroutine open_deck
 
 !> The C++ object of a deck
-function opened(path, text, overrides) result(handle)
+function opened(path, text, overrides, command) result(handle)
    !> File, or the name of the text
    character(len=*), intent(in) :: path
    !> The deck; blank for that of the file
    character(len=*), intent(in) :: text
    !> Overrides, a line each
    character(len=*), intent(in) :: overrides
+   !> Command whose tables must be there, blank for none
+   character(len=*), intent(in) :: command
    type(c_ptr) :: handle
 
-   handle = rk_deck_open(trim(path)//c_null_char, text//c_null_char, overrides//c_null_char)
+   handle = rk_deck_open(trim(path)//c_null_char, text//c_null_char, overrides//c_null_char, &
+      & trim(command)//c_null_char)
 end function opened
 
 !> The key that an override would set, with the name of its entry: material.fat.K for material.K.
@@ -141,7 +144,7 @@ subroutine resolve_key(path, text, overrides, key, full, error)
    type(c_ptr) :: handle
    type(deck_view), pointer :: view
 
-   handle = opened(path, text, joined(overrides))
+   handle = opened(path, text, joined(overrides), '')
    full = to_fortran(rk_deck_resolve(handle, key//c_null_char))
    call c_f_pointer(rk_deck_look(handle), view)
    if (full == '') call fatal_error(error, int(view%status), to_fortran(view%message))
@@ -178,7 +181,7 @@ subroutine vary(self, overrides, other, error)
    type(error_type), allocatable, intent(out) :: error
 
    other%overrides = self%overrides//joined(overrides)
-   call take(other, opened(self%path, self%text, other%overrides), error)
+   call take(other, opened(self%path, self%text, other%overrides, ''), error)
 end subroutine vary
 
 !> Texts as lines
@@ -598,33 +601,6 @@ subroutine get_texts(self, key, value)
       i = i + 1
    end do
 end subroutine get_texts
-
-!> Error where a table is absent that a command needs
-subroutine require(self, command, error)
-   !> Deck
-   class(deck_type), intent(in) :: self
-   !> Name of the command, as in the schema's needed_by
-   character(len=*), intent(in) :: command
-   !> Error handling
-   type(error_type), allocatable, intent(out) :: error
-   character(len=:), allocatable :: tables, table, message
-   integer :: blank, i
-
-   tables = to_fortran(rk_deck_needed(command//c_null_char))
-   message = ''
-   i = 1
-   do
-      table = line(tables, i)
-      if (len(table) == 0) exit
-      i = i + 1
-      blank = index(table//' ', ' ')
-      if (self%has(table(:blank - 1)) .or. self%has(table(blank + 1:))) cycle
-      table = table(:blank - 1)
-      if (len(message) > 0) message = message//new_line('a')
-      message = message//self%path//':1: '//table//': missing, '//command//' needs this table'
-   end do
-   if (len(message) > 0) call fatal_error(error, err_input, message)
-end subroutine require
 
 !> Write all values, tables as objects and arrays of tables as arrays of objects
 subroutine write_json(self, json)

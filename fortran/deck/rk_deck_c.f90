@@ -5,8 +5,7 @@ module rk_deck_c
    private
 
    public :: entry_view, deck_view
-   public :: rk_deck_open, rk_deck_defaults, rk_deck_look, rk_deck_close, rk_deck_needed, &
-      & rk_deck_resolve
+   public :: rk_deck_open, rk_deck_defaults, rk_deck_look, rk_deck_close, rk_deck_resolve
 
    !> A table, or a key with its value
    type, bind(c) :: entry_view
@@ -22,9 +21,9 @@ module rk_deck_c
    end type deck_view
 
    interface
-      function rk_deck_open(path, text, overrides) result(handle) bind(c)
+      function rk_deck_open(path, text, overrides, command) result(handle) bind(c)
          import :: c_char, c_ptr
-         character(kind=c_char), intent(in) :: path(*), text(*), overrides(*)
+         character(kind=c_char), intent(in) :: path(*), text(*), overrides(*), command(*)
          type(c_ptr) :: handle
       end function rk_deck_open
 
@@ -51,12 +50,6 @@ module rk_deck_c
          import :: c_ptr
          type(c_ptr), value :: handle
       end subroutine rk_deck_close
-
-      function rk_deck_needed(command) result(tables) bind(c)
-         import :: c_char, c_ptr
-         character(kind=c_char), intent(in) :: command(*)
-         type(c_ptr) :: tables
-      end function rk_deck_needed
    end interface
 
 end module rk_deck_c

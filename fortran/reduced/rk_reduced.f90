@@ -75,7 +75,7 @@ subroutine new_reduced(reduced, full, modes, way, error)
       call reduce_rows(full, modes, rows)
       reduced => rows
    class default
-      if (full%scene%galerkin%transformation) then
+      if (full%scene%galerkin%essential == 'transformation') then
          call fatal_error(error, err_input, 'modes do not reduce galerkin.essential = ' &
             & //'"transformation": take "penalty"')
       else

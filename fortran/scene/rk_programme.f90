@@ -14,7 +14,7 @@ module rk_programme
    implicit none
    private
 
-   public :: programme_type, amplitude_type, rotation_type, plan_type, combined, ramp
+   public :: programme_type, rotation_type, plan_type, combined, ramp
 
    !> Number of the ramp among the factors, and of the one amplitude that needs no name
    integer, parameter :: ramp = 1, no_amplitude = 0
@@ -23,12 +23,6 @@ module rk_programme
    !> Rotation in one load step at most [rad]. A bar twisted by half a turn takes 48 iterations in
    !> steps of 15 degrees, 40 of 22, 24 of 45; of 60 degrees and more some fail and are halved
    real(wp), parameter :: largest_turn = 0.8_wp
-
-   !> A function of load time: between its knots linear or smooth, then what it was last
-   type, extends(amplitude_keys) :: amplitude_type
-      !> Without slope and curvature at the knots; otherwise linear between them
-      logical :: smooth = .false.
-   end type amplitude_type
 
    !> An angle that grows with an amplitude
    type :: rotation_type
@@ -40,8 +34,9 @@ module rk_programme
 
    !> The programme of a scene
    type :: programme_type
-      !> Amplitudes
-      type(amplitude_type), allocatable :: amplitude(:)
+      !> Functions of load time: between their knots linear, or smooth, which is without slope and
+      !> curvature at the knots; then what they were last
+      type(amplitude_keys), allocatable :: amplitude(:)
       !> Rotations
       type(rotation_type), allocatable :: rotation(:)
       !> Load times whose states are wanted, in place of equal steps; not allocated without [-]
@@ -144,7 +139,7 @@ pure real(wp) function value_at(self, amplitude, load) result(value)
       if (load < 0.0_wp) value = (1.0_wp + load)*value
       if (k == 0 .or. k == size(time)) return
       s = (load - time(k))/(time(k + 1) - time(k))
-      if (self%amplitude(amplitude)%smooth) s = s**3*(10.0_wp - s*(15.0_wp - 6.0_wp*s))
+      if (self%amplitude(amplitude)%curve == 'smooth') s = s**3*(10.0_wp - s*(15.0_wp - 6.0_wp*s))
       value = value + s*(values(k + 1) - value)
    end associate
 end function value_at

@@ -5,16 +5,19 @@ module rk_scene
    use rk_error, only : error_type
    use rk_expression, only : expression_type, value_type
    use rk_material, only : material_type
-   use rk_deck_records, only : approximation_keys, boundary_keys, exact_keys, load_keys, &
-      & mixed_keys, probe_keys, reference_keys
-   use rk_options, only : galerkin_options, solver_options
+   use rk_deck_records, only : approximation_keys, boundary_keys, exact_keys, galerkin_keys, &
+      & load_keys, mixed_keys, probe_keys, reference_keys, solver_keys
    use rk_precision, only : wp
    use rk_programme, only : plan_type, programme_type, ramp
    use rk_shape, only : approximation_type, new_shape, shape_type
    implicit none
    private
 
-   public :: scene_type, tissue_type, condition_type, probe_type
+   public :: scene_type, tissue_type, condition_type, probe_type, displacement_weight
+
+   !> Weight of the displacement rows of the mixed form, and of balanced ones of collocation, in
+   !> shear moduli over spacing [-]
+   real(wp), parameter :: displacement_weight = 15.0_wp
 
    !> A material and the label of the points it fills
    type :: tissue_type
@@ -55,6 +58,16 @@ module rk_scene
       !> Whether a displacement, traction or pressure is prescribed that need not be zero
       procedure :: acts
    end type condition_type
+
+   !> Iteration, linear solver and weights of boundary rows
+   type, extends(solver_keys) :: solver_options
+      !> Essential weight as a plain number, used where positive
+      real(wp) :: weight_essential
+      !> Otherwise: this number times max|C4| at the point; 0 means the number of source points
+      real(wp) :: weight_c4
+      !> Natural weight
+      real(wp) :: weight_traction
+   end type solver_options
 
    !> A number or vector to follow through the steps
    type, extends(probe_keys) :: probe_type
@@ -108,7 +121,7 @@ module rk_scene
       !> Mixed form
       type(mixed_keys) :: mixed
       !> Galerkin form
-      type(galerkin_options) :: galerkin
+      type(galerkin_keys) :: galerkin
       !> Probes
       type(probe_type), allocatable :: probe(:)
       !> Exact solutions

@@ -19,16 +19,11 @@ subroutine read_programme(programme, deck)
    type(programme_type), intent(out) :: programme
    !> Deck
    type(deck_type), intent(in) :: deck
-   character(len=:), allocatable :: at
    integer :: k
 
    allocate (programme%amplitude(deck%count('amplitude')), programme%rotation(0))
    do k = 1, size(programme%amplitude)
-      at = 'amplitude.'//to_text(k)
-      associate (amplitude => programme%amplitude(k))
-         call amplitude%read(deck, at)
-         amplitude%smooth = amplitude%curve == 'smooth'
-      end associate
+      call programme%amplitude(k)%read(deck, 'amplitude.'//to_text(k))
    end do
    if (deck%has('load.at')) call deck%get('load.at', programme%output)
 end subroutine read_programme

@@ -18,8 +18,7 @@ module rk_deck_scene
    use rk_lattice, only : jitter, lattice_frame, new_annulus, new_box
    use rk_memory, only : available_bytes
    use rk_precision, only : wp
-   use rk_options, only : displacement_weight
-   use rk_scene, only : scene_type
+   use rk_scene, only : displacement_weight, scene_type
    use rk_text, only : to_text
    use rk_volume_points, only : volume_patches
    implicit none
@@ -41,8 +40,6 @@ subroutine new_scene(scene, deck, model, error)
    type(error_type), allocatable, intent(out) :: error
    logical :: is_linear
 
-   call deck%require('solve', error)
-   if (allocated(error)) return
    is_linear = deck%has('linear')
    call deck%get('title', scene%title)
    call deck%get('scene.method', scene%method)
@@ -222,7 +219,6 @@ subroutine read_solver(scene, deck)
    call scene%solver%read(deck, 'solver')
    call scene%mixed%read(deck, 'mixed')
    call scene%galerkin%read(deck, 'galerkin')
-   scene%galerkin%transformation = scene%galerkin%essential == 'transformation'
 end subroutine read_solver
 
 !> Weights of boundary rows beside equilibrium rows of weight 1. The residuals are stress over

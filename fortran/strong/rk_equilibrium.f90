@@ -27,12 +27,11 @@ module rk_equilibrium
    use rk_mixture, only : new_mixture
    use rk_modes, only : modes_type, new_modes
    use rk_neighbours, only : nearest_points
-   use rk_options, only : displacement_weight
    use rk_precision, only : wp
    use rk_problem, only : evaluation_type, stage_type
    use rk_programme, only : combined
    use rk_rows, only : new_rows
-   use rk_scene, only : scene_type
+   use rk_scene, only : displacement_weight, scene_type
    use rk_strong, only : strong_problem
    use rk_tensor, only : cofactor, cross, cross_form, determinant
    use rk_text, only : to_text

@@ -168,7 +168,7 @@ subroutine new_galerkin(self, scene, error)
    self%m = self%n
    if (self%cells%smoothed) call new_recovery(self%recovery, scene, self%cells, error)
    if (allocated(error)) return
-   if (scene%galerkin%transformation) call hold_points(self, error)
+   if (scene%galerkin%essential == 'transformation') call hold_points(self, error)
    if (allocated(error)) return
    self%energetic = self%multiplier%extra == 0 .and. .not. (allocated(self%held) .or. self%linear)
    covering = csr_type([0_i8], [integer ::])

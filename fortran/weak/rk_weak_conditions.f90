@@ -260,7 +260,7 @@ subroutine set_penalty(self, scene, cells, shear)
    end if
    step = sum(scene%cloud%spacing, dim=2)/size(scene%cloud%spacing, 2)
    self%penalty = 0.0_wp
-   if (scene%galerkin%transformation) return
+   if (scene%galerkin%essential == 'transformation') return
    do s = 1, size(cells%set)
       ! the spacing across the surface
       spacing = norm2(cells%outward(:, s)*step)/norm2(cells%outward(:, s))

@@ -20,8 +20,7 @@ subroutine deck_json(path, deck_text, n, overrides, command, capacity, text, len
    type(json_type) :: json
    character(len=:), allocatable :: all
 
-   call open_deck(deck, path, deck_text, overrides, error)
-   if (.not. allocated(error) .and. command /= '') call deck%require(trim(command), error)
+   call open_deck(deck, path, deck_text, overrides, command, error)
    if (allocated(error)) then
       all = error%message
    else

@@ -44,7 +44,7 @@ subroutine open_session(path, text, overrides, model, handle, error)
    type(deck_type) :: deck
 
    handle = 0
-   call open_deck(deck, path, text, pack(overrides, overrides /= ''), error)
+   call open_deck(deck, path, text, pack(overrides, overrides /= ''), 'solve', error)
    if (allocated(error)) return
    call open_slot(slot, error)
    if (allocated(error)) return

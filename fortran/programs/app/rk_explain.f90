@@ -136,7 +136,7 @@ subroutine explain_load(scene)
       do k = 1, size(amplitude)
          print '(a)', '  amplitude     '//amplitude(k)%name//': '//to_text(amplitude(k)%value) &
             & //' at load '//to_text(amplitude(k)%time) &
-            & //trim(merge(', smooth', '        ', amplitude(k)%smooth))
+            & //trim(merge(', smooth', '        ', amplitude(k)%curve == 'smooth'))
       end do
    end associate
    do k = 1, size(scene%tissue)
