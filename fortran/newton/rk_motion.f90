@@ -166,7 +166,7 @@ subroutine carry(self, before, now, y)
 
    call self%product('mass', 2.0_wp*now - before, y)
    call self%product('stiffness', now, image)
-   y = y - self%motion%step**2*image
+   y = y - self%motion%time_step**2*image
 end subroutine carry
 
 !> Add the loads of a time, then those known are of the time after it, and what is held there
@@ -180,8 +180,8 @@ subroutine add_loads(self, time, y, error)
    !> Error handling: an expression without a value somewhere
    type(error_type), allocatable, intent(out) :: error
 
-   y = y + self%motion%step**2*self%force
-   if (self%varies) call self%loads(time + self%motion%step, self%force, self%held, error)
+   y = y + self%motion%time_step**2*self%force
+   if (self%varies) call self%loads(time + self%motion%time_step, self%force, self%held, error)
    if (.not. allocated(error)) y = y + self%held
 end subroutine add_loads
 
@@ -194,7 +194,7 @@ function energy(self, now, next)
    real(wp) :: energy(3)
    real(wp) :: image(self%m), speed(self%n)
 
-   speed = (next - now)/self%motion%step
+   speed = (next - now)/self%motion%time_step
    call self%product('mass', speed, image)
    energy(1) = 0.5_wp*dot_product(speed, image)
    call self%product('stiffness', now, image)
@@ -208,10 +208,10 @@ logical function loads_vary(scene)
    type(scene_type), intent(in) :: scene
    integer :: i, k
 
-   loads_vary = any([(scene%equation%source_of(i)%varies(), i=1, 3)])
+   loads_vary = any([(scene%equation%source(i)%varies(), i=1, 3)])
    do k = 1, size(scene%condition)
-      loads_vary = loads_vary .or. any([(scene%condition(k)%value_of(i)%varies() .or. &
-         & scene%condition(k)%traction_of(i)%varies(), i=1, 3)])
+      loads_vary = loads_vary .or. any([(scene%condition(k)%value(i)%varies() .or. &
+         & scene%condition(k)%traction(i)%varies(), i=1, 3)])
    end do
 end function loads_vary
 
@@ -239,7 +239,7 @@ subroutine march(body, motion, method, x, recorder, timer, error)
 
    call system_clock(clock)
    allocate (before(body%n), now(body%n), next(body%n))
-   steps = nint(motion%end/motion%step)
+   steps = nint(motion%end_time/motion%time_step)
    limit = huge(1.0_wp)
    select type (body)
    class is (form_motion)
@@ -247,9 +247,9 @@ subroutine march(body, motion, method, x, recorder, timer, error)
    end select
    if (.not. allocated(error) .and. limit < huge(1.0_wp)) then
       call recorder%note('largest stable time step '//to_text(limit, 4)//', used ' &
-         & //to_text(motion%step, 4), warning=.false.)
-      if (motion%step > limit) call fatal_error(error, err_input, 'dynamics.time_step: ' &
-         & //to_text(motion%step)//' is not stable, central differences allow ' &
+         & //to_text(motion%time_step, 4), warning=.false.)
+      if (motion%time_step > limit) call fatal_error(error, err_input, 'dynamics.time_step: ' &
+         & //to_text(motion%time_step)//' is not stable, central differences allow ' &
          & //'at most '//to_text(limit, 4)//' with these points')
    end if
    timer%assemble = tick(clock)
@@ -259,23 +259,23 @@ subroutine march(body, motion, method, x, recorder, timer, error)
    ! a body that loads move from rest has no size to compare with yet
    if (.not. largest > 0.0_wp) largest = huge(1.0_wp)/blown_up
    do k = 1, steps
-      call body%advance(before, now, k*motion%step, next, error)
+      call body%advance(before, now, k*motion%time_step, next, error)
       if (allocated(error)) return
       if (recorder%stopped()) then
-         call fatal_error(error, err_stopped, 'stopped at time '//to_text(k*motion%step))
+         call fatal_error(error, err_stopped, 'stopped at time '//to_text(k*motion%time_step))
          return
       end if
       ! a comparison that a NaN fails; loads make motions grow in proportion to time
       if (.not. maxval(abs(next)) <= blown_up*largest) then
          call fatal_error(error, err_convergence, 'the motion blows up at time ' &
-            & //to_text(k*motion%step)//': take a smaller dynamics.time_step, or method ' &
+            & //to_text(k*motion%time_step)//': take a smaller dynamics.time_step, or method ' &
             & //'"rkpm-gauss", whose limit is known')
          return
       end if
       if (k <= 2) largest = max(largest, maxval(abs(next)))
       if (mod(k, motion%every) == 0 .or. k == steps) then
          it%step = k
-         it%load = k*motion%step
+         it%load = k*motion%time_step
          it%iteration = 1
          it%solver = method
          it%why = 'central differences'
@@ -302,7 +302,7 @@ contains
       none = ieee_value(none, ieee_quiet_nan)
       st%step = k
       st%steps = steps
-      st%load = k*motion%step
+      st%load = k*motion%time_step
       st%iterations = 1
       st%min_j = none
       st%max_j = none

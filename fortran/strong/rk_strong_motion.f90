@@ -106,7 +106,7 @@ contains
       real(wp), intent(in) :: density
 
       essential = heavy*density
-      if (problem%scene%motion%published) essential = max(density, (self%motion%step &
+      if (problem%scene%motion%published) essential = max(density, (self%motion%time_step &
          & *size(problem%scene%cloud%source, 2))**2)/size(problem%scene%cloud%source, 2)
    end function essential
 
@@ -152,7 +152,7 @@ subroutine limit(self, step, error)
       & *self%values(:inside, :))
    ! the rows are those of div(c grad u), minus the operator of (6.36a)
    stiff = -matmul(self%inverse(:, :inside), self%operator(:inside, :))
-   low = self%motion%step
+   low = self%motion%time_step
    high = low
    if (is_stable(low)) then
       do k = 1, trials
@@ -189,7 +189,7 @@ contains
          companion(self%n + i, i) = 1.0_wp
       end do
       call spectral_radius(companion, radius, error)
-      is_stable = radius**(self%motion%end/dt) <= harmless
+      is_stable = radius**(self%motion%end_time/dt) <= harmless
    end function is_stable
 
 end subroutine limit
@@ -223,10 +223,10 @@ subroutine start(self, first, second, error)
    if (allocated(error)) return
    first = matmul(fit, given(:, 1))
    ! (6.42b), with the half step that the loads make
-   second = first + self%motion%step*matmul(fit, given(:, 2)) + 0.5_wp*self%motion%step**2 &
-      & *matmul(fit(:, :inside), (matmul(self%operator(:inside, :), first) + self%force(:inside)) &
-      & /self%density(:inside))
-   if (self%varies) call self%loads(self%motion%step, self%force, self%held, error)
+   second = first + self%motion%time_step*matmul(fit, given(:, 2)) &
+      & + 0.5_wp*self%motion%time_step**2*matmul(fit(:, :inside), &
+      & (matmul(self%operator(:inside, :), first) + self%force(:inside))/self%density(:inside))
+   if (self%varies) call self%loads(self%motion%time_step, self%force, self%held, error)
 end subroutine start
 
 !> Product of rows with coefficients: those of the new time (6.40), of mass and stiffness (6.38a),
@@ -299,7 +299,7 @@ function energy(self, now, next)
    real(wp) :: speed(self%m)
    integer :: b, row
 
-   speed = matmul(self%values, next - now)/self%motion%step
+   speed = matmul(self%values, next - now)/self%motion%time_step
    energy = ieee_value(energy, ieee_quiet_nan)
    energy(1) = 0.0_wp
    associate (problem => self%problem)

@@ -115,7 +115,7 @@ subroutine new_galerkin(self, scene, error)
    integer :: blocks, ip, nc, nd, np, ns
 
    self%scene => scene
-   self%linear = allocated(scene%equation%kind)
+   self%linear = allocated(scene%equation%problem)
    self%costly = .true.
    nd = scene%cloud%nd
    nc = size(scene%cloud%points, 2)

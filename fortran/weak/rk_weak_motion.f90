@@ -80,7 +80,7 @@ subroutine new_weak_motion(self, problem, error)
    self%stiffness = problem%matrix%value - problem%constant
    self%varies = loads_vary(problem%scene)
    call factor_upper(self%factor, self%n, problem%matrix%start, problem%matrix%row, self%mass &
-      & + self%motion%step**2*problem%constant, error)
+      & + self%motion%time_step**2*problem%constant, error)
 end subroutine new_weak_motion
 
 !> Give the factor back
@@ -121,7 +121,7 @@ subroutine loads(self, time, force, held, error)
       call add_load(surface%shape, surface%area, merge(0.0_wp, traction(1, :, :), essential), force)
       call add_load(surface%shape, surface%penalty, merge(value(1, :, :), 0.0_wp, essential), held)
    end associate
-   held = self%motion%step**2*held
+   held = self%motion%time_step**2*held
 end subroutine loads
 
 !> Largest stable time step
@@ -154,7 +154,7 @@ subroutine start(self, first, second, error)
    if (.not. allocated(error)) call project(self, .false., speed, error)
    if (.not. allocated(error)) call self%loads(0.0_wp, self%force, self%held, error)
    if (allocated(error)) return
-   associate (dt => self%motion%step)
+   associate (dt => self%motion%time_step)
       call self%product('mass', first + dt*speed, side)
       call self%product('stiffness', first, image)
       side = side + 0.5_wp*dt**2*(self%force - image)
@@ -177,7 +177,7 @@ subroutine product(self, what, x, y)
    associate (matrix => self%problem%matrix)
       select case (what)
       case ('left')
-         call matrix%product(self%mass + self%motion%step**2*self%problem%constant, x, y)
+         call matrix%product(self%mass + self%motion%time_step**2*self%problem%constant, x, y)
       case ('mass')
          call matrix%product(self%mass, x, y)
       case ('stiffness')
