@@ -331,8 +331,12 @@ subroutine assemble_cells(model, work, z, condition, tangent)
          work%min_j = min(work%min_j, j)
          work%f(:, q) = model%weight(q)*p
       end do
-      call add_block(wide, o, n, size(model%weight), model%h, tangent, work%f, work%moduli, &
-         & work%image, work%force, work%stiffness)
+      associate (h => model%h(:, :, o + 1:o + n))
+         call online_forces(9*n, wide, h, work%f(:, o + 1:o + n), work%force)
+         if (.not. tangent) cycle
+         call online_images(n, wide, work%moduli, h, work%image)
+         call online_stiffness(9*n, wide, h, work%image, work%stiffness)
+      end associate
    end do
    work%residual = work%force(:model%s)
    if (.not. tangent) return
@@ -357,29 +361,6 @@ pure function rotation(axis, angle) result(q)
    q(1:3:2, 2) = q(1:3:2, 2) + sin(angle)*[-axis(3), axis(1)]
    q(1:2, 3) = q(1:2, 3) + sin(angle)*[axis(2), -axis(1)]
 end function rotation
-
-!> Add the work of a block of cells
-subroutine add_block(wide, o, n, cells, h, tangent, stress, moduli, image, force, stiffness)
-   !> Amplitudes with those of the padding; cells before the block, in it, and all
-   integer, intent(in) :: wide, o, n, cells
-   !> Displacement gradients of the amplitudes
-   real(wp), intent(in) :: h(wide, 9, cells)
-   !> Stiffness as well
-   logical, intent(in) :: tangent
-   !> Stresses times weights of all cells
-   real(wp), intent(in) :: stress(9, cells)
-   !> Moduli times weights of the block
-   real(wp), intent(in) :: moduli(9, 9, block)
-   !> Stresses of the amplitudes
-   real(wp), intent(inout) :: image(wide, 9, block)
-   !> Forces and stiffness of the amplitudes
-   real(wp), intent(inout) :: force(wide), stiffness(wide, wide)
-
-   call online_forces(9*n, wide, h(1, 1, o + 1), stress(1, o + 1), force)
-   if (.not. tangent) return
-   call online_images(n, wide, moduli, h(1, 1, o + 1), image)
-   call online_stiffness(9*n, wide, h(1, 1, o + 1), image, stiffness)
-end subroutine add_block
 
 !> Newton's iteration from the amplitudes given
 subroutine solve_state(model, work, condition, tolerance, most_steps, z, iterations, change)
@@ -445,14 +426,14 @@ end subroutine solve_state
 
 !> Solve on the way from a known state, in equal parts, each with the tangent as predictor: a jump
 !> of what is prescribed under amplitudes of before would raise pressures without measure
-subroutine follow(model, work, known, condition, parts, tolerance, most_steps, z, iterations, &
+subroutine follow(model, work, known, wish, parts, tolerance, most_steps, z, iterations, &
    & change)
    !> Model
    type(online_model), intent(in) :: model
    !> Room
    type(work_type), intent(inout) :: work
-   !> What the known state was asked for, and what is asked for now
-   type(prescribed_type), intent(in) :: known, condition
+   !> What the known state was asked for, and what is asked for now, as columns
+   real(wp), intent(in) :: known(:), wish(:)
    !> Parts of the way
    integer, intent(in) :: parts
    !> Relative size of a step at which an iteration ends [-]
@@ -466,20 +447,15 @@ subroutine follow(model, work, known, condition, parts, tolerance, most_steps, z
    !> Relative size of the last step [-]
    real(wp), intent(out) :: change
    type(prescribed_type) :: target
-   real(wp) :: share
    logical :: singular
    integer :: i, some
 
    iterations = 0
    change = huge(1.0_wp)
-   target = condition
+   target = condition_of(model, known)
+   z(model%r + 1:) = target%given
    do i = 1, parts
-      share = real(i, wp)/real(parts, wp)
-      target%activation = known%activation + share*(condition%activation - known%activation)
-      target%sigma_max = known%sigma_max + share*(condition%sigma_max - known%sigma_max)
-      target%turn = known%turn + share*(condition%turn - known%turn)
-      target%modulus = known%modulus + share*(condition%modulus - known%modulus)
-      target%given = known%given + share*(condition%given - known%given)
+      target = condition_of(model, known + real(i, wp)/real(parts, wp)*(wish - known))
       ! the residual under the new activation at the old place, and what moving it adds
       call assemble(model, work, z, target, .true., .true.)
       if (.not. work%min_j > 0.0_wp) then

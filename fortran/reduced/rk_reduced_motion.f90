@@ -33,9 +33,9 @@ module rk_reduced_motion
       real(wp), allocatable :: factor(:, :)
       !> Amplitudes at the new time by those at the last two times, shape (r, r)
       real(wp), allocatable :: from_now(:, :), from_before(:, :)
-      !> What the loads add to them, shape (r), where they do not change; whether it is known
+      !> What the loads add to them, shape (r), where they do not change; not allocated before it is
+      !> known
       real(wp), allocatable :: pushed(:)
-      logical :: is_pushed = .false.
    contains
       procedure :: start
       procedure :: advance
@@ -109,7 +109,7 @@ subroutine prepare(self, solver, error)
 
    associate (body => self%body)
       body%by_qr = body%least_squares .and. solver /= 'normal'
-      body%is_pushed = .false.
+      if (allocated(body%pushed)) deallocate (body%pushed)
       if (.not. body%by_qr) then
          body%factor = matmul(transpose(body%test), body%image)
          call cholesky(body%factor, error)
@@ -186,13 +186,12 @@ subroutine advance(self, before, now, time, next, error)
    type(error_type), allocatable, intent(out) :: error
    real(wp), allocatable :: side(:)
 
-   if (self%full%varies .or. .not. self%is_pushed) then
+   if (self%full%varies .or. .not. allocated(self%pushed)) then
       allocate (side(self%full%m), source=0.0_wp)
       if (.not. allocated(self%pushed)) allocate (self%pushed(self%n))
       call self%full%add_loads(time, side, error)
       if (.not. allocated(error)) call amplitudes(self, side, self%pushed, error)
       if (allocated(error)) return
-      self%is_pushed = .true.
    end if
    next = matmul(self%from_now, now) + matmul(self%from_before, before) + self%pushed
 end subroutine advance

@@ -350,12 +350,16 @@ pure function set_force(self, set, held, x, about) result(force)
    !> Point about which the moment is wanted [length]
    real(wp), intent(in), optional :: about(3)
    real(wp) :: force(3), own(3), arm(3), u(size(held, 1), self%points%shape%nq)
-   integer :: e
+   integer :: e, i
 
    force = 0.0_wp
    do e = 1, size(self%at%set)
       if (.not. self%at%in_set(e, set)) cycle
-      own = entry_force(self, e, held)
+      own = 0.0_wp
+      do i = 1, size(held, 1)
+         if (self%by(i, e)) own(i) = held(i, self%place(e)) &
+            & /count(self%by(i, :) .and. self%place == self%place(e))
+      end do
       if (present(about)) then
          associate (h => self%place(e))
             call self%points%shape%interpolate(h, x, 1, 1, u)
@@ -368,24 +372,5 @@ pure function set_force(self, set, held, x, about) result(force)
       force = force + own
    end do
 end function set_force
-
-!> Part of an entry's set in the force on its point
-pure function entry_force(self, e, held) result(force)
-   !> What is held
-   class(held_type), intent(in) :: self
-   !> Entry
-   integer, intent(in) :: e
-   !> Forces on held points, shape (fields, nh) [force]
-   real(wp), intent(in) :: held(:, :)
-   real(wp) :: force(3)
-   integer :: i, sets
-
-   force = 0.0_wp
-   do i = 1, size(held, 1)
-      if (.not. self%by(i, e)) cycle
-      sets = count(self%by(i, :) .and. self%place == self%place(e))
-      force(i) = held(i, self%place(e))/sets
-   end do
-end function entry_force
 
 end module rk_held

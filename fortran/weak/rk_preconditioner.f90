@@ -187,39 +187,29 @@ subroutine apply(self, x, y)
    !> Forces, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
    !> Displacements, shape (n)
-   real(wp), contiguous, intent(inout) :: y(:)
-
-   call apply_to_values(self, size(self%cycle_of), size(x)/size(self%cycle_of), x, y)
-end subroutine apply
-
-!> The same point by point
-subroutine apply_to_values(self, nd, n, x, y)
-   !> Preconditioner
-   class(preconditioner_type), intent(in) :: self
-   !> Components and source points
-   integer, intent(in) :: nd, n
-   !> Forces
-   real(wp), intent(in) :: x(nd, n)
-   !> Displacements
-   real(wp), intent(inout) :: y(nd, n)
+   real(wp), contiguous, target, intent(inout) :: y(:)
    real(wp), allocatable :: value(:, :), right(:, :), found(:, :)
+   real(wp), pointer, contiguous :: u(:, :)
    integer, allocatable :: own(:)
-   integer :: c, i
+   integer :: c, i, nd
 
-   allocate (value, source=x)
+   ! point by point
+   nd = size(self%cycle_of)
+   u(1:nd, 1:size(y)/nd) => y
+   value = reshape(x, shape(u))
    call self%values%invert(.true., value)
    do c = 1, nd
       own = pack([(i, i=1, nd)], self%cycle_of == c)
       if (size(own) == nd) then
-         call self%laplacian(c)%apply(value, y)
+         call self%laplacian(c)%apply(value, u)
       else if (size(own) > 0) then
          right = value(own, :)
          found = right
          call self%laplacian(c)%apply(right, found)
-         y(own, :) = found
+         u(own, :) = found
       end if
    end do
-   call self%values%invert(.false., y)
-end subroutine apply_to_values
+   call self%values%invert(.false., u)
+end subroutine apply
 
 end module rk_preconditioner

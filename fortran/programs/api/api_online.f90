@@ -28,7 +28,7 @@ subroutine online_states(ni, nr, whole, number, mi, mr, all_whole, all_number, s
    integer, intent(out) :: iterations(n)
    type(online_model) :: model, every
    type(work_type) :: work, room
-   type(prescribed_type) :: before, after
+   type(prescribed_type) :: after
    integer :: i, team
 
    call new_online(model, whole, number, limits(1))
@@ -37,17 +37,15 @@ subroutine online_states(ni, nr, whole, number, mi, mr, all_whole, all_number, s
    force = ieee_value(1.0d0, ieee_quiet_nan)
    team = threads
    if (team == 0) team = omp_get_max_threads()
-   !$omp parallel default(shared) private(i, work, room, before, after) num_threads(team)
+   !$omp parallel default(shared) private(i, work, room, after) num_threads(team)
    call new_work(work, model)
    if (nf > 0) call new_work(room, every)
    !$omp do schedule(dynamic, 8)
    do i = 1, n
       after = condition_of(model, wish(:, i))
       if (parts(i) > 0) then
-         before = condition_of(model, known(:, i))
-         z(r + 1:, i) = before%given
-         call follow(model, work, before, after, parts(i), limits(2), most_steps, z(:, i), &
-            & iterations(i), change(i))
+         call follow(model, work, known(:, i), wish(:, i), parts(i), limits(2), most_steps, &
+            & z(:, i), iterations(i), change(i))
       else
          call solve_state(model, work, after, limits(2), most_steps, z(:, i), iterations(i), &
             & change(i))
